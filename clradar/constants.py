@@ -1,0 +1,7 @@
+"""Physical constants and the shared conventions that are numbers."""
+
+SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
+"""Speed of light in vacuum, m/s (exact by definition of the metre)."""
+
+DYNAMIC_RANGE_DB = 15.0
+"""Images and depth maps are cut this far below their maximum, as in the paper."""

@@ -1,0 +1,29 @@
+"""The errors that clradar raises on purpose: one base, each subclass also a builtin."""
+
+
+class ClradarError(Exception):
+    """Base of every error that clradar, measurement_io and calibration raise on purpose."""
+
+
+class ModelError(ClradarError, ValueError):
+    """A field or an argument has a value that cannot be meant."""
+
+
+class MeshError(ClradarError, ValueError):
+    """A mesh file or a mesh cannot be used as a scene."""
+
+
+class DeviceError(ClradarError, RuntimeError):
+    """OpenCL: no such device, a kernel that does not build, no memory, a failed launch."""
+
+
+class MeasurementError(ClradarError, ValueError):
+    """A recorded or native file is missing, damaged, hostile, or not what it says it is."""
+
+
+class CompareError(ClradarError, ValueError):
+    """Two images cannot be compared or aligned."""
+
+
+class OutputError(ClradarError, OSError):
+    """An output cannot be written: it exists already, or its folder does not."""

@@ -1,0 +1,21 @@
+"""The records that every stage passes on: frozen, checked, read-only, and free of any device."""
+
+from clradar.model.array import AntennaArray
+from clradar.model.capture import Capture
+from clradar.model.grid import VoxelGrid
+from clradar.model.paths import Paths, TraceStatistics
+from clradar.model.scene import Scene
+from clradar.model.volume import DepthMap, Volume
+from clradar.model.waveform import Waveform
+
+__all__ = [
+    "AntennaArray",
+    "Capture",
+    "DepthMap",
+    "Paths",
+    "Scene",
+    "TraceStatistics",
+    "Volume",
+    "VoxelGrid",
+    "Waveform",
+]

@@ -1,0 +1,58 @@
+"""Antenna arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clradar.model import checks
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AntennaArray:
+    """Positions of the transmit and receive antennas in the antenna frame.
+
+    Parameters
+    ----------
+    tx_m : array_like, shape (n_tx, 3), float64, metres
+        Transmit antennas: x to the right of a person who faces the aperture, y up, z away.
+    rx_m : array_like, shape (n_rx, 3), float64, metres
+        Receive antennas, same frame.
+    name : str
+        What the array is called in files and figures.
+
+    Raises
+    ------
+    ModelError
+        Wrong shape, empty, NaN or infinite.
+    """
+
+    tx_m: np.ndarray
+    rx_m: np.ndarray
+    name: str = "array"
+
+    def __post_init__(self) -> None:
+        for field in ("tx_m", "rx_m"):
+            value = checks.read_only(
+                f"AntennaArray.{field}", getattr(self, field), np.float64, (None, 3)
+            )
+            object.__setattr__(self, field, value)
+        checks.text("AntennaArray.name", self.name)
+
+    @property
+    def n_tx(self) -> int:
+        return len(self.tx_m)
+
+    @property
+    def n_rx(self) -> int:
+        return len(self.rx_m)
+
+    def same_positions(self, other: AntennaArray, tolerance_m: float = 1e-6) -> bool:
+        """Whether both arrays have the same antennas in the same order, within `tolerance_m`."""
+        return (
+            self.tx_m.shape == other.tx_m.shape
+            and self.rx_m.shape == other.rx_m.shape
+            and bool(np.abs(self.tx_m - other.tx_m).max() <= tolerance_m)
+            and bool(np.abs(self.rx_m - other.rx_m).max() <= tolerance_m)
+        )

@@ -1,0 +1,48 @@
+"""What the radar records, simulated or measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from clradar.model import checks
+from clradar.model.array import AntennaArray
+from clradar.model.waveform import Waveform
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capture:
+    """One frame: the complex response of every pair of antennas at every frequency.
+
+    Parameters
+    ----------
+    data : array_like, shape (n_tx, n_rx, n_freq), complex64
+        A path of total length d contributes exp(-j 2 pi f d / c).
+    array : AntennaArray
+    waveform : Waveform
+    meta : mapping
+        Where it comes from, in types that JSON knows: numbers, strings, lists and mappings.
+
+    Raises
+    ------
+    ModelError
+        The shape does not fit `array` and `waveform`, or `data` has NaN or infinite values.
+    """
+
+    data: np.ndarray
+    array: AntennaArray
+    waveform: Waveform
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.array, AntennaArray):
+            checks.fail("Capture.array", "an AntennaArray", type(self.array).__name__)
+        if not isinstance(self.waveform, Waveform):
+            checks.fail("Capture.waveform", "a Waveform", type(self.waveform).__name__)
+        shape = (self.array.n_tx, self.array.n_rx, self.waveform.n_freq)
+        data = checks.read_only("Capture.data (tx, rx, freq)", self.data, np.complex64, shape)
+        object.__setattr__(self, "data", data)
+        object.__setattr__(self, "meta", checks.frozen_mapping("Capture.meta", self.meta))

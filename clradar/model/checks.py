@@ -1,0 +1,152 @@
+"""Small validators behind the records of this package.
+
+Each returns the value in its stored form and raises `ModelError` with the field's name, what was
+expected and what was found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NoReturn
+
+import numpy as np
+
+from clradar.errors import ModelError
+
+
+def fail(field: str, expected: str, got: object) -> NoReturn:
+    raise ModelError(f"{field}: expected {expected}, got {got}")
+
+
+def shape_text(shape: tuple[int | None, ...]) -> str:
+    inner = ", ".join("N" if n is None else str(n) for n in shape)
+    return f"({inner},)" if len(shape) == 1 else f"({inner})"
+
+
+def read_only(
+    field: str,
+    value: Any,
+    dtype: Any,
+    shape: tuple[int | None, ...],
+    *,
+    allow_empty: bool = False,
+    finite: bool = True,
+) -> np.ndarray:
+    """Return `value` as a C-contiguous, read-only array of `dtype` whose shape matches `shape`.
+
+    None in `shape` stands for any length. The caller's array is copied unless it is already
+    read-only, so a record never changes behind its own back.
+    """
+    dtype = np.dtype(dtype)
+    try:
+        raw = np.asarray(value)
+    except ValueError as error:
+        fail(field, f"an array of shape {shape_text(shape)}", f"something irregular ({error})")
+    if raw.dtype.kind not in "biufc":
+        fail(field, f"numbers ({dtype})", f"dtype {raw.dtype}")
+    if raw.dtype.kind == "c" and dtype.kind != "c":
+        fail(field, f"real numbers ({dtype})", f"dtype {raw.dtype}")
+    if raw.ndim != len(shape) or any(
+        want is not None and have != want for have, want in zip(raw.shape, shape, strict=True)
+    ):
+        fail(field, f"shape {shape_text(shape)}", f"shape {raw.shape}")
+    if raw.size == 0 and not allow_empty:
+        fail(field, "at least one element", f"an empty array of shape {raw.shape}")
+    if finite and raw.dtype.kind in "fc" and not np.isfinite(raw).all():
+        bad = int(raw.size - np.count_nonzero(np.isfinite(raw)))
+        fail(field, "finite numbers", f"{bad} of {raw.size} that are NaN or infinite")
+    if dtype.kind in "iu" and raw.size:
+        if raw.dtype.kind == "f" and not (raw == np.floor(raw)).all():
+            fail(field, "whole numbers", "fractions")
+        limits = np.iinfo(dtype)
+        if raw.min() < limits.min or raw.max() > limits.max:
+            fail(
+                field,
+                f"values in [{limits.min}, {limits.max}] ({dtype})",
+                f"[{raw.min()}, {raw.max()}]",
+            )
+    if isinstance(value, np.ndarray) and not value.flags.writeable and value.dtype == dtype:
+        stored = np.ascontiguousarray(value)
+    else:
+        with np.errstate(over="ignore"):
+            stored = np.array(raw, dtype=dtype, order="C", copy=True)
+        if finite and dtype.kind in "fc" and not np.isfinite(stored).all():
+            fail(field, f"numbers that {dtype} can hold", "an overflow")
+    stored.flags.writeable = False
+    return stored
+
+
+def one_axis(field: str, value: Any) -> np.ndarray:
+    """Return a strictly ascending, finite, non-empty 1-D float64 array."""
+    axis = read_only(field, value, np.float64, (None,))
+    if axis.size > 1 and not (np.diff(axis) > 0).all():
+        at = int(np.argmin(np.diff(axis) > 0))
+        kind = "repeated" if axis[at + 1] == axis[at] else "descending"
+        fail(
+            field,
+            "strictly ascending values",
+            f"{kind} values {axis[at]:.12g}, {axis[at + 1]:.12g} at {at}, {at + 1}",
+        )
+    return axis
+
+
+def positive(field: str, value: Any) -> float:
+    number = real(field, value)
+    if number <= 0:
+        fail(field, "a positive number", repr(value))
+    return number
+
+
+def real(field: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        fail(field, "a number", repr(value))
+    if not np.isfinite(number):
+        fail(field, "a finite number", repr(value))
+    return number
+
+
+def whole(field: str, value: Any, low: int, high: int | None = None) -> int:
+    expected = f"a whole number >= {low}" if high is None else f"a whole number in [{low}, {high}]"
+    if isinstance(value, bool | np.bool_):
+        fail(field, expected, repr(value))
+    try:
+        number = int(value)
+    except (TypeError, ValueError, OverflowError):
+        fail(field, expected, repr(value))
+    if number != value or number < low or (high is not None and number > high):
+        fail(field, expected, repr(value))
+    return number
+
+
+def one_of(field: str, value: Any, choices: tuple[str, ...]) -> str:
+    if value not in choices:
+        fail(field, "one of " + ", ".join(repr(c) for c in choices), repr(value))
+    return str(value)
+
+
+def text(field: str, value: Any) -> str:
+    if not isinstance(value, str):
+        fail(field, "a string", repr(value))
+    return value
+
+
+def transform(field: str, value: Any) -> np.ndarray:
+    """Return a 4x4 affine matrix (last row 0 0 0 1, invertible), float64, read-only."""
+    matrix = read_only(field, value, np.float64, (4, 4))
+    if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
+        fail(field, "a 4x4 affine matrix with last row [0, 0, 0, 1]", f"last row {matrix[3]}")
+    if abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
+        fail(field, "an invertible 4x4 matrix", "a singular one")
+    return matrix
+
+
+def frozen_mapping(field: str, value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        fail(field, "a mapping with string keys", type(value).__name__)
+    bad = [key for key in value if not isinstance(key, str)]
+    if bad:
+        fail(field, "string keys", repr(bad[0]))
+    return MappingProxyType(dict(value))

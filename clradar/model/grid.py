@@ -1,0 +1,122 @@
+"""Voxel grids."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.model import checks
+
+MAX_VOXELS = 2**31 - 1
+"""Largest volume: its index has to fit a signed 32-bit integer on the device."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VoxelGrid:
+    """A regular grid of voxel centres in the antenna frame.
+
+    Parameters
+    ----------
+    origin_m : array_like, shape (3,), metres
+        Centre of the first voxel: x, y, z.
+    spacing_m : array_like, shape (3,), metres
+        Distance between neighbours along x, y, z; positive.
+    counts : tuple of 3 ints
+        Number of voxels along x, y, z.
+    """
+
+    origin_m: np.ndarray
+    spacing_m: np.ndarray
+    counts: tuple[int, int, int]
+
+    def __post_init__(self) -> None:
+        origin = checks.read_only("VoxelGrid.origin_m", self.origin_m, np.float64, (3,))
+        spacing = checks.read_only("VoxelGrid.spacing_m", self.spacing_m, np.float64, (3,))
+        if spacing.min() <= 0:
+            checks.fail("VoxelGrid.spacing_m", "positive spacing", f"{spacing.tolist()}")
+        if len(self.counts) != 3:
+            checks.fail("VoxelGrid.counts", "three counts (x, y, z)", f"{self.counts}")
+        nx, ny, nz = (checks.whole("VoxelGrid.counts", n, 1) for n in self.counts)
+        if nx * ny * nz > MAX_VOXELS:
+            checks.fail("VoxelGrid.counts", f"at most {MAX_VOXELS} voxels", f"{nx} x {ny} x {nz}")
+        object.__setattr__(self, "origin_m", origin)
+        object.__setattr__(self, "spacing_m", spacing)
+        object.__setattr__(self, "counts", (nx, ny, nz))
+
+    @classmethod
+    def from_extent(cls, x_m: Any, y_m: Any, z_m: Any, spacing_m: Any) -> VoxelGrid:
+        """Return the grid that spans the given extents, both ends included.
+
+        Parameters
+        ----------
+        x_m, y_m, z_m : pair of floats, metres
+            First and last voxel centre along each axis. Equal ends give one voxel.
+        spacing_m : float or three floats, metres
+            Spacing for all axes, or along x, y, z. Each extent must be a whole number of steps.
+
+        Raises
+        ------
+        ModelError
+            A descending extent, spacing that is not positive, or a last step that falls short.
+        """
+        spacing_in = np.asarray(spacing_m, dtype=object)
+        if spacing_in.shape not in ((), (3,)):
+            checks.fail("VoxelGrid.from_extent: spacing_m", "one number or three", repr(spacing_m))
+        steps = [
+            checks.positive("VoxelGrid.from_extent: spacing_m", s)
+            for s in np.broadcast_to(spacing_in, 3)
+        ]
+        origin, counts = [], []
+        for name, pair, step in zip("xyz", (x_m, y_m, z_m), steps, strict=True):
+            field = f"VoxelGrid.from_extent: {name}_m"
+            first, last = checks.read_only(field, pair, np.float64, (2,))
+            if last < first:
+                checks.fail(field, "first <= last", f"({first:g}, {last:g})")
+            intervals = (last - first) / step
+            count = round(intervals)
+            if abs(intervals - count) > 1e-6 * max(1.0, intervals):
+                fits = first + np.floor(intervals) * step
+                checks.fail(
+                    field,
+                    f"an extent that is a whole number of steps of {step:g} m "
+                    f"(such as ({first:g}, {fits:g}))",
+                    f"({first:g}, {last:g})",
+                )
+            origin.append(first)
+            counts.append(count + 1)
+        return cls(np.array(origin), np.array(steps), (counts[0], counts[1], counts[2]))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Shape of a volume on this grid: (n_z, n_y, n_x)."""
+        return self.counts[::-1]
+
+    @property
+    def x_m(self) -> np.ndarray:
+        """Voxel centres along x, shape (n_x,), metres."""
+        return self._axis(0)
+
+    @property
+    def y_m(self) -> np.ndarray:
+        """Voxel centres along y, shape (n_y,), metres."""
+        return self._axis(1)
+
+    @property
+    def z_m(self) -> np.ndarray:
+        """Voxel centres along z, shape (n_z,), metres."""
+        return self._axis(2)
+
+    def _axis(self, axis: int) -> np.ndarray:
+        return self.origin_m[axis] + self.spacing_m[axis] * np.arange(self.counts[axis])
+
+    def same_voxels(self, other: VoxelGrid, tolerance_m: float = 1e-7) -> bool:
+        """Whether both grids have the same voxel centres, within `tolerance_m`."""
+        if self.counts != other.counts:
+            return False
+        ends = [
+            np.stack([g.origin_m, g.origin_m + g.spacing_m * (np.array(g.counts) - 1)])
+            for g in (self, other)
+        ]
+        return bool(np.abs(ends[0] - ends[1]).max() <= tolerance_m)

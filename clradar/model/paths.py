@@ -1,0 +1,117 @@
+"""Propagation paths, as the tracer finds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clradar.model import checks
+
+
+@dataclass(frozen=True, slots=True)
+class TraceStatistics:
+    """What happened to the rays of one trace.
+
+    Attributes
+    ----------
+    samples : int
+        Points on the surface.
+    visible : int
+        (sample, Tx) pairs that see each other.
+    outgoing : int
+        Outgoing directions drawn: visible pairs x rays per sample, and one per further bounce.
+    absorbed : int
+        Of those, draws that pointed below the geometric face.
+    """
+
+    samples: int
+    visible: int
+    outgoing: int
+    absorbed: int
+
+    @property
+    def absorbed_share(self) -> float:
+        """Share of outgoing directions that were absorbed, 0 to 1."""
+        return self.absorbed / self.outgoing if self.outgoing else 0.0
+
+    def __add__(self, other: TraceStatistics) -> TraceStatistics:
+        return TraceStatistics(
+            self.samples + other.samples,
+            self.visible + other.visible,
+            self.outgoing + other.outgoing,
+            self.absorbed + other.absorbed,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Paths:
+    """One row per reception. Rows are sorted by pair, then by sample, ray and bounce.
+
+    Parameters
+    ----------
+    tx, rx : array_like, shape (n_paths,), int32
+        Indices into the array's antennas.
+    length_m : array_like, shape (n_paths,), float64, metres
+        Total length |Tx -> p| + ... + |p -> Rx centre|, positive.
+    amplitude : array_like, shape (n_paths,), float32
+        Real weight of the path in the phasor sum.
+    bounces : array_like, shape (n_paths,), uint8
+        Number of reflections on the mesh, at least 1.
+    n_tx, n_rx : int
+        Size of the array that `tx` and `rx` index.
+    statistics : TraceStatistics or None
+        From the tracer; None for paths that come from elsewhere.
+
+    Raises
+    ------
+    ModelError
+        Columns of different length, indices outside the array, NaN, lengths that are not positive.
+    """
+
+    tx: np.ndarray
+    rx: np.ndarray
+    length_m: np.ndarray
+    amplitude: np.ndarray
+    bounces: np.ndarray
+    n_tx: int
+    n_rx: int
+    statistics: TraceStatistics | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "n_tx", checks.whole("Paths.n_tx", self.n_tx, 1))
+        object.__setattr__(self, "n_rx", checks.whole("Paths.n_rx", self.n_rx, 1))
+        count: int | None = None
+        columns = (
+            ("tx", np.int32),
+            ("rx", np.int32),
+            ("length_m", np.float64),
+            ("amplitude", np.float32),
+            ("bounces", np.uint8),
+        )
+        for name, dtype in columns:
+            column = checks.read_only(
+                f"Paths.{name}", getattr(self, name), dtype, (count,), allow_empty=True
+            )
+            count = len(column)
+            object.__setattr__(self, name, column)
+        if not count:
+            return
+        for name, size in (("tx", self.n_tx), ("rx", self.n_rx)):
+            column = getattr(self, name)
+            if column.min() < 0 or column.max() >= size:
+                checks.fail(
+                    f"Paths.{name}", f"indices in [0, {size})", f"[{column.min()}, {column.max()}]"
+                )
+        if self.length_m.min() <= 0:
+            checks.fail("Paths.length_m", "positive lengths", f"{self.length_m.min():g}")
+        if self.bounces.min() < 1:
+            checks.fail("Paths.bounces", "at least one bounce", "0")
+
+    def __len__(self) -> int:
+        return len(self.length_m)
+
+    @property
+    def pair(self) -> np.ndarray:
+        """Index tx * n_rx + rx of each row, shape (n_paths,), int64."""
+        return self.tx.astype(np.int64) * self.n_rx + self.rx

@@ -1,0 +1,275 @@
+"""The scene: triangles and how rough each of them is."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from clradar.errors import MeshError, ModelError
+from clradar.model import checks
+
+UNITS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+"""Units in which a mesh file may be written, in metres."""
+
+PLAUSIBLE_SIZE_M = (1e-3, 20.0)
+"""Longest side of a mesh's bounding box that a near-field radar can be meant to look at, metres."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Triangles in the antenna frame, each with its mixture parameter alpha.
+
+    Parameters
+    ----------
+    vertices_m : array_like, shape (n_vertices, 3), float64, metres
+    faces : array_like, shape (n_faces, 3), int32
+        Indices into `vertices_m`. Faces are two-sided; their winding does not matter.
+    alpha : float or array_like, shape (n_faces,), float64
+        0 specular ... 1 diffuse, per face.
+    part : array_like, shape (n_faces,), int32
+        Index into `part_names` of each face.
+    part_names : tuple of str
+        Unique names of the parts.
+
+    Raises
+    ------
+    ModelError
+        Wrong shapes, NaN, no face, indices outside the vertices, alpha outside [0, 1].
+    """
+
+    vertices_m: np.ndarray
+    faces: np.ndarray
+    alpha: np.ndarray | float = 0.5
+    part: np.ndarray | int = 0
+    part_names: tuple[str, ...] = ("mesh",)
+
+    def __post_init__(self) -> None:
+        vertices = checks.read_only("Scene.vertices_m", self.vertices_m, np.float64, (None, 3))
+        faces = checks.read_only("Scene.faces", self.faces, np.int32, (None, 3))
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            checks.fail(
+                "Scene.faces",
+                f"vertex indices in [0, {len(vertices)})",
+                f"[{faces.min()}, {faces.max()}]",
+            )
+        object.__setattr__(self, "vertices_m", vertices)
+        object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "alpha", _alpha_of_faces(self.alpha, len(faces)))
+        part = np.broadcast_to(self.part, len(faces)) if np.ndim(self.part) == 0 else self.part
+        part = checks.read_only("Scene.part", part, np.int32, (len(faces),))
+        names = tuple(checks.text("Scene.part_names", name) for name in self.part_names)
+        if len(set(names)) != len(names):
+            checks.fail("Scene.part_names", "unique names", f"{names}")
+        if part.min() < 0 or part.max() >= len(names):
+            checks.fail(
+                "Scene.part", f"indices in [0, {len(names)})", f"[{part.min()}, {part.max()}]"
+            )
+        object.__setattr__(self, "part", part)
+        object.__setattr__(self, "part_names", names)
+
+    @classmethod
+    def from_mesh(
+        cls,
+        mesh: str | PathLike[str] | Any,
+        *,
+        alpha: float | np.ndarray | Mapping[str, float] = 0.5,
+        unit: str = "m",
+        transform: Any = None,
+    ) -> Scene:
+        """Make a scene of a mesh file or mesh.
+
+        Parameters
+        ----------
+        mesh : path, trimesh.Trimesh, trimesh.Scene, (vertices, faces), or an object that has
+            ``to_trimesh()``. Files may be anything that trimesh reads. Every named geometry of
+            the file becomes a part.
+        alpha : float, array_like of shape (n_faces,), or mapping part name -> float
+            0 specular ... 1 diffuse.
+        unit : "m", "cm" or "mm"
+            Unit of the mesh's coordinates.
+        transform : array_like, shape (4, 4), optional
+            Affine transform into the antenna frame, applied after the unit.
+
+        Raises
+        ------
+        MeshError
+            The file is missing, unreadable, has no triangle, has NaN coordinates, or a size that
+            is implausible for its unit.
+        ModelError
+            `alpha`, `unit` or `transform` cannot be meant.
+        """
+        checks.one_of("Scene.from_mesh: unit", unit, tuple(UNITS_M))
+        matrix = np.eye(4)
+        if transform is not None:
+            matrix = checks.transform("Scene.from_mesh: transform", transform)
+        label, pieces = _pieces(mesh)
+        vertices, faces, part, names = [], [], [], []
+        offset = 0
+        for name, piece_vertices, piece_faces in pieces:
+            vertices.append(np.asarray(piece_vertices, dtype=np.float64))
+            faces.append(np.asarray(piece_faces, dtype=np.int64) + offset)
+            part.append(np.full(len(piece_faces), len(names)))
+            names.append(_unused(name, names))
+            offset += len(piece_vertices)
+        vertices_m = np.concatenate(vertices) * UNITS_M[unit]
+        if not np.isfinite(vertices_m).all():
+            raise MeshError(
+                f"{label}: expected finite vertex coordinates, got NaN or infinite ones"
+            )
+        vertices_m = vertices_m @ matrix[:3, :3].T + matrix[:3, 3]
+        all_faces = np.concatenate(faces)
+        _check_size(label, vertices_m[np.unique(all_faces)], unit)
+        try:
+            scene = cls(vertices_m, all_faces, 0.5, np.concatenate(part), tuple(names))
+        except ModelError as error:
+            raise MeshError(f"{label}: {error}") from error
+        return scene.with_alpha(alpha)
+
+    @classmethod
+    def combine(cls, scenes: Iterable[Scene]) -> Scene:
+        """Put several scenes into one; each keeps its alpha, and names stay unique."""
+        vertices, faces, alpha, part = [], [], [], []
+        names: list[str] = []
+        offset = 0
+        for scene in scenes:
+            vertices.append(scene.vertices_m)
+            faces.append(scene.faces.astype(np.int64) + offset)
+            alpha.append(scene.alpha)
+            part.append(scene.part + len(names))
+            for name in scene.part_names:
+                names.append(_unused(name, names))
+            offset += len(scene.vertices_m)
+        if not faces:
+            checks.fail("Scene.combine: scenes", "at least one scene", "none")
+        return cls(
+            np.concatenate(vertices),
+            np.concatenate(faces),
+            np.concatenate(alpha),
+            np.concatenate(part),
+            tuple(names),
+        )
+
+    def with_alpha(self, alpha: float | np.ndarray | Mapping[str, float]) -> Scene:
+        """Return the same triangles with another alpha: a number, one per face, or one per part."""
+        if isinstance(alpha, Mapping):
+            unknown = sorted(set(alpha) - set(self.part_names))
+            missing = sorted(set(self.part_names) - set(alpha))
+            if unknown or missing:
+                checks.fail(
+                    "alpha",
+                    f"one value for each of the parts {list(self.part_names)}",
+                    f"unknown {unknown}, missing {missing}",
+                )
+            alpha = np.array([alpha[name] for name in self.part_names])[self.part]
+        return replace(self, alpha=alpha)
+
+    def transformed(self, transform: Any) -> Scene:
+        """Return the scene moved by a 4x4 affine transform, shape (4, 4)."""
+        matrix = checks.transform("Scene.transformed: transform", transform)
+        return replace(self, vertices_m=self.vertices_m @ matrix[:3, :3].T + matrix[:3, 3])
+
+    @property
+    def n_faces(self) -> int:
+        return len(self.faces)
+
+    @property
+    def triangles_m(self) -> np.ndarray:
+        """Corners of every face, shape (n_faces, 3, 3), metres."""
+        return self.vertices_m[self.faces]
+
+    def digest(self) -> str:
+        """Return a SHA-256 of the triangles and alpha, for provenance."""
+        state = hashlib.sha256()
+        for array in (self.triangles_m, np.asarray(self.alpha)):
+            state.update(np.ascontiguousarray(array).tobytes())
+        return state.hexdigest()
+
+
+def _alpha_of_faces(alpha: Any, n_faces: int) -> np.ndarray:
+    if np.ndim(alpha) == 0:
+        alpha = np.full(n_faces, checks.real("alpha", alpha))
+    values = checks.read_only("alpha", alpha, np.float64, (n_faces,))
+    if values.min() < 0.0 or values.max() > 1.0:
+        checks.fail("alpha", "values in [0, 1]", f"[{values.min():g}, {values.max():g}]")
+    return values
+
+
+def _unused(name: str, taken: list[str]) -> str:
+    if name not in taken:
+        return name
+    number = 2
+    while f"{name}-{number}" in taken:
+        number += 1
+    return f"{name}-{number}"
+
+
+def _pieces(mesh: Any) -> tuple[str, list[tuple[str, np.ndarray, np.ndarray]]]:
+    """Return a label for messages and (name, vertices, faces) of every geometry."""
+    import trimesh
+
+    if hasattr(mesh, "to_trimesh"):
+        mesh = mesh.to_trimesh()
+    if isinstance(mesh, tuple) and len(mesh) == 2:
+        vertices = checks.read_only("mesh vertices", mesh[0], np.float64, (None, 3), finite=False)
+        faces = checks.read_only("mesh faces", mesh[1], np.int32, (None, 3))
+        return "mesh", [("mesh", vertices, faces)]
+    label = "mesh"
+    if isinstance(mesh, str | PathLike):
+        mesh, label = _load(mesh)
+    if isinstance(mesh, trimesh.Trimesh):
+        mesh = trimesh.Scene({"mesh": mesh})
+    if not isinstance(mesh, trimesh.Scene):
+        raise MeshError(
+            f"{label}: expected a mesh file, a trimesh.Trimesh, a trimesh.Scene or "
+            f"(vertices, faces), got {type(mesh).__name__}"
+        )
+    pieces = []
+    for node in mesh.graph.nodes_geometry:
+        matrix, name = mesh.graph[node]
+        geometry = mesh.geometry[name]
+        if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
+            vertices = trimesh.transform_points(geometry.vertices, matrix)
+            pieces.append((str(name), vertices, np.asarray(geometry.faces)))
+    if not pieces:
+        raise MeshError(f"{label}: expected a mesh with at least one triangle, got none")
+    return label, pieces
+
+
+def _load(path: str | PathLike[str]) -> tuple[Any, str]:
+    from pathlib import Path
+
+    import trimesh
+
+    file = Path(path)
+    label = str(file)
+    if not file.is_file():
+        raise MeshError(f"{label}: expected a mesh file, got nothing there")
+    try:
+        # process=False keeps the file's faces in the file's order, which alpha per face relies on.
+        return trimesh.load_scene(file, process=False), label
+    except Exception as error:  # trimesh's readers raise whatever their parsers raise
+        known = ", ".join(sorted(trimesh.available_formats()))
+        raise MeshError(
+            f"{label}: expected a mesh file that trimesh reads ({known}), got "
+            f"{type(error).__name__}: {error}"
+        ) from error
+
+
+def _check_size(label: str, vertices_m: np.ndarray, unit: str) -> None:
+    size_m = float(np.ptp(vertices_m, axis=0).max())
+    low, high = PLAUSIBLE_SIZE_M
+    if low <= size_m <= high:
+        return
+    others = [u for u in UNITS_M if low <= size_m * UNITS_M[u] / UNITS_M[unit] <= high]
+    # A hand read in the wrong unit fits several others; the common pair is m and mm.
+    others.sort(key=lambda u: u == "cm")
+    hint = f"; did you mean unit='{others[0]}'?" if others else ""
+    raise MeshError(
+        f"{label}: expected a mesh between {low:g} m and {high:g} m in size for unit='{unit}', "
+        f"got {size_m:g} m{hint}"
+    )

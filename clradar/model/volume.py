@@ -1,0 +1,128 @@
+"""Images: complex volumes, their maximum projection and their depth map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.model import checks
+from clradar.model.grid import VoxelGrid
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthMap:
+    """Depth of the strongest reflection along z, where there is one.
+
+    Parameters
+    ----------
+    depth_m : array_like, shape (n_y, n_x), float64, metres
+        z in the antenna frame; NaN where the amplitude is below the dynamic range.
+    amplitude : array_like, shape (n_y, n_x), float32
+        Linear amplitude of the maximum projection, everywhere.
+    x_m, y_m : array_like, shape (n_x,) and (n_y,), metres
+        Pixel centres, ascending.
+    dynamic_range_db : float
+        How far below the maximum the cut lies, decibel.
+    """
+
+    depth_m: np.ndarray
+    amplitude: np.ndarray
+    x_m: np.ndarray
+    y_m: np.ndarray
+    dynamic_range_db: float = DYNAMIC_RANGE_DB
+
+    def __post_init__(self) -> None:
+        x_m = checks.one_axis("DepthMap.x_m", self.x_m)
+        y_m = checks.one_axis("DepthMap.y_m", self.y_m)
+        shape = (len(y_m), len(x_m))
+        depth = checks.read_only(
+            "DepthMap.depth_m (y, x)", self.depth_m, np.float64, shape, finite=False
+        )
+        if np.isinf(depth).any():
+            checks.fail("DepthMap.depth_m", "finite depths or NaN", "infinite values")
+        amplitude = checks.read_only("DepthMap.amplitude (y, x)", self.amplitude, np.float32, shape)
+        if amplitude.min() < 0:
+            checks.fail("DepthMap.amplitude", "amplitudes >= 0", f"{amplitude.min():g}")
+        object.__setattr__(self, "x_m", x_m)
+        object.__setattr__(self, "y_m", y_m)
+        object.__setattr__(self, "depth_m", depth)
+        object.__setattr__(self, "amplitude", amplitude)
+        rng = checks.positive("DepthMap.dynamic_range_db", self.dynamic_range_db)
+        object.__setattr__(self, "dynamic_range_db", rng)
+
+    @property
+    def mask(self) -> np.ndarray:
+        """Where there is a depth, shape (n_y, n_x), bool."""
+        return ~np.isnan(self.depth_m)
+
+    def points_m(self) -> np.ndarray:
+        """Return the pixels that have a depth as points (x, y, z), shape (n, 3), metres."""
+        row, column = np.nonzero(self.mask)
+        return np.stack([self.x_m[column], self.y_m[row], self.depth_m[row, column]], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Volume:
+    """A complex image on a voxel grid.
+
+    Parameters
+    ----------
+    data : array_like, shape (n_z, n_y, n_x), complex64
+    grid : VoxelGrid
+    meta : mapping
+        Where it comes from, in types that JSON knows.
+    """
+
+    data: np.ndarray
+    grid: VoxelGrid
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.grid, VoxelGrid):
+            checks.fail("Volume.grid", "a VoxelGrid", type(self.grid).__name__)
+        data = checks.read_only("Volume.data (z, y, x)", self.data, np.complex64, self.grid.shape)
+        object.__setattr__(self, "data", data)
+        object.__setattr__(self, "meta", checks.frozen_mapping("Volume.meta", self.meta))
+
+    def max_projection(self) -> np.ndarray:
+        """Return the maximum of the amplitude over z, shape (n_y, n_x), float32, linear."""
+        return self._amplitude().max(axis=0)
+
+    def depth_map(self, dynamic_range_db: float = DYNAMIC_RANGE_DB) -> DepthMap:
+        """Return the depth of the maximum along z where it is within the dynamic range.
+
+        Parameters
+        ----------
+        dynamic_range_db : float, decibel
+            Pixels more than this below the image's maximum get NaN.
+
+        Returns
+        -------
+        DepthMap
+            The depth of the strongest voxel, refined by the parabola through the amplitudes of
+            that voxel and its two neighbours along z, clamped to the voxel (half a spacing to
+            either side). At the ends of the grid there is no refinement.
+        """
+        dynamic_range_db = checks.positive("depth_map: dynamic_range_db", dynamic_range_db)
+        amplitude = self._amplitude()
+        n_z = amplitude.shape[0]
+        top = amplitude.argmax(axis=0)
+        rows, columns = np.indices(top.shape, sparse=True)
+        peak = amplitude[top, rows, columns]
+        before = amplitude[np.maximum(top - 1, 0), rows, columns].astype(np.float64)
+        after = amplitude[np.minimum(top + 1, n_z - 1), rows, columns].astype(np.float64)
+        curvature = before - 2.0 * peak + after
+        inside = (top > 0) & (top < n_z - 1) & (curvature < 0)
+        shift = np.where(inside, 0.5 * (before - after) / np.where(inside, curvature, -1.0), 0.0)
+        spacing_m = self.grid.spacing_m[2]
+        depth = self.grid.origin_m[2] + spacing_m * (top + np.clip(shift, -0.5, 0.5))
+        threshold = peak.max() * 10.0 ** (-dynamic_range_db / 20.0)
+        depth = np.where((peak >= threshold) & (peak > 0), depth, np.nan)
+        return DepthMap(depth, peak, self.grid.x_m, self.grid.y_m, dynamic_range_db)
+
+    def _amplitude(self) -> np.ndarray:
+        return np.abs(self.data)

@@ -1,0 +1,67 @@
+"""Stepped-frequency waveforms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clradar.model import checks
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Waveform:
+    """The list of frequencies at which the radar measures.
+
+    Parameters
+    ----------
+    frequencies_hz : array_like, shape (n_freq,), float64, hertz
+        Positive and strictly ascending; the steps need not be equal.
+
+    Raises
+    ------
+    ModelError
+        Empty, NaN, not positive, descending or repeated.
+    """
+
+    frequencies_hz: np.ndarray
+
+    def __post_init__(self) -> None:
+        axis = checks.one_axis("Waveform.frequencies_hz", self.frequencies_hz)
+        if axis[0] <= 0:
+            checks.fail("Waveform.frequencies_hz", "positive frequencies", f"{axis[0]:g} Hz")
+        object.__setattr__(self, "frequencies_hz", axis)
+
+    @classmethod
+    def sfcw(cls, start_hz: float, stop_hz: float, steps: int) -> Waveform:
+        """Return `steps` equally spaced frequencies from `start_hz` to `stop_hz`, both included."""
+        start = checks.positive("Waveform.sfcw: start_hz", start_hz)
+        stop = checks.positive("Waveform.sfcw: stop_hz", stop_hz)
+        count = checks.whole("Waveform.sfcw: steps", steps, 1)
+        if (count == 1) != (start == stop) or stop < start:
+            checks.fail(
+                "Waveform.sfcw",
+                "stop_hz above start_hz (or equal, for one step)",
+                f"{start:g} Hz to {stop:g} Hz in {count} steps",
+            )
+        return cls(np.linspace(start, stop, count))
+
+    @property
+    def n_freq(self) -> int:
+        return len(self.frequencies_hz)
+
+    @property
+    def center_hz(self) -> float:
+        """Middle between the lowest and the highest frequency, hertz."""
+        return float(self.frequencies_hz[0] + self.frequencies_hz[-1]) / 2
+
+    @property
+    def span_hz(self) -> float:
+        """Highest minus lowest frequency, hertz."""
+        return float(self.frequencies_hz[-1] - self.frequencies_hz[0])
+
+    def same_frequencies(self, other: Waveform, relative: float = 1e-9) -> bool:
+        """Whether both have the same frequencies within `relative` of their value."""
+        return self.n_freq == other.n_freq and bool(
+            np.allclose(self.frequencies_hz, other.frequencies_hz, rtol=relative, atol=0.0)
+        )
