@@ -12,6 +12,9 @@ from clradar.model import (
     VoxelGrid,
     Waveform,
 )
+from clradar.opencl import Device, list_devices, open_device
+from clradar.synthesize import simulate, synthesize
+from clradar.trace import trace
 
 __version__ = "0.1.0"
 
@@ -19,6 +22,7 @@ __all__ = [
     "AntennaArray",
     "Capture",
     "DepthMap",
+    "Device",
     "Paths",
     "Scene",
     "TraceStatistics",
@@ -27,4 +31,9 @@ __all__ = [
     "Waveform",
     "__version__",
     "arrays",
+    "list_devices",
+    "open_device",
+    "simulate",
+    "synthesize",
+    "trace",
 ]

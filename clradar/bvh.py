@@ -1,0 +1,342 @@
+"""Bounding volume hierarchy: binned-SAH build, level by level in numpy, and its flat layout.
+
+Every level of the tree is split at once with segmented numpy operations, so the work in Python is
+proportional to the depth of the tree and not to its number of nodes.
+
+References
+----------
+.. [1] I. Wald, "On fast construction of SAH-based bounding volume hierarchies", IEEE Symposium on
+   Interactive Ray Tracing 2007.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.model import checks
+
+BINS = 16
+"""Candidate planes per axis and node."""
+
+LEAF_ALWAYS = 2
+"""A node with so few triangles is a leaf."""
+
+LEAF_MOST = 8
+"""A leaf has at most this many triangles; the layout allows 15."""
+
+MEDIAN_BELOW_LEVEL = 40
+"""From this depth on nodes are halved by count, which bounds the depth of any tree to this plus
+log2 of the number of triangles."""
+
+ERROR_ULPS = 32.0
+"""Error bound of the triangle test, in units of 2^-24 of the scene's size (kernels/common/bvh.h)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bvh:
+    """A binary tree over triangles, in the layout of ``kernels/common/bvh.h`` but without padding.
+
+    Attributes
+    ----------
+    nodes : ndarray, shape (n_nodes, 16), float32
+        Boxes of both children and, as the bits of an int32, which they are.
+    order : ndarray, shape (n_kept,), int32
+        Face at each slot, in leaf order. Faces without area are left out: nothing hits them.
+    depth : int
+        Levels of inner nodes; a traversal stack of this many entries never overflows.
+    """
+
+    nodes: np.ndarray
+    order: np.ndarray
+    depth: int
+
+
+def build_bvh(triangles_m: np.ndarray) -> Bvh:
+    """Build the tree.
+
+    Parameters
+    ----------
+    triangles_m : array_like, shape (n_faces, 3, 3), float32 or float64, metres
+        Corners of every face. Degenerate and duplicate faces are allowed.
+
+    Returns
+    -------
+    Bvh
+
+    Raises
+    ------
+    ModelError
+        Wrong shape, empty or NaN.
+    """
+    corners = checks.read_only("build_bvh: triangles_m", triangles_m, np.float32, (None, 3, 3))
+    area = face_normals(corners)[1]
+    kept = np.flatnonzero(area > 0).astype(np.int32)
+    low = np.ascontiguousarray(corners[kept].min(axis=1).T)  # (3, n): each axis contiguous
+    high = np.ascontiguousarray(corners[kept].max(axis=1).T)
+    return _Builder(low, high).run(kept)
+
+
+def face_normals(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the unit normals, shape (n, 3), and areas, shape (n,), square metres, in float64.
+
+    A face whose area is below what its coordinates resolve (2^-40 of the square of its longest edge)
+    counts as degenerate: area 0 and normal 0.
+    """
+    corners = np.asarray(triangles_m, dtype=np.float64)
+    e1 = corners[:, 1] - corners[:, 0]
+    e2 = corners[:, 2] - corners[:, 0]
+    normal = np.cross(e1, e2)
+    twice = np.sqrt(np.einsum("ij,ij->i", normal, normal))
+    longest = np.maximum(np.einsum("ij,ij->i", e1, e1), np.einsum("ij,ij->i", e2, e2))
+    real = twice > longest * 2.0**-40
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = np.where(real[:, None], normal / twice[:, None], 0.0)
+    return unit, np.where(real, twice / 2.0, 0.0)
+
+
+def error_bound_m(*points_m: np.ndarray) -> float:
+    """Return delta, the error bound of the triangle test, metres (``kernels/common/bvh.h``).
+
+    Parameters
+    ----------
+    points_m : arrays of shape (n, 3), metres
+        Everything that a ray can start from or hit.
+    """
+    farthest = max(float(np.sqrt((p.reshape(-1, 3) ** 2).sum(axis=1).max())) for p in points_m)
+    return ERROR_ULPS * 2.0**-24 * farthest
+
+
+def flatten(bvh: Bvh, triangles_m: np.ndarray, delta_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return what the kernels read: padded nodes and triangles in leaf order.
+
+    Returns
+    -------
+    nodes : ndarray, shape (n_nodes, 16), float32
+    triangles : ndarray, shape (max(n_kept, 1), 16), float32
+    """
+    nodes = bvh.nodes.copy()
+    pad = np.float32(delta_m * (1 + 2.0**-10))
+    for lo, hi in ((0, 4), (8, 12)):
+        nodes[:, lo : lo + 3] -= pad
+        nodes[:, hi : hi + 3] += pad
+    triangles = np.zeros((max(len(bvh.order), 1), 16), dtype=np.float32)
+    corners = np.asarray(triangles_m, dtype=np.float32)[bvh.order].astype(np.float64)
+    n = len(bvh.order)
+    e1 = corners[:, 1] - corners[:, 0]
+    e2 = corners[:, 2] - corners[:, 0]
+    normal = np.cross(e1, e2)
+    triangles[:n, 0:3] = corners[:, 0]
+    triangles[:n, 3] = bvh.order.view(np.float32)
+    triangles[:n, 4:7] = e1
+    triangles[:n, 7] = np.linalg.norm(e1, axis=1)
+    triangles[:n, 8:11] = e2
+    triangles[:n, 11] = np.linalg.norm(e2, axis=1)
+    triangles[:n, 12:15] = normal
+    triangles[:n, 15] = np.linalg.norm(normal, axis=1) * 2.0**-21
+    return nodes, triangles
+
+
+class _Builder:
+    """State of one build: for each axis, the primitives sorted along it, grouped by open node."""
+
+    def __init__(self, low: np.ndarray, high: np.ndarray) -> None:
+        self.low, self.high = low, high
+        self.centroid = 0.5 * (low + high)
+        self.side = np.zeros(low.shape[1], dtype=bool)
+        self.slots: list[np.ndarray] = []
+        self.n_slots = 0
+
+    def run(self, kept: np.ndarray) -> Bvh:
+        n = len(kept)
+        empty = _empty_box()
+        root = np.zeros((1, 16), dtype=np.float32)
+        _set_child(root, np.array([0]), 1, empty, np.array([_leaf(0, 0)]))
+        if n <= LEAF_ALWAYS:
+            box = _box(self.low.min(axis=1), self.high.max(axis=1)) if n else empty
+            _set_child(root, np.array([0]), 0, box, np.array([_leaf(0, n)]))
+            return Bvh(root, kept, 1)
+
+        orders = [np.argsort(self.centroid[axis], kind="stable") for axis in range(3)]
+        starts, counts = np.array([0]), np.array([n])
+        levels: list[np.ndarray] = []
+        n_nodes, depth = 1, 0
+        while len(starts):
+            depth += 1
+            nodes = np.zeros((len(starts), 16), dtype=np.float32)
+            n_left = self._split(orders, starts, counts, median=depth > MEDIAN_BELOW_LEVEL)
+            child_starts = np.stack([starts, starts + n_left], axis=1).ravel()
+            child_counts = np.stack([n_left, counts - n_left], axis=1).ravel()
+            boxes = self._boxes(orders[0], child_starts)
+            is_leaf = child_counts <= LEAF_ALWAYS
+            maybe = np.flatnonzero(~is_leaf & (child_counts <= LEAF_MOST))
+            is_leaf[maybe] = self._cheaper_as_leaf(orders[0], child_starts, child_counts, maybe)
+            refs = np.empty(len(child_starts), dtype=np.int32)
+            inner = np.flatnonzero(~is_leaf)
+            refs[inner] = n_nodes + np.arange(len(inner))
+            leaves = np.flatnonzero(is_leaf)
+            firsts = self.n_slots + np.cumsum(child_counts[leaves]) - child_counts[leaves]
+            refs[leaves] = _leaf(firsts, child_counts[leaves])
+            self._emit(orders[0], child_starts[leaves], child_counts[leaves])
+            rows = np.arange(len(starts))
+            for child in (0, 1):
+                _set_child(nodes, rows, child, boxes[child::2], refs[child::2])
+            levels.append(nodes)
+            n_nodes += len(inner)
+            starts, counts = self._compact(orders, child_starts[inner], child_counts[inner])
+        return Bvh(np.concatenate(levels), kept[np.concatenate(self.slots)], depth)
+
+    def _split(
+        self, orders: list[np.ndarray], starts: np.ndarray, counts: np.ndarray, median: bool
+    ) -> np.ndarray:
+        """Partition every segment of `orders` in two; return the size of the first parts."""
+        m = len(starts)
+        segment = np.repeat(np.arange(m), counts)
+        best_cost = np.full(m, np.inf)
+        best_axis = np.zeros(m, dtype=np.int64)
+        best_left = counts // 2  # by count along x, where no plane separates the centroids
+        if not median:
+            for axis in range(3):
+                cost, n_left = self._best_plane(orders[axis], axis, starts, counts, segment)
+                better = cost < best_cost
+                best_cost = np.where(better, cost, best_cost)
+                best_axis = np.where(better, axis, best_axis)
+                best_left = np.where(better, n_left, best_left)
+        rank = np.arange(len(segment)) - starts[segment]
+        for axis in range(3):
+            mine = (best_axis == axis)[segment]
+            self.side[orders[axis][mine]] = (rank >= best_left[segment])[mine]
+        for axis in range(3):
+            right = self.side[orders[axis]]
+            before = np.cumsum(~right) - ~right  # how many go left before this one, overall
+            left_rank = before - before[starts][segment]
+            target = starts[segment] + np.where(
+                right, best_left[segment] + rank - left_rank, left_rank
+            )
+            moved = np.empty_like(orders[axis])
+            moved[target] = orders[axis]
+            orders[axis] = moved
+        return best_left
+
+    def _best_plane(
+        self,
+        order: np.ndarray,
+        axis: int,
+        starts: np.ndarray,
+        counts: np.ndarray,
+        segment: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the cost of the best of the binned planes of every segment and its left count."""
+        m = len(starts)
+        position = self.centroid[axis][order]
+        first, last = position[starts], position[starts + counts - 1]
+        extent = last - first
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            scale = np.where(extent > 0, BINS / extent, 0.0)
+            bins = ((position - first[segment]) * scale[segment]).astype(np.int64)
+        np.clip(bins, 0, BINS - 1, out=bins)
+        key = segment * BINS + bins
+        runs = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+        filled = key[runs]
+        amount = np.zeros(m * BINS, dtype=np.int64)
+        amount[filled] = np.diff(np.append(runs, len(key)))
+        lows = np.full((3, m * BINS), np.inf, dtype=np.float32)
+        highs = np.full((3, m * BINS), -np.inf, dtype=np.float32)
+        for k in range(3):
+            lows[k, filled] = np.minimum.reduceat(self.low[k][order], runs)
+            highs[k, filled] = np.maximum.reduceat(self.high[k][order], runs)
+        amount = amount.reshape(m, BINS)
+        lows, highs = lows.reshape(3, m, BINS), highs.reshape(3, m, BINS)
+        left_area = _area(
+            np.minimum.accumulate(lows, axis=2), np.maximum.accumulate(highs, axis=2)
+        )[:, :-1]
+        right_area = _area(
+            np.minimum.accumulate(lows[:, :, ::-1], axis=2),
+            np.maximum.accumulate(highs[:, :, ::-1], axis=2),
+        )[:, ::-1][:, 1:]
+        n_left = np.cumsum(amount, axis=1)[:, :-1]
+        n_right = counts[:, None] - n_left
+        cost = np.where(
+            (n_left > 0) & (n_right > 0), left_area * n_left + right_area * n_right, np.inf
+        )
+        best = cost.argmin(axis=1)
+        rows = np.arange(m)
+        return cost[rows, best], n_left[rows, best]
+
+    def _cheaper_as_leaf(
+        self, order: np.ndarray, starts: np.ndarray, counts: np.ndarray, which: np.ndarray
+    ) -> np.ndarray:
+        """Whether testing all triangles of a small segment costs no more than one more split."""
+        if not len(which):
+            return np.zeros(0, dtype=bool)
+        start, count = starts[which], counts[which]
+        picked = np.repeat(start - np.cumsum(count) + count, count) + np.arange(count.sum())
+        members = order[picked]
+        begins = np.cumsum(count) - count
+        low = np.stack([np.minimum.reduceat(self.low[k][members], begins) for k in range(3)])
+        high = np.stack([np.maximum.reduceat(self.high[k][members], begins) for k in range(3)])
+        whole = _area(low, high)
+        middle = begins + count // 2
+        both = np.stack([begins, middle], axis=1).ravel()
+        low = np.stack([np.minimum.reduceat(self.low[k][members], both) for k in range(3)])
+        high = np.stack([np.maximum.reduceat(self.high[k][members], both) for k in range(3)])
+        halves = _area(low, high).reshape(-1, 2)
+        amounts = np.stack([count // 2, count - count // 2], axis=1)
+        # One node visit costs about as much as one triangle.
+        return whole * count <= whole + (halves * amounts).sum(axis=1)
+
+    def _boxes(self, order: np.ndarray, starts: np.ndarray) -> np.ndarray:
+        """Return the box of every segment, shape (n_segments, 6)."""
+        low = [np.minimum.reduceat(self.low[k][order], starts) for k in range(3)]
+        high = [np.maximum.reduceat(self.high[k][order], starts) for k in range(3)]
+        return np.stack(low + high, axis=1)
+
+    def _emit(self, order: np.ndarray, starts: np.ndarray, counts: np.ndarray) -> None:
+        if not len(starts):
+            return
+        first = np.cumsum(counts) - counts
+        picked = np.repeat(starts - first, counts) + np.arange(counts.sum())
+        self.slots.append(order[picked])
+        self.n_slots += int(counts.sum())
+
+    def _compact(
+        self, orders: list[np.ndarray], starts: np.ndarray, counts: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Keep only the open segments in `orders`; return their new places."""
+        if not len(starts):
+            return starts, counts
+        first = np.cumsum(counts) - counts
+        picked = np.repeat(starts - first, counts) + np.arange(counts.sum())
+        for axis in range(3):
+            orders[axis] = orders[axis][picked]
+        return first, counts
+
+
+def _area(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Half the surface of boxes, shape of one axis; empty boxes (low > high) have none."""
+    size = np.maximum(high - low, 0)
+    return size[0] * size[1] + size[1] * size[2] + size[2] * size[0]
+
+
+def _empty_box() -> np.ndarray:
+    far = np.float32(1e30)
+    return np.array([[far, far, far, -far, -far, -far]], dtype=np.float32)
+
+
+def _box(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    return np.concatenate([low, high])[None].astype(np.float32)
+
+
+def _leaf(first: Any, count: Any) -> Any:
+    return -(first * 16 + count) - 1
+
+
+def _set_child(
+    nodes: np.ndarray, rows: np.ndarray, child: int, boxes: np.ndarray, refs: np.ndarray
+) -> None:
+    at = 8 * child
+    nodes[rows, at : at + 3] = boxes[:, :3]
+    nodes[rows, at + 4 : at + 7] = boxes[:, 3:]
+    nodes.view(np.int32)[rows, (3, 7)[child]] = refs

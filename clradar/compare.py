@@ -1,0 +1,252 @@
+"""How far a simulated image is from a measured one: the numbers that `docs/metrics.md` defines."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.errors import CompareError
+from clradar.model import DepthMap, Volume, checks
+
+SSIM_WINDOW = 11
+"""Side of the SSIM window in pixels: skimage cuts its Gaussian off at 3.5 standard deviations."""
+
+SSIM_SIGMA = 1.5
+"""Standard deviation of the SSIM window in pixels, as in Wang et al. 2004."""
+
+SAME_PIXEL_TOLERANCE_M = 1e-7
+"""Pixel centres closer than this are the same, as in `VoxelGrid.same_voxels`."""
+
+UNDEFINED = {
+    "db_correlation": "one of the two dB images is the same everywhere, so it has no variance",
+    "depth_rmse_m": "the two masks have no pixel in common",
+}
+"""The metrics that can be NaN, and what NaN means there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Metrics:
+    """Agreement between a measured and a simulated image.
+
+    `docs/metrics.md` has the formulas and says which pixels each metric looks at.
+
+    Attributes
+    ----------
+    db_correlation : float
+        Pearson correlation of the clipped dB images, in [-1, 1]; 1 is best. NaN where one of them
+        is the same everywhere.
+    ssim : float
+        Mean structural similarity of the clipped dB images scaled to [0, 1]; at most 1, the best.
+    mask_iou : float
+        Pixels in both masks over pixels in either, in [0, 1]; 1 is best.
+    depth_rmse_m : float, metres
+        Root mean square difference of depth over the pixels in both masks; 0 is best. NaN where
+        the masks have no pixel in common.
+    chamfer_simulated_to_measured_m : float, metres
+        Mean distance from each simulated depth point to the nearest measured one; 0 is best.
+    chamfer_measured_to_simulated_m : float, metres
+        Mean distance from each measured depth point to the nearest simulated one; 0 is best.
+    dynamic_range_db : float, decibel
+        Where the images were clipped and the masks cut, below each image's own maximum.
+    """
+
+    db_correlation: float
+    ssim: float
+    mask_iou: float
+    depth_rmse_m: float
+    chamfer_simulated_to_measured_m: float
+    chamfer_measured_to_simulated_m: float
+    dynamic_range_db: float = DYNAMIC_RANGE_DB
+
+    def to_dict(self) -> dict[str, float | None]:
+        """Return the fields in order, in types that strict JSON knows: None stands for NaN."""
+        values = {f.name: float(getattr(self, f.name)) for f in fields(self)}
+        return {name: None if math.isnan(value) else value for name, value in values.items()}
+
+
+def compare(
+    measured: Volume | DepthMap,
+    simulated: Volume | DepthMap,
+    *,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+) -> Metrics:
+    """Compare a simulated image with a measured one on the same pixels.
+
+    Parameters
+    ----------
+    measured, simulated : Volume or DepthMap
+        Both with the same pixel centres along x and y. Their z axes may differ: of a volume only
+        the maximum projection and the depth map are used.
+    dynamic_range_db : float, decibel
+        Each image is clipped, and its mask cut, this far below its own maximum.
+
+    Returns
+    -------
+    Metrics
+
+    Raises
+    ------
+    CompareError
+        One of them is no image, is zero everywhere, has no depth anywhere, or is a depth map that
+        was cut at a smaller dynamic range; the pixels differ; or the images are smaller than the
+        SSIM window, 11 x 11 pixels.
+    ModelError
+        `dynamic_range_db` is not a positive number.
+
+    Notes
+    -----
+    The overall level of an image has no influence: each is normalised to its own maximum.
+    """
+    dynamic_range_db = checks.positive("compare: dynamic_range_db", dynamic_range_db)
+    first = depth_map_of(measured, dynamic_range_db, "measured image")
+    second = depth_map_of(simulated, dynamic_range_db, "simulated image")
+    _check_same_pixels(first, second)
+    first_db, second_db = clipped_db(first), clipped_db(second)
+    first_points, second_points = first.points_m(), second.points_m()
+    return Metrics(
+        db_correlation=_correlation(first_db, second_db),
+        ssim=_ssim(first_db / dynamic_range_db + 1.0, second_db / dynamic_range_db + 1.0),
+        mask_iou=_iou(first.mask, second.mask),
+        depth_rmse_m=_depth_rmse(first.depth_m, second.depth_m),
+        chamfer_simulated_to_measured_m=_mean_nearest_m(second_points, first_points),
+        chamfer_measured_to_simulated_m=_mean_nearest_m(first_points, second_points),
+        dynamic_range_db=dynamic_range_db,
+    )
+
+
+def depth_map_of(image: Volume | DepthMap, dynamic_range_db: float, label: str) -> DepthMap:
+    """Return the depth map of an image, cut at `dynamic_range_db`.
+
+    Parameters
+    ----------
+    image : Volume or DepthMap
+        A depth map that was cut further down is cut again.
+    dynamic_range_db : float, decibel
+    label : str
+        What to call the image in errors.
+
+    Raises
+    ------
+    CompareError
+        Not an image, zero everywhere, without any depth, or a depth map that does not reach down
+        to `dynamic_range_db`.
+    """
+    if isinstance(image, Volume):
+        image = image.depth_map(dynamic_range_db)
+    elif not isinstance(image, DepthMap):
+        raise CompareError(f"{label}: expected a Volume or a DepthMap, got {type(image).__name__}")
+    peak = image.amplitude.max()
+    if peak <= 0:
+        raise CompareError(f"{label}: expected an amplitude above 0 somewhere, got 0 everywhere")
+    if image.dynamic_range_db < dynamic_range_db:
+        raise CompareError(
+            f"{label}: expected depths down to {dynamic_range_db:g} dB below the maximum, got a "
+            f"depth map that was cut at {image.dynamic_range_db:g} dB"
+        )
+    # The same expression as in Volume.depth_map, so that cutting there and here agree to the pixel.
+    threshold = peak * 10.0 ** (-dynamic_range_db / 20.0)
+    kept = image.mask & (image.amplitude >= threshold) & (image.amplitude > 0)
+    if not kept.any():
+        raise CompareError(
+            f"{label}: expected a depth somewhere within {dynamic_range_db:g} dB of the maximum, "
+            "got none"
+        )
+    depth_m = np.where(kept, image.depth_m, np.nan)
+    return DepthMap(depth_m, image.amplitude, image.x_m, image.y_m, dynamic_range_db)
+
+
+def clipped_db(image: DepthMap) -> np.ndarray:
+    """Return the amplitude in decibel relative to its maximum, clipped at the dynamic range.
+
+    Parameters
+    ----------
+    image : DepthMap
+        With an amplitude above 0 somewhere.
+
+    Returns
+    -------
+    ndarray, shape (n_y, n_x), float64, decibel
+        In [-dynamic_range_db, 0]; an amplitude of 0 gives the lower end.
+    """
+    amplitude = image.amplitude.astype(np.float64)
+    floor = 10.0 ** (-image.dynamic_range_db / 20.0)
+    # Clipped before the logarithm, which has no value at 0, and after it, because of its rounding.
+    level_db = 20.0 * np.log10(np.maximum(amplitude / amplitude.max(), floor))
+    return np.clip(level_db, -image.dynamic_range_db, 0.0)
+
+
+def _check_same_pixels(measured: DepthMap, simulated: DepthMap) -> None:
+    pairs = ((measured.x_m, simulated.x_m), (measured.y_m, simulated.y_m))
+    if all(len(a) == len(b) and np.abs(a - b).max() <= SAME_PIXEL_TOLERANCE_M for a, b in pairs):
+        return
+    raise CompareError(
+        f"compare: expected both images on the same pixels along x and y, got "
+        f"{_pixels_text(measured)} measured and {_pixels_text(simulated)} simulated"
+    )
+
+
+def _pixels_text(image: DepthMap) -> str:
+    def axis_text(name: str, axis_m: np.ndarray) -> str:
+        # Nine digits: two axes that differ by more than the tolerance have to read differently.
+        ends = f"{1e3 * axis_m[0]:.9g} to {1e3 * axis_m[-1]:.9g} mm"
+        return f"{name} = {ends} in {len(axis_m)}"
+
+    return f"({axis_text('x', image.x_m)}, {axis_text('y', image.y_m)})"
+
+
+def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+    """Return the Pearson correlation, NaN where `a` or `b` is constant.
+
+    Constant is tested on the values: the variance of a constant image can round to above 0, and the
+    correlation would then be a ratio of rounding errors.
+    """
+    if np.ptp(a) == 0 or np.ptp(b) == 0:
+        return math.nan
+    a = a - a.mean()
+    b = b - b.mean()
+    # One square root of the product: identical images then give exactly 1.
+    ratio = float((a * b).sum() / np.sqrt((a * a).sum() * (b * b).sum()))
+    return min(1.0, max(-1.0, ratio))
+
+
+def _ssim(a: np.ndarray, b: np.ndarray) -> float:
+    if min(a.shape) < SSIM_WINDOW:
+        n_y, n_x = a.shape
+        raise CompareError(
+            f"compare: expected images of at least {SSIM_WINDOW} x {SSIM_WINDOW} pixels, the "
+            f"window of the SSIM, got {n_x} x {n_y} (x, y)"
+        )
+    from skimage.metrics import structural_similarity
+
+    value = structural_similarity(
+        a,
+        b,
+        data_range=1.0,
+        gaussian_weights=True,
+        sigma=SSIM_SIGMA,
+        use_sample_covariance=False,
+    )
+    return float(value)
+
+
+def _iou(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.count_nonzero(a & b) / np.count_nonzero(a | b))
+
+
+def _depth_rmse(a_m: np.ndarray, b_m: np.ndarray) -> float:
+    difference_m = a_m - b_m
+    common = ~np.isnan(difference_m)
+    if not common.any():
+        return math.nan
+    return float(np.sqrt(np.mean(difference_m[common] ** 2)))
+
+
+def _mean_nearest_m(from_m: np.ndarray, to_m: np.ndarray) -> float:
+    """Return the mean over `from_m` of the distance to the nearest point of `to_m`, metres."""
+    from scipy.spatial import cKDTree
+
+    distance_m, _ = cKDTree(to_m).query(from_m)
+    return float(distance_m.mean())

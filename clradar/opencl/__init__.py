@@ -1,0 +1,10 @@
+"""Everything that touches OpenCL: devices, kernel sources, programs, buffers.
+
+No other package imports pyopencl.
+"""
+
+from clradar.opencl.buffers import Buffers
+from clradar.opencl.device import Device, DeviceInfo, list_devices, open_device
+from clradar.opencl.program import Program, build
+
+__all__ = ["Buffers", "Device", "DeviceInfo", "Program", "build", "list_devices", "open_device"]

@@ -1,0 +1,120 @@
+"""Device memory with an owner: sized before it is taken, freed when the block ends."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+
+from clradar.errors import DeviceError
+from clradar.opencl.device import Device
+
+
+class Buffers:
+    """Buffers of one call, freed together.
+
+    Use as a context manager::
+
+        with Buffers(device) as buffers:
+            points = buffers.upload(points_m)
+            out = buffers.empty(out_array.nbytes)
+
+    Every buffer counts against the device's budget. A caller that may exceed it tiles its work;
+    an allocation beyond the budget is therefore a `DeviceError`, not a slow-down.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self.used_bytes = 0
+        self._held: dict[int, tuple[Any, int]] = {}
+
+    def __enter__(self) -> Buffers:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for buffer, _ in self._held.values():
+            buffer.release()
+        self._held.clear()
+        self.used_bytes = 0
+
+    @property
+    def free_bytes(self) -> int:
+        """What is left of the budget."""
+        return self.device.budget_bytes - self.used_bytes
+
+    def empty(self, n_bytes: int) -> Any:
+        """Return a buffer of at least `n_bytes`, contents undefined."""
+        size = max(int(n_bytes), 16)  # OpenCL has no empty buffers
+        info = self.device.info
+        if size > info.max_alloc_bytes or self.used_bytes + size > self.device.budget_bytes:
+            raise DeviceError(
+                f"device {info.label}: a buffer of {_mib(size)} does not fit "
+                f"({_mib(self.used_bytes)} of {_mib(self.device.budget_bytes)} in use, largest "
+                f"single buffer {_mib(info.max_alloc_bytes)}); ask for a smaller problem, or "
+                f"choose another device with CLRADAR_DEVICE=..."
+            )
+        try:
+            buffer = cl.Buffer(self.device.context, cl.mem_flags.READ_WRITE, size)
+        except cl.Error as error:
+            raise self._no_memory(size, error) from error
+        self._held[id(buffer)] = (buffer, size)
+        self.used_bytes += size
+        return buffer
+
+    def upload(self, array: np.ndarray) -> Any:
+        """Return a new buffer that holds `array`."""
+        buffer = self.empty(array.nbytes)
+        self.write(buffer, array)
+        return buffer
+
+    def zeros(self, n_bytes: int) -> Any:
+        """Return a new buffer filled with zero bytes."""
+        buffer = self.empty(n_bytes)
+        try:
+            cl.enqueue_fill_buffer(self.device.queue, buffer, np.uint8(0), 0, buffer.size).wait()
+        except cl.Error as error:
+            raise self._no_memory(buffer.size, error) from error
+        return buffer
+
+    def write(self, buffer: Any, array: np.ndarray) -> None:
+        """Copy `array` to the start of `buffer`."""
+        if array.nbytes == 0:
+            return
+        try:
+            cl.enqueue_copy(self.device.queue, buffer, np.ascontiguousarray(array))
+        except cl.Error as error:
+            raise self._no_memory(array.nbytes, error) from error
+
+    def read(self, buffer: Any, shape: tuple[int, ...] | int, dtype: Any) -> np.ndarray:
+        """Return the start of `buffer` as a new array."""
+        out: np.ndarray = np.empty(shape, dtype=dtype)
+        if out.nbytes:
+            try:
+                cl.enqueue_copy(self.device.queue, out, buffer)
+            except cl.Error as error:
+                raise self._no_memory(out.nbytes, error) from error
+        return out
+
+    def release(self, buffer: Any) -> None:
+        """Free one buffer before the block ends."""
+        held, size = self._held.pop(id(buffer))
+        held.release()
+        self.used_bytes -= size
+
+    def _no_memory(self, size: int, error: Exception) -> DeviceError:
+        return DeviceError(
+            f"device {self.device.info.label}: {_mib(size)} could not be allocated or copied "
+            f"({error}); free memory, ask for a smaller problem, or choose another device with "
+            f"CLRADAR_DEVICE=..."
+        )
+
+
+def _mib(n_bytes: int) -> str:
+    return f"{n_bytes / 2**20:.1f} MiB"

@@ -1,0 +1,248 @@
+"""Which OpenCL devices there are, and which one is used."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import pyopencl as cl
+
+from clradar.errors import DeviceError
+from clradar.model import checks
+
+INSTALL_HINT = (
+    "install the embedded CPU device with: pip install 'pyopencl[pocl]', "
+    "or your GPU vendor's OpenCL driver"
+)
+
+MEMORY_SHARE = 0.75
+"""Share of a device's memory that one call may plan to use; the rest is the runtime's."""
+
+_ALIASES = {
+    "pocl": "portable computing language",
+    "intel": "intel",
+    "nvidia": "nvidia",
+    "oclgrind": "oclgrind",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceInfo:
+    """One OpenCL device of this machine.
+
+    Attributes
+    ----------
+    selector : str
+        "platform:device", the pair of indices that selects it by ``CLRADAR_DEVICE``.
+    name, platform, version : str
+        As the driver gives them.
+    kind : str
+        "gpu", "cpu" or "other".
+    memory_bytes, max_alloc_bytes : int
+        Global memory and the largest single buffer.
+    compute_units : int
+    """
+
+    selector: str
+    name: str
+    platform: str
+    version: str
+    kind: str
+    memory_bytes: int
+    max_alloc_bytes: int
+    compute_units: int
+
+    @property
+    def label(self) -> str:
+        return f"{self.name} [{self.platform}]"
+
+    @property
+    def is_interpreter(self) -> bool:
+        """Oclgrind: a memory checker, never chosen unless asked for by name."""
+        return "oclgrind" in self.platform.lower()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Device:
+    """An opened device: one context, one in-order queue, and the programs built for it.
+
+    Make one with `open_device`.
+
+    Attributes
+    ----------
+    info : DeviceInfo
+    budget_bytes : int
+        What one call may have allocated at a time; larger problems are tiled.
+    """
+
+    info: DeviceInfo
+    context: Any
+    queue: Any
+    budget_bytes: int
+    programs: dict[Any, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def width(self) -> int:
+        """Lanes per work-item: wide vectors on a CPU, one antenna or voxel per item on a GPU."""
+        return 1 if self.info.kind == "gpu" else 8
+
+    @property
+    def max_buffer_bytes(self) -> int:
+        """Largest single buffer that one call may plan with."""
+        return min(self.budget_bytes, self.info.max_alloc_bytes)
+
+    def describe(self) -> Mapping[str, str]:
+        """Return what goes into a file's provenance."""
+        return {
+            "device": self.info.name,
+            "platform": self.info.platform,
+            "version": self.info.version,
+        }
+
+
+def list_devices() -> list[DeviceInfo]:
+    """Return every OpenCL device of this machine, in the order of platforms.
+
+    Raises
+    ------
+    DeviceError
+        There is no OpenCL platform at all.
+    """
+    return [info for info, _ in _found()]
+
+
+def open_device(
+    device: Device | str | None = None, *, memory_limit_bytes: int | None = None
+) -> Device:
+    """Return an opened device.
+
+    Parameters
+    ----------
+    device : Device, str or None
+        A device is returned as it is. A string is "platform:device" (indices), "gpu", "cpu", or
+        part of a device's or platform's name ("pocl", "nvidia", ...). None means: the environment
+        variable ``CLRADAR_DEVICE``, else ``PYOPENCL_CTX``, else the first GPU, else Intel's CPU
+        runtime, else PoCL.
+    memory_limit_bytes : int, optional
+        Plan with at most this much device memory; three quarters of the device's by default.
+
+    Raises
+    ------
+    DeviceError
+        No such device, or it cannot be opened. There is no fallback to another one.
+    """
+    if isinstance(device, Device):
+        return device
+    if device is not None and not isinstance(device, str):
+        raise DeviceError(
+            f"device: expected a clradar.Device, a string or None, got {type(device).__name__}"
+        )
+    if memory_limit_bytes is not None:
+        memory_limit_bytes = checks.whole("memory_limit_bytes", memory_limit_bytes, 1)
+    wanted, origin = device, "device"
+    if wanted is None:
+        for variable in ("CLRADAR_DEVICE", "PYOPENCL_CTX"):
+            if os.environ.get(variable):
+                wanted, origin = os.environ[variable], variable
+                break
+    selector = _select(wanted, origin).selector
+    return _open(selector, memory_limit_bytes)
+
+
+def default_device() -> DeviceInfo:
+    """Return the device that None stands for, without opening it."""
+    for variable in ("CLRADAR_DEVICE", "PYOPENCL_CTX"):
+        if os.environ.get(variable):
+            return _select(os.environ[variable], variable)
+    return _select(None, "device")
+
+
+def _found() -> list[tuple[DeviceInfo, Any]]:
+    try:
+        platforms = cl.get_platforms()
+    except cl.Error as error:
+        raise DeviceError(f"no OpenCL platform was found ({error}); {INSTALL_HINT}") from error
+    found = []
+    for i, platform in enumerate(platforms):
+        try:
+            devices = platform.get_devices()
+        except cl.Error:
+            continue  # a driver without a device, such as a GPU's on a machine without one
+        for j, dev in enumerate(devices):
+            kind = "other"
+            if dev.type & cl.device_type.GPU:
+                kind = "gpu"
+            elif dev.type & cl.device_type.CPU:
+                kind = "cpu"
+            info = DeviceInfo(
+                selector=f"{i}:{j}",
+                name=dev.name.strip(),
+                platform=platform.name.strip(),
+                version=dev.version.strip(),
+                kind=kind,
+                memory_bytes=int(dev.global_mem_size),
+                max_alloc_bytes=int(dev.max_mem_alloc_size),
+                compute_units=int(dev.max_compute_units),
+            )
+            found.append((info, dev))
+    if not found:
+        raise DeviceError(f"no OpenCL device was found; {INSTALL_HINT}")
+    return found
+
+
+def _select(wanted: str | None, origin: str) -> DeviceInfo:
+    infos = [info for info, _ in _found()]
+    usable = [info for info in infos if not info.is_interpreter]
+    if wanted is None:
+        ranked = sorted(usable, key=_rank)
+        if not ranked:
+            raise DeviceError(f"no OpenCL device but a memory checker was found; {INSTALL_HINT}")
+        return ranked[0]
+    key = wanted.strip().lower()
+    if key in ("gpu", "cpu"):
+        matches = [info for info in usable if info.kind == key]
+    elif key.replace(":", "").isdigit():
+        exact = key if ":" in key else f"{key}:0"
+        matches = [info for info in infos if info.selector == exact]
+    else:
+        # PYOPENCL_CTX may say "platform:device" by name.
+        parts = [_ALIASES.get(part, part) for part in key.split(":") if part]
+        matches = [info for info in infos if parts and all(p in info.label.lower() for p in parts)]
+    if not matches:
+        listing = "; ".join(f"{info.selector} {info.label}" for info in infos)
+        raise DeviceError(
+            f"{origin}: expected one of the devices here ({listing}), got {wanted!r}; "
+            f"see `clradar devices`, or {INSTALL_HINT}"
+        )
+    return matches[0]
+
+
+def _rank(info: DeviceInfo) -> int:
+    platform = info.platform.lower()
+    if info.kind == "gpu":
+        return 0
+    if info.kind == "cpu" and "intel" in platform:
+        return 1
+    if "portable computing language" in platform:
+        return 2
+    return 3
+
+
+@lru_cache(maxsize=32)
+def _open(selector: str, memory_limit_bytes: int | None) -> Device:
+    info, dev = next(pair for pair in _found() if pair[0].selector == selector)
+    try:
+        context = cl.Context([dev])
+        queue = cl.CommandQueue(context)
+    except cl.Error as error:
+        raise DeviceError(
+            f"device {info.label} cannot be opened ({error}); choose another with "
+            f"CLRADAR_DEVICE=..., see `clradar devices`"
+        ) from error
+    budget = int(info.memory_bytes * MEMORY_SHARE)
+    if memory_limit_bytes is not None:
+        budget = min(budget, memory_limit_bytes)
+    return Device(info, context, queue, budget)

@@ -1,0 +1,68 @@
+"""Where the kernel sources are, and how one file becomes one text.
+
+Includes are expanded here rather than by the driver, so that a path with blanks in it works with
+every driver and the text that is compiled is the text that is cached.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from pathlib import Path
+
+import pyopencl
+
+from clradar.errors import DeviceError
+
+_INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<([^>]+)>)', re.MULTILINE)
+
+_PYOPENCL = Path(pyopencl.__file__).parent / "cl"
+"""The Random123 headers that pyopencl ships."""
+
+
+@lru_cache(maxsize=1)
+def kernel_folder() -> Path:
+    """Return the folder of the OpenCL sources: inside an installed wheel, or beside a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "kernels", package.parent / "kernels"):
+        if (folder / "trace.cl").is_file():
+            return folder
+    raise DeviceError(
+        f"expected the OpenCL kernels in {package / 'kernels'} or {package.parent / 'kernels'}, "
+        f"found none; reinstall clradar"
+    )
+
+
+@lru_cache(maxsize=64)
+def source(name: str) -> str:
+    """Return the text of kernel file `name` with its includes expanded, each at most once."""
+    return _expand(kernel_folder() / name, set())
+
+
+def _expand(path: Path, done: set[Path]) -> str:
+    if path in done:
+        return ""
+    done.add(path)
+    text = path.read_text(encoding="utf-8")
+    pieces, at = [], 0
+    for match in _INCLUDE.finditer(text):
+        quoted, angled = match.groups()
+        if angled and not (_PYOPENCL / angled).is_file():
+            continue  # C++ headers in branches that OpenCL never takes
+        target = _resolve(path, quoted) if quoted else _PYOPENCL / angled
+        line = text.count("\n", 0, match.end()) + 1
+        pieces.append(text[at : match.start()])
+        pieces.append(_expand(target, done))
+        # The next line of this file keeps its number in the compiler's messages.
+        pieces.append(f'\n#line {line} "{path.name}"')
+        at = match.end()
+    pieces.append(text[at:])
+    return f'#line 1 "{path.name}"\n' + "".join(pieces)
+
+
+def _resolve(path: Path, name: str) -> Path:
+    """Resolve a quoted include: from the kernels' folder, else beside the including file."""
+    for target in (kernel_folder() / name, path.parent / name):
+        if target.is_file():
+            return target
+    raise DeviceError(f"{path.name}: expected the header {name}, found none")

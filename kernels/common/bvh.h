@@ -1,0 +1,36 @@
+/* Bounding volume hierarchy: layout shared by all traversals.
+ *
+ * nodes: float (n_nodes, 16). A node holds the boxes of its two children, each padded by the host by
+ * the error bound delta below, so that no box test misses what an exact one finds:
+ *     [0..2] left lo   [3] left child, int bits
+ *     [4..6] left hi   [7] right child, int bits
+ *     [8..10] right lo  [11] unused
+ *     [12..14] right hi [15] unused
+ * A child >= 0 is a node; a child < 0 is a leaf: -(child + 1) = first * 16 + count.
+ *
+ * triangles: float (n_triangles, 16), in leaf order, metres:
+ *     [0..2] v0         [3] face, int bits
+ *     [4..6] e1 = v1-v0 [7] |e1|
+ *     [8..10] e2 = v2-v0 [11] |e2|
+ *     [12..14] N = e1 x e2 (from float64) [15] 2^-21 |N|
+ *
+ * Triangle test (Moeller and Trumbore 1997, written for many directions from one origin o): with
+ * T = v0 - o, u |d.N| = +-d.(e2 x T), v |d.N| = +-d.(T x e1), t = T.N / d.N. In float32 the first two
+ * are wrong by at most delta |e2| and delta |e1|, where delta = 32 * 2^-24 * M and M is the largest
+ * distance of any vertex or antenna from the origin (4 roundings each in the cross and the dot
+ * product of vectors no longer than 2 M, and those of v0, o and T). A hit is accepted within that
+ * bound: neighbours overlap by a micrometre instead of leaving a gap. A triangle that is seen edge
+ * on within rounding (|d.N| <= 2^-21 |N|) is no hit; its neighbours are. */
+#ifndef CLR_STACK
+#error "CLR_STACK (entries of the traversal stack: the depth of the tree, from the host) is missing"
+#endif
+
+#include "common/vector.h"
+
+#define NODE_FLOATS 16
+#define TRIANGLE_FLOATS 16
+
+/* 1 / d, kept finite so that no product with it is NaN. */
+static inline float safe_inverse(float d) {
+    return 1.0f / (fabs(d) < 1e-18f ? copysign(1e-18f, d) : d);
+}

@@ -1,0 +1,81 @@
+/* Path lengths and phases in float32 without losing the carrier.
+ *
+ * A length of 0.5 m is some 130 wavelengths, so a plain float32 length costs about 5e-5 rad. Lengths
+ * are therefore kept as an unevaluated sum hi + lo of two float32 ("dual"), whose relative error is
+ * about 2^-45, and the phase is counted in cycles and reduced to one turn before sine and cosine.
+ *
+ * Sources: T. J. Dekker, Numer. Math. 18 (1971) 224 (two-sum, products with an exact error term);
+ * polynomials of Cephes sinf/cosf (S. L. Moshier), maximal error 1.1e-7 over a turn. */
+#include "common/width.h"
+
+typedef struct {
+    realw hi;
+    realw lo;
+} dual;
+
+/* a + b exactly. */
+static inline dual two_sum(realw a, realw b) {
+    realw s = a + b;
+    realw t = s - a;
+    dual r;
+    r.hi = s;
+    r.lo = (a - (s - t)) + (b - t);
+    return r;
+}
+
+static inline dual dual_add(dual a, dual b) {
+    dual s = two_sum(a.hi, b.hi);
+    return two_sum(s.hi, s.lo + (a.lo + b.lo));
+}
+
+/* (ah + al) - (bh + bl), metres. */
+static inline dual dual_difference(realw ah, realw al, realw bh, realw bl) {
+    dual s = two_sum(ah, -bh);
+    s.lo += al - bl;
+    return s;
+}
+
+/* Length of the vector (x, y, z), metres: sqrt of the sum of squares with one Newton correction. */
+static inline dual dual_length(dual x, dual y, dual z) {
+    realw xx = x.hi * x.hi, yy = y.hi * y.hi, zz = z.hi * z.hi;
+    realw error = fma(x.hi, x.hi, -xx) + fma(y.hi, y.hi, -yy) + fma(z.hi, z.hi, -zz);
+    error += 2.0f * (x.hi * x.lo + y.hi * y.lo + z.hi * z.lo);
+    dual a = two_sum(xx, yy);
+    dual b = two_sum(a.hi, zz);
+    error += a.lo + b.lo;
+    realw root = sqrt(b.hi);
+    dual r;
+    r.hi = root;
+    /* root = 0 only where antenna and voxel coincide. */
+    r.lo = root > 0.0f ? (fma(-root, root, b.hi) + error) / (2.0f * root) : (realw)(0.0f);
+    return r;
+}
+
+/* Fraction of a turn, in [-0.5, 0.5], of length * k, where k = f / c in cycles per metre. Valid up
+ * to 2^22 cycles. */
+static inline realw cycles(dual length, realw k_hi, realw k_lo) {
+    const realw magic = 12582912.0f; /* 1.5 * 2^23: adding it rounds to a whole number */
+    realw p = length.hi * k_hi;
+    realw error = fma(length.hi, k_hi, -p) + (length.hi * k_lo + length.lo * k_hi);
+    return (p - ((p + magic) - magic)) + error;
+}
+
+/* cos and sin of 2 pi x, for |x| <= 1. */
+static inline void cos_sin_cycles(realw x, realw *cosine, realw *sine) {
+    const realw magic = 12582912.0f;
+    realw shifted = 4.0f * x + magic;
+    intw quadrant = AS_INTW(shifted); /* its two lowest bits */
+    realw r = fma(shifted - magic, (realw)(-0.25f), x) * 6.283185307179586f;
+    realw r2 = r * r;
+    realw s = fma(fma(fma((realw)(-1.9515295891e-4f), r2, (realw)(8.3321608736e-3f)), r2,
+                      (realw)(-1.6666654611e-1f)),
+                  r2 * r, r);
+    realw c = fma(fma(fma((realw)(2.443315711809948e-5f), r2, (realw)(-1.388731625493765e-3f)), r2,
+                      (realw)(4.166664568298827e-2f)),
+                  r2 * r2, fma((realw)(-0.5f), r2, (realw)(1.0f)));
+    intw swapped = (quadrant & 1) != 0;
+    realw a = swapped ? s : c;
+    realw b = swapped ? c : s;
+    *cosine = AS_REALW(AS_INTW(a) ^ (((quadrant + 1) & 2) << 30));
+    *sine = AS_REALW(AS_INTW(b) ^ ((quadrant & 2) << 30));
+}

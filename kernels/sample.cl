@@ -1,0 +1,62 @@
+/* Sample points on the surface.
+ *
+ * Face f holds samples face_start[f] ... face_start[f + 1] - 1. Its j-th of k points is the point of a
+ * stratified set: first coordinate (j + xi) / k with xi random per sample, second coordinate the
+ * base-2 radical inverse of j with a random rotation per face (Cranley-Patterson), mapped to the
+ * triangle by the square root (R. Osada et al., ACM TOG 21 (2002) 807, eq. 1). Each point by itself is
+ * uniform on its face.
+ *
+ * Random numbers: Philox4x32-10 (J. Salmon et al., SC 2011), key = seed, counter =
+ * (sample or face, 0, 0, domain). */
+#include <pyopencl-random123/philox.cl>
+#include "common/width.h"
+#include "common/random.h"
+#include "common/vector.h"
+
+/* face_start  uint (n_faces + 1)    first sample of each face
+ * corner      float (n_faces, 3, 3) corners, metres
+ * normal      float (n_faces, 3, 3) unit normals at the corners
+ * face_normal float (n_faces, 3)    unit normal of the face
+ * point       float (n_samples, 3)  out: positions, metres
+ * shading     float (n_samples, 3)  out: interpolated unit normals
+ * geometric   float (n_samples, 3)  out: face normals
+ * face        int (n_samples)       out */
+__kernel void sample_surface(const uint n_faces, const uint first_sample, const uint n_samples,
+                             const uint seed_low, const uint seed_high,
+                             __global const uint *face_start, __global const float *corner,
+                             __global const float *normal, __global const float *face_normal,
+                             __global float *point, __global float *shading,
+                             __global float *geometric, __global int *face) {
+    const uint i = (uint)get_global_id(0);
+    if (i >= n_samples) return;
+    const uint sample = first_sample + i;
+
+    uint low = 0, high = n_faces; /* face_start[low] <= sample < face_start[high] */
+    while (high - low > 1) {
+        const uint middle = low + (high - low) / 2;
+        if (face_start[middle] <= sample) low = middle;
+        else high = middle;
+    }
+    const uint j = sample - face_start[low];
+    const uint k = face_start[low + 1] - face_start[low];
+
+    const uint4 jitter = draw(sample, 0, 0, DOMAIN_SAMPLE, seed_low, seed_high);
+    const uint4 rotation = draw(low, 0, 0, DOMAIN_FACE, seed_low, seed_high);
+    const float a = ((float)j + unit_interval(jitter.x)) / (float)k;
+    const float b = unit_interval(reversed_bits(j) + rotation.x);
+
+    const float root = sqrt(min(a, 1.0f));
+    const float b1 = root * (1.0f - b), b2 = root * b, b0 = 1.0f - root;
+    const size_t f = (size_t)low;
+    for (int axis = 0; axis < 3; ++axis) {
+        const size_t at = 9 * f + axis;
+        point[3 * (size_t)i + axis] = b0 * corner[at] + b1 * corner[at + 3] + b2 * corner[at + 6];
+        geometric[3 * (size_t)i + axis] = face_normal[3 * f + axis];
+    }
+    float3 n = b0 * load3(normal + 9 * f) + b1 * load3(normal + 9 * f + 3) +
+               b2 * load3(normal + 9 * f + 6);
+    const float norm = length(n);
+    n = norm > 1e-6f ? n / norm : load3(face_normal + 3 * f);
+    vstore3(n, i, shading);
+    face[i] = (int)low;
+}

@@ -1,0 +1,290 @@
+/* Outgoing rays, bounces and receptions: steps 2 to 6 of the model.
+ *
+ * Item = one surface sample and one group of 8 transmit antennas, of which `visible` says which see the
+ * sample. For every seen antenna and ray:
+ *     t_i  unit direction of arrival             n turned so that n.t_i < 0
+ *     t_d  = normalise(n + r), r uniform on the unit sphere             (diffuse)
+ *     t_m  = t_i - 2 (t_i.n) n                                          (specular)
+ *     t_c  = normalise(alpha t_d + (1 - alpha) t_m)                     (outgoing)
+ * after J. Braeunig et al., EuRAD 2023. A draw with t_c below the geometric face is absorbed. The ray is
+ * received by every Rx whose sphere of radius r it enters before it hits anything; the length of the path
+ * is that to the sphere's centre. A ray that hits the mesh bounces there by the same rules.
+ *
+ * Receptions are appended in any order through an atomic counter; `key` gives each its place, so the
+ * host's sort makes the order the same on every device. When the counter passes `capacity` nothing is
+ * written beyond it, and the host sees the counter and asks again with room for all. */
+#ifndef CLR_SPREADING
+#error "CLR_SPREADING (0: amplitude 1, 1: 1 / (R1 R2) and antenna patterns) is missing"
+#endif
+
+#include <pyopencl-random123/philox.cl>
+#include "common/phase.h"
+#include "common/random.h"
+#include "common/bvh.h"
+
+#define GROUP 8
+
+static inline dual dual_distance(float3 p, float3 a_hi, float3 a_lo) {
+    return dual_length(dual_difference(p.x, 0.0f, a_hi.x, a_lo.x),
+                       dual_difference(p.y, 0.0f, a_hi.y, a_lo.y),
+                       dual_difference(p.z, 0.0f, a_hi.z, a_lo.z));
+}
+
+typedef struct {
+    float distance; /* negative: nothing within reach */
+    int triangle;
+    float u, v;
+} hit_record;
+
+/* Nearest triangle along o + t d, 0 < t < reach. */
+static hit_record closest_hit(__global const float *nodes, __global const float *triangles,
+                              const float delta, const float3 o, const float3 d, float reach) {
+    const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
+    hit_record best;
+    best.distance = -1.0f;
+    best.triangle = -1;
+    best.u = best.v = 0.0f;
+    int stack[CLR_STACK];
+    int top = 0;
+    int child = 0;
+    for (;;) {
+        if (child >= 0) {
+            __global const float *node = nodes + (size_t)child * NODE_FLOATS;
+            float entry[2];
+            int hit[2];
+            for (int side = 0; side < 2; ++side) {
+                const float3 a = (load3(node + 8 * side) - o) * inverse;
+                const float3 b = (load3(node + 8 * side + 4) - o) * inverse;
+                float near = 0.0f, far = reach;
+                float n = a.x < b.x ? a.x : b.x, f = a.x < b.x ? b.x : a.x;
+                near = near > n ? near : n;
+                far = far < f ? far : f;
+                n = a.y < b.y ? a.y : b.y;
+                f = a.y < b.y ? b.y : a.y;
+                near = near > n ? near : n;
+                far = far < f ? far : f;
+                n = a.z < b.z ? a.z : b.z;
+                f = a.z < b.z ? b.z : a.z;
+                near = near > n ? near : n;
+                far = far < f ? far : f;
+                entry[side] = near;
+                hit[side] = near <= far;
+            }
+            const int left = as_int(node[3]), right = as_int(node[7]);
+            if (hit[0] && hit[1]) {
+                const bool left_first = entry[0] <= entry[1];
+                stack[top++] = left_first ? right : left;
+                child = left_first ? left : right;
+                continue;
+            }
+            if (hit[0]) {
+                child = left;
+                continue;
+            }
+            if (hit[1]) {
+                child = right;
+                continue;
+            }
+        } else {
+            const int leaf = -(child + 1);
+            const int first = leaf >> 4, count = leaf & 15;
+            for (int i = first; i < first + count; ++i) {
+                __global const float *t = triangles + (size_t)i * TRIANGLE_FLOATS;
+                const float3 e1 = load3(t + 4), e2 = load3(t + 8), normal = load3(t + 12);
+                const float3 to = load3(t) - o;
+                const float dn = dot(d, normal);
+                const float sign = dn < 0.0f ? -1.0f : 1.0f;
+                const float size = dn * sign;
+                const float u = dot(d, cross(e2, to)) * sign;
+                const float v = dot(d, cross(to, e1)) * sign;
+                const float distance = dot(to, normal) * sign;
+                const float eu = delta * t[11], ev = delta * t[7];
+                if (u >= -eu && v >= -ev && u + v <= size + (eu + ev) && size > t[15] &&
+                    distance > 0.0f && distance < reach * size) {
+                    const float at = distance / size;
+                    /* Of two at the same distance the one with the lower slot stays. */
+                    if (at < reach || best.triangle < 0) {
+                        reach = at;
+                        best.distance = at;
+                        best.triangle = i;
+                        best.u = u / size;
+                        best.v = v / size;
+                    }
+                }
+            }
+        }
+        if (top == 0) return best;
+        child = stack[--top];
+    }
+}
+
+/* Distance along the ray at which it enters each sphere of a group of 8 receivers; negative where it
+ * does not. A ray that starts inside enters at 0. */
+static inline float8 sphere_entry(__global const float *rx, const uint stride, const float3 o,
+                                  const float3 d, const float radius_squared) {
+    const float8 x = vload8(0, rx) - o.x, y = vload8(0, rx + stride) - o.y,
+                 z = vload8(0, rx + 2 * stride) - o.z;
+    const float8 along = x * d.x + y * d.y + z * d.z;
+    const float8 px = x - along * d.x, py = y - along * d.y, pz = z - along * d.z;
+    const float8 miss_squared = px * px + py * py + pz * pz;
+    const float8 half_chord_squared = radius_squared - miss_squared;
+    const float8 half_chord = sqrt(half_chord_squared > 0.0f ? half_chord_squared : (float8)(0.0f));
+    const float8 entry = along - half_chord;
+    const int8 passed = (half_chord_squared > 0.0f) & (along + half_chord > 0.0f);
+    return passed ? (entry > 0.0f ? entry : (float8)(0.0f)) : (float8)(-1.0f);
+}
+
+/* Whether the ray meets the box around all receivers' spheres. */
+static inline bool meets_box(const float3 o, const float3 d, const float4 low, const float4 high) {
+    const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
+    const float3 a = (low.xyz - o) * inverse, b = (high.xyz - o) * inverse;
+    const float3 near = a < b ? a : b, far = a < b ? b : a;
+    const float entry = max(max(near.x, near.y), near.z), leave = min(min(far.x, far.y), far.z);
+    return leave > 0.0f && entry <= leave;
+}
+
+/* nodes, triangles  see common/bvh.h
+ * normal    float (n_triangles, 3, 3)  unit normals at the corners, in leaf order
+ * alpha     float (n_triangles)        in leaf order
+ * tx_hi, tx_lo, rx_hi, rx_lo  float (n, 3)  antennas, metres, as hi + lo
+ * rx_soa    float (3, n_rx_groups * 8) receivers once more, padded with positions out of reach
+ * point, shading, geometric  float (n_samples, 3)   sample_alpha float (n_samples)
+ * visible   uchar (n_samples, n_tx_groups)
+ * counter   uint (3)                   receptions, outgoing draws, absorbed draws
+ * key       ulong (capacity)           out: pair << 32 | (sample * rays + ray) * max_bounces + bounce
+ * path      float (capacity, 4)        out: length hi, length lo, amplitude, unused; metres */
+__kernel void trace_rays(
+    const uint n_samples, const uint n_tx, const uint n_rx, const uint n_tx_groups,
+    const uint n_rx_groups, const uint rays, const uint max_bounces, const uint first_sample,
+    const uint seed_low, const uint seed_high, const float radius, const float pattern_exponent,
+    const float delta, const float4 box_low, const float4 box_high, const uint capacity,
+    __global const float *nodes, __global const float *triangles, __global const float *normal,
+    __global const float *alpha, __global const float *tx_hi, __global const float *tx_lo,
+    __global const float *rx_hi, __global const float *rx_lo, __global const float *rx_soa,
+    __global const float *point, __global const float *shading, __global const float *geometric,
+    __global const float *sample_alpha, __global const uchar *visible, __global uint *counter,
+    __global ulong *key, __global float *path) {
+    const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
+    if (i >= n_samples || group >= n_tx_groups) return;
+    const uint bits = visible[(size_t)i * n_tx_groups + group];
+    if (bits == 0) return;
+    const uint stride = n_rx_groups * GROUP;
+    const float radius_squared = radius * radius;
+    uint drawn = 0, absorbed = 0;
+
+    for (uint b = 0; b < GROUP; ++b) {
+        if (!(bits & (1u << b))) continue;
+        const uint tx = group * GROUP + b;
+        const float3 p0 = vload3(i, point);
+        const dual first_leg = dual_distance(p0, vload3(tx, tx_hi), vload3(tx, tx_lo));
+        const float3 arrival = (p0 - vload3(tx, tx_hi)) / first_leg.hi;
+
+        for (uint ray = 0; ray < rays; ++ray) {
+            float3 p = p0, t_i = arrival;
+            float3 n = vload3(i, shading), face = vload3(i, geometric);
+            float a = sample_alpha[i];
+            dual travelled = first_leg;
+
+            for (uint bounce = 0; bounce < max_bounces; ++bounce) {
+                if (dot(n, t_i) > 0.0f) n = -n;
+                if (dot(face, t_i) > 0.0f) face = -face;
+
+                const uint4 bits4 =
+                    draw(first_sample + i, tx, ray, DOMAIN_DIRECTION | bounce << 8, seed_low,
+                         seed_high);
+                const float height = 2.0f * unit_interval(bits4.x) - 1.0f;
+                const float ring = sqrt(max(0.0f, 1.0f - height * height));
+                float cosine, sine;
+                cos_sin_cycles(unit_interval(bits4.y) - 0.5f, &cosine, &sine);
+                const float3 r = (float3)(ring * cosine, ring * sine, height);
+                const float3 t_d = normalize(n + r);
+                const float3 t_m = t_i - 2.0f * dot(t_i, n) * n;
+                const float3 t_c = normalize(a * t_d + (1.0f - a) * t_m);
+                ++drawn;
+                /* Also true for NaN, where t_d and t_m cancel. */
+                if (!(dot(t_c, face) > 0.0f)) {
+                    ++absorbed;
+                    break;
+                }
+
+                const float3 o = p + face * (2.0f * delta);
+                const bool last = bounce + 1 == max_bounces;
+                float farthest = -1.0f;
+                if (meets_box(p, t_c, box_low, box_high)) {
+                    for (uint g = 0; g < n_rx_groups; ++g) {
+                        const float8 entry =
+                            sphere_entry(rx_soa + g * GROUP, stride, p, t_c, radius_squared);
+                        const float4 four = max(entry.lo, entry.hi);
+                        const float2 two = max(four.lo, four.hi);
+                        farthest = max(farthest, max(two.x, two.y));
+                    }
+                }
+                if (last && farthest < 0.0f) break;
+
+                const float reach = last ? farthest : FLT_MAX;
+                const hit_record hit = closest_hit(nodes, triangles, delta, o, t_c, reach);
+                const float limit = hit.triangle < 0 ? FLT_MAX : hit.distance;
+
+                if (farthest >= 0.0f) {
+                    for (uint g = 0; g < n_rx_groups; ++g) {
+                        const float8 entry =
+                            sphere_entry(rx_soa + g * GROUP, stride, p, t_c, radius_squared);
+                        const int8 received = (entry >= 0.0f) & (entry < limit);
+                        if (!any(received)) continue;
+                        const int8 ones = received & 1;
+                        const int4 four = ones.lo + ones.hi;
+                        const int2 two = four.lo + four.hi;
+                        uint slot = atomic_add(counter, (uint)(two.x + two.y));
+                        int flags[GROUP];
+                        vstore8(received, 0, flags);
+                        for (uint lane = 0; lane < GROUP; ++lane) {
+                            if (!flags[lane]) continue;
+                            if (slot < capacity) {
+                                const uint rx = g * GROUP + lane;
+                                const float3 rx_m = vload3(rx, rx_hi);
+                                const dual leg = dual_distance(p, rx_m, vload3(rx, rx_lo));
+                                const dual total = dual_add(travelled, leg);
+                                float amplitude = 1.0f;
+#if CLR_SPREADING
+                                const float3 tx_m = vload3(tx, tx_hi);
+                                amplitude = 1.0f / (travelled.hi * leg.hi);
+                                if (pattern_exponent > 0.0f) {
+                                    const float leaving = (p0.z - tx_m.z) / first_leg.hi;
+                                    const float back = (p.z - rx_m.z) / leg.hi;
+                                    amplitude *= leaving > 0.0f && back > 0.0f
+                                                     ? pow(leaving * back, pattern_exponent)
+                                                     : 0.0f;
+                                }
+#endif
+                                key[slot] = (ulong)(tx * n_rx + rx) << 32 |
+                                            ((i * rays + ray) * max_bounces + bounce);
+                                vstore4((float4)(total.hi, total.lo, amplitude, 0.0f), slot, path);
+                            }
+                            ++slot;
+                        }
+                    }
+                }
+                if (last || hit.triangle < 0) break;
+
+                /* On to the next bounce. */
+                __global const float *t = triangles + (size_t)hit.triangle * TRIANGLE_FLOATS;
+                const float u = clamp(hit.u, 0.0f, 1.0f);
+                const float v = clamp(hit.v, 0.0f, 1.0f - u);
+                const float3 next = load3(t) + u * load3(t + 4) + v * load3(t + 8);
+                const dual leg = dual_distance(p, next, (float3)(0.0f));
+                travelled = dual_add(travelled, leg);
+                t_i = (next - p) / leg.hi;
+                p = next;
+                face = normalize(load3(t + 12));
+                __global const float *corners = normal + 9 * (size_t)hit.triangle;
+                const float3 blend = (1.0f - u - v) * load3(corners) + u * load3(corners + 3) +
+                                     v * load3(corners + 6);
+                const float norm = length(blend);
+                n = norm > 1e-6f ? blend / norm : face;
+                a = alpha[hit.triangle];
+            }
+        }
+    }
+    atomic_add(counter + 1, drawn);
+    atomic_add(counter + 2, absorbed);
+}
