@@ -1,6 +1,8 @@
 """Simulate, read, image and compare captures of near-field imaging radars."""
 
 from clradar import arrays
+from clradar.backproject import backproject
+from clradar.compare import Metrics, compare
 from clradar.model import (
     AntennaArray,
     Capture,
@@ -23,6 +25,7 @@ __all__ = [
     "Capture",
     "DepthMap",
     "Device",
+    "Metrics",
     "Paths",
     "Scene",
     "TraceStatistics",
@@ -31,6 +34,8 @@ __all__ = [
     "Waveform",
     "__version__",
     "arrays",
+    "backproject",
+    "compare",
     "list_devices",
     "open_device",
     "simulate",

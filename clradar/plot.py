@@ -231,11 +231,6 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = F
         raise OutputError(
             f"{target}: expected a name that ends in {', '.join(SUFFIXES)}, got '{target.suffix}'"
         )
-    if not target.parent.is_dir():
-        raise OutputError(f"{target}: expected an existing folder, got '{target.parent}'")
-    if target.is_dir():
-        raise OutputError(f"{target}: expected a file's name, got a folder")
-    _refuse_existing(target, force)
     # None drops what would differ from run to run (dates) or from version to version (software).
     metadata: dict[str, dict[str, None]] = {
         ".png": {"Software": None},
@@ -244,8 +239,10 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = F
     }
     # SVG ids are random without a salt, and a user's settings must not crop the page.
     settings = {"svg.hashsalt": "clradar", "savefig.bbox": None, "savefig.transparent": False}
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
+    # Not made from the target's name, which can be as long as a name can be.
+    temporary = target.with_name(f".clradar-{secrets.token_hex(6)}.tmp")
     try:
+        _refuse_existing(target, force)
         # "x" and not tempfile, whose files nobody else may read.
         with temporary.open("xb") as stream:
             with matplotlib.rc_context(settings):
@@ -266,6 +263,10 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = F
 
 
 def _refuse_existing(target: Path, force: bool) -> None:
+    if not target.parent.is_dir():
+        raise OutputError(f"{target}: expected an existing folder, got '{target.parent}'")
+    if target.is_dir():
+        raise OutputError(f"{target}: expected a file's name, got a folder")
     # lexists: a dangling link is something that would be overwritten, too.
     if not force and os.path.lexists(target):
         raise OutputError(f"{target}: exists already; nothing is overwritten without force")

@@ -26,7 +26,7 @@ GROUP = 8
 """Antennas per group in the kernels."""
 
 TILE_SAMPLES = 16384
-"""Samples per tile; a smaller device or a denser scene makes tiles smaller. No result depends on it."""
+"""Samples per tile, fewer where memory is short. No result depends on it."""
 
 RECEPTION_BYTES = 8 + 16
 """Device memory per reception: key and path."""
@@ -392,7 +392,8 @@ class Tracer:
         self._buffers.write(alpha, self._face_alpha[faces])
         self._visibility.launch(
             "visible_antennas", (count, self._n_tx_groups), u(count), u(array.n_tx),
-            u(self._n_tx_groups), self._delta, *self._tree, self._tx_soa, points, geometric, visible,
+            u(self._n_tx_groups), self._delta, *self._tree, self._tx_soa, points, geometric,
+            visible,
         )  # fmt: skip
         box = self._reception_box()
         self._buffers.write(self._counter, np.zeros(3, np.uint32))

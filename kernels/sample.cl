@@ -45,7 +45,7 @@ __kernel void sample_surface(const uint n_faces, const uint first_sample, const 
     const float a = ((float)j + unit_interval(jitter.x)) / (float)k;
     const float b = unit_interval(reversed_bits(j) + rotation.x);
 
-    const float root = sqrt(min(a, 1.0f));
+    const float root = sqrt(smaller(a, 1.0f));
     const float b1 = root * (1.0f - b), b2 = root * b, b0 = 1.0f - root;
     const size_t f = (size_t)low;
     for (int axis = 0; axis < 3; ++axis) {
@@ -55,8 +55,8 @@ __kernel void sample_surface(const uint n_faces, const uint first_sample, const 
     }
     float3 n = b0 * load3(normal + 9 * f) + b1 * load3(normal + 9 * f + 3) +
                b2 * load3(normal + 9 * f + 6);
-    const float norm = length(n);
+    const float norm = length3(n);
     n = norm > 1e-6f ? n / norm : load3(face_normal + 3 * f);
-    vstore3(n, i, shading);
+    store3(n, shading + 3 * (size_t)i);
     face[i] = (int)low;
 }

@@ -21,14 +21,15 @@ __kernel void sum_phasors(const uint n_pairs, const uint n_freq_padded,
     __global float *at = state + (size_t)pair * n_freq_padded + block * CLR_WIDTH;
     realw re = LOADW(at), im = LOADW(at + plane);
     realw re_lost = LOADW(at + 2 * plane), im_lost = LOADW(at + 3 * plane);
-    const realw kh = LOADW(k_hi + block * CLR_WIDTH), kl = LOADW(k_lo + block * CLR_WIDTH);
+    const wavenumber k =
+        make_wavenumber(LOADW(k_hi + block * CLR_WIDTH), LOADW(k_lo + block * CLR_WIDTH));
     for (uint i = first; i < last; ++i) {
-        const float4 row = vload4(i, path);
+        const float4 row = LOAD4(path + 4 * (size_t)i);
         dual length;
         length.hi = row.x;
         length.lo = row.y;
         realw cosine, sine;
-        cos_sin_cycles(cycles(length, kh, kl), &cosine, &sine);
+        cos_sin_cycles(cycles(length, k), &cosine, &sine);
         const dual a = two_sum(re, cosine * row.z);
         const dual b = two_sum(im, -(sine * row.z));
         re = a.hi;

@@ -92,12 +92,12 @@ static hit_record closest_hit(__global const float *nodes, __global const float 
                 __global const float *t = triangles + (size_t)i * TRIANGLE_FLOATS;
                 const float3 e1 = load3(t + 4), e2 = load3(t + 8), normal = load3(t + 12);
                 const float3 to = load3(t) - o;
-                const float dn = dot(d, normal);
+                const float dn = dot3(d, normal);
                 const float sign = dn < 0.0f ? -1.0f : 1.0f;
                 const float size = dn * sign;
-                const float u = dot(d, cross(e2, to)) * sign;
-                const float v = dot(d, cross(to, e1)) * sign;
-                const float distance = dot(to, normal) * sign;
+                const float u = dot3(d, cross3(e2, to)) * sign;
+                const float v = dot3(d, cross3(to, e1)) * sign;
+                const float distance = dot3(to, normal) * sign;
                 const float eu = delta * t[11], ev = delta * t[7];
                 if (u >= -eu && v >= -ev && u + v <= size + (eu + ev) && size > t[15] &&
                     distance > 0.0f && distance < reach * size) {
@@ -122,8 +122,8 @@ static hit_record closest_hit(__global const float *nodes, __global const float 
  * does not. A ray that starts inside enters at 0. */
 static inline float8 sphere_entry(__global const float *rx, const uint stride, const float3 o,
                                   const float3 d, const float radius_squared) {
-    const float8 x = vload8(0, rx) - o.x, y = vload8(0, rx + stride) - o.y,
-                 z = vload8(0, rx + 2 * stride) - o.z;
+    const float8 x = LOAD8(rx) - o.x, y = LOAD8(rx + stride) - o.y,
+                 z = LOAD8(rx + 2 * stride) - o.z;
     const float8 along = x * d.x + y * d.y + z * d.z;
     const float8 px = x - along * d.x, py = y - along * d.y, pz = z - along * d.z;
     const float8 miss_squared = px * px + py * py + pz * pz;
@@ -139,7 +139,8 @@ static inline bool meets_box(const float3 o, const float3 d, const float4 low, c
     const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
     const float3 a = (low.xyz - o) * inverse, b = (high.xyz - o) * inverse;
     const float3 near = a < b ? a : b, far = a < b ? b : a;
-    const float entry = max(max(near.x, near.y), near.z), leave = min(min(far.x, far.y), far.z);
+    const float entry = larger(larger(near.x, near.y), near.z);
+    const float leave = smaller(smaller(far.x, far.y), far.z);
     return leave > 0.0f && entry <= leave;
 }
 
@@ -175,34 +176,34 @@ __kernel void trace_rays(
     for (uint b = 0; b < GROUP; ++b) {
         if (!(bits & (1u << b))) continue;
         const uint tx = group * GROUP + b;
-        const float3 p0 = vload3(i, point);
-        const dual first_leg = dual_distance(p0, vload3(tx, tx_hi), vload3(tx, tx_lo));
-        const float3 arrival = (p0 - vload3(tx, tx_hi)) / first_leg.hi;
+        const float3 p0 = load3(point + 3 * (size_t)i);
+        const dual first_leg = dual_distance(p0, load3(tx_hi + 3 * (size_t)tx), load3(tx_lo + 3 * (size_t)tx));
+        const float3 arrival = (p0 - load3(tx_hi + 3 * (size_t)tx)) / first_leg.hi;
 
         for (uint ray = 0; ray < rays; ++ray) {
             float3 p = p0, t_i = arrival;
-            float3 n = vload3(i, shading), face = vload3(i, geometric);
+            float3 n = load3(shading + 3 * (size_t)i), face = load3(geometric + 3 * (size_t)i);
             float a = sample_alpha[i];
             dual travelled = first_leg;
 
             for (uint bounce = 0; bounce < max_bounces; ++bounce) {
-                if (dot(n, t_i) > 0.0f) n = -n;
-                if (dot(face, t_i) > 0.0f) face = -face;
+                if (dot3(n, t_i) > 0.0f) n = -n;
+                if (dot3(face, t_i) > 0.0f) face = -face;
 
                 const uint4 bits4 =
                     draw(first_sample + i, tx, ray, DOMAIN_DIRECTION | bounce << 8, seed_low,
                          seed_high);
                 const float height = 2.0f * unit_interval(bits4.x) - 1.0f;
-                const float ring = sqrt(max(0.0f, 1.0f - height * height));
+                const float ring = sqrt(larger(0.0f, 1.0f - height * height));
                 float cosine, sine;
                 cos_sin_cycles(unit_interval(bits4.y) - 0.5f, &cosine, &sine);
                 const float3 r = (float3)(ring * cosine, ring * sine, height);
-                const float3 t_d = normalize(n + r);
-                const float3 t_m = t_i - 2.0f * dot(t_i, n) * n;
-                const float3 t_c = normalize(a * t_d + (1.0f - a) * t_m);
+                const float3 t_d = unit(n + r);
+                const float3 t_m = t_i - 2.0f * dot3(t_i, n) * n;
+                const float3 t_c = unit(a * t_d + (1.0f - a) * t_m);
                 ++drawn;
                 /* Also true for NaN, where t_d and t_m cancel. */
-                if (!(dot(t_c, face) > 0.0f)) {
+                if (!(dot3(t_c, face) > 0.0f)) {
                     ++absorbed;
                     break;
                 }
@@ -214,9 +215,9 @@ __kernel void trace_rays(
                     for (uint g = 0; g < n_rx_groups; ++g) {
                         const float8 entry =
                             sphere_entry(rx_soa + g * GROUP, stride, p, t_c, radius_squared);
-                        const float4 four = max(entry.lo, entry.hi);
-                        const float2 two = max(four.lo, four.hi);
-                        farthest = max(farthest, max(two.x, two.y));
+                        const float4 four = entry.lo > entry.hi ? entry.lo : entry.hi;
+                        const float2 two = four.lo > four.hi ? four.lo : four.hi;
+                        farthest = larger(farthest, larger(two.x, two.y));
                     }
                 }
                 if (last && farthest < 0.0f) break;
@@ -230,23 +231,24 @@ __kernel void trace_rays(
                         const float8 entry =
                             sphere_entry(rx_soa + g * GROUP, stride, p, t_c, radius_squared);
                         const int8 received = (entry >= 0.0f) & (entry < limit);
-                        if (!any(received)) continue;
+                        if (!any8(received)) continue;
                         const int8 ones = received & 1;
                         const int4 four = ones.lo + ones.hi;
                         const int2 two = four.lo + four.hi;
                         uint slot = atomic_add(counter, (uint)(two.x + two.y));
-                        int flags[GROUP];
-                        vstore8(received, 0, flags);
+                        const int flags[GROUP] = {received.s0, received.s1, received.s2,
+                                                  received.s3, received.s4, received.s5,
+                                                  received.s6, received.s7};
                         for (uint lane = 0; lane < GROUP; ++lane) {
                             if (!flags[lane]) continue;
                             if (slot < capacity) {
                                 const uint rx = g * GROUP + lane;
-                                const float3 rx_m = vload3(rx, rx_hi);
-                                const dual leg = dual_distance(p, rx_m, vload3(rx, rx_lo));
+                                const float3 rx_m = load3(rx_hi + 3 * (size_t)rx);
+                                const dual leg = dual_distance(p, rx_m, load3(rx_lo + 3 * (size_t)rx));
                                 const dual total = dual_add(travelled, leg);
                                 float amplitude = 1.0f;
 #if CLR_SPREADING
-                                const float3 tx_m = vload3(tx, tx_hi);
+                                const float3 tx_m = load3(tx_hi + 3 * (size_t)tx);
                                 amplitude = 1.0f / (travelled.hi * leg.hi);
                                 if (pattern_exponent > 0.0f) {
                                     const float leaving = (p0.z - tx_m.z) / first_leg.hi;
@@ -258,7 +260,11 @@ __kernel void trace_rays(
 #endif
                                 key[slot] = (ulong)(tx * n_rx + rx) << 32 |
                                             ((i * rays + ray) * max_bounces + bounce);
-                                vstore4((float4)(total.hi, total.lo, amplitude, 0.0f), slot, path);
+                                __global float *row = path + 4 * (size_t)slot;
+                                row[0] = total.hi;
+                                row[1] = total.lo;
+                                row[2] = amplitude;
+                                row[3] = 0.0f;
                             }
                             ++slot;
                         }
@@ -268,18 +274,18 @@ __kernel void trace_rays(
 
                 /* On to the next bounce. */
                 __global const float *t = triangles + (size_t)hit.triangle * TRIANGLE_FLOATS;
-                const float u = clamp(hit.u, 0.0f, 1.0f);
-                const float v = clamp(hit.v, 0.0f, 1.0f - u);
+                const float u = limited(hit.u, 0.0f, 1.0f);
+                const float v = limited(hit.v, 0.0f, 1.0f - u);
                 const float3 next = load3(t) + u * load3(t + 4) + v * load3(t + 8);
                 const dual leg = dual_distance(p, next, (float3)(0.0f));
                 travelled = dual_add(travelled, leg);
                 t_i = (next - p) / leg.hi;
                 p = next;
-                face = normalize(load3(t + 12));
+                face = unit(load3(t + 12));
                 __global const float *corners = normal + 9 * (size_t)hit.triangle;
                 const float3 blend = (1.0f - u - v) * load3(corners) + u * load3(corners + 3) +
                                      v * load3(corners + 6);
-                const float norm = length(blend);
+                const float norm = length3(blend);
                 n = norm > 1e-6f ? blend / norm : face;
                 a = alpha[hit.triangle];
             }

@@ -11,21 +11,13 @@
 
 #define GROUP 8
 
-static inline bool any_lane(intw v) {
-#if CLR_WIDTH == 8
-    return any(v);
-#else
-    return v != 0;
-#endif
-}
-
 /* Clear the lanes of `reach` (distance to each antenna; negative = done) that anything blocks. */
 static inline realw blocked(__global const float *nodes, __global const float *triangles, const float delta,
                      const float3 o, const realw dx, const realw dy, const realw dz, realw reach) {
-    const realw tiny = 1e-18f;
-    const realw ix = 1.0f / (fabs(dx) < tiny ? copysign(tiny, dx) : dx);
-    const realw iy = 1.0f / (fabs(dy) < tiny ? copysign(tiny, dy) : dy);
-    const realw iz = 1.0f / (fabs(dz) < tiny ? copysign(tiny, dz) : dz);
+    const realw tiny = 1e-18f; /* keeps the inverses finite: no product with them is NaN */
+    const realw ix = 1.0f / ((dx < tiny) & (dx > -tiny) ? tiny : dx);
+    const realw iy = 1.0f / ((dy < tiny) & (dy > -tiny) ? tiny : dy);
+    const realw iz = 1.0f / ((dz < tiny) & (dz > -tiny) ? tiny : dz);
     int stack[CLR_STACK];
     int top = 0;
     int child = 0;
@@ -50,7 +42,7 @@ static inline realw blocked(__global const float *nodes, __global const float *t
                 far = far < f ? far : f;
                 near = near > 0.0f ? near : (realw)(0.0f);
                 far = far < reach ? far : reach;
-                hit[side] = any_lane(near <= far);
+                hit[side] = ANYW(near <= far);
             }
             const int left = as_int(node[3]), right = as_int(node[7]);
             if (hit[0]) {
@@ -69,8 +61,8 @@ static inline realw blocked(__global const float *nodes, __global const float *t
                 __global const float *t = triangles + (size_t)i * TRIANGLE_FLOATS;
                 const float3 e1 = load3(t + 4), e2 = load3(t + 8), n = load3(t + 12);
                 const float3 to = load3(t) - o;
-                const float3 q2 = cross(e2, to), q1 = cross(to, e1);
-                const float tn = dot(to, n);
+                const float3 q2 = cross3(e2, to), q1 = cross3(to, e1);
+                const float tn = dot3(to, n);
                 const realw dn = dx * n.x + dy * n.y + dz * n.z;
                 const realw sign = dn < 0.0f ? (realw)(-1.0f) : (realw)(1.0f);
                 const realw size = dn * sign;
@@ -82,7 +74,7 @@ static inline realw blocked(__global const float *nodes, __global const float *t
                                  (size > t[15]) & (distance > 0.0f) & (distance < reach * size);
                 reach = hit ? (realw)(-1.0f) : reach;
             }
-            if (!any_lane(reach > 0.0f)) return reach;
+            if (!ANYW(reach > 0.0f)) return reach;
         }
         if (top == 0) return reach;
         child = stack[--top];
@@ -101,7 +93,7 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
                                __global uchar *visible) {
     const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
     if (i >= n_samples || group >= n_groups) return;
-    const float3 p = vload3(i, point), normal = vload3(i, geometric);
+    const float3 p = load3(point + 3 * (size_t)i), normal = load3(geometric + 3 * (size_t)i);
     const uint stride = n_groups * GROUP;
     const float offset = 2.0f * delta;
     uint bits = 0;
@@ -114,7 +106,7 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
         /* The face is two-sided; antennas on either side of its plane need their own origin. */
         for (int side = -1; side <= 1; side += 2) {
             const intw wanted = (height * (float)side > 0.0f) & real_antenna;
-            if (!any_lane(wanted)) continue;
+            if (!ANYW(wanted)) continue;
             const float3 o = p + normal * ((float)side * offset);
             realw dx = ax - o.x, dy = ay - o.y, dz = az - o.z;
             const realw distance = sqrt(dx * dx + dy * dy + dz * dz);

@@ -26,13 +26,15 @@ class Program:
     def launch(self, name: str, global_size: tuple[int, ...], *args: Any) -> None:
         """Run kernel `name` over `global_size` items and wait for it.
 
-        `args` are buffers and numpy scalars in the kernel's order. The work-group size is the
-        driver's choice: no result depends on it.
+        `args` are buffers and numpy scalars in the kernel's order. No result depends on the size of
+        the work-groups: on a GPU the driver chooses; on a CPU each item, which is 8 lanes wide, is
+        one of its own, since PoCL keeps the private arrays of a whole group on the stack.
         """
         try:
             kernel = self.kernels[name]
             kernel.set_args(*args)
-            cl.enqueue_nd_range_kernel(self.device.queue, kernel, global_size, None).wait()
+            local = None if self.device.info.kind == "gpu" else (1,) * len(global_size)
+            cl.enqueue_nd_range_kernel(self.device.queue, kernel, global_size, local).wait()
         except cl.MemoryError as error:
             raise DeviceError(
                 f"device {self.device.info.label}: out of memory in kernel {name} of {self.file} "

@@ -32,5 +32,5 @@
 
 /* 1 / d, kept finite so that no product with it is NaN. */
 static inline float safe_inverse(float d) {
-    return 1.0f / (fabs(d) < 1e-18f ? copysign(1e-18f, d) : d);
+    return 1.0f / (d < 1e-18f && d > -1e-18f ? 1e-18f : d);
 }

@@ -4,7 +4,7 @@
  * are therefore kept as an unevaluated sum hi + lo of two float32 ("dual"), whose relative error is
  * about 2^-45, and the phase is counted in cycles and reduced to one turn before sine and cosine.
  *
- * Sources: T. J. Dekker, Numer. Math. 18 (1971) 224 (two-sum, products with an exact error term);
+ * Sources: T. J. Dekker, Numer. Math. 18 (1971) 224 (two-sum, products with their error);
  * polynomials of Cephes sinf/cosf (S. L. Moshier), maximal error 1.1e-7 over a turn. */
 #include "common/width.h"
 
@@ -23,6 +23,24 @@ static inline dual two_sum(realw a, realw b) {
     return r;
 }
 
+/* Error of the rounded product p = a b, exactly, by splitting both factors in halves of 12 bits: this
+ * needs no fma. */
+static inline void halves(realw a, realw *high, realw *low) {
+    const realw c = 4097.0f * a;
+    *high = c - (c - a);
+    *low = a - *high;
+}
+
+static inline realw product_error(realw a_high, realw a_low, realw b_high, realw b_low, realw p) {
+    return ((a_high * b_high - p) + (a_high * b_low + a_low * b_high)) + a_low * b_low;
+}
+
+static inline realw square_error(realw a, realw p) {
+    realw high, low;
+    halves(a, &high, &low);
+    return product_error(high, low, high, low, p);
+}
+
 static inline dual dual_add(dual a, dual b) {
     dual s = two_sum(a.hi, b.hi);
     return two_sum(s.hi, s.lo + (a.lo + b.lo));
@@ -38,7 +56,7 @@ static inline dual dual_difference(realw ah, realw al, realw bh, realw bl) {
 /* Length of the vector (x, y, z), metres: sqrt of the sum of squares with one Newton correction. */
 static inline dual dual_length(dual x, dual y, dual z) {
     realw xx = x.hi * x.hi, yy = y.hi * y.hi, zz = z.hi * z.hi;
-    realw error = fma(x.hi, x.hi, -xx) + fma(y.hi, y.hi, -yy) + fma(z.hi, z.hi, -zz);
+    realw error = square_error(x.hi, xx) + square_error(y.hi, yy) + square_error(z.hi, zz);
     error += 2.0f * (x.hi * x.lo + y.hi * y.lo + z.hi * z.lo);
     dual a = two_sum(xx, yy);
     dual b = two_sum(a.hi, zz);
@@ -47,16 +65,33 @@ static inline dual dual_length(dual x, dual y, dual z) {
     dual r;
     r.hi = root;
     /* root = 0 only where antenna and voxel coincide. */
-    r.lo = root > 0.0f ? (fma(-root, root, b.hi) + error) / (2.0f * root) : (realw)(0.0f);
+    const realw square = root * root;
+    const realw rest = (b.hi - square) - square_error(root, square);
+    r.lo = root > 0.0f ? (rest + error) / (2.0f * root) : (realw)(0.0f);
     return r;
 }
 
-/* Fraction of a turn, in [-0.5, 0.5], of length * k, where k = f / c in cycles per metre. Valid up
- * to 2^22 cycles. */
-static inline realw cycles(dual length, realw k_hi, realw k_lo) {
+/* k = f / c in cycles per metre as hi + lo, with the halves of hi at hand. */
+typedef struct {
+    realw hi, lo, high, low;
+} wavenumber;
+
+static inline wavenumber make_wavenumber(realw hi, realw lo) {
+    wavenumber k;
+    k.hi = hi;
+    k.lo = lo;
+    halves(hi, &k.high, &k.low);
+    return k;
+}
+
+/* Fraction of a turn, in [-0.5, 0.5], of length * k. Valid up to 2^22 cycles. */
+static inline realw cycles(dual length, wavenumber k) {
     const realw magic = 12582912.0f; /* 1.5 * 2^23: adding it rounds to a whole number */
-    realw p = length.hi * k_hi;
-    realw error = fma(length.hi, k_hi, -p) + (length.hi * k_lo + length.lo * k_hi);
+    realw high, low;
+    halves(length.hi, &high, &low);
+    realw p = length.hi * k.hi;
+    realw error = product_error(high, low, k.high, k.low, p);
+    error += length.hi * k.lo + length.lo * k.hi;
     return (p - ((p + magic) - magic)) + error;
 }
 
@@ -65,14 +100,13 @@ static inline void cos_sin_cycles(realw x, realw *cosine, realw *sine) {
     const realw magic = 12582912.0f;
     realw shifted = 4.0f * x + magic;
     intw quadrant = AS_INTW(shifted); /* its two lowest bits */
-    realw r = fma(shifted - magic, (realw)(-0.25f), x) * 6.283185307179586f;
+    realw r = (x - 0.25f * (shifted - magic)) * 6.283185307179586f;
     realw r2 = r * r;
-    realw s = fma(fma(fma((realw)(-1.9515295891e-4f), r2, (realw)(8.3321608736e-3f)), r2,
-                      (realw)(-1.6666654611e-1f)),
-                  r2 * r, r);
-    realw c = fma(fma(fma((realw)(2.443315711809948e-5f), r2, (realw)(-1.388731625493765e-3f)), r2,
-                      (realw)(4.166664568298827e-2f)),
-                  r2 * r2, fma((realw)(-0.5f), r2, (realw)(1.0f)));
+    realw s = fused((realw)(-1.9515295891e-4f), r2, (realw)(8.3321608736e-3f));
+    s = fused(fused(s, r2, (realw)(-1.6666654611e-1f)), r2 * r, r);
+    realw c = fused((realw)(2.443315711809948e-5f), r2, (realw)(-1.388731625493765e-3f));
+    c = fused(c, r2, (realw)(4.166664568298827e-2f));
+    c = fused(c, r2 * r2, fused((realw)(-0.5f), r2, (realw)(1.0f)));
     intw swapped = (quadrant & 1) != 0;
     realw a = swapped ? s : c;
     realw b = swapped ? c : s;

@@ -4,15 +4,34 @@
 #error "CLR_WIDTH (lanes per work-item: 1 or 8) is missing"
 #endif
 
-/* Products and sums are fused only where the source says fma: error terms and the consistency of
- * neighbouring triangles rely on it, and results stay the same whatever the compiler likes. */
+/* Products and sums are fused only where the source says fused(): results stay the same whatever the
+ * compiler likes elsewhere. */
 #pragma OPENCL FP_CONTRACT OFF
+
+/* Vectors that need no more alignment than a float. vload and vstore do the same, but are calls into
+ * a library on PoCL, which cost more than the arithmetic around them. */
+typedef struct __attribute__((packed)) {
+    float4 v;
+} loose4;
+typedef struct __attribute__((packed)) {
+    float8 v;
+} loose8;
+#define LOAD4(p) (((__global const loose4 *)(p))->v)
+#define LOAD8(p) (((__global const loose8 *)(p))->v)
+
+/* Whether any lane of a comparison holds; any() is a library call too. */
+static inline int any8(int8 v) {
+    const int4 four = v.lo | v.hi;
+    const int2 two = four.lo | four.hi;
+    return two.x | two.y;
+}
 
 #if CLR_WIDTH == 8
 typedef float8 realw;
 typedef int8 intw;
-#define LOADW(p) vload8(0, (p))
-#define STOREW(v, p) vstore8((v), 0, (p))
+#define LOADW(p) LOAD8(p)
+#define STOREW(x, p) (((__global loose8 *)(p))->v = (x))
+#define ANYW(v) any8(v)
 #define AS_INTW(v) as_int8(v)
 #define AS_REALW(v) as_float8(v)
 #define LANE_INDEX ((realw)(0.0f, 1.0f, 2.0f, 3.0f, 4.0f, 5.0f, 6.0f, 7.0f))
@@ -20,10 +39,18 @@ typedef int8 intw;
 typedef float realw;
 typedef int intw;
 #define LOADW(p) (*(p))
-#define STOREW(v, p) (*(p) = (v))
+#define STOREW(x, p) (*(p) = (x))
+#define ANYW(v) (v)
 #define AS_INTW(v) as_int(v)
 #define AS_REALW(v) as_float(v)
 #define LANE_INDEX (0.0f)
 #else
 #error "CLR_WIDTH must be 1 or 8"
 #endif
+
+/* a b + c, in one instruction where the device has one. OpenCL's fma() is a library call on PoCL, ten
+ * times slower; nothing here needs its single rounding. */
+static inline realw fused(realw a, realw b, realw c) {
+#pragma OPENCL FP_CONTRACT ON
+    return a * b + c;
+}

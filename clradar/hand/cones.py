@@ -1,0 +1,69 @@
+"""Signed distances: rounded cones and their smooth union."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cone:
+    """A rounded cone: the convex hull of two spheres.
+
+    Parameters
+    ----------
+    begin_m, end_m : ndarray, shape (3,), float64, metres
+        Centres of the spheres; neither sphere may hold the other.
+    begin_radius_m, end_radius_m : float, metres
+    """
+
+    begin_m: np.ndarray
+    end_m: np.ndarray
+    begin_radius_m: float
+    end_radius_m: float
+
+    def distance_m(self, points_m: np.ndarray) -> np.ndarray:
+        """Return the exact signed distance (N,) of points (N, 3), negative inside, metres."""
+        axis_m = self.end_m - self.begin_m
+        length_m = float(np.linalg.norm(axis_m))
+        from_begin_m = points_m - self.begin_m
+        # The problem in the half plane (t, q): along the axis, and away from it.
+        t_m = from_begin_m @ (axis_m / length_m)
+        squared_m2 = np.einsum("ij,ij->i", from_begin_m, from_begin_m)
+        q_m = np.sqrt(np.maximum(squared_m2 - t_m * t_m, 0.0))
+        sine = (self.begin_radius_m - self.end_radius_m) / length_m
+        cosine = np.sqrt(1.0 - sine * sine)
+        # Foot of the point on the axis, seen along the normal of the cone's flank.
+        foot_m = np.clip(t_m - q_m * (sine / cosine), 0.0, length_m)
+        return np.hypot(t_m - foot_m, q_m) - (self.begin_radius_m - sine * foot_m)
+
+    def reach_m(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lowest and the highest corner (3,) of the bounding box, metres."""
+        low_m = np.minimum(
+            self.begin_m - self.begin_radius_m,
+            self.end_m - self.end_radius_m,
+        )
+        high_m = np.maximum(
+            self.begin_m + self.begin_radius_m,
+            self.end_m + self.end_radius_m,
+        )
+        return low_m, high_m
+
+
+def smooth_minimum(a_m: np.ndarray, b_m: np.ndarray, blend_m: float) -> np.ndarray:
+    """Return a minimum without crease where |a - b| < `blend_m` (quadratic polynomial).
+
+    At most `blend_m` / 4 lower than the minimum, equal to it elsewhere, and no steeper than the
+    steeper of both, so that a smooth union of distances never overestimates a distance.
+    """
+    overlap_m = np.maximum(blend_m - np.abs(a_m - b_m), 0.0)
+    return np.minimum(a_m, b_m) - overlap_m * overlap_m * (0.25 / blend_m)
+
+
+def smooth_union_m(cones: tuple[Cone, ...], points_m: np.ndarray, blend_m: float) -> np.ndarray:
+    """Return the signed distance (N,) of points (N, 3) to cones blended in their order, metres."""
+    distance_m = cones[0].distance_m(points_m)
+    for cone in cones[1:]:
+        distance_m = smooth_minimum(distance_m, cone.distance_m(points_m), blend_m)
+    return distance_m

@@ -1,0 +1,279 @@
+"""The hand's flesh: rounded cones along the bones, blended where skin is continuous.
+
+Radii follow published breadths: index and middle finger 20 mm wide at the middle joint and 17.5 mm
+at the last joint, the others less, thumb about 21 mm at its joint (between the means of men and
+women of Garrett, "The adult human hand: some anthropometric and biomechanical considerations",
+Human Factors 13(2), 1971, and of Greiner, NATICK TR-92/011, 1991), hand 84 to 86 mm wide at the
+knuckles and about 29 mm thick there, wrist about 61 by 40 mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from clradar.hand.cones import Cone, smooth_minimum, smooth_union_m
+from clradar.hand.skeleton import FINGERS, MILLIMETRE_M, Skeleton
+
+PART_NAMES: tuple[str, ...] = ("palm", "thumb", *FINGERS)
+
+# Blend radii: wide where the palm's muscles and the fingers' roots run into each other, small along
+# a finger, and nearly none where skin only touches skin, so that fingers never fuse.
+_PALM_BLEND_M = 9e-3
+_ROOT_BLEND_M = 6e-3
+_DIGIT_BLEND_M = 2.5e-3
+_CONTACT_BLEND_M = 1e-3
+_CUT_BLEND_M = 2e-3
+
+# Two cones that share a sphere are equally far from its surroundings, so their smooth union is a
+# quarter of the blend radius thicker there. Digits are made that much thinner at their joints.
+_JOINT_EXCESS_MM = 0.25 * _DIGIT_BLEND_M / MILLIMETRE_M
+
+# The forearm ends in a plane this far below the wrist crease.
+_STUB_M = 9e-3
+
+# Points evaluated at a time: the working arrays of a chunk fit into a second-level cache.
+_CHUNK = 16384
+
+# Radii in millimetres: root, middle joint, last joint, tip.
+_FINGER_RADII_MM: dict[str, tuple[float, float, float, float]] = {
+    "index": (10.0, 9.9, 8.7, 6.7),
+    "middle": (10.2, 10.0, 8.9, 6.8),
+    "ring": (9.6, 9.4, 8.4, 6.4),
+    "pinky": (8.6, 8.4, 7.5, 5.8),
+}
+# Root, last joint, pad, tip.
+_THUMB_RADII_MM = (11.0, 10.5, 9.7, 7.3)
+
+# Soft tissue between the end of the last bone and the skin of the tip (Buryanov and Kotiuk 2010:
+# 3.8 mm for the fingers, 5.7 mm for the thumb).
+_FINGER_TIP_TISSUE_MM = 3.8
+_THUMB_TIP_TISSUE_MM = 5.7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flesh:
+    """The solid of a posed right hand in its own frame.
+
+    Parameters
+    ----------
+    palm : tuple of Cone
+        Forearm stub, wrist, palm with the muscles of the thumb and the little finger, and webs.
+    roots, ends : tuple of tuple of Cone
+        For the thumb and each finger: the cones that grow out of the palm, and those beyond.
+    """
+
+    palm: tuple[Cone, ...]
+    roots: tuple[tuple[Cone, ...], ...]
+    ends: tuple[tuple[Cone, ...], ...]
+
+    def distance_m(self, points_m: np.ndarray) -> np.ndarray:
+        """Return the signed distance (N,) of points (N, 3), float64, negative inside, metres.
+
+        Never larger in magnitude than the distance to the surface.
+        """
+        return _in_chunks(self._distance_m, points_m)
+
+    def normals(self, points_m: np.ndarray) -> np.ndarray:
+        """Return the outward unit normals (N, 3) at points (N, 3) near the surface."""
+        # Far below the smallest radius (5 mm), far above the rounding of a distance (1e-17 m).
+        step_m = 1e-5
+        columns = []
+        for axis in range(3):
+            shift_m = np.zeros(3)
+            shift_m[axis] = step_m
+            ahead_m = self.distance_m(points_m + shift_m)
+            columns.append(ahead_m - self.distance_m(points_m - shift_m))
+        gradient = np.stack(columns, axis=1)
+        return gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-30)
+
+    def nearest_part(self, points_m: np.ndarray) -> np.ndarray:
+        """Return for points (N, 3) the index (N,), int32, into `PART_NAMES` of the nearest part."""
+        return _in_chunks(self._nearest_part, points_m)
+
+    def bounds_m(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lowest and the highest corner (3,) of a box around the flesh, metres."""
+        cones = [*self.palm, *(c for group in (*self.roots, *self.ends) for c in group)]
+        corners = [cone.reach_m() for cone in cones]
+        low_m = np.min([low for low, _ in corners], axis=0)
+        high_m = np.max([high for _, high in corners], axis=0)
+        # Blending adds a little outside the cones themselves; several blends may add up.
+        low_m, high_m = low_m - _PALM_BLEND_M, high_m + _PALM_BLEND_M
+        low_m[1] = max(low_m[1], -_STUB_M - _CUT_BLEND_M)
+        return low_m, high_m
+
+    def _distance_m(self, points_m: np.ndarray) -> np.ndarray:
+        palm_m = smooth_union_m(self.palm, points_m, _PALM_BLEND_M)
+        whole_m = palm_m
+        for root, end in zip(self.roots, self.ends, strict=True):
+            root_m = smooth_union_m(root, points_m, _DIGIT_BLEND_M)
+            digit_m = smooth_minimum(
+                root_m, smooth_union_m(end, points_m, _DIGIT_BLEND_M), _DIGIT_BLEND_M
+            )
+            # Only the root blends widely with the palm: a bent finger's tip may touch the palm, and
+            # then has to stay a finger. The plain minimum leaves no crease, because both terms are
+            # the root itself wherever they change over.
+            grown_m = np.minimum(smooth_minimum(palm_m, root_m, _ROOT_BLEND_M), digit_m)
+            # All of these hold the palm, so that the blend thickens it, evenly, by 0.6 mm.
+            whole_m = smooth_minimum(whole_m, grown_m, _CONTACT_BLEND_M)
+        below_m = -_STUB_M - points_m[:, 1]
+        return -smooth_minimum(-whole_m, -below_m, _CUT_BLEND_M)
+
+    def _nearest_part(self, points_m: np.ndarray) -> np.ndarray:
+        parts_m = [smooth_union_m(self.palm, points_m, _PALM_BLEND_M)]
+        for root, end in zip(self.roots, self.ends, strict=True):
+            parts_m.append(smooth_union_m(root + end, points_m, _DIGIT_BLEND_M))
+        return np.argmin(parts_m, axis=0).astype(np.int32)
+
+
+def _in_chunks(function: Callable[[np.ndarray], np.ndarray], points_m: np.ndarray) -> np.ndarray:
+    if len(points_m) == 0:
+        return function(np.zeros((1, 3)))[:0]
+    pieces = [function(points_m[i : i + _CHUNK]) for i in range(0, len(points_m), _CHUNK)]
+    return np.concatenate(pieces)
+
+
+def _cone(begin_m: np.ndarray, end_m: np.ndarray, begin_mm: float, end_mm: float) -> Cone:
+    return Cone(begin_m, end_m, begin_mm * MILLIMETRE_M, end_mm * MILLIMETRE_M)
+
+
+def _strand(points_m: list[np.ndarray], radii_mm: list[float]) -> tuple[Cone, ...]:
+    """Return the cones between successive points; blended, they have these radii there."""
+    radii_mm = [radii_mm[0], *(r - _JOINT_EXCESS_MM for r in radii_mm[1:-1]), radii_mm[-1]]
+    return tuple(
+        _cone(points_m[i], points_m[i + 1], radii_mm[i], radii_mm[i + 1])
+        for i in range(len(points_m) - 1)
+    )
+
+
+def _finger(bones: Skeleton, finger: str) -> tuple[tuple[Cone, ...], tuple[Cone, ...]]:
+    root, middle, last, tip = _FINGER_RADII_MM[finger]
+    near, far, end = (
+        f"{finger}-finger-phalanx-{b}" for b in ("proximal", "intermediate", "distal")
+    )
+    end_length_mm = float(
+        np.linalg.norm(bones.joint_m(f"{finger}-finger-tip") - bones.joint_m(end)) / MILLIMETRE_M
+    )
+    tip_at = (end_length_mm + _FINGER_TIP_TISSUE_MM - tip) / end_length_mm
+    strand = _strand(
+        [
+            bones.joint_m(near),
+            bones.joint_m(far),
+            bones.joint_m(end),
+            bones.point_m(end, tip_at, dorsal_mm=-0.6),
+        ],
+        [root, middle, last, tip],
+    )
+    # Fat pads on the palm side between the joints' creases, and the finger's pad.
+    near_pad = _cone(
+        bones.point_m(near, 0.40, dorsal_mm=-2.6),
+        bones.point_m(near, 0.78, dorsal_mm=-2.2),
+        middle - 2.0,
+        middle - 2.1,
+    )
+    far_pad = _cone(
+        bones.point_m(far, 0.30, dorsal_mm=-2.2),
+        bones.point_m(far, 0.70, dorsal_mm=-1.9),
+        last - 1.0,
+        last - 1.3,
+    )
+    end_pad = _cone(
+        bones.point_m(end, 0.35, dorsal_mm=-1.9),
+        bones.point_m(end, 0.75, dorsal_mm=-1.7),
+        last - 1.9,
+        last - 2.1,
+    )
+    return (strand[0], near_pad), (*strand[1:], far_pad, end_pad)
+
+
+def _thumb(bones: Skeleton) -> tuple[tuple[Cone, ...], tuple[Cone, ...]]:
+    root, last, pad, tip = _THUMB_RADII_MM
+    near, end = "thumb-phalanx-proximal", "thumb-phalanx-distal"
+    end_length_mm = float(
+        np.linalg.norm(bones.joint_m("thumb-tip") - bones.joint_m(end)) / MILLIMETRE_M
+    )
+    tip_at = (end_length_mm + _THUMB_TIP_TISSUE_MM - tip) / end_length_mm
+    roots = _strand(
+        [bones.point_m("thumb-metacarpal", 0.7), bones.point_m(near, 0.1), bones.joint_m(end)],
+        [root - 0.8, root, last - _JOINT_EXCESS_MM],
+    )
+    # The thumb's last phalanx is wider than deep: two strands side by side.
+    ends: list[Cone] = []
+    for side_mm in (-1.3, 1.3):
+        ends += _strand(
+            [
+                bones.point_m(end, 0.0, side_mm=0.5 * side_mm),
+                bones.point_m(end, 0.5, side_mm=side_mm, dorsal_mm=-1.2),
+                bones.point_m(end, tip_at, side_mm=side_mm, dorsal_mm=-0.6),
+            ],
+            [last - 1.7, pad - 0.5, tip],
+        )
+    return roots, tuple(ends)
+
+
+def _palm(bones: Skeleton) -> tuple[Cone, ...]:
+    at = bones.point_m
+    index, middle, ring, pinky = (f"{finger}-finger-metacarpal" for finger in FINGERS)
+    knuckles = [f"{finger}-finger-phalanx-proximal" for finger in FINGERS]
+    thumb = "thumb-metacarpal"
+    wrist_m = bones.joint_m("wrist")
+
+    def by_wrist(x_mm: float, y_mm: float, z_mm: float) -> np.ndarray:
+        return wrist_m + np.array([x_mm, y_mm, z_mm]) * MILLIMETRE_M
+
+    cones = [
+        # Forearm stub: radius and ulna, the tendons between them on the palm side.
+        _cone(by_wrist(-13.0, -30.0, 0.0), by_wrist(-13.0, 6.0, 0.0), 17.5, 16.5),
+        _cone(by_wrist(12.5, -30.0, 0.5), by_wrist(12.0, 6.0, 0.5), 16.5, 15.5),
+        _cone(by_wrist(0.0, -30.0, -3.0), by_wrist(0.0, 8.0, -2.0), 17.0, 16.0),
+        # Carpus.
+        _cone(by_wrist(-12.0, 4.0, 0.0), at(index, 0.15), 15.5, 12.5),
+        _cone(by_wrist(0.0, 4.0, 0.0), at(middle, 0.15), 15.5, 12.5),
+        _cone(by_wrist(12.0, 4.0, 0.0), at(pinky, 0.15), 14.5, 12.0),
+    ]
+    # The four rays; the flesh lies deeper on the palm side than on the back.
+    for name, base_mm, head_mm in (
+        (index, 11.8, 11.4),
+        (middle, 12.0, 11.8),
+        (ring, 11.6, 11.4),
+        (pinky, 11.0, 10.2),
+    ):
+        cones.append(_cone(at(name, 0.1), at(name, 0.97, dorsal_mm=-1.0), base_mm, head_mm))
+    # Knuckles: they belong to the metacarpals, and stay when the fingers bend.
+    rays = (index, middle, ring, pinky)
+    for name, radius_mm in zip(rays, (7.4, 7.8, 7.2, 6.4), strict=True):
+        cones.append(
+            _cone(at(name, 0.78, 0.0, 2.6), at(name, 1.0, 0.0, 2.6), radius_mm - 1.0, radius_mm)
+        )
+    # Pads below the fingers and webs between them: the skin of the palm reaches about 20 mm beyond
+    # the knuckles' centres.
+    for i, radius_mm in enumerate((7.6, 7.4, 6.8)):
+        one, other = knuckles[i], knuckles[i + 1]
+        low_m = 0.5 * (at(rays[i], 0.94, dorsal_mm=-2.0) + at(rays[i + 1], 0.94, dorsal_mm=-2.0))
+        high_m = 0.5 * (at(one, 0.30, dorsal_mm=-2.5) + at(other, 0.33, dorsal_mm=-2.5))
+        cones.append(_cone(low_m, high_m, radius_mm + 2.0, radius_mm - 1.4))
+    cones += [
+        # Heel of the hand on the side of the little finger.
+        _cone(at(pinky, -0.08, 0.0, -5.8), at(pinky, 0.7, 1.0, -2.2), 12.8, 11.4),
+        # Ball of the thumb: around the metacarpal, and its short muscles on the palm side.
+        _cone(at(thumb, 0.05), at(thumb, 0.66), 12.0, 10.4),
+        _cone(at(thumb, 0.05, 4.0, -5.5), at(thumb, 0.65, 2.0, -5.5), 12.5, 10.5),
+        _cone(by_wrist(-9.0, 16.0, -8.0), at(thumb, 0.6, 3.0, -4.0), 12.0, 11.0),
+        # Web of the thumb: sheets from its metacarpal to that of the index finger.
+        _cone(at(thumb, 0.35, 0.0, -3.0), at(index, 0.35, 0.0, -3.0), 10.5, 10.0),
+        _cone(at(thumb, 0.6, 0.0, -3.0), at(index, 0.5, 0.0, -3.0), 8.5, 8.5),
+        _cone(at(thumb, 0.85, 0.0, -3.0), at(index, 0.66, 0.0, -3.0), 6.5, 7.5),
+    ]
+    return tuple(cones)
+
+
+def grown_flesh(bones: Skeleton) -> Flesh:
+    """Return the flesh around a posed skeleton."""
+    digits = [_thumb(bones), *(_finger(bones, finger) for finger in FINGERS)]
+    return Flesh(
+        palm=_palm(bones),
+        roots=tuple(root for root, _ in digits),
+        ends=tuple(end for _, end in digits),
+    )

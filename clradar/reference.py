@@ -1,0 +1,281 @@
+"""The same three steps in float64 numpy, written from the equations and sharing no code with the rest.
+
+Slow and plain on purpose: every kernel is held against these functions (``tests/``). They use the same
+counter-based random numbers, so a traced path can be compared with its counterpart one by one.
+
+References
+----------
+.. [1] J. Braeunig et al., "A Realistic Radar Ray Tracing Simulator for Hand Pose Imaging", EuRAD 2023.
+.. [2] J. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (Philox4x32-10).
+.. [3] T. Moeller, B. Trumbore, J. Graphics Tools 2 (1997) 21.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+
+from clradar.model import AntennaArray, Capture, Paths, Scene, Waveform
+
+C_M_PER_S = 299_792_458.0
+LIFT_M = 1e-6
+"""Rays leave a surface from this far above it, so that they do not hit where they start."""
+
+
+def philox(counter: np.ndarray, seed: int) -> np.ndarray:
+    """Philox4x32-10 [2]_: shape (n, 4) counters to shape (n, 4) random words, uint64 holding 32 bits."""
+    mask = np.uint64(0xFFFFFFFF)
+    x = [np.asarray(counter[:, k], dtype=np.uint64) & mask for k in range(4)]
+    k0, k1 = seed & 0xFFFFFFFF, seed >> 32
+    for _ in range(10):
+        a = np.uint64(0xD2511F53) * x[0]
+        b = np.uint64(0xCD9E8D57) * x[2]
+        x = [
+            (b >> np.uint64(32)) ^ x[1] ^ np.uint64(k0),
+            b & mask,
+            (a >> np.uint64(32)) ^ x[3] ^ np.uint64(k1),
+            a & mask,
+        ]
+        k0 = (k0 + 0x9E3779B9) & 0xFFFFFFFF
+        k1 = (k1 + 0xBB67AE85) & 0xFFFFFFFF
+    return np.stack(x, axis=1)
+
+
+def uniform(words: np.ndarray) -> np.ndarray:
+    """Middle of one of 2^24 cells of (0, 1)."""
+    return ((words >> np.uint64(8)).astype(np.float64) + 0.5) / 2**24
+
+
+def counters(c0: np.ndarray, c1: int, c2: int, c3: int) -> np.ndarray:
+    out = np.empty((len(c0), 4), dtype=np.uint64)
+    out[:, 0], out[:, 1], out[:, 2], out[:, 3] = c0, c1, c2, c3
+    return out
+
+
+def smooth_normals(scene: Scene, crease_deg: float) -> np.ndarray:
+    """Corner normals with creases, face by face: shape (n_faces, 3, 3)."""
+    corners = scene.triangles_m
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(cross, axis=1)
+    normal = np.where(size[:, None] > 0, cross / np.maximum(size, 1e-300)[:, None], 0)
+    key = [[tuple(p) for p in face] for face in corners]
+    by_edge = defaultdict(list)
+    for f, face in enumerate(key):
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            by_edge[frozenset((face[a], face[b]))].append(f)
+    joined = defaultdict(set)  # (face, vertex) -> (face, vertex) across a smooth edge
+    for edge, faces in by_edge.items():
+        for f, g in zip(faces[:-1], faces[1:], strict=True):
+            if normal[f] @ normal[g] >= np.cos(np.radians(crease_deg)) - 1e-9:
+                for vertex in edge:
+                    joined[f, vertex].add((g, vertex))
+                    joined[g, vertex].add((f, vertex))
+    out = np.empty((len(key), 3, 3))
+    for f, face in enumerate(key):
+        for k, vertex in enumerate(face):
+            group, todo = {f}, [f]
+            while todo:
+                for g, _ in joined[todo.pop(), vertex]:
+                    if g not in group:
+                        group.add(g)
+                        todo.append(g)
+            total = np.zeros(3)
+            for g in group:
+                at = key[g].index(vertex)
+                one = corners[g, (at + 1) % 3] - corners[g, at]
+                two = corners[g, (at + 2) % 3] - corners[g, at]
+                cosine = one @ two / (np.linalg.norm(one) * np.linalg.norm(two))
+                total += np.arccos(np.clip(cosine, -1, 1)) * normal[g]
+            out[f, k] = total / np.linalg.norm(total)
+    return out
+
+
+def sample_surface(
+    scene: Scene, counts: np.ndarray, corner_normals: np.ndarray, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points, shading normals, face normals and faces of all samples, `counts` of them per face."""
+    face = np.repeat(np.arange(len(counts)), counts)
+    j = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
+    jitter = uniform(philox(counters(np.arange(len(face)), 0, 0, 1), seed))[:, 0]
+    turn = philox(counters(face, 0, 0, 2), seed)[:, 0]
+    inverse = np.array([int(f"{int(i):032b}"[::-1], 2) for i in j], dtype=np.uint64)
+    a = (j + jitter) / counts[face]
+    b = uniform((inverse + turn) & np.uint64(0xFFFFFFFF))
+    weight = np.stack([1 - np.sqrt(a), np.sqrt(a) * (1 - b), np.sqrt(a) * b], axis=1)
+    corners = scene.triangles_m[face]
+    point = np.einsum("sk,ska->sa", weight, corners)
+    shading = np.einsum("sk,ska->sa", weight, corner_normals[face])
+    shading /= np.linalg.norm(shading, axis=1, keepdims=True)
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    return point, shading, flat, face
+
+
+def closest_hit(
+    origin: np.ndarray, direction: np.ndarray, triangles_m: np.ndarray, block: int = 256
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Brute force [3]_ over all triangles: distance (inf: none), face (-1: none), barycentric u, v."""
+    n = len(origin)
+    best = np.full(n, np.inf)
+    face = np.full(n, -1)
+    uv = np.zeros((n, 2))
+    v0 = triangles_m[:, 0]
+    e1, e2 = triangles_m[:, 1] - v0, triangles_m[:, 2] - v0
+    for at in range(0, n, block):
+        o, d = origin[at : at + block, None], direction[at : at + block, None]
+        p = np.cross(d, e2[None])
+        det = np.einsum("rta,ta->rt", p, e1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            s = o - v0[None]
+            u = np.einsum("rta,rta->rt", s, p) / det
+            q = np.cross(s, e1[None])
+            v = np.einsum("rta,rta->rt", np.broadcast_to(d, q.shape), q) / det
+            t = np.einsum("rta,ta->rt", q, e2) / det
+            hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
+        t = np.where(hit, t, np.inf)
+        k = t.argmin(axis=1)
+        rows = np.arange(len(k))
+        found = np.isfinite(t[rows, k])
+        part = slice(at, at + len(k))
+        best[part] = t[rows, k]
+        face[part] = np.where(found, k, -1)
+        uv[part, 0] = np.where(found, u[rows, k], 0)
+        uv[part, 1] = np.where(found, v[rows, k], 0)
+    return best, face, uv
+
+
+def trace(
+    scene: Scene,
+    array: AntennaArray,
+    counts: np.ndarray,
+    *,
+    rays_per_sample: int = 1,
+    reception_radius_m: float = 0.010,
+    max_bounces: int = 1,
+    normals: str = "smooth",
+    crease_deg: float = 30.0,
+    amplitude: str = "unit",
+    pattern_exponent: float = 0.0,
+    seed: int = 0,
+) -> Paths:
+    """Trace `counts` samples per face, shape (n_faces,), by the model of [1]_."""
+    triangles = scene.triangles_m
+    flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
+    corner = np.repeat(flat[:, None], 3, axis=1)
+    if normals == "smooth":
+        corner = smooth_normals(scene, crease_deg)
+    point, shading, geometric, face_of = sample_surface(scene, counts, corner, seed)
+    alpha_of = np.asarray(scene.alpha)
+    rows = []
+    for tx, tx_m in enumerate(array.tx_m):
+        arrival = point - tx_m
+        first = np.linalg.norm(arrival, axis=1)
+        arrival /= first[:, None]
+        towards = -np.sign(np.einsum("sa,sa->s", geometric, arrival))
+        lifted = point + LIFT_M * towards[:, None] * geometric
+        back = tx_m - lifted
+        reach = np.linalg.norm(back, axis=1)
+        blocked = closest_hit(lifted, back / reach[:, None], triangles)[0] < reach
+        seen = np.flatnonzero(~blocked & (towards != 0))
+        for ray in range(rays_per_sample):
+            sample, p, t_i = seen, point[seen], arrival[seen]
+            n, g, alpha = shading[seen], geometric[seen], alpha_of[face_of[seen]]
+            travelled = first[seen]
+            leaving = (p - tx_m)[:, 2] / travelled
+            for bounce in range(max_bounces):
+                n = np.where(np.einsum("sa,sa->s", n, t_i)[:, None] > 0, -n, n)
+                g = np.where(np.einsum("sa,sa->s", g, t_i)[:, None] > 0, -g, g)
+                words = philox(counters(sample, tx, ray, 3 | bounce << 8), seed)
+                z = 2 * uniform(words)[:, 0] - 1
+                turn = uniform(words)[:, 1] - 0.5
+                ring = np.sqrt(1 - z * z)
+                r = np.stack(
+                    [ring * np.cos(2 * np.pi * turn), ring * np.sin(2 * np.pi * turn), z], axis=1
+                )
+                t_d = (n + r) / np.linalg.norm(n + r, axis=1, keepdims=True)
+                t_m = t_i - 2 * np.einsum("sa,sa->s", t_i, n)[:, None] * n
+                t_c = alpha[:, None] * t_d + (1 - alpha[:, None]) * t_m
+                t_c /= np.linalg.norm(t_c, axis=1, keepdims=True)
+                up = np.einsum("sa,sa->s", t_c, g) > 0
+                sample, p, n, g, t_c = sample[up], p[up], n[up], g[up], t_c[up]
+                alpha, travelled, leaving = alpha[up], travelled[up], leaving[up]
+                hit, struck, uv = closest_hit(p + LIFT_M * g, t_c, triangles)
+                for rx, rx_m in enumerate(array.rx_m):
+                    to = rx_m - p
+                    along = np.einsum("sa,sa->s", to, t_c)
+                    miss2 = ((to - along[:, None] * t_c) ** 2).sum(axis=1)
+                    half = np.sqrt(np.maximum(reception_radius_m**2 - miss2, 0))
+                    entry = np.maximum(along - half, 0)
+                    got = (miss2 < reception_radius_m**2) & (along + half > 0) & (entry < hit)
+                    leg = np.linalg.norm(to[got], axis=1)
+                    weight = np.ones(len(leg))
+                    if amplitude == "spreading":
+                        weight = 1 / (travelled[got] * leg)
+                        if pattern_exponent > 0:
+                            arriving = -to[got][:, 2] / leg
+                            both = np.clip(leaving[got], 0, None) * np.clip(arriving, 0, None)
+                            weight = weight * both**pattern_exponent
+                    for s, d, w in zip(sample[got], travelled[got] + leg, weight, strict=True):
+                        rows.append((tx, rx, s, ray, bounce + 1, d, w))
+                on = struck >= 0
+                sample, struck, uv, p = sample[on], struck[on], uv[on], p[on]
+                leaving = leaving[on]
+                barycentric = np.stack([1 - uv.sum(axis=1), uv[:, 0], uv[:, 1]], axis=1)
+                landed = np.einsum("sk,ska->sa", barycentric, triangles[struck])
+                step = np.linalg.norm(landed - p, axis=1)
+                t_i = (landed - p) / step[:, None]
+                travelled = travelled[on] + step
+                p = landed
+                n = np.einsum("sk,ska->sa", barycentric, corner[struck])
+                n /= np.linalg.norm(n, axis=1, keepdims=True)
+                g, alpha = flat[struck], alpha_of[struck]
+    rows.sort()
+    table = np.array(rows, dtype=np.float64).reshape(-1, 7)
+    return Paths(
+        table[:, 0], table[:, 1], table[:, 5], table[:, 6], table[:, 4], array.n_tx, array.n_rx
+    )
+
+
+def synthesize(paths: Paths, array: AntennaArray, waveform: Waveform) -> np.ndarray:
+    """Phasor sum, shape (n_tx, n_rx, n_freq), complex128."""
+    out = np.zeros((array.n_tx * array.n_rx, waveform.n_freq), dtype=np.complex128)
+    pair = paths.tx.astype(int) * array.n_rx + paths.rx
+    for n, f in enumerate(waveform.frequencies_hz):
+        phasor = paths.amplitude * np.exp(-2j * np.pi * f / C_M_PER_S * paths.length_m)
+        out[:, n] = np.bincount(pair, phasor.real, len(out)) + 1j * np.bincount(
+            pair, phasor.imag, len(out)
+        )
+    return out.reshape(array.n_tx, array.n_rx, waveform.n_freq)
+
+
+def backproject(
+    capture: Capture, points_m: np.ndarray, weights: np.ndarray | None = None
+) -> np.ndarray:
+    """Image at points, shape (n, 3) metres: shape (n,), complex128."""
+    f = capture.waveform.frequencies_hz
+    w = np.ones(len(f)) if weights is None else weights
+    s = capture.data.astype(np.complex128) * w
+    out = np.empty(len(points_m), dtype=np.complex128)
+    for i, v in enumerate(points_m):
+        to_tx = np.linalg.norm(v - capture.array.tx_m, axis=1)
+        to_rx = np.linalg.norm(v - capture.array.rx_m, axis=1)
+        tx_phase = np.exp(2j * np.pi / C_M_PER_S * np.outer(f, to_tx))
+        rx_phase = np.exp(2j * np.pi / C_M_PER_S * np.outer(f, to_rx))
+        # (freq, tx) . (freq, tx, rx) . (freq, rx)
+        out[i] = np.einsum("nt,tn->", tx_phase, np.einsum("trn,nr->tn", s, rx_phase))
+    return out / s.size
+
+
+def point_targets(
+    array: AntennaArray, waveform: Waveform, points_m: np.ndarray, amplitudes: np.ndarray
+) -> Capture:
+    """Capture of isotropic point targets, the model that back-projection inverts."""
+    k = 2 * np.pi * waveform.frequencies_hz / C_M_PER_S
+    s = np.zeros((array.n_tx, array.n_rx, waveform.n_freq), dtype=np.complex128)
+    for p, a in zip(np.asarray(points_m), np.asarray(amplitudes), strict=True):
+        tx = np.exp(-1j * np.outer(np.linalg.norm(p - array.tx_m, axis=1), k))
+        rx = np.exp(-1j * np.outer(np.linalg.norm(p - array.rx_m, axis=1), k))
+        s += a * tx[:, None] * rx[None]
+    return Capture(s, array, waveform)

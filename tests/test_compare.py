@@ -1,0 +1,307 @@
+"""The metrics, against closed forms and against formulas written out by hand."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from dataclasses import FrozenInstanceError, fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clradar.compare import SSIM_SIGMA, SSIM_WINDOW, UNDEFINED, Metrics, clipped_db, compare
+from clradar.errors import CompareError, ModelError
+from clradar.model import DepthMap, Volume, VoxelGrid
+
+# Depths and coordinates are float64 sums and products of numbers below 1: a few units in the last
+# place of 1, taken with a margin of about a hundred.
+ROUNDING = 1e-13
+# Amplitudes are float32, relative error 6e-8, which is 20 / ln(10) * 6e-8 = 5e-7 dB on a scale of
+# 15 dB. Correlation and SSIM change by no more than a few times that share.
+FLOAT32 = 1e-6
+
+MM = 1e-3
+N_X, N_Y, N_Z = 40, 30, 21
+
+
+def grid(z_first_mm: float = 290.0, x_first_mm: float = -20.0, n_x: int = N_X) -> VoxelGrid:
+    """1 mm voxels; pixel [row, column] is at y = row - 15, x = x_first + column (mm)."""
+    return VoxelGrid(
+        np.array([x_first_mm, -15.0, z_first_mm]) * MM, np.full(3, MM), (n_x, N_Y, N_Z)
+    )
+
+
+def layer(amplitude: np.ndarray, z_index: int | np.ndarray = 10, **kwargs: Any) -> Volume:
+    """A volume with `amplitude[y, x]` in the one layer `z_index` (one per pixel, or one for all).
+
+    With nothing beside it along z, the parabola leaves each depth at its voxel's centre.
+    """
+    at = np.broadcast_to(z_index, amplitude.shape)
+    data = np.where(np.arange(N_Z)[:, None, None] == at, amplitude, 0.0)
+    return Volume(data.astype(np.complex64), grid(**kwargs))
+
+
+def plate(rows: slice, columns: slice, level: float = 1.0) -> np.ndarray:
+    amplitude = np.zeros((N_Y, N_X))
+    amplitude[rows, columns] = level
+    return amplitude
+
+
+def texture(seed: int) -> np.ndarray:
+    """Amplitudes spread over 30 dB, so that about half of them are clipped."""
+    return 10.0 ** (np.random.default_rng(seed).uniform(-30.0, 0.0, (N_Y, N_X)) / 20.0)
+
+
+def depth_map(
+    amplitude: np.ndarray, depth_m: np.ndarray | float = 0.3, rng_db: float = 15.0
+) -> DepthMap:
+    n_y, n_x = amplitude.shape
+    depth = np.broadcast_to(np.asarray(depth_m, dtype=float), amplitude.shape)
+    return DepthMap(depth, amplitude, np.arange(n_x) * MM, np.arange(n_y) * MM, rng_db)
+
+
+PLATE = plate(slice(5, 20), slice(10, 30))
+
+
+def test_identical_images() -> None:
+    volume = layer(texture(0), np.random.default_rng(1).integers(0, N_Z, (N_Y, N_X)))
+    metrics = compare(volume, volume)
+    assert metrics.db_correlation == 1.0
+    assert metrics.ssim == pytest.approx(1.0, abs=ROUNDING)
+    assert metrics.mask_iou == 1.0
+    assert metrics.depth_rmse_m == 0.0
+    assert metrics.chamfer_simulated_to_measured_m == 0.0
+    assert metrics.chamfer_measured_to_simulated_m == 0.0
+    assert metrics.dynamic_range_db == 15.0
+
+
+@pytest.mark.parametrize("steps", [-7, -1, 3, 10])
+def test_plane_shifted_in_depth(steps: int) -> None:
+    metrics = compare(layer(PLATE), layer(PLATE, 10 + steps))
+    shift_m = abs(steps) * MM
+    assert (metrics.db_correlation, metrics.mask_iou) == (1.0, 1.0)
+    assert metrics.depth_rmse_m == pytest.approx(shift_m, abs=ROUNDING)
+    # Between parallel planes on the same pixels the nearest point is straight ahead.
+    assert metrics.chamfer_simulated_to_measured_m == pytest.approx(shift_m, abs=ROUNDING)
+    assert metrics.chamfer_measured_to_simulated_m == pytest.approx(shift_m, abs=ROUNDING)
+
+
+def test_two_depth_errors_add_up_as_squares() -> None:
+    layers = np.full((N_Y, N_X), 10)
+    layers[:, 20:] = 14  # half of the plate: 10 of its 20 columns
+    layers[:, :20] = 7
+    metrics = compare(layer(PLATE), layer(PLATE, layers))
+    assert metrics.depth_rmse_m == pytest.approx(math.sqrt((3**2 + 4**2) / 2) * MM, abs=ROUNDING)
+
+
+def test_mask_iou_of_two_plates() -> None:
+    # 20 x 10 and 20 x 10 pixels that share 20 x 4: 80 / (200 + 200 - 80).
+    first = layer(plate(slice(0, 20), slice(0, 10)))
+    second = layer(plate(slice(0, 20), slice(6, 16)))
+    assert compare(first, second).mask_iou == 80 / 320
+
+
+def test_disjoint_masks_have_no_depth_error() -> None:
+    first = layer(plate(slice(0, 20), slice(0, 10)))
+    second = layer(plate(slice(0, 20), slice(15, 25)))
+    metrics = compare(first, second)
+    assert metrics.mask_iou == 0.0
+    assert math.isnan(metrics.depth_rmse_m)
+    # Columns 15 to 24 to the nearest measured column, 9: 6 to 15 mm, and the same backwards.
+    assert metrics.chamfer_simulated_to_measured_m == pytest.approx(10.5 * MM, abs=ROUNDING)
+    assert metrics.chamfer_measured_to_simulated_m == pytest.approx(10.5 * MM, abs=ROUNDING)
+
+
+def test_chamfer_is_not_symmetric() -> None:
+    """Each simulated point lies on a measured one, but a third of the measured ones is far off."""
+    measured = plate(slice(10, 11), slice(0, 2)) + plate(slice(10, 11), slice(30, 31))
+    metrics = compare(layer(measured), layer(plate(slice(10, 11), slice(0, 2))))
+    assert metrics.chamfer_simulated_to_measured_m == 0.0
+    # Columns 0, 1, 30 to the nearest of 0, 1: 0, 0 and 29 mm.
+    assert metrics.chamfer_measured_to_simulated_m == pytest.approx(29 / 3 * MM, abs=ROUNDING)
+
+
+def test_chamfer_is_euclidean_in_three_dimensions() -> None:
+    measured = layer(plate(slice(2, 3), slice(4, 5)), 1)
+    simulated = layer(plate(slice(4, 5), slice(7, 8)), 7)  # 2, 3 and 6 mm away: 7 mm
+    metrics = compare(measured, simulated)
+    assert metrics.chamfer_simulated_to_measured_m == pytest.approx(7 * MM, abs=ROUNDING)
+
+
+def test_chamfer_against_all_pairs() -> None:
+    rng = np.random.default_rng(5)
+    a = layer(texture(2), rng.integers(0, N_Z, (N_Y, N_X)))
+    b = layer(texture(3), rng.integers(0, N_Z, (N_Y, N_X)))
+    points_a, points_b = a.depth_map().points_m(), b.depth_map().points_m()
+    distance = np.linalg.norm(points_a[:, None] - points_b[None], axis=2)
+    metrics = compare(a, b)
+    expected = distance.min(axis=0).mean()
+    assert metrics.chamfer_simulated_to_measured_m == pytest.approx(expected, abs=ROUNDING)
+    expected = distance.min(axis=1).mean()
+    assert metrics.chamfer_measured_to_simulated_m == pytest.approx(expected, abs=ROUNDING)
+
+
+def test_correlation_against_numpy() -> None:
+    """By hand: dB relative to each maximum, clipped, every pixel of the image."""
+    a, b = texture(7), texture(8) + 0.5 * texture(7)
+    clipped = [np.maximum(20 * np.log10(v / v.max()), -15.0).ravel() for v in (a, b)]
+    expected = np.corrcoef(*clipped)[0, 1]
+    assert compare(layer(a), layer(b)).db_correlation == pytest.approx(expected, abs=FLOAT32)
+
+
+def test_correlation_of_complementary_plates_is_minus_one() -> None:
+    left = plate(slice(None), slice(0, 20))
+    right = plate(slice(None), slice(20, 40))
+    assert compare(layer(left), layer(right)).db_correlation == -1.0
+
+
+def test_ssim_by_hand() -> None:
+    """Wang et al. 2004, written out for one image of exactly one window."""
+    rng = np.random.default_rng(11)
+    a, b = (10.0 ** (rng.uniform(-15.0, 0.0, (11, 11)) / 20.0) for _ in range(2))
+    offset = np.arange(SSIM_WINDOW) - SSIM_WINDOW // 2
+    line = np.exp(-0.5 * (offset / SSIM_SIGMA) ** 2)
+    weight = np.outer(line, line) / np.outer(line, line).sum()
+    x, y = (20 * np.log10(v / v.max()) / 15.0 + 1.0 for v in (a, b))
+    mean_x, mean_y = (weight * x).sum(), (weight * y).sum()
+    var_x, var_y = ((weight * v**2).sum() - (weight * v).sum() ** 2 for v in (x, y))
+    cov = (weight * x * y).sum() - mean_x * mean_y
+    c1, c2 = 0.01**2, 0.03**2
+    expected = ((2 * mean_x * mean_y + c1) * (2 * cov + c2)) / (
+        (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)
+    )
+    # c2 = 9e-4 in the denominator magnifies the float32 error of the images.
+    assert compare(depth_map(a), depth_map(b)).ssim == pytest.approx(expected, abs=10 * FLOAT32)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_scale_of_either_image_does_not_matter(which: int) -> None:
+    rng = np.random.default_rng(13)
+    images = [layer(texture(i), rng.integers(0, N_Z, (N_Y, N_X))) for i in (20, 21)]
+    expected = compare(*images)
+    # A power of two changes no mantissa; with the phase nothing but the amplitude's rounding does.
+    images[which] = Volume(images[which].data * np.complex64(2.0**-20), images[which].grid)
+    assert compare(*images) == expected
+    images[which] = Volume(images[which].data * np.complex64(3e4j), images[which].grid)
+    for field in fields(Metrics):
+        got = getattr(compare(*images), field.name)
+        assert got == pytest.approx(getattr(expected, field.name), abs=10 * FLOAT32)
+
+
+def test_swapping_the_images_swaps_the_chamfer_distances_only() -> None:
+    a, b = layer(texture(30), 4), layer(texture(31), 9)
+    forward, backward = compare(a, b), compare(b, a)
+    swapped = replace(
+        backward,
+        chamfer_simulated_to_measured_m=backward.chamfer_measured_to_simulated_m,
+        chamfer_measured_to_simulated_m=backward.chamfer_simulated_to_measured_m,
+    )
+    assert forward.ssim == pytest.approx(swapped.ssim, abs=ROUNDING)
+    assert replace(swapped, ssim=forward.ssim) == forward
+
+
+def test_depth_maps_and_volumes_agree() -> None:
+    a, b = layer(texture(40), 3), layer(texture(41), 5)
+    expected = compare(a, b)
+    assert compare(a.depth_map(), b) == expected
+    # A map that was cut further down is cut again, at the same pixels.
+    assert compare(a.depth_map(30.0), b.depth_map(20.0)) == expected
+
+
+def test_dynamic_range_moves_the_mask() -> None:
+    amplitude = np.full((N_Y, N_X), 1.0)
+    amplitude[:10] = 10 ** (-18 / 20)
+    amplitude[10:15] = 0.0
+    full = layer(np.ones((N_Y, N_X)))
+    assert compare(full, layer(amplitude)).mask_iou == 15 / 30
+    assert compare(full, layer(amplitude), dynamic_range_db=20.0).mask_iou == 25 / 30
+
+
+def test_different_z_grids_are_fine() -> None:
+    metrics = compare(layer(PLATE, 10), layer(PLATE, 10, z_first_mm=292.5))
+    assert metrics.depth_rmse_m == pytest.approx(2.5 * MM, abs=ROUNDING)
+
+
+def test_correlation_of_a_constant_image_is_nan() -> None:
+    constant, other = layer(np.ones((N_Y, N_X))), layer(PLATE)
+    for pair in ((constant, other), (other, constant), (constant, constant)):
+        metrics = compare(*pair)
+        assert math.isnan(metrics.db_correlation)
+        assert math.isfinite(metrics.ssim)
+        assert metrics.depth_rmse_m == 0.0
+
+
+def test_clipped_db() -> None:
+    amplitude = np.array([[2.0, 0.2], [0.0, 1.0]])
+    got = clipped_db(depth_map(amplitude))
+    np.testing.assert_allclose(got, [[0.0, -15.0], [-15.0, -20 * math.log10(2)]], atol=ROUNDING)
+    assert got.min() == -15.0
+
+
+def test_metrics_as_json() -> None:
+    first = layer(plate(slice(0, 20), slice(0, 10)))
+    second = layer(plate(slice(0, 20), slice(15, 25)))
+    metrics = compare(first, second)
+    record = json.loads(json.dumps(metrics.to_dict(), allow_nan=False))
+    assert list(record) == [f.name for f in fields(Metrics)]
+    assert record["depth_rmse_m"] is None
+    assert record["mask_iou"] == 0.0
+    assert record["chamfer_simulated_to_measured_m"] == metrics.chamfer_simulated_to_measured_m
+    assert set(UNDEFINED) < set(record)
+    with pytest.raises(FrozenInstanceError):
+        metrics.ssim = 1.0  # type: ignore[misc]
+
+
+def test_different_pixels_are_refused() -> None:
+    with pytest.raises(CompareError, match=r"same pixels.*-20 to 19 mm.*in 40.*-19\.5 to 19\.5 mm"):
+        compare(layer(PLATE), layer(PLATE, x_first_mm=-19.5))
+    with pytest.raises(CompareError, match=r"x = -20 to 19 mm in 40.*x = -20 to 10 mm in 31"):
+        compare(layer(PLATE), layer(PLATE[:, :31], n_x=31))
+
+
+def test_pixels_within_the_tolerance_are_the_same() -> None:
+    compare(layer(PLATE), layer(PLATE, x_first_mm=-20.0 + 5e-5))
+    with pytest.raises(CompareError, match=r"-20 to 19 mm.*-19\.9998 to 19\.0002 mm"):
+        compare(layer(PLATE), layer(PLATE, x_first_mm=-20.0 + 2e-4))
+
+
+@pytest.mark.parametrize("which", ["measured", "simulated"])
+def test_errors_say_which_image(which: str) -> None:
+    def run(bad: object) -> None:
+        compare(**{"measured": layer(PLATE), "simulated": layer(PLATE), which: bad})  # type: ignore[arg-type]
+
+    with pytest.raises(CompareError, match=f"{which} image: .*0 everywhere"):
+        run(layer(np.zeros((N_Y, N_X))))
+    with pytest.raises(CompareError, match=f"{which} image: .*got ndarray"):
+        run(PLATE)
+    nowhere = layer(PLATE).depth_map()
+    nowhere = replace(nowhere, depth_m=np.full_like(nowhere.depth_m, np.nan))
+    with pytest.raises(CompareError, match=f"{which} image: .*depth somewhere within 15 dB"):
+        run(nowhere)
+    with pytest.raises(CompareError, match=f"{which} image: .*15 dB.*cut at 10 dB"):
+        run(layer(PLATE).depth_map(10.0))
+
+
+def test_images_smaller_than_the_window_are_refused() -> None:
+    small = depth_map(texture(0)[:10, :12])
+    with pytest.raises(CompareError, match=r"at least 11 x 11.*got 12 x 10"):
+        compare(small, small)
+
+
+@pytest.mark.parametrize("bad", [0.0, -15.0, math.nan, "wide"])
+def test_dynamic_range_must_be_positive(bad: object) -> None:
+    with pytest.raises(ModelError, match="dynamic_range_db"):
+        compare(layer(PLATE), layer(PLATE), dynamic_range_db=bad)  # type: ignore[arg-type]
+
+
+def test_import_is_light() -> None:
+    """The command line imports both modules: what is slow to import waits until it is used."""
+    code = (
+        "import sys, clradar.compare, clradar.plot;"
+        "print([m for m in ('scipy', 'skimage', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,519 @@
+"""The parametric hand: poses, joints, proportions, and the closed surface."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clradar.errors import ClradarError, ModelError
+from clradar.hand import (
+    JOINT_NAMES,
+    POSES,
+    FingerPose,
+    HandMesh,
+    HandPose,
+    ThumbPose,
+    hand_joints,
+    hand_mesh,
+    pose_by_name,
+)
+from clradar.hand.cones import Cone, smooth_minimum
+from clradar.hand.flesh import PART_NAMES, grown_flesh
+from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M, _right_hand
+from clradar.hand.skeleton import posed_skeleton
+
+FINGERS = ("index", "middle", "ring", "pinky")
+ALL_POSES = tuple(POSES)
+# The outline hardly depends on the edge length; a coarse mesh is enough where only that counts.
+COARSE_M = 3e-3
+
+
+def joint(joints_m: np.ndarray, name: str) -> np.ndarray:
+    return joints_m[JOINT_NAMES.index(name)]
+
+
+def direction(joints_m: np.ndarray, begin: str, end: str) -> np.ndarray:
+    along = joint(joints_m, end) - joint(joints_m, begin)
+    return along / np.linalg.norm(along)
+
+
+def angle_deg(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.rad2deg(np.arccos(np.clip(a @ b, -1.0, 1.0))))
+
+
+def winding_numbers(mesh: HandMesh, points_m: np.ndarray) -> np.ndarray:
+    """Solid angle of the surface over 4 pi: 1 inside an outward surface, 0 outside."""
+    numbers = []
+    for point_m in points_m:
+        a, b, c = np.moveaxis(mesh.vertices_m[mesh.faces] - point_m, 1, 0)
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        dots = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
+        ab, bc, ca = dots
+        triple = np.einsum("ij,ij->i", a, np.cross(b, c))
+        angle = 2.0 * np.arctan2(triple, la * lb * lc + ab * lc + bc * la + ca * lb)
+        numbers.append(angle.sum() / (4.0 * np.pi))
+    return np.array(numbers)
+
+
+def vertices_of(mesh: HandMesh, part: str) -> np.ndarray:
+    """Indices of the vertices that belong to the faces of a part."""
+    return np.unique(mesh.faces[mesh.part == mesh.part_names.index(part)])
+
+
+def section_extent_m(mesh: HandMesh, normal: np.ndarray, origin_m: np.ndarray, along: np.ndarray):
+    """Extent along a direction of the piece of a plane section that is nearest to `origin_m`."""
+    section = mesh.to_trimesh().section(normal, origin_m)
+    pieces = [section.vertices[entity.points] for entity in section.entities]
+    piece = min(pieces, key=lambda p: float(np.linalg.norm(p.mean(axis=0) - origin_m)))
+    return float(np.ptp(piece @ along))
+
+
+# --- names and poses
+
+
+def test_joint_names_are_those_of_webxr():
+    # XRHandJoint of the W3C WebXR Hand Input Module, Level 1, in the order of its IDL.
+    assert len(JOINT_NAMES) == len(set(JOINT_NAMES)) == 25
+    assert JOINT_NAMES[:6] == (
+        "wrist",
+        "thumb-metacarpal",
+        "thumb-phalanx-proximal",
+        "thumb-phalanx-distal",
+        "thumb-tip",
+        "index-finger-metacarpal",
+    )
+    assert JOINT_NAMES[-5:] == (
+        "pinky-finger-metacarpal",
+        "pinky-finger-phalanx-proximal",
+        "pinky-finger-phalanx-intermediate",
+        "pinky-finger-phalanx-distal",
+        "pinky-finger-tip",
+    )
+
+
+def test_poses_are_found_in_any_case():
+    assert pose_by_name("f") is pose_by_name("F") is POSES["F"]
+    assert pose_by_name("Flat") is POSES["flat"]
+
+
+def test_unknown_pose_is_refused_with_the_known_names():
+    with pytest.raises(ModelError, match=r"pose: expected one of 'flat', 'F', got 'spock'") as info:
+        pose_by_name("spock")
+    assert isinstance(info.value, ClradarError)
+    with pytest.raises(ModelError, match="pose: expected a string"):
+        pose_by_name(7)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: FingerPose.from_degrees(140.0, 0.0, 0.0), "FingerPose.mcp_flexion_rad"),
+        (lambda: FingerPose.from_degrees(0.0, -30.0, 0.0), "FingerPose.pip_flexion_rad"),
+        (lambda: FingerPose(abduction_rad=float("nan")), "FingerPose.abduction_rad"),
+        (lambda: ThumbPose.from_degrees(0.0, 120.0, 0.0, 0.0, 0.0), "ThumbPose.cmc_abduction_rad"),
+        (lambda: HandPose("x", thumb=FingerPose()), "HandPose.thumb"),  # type: ignore[arg-type]
+        (lambda: HandPose(1), "HandPose.name"),  # type: ignore[arg-type]
+    ],
+)
+def test_impossible_angles_are_refused(make, message):
+    with pytest.raises(ModelError, match=message):
+        make()
+
+
+def test_angles_at_their_limits_are_accepted():
+    assert FingerPose.from_degrees(95.0, 115.0, 90.0, 30.0).pip_flexion_rad == pytest.approx(
+        np.deg2rad(115.0), abs=1e-12
+    )
+
+
+# --- skeleton
+
+
+@pytest.mark.parametrize("pose", ALL_POSES)
+def test_bones_keep_their_published_lengths_in_every_pose(pose):
+    joints_m = posed_skeleton(POSES[pose]).joints_m
+    published_mm = {
+        "index": (68.1, 39.8, 22.4, 15.8),
+        "middle": (64.6, 44.6, 26.3, 17.4),
+        "ring": (58.0, 41.4, 25.7, 17.3),
+        "pinky": (53.7, 32.7, 18.1, 16.0),
+    }
+    bones = ("metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip")
+    for finger, lengths_mm in published_mm.items():
+        at = [joint(joints_m, f"{finger}-finger-{bone}") for bone in bones]
+        measured_mm = np.linalg.norm(np.diff(at, axis=0), axis=1) * 1e3
+        # Means of Buryanov and Kotiuk 2010, rounded to 0.1 mm; the metacarpals follow from the
+        # coordinates of their ends, which are given to 0.1 mm each.
+        np.testing.assert_allclose(measured_mm, lengths_mm, atol=0.2)
+
+
+@pytest.mark.parametrize("pose", ALL_POSES)
+def test_frames_are_rotations_along_their_bones(pose):
+    bones = posed_skeleton(POSES[pose])
+    product = np.einsum("nij,nik->njk", bones.frames, bones.frames)
+    # Products of at most six rotations: a few rounding errors of 1e-16.
+    np.testing.assert_allclose(product, np.broadcast_to(np.eye(3), (25, 3, 3)), atol=1e-14)
+    assert (np.linalg.det(bones.frames) > 0).all()
+    for at, name in enumerate(JOINT_NAMES):
+        if name != "wrist" and not name.endswith("tip"):
+            along = bones.joints_m[at + 1] - bones.joints_m[at]
+            along /= np.linalg.norm(along)
+            np.testing.assert_allclose(bones.frames[at, :, 1], along, atol=1e-12)
+
+
+def test_bending_goes_towards_the_radar():
+    straight = hand_joints("flat")
+    bent = hand_joints(
+        HandPose("hook", POSES["flat"].thumb, *(FingerPose.from_degrees(40.0, 40.0, 20.0),) * 4)
+    )
+    for finger in FINGERS:
+        knuckle, tip = f"{finger}-finger-phalanx-proximal", f"{finger}-finger-tip"
+        # Bent by 40, 80 and 100 degrees, even the little finger's bones of 33, 18 and 16 mm reach
+        # 54 mm in front of the knuckle; straight ones stay within a few millimetres.
+        assert joint(bent, knuckle)[2] - joint(bent, tip)[2] > 0.045
+        assert abs(joint(straight, knuckle)[2] - joint(straight, tip)[2]) < 0.010
+
+
+def test_a_right_hands_thumb_points_to_minus_x_and_fingers_up():
+    # The palm looks at the radar (-z) with fingers up (+y). Whoever owns this right hand faces the
+    # aperture and has +x on the right; the thumb of a raised right hand points to the left.
+    for pose in ALL_POSES:
+        joints_m = hand_joints(pose)
+        knuckles_x = [joint(joints_m, f"{f}-finger-phalanx-proximal")[0] for f in FINGERS]
+        assert joint(joints_m, "thumb-phalanx-distal")[0] < knuckles_x[0]
+        assert (np.diff(knuckles_x) > 0.015).all()  # knuckles are about 20 mm apart
+        assert joint(joints_m, "middle-finger-tip")[1] - joint(joints_m, "wrist")[1] > 0.17
+        # The thumb lies in front of the palm, never behind the back of the hand.
+        assert joint(joints_m, "thumb-tip")[2] < joint(joints_m, "middle-finger-metacarpal")[2]
+
+
+# --- surface
+
+
+@pytest.mark.parametrize("pose", ALL_POSES)
+def test_surface_is_closed_outward_and_of_the_expected_size(pose):
+    mesh = hand_mesh(pose)
+    assert 35_000 <= len(mesh.faces) <= 45_000
+    assert mesh.vertices_m.dtype == np.float64
+    assert mesh.faces.dtype == np.int32
+    assert not mesh.vertices_m.flags.writeable
+    surface = mesh.to_trimesh()
+    assert surface.is_watertight
+    assert surface.is_winding_consistent
+    assert surface.body_count == 1
+    # An open hand is a ball; the touching tips of F close a ring and make it a torus.
+    assert surface.euler_number == {"flat": 2, "F": 0}[pose]
+    # Outward winding gives a positive volume; adult hands displace 250 to 450 cubic centimetres.
+    assert 250e-6 < surface.volume < 450e-6
+
+
+@pytest.mark.parametrize("pose", ALL_POSES)
+@pytest.mark.parametrize("edge_length_m", [COARSE_M, 4e-3])
+def test_coarse_surfaces_keep_their_shape(pose, edge_length_m):
+    mesh = hand_mesh(pose, edge_length_m)
+    fine = hand_mesh(pose)
+    surface = mesh.to_trimesh()
+    assert surface.is_watertight
+    assert surface.euler_number == {"flat": 2, "F": 0}[pose]
+    # Chords of length h cut h**2 / (8 r) off a radius r: for 4 mm, 0.4 mm of a fingertip's 5 mm at
+    # worst, 0.1 mm on the palm; over the hand far below 2 % of the volume.
+    assert surface.volume == pytest.approx(fine.to_trimesh().volume, rel=0.02)
+    # Faces scale with the inverse square of the edge, within the noise of marching cubes.
+    expected = len(fine.faces) * (DEFAULT_EDGE_LENGTH_M / edge_length_m) ** 2
+    assert len(mesh.faces) == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize("pose", ALL_POSES)
+def test_vertices_lie_on_the_flesh_and_normals_agree_with_it(pose):
+    posed = POSES[pose]
+    vertices_m, faces, _, _ = _right_hand(posed, DEFAULT_EDGE_LENGTH_M)
+    bones = posed_skeleton(posed)
+    flesh = grown_flesh(bones)
+    # The cached surface is centred on its box; the wrist is the origin of the flesh's frame.
+    shift_m = _right_hand(posed, DEFAULT_EDGE_LENGTH_M)[2][0] - bones.joints_m[0]
+    own_m = vertices_m - shift_m
+    # Two Newton steps from within a tenth of a millimetre end well below a micrometre on smooth
+    # skin; only the narrow folds, where the field's slope drops, keep a few micrometres.
+    off_m = np.abs(flesh.distance_m(own_m))
+    assert np.percentile(off_m, 99) < 5e-6
+    assert off_m.max() < 1e-4
+    corners = own_m[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    cosine = np.einsum("ij,ij->i", normal, flesh.normals(corners.mean(axis=1)))
+    # An edge of 1.7 mm on a radius of 6 mm tilts a face by at most 8 degrees (cosine 0.990); the
+    # folds at webs and at the contact are sharper, hence the share.
+    assert (cosine > 0.985).mean() > 0.98
+    assert (cosine > 0.0).all()
+
+
+def test_hand_stands_inside_the_imaging_volume():
+    for pose in ALL_POSES:
+        for handedness in ("right", "left"):
+            mesh = hand_mesh(pose, handedness=handedness)
+            low_m, high_m = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
+            np.testing.assert_allclose(0.5 * (low_m + high_m), [0.0, 0.0, 0.3], atol=1e-12)
+            assert (low_m >= [-0.1, -0.1, 0.26]).all()
+            assert (high_m <= [0.1, 0.1, 0.34]).all()
+
+
+def test_length_and_breadth_are_those_of_an_average_adult():
+    mesh = hand_mesh("flat")
+    wrist_y_m = joint(mesh.joints_m, "wrist")[1]
+    length_mm = (mesh.vertices_m[:, 1].max() - wrist_y_m) * 1e3
+    # Greiner 1991: means of 194 mm (men) and 181 mm (women); between them lie 185 to 190 mm.
+    assert 185.0 <= length_mm <= 190.0
+    index_m, pinky_m = (
+        joint(mesh.joints_m, f"{f}-finger-phalanx-proximal") for f in ("index", "pinky")
+    )
+    across = (pinky_m - index_m) * [1.0, 1.0, 0.0]
+    across /= np.linalg.norm(across)
+    normal = np.array([-across[1], across[0], 0.0])
+    breadth_mm = section_extent_m(mesh, normal, 0.5 * (index_m + pinky_m), across) * 1e3
+    # Means of 90 mm (men) and 79 mm (women), middle 84.9; 2 mm is half a standard deviation.
+    assert breadth_mm == pytest.approx(84.9, abs=2.0)
+
+
+@pytest.mark.parametrize(
+    ("finger", "middle_mm", "last_mm"),
+    [("index", 20.0, 17.5), ("middle", 20.0, 17.5), ("ring", 19.0, 16.5), ("pinky", 17.0, 15.0)],
+)
+def test_finger_breadths(finger, middle_mm, last_mm):
+    # Between the means of men and women (Garrett 1971, Greiner 1991), whose standard deviations are
+    # 1.1 to 1.5 mm.
+    mesh = hand_mesh("flat")
+    for bone, end, expected_mm in (
+        ("phalanx-intermediate", "phalanx-distal", middle_mm),
+        ("phalanx-distal", "tip", last_mm),
+    ):
+        origin_m = joint(mesh.joints_m, f"{finger}-finger-{bone}")
+        along = direction(mesh.joints_m, f"{finger}-finger-{bone}", f"{finger}-finger-{end}")
+        side = np.cross(along, [0.0, 0.0, 1.0])
+        side /= np.linalg.norm(side)
+        breadth_mm = section_extent_m(mesh, along, origin_m, side) * 1e3
+        assert breadth_mm == pytest.approx(expected_mm, abs=1.2)
+
+
+@pytest.mark.parametrize("pose", ALL_POSES)
+@pytest.mark.parametrize("handedness", ["right", "left"])
+def test_joints_lie_inside_the_surface(pose, handedness):
+    mesh = hand_mesh(pose, COARSE_M, handedness)
+    # The solid angle is exact but for rounding, summed over 13 000 faces.
+    np.testing.assert_allclose(winding_numbers(mesh, mesh.joints_m), 1.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("pose", ALL_POSES)
+def test_joints_lie_deep_in_the_flesh(pose):
+    bones = posed_skeleton(POSES[pose])
+    depth_mm = -grown_flesh(bones).distance_m(bones.joints_m) * 1e3
+    is_tip = np.array([name.endswith("tip") for name in JOINT_NAMES])
+    # The pulp beyond the last bone is 3.8 mm thick (thumb 5.7 mm); a pinky's last joint is 15 mm
+    # thick, 7 mm to each side.
+    assert (depth_mm[is_tip] > 3.5).all()
+    assert (depth_mm[~is_tip] > 7.0).all()
+
+
+# --- flat and F
+
+
+def test_straight_fingers_stay_apart():
+    from scipy.spatial import cKDTree
+
+    for pose, neighbours in (
+        ("flat", (("index", "middle"), ("middle", "ring"), ("ring", "pinky"))),
+        ("F", (("middle", "ring"), ("ring", "pinky"))),
+    ):
+        mesh = hand_mesh(pose)
+        for one, other in neighbours:
+            # Beyond the middle joint of both, where the webs are far.
+            floor_m = max(
+                joint(mesh.joints_m, f"{f}-finger-phalanx-intermediate")[1] for f in (one, other)
+            )
+            free = [mesh.vertices_m[vertices_of(mesh, f)] for f in (one, other)]
+            free = [v[v[:, 1] > floor_m] for v in free]
+            gap_m, _ = cKDTree(free[0]).query(free[1])
+            # Wide enough for the mesh to resolve it: two edge lengths.
+            assert gap_m.min() > 2 * DEFAULT_EDGE_LENGTH_M
+
+
+def test_letter_f_has_three_straight_spread_fingers():
+    joints_m = hand_joints("F")
+    lines = []
+    for finger in ("middle", "ring", "pinky"):
+        begin, end = f"{finger}-finger-phalanx-proximal", f"{finger}-finger-phalanx-intermediate"
+        first = direction(joints_m, begin, end)
+        last = direction(joints_m, f"{finger}-finger-phalanx-distal", f"{finger}-finger-tip")
+        # A straight finger held without force bends by a few degrees per joint.
+        assert angle_deg(first, last) < 10.0
+        lines.append(direction(joints_m, begin, f"{finger}-finger-tip"))
+    # Spread: more than 5 degrees each, less than the widest active spread (17, 14 and 32 degrees,
+    # Chatzioglou et al. 2024).
+    assert 5.0 < angle_deg(lines[0], lines[1]) < 14.3
+    assert 5.0 < angle_deg(lines[1], lines[2]) < 32.1
+
+
+def test_letter_f_closes_a_ring_of_thumb_and_index():
+    mesh = hand_mesh("F")
+    joints_m = mesh.joints_m
+    shared = np.intersect1d(vertices_of(mesh, "thumb"), vertices_of(mesh, "index"))
+    assert len(shared) >= 6
+    neck_m = mesh.vertices_m[shared]
+    # Tips of radius 7 mm pressed 0.9 mm into each other meet in a disc of 5 mm; it is longer across
+    # the thumb, whose tip is 2.6 mm wider than a sphere, and blending by 1 mm adds about 1 mm all
+    # around. A deep merge would be as wide as the thumb's tip (17 mm).
+    width_m = np.linalg.norm(neck_m - neck_m.mean(axis=0), axis=1).max() * 2
+    assert 3e-3 < width_m < 11e-3
+    for tip in ("thumb-tip", "index-finger-tip"):
+        # The tip joint lies 4 to 6 mm below the skin.
+        assert np.linalg.norm(neck_m.mean(axis=0) - joint(joints_m, tip)) < 9e-3
+    # The ring comes out of the palm towards the radar.
+    knuckle = joint(joints_m, "index-finger-phalanx-proximal")
+    assert knuckle[2] - neck_m[:, 2].mean() > 0.04
+    # The curled index finger is lower than the middle finger by more than its two last bones.
+    assert joint(joints_m, "middle-finger-tip")[1] - joint(joints_m, "index-finger-tip")[1] > 0.06
+
+
+def test_letter_f_ring_is_open_seen_from_the_radar():
+    surface = hand_mesh("F", COARSE_M)
+    # Rasterise the faces' projection: an enclosed empty region is the hole of the ring.
+    from scipy import ndimage
+
+    pixel_m = 1e-3
+    corners = surface.vertices_m[surface.faces][:, :, :2]
+    weights = [(i / 6, j / 6) for i in range(7) for j in range(7 - i)]
+    points = np.concatenate(
+        [corners[:, 0] * (1 - a - b) + corners[:, 1] * a + corners[:, 2] * b for a, b in weights]
+    )
+    bins = np.floor(points / pixel_m).astype(int) + 110
+    covered = np.zeros((220, 220), dtype=bool)
+    covered[tuple(bins.T)] = True
+    regions, count = ndimage.label(~covered)
+    sizes = np.bincount(regions.ravel())[1:]
+    # Background and the hole; pinholes of the rasterisation are single pixels.
+    assert count >= 2
+    assert np.sort(sizes)[-2] >= 15
+
+
+# --- mirror, placement, parts, determinism, refusals
+
+
+@pytest.mark.parametrize("pose", ALL_POSES)
+def test_left_hand_is_the_mirror_image(pose):
+    right, left = hand_mesh(pose, COARSE_M), hand_mesh(pose, COARSE_M, "left")
+    mirror = np.array([-1.0, 1.0, 1.0])
+    # Only signs change and one number is added: equal to the last bit.
+    np.testing.assert_array_equal(left.vertices_m, right.vertices_m * mirror)
+    np.testing.assert_array_equal(left.joints_m, right.joints_m * mirror)
+    np.testing.assert_array_equal(left.part, right.part)
+    assert left.to_trimesh().volume == pytest.approx(right.to_trimesh().volume, rel=1e-9)
+    assert joint(left.joints_m, "thumb-tip")[0] > 0
+
+
+def test_center_moves_mesh_and_joints_together():
+    here, there = hand_mesh("F"), hand_mesh("F", center_m=(0.01, -0.02, 0.5))
+    shift_m = [0.01, -0.02, 0.2]
+    # Coordinates below 1 m: rounding of 1e-16 per addition.
+    np.testing.assert_allclose(
+        there.vertices_m - here.vertices_m, shift_m + 0 * here.vertices_m, atol=1e-15
+    )
+    np.testing.assert_allclose(
+        there.joints_m - here.joints_m, np.tile(shift_m, (25, 1)), atol=1e-15
+    )
+    np.testing.assert_array_equal(hand_joints("F", center_m=(0.01, -0.02, 0.5)), there.joints_m)
+    np.testing.assert_array_equal(hand_joints(), here.joints_m)
+
+
+def test_parts_cover_the_hand():
+    mesh = hand_mesh("flat")
+    assert mesh.part_names == PART_NAMES == ("palm", "thumb", *FINGERS)
+    assert mesh.part.dtype == np.int32
+    assert set(np.unique(mesh.part)) == set(range(6))
+    corners = mesh.vertices_m[mesh.faces]
+    centres_m = corners.mean(axis=1)
+    for name in FINGERS:
+        tip_m = joint(mesh.joints_m, f"{name}-finger-tip")
+        nearest = np.argmin(np.linalg.norm(centres_m - tip_m, axis=1))
+        assert mesh.part_names[mesh.part[nearest]] == name
+    area_m2 = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    share = np.bincount(mesh.part, weights=area_m2) / area_m2.sum()
+    # The palm with stub has about half of the skin, no digit more than a sixth.
+    assert 0.4 < share[0] < 0.6
+    assert (share[1:] < 1 / 6).all()
+
+
+def test_result_is_deterministic():
+    first = hand_mesh("F", COARSE_M)
+    _right_hand.cache_clear()
+    second = hand_mesh("F", COARSE_M)
+    assert first.vertices_m is not second.vertices_m
+    np.testing.assert_array_equal(first.vertices_m, second.vertices_m)
+    np.testing.assert_array_equal(first.faces, second.faces)
+    np.testing.assert_array_equal(first.joints_m, second.joints_m)
+    np.testing.assert_array_equal(first.part, second.part)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"pose": "Q9"}, "pose: expected one of"),
+        ({"pose": None}, "pose: expected a string"),
+        ({"edge_length_m": 0.0}, "edge_length_m: expected a positive number"),
+        ({"edge_length_m": 1.7}, "edge_length_m: expected a length in"),
+        ({"edge_length_m": 1e-5}, "edge_length_m: expected a length in"),
+        ({"edge_length_m": "fine"}, "edge_length_m: expected a number"),
+        ({"handedness": "both"}, "handedness: expected one of 'right', 'left'"),
+        ({"center_m": (0.0, 0.0)}, "center_m: expected shape"),
+        ({"center_m": (0.0, 0.0, float("nan"))}, "center_m: expected finite numbers"),
+    ],
+)
+def test_arguments_that_cannot_be_meant_are_refused(arguments, message):
+    with pytest.raises(ModelError, match=message):
+        hand_mesh(**arguments)
+
+
+def test_mesh_record_checks_its_fields():
+    mesh = hand_mesh("flat", COARSE_M)
+    with pytest.raises(ModelError, match=r"HandMesh\.faces: expected indices"):
+        HandMesh(mesh.vertices_m[:10], mesh.faces, mesh.joints_m, mesh.part)
+    with pytest.raises(ModelError, match=r"HandMesh\.part: expected indices"):
+        HandMesh(mesh.vertices_m, mesh.faces, mesh.joints_m, mesh.part, ("palm",))
+    with pytest.raises(ModelError, match=r"HandMesh\.joints_m: expected shape"):
+        HandMesh(mesh.vertices_m, mesh.faces, mesh.joints_m[:24], mesh.part)
+
+
+# --- distances
+
+
+def test_cone_distance_is_that_of_its_spheres():
+    cone = Cone(np.array([0.0, 0.0, 0.0]), np.array([0.03, 0.02, -0.01]), 0.012, 0.005)
+    points_m = np.random.default_rng(1).uniform(-0.05, 0.06, (400, 3))
+    along = np.linspace(0.0, 1.0, 4001)
+    centres_m = along[:, None] * cone.end_m
+    radii_m = cone.begin_radius_m + along * (cone.end_radius_m - cone.begin_radius_m)
+    distance_m = np.linalg.norm(points_m[:, None] - centres_m[None], axis=2) - radii_m
+    # Spheres 0.0094 mm apart on the axis miss the nearest one by half of that, which changes a
+    # distance in second order: (5e-6 m)**2 / 2 over the distance to the axis, seldom below 1 mm.
+    np.testing.assert_allclose(cone.distance_m(points_m), distance_m.min(axis=1), atol=2e-8)
+
+
+def test_smooth_minimum_stays_within_its_bound():
+    a, b = np.random.default_rng(2).uniform(-1.0, 1.0, (2, 1000))
+    blended = smooth_minimum(a, b, 0.4)
+    # At most a quarter of the blend below the minimum, and equal to it where nothing overlaps.
+    assert (blended <= np.minimum(a, b)).all()
+    assert (blended >= np.minimum(a, b) - 0.1 - 1e-15).all()
+    far = np.abs(a - b) >= 0.4
+    np.testing.assert_array_equal(blended[far], np.minimum(a, b)[far])
+
+
+def test_flesh_never_overestimates_a_distance():
+    # The coarse-to-fine sampling leaves out cells by this property.
+    flesh = grown_flesh(posed_skeleton(POSES["F"]))
+    rng = np.random.default_rng(3)
+    from_m = rng.uniform([-0.09, -0.02, -0.08], [0.06, 0.2, 0.03], (3000, 3))
+    to_m = from_m + rng.normal(scale=5e-3, size=from_m.shape)
+    change_m = np.abs(flesh.distance_m(from_m) - flesh.distance_m(to_m))
+    # Slope at most 1, up to the rounding of distances near 0.1 m.
+    assert (change_m <= np.linalg.norm(to_m - from_m, axis=1) + 1e-15).all()

@@ -1,0 +1,322 @@
+"""The figures: orientation, labels, colour limits, no text over another, and safe files."""
+
+from __future__ import annotations
+
+import errno
+import itertools
+import os
+import stat
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from clradar.compare import Metrics, compare
+from clradar.errors import CompareError, OutputError
+from clradar.model import DepthMap, Volume, VoxelGrid
+from clradar.plot import (
+    AMPLITUDE_BACKGROUND,
+    DEPTH_BACKGROUND,
+    comparison_figure,
+    image_figure,
+    save_figure,
+)
+
+ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
+
+
+def blob(x_mm: float = 20.0, y_mm: float = 30.0, z_mm: float = 300.0, step: float = 4e-3) -> Volume:
+    """One Gaussian blob; the default grid is 51 x 51 x 21 voxels, as wide as the usual one."""
+    grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), step)
+    x, y, z = (
+        (axis * 1e3 - centre) / 15.0
+        for axis, centre in zip((grid.x_m, grid.y_m, grid.z_m), (x_mm, y_mm, z_mm), strict=True)
+    )
+    power = z[:, None, None] ** 2 + y[:, None] ** 2 + x**2
+    return Volume(np.exp(-power).astype(np.complex64), grid)
+
+
+def drawn(axes: Any) -> np.ma.MaskedArray:
+    """The values of the one mesh in `axes`, [y, x]."""
+    (mesh,) = axes.collections
+    return mesh.get_array()
+
+
+def texts(figure: Figure) -> list[str]:
+    return [t.get_text() for t in figure.texts]
+
+
+def visible_texts(figure: Figure) -> list[Any]:
+    from matplotlib.text import Text
+
+    return [t for t in figure.findobj(Text) if t.get_text() and t.get_visible()]
+
+
+def test_pictures_are_drawn_as_the_radar_sees_the_scene() -> None:
+    figure = comparison_figure(blob(), [("one", blob())])
+    for axes in figure.axes[:4]:
+        left, right = axes.get_xlim()
+        bottom, top = axes.get_ylim()
+        # Half a voxel of 4 mm beyond the outer centres.
+        np.testing.assert_allclose((left, right, bottom, top), (102, -102, -102, 102), atol=1e-9)
+        assert axes.get_aspect() == 1.0
+    figure.draw_without_rendering()
+    # The blob at x = +20 mm, y = +30 mm is left of the middle and above it.
+    axes = figure.axes[0]
+    column, row = axes.transData.transform((20.0, 30.0))
+    box = axes.get_window_extent()
+    assert column < (box.x0 + box.x1) / 2
+    assert row > (box.y0 + box.y1) / 2
+
+
+def test_values_lie_where_their_pixels_are() -> None:
+    axes = image_figure(blob(20.0, -40.0)).axes[0]
+    row, column = np.unravel_index(drawn(axes).argmax(), drawn(axes).shape)
+    mesh: Any = axes.collections[0]
+    corners = mesh.get_coordinates()[row : row + 2, column : column + 2].reshape(-1, 2)
+    np.testing.assert_allclose(corners.mean(axis=0), (20.0, -40.0), atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 3, 12])
+def test_columns_of_a_comparison(count: int) -> None:
+    labels = [f"{ALPHA} = {i / 10}" for i in range(count)]
+    figure = comparison_figure(blob(), [(label, blob()) for label in labels])
+    columns = count + 1
+    assert len(figure.axes) == 2 * columns + 2
+    assert [a.get_title() for a in figure.axes[:columns]] == ["Measurement", *labels]
+    for i, axes in enumerate(figure.axes[: 2 * columns]):
+        assert axes.get_xlabel() == ("x (mm)" if i >= columns else "")
+        assert axes.get_ylabel() == ("y (mm)" if i % columns == 0 else "")
+    assert [a.get_ylabel() for a in figure.axes[-2:]] == ["amplitude (dB)", "depth z (mm)"]
+
+
+def test_image_figure() -> None:
+    figure = image_figure(blob(), r"price: $3 \of $5")
+    assert len(figure.axes) == 4
+    assert [a.get_xlabel() for a in figure.axes] == ["x (mm)", "x (mm)", "", ""]
+    labels = ["y (mm)", "y (mm)", "amplitude (dB)", "depth z (mm)"]
+    assert [a.get_ylabel() for a in figure.axes] == labels
+    assert all(a.xaxis_inverted() for a in figure.axes[:2])
+    assert texts(figure) == [r"price: $3 \of $5"]
+    figure.draw_without_rendering()
+    assert texts(image_figure(blob().depth_map())) == []
+
+
+def test_amplitude_is_in_db_with_fixed_limits() -> None:
+    figure = comparison_figure(blob(), [("weaker", Volume(0.01 * blob().data, blob().grid))])
+    for axes in figure.axes[:2]:
+        (mesh,) = axes.collections
+        assert mesh.get_clim() == (-15.0, 0.0)
+        assert drawn(axes).max() == 0.0
+        assert drawn(axes).min() > -15.0
+        assert drawn(axes).mask.any()
+    assert image_figure(blob(), dynamic_range_db=30.0).axes[0].collections[0].get_clim()[0] == -30.0
+
+
+def test_all_depths_share_their_limits() -> None:
+    figure = comparison_figure(blob(z_mm=290.0), [("far", blob(z_mm=320.0))])
+    limits = [a.collections[0].get_clim() for a in figure.axes[2:4]]
+    # The parabola finds 290 and 320 mm, up to its error on a Gaussian of three voxels.
+    assert limits[0] == limits[1]
+    np.testing.assert_allclose(limits[0], (290.0, 320.0), atol=1.0)
+    np.testing.assert_allclose(drawn(figure.axes[3]).mean(), 320.0, atol=0.5)
+
+
+def test_stray_depths_do_not_stretch_the_scale() -> None:
+    x_m = np.arange(20) * 1e-3
+    depth_m = np.full((20, 20), 0.3)
+    depth_m[0, 0] = 0.4
+    image = DepthMap(depth_m, np.ones((20, 20)), x_m, x_m)
+    figure = image_figure(image)
+    assert figure.axes[1].collections[0].get_clim() == (299.0, 301.0)
+    # It is marked on the colour bar: an arrow at the upper end, none at the lower.
+    mesh: Any = figure.axes[1].collections[0]
+    assert mesh.colorbar.extend == "max"
+
+
+def test_backgrounds_are_neutral_and_not_in_the_scale() -> None:
+    from matplotlib.colors import to_rgb
+
+    figure = image_figure(blob())
+    for axes, colour in zip(figure.axes, (AMPLITUDE_BACKGROUND, DEPTH_BACKGROUND), strict=False):
+        (mesh,) = axes.collections
+        background = np.array(to_rgb(colour))
+        assert np.ptp(background) == 0
+        np.testing.assert_allclose(mesh.cmap.get_bad()[:3], background)
+        np.testing.assert_allclose(to_rgb(axes.get_facecolor()), background)
+        scale = mesh.cmap(np.linspace(0, 1, 256))[:, :3]
+        # A tenth of full scale is a difference that is seen.
+        assert np.abs(scale - background).max(axis=1).min() > 0.1
+
+
+def test_caption() -> None:
+    images = [blob(), blob(0.0), blob(-60.0)]
+    given = Metrics(0.876, 0.5, 0.25, float("nan"), 0.0123, 0.9)
+    figure = comparison_figure(images[0], [("a", images[1])], metrics=[given])
+    for expected in ("0.88", "0.50", "0.25", "n/a", "12.3"):
+        assert expected in texts(figure)
+    assert "depth RMSE (mm)" in texts(figure)
+    computed = comparison_figure(images[0], [("a", images[1]), ("b", images[2])])
+    for image in images[1:]:
+        value = 1e3 * compare(images[0], image).chamfer_simulated_to_measured_m
+        assert f"{value:.1f}" in texts(computed)
+    without = comparison_figure(images[0], [("a", images[1])], metrics=())
+    assert texts(without) == []
+    assert without.get_figheight() < figure.get_figheight()
+
+
+LONG = r"results/$\run$/2023-06-01_run_14, a file's name that goes on and on for many columns.h5"
+
+
+@pytest.mark.parametrize(
+    ("shape", "count"),
+    [((51, 51), 1), ((51, 51), 3), ((51, 51), 12), ((51, 20), 5), ((20, 51), 5), ((51, 1), 2)],
+)
+def test_no_text_over_another_or_off_the_page(shape: tuple[int, int], count: int) -> None:
+    n_x, n_y = shape
+    x_m, y_m = (4e-3 * (np.arange(n) - n // 2) for n in shape)
+    rng = np.random.default_rng(0)
+    image = DepthMap(rng.uniform(0.26, 0.34, (n_y, n_x)), rng.uniform(0.2, 1, (n_y, n_x)), x_m, y_m)
+    metrics = [Metrics(-0.123, 0.987, 0.5, float("nan"), 0.1234, 0.2)] * count
+    labels = [LONG, *(f"{ALPHA} = {i}" for i in range(count - 1))]
+    figure = comparison_figure(image, [(label, image) for label in labels], metrics=metrics)
+    assert_legible(figure)
+    assert_legible(image_figure(image, LONG))
+
+
+def assert_legible(figure: Figure) -> None:
+    figure.draw_without_rendering()
+    boxes = [(t.get_text(), t.get_window_extent()) for t in visible_texts(figure)]
+    page = figure.bbox
+    for text, box in boxes:
+        assert box.x0 >= 0, text
+        assert box.y0 >= 0, text
+        assert box.x1 <= page.x1, text
+        assert box.y1 <= page.y1, text
+    for (text_a, a), (text_b, b) in itertools.combinations(boxes, 2):
+        # Boxes include the font's line spacing: neighbouring lines may touch, by under a point.
+        touch = figure.dpi / 72
+        apart = (
+            a.x1 <= b.x0 + touch
+            or b.x1 <= a.x0 + touch
+            or a.y1 <= b.y0 + touch
+            or b.y1 <= a.y0 + touch
+        )
+        assert apart, (text_a, text_b)
+
+
+def test_uneven_and_single_axes() -> None:
+    x_m = np.array([0.0, 1.0, 3.0]) * 1e-3
+    image = DepthMap(np.full((1, 3), 0.3), np.ones((1, 3)), x_m, np.array([0.0]))
+    mesh: Any = image_figure(image).axes[0].collections[0]
+    coordinates = mesh.get_coordinates()
+    np.testing.assert_allclose(coordinates[0, :, 0], [-0.5, 0.5, 2.0, 4.0], atol=1e-12)
+    np.testing.assert_allclose(coordinates[:, 0, 1], [-0.5, 0.5], atol=1e-12)
+
+
+def test_figures_that_cannot_be_drawn() -> None:
+    zero = Volume(np.zeros_like(blob().data), blob().grid)
+    with pytest.raises(CompareError, match=r"image: .*0 everywhere"):
+        image_figure(zero)
+    with pytest.raises(CompareError, match=r"simulated image 'b': .*0 everywhere"):
+        comparison_figure(blob(), [("a", blob()), ("b", zero)])
+    with pytest.raises(CompareError, match="at least one simulated image"):
+        comparison_figure(blob(), [])
+    metrics = compare(blob(), blob())
+    with pytest.raises(CompareError, match="metrics for 1 simulated images, got 2"):
+        comparison_figure(blob(), [("a", blob())], metrics=[metrics, metrics])
+    with pytest.raises(CompareError, match="metrics at 20 dB, got metrics at 15 dB"):
+        comparison_figure(blob(), [("a", blob())], metrics=[metrics], dynamic_range_db=20.0)
+    with pytest.raises(CompareError, match="same pixels"):
+        comparison_figure(blob(), [("a", blob(step=5e-3))])
+
+
+def test_no_pyplot() -> None:
+    """pyplot keeps every figure alive and may open windows."""
+    before = "matplotlib.pyplot" in sys.modules
+    comparison_figure(blob(), [("a", blob())]).draw_without_rendering()
+    assert ("matplotlib.pyplot" in sys.modules) == before
+
+
+@pytest.fixture(scope="module")
+def figure() -> Figure:
+    return image_figure(blob(), "a blob")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg", ".PNG"])
+def test_files_are_the_same_every_time(
+    tmp_path: Path, figure: Figure, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = save_figure(figure, tmp_path / f"first{suffix}")
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")  # another date, were there one in the file
+    second = save_figure(image_figure(blob(), "a blob"), str(tmp_path / f"second{suffix}"))
+    assert first.read_bytes() == second.read_bytes()
+    assert first == tmp_path / f"first{suffix}"
+    assert b"Matplotlib" not in first.read_bytes()[:2000]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [f"first{suffix}", f"second{suffix}"]
+
+
+def test_files_are_readable_by_others_as_the_umask_says(tmp_path: Path, figure: Figure) -> None:
+    reference = tmp_path / "reference"
+    reference.touch()
+    saved = save_figure(figure, tmp_path / "a.png")
+    assert stat.S_IMODE(saved.stat().st_mode) == stat.S_IMODE(reference.stat().st_mode)
+
+
+def test_the_longest_name_that_a_folder_takes(tmp_path: Path, figure: Figure) -> None:
+    longest = "a" * (os.pathconf(tmp_path, "PC_NAME_MAX") - 4) + ".png"
+    assert save_figure(figure, tmp_path / longest).is_file()
+    with pytest.raises(OutputError, match="cannot be written"):
+        save_figure(figure, tmp_path / ("a" + longest))
+
+
+def test_nothing_is_overwritten_without_force(tmp_path: Path, figure: Figure) -> None:
+    target = tmp_path / "a.png"
+    target.write_bytes(b"precious")
+    with pytest.raises(OutputError, match=r"a\.png: exists already"):
+        save_figure(figure, target)
+    assert target.read_bytes() == b"precious"
+    save_figure(figure, target, force=True)
+    assert target.read_bytes().startswith(b"\x89PNG")
+    dangling = tmp_path / "link.png"
+    dangling.symlink_to(tmp_path / "nowhere.png")
+    with pytest.raises(OutputError, match="exists already"):
+        save_figure(figure, dangling)
+
+
+def test_a_file_that_appears_meanwhile_is_kept(
+    tmp_path: Path, figure: Figure, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "a.png"
+    monkeypatch.setattr(os, "fsync", lambda _: target.write_bytes(b"somebody else's"))
+    with pytest.raises(OutputError, match="exists already"):
+        save_figure(figure, target)
+    assert target.read_bytes() == b"somebody else's"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_failed_write_leaves_what_was_there(
+    tmp_path: Path, figure: Figure, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "a.png"
+    target.write_bytes(b"precious")
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OutputError, match=r"a\.png: cannot be written: No space left"):
+        save_figure(figure, target, force=True)
+    assert target.read_bytes() == b"precious"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a", "a.txt", "missing/a.png", "folder.png"])
+def test_places_that_cannot_be_written(tmp_path: Path, figure: Figure, name: str) -> None:
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(OutputError, match="expected"):
+        save_figure(figure, tmp_path / name, force=True)
+    assert [p.name for p in tmp_path.iterdir()] == ["folder.png"]
