@@ -1,0 +1,75 @@
+"""Antenna positions from the text files that are handed around with recorded captures."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from clradar import arrays
+from clradar.model import AntennaArray
+from measurement_io.failures import fail, read_bytes, reading
+
+CHANNELS = 96
+"""Channels of the instrument; the first and the last are no imaging antennas."""
+
+IMAGING = slice(1, 95)
+MAX_ANTENNA_FILE_BYTES = 2**20
+_EXPECTED = "an antenna file (a header x,y,z, then 96 rows of metres)"
+
+
+def read_antenna_file(path: str | os.PathLike[str]) -> np.ndarray:
+    """Return the imaging antennas of one file.
+
+    Parameters
+    ----------
+    path : path-like
+        Text: a header `x,y,z`, then 96 rows of three comma-separated numbers in metres, of which
+        rows 1 to 94 (counted from 0) are the imaging antennas; or those 94 rows alone.
+
+    Returns
+    -------
+    ndarray, shape (94, 3), float64, metres
+        In the antenna frame.
+
+    Raises
+    ------
+    MeasurementError
+        Missing, not such a file, another number of rows, NaN or infinite.
+    """
+    path = Path(path)
+    content = read_bytes(path, _EXPECTED, MAX_ANTENNA_FILE_BYTES)
+    with reading(path, _EXPECTED):
+        lines = [line.strip() for line in content.decode("utf-8-sig").splitlines()]
+        lines = [line for line in lines if line]
+        header = [part.strip().lower() for part in lines[0].split(",")] if lines else []
+        if header != ["x", "y", "z"]:
+            fail(path, "a first line 'x,y,z'", repr(lines[0][:60]) if lines else "an empty file")
+        rows = lines[1:]
+        if len(rows) not in (CHANNELS, CHANNELS - 2):
+            fail(path, "96 rows (or the 94 imaging ones)", f"{len(rows)} rows")
+        positions = np.empty((len(rows), 3))
+        for i, row in enumerate(rows):
+            parts = row.split(",")
+            if len(parts) != 3:
+                fail(path, f"three numbers in row {i}", repr(row[:60]))
+            positions[i] = [float(part) for part in parts]
+        if not np.isfinite(positions).all():
+            fail(path, "finite positions", "NaN or infinite ones")
+        return positions[IMAGING] if len(rows) == CHANNELS else positions
+
+
+def antenna_array(
+    rx_file: str | os.PathLike[str] | None, tx_file: str | os.PathLike[str] | None
+) -> AntennaArray:
+    """Return `qar50()` with the positions of the files that are named, if any."""
+    known = arrays.qar50()
+    if rx_file is None and tx_file is None:
+        return known
+    names = [f"{Path(f).name}" if f is not None else "qar50" for f in (rx_file, tx_file)]
+    return AntennaArray(
+        known.tx_m if tx_file is None else read_antenna_file(tx_file),
+        known.rx_m if rx_file is None else read_antenna_file(rx_file),
+        name=f"rx {names[0]}, tx {names[1]}",
+    )

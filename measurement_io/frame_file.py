@@ -1,0 +1,92 @@
+"""Read the dictionary that one recorded frame (`.npy`) holds."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from measurement_io.failures import clean, fail, fail_from, read_bytes, reading
+from measurement_io.pickle_scan import UnsafePickle
+from measurement_io.restricted_pickle import PickledArray, load
+
+NPY_MAGIC = b"\x93NUMPY"
+MAX_FRAME_BYTES = 2**30
+"""Largest frame file that is read: 96 x 96 channels at 7281 frequencies in complex128."""
+
+_EXPECTED = "a recorded frame (a .npy file with a pickled dictionary)"
+
+
+def read_frame_dictionary(path: Path) -> dict[str, Any]:
+    """Return the frame's dictionary without running anything that the file names.
+
+    Parameters
+    ----------
+    path : Path
+        A `.npy` file that holds one pickled dictionary as a 0-d object array.
+
+    Returns
+    -------
+    dict
+        String keys only. Arrays are read-only `numpy.ndarray` over the file's bytes; arrays of
+        anything but numbers and text are left out.
+
+    Raises
+    ------
+    MeasurementError
+        Missing, unreadable, damaged, another kind of file, or a pickle that asks for more.
+    """
+    content = read_bytes(path, _EXPECTED, MAX_FRAME_BYTES)
+    with reading(path, _EXPECTED):
+        offset = _check_header(path, content)
+        data = content[offset:]
+        del content
+        try:
+            loaded = load(data)
+        except UnsafePickle as refusal:
+            fail_from(refusal, path, _EXPECTED, clean(refusal))
+        if not isinstance(loaded, PickledArray) or not isinstance(loaded.value, list):
+            fail(path, "a pickled 0-d object array", type(loaded).__name__)
+        if loaded.shape != () or not isinstance(loaded.value[0], dict):
+            fail(path, "a dictionary in a 0-d object array", f"shape {loaded.shape}")
+        return _readable(loaded.value[0])
+
+
+def _check_header(path: Path, content: bytes) -> int:
+    """Check that the file is a 0-d object array and return where its pickle starts."""
+    stream = io.BytesIO(content)
+    version = np.lib.format.read_magic(stream)
+    if version not in ((1, 0), (2, 0)):
+        fail(path, "an .npy header of version 1.0 or 2.0", f"version {version[0]}.{version[1]}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a damaged header can be odd Python that still parses
+        if version == (1, 0):
+            shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+        else:
+            shape, _, dtype = np.lib.format.read_array_header_2_0(stream)
+    if dtype != np.dtype(object) or shape != ():
+        fail(
+            path,
+            "a recorded frame (a pickled dictionary in a 0-d object array); plain arrays carry no "
+            "frequencies and no antennas and are not read",
+            f"an array of {dtype} and shape {shape}",
+        )
+    return stream.tell()
+
+
+def _readable(raw: dict[Any, Any]) -> dict[str, Any]:
+    frame: dict[str, Any] = {}
+    for key, value in raw.items():
+        # Python 2 wrote its keys as byte strings.
+        name = key.decode("latin1") if isinstance(key, bytes) else key
+        if not isinstance(name, str):
+            continue
+        if isinstance(value, PickledArray):
+            if not isinstance(value.value, np.ndarray):
+                continue
+            value = value.value
+        frame[name] = value
+    return frame

@@ -1,0 +1,178 @@
+"""A recorded frame of the 94 x 94 imager as a `Capture`."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.model import Capture, Waveform
+from measurement_io.antenna_file import CHANNELS, IMAGING, antenna_array
+from measurement_io.failures import clean, fail, reading, shown
+from measurement_io.frame_file import read_frame_dictionary
+from measurement_io.maroon_folders import FrameFile, find_frame, find_radar_folder, frame_file
+
+MAX_TIME_STAMPS = 100_000
+_OWN_KEYS = ("xr", "fvec", "number_of_measurements", "timestamp_us")
+
+
+def read_frame_file(
+    path: Path,
+    *,
+    rx_file: str | os.PathLike[str] | None = None,
+    tx_file: str | os.PathLike[str] | None = None,
+) -> Capture:
+    """Return one `.npy` frame.
+
+    Parameters
+    ----------
+    path : Path
+        If it lies in `radar_<low>_<high>_<points>/calibrated_data`, that name has to agree with
+        the frequencies inside.
+    rx_file, tx_file : path-like, optional
+        Antenna files; `clradar.arrays.qar50()` otherwise.
+
+    Returns
+    -------
+    Capture
+        data[tx, rx, freq]: the file's [rx, tx, freq] without the channels 0 and 95, transposed.
+
+    Raises
+    ------
+    MeasurementError
+        See `measurement_io.open_capture`.
+    """
+    array = antenna_array(rx_file, tx_file)
+    place = frame_file(path)
+    frame = read_frame_dictionary(path)
+    with reading(path, "a recorded frame"):
+        xr = _required(path, frame, "xr", "a complex array [rx, tx, freq]")
+        fvec = _required(path, frame, "fvec", "the frequencies in Hz")
+        _check_agreement(place, xr, fvec)
+        if xr.shape[0] == CHANNELS:
+            xr = xr[IMAGING, IMAGING, :]
+        data = _transposed(path, xr)
+        meta = _meta(place, frame)
+        del frame, xr  # the file's bytes: the record below makes one more copy of the data
+        return Capture(data, array, Waveform(fvec), meta)
+
+
+def read_folder(
+    folder: Path,
+    *,
+    frame: int = 0,
+    variant: str = "raw",
+    rx_file: str | os.PathLike[str] | None = None,
+    tx_file: str | os.PathLike[str] | None = None,
+) -> Capture:
+    """Return one frame of a radar folder, or of the folder that holds exactly one."""
+    path = find_frame(find_radar_folder(folder), frame, variant)
+    return read_frame_file(path, rx_file=rx_file, tx_file=tx_file)
+
+
+def _required(path: Path, frame: dict[str, Any], key: str, what: str) -> np.ndarray:
+    if key not in frame:
+        there = ", ".join(sorted(frame)[:20]) or "no readable key"
+        fail(path, f"the key '{key}' ({what})", clean(there))
+    value = frame[key]
+    if not isinstance(value, np.ndarray):
+        fail(path, f"'{key}' to be {what}", type(value).__name__)
+    return value
+
+
+def _check_agreement(place: FrameFile, xr: np.ndarray, fvec: np.ndarray) -> None:
+    path = place.path
+    if xr.dtype.kind != "c":
+        fail(path, "'xr' to be complex", f"{xr.dtype}")
+    if fvec.dtype.kind not in "iuf" or fvec.ndim != 1:
+        fail(path, "'fvec' to be a 1-D array in Hz", f"{fvec.dtype} of shape {fvec.shape}")
+    if xr.ndim != 3 or xr.shape[:2] not in ((CHANNELS, CHANNELS), (CHANNELS - 2, CHANNELS - 2)):
+        fail(path, "'xr' of shape (96, 96, Nf) or (94, 94, Nf)", f"shape {xr.shape}")
+    counts = {"'xr'": xr.shape[2], "'fvec'": len(fvec)}
+    if place.folder is not None:
+        counts["the folder's name"] = place.folder.points
+    if len(set(counts.values())) > 1:
+        fail(
+            path,
+            "the same number of frequencies everywhere",
+            ", ".join(f"{count} in {where}" for where, count in counts.items()),
+        )
+    if len(fvec) == 0:
+        fail(path, "at least one frequency", "none")
+    if place.folder is not None and not place.folder.agrees_hz(float(fvec[0]), float(fvec[-1])):
+        fail(
+            path,
+            f"'fvec' from {place.folder.low_ghz} to {place.folder.high_ghz} GHz, as the folder's "
+            "name says",
+            f"{fvec[0] / 1e9:.9g} to {fvec[-1] / 1e9:.9g} GHz",
+        )
+
+
+def _transposed(path: Path, xr: np.ndarray) -> np.ndarray:
+    """Return [rx, tx, freq] as read-only complex64 [tx, rx, freq]."""
+    bad = int(xr.size - np.count_nonzero(np.isfinite(xr)))
+    if bad:
+        fail(path, "finite values in 'xr'", f"{bad} of {xr.size} that are NaN or infinite")
+    with np.errstate(over="ignore"):
+        data = np.ascontiguousarray(xr.transpose(1, 0, 2), dtype=np.complex64)
+    if not np.isfinite(data).all():
+        fail(path, "values in 'xr' that complex64 can hold", "an overflow")
+    if data is xr or data.base is not None:
+        data = data.copy()
+    data.flags.writeable = False  # the record keeps a read-only array without another copy
+    return data
+
+
+def _meta(place: FrameFile, frame: dict[str, Any]) -> dict[str, Any]:
+    meta: dict[str, Any] = {
+        "source": shown(place.path),
+        "format": "maroon",
+        "frame": place.frame,
+        "variant": place.variant,
+    }
+    if "timestamp_us" in frame:
+        meta["timestamp_us"] = _time_stamps(frame["timestamp_us"])
+    if "number_of_measurements" in frame:
+        number = _plain(frame["number_of_measurements"])
+        if not isinstance(number, int | float) or number != int(number):
+            fail(place.path, "'number_of_measurements' to be a whole number", repr(number)[:60])
+        meta["number_of_measurements"] = int(number)
+    for key, value in frame.items():
+        plain = _plain(value)
+        if key not in _OWN_KEYS and plain is not None:
+            meta[key if key not in meta else f"file_{key}"] = plain
+    return meta
+
+
+def _time_stamps(value: Any) -> int | float | list[Any] | None:
+    """Return one time stamp as a number, several as a list; None for what holds no numbers."""
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
+        value = value.ravel()[: MAX_TIME_STAMPS + 1].tolist()
+    if isinstance(value, list | tuple):
+        plain = [_plain(stamp) for stamp in value[: MAX_TIME_STAMPS + 1]]
+        stamps = [stamp for stamp in plain if isinstance(stamp, int | float)]
+        if len(stamps) != len(plain) or len(stamps) > MAX_TIME_STAMPS:
+            return None
+        return stamps[0] if len(stamps) == 1 else stamps
+    stamp = _plain(value)
+    return stamp if isinstance(stamp, int | float) else None
+
+
+def _plain(value: Any) -> str | int | float | None:
+    """Return a number or a string as JSON knows it, None for anything else."""
+    if isinstance(value, np.ndarray):
+        if value.ndim != 0:
+            return None
+        value = value[()]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, bool | str):
+        return value
+    if isinstance(value, int):
+        return value if abs(value) < 2**64 else None
+    if isinstance(value, float) and math.isfinite(value):
+        return value
+    return None

@@ -1,0 +1,166 @@
+"""Find frames in the folders of a recording.
+
+<object>/<distance>/radar_<low GHz>_<high GHz>_<points>/calibrated_data/%06d[_emptyfiltered].npy
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+
+from measurement_io.failures import clean, fail, reading
+
+VARIANTS = ("raw", "emptyfiltered")
+FRAMES_FOLDER = "calibrated_data"
+_NUMBER = r"([0-9]+(?:\.[0-9]+)?(?:e-?[0-9]+)?)"
+_RADAR = re.compile(rf"radar_{_NUMBER}_{_NUMBER}_([0-9]{{1,9}})\Z")
+_FRAME = re.compile(r"([0-9]{6})(_emptyfiltered)?\.npy\Z")
+
+
+@dataclass(frozen=True, slots=True)
+class RadarFolderName:
+    """What the name of a radar folder says.
+
+    Attributes
+    ----------
+    low_ghz, high_ghz : Decimal
+        First and last frequency, as many digits as the name has.
+    points : int
+        Number of frequencies.
+    """
+
+    low_ghz: Decimal
+    high_ghz: Decimal
+    points: int
+
+    @classmethod
+    def parse(cls, name: str) -> RadarFolderName | None:
+        """Return what `name` says, or None if it is no radar folder's name."""
+        match = _RADAR.match(name)
+        if match is None:
+            return None
+        return cls(Decimal(match[1]), Decimal(match[2]), int(match[3]))
+
+    def agrees_hz(self, low_hz: float, high_hz: float) -> bool:
+        """Whether these frequencies, rounded to the name's digits, are the name's."""
+        for named, value_hz in ((self.low_ghz, low_hz), (self.high_ghz, high_hz)):
+            # Half of the last digit, and a little for frequencies that come from float steps.
+            half = Decimal(10) ** int(named.as_tuple().exponent) / 2
+            if abs(value_hz / 1e9 - float(named)) > float(half) + 1e-9 * float(named):
+                return False
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class FrameFile:
+    """One frame's file, and what its name and its folder say.
+
+    Attributes
+    ----------
+    path : Path
+    frame : int or None
+        Number from the file's name, None if it has none.
+    variant : str
+        "raw" or "emptyfiltered".
+    folder : RadarFolderName or None
+        None where the file does not lie in a radar folder.
+    """
+
+    path: Path
+    frame: int | None
+    variant: str
+    folder: RadarFolderName | None
+
+
+def frame_file(path: Path) -> FrameFile:
+    """Return what the name and the place of a `.npy` file say."""
+    match = _FRAME.match(path.name)
+    absolute = path.absolute()
+    folder = None
+    if absolute.parent.name == FRAMES_FOLDER:
+        folder = RadarFolderName.parse(absolute.parent.parent.name)
+    if match is None:
+        return FrameFile(path, None, "raw", folder)
+    return FrameFile(path, int(match[1]), "emptyfiltered" if match[2] else "raw", folder)
+
+
+def entries(folder: Path) -> list[Path]:
+    """Return what lies in a folder, sorted by name."""
+    with reading(folder, "a readable folder"):
+        return sorted(folder.iterdir())
+
+
+def find_radar_folder(folder: Path) -> Path:
+    """Return the radar folder that `folder` is, or the only one that it holds.
+
+    Raises
+    ------
+    MeasurementError
+        None or several; the message lists them.
+    """
+    if RadarFolderName.parse(folder.absolute().name) is not None:
+        return folder
+    inside = [p for p in entries(folder) if p.is_dir()]
+    radars = [p for p in inside if RadarFolderName.parse(p.name) is not None]
+    expected = "a folder radar_<low GHz>_<high GHz>_<points>, or one that holds it"
+    if len(radars) == 1:
+        return radars[0]
+    if radars:
+        fail(
+            folder,
+            "one radar folder; name the one you mean",
+            f"{len(radars)}: {_listed([p.name for p in radars])}",
+        )
+    deeper = [
+        p.name for p in inside if any(RadarFolderName.parse(q.name) for q in _entries_or_none(p))
+    ]
+    if deeper:
+        fail(folder, expected, f"folders that hold one; name one of them: {_listed(deeper)}")
+    found = _listed([p.name for p in entries(folder)])
+    fail(folder, expected, f"a folder with {found or 'nothing in it'}")
+
+
+def frames(radar: Path) -> dict[str, dict[int, Path]]:
+    """Return the frame files of a radar folder: variant, then number, then path."""
+    found: dict[str, dict[int, Path]] = {variant: {} for variant in VARIANTS}
+    data = radar / FRAMES_FOLDER
+    if not data.is_dir():
+        fail(radar, f"a folder {FRAMES_FOLDER} in it", "none")
+    for path in entries(data):
+        match = _FRAME.match(path.name)
+        if match is not None:
+            found["emptyfiltered" if match[2] else "raw"][int(match[1])] = path
+    return found
+
+
+def find_frame(radar: Path, frame: int, variant: str) -> Path:
+    """Return the file of one frame; the error lists the frames there are."""
+    there = frames(radar)[variant]
+    if frame in there:
+        return there[frame]
+    fail(radar, f"frame {frame} ({variant})", ranges(there) or f"no frame of variant {variant}")
+
+
+def ranges(numbers: dict[int, Path]) -> str:
+    """Return numbers in words, "0-3, 5"; empty for none."""
+    runs: list[list[int]] = []
+    for n in sorted(numbers):
+        if runs and n == runs[-1][1] + 1:
+            runs[-1][1] = n
+        else:
+            runs.append([n, n])
+    return _listed([str(a) if a == b else f"{a}-{b}" for a, b in runs])
+
+
+def _entries_or_none(folder: Path) -> list[Path]:
+    try:
+        return list(folder.iterdir())
+    except OSError:
+        return []
+
+
+def _listed(names: list[str]) -> str:
+    shown = [clean(name) for name in names[:12]]
+    return ", ".join(shown) + (f", ... ({len(names)} in all)" if len(names) > 12 else "")

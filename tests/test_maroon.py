@@ -1,0 +1,705 @@
+"""Recorded frames: what is read, and that nothing hostile or damaged gets through."""
+
+from __future__ import annotations
+
+import builtins
+import os
+import pickle
+import random
+import struct
+import subprocess
+import threading
+import time
+import tracemalloc
+from pathlib import Path
+
+import maroon_files as files
+import numpy as np
+import pytest
+
+import clradar
+from clradar.errors import MeasurementError, ModelError, OutputError
+from measurement_io import check_file, describe, open_capture, save_maroon_frame
+
+
+def refused(path: Path, **arguments: object) -> str:
+    """Open what must not open; return the message, which names the file and fits one line."""
+    with pytest.raises(MeasurementError) as caught:
+        open_capture(path, **arguments)  # type: ignore[arg-type]
+    message = str(caught.value)
+    assert path.name in message
+    assert "\n" not in message
+    return message
+
+
+def outcome(path: Path) -> str | None:
+    """Return the message of the one error that may come, None if there is a capture."""
+    try:
+        open_capture(path)
+    except MeasurementError as error:
+        return str(error)
+    return None
+
+
+def same_bits(a: np.ndarray, b: np.ndarray) -> bool:
+    return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
+
+
+# ---- what is read
+
+
+@pytest.mark.parametrize("spelling", files.SPELLINGS)
+@pytest.mark.parametrize("protocol", files.PROTOCOLS)
+def test_every_protocol_and_spelling(tmp_path, protocol, spelling):
+    frame = files.random_frame()
+    frame |= {"complex": 1 + 2j, "gain": np.float32(0.5), "z": np.complex64(1j), "note": "hand"}
+    raw = files.pickled(frame, protocol, spelling)
+    other = {"numpy.core": b"numpy._core.", "numpy._core": b"numpy.core."}[spelling]
+    assert other not in raw, "the helper did not rewrite the names"
+    path = tmp_path / "000000.npy"
+    path.write_bytes(files.npy(raw))
+
+    capture = open_capture(path)
+
+    assert same_bits(capture.data, files.expected_data(frame))
+    assert same_bits(capture.waveform.frequencies_hz, frame["fvec"])
+    assert capture.meta == {
+        "source": str(path),
+        "format": "maroon",
+        "frame": 0,
+        "variant": "raw",
+        "timestamp_us": 1_700_000_000_000_123,
+        "number_of_measurements": 3,
+        "gain": 0.5,
+        "note": "hand",
+    }
+
+
+def test_python_2_pickle(tmp_path):
+    frame = files.random_frame()
+    frame["note"] = "hand"
+    path = tmp_path / "frame.npy"
+    path.write_bytes(files.npy(files.pickled_by_python_2(frame)))
+    capture = open_capture(path)
+    assert same_bits(capture.data, files.expected_data(frame))
+    assert capture.meta["frame"] is None
+
+
+def test_numpy_itself_writes_the_same_form(tmp_path):
+    frame = files.random_frame()
+    np.save(tmp_path / "a.npy", np.array(frame, dtype=object), allow_pickle=True)
+    assert same_bits(open_capture(tmp_path / "a.npy").data, files.expected_data(frame))
+
+
+@pytest.mark.parametrize("channels", [94, 96])
+def test_axes_and_channels_one_by_one(tmp_path, channels):
+    # Every value says where it belongs: rx + tx / 256 (+ j freq), exact in float32.
+    first = (channels - 94) // 2
+    index = np.arange(channels) - first
+    xr = index[:, None, None] + index[None, :, None] / 256 + 1j * np.arange(3)
+    frame = files.random_frame(3) | {"xr": xr.astype(np.complex64)}
+    data = open_capture(files.write_frame(tmp_path / "f.npy", frame)).data
+    assert data.shape == (94, 94, 3)
+    for tx, rx, freq in ((0, 0, 0), (5, 0, 1), (0, 7, 2), (93, 92, 1)):
+        assert data[tx, rx, freq] == rx + tx / 256 + 1j * freq
+
+
+@pytest.mark.parametrize("protocol", files.PROTOCOLS)
+@pytest.mark.parametrize(
+    "layout",
+    [
+        np.asfortranarray,
+        lambda a: np.ascontiguousarray(a.transpose(1, 0, 2)).transpose(1, 0, 2),
+        lambda a: np.repeat(a, 2, axis=0)[::2],
+        lambda a: a.astype(">c8"),
+        lambda a: a.astype(np.complex128),
+    ],
+    ids=["fortran", "permuted", "strided", "big-endian", "complex128"],
+)
+def test_memory_layouts(tmp_path, layout, protocol):
+    frame = files.random_frame()
+    stored = frame | {"xr": layout(frame["xr"])}
+    path = files.write_frame(tmp_path / "f.npy", stored, protocol)
+    assert same_bits(open_capture(path).data, files.expected_data(frame))
+
+
+def test_bad_values_in_unused_channels_do_not_matter(tmp_path):
+    frame = files.random_frame()
+    frame["xr"][0, :, :] = np.nan
+    frame["xr"][:, 95, :] = np.inf
+    assert np.isfinite(open_capture(files.write_frame(tmp_path / "f.npy", frame)).data).all()
+
+
+def test_folder_frame_and_variant(tmp_path):
+    radar = files.write_recording(tmp_path / "hand" / "30")
+    for source in (radar, radar.parent):
+        for frame, variant, seed in ((0, "raw", 0), (1, "raw", 1), (1, "emptyfiltered", 101)):
+            capture = open_capture(source, frame=frame, variant=variant)
+            assert same_bits(capture.data, files.expected_data(files.random_frame(seed=seed)))
+            assert (capture.meta["frame"], capture.meta["variant"]) == (frame, variant)
+    first = files.expected_data(files.random_frame(seed=0))
+    assert same_bits(open_capture(radar).data, first)
+    assert "0-1" in refused(radar, frame=2)
+
+
+def test_relative_path_inside_the_radar_folder(tmp_path, monkeypatch):
+    radar = files.write_recording(tmp_path / "30")
+    monkeypatch.chdir(radar / "calibrated_data")
+    assert open_capture("000001.npy").meta["frame"] == 1
+    monkeypatch.chdir(radar)
+    assert open_capture(".").meta["frame"] == 0
+
+
+def test_several_radar_folders_are_listed(tmp_path):
+    files.write_recording(tmp_path / "30")
+    files.write_recording(tmp_path / "30", n_freq=3)
+    message = refused(tmp_path / "30")
+    assert "radar_72.0_82.0_2" in message
+    assert "radar_72.0_82.0_3" in message
+
+
+def test_object_folder_names_its_distances(tmp_path):
+    files.write_recording(tmp_path / "hand" / "30")
+    files.write_recording(tmp_path / "hand" / "40")
+    assert "30, 40" in refused(tmp_path / "hand")
+    (tmp_path / "empty").mkdir()
+    assert "nothing in it" in refused(tmp_path / "empty")
+
+
+def test_frame_argument_needs_a_folder(tmp_path):
+    path = files.write_frame(tmp_path / "f.npy", files.random_frame())
+    assert "folder" in refused(path, frame=0)
+    with pytest.raises(ModelError, match="variant"):
+        open_capture(path, variant="filtered")
+
+
+def test_several_time_stamps_stay_a_list(tmp_path):
+    frame = files.random_frame() | {"timestamp_us": [1, 2, np.int64(3)]}
+    assert open_capture(files.write_frame(tmp_path / "f.npy", frame)).meta["timestamp_us"] == [
+        1,
+        2,
+        3,
+    ]
+
+
+def test_keys_of_no_use_are_left_out(tmp_path):
+    frame = files.random_frame() | {
+        "settings": {"a": [1, (2, 3)]},
+        "when": np.array(["2024-01-01"], dtype="datetime64[D]"),
+        "rows": np.zeros(2, dtype=[("a", "f4")]),
+        "objects": np.array([{}, None], dtype=object),
+        "not_finite": float("nan"),
+        "frame": 77,
+        5: 6,
+    }
+    meta = open_capture(files.write_frame(tmp_path / "f.npy", frame)).meta
+    assert set(meta) == {
+        *("source", "format", "frame", "variant", "timestamp_us", "number_of_measurements"),
+        "file_frame",
+    }
+    assert (meta["frame"], meta["file_frame"]) == (None, 77)
+
+
+# ---- antenna files
+
+
+def antenna_text(rows: np.ndarray, header: str = "x,y,z") -> str:
+    return "\n".join([header, *(",".join(repr(float(v)) for v in row) for row in rows)]) + "\n"
+
+
+def test_antenna_files(tmp_path):
+    frame = files.write_frame(tmp_path / "f.npy", files.random_frame())
+    rows = np.random.default_rng(0).normal(size=(96, 3))
+    (tmp_path / "Rx.dat").write_text(antenna_text(rows))
+    (tmp_path / "Tx.dat").write_text(antenna_text(rows[1:95] + 1))
+    array = open_capture(frame, rx_file=tmp_path / "Rx.dat", tx_file=tmp_path / "Tx.dat").array
+    assert same_bits(array.rx_m, rows[1:95])
+    assert same_bits(array.tx_m, rows[1:95] + 1)
+    array = open_capture(frame, rx_file=tmp_path / "Rx.dat").array
+    assert same_bits(array.tx_m, clradar.arrays.qar50().tx_m)
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (antenna_text(np.zeros((95, 3))), "95 rows"),
+        (antenna_text(np.zeros((96, 3)), "a,b,c"), "a,b,c"),
+        (antenna_text(np.full((96, 3), np.nan)), "NaN"),
+        (antenna_text(np.zeros((96, 2))), "row 0"),
+        (antenna_text(np.zeros((96, 3))).replace("0.0", "zero", 1), "zero"),
+        ("", "empty"),
+    ],
+)
+def test_bad_antenna_files(tmp_path, content, found):
+    frame = files.write_frame(tmp_path / "f.npy", files.random_frame())
+    (tmp_path / "Rx.dat").write_text(content)
+    with pytest.raises(MeasurementError, match=r"Rx\.dat") as caught:
+        open_capture(frame, rx_file=tmp_path / "Rx.dat")
+    assert found in str(caught.value)
+
+
+# ---- what disagrees
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        ({"xr": np.zeros((95, 96, 2), np.complex64)}, "(95, 96, 2)"),
+        ({"xr": np.zeros((96, 94, 2), np.complex64)}, "(96, 94, 2)"),
+        ({"xr": np.zeros((96, 96), np.complex64)}, "(96, 96)"),
+        ({"xr": np.zeros((96, 96, 2), np.float32)}, "float32"),
+        ({"xr": np.zeros((96, 96, 3), np.complex64)}, "3 in 'xr', 2 in 'fvec'"),
+        ({"xr": np.zeros((96, 96, 0), np.complex64), "fvec": np.zeros(0)}, "none"),
+        ({"xr": [1, 2]}, "list"),
+        ({"fvec": np.array([72e9, np.nan])}, "NaN"),
+        ({"fvec": np.array([82e9, 72e9])}, "descending"),
+        ({"fvec": np.array([[72e9, 82e9]])}, "(1, 2)"),
+        ({"fvec": np.array([1j, 2j])}, "complex"),
+        ({"number_of_measurements": 2.5}, "2.5"),
+        ({"number_of_measurements": "many"}, "many"),
+    ],
+)
+def test_wrong_contents(tmp_path, change, found):
+    path = files.write_frame(tmp_path / "f.npy", files.random_frame() | change)
+    assert found in refused(path)
+
+
+@pytest.mark.parametrize("key", ["xr", "fvec"])
+def test_missing_key(tmp_path, key):
+    frame = files.random_frame()
+    del frame[key]
+    assert f"'{key}'" in refused(files.write_frame(tmp_path / "f.npy", frame))
+
+
+@pytest.mark.parametrize("value", [np.nan, complex(0, np.inf)])
+def test_not_finite(tmp_path, value):
+    frame = files.random_frame()
+    frame["xr"][40, 50, 1] = value
+    assert "1 of 17672" in refused(files.write_frame(tmp_path / "f.npy", frame))
+
+
+def test_overflow_of_complex64(tmp_path):
+    frame = files.random_frame()
+    frame["xr"] = frame["xr"].astype(np.complex128) * 1e60
+    assert "overflow" in refused(files.write_frame(tmp_path / "f.npy", frame))
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("radar_72.0_82.0_3", "2 in 'xr', 2 in 'fvec', 3 in the folder's name"),
+        ("radar_72.0_81.0_2", "72 to 82 GHz"),
+        ("radar_72.05_82.00_2", "from 72.05 to 82.00 GHz"),
+    ],
+)
+def test_folder_name_disagrees(tmp_path, name, found):
+    radar = files.write_recording(tmp_path, name=name)
+    assert found in refused(radar / "calibrated_data" / "000000.npy")
+
+
+def test_folder_name_is_read_to_its_own_digits(tmp_path):
+    frame = files.random_frame() | {"fvec": np.array([71.96e9, 82.04e9])}
+    path = tmp_path / "radar_72.0_82.0_2" / "calibrated_data" / "000000.npy"
+    assert open_capture(files.write_frame(path, frame)).waveform.n_freq == 2
+
+
+# ---- hostile pickles
+
+
+class Calls:
+    """Pickles as a call of `function`, which unpickling with the standard library would run."""
+
+    def __init__(self, function, *arguments):
+        self.call = (function, arguments)
+
+    def __reduce__(self):
+        return self.call
+
+
+def global_call(module: str, name: str, argument: bytes = b"X\x01\x00\x00\x00x") -> bytes:
+    return b"\x80\x02c" + f"{module}\n{name}\n".encode() + argument + b"\x85R."
+
+
+@pytest.mark.parametrize("protocol", range(6))
+@pytest.mark.parametrize("nested", [False, True])
+def test_os_system_is_named_and_not_run(tmp_path, protocol, nested):
+    marker = tmp_path / "ran"
+    attack = Calls(os.system, f"touch {marker}")
+    frame = files.random_frame() | {"note": [{"deep": (1, attack)}]} if nested else attack
+    path = tmp_path / "000000.npy"
+    path.write_bytes(files.npy(files.pickled(frame, protocol)))
+    message = refused(path)
+    if protocol >= 2:
+        assert "os.system" in message
+    assert not marker.exists()
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        builtins.eval,
+        builtins.exec,
+        builtins.getattr,
+        builtins.__import__,
+        subprocess.Popen,
+        pickle.loads,
+        np.load,
+        np.fromfile,
+        np.memmap,
+        np.vectorize,
+        np.frombuffer,
+        bytearray,
+    ],
+    ids=lambda f: f.__name__,
+)
+@pytest.mark.parametrize("protocol", files.PROTOCOLS)
+def test_other_functions(tmp_path, function, protocol):
+    path = tmp_path / "000000.npy"
+    path.write_bytes(files.npy(files.pickled(Calls(function, "x"), protocol)))
+    assert f".{function.__name__}" in refused(path)
+
+
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [
+        ("numpy.f2py", "compile"),
+        ("numpy.core.multiarray", "fromfile"),
+        ("numpy._core.multiarray", "_reconstruct.__globals__"),
+        ("numpy", "dtype.type"),
+        ("numpy", "core"),
+        ("numpy.lib.npyio", "load"),
+        ("_codecs", "decode"),
+        ("codecs", "encode"),
+        ("builtins", "complex.__new__"),
+        ("copyreg", "_reconstructor"),
+        ("", "numpy ndarray"),
+    ],
+)
+def test_neighbours_of_the_allowed_names(tmp_path, module, name):
+    path = tmp_path / "000000.npy"
+    path.write_bytes(files.npy(global_call(module, name)))
+    assert f"{module}.{name}" in refused(path)
+
+
+RECONSTRUCT = b"cnumpy.core.multiarray\n_reconstruct\n"
+NDARRAY = b"cnumpy\nndarray\n"
+DTYPE = b"cnumpy\ndtype\n"
+FLOAT64 = DTYPE + b"U\x02f8K\x00K\x01\x87R(K\x03U\x01<NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb"
+EMPTY = RECONSTRUCT + NDARRAY + b"K\x00\x85U\x01b\x87R"
+
+
+def tuples(levels: int) -> bytes:
+    """A tuple of two of the tuple before, and so on: 2**levels leaves in a few bytes."""
+    return b"K\x01" + b"".join(
+        b"q" + bytes([i]) + b"h" + bytes([i]) + b"\x86" for i in range(levels)
+    )
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        # arrays of 8 TB: by _reconstruct, by state, by frombuffer, by ndarray itself
+        RECONSTRUCT + NDARRAY + b"J\x40\x42\x0f\x00J\x40\x42\x0f\x00\x86U\x01b\x87R",
+        EMPTY + b"(K\x01J\x40\x42\x0f\x00J\x40\x42\x0f\x00\x86" + FLOAT64 + b"\x89U\x00tb",
+        EMPTY + b"(K\x01\x8a\x09\0\0\0\0\0\0\0\0\x01\x85" + FLOAT64 + b"\x89U\x00tb",
+        EMPTY + b"(K\x01J\xff\xff\xff\xff\x85" + FLOAT64 + b"\x89U\x00tb",
+        b"cnumpy.core.numeric\n_frombuffer\n(C\x01x" + FLOAT64 + b"J\0\0\0\x40\x85X\x01\0\0\0CtR",
+        NDARRAY + b"J\x40\x42\x0f\x00J\x40\x42\x0f\x00\x86\x85R",
+        # out of bounds: ndarray(shape, dtype, buffer, offset, strides)
+        NDARRAY + b"(K\x08\x85" + FLOAT64 + b"C\x08xxxxxxxxK\x00J\0\0\0\x40\x85tR",
+        # a state for the class, the functions, an array that is filled already
+        NDARRAY + b"}U\x01aK\x01sb",
+        RECONSTRUCT + b"}X\x0c\0\0\0__defaults__K\x01sb",
+        EMPTY + 2 * (b"(K\x01K\x00\x85" + FLOAT64 + b"\x89U\x00tb"),
+        # an index of the memo for which the C unpickler would allocate 16 GB
+        b"K\x01r\xff\xff\xff\x7f",
+        # lengths that the file does not have
+        b"X\xff\xff\xff\x7fabc",
+        b"B\xff\xff\xff\x7fabc",
+        b"\x8e\0\0\0\0\0\x01\0\0abc",
+        b"\x96\0\0\0\0\0\x01\0\0abc",
+        # keys that take for ever to hash, or overflow the stack
+        b"}" + tuples(60) + b"K\x01s",
+        b"}K\x01" + b"\x85" * 200_000 + b"K\x01s",
+        b"(" * 100_000 + b"l" * 100_000,
+        b"]" * 100_000 + b"a" * 99_999,
+        # keys that are slow to hash, again and again
+        b"}(" + tuples(8) + b"K\x01" + b"h\x07K\x01" * 100_000 + b"u",
+        b"}(\x8b" + struct.pack("<i", 10**6) + b"x" * 10**6 + b"q\0K\x01" + b"h\0K\x01" * 9 + b"u",
+        # pickle frames that end inside an operation, inside another, or behind the end: there the
+        # C unpickler goes its own way
+        b"\x95" + struct.pack("<Q", 3) + b"X\x04\0\0\0abcd",
+        b"\x95" + struct.pack("<Q", 11) + b"\x95" + struct.pack("<Q", 2) + b"K\x01",
+        b"\x95" + struct.pack("<Q", 99) + b"K\x01",
+        # opcodes that frames do not need
+        NDARRAY + b")\x81",
+        b"(cnumpy\nndarray\no",
+        b"Ppersistent\n",
+        b"\x82\x01",
+        b"\x97",
+        # operations that do not fit together
+        b"",
+        b"0",
+        b"(",
+        b"a",
+        b"h\x07",
+        b"K\x01K\x02",
+        b"K\x01K\x02\x93",
+    ],
+    ids=lambda body: body[:24].hex(),
+)
+def test_bombs_and_nonsense(tmp_path, body):
+    path = tmp_path / "000000.npy"
+    path.write_bytes(files.npy(b"\x80\x05" + body + b"."))
+    tracemalloc.start()
+    started = time.perf_counter()
+    try:
+        refused(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert time.perf_counter() - started < 20
+    assert peak < 150e6
+
+
+def test_one_string_encoded_again_and_again(tmp_path):
+    text = b"X" + struct.pack("<I", 2**20) + b"x" * 2**20
+    again = b"c_codecs\nencode\nh\x00X\x06\0\0\0latin1\x86R"
+    body = b"\x80\x02(" + text + b"q\x00" + again * 1000 + b"t."
+    path = tmp_path / "000000.npy"
+    path.write_bytes(files.npy(body))
+    tracemalloc.start()
+    try:
+        message = refused(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert "_codecs.encode" in message
+    assert peak < 20 * len(body)
+
+
+def test_peak_memory_of_an_honest_frame(tmp_path):
+    path = files.write_frame(tmp_path / "f.npy", files.random_frame(n_freq=64))
+    tracemalloc.start()
+    try:
+        open_capture(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    # The file, the pickle cut from it, the loaded bytes, and the transposed copy.
+    assert peak < 5 * path.stat().st_size
+
+
+# ---- damaged files
+
+
+def test_truncated_everywhere(tmp_path):
+    whole = files.npy(files.pickled(files.random_frame(1)))
+    path = tmp_path / "000000.npy"
+    cuts = {*range(400), *range(400, len(whole), 1499), *range(len(whole) - 200, len(whole))}
+    for cut in sorted(cuts):
+        path.write_bytes(whole[:cut])
+        refused(path)
+
+
+@pytest.mark.parametrize("protocol", files.PROTOCOLS)
+def test_flipped_bytes_give_a_capture_or_one_error(tmp_path, protocol):
+    whole = files.npy(files.pickled(files.random_frame(1), protocol))
+    rng = random.Random(protocol)
+    path = tmp_path / "000000.npy"
+    errors = 0
+    # The structure lies in the first and the last bytes; between them are only numbers.
+    for _ in range(250):
+        damaged = bytearray(whole)
+        for _ in range(rng.choice((1, 1, 3))):
+            at = rng.randrange(700)
+            damaged[at if rng.random() < 0.6 else len(whole) - 1 - at] = rng.randrange(256)
+        path.write_bytes(damaged)
+        message = outcome(path)
+        errors += message is not None
+        assert message is None or path.name in message
+    assert errors > 50
+
+
+def test_bytes_after_the_pickle(tmp_path):
+    path = files.write_frame(tmp_path / "f.npy", files.random_frame())
+    path.write_bytes(path.read_bytes() * 2)
+    assert "after the end" in refused(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\x93NUMPY",
+        b"hello, world",
+        b"PK\x03\x04 and so on",
+        b"MATLAB 5.0 MAT-file",
+        files.npy(files.pickled({}), descr="<f8", shape="(4,)"),
+        files.npy(files.pickled({}), shape="(1,)"),
+        files.npy(pickle.dumps({"xr": 1}, 4)),
+        files.npy(files.pickled([1, 2])),
+        b"\x93NUMPY\x03\x00" + files.npy(b"")[8:],
+        b"\x93NUMPY\x01\x00\x10\x00" + b"(" * 16,
+    ],
+    ids=range(11),
+)
+def test_other_files(tmp_path, content):
+    path = tmp_path / "000000.npy"
+    path.write_bytes(content)
+    refused(path)
+    assert not check_file(path).ok
+
+
+def test_the_content_decides_and_not_the_name(tmp_path):
+    frame = files.random_frame()
+    path = files.write_frame(tmp_path / "frame.h5", frame)
+    assert same_bits(open_capture(path).data, files.expected_data(frame))
+
+
+def test_plain_array_says_what_is_supported(tmp_path):
+    np.save(tmp_path / "plain.npy", np.zeros((94, 94, 2), np.complex64))
+    assert "plain arrays" in refused(tmp_path / "plain.npy")
+
+
+def test_not_a_regular_file(tmp_path):
+    os.mkfifo(tmp_path / "pipe.npy")
+    done = []
+    worker = threading.Thread(
+        target=lambda: done.append(refused(tmp_path / "pipe.npy")), daemon=True
+    )
+    worker.start()
+    worker.join(10)
+    assert done, "opening a pipe waits for ever"
+    assert "No such file" in refused(tmp_path / "nothing")
+    with pytest.raises(MeasurementError):
+        open_capture("nul\0byte")
+
+
+@pytest.mark.parametrize(
+    ("what", "where"),
+    [
+        ("is_dir", "30"),
+        ("iterdir", "30"),
+        ("is_dir", "radar_72.0_82.0_2"),
+        ("is_dir", "calibrated_data"),
+        ("iterdir", "calibrated_data"),
+    ],
+)
+def test_no_permission(tmp_path, monkeypatch, what, where):
+    radar = files.write_recording(tmp_path / "30")
+    real = getattr(Path, what)
+
+    def denied(self):
+        if self.name == where:
+            raise PermissionError(13, "Permission denied", str(self))
+        return real(self)
+
+    # Not by chmod, which does not stop root.
+    monkeypatch.setattr(Path, what, denied)
+    with pytest.raises(MeasurementError, match=r"30.*Permission denied"):
+        open_capture(radar.parent)
+    assert not check_file(radar.parent).ok
+    with pytest.raises(MeasurementError):
+        describe(radar.parent)
+
+
+# ---- describe, check
+
+
+def test_describe_recording(tmp_path):
+    radar = files.write_recording(tmp_path / "hand" / "30")
+    (radar / "depth").mkdir()
+    (radar / "depth" / "000000.png").write_bytes(b"")
+    description = describe(radar.parent)
+    assert description.problems == ()
+    facts = dict(description.facts)
+    assert facts["raw frames"] == "2 (0-1)"
+    assert facts["cached depth"] == "1 .png (0)"
+    assert facts["cached xyz"] == "none"
+    assert "2 from 72 to 82 GHz" in str(description)
+    report = check_file(radar.parent)
+    assert report.ok
+    assert "2 of 2 emptyfiltered frames" in str(report)
+
+
+def test_describe_lists_what_is_wrong(tmp_path):
+    radar = files.write_recording(tmp_path / "30", n_frames=3)
+    (radar / "calibrated_data" / "000001.npy").unlink()
+    (radar / "xyz").mkdir()
+    (radar / "xyz" / "000009.ply").write_bytes(b"")
+    (radar / "calibration.json").write_text(
+        '{"frequency_low_ghz": 72.0, "frequency_high_ghz": 81.0, "frequency_points": 2}'
+    )
+    text = "\n".join(describe(radar).problems)
+    assert "without a gap: 0, 2" in text
+    assert "emptyfiltered frames without a raw one: 1" in text
+    assert "xyz of frames that are not there: 9" in text
+    assert "72.0 to 81.0 GHz" in text
+    assert "the recording has 3 frames, 2 are there" in text
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"[1]", b'{"a": ' * 50_000, b"{}"])
+def test_damaged_calibration(tmp_path, content):
+    radar = files.write_recording(tmp_path / "30")
+    (radar / "calibration.json").write_bytes(content)
+    assert any("calibration.json" in problem for problem in describe(radar).problems)
+    assert not check_file(radar).ok
+    open_capture(radar)
+
+
+def test_check_reads_every_frame(tmp_path):
+    radar = files.write_recording(tmp_path / "30", n_frames=3)
+    bad = files.random_frame()
+    bad["xr"][3, 3, 0] = np.nan
+    files.write_frame(radar / "calibrated_data" / "000002.npy", bad)
+    report = check_file(radar)
+    assert len(report.problems) == 1
+    assert "000002.npy" in report.problems[0]
+
+
+# ---- write
+
+
+@pytest.fixture
+def capture():
+    data = files.expected_data(files.random_frame(5))
+    return clradar.Capture(data, clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 5))
+
+
+@pytest.mark.parametrize("channels", [94, 96])
+def test_written_frame_reads_back(tmp_path, capture, channels):
+    target = tmp_path / "30"
+    path = save_maroon_frame(target, capture, channels=channels, timestamp_us=17)
+    assert path == target / "radar_72.0_82.0_5" / "calibrated_data" / "000000.npy"
+    read = open_capture(target)
+    assert same_bits(read.data, capture.data)
+    assert same_bits(read.waveform.frequencies_hz, capture.waveform.frequencies_hz)
+    assert read.meta["timestamp_us"] == 17
+    assert check_file(target).ok
+    xr = np.load(path, allow_pickle=True).item()["xr"]
+    assert xr.shape == (channels, channels, 5)
+
+
+def test_existing_recording_needs_force(tmp_path, capture):
+    path = save_maroon_frame(tmp_path / "30", capture)
+    before = path.read_bytes()
+    with pytest.raises(OutputError, match="force"):
+        save_maroon_frame(tmp_path / "30", capture, frame=1)
+    assert sorted(p.name for p in path.parent.iterdir()) == ["000000.npy"]
+    second = save_maroon_frame(tmp_path / "30", capture, frame=1, force=True)
+    assert second.name == "000001.npy"
+    assert path.read_bytes() == before
+    # A recording's own calibration is never rewritten.
+    (path.parents[1] / "calibration.json").write_text('{"frequency_low_ghz": 60.0}')
+    with pytest.raises(OutputError, match="another waveform"):
+        save_maroon_frame(tmp_path / "30", capture, frame=2, force=True)
+
+
+def test_other_arrays_are_refused(tmp_path, capture):
+    array = clradar.AntennaArray(capture.array.rx_m, capture.array.tx_m, "swapped")
+    with pytest.raises(ModelError, match="swapped"):
+        save_maroon_frame(tmp_path / "30", clradar.Capture(capture.data, array, capture.waveform))
+    assert not (tmp_path / "30").exists()
+    with pytest.raises(OutputError):
+        save_maroon_frame(tmp_path / "no" / "such" / "folder", capture)

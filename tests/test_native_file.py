@@ -1,0 +1,552 @@
+"""The native HDF5 file: bit for bit there and back, and one clear error for anything else."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import clradar
+from clradar.errors import MeasurementError, ModelError, OutputError
+from measurement_io import (
+    check_file,
+    describe,
+    open_capture,
+    open_volume,
+    save_capture,
+    save_volume,
+)
+
+META = {
+    "seed": 7,
+    "alpha": 0.1,
+    "big": 2**70,
+    "nothing": None,
+    "flags": [True, False, {"deep": [1.5, "ünïcödé \x00 \ud800"]}],
+    "device": {"name": "pocl"},
+}
+
+
+def refused(path: Path, opener: Callable[[Path], Any] = open_capture) -> str:
+    """Open what must not open; return the message, which names the file and fits one line."""
+    with pytest.raises(MeasurementError) as caught:
+        opener(path)
+    message = str(caught.value)
+    assert path.name in message
+    assert "\n" not in message
+    return message
+
+
+def same_bits(a: np.ndarray, b: np.ndarray) -> bool:
+    return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
+
+
+def same_capture(a: clradar.Capture, b: clradar.Capture) -> bool:
+    return (
+        same_bits(a.data, b.data)
+        and same_bits(a.array.tx_m, b.array.tx_m)
+        and same_bits(a.array.rx_m, b.array.rx_m)
+        and same_bits(a.waveform.frequencies_hz, b.waveform.frequencies_hz)
+        and (a.array.name, dict(a.meta)) == (b.array.name, dict(b.meta))
+    )
+
+
+def small_capture(n_tx: int = 3, n_rx: int = 2, n_freq: int = 5, **meta: Any) -> clradar.Capture:
+    rng = np.random.default_rng(n_tx)
+    data = rng.normal(size=(n_tx, n_rx, n_freq)) + 1j * rng.normal(size=(n_tx, n_rx, n_freq))
+    data = data.astype(np.complex64)
+    # What a careless conversion would change: negative zero and subnormal numbers.
+    data[0, 0, 0] = complex(-0.0, 1e-42)
+    array = clradar.AntennaArray(rng.normal(size=(n_tx, 3)), rng.normal(size=(n_rx, 3)), "läb 1")
+    frequencies = 60e9 + np.cumsum(rng.uniform(1.0, 1e9, n_freq))
+    return clradar.Capture(data, array, clradar.Waveform(frequencies), meta)
+
+
+def small_volume() -> clradar.Volume:
+    grid = clradar.VoxelGrid([-0.1, 0.2, 1 / 3], [1e-3, 0.1 / 3, 0.7e-3], (4, 3, 2))
+    rng = np.random.default_rng(0)
+    data = rng.normal(size=grid.shape) + 1j * rng.normal(size=grid.shape)
+    return clradar.Volume(data.astype(np.complex64), grid, {"method": "exact"})
+
+
+@pytest.fixture
+def path(tmp_path):
+    target = tmp_path / "capture.h5"
+    save_capture(target, small_capture(seed=1))
+    return target
+
+
+# ---- there and back
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1), (3, 2, 5), (7, 300, 97)])
+def test_capture_round_trip(tmp_path, shape):
+    capture = small_capture(*shape, **META)
+    save_capture(tmp_path / "c.anything", capture)
+    read = open_capture(tmp_path / "c.anything")
+    assert same_capture(read, capture)
+    assert not read.data.flags.writeable
+    assert check_file(tmp_path / "c.anything").ok
+
+
+def test_instrument_round_trip(tmp_path):
+    array = clradar.arrays.qar50()
+    data = np.random.default_rng(0).normal(size=(94, 94, 16)) * np.exp(1j)
+    capture = clradar.Capture(data, array, clradar.Waveform.sfcw(72e9, 82e9, 16))
+    save_capture(tmp_path / "c.h5", capture)
+    assert same_capture(open_capture(tmp_path / "c.h5"), capture)
+
+
+def test_volume_round_trip(tmp_path):
+    volume = small_volume()
+    save_volume(tmp_path / "v.h5", volume)
+    read = open_volume(tmp_path / "v.h5")
+    assert same_bits(read.data, volume.data)
+    assert same_bits(read.grid.origin_m, volume.grid.origin_m)
+    assert same_bits(read.grid.spacing_m, volume.grid.spacing_m)
+    assert read.grid.counts == volume.grid.counts
+    assert read.meta == volume.meta
+    assert check_file(tmp_path / "v.h5").ok
+
+
+def test_long_provenance(tmp_path):
+    # HDF5 keeps at most 64 KiB of an attribute in place; longer ones are stored another way.
+    capture = small_capture(text="x" * 300_000)
+    save_capture(tmp_path / "c.h5", capture)
+    assert same_capture(open_capture(tmp_path / "c.h5"), capture)
+
+
+def test_layout_as_documented(path):
+    capture = open_capture(path)
+    with h5py.File(path) as file:
+        assert file.attrs["NX_class"] == "NXroot"
+        assert file.attrs["clradar_format"] == "capture"
+        assert file.attrs["clradar_version"] == 1
+        assert json.loads(file.attrs["provenance"]) == {"seed": 1}
+        entry = file[file.attrs["default"]]
+        assert entry.attrs["NX_class"] == "NXentry"
+        group = entry[entry.attrs["default"]]
+        assert group.name == "/entry/data"
+        assert group.attrs["NX_class"] == "NXdata"
+        assert list(group.attrs["axes"]) == ["tx", "rx", "frequency_hz"]
+        data = group[group.attrs["signal"]]
+        assert (data.shape, data.dtype, data.shuffle, data.fletcher32) == (
+            (3, 2, 5),
+            np.complex64,
+            True,
+            True,
+        )
+        assert same_bits(data[()], capture.data)
+        for axis, length in zip(group.attrs["axes"], data.shape, strict=True):
+            assert group[axis].shape == (length,)
+        assert group["frequency_hz"].attrs["units"] == "Hz"
+        assert group["tx_m"].attrs["units"] == "m"
+
+
+def test_volume_layout_as_documented(tmp_path):
+    volume = small_volume()
+    save_volume(tmp_path / "v.h5", volume)
+    with h5py.File(tmp_path / "v.h5") as file:
+        group = file["entry/data"]
+        assert list(group.attrs["axes"]) == ["z_m", "y_m", "x_m"]
+        for axis in "xyz":
+            assert same_bits(group[f"{axis}_m"][()], getattr(volume.grid, f"{axis}_m"))
+
+
+def write_by_hand(target: Path, capture: clradar.Capture, **root: Any) -> None:
+    """Write a capture as the documentation says, with nothing that is optional."""
+    with h5py.File(target, "w") as file:
+        attributes = {"clradar_format": "capture", "clradar_version": 1, "provenance": "{}"}
+        attributes |= {"created": "2024-05-06T07:08:09+00:00"} | root
+        for name, value in attributes.items():
+            file.attrs[name] = value
+        group = file.create_group("entry/data")
+        group.attrs["array_name"] = capture.array.name
+        group["data"] = capture.data
+        group["tx_m"] = capture.array.tx_m
+        group["rx_m"] = capture.array.rx_m
+        group["frequency_hz"] = capture.waveform.frequencies_hz
+
+
+def test_file_of_another_writer(tmp_path):
+    capture = small_capture()
+    write_by_hand(tmp_path / "c.h5", capture)
+    assert same_capture(open_capture(tmp_path / "c.h5"), capture)
+    report = check_file(tmp_path / "c.h5")
+    assert any("Fletcher-32" in problem for problem in report.problems)
+    assert any("NX_class" in problem for problem in report.problems)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_either_byte_order_and_fixed_length_text(tmp_path, order):
+    capture = small_capture()
+    write_by_hand(tmp_path / "c.h5", capture, clradar_format=np.bytes_("capture"))
+    with h5py.File(tmp_path / "c.h5", "r+") as file:
+        group = file["entry/data"]
+        for name in ("data", "tx_m", "rx_m", "frequency_hz"):
+            value = group[name][()]
+            del group[name]
+            group[name] = value.astype(value.dtype.newbyteorder(order))
+    assert same_capture(open_capture(tmp_path / "c.h5"), capture)
+
+
+# ---- writing
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        float("nan"),
+        float("inf"),
+        (1, 2),
+        b"bytes",
+        np.int64(1),
+        np.zeros(2),
+        {1: 2},
+        {"a": [object()]},
+        1j,
+        10**5000,
+    ],
+    ids=range(10),
+)
+def test_meta_that_json_cannot_hold(tmp_path, value):
+    with pytest.raises(ModelError, match="meta"):
+        save_capture(tmp_path / "c.h5", small_capture(bad=value))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["nul\0", "\ud800"])
+def test_array_name_that_hdf5_cannot_hold(tmp_path, name):
+    good = small_capture()
+    array = clradar.AntennaArray(good.array.tx_m, good.array.rx_m, name)
+    with pytest.raises(ModelError, match="name"):
+        save_capture(tmp_path / "c.h5", clradar.Capture(good.data, array, good.waveform))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_existing_target(path):
+    before = path.read_bytes()
+    with pytest.raises(OutputError, match=r"capture\.h5: exists already"):
+        save_capture(path, small_capture(4))
+    assert path.read_bytes() == before
+    save_capture(path, small_capture(4), force=True)
+    assert open_capture(path).array.n_tx == 4
+    assert os.listdir(path.parent) == ["capture.h5"]
+
+
+def test_target_that_appears_meanwhile(tmp_path, monkeypatch):
+    target = tmp_path / "c.h5"
+    real = h5py.File.create_group
+
+    def somebody_else(self, *arguments, **options):
+        target.write_bytes(b"somebody else's")
+        return real(self, *arguments, **options)
+
+    monkeypatch.setattr(h5py.File, "create_group", somebody_else)
+    with pytest.raises(OutputError, match="exists"):
+        save_capture(target, small_capture())
+    assert target.read_bytes() == b"somebody else's"
+    assert os.listdir(tmp_path) == ["c.h5"]
+
+
+def test_folders(tmp_path):
+    with pytest.raises(OutputError, match="folder does not exist"):
+        save_capture(tmp_path / "no" / "c.h5", small_capture())
+    with pytest.raises(OutputError, match="is a folder"):
+        save_volume(tmp_path, small_volume(), force=True)
+    with pytest.raises(OutputError, match="such a name"):
+        save_capture(f"{tmp_path}/nul\0byte", small_capture())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_nothing_half_written_stays(path, monkeypatch, error):
+    before = path.read_bytes()
+
+    def full(*_arguments: Any, **_options: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(h5py.Group, "create_dataset", full)
+    with pytest.raises((OutputError, KeyboardInterrupt)):
+        save_capture(path, small_capture(), force=True)
+    assert path.read_bytes() == before
+    assert os.listdir(path.parent) == ["capture.h5"]
+
+
+def test_permissions_follow_the_umask(tmp_path):
+    (tmp_path / "plain").write_text("")
+    save_capture(tmp_path / "c.h5", small_capture())
+    assert (tmp_path / "c.h5").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+# ---- what is refused
+
+
+def change(path: Path, action: Callable[[h5py.File], None]) -> None:
+    with h5py.File(path, "r+") as file:
+        action(file)
+
+
+def replace(name: str, **options: Any) -> Callable[[h5py.File], None]:
+    def action(file: h5py.File) -> None:
+        del file["entry/data"][name]
+        file["entry/data"].create_dataset(name, **options)
+
+    return action
+
+
+def set_attribute(name: str, value: Any) -> Callable[[h5py.File], None]:
+    def action(file: h5py.File) -> None:
+        file.attrs[name] = value
+
+    return action
+
+
+def delete(name: str) -> Callable[[h5py.File], None]:
+    def action(file: h5py.File) -> None:
+        del file[name]
+
+    return action
+
+
+def with_bad_value(name: str, value: Any) -> Callable[[h5py.File], None]:
+    def action(file: h5py.File) -> None:
+        flat = file["entry/data"][name]
+        content = flat[()]
+        content.flat[-1] = value
+        flat[...] = content
+
+    return action
+
+
+@pytest.mark.parametrize(
+    ("action", "found"),
+    [
+        (set_attribute("clradar_version", 2), "newer clradar"),
+        (set_attribute("clradar_version", 0), "version 0"),
+        (set_attribute("clradar_version", "1"), "whole number"),
+        (set_attribute("clradar_version", 1.5), "whole number"),
+        (set_attribute("clradar_format", "picture"), "picture"),
+        (set_attribute("clradar_format", "volume"), "open_volume"),
+        (set_attribute("clradar_format", 3), "one string"),
+        (set_attribute("clradar_format", ["capture"]), "one string"),
+        (set_attribute("provenance", '{"seed": 2}'), "damaged"),
+        (lambda f: f.attrs.__delitem__("clradar_format"), "another program"),
+        (lambda f: f.attrs.__delitem__("provenance"), "/@provenance"),
+        (lambda f: f["entry/data"].attrs.__delitem__("array_name"), "array_name"),
+        (delete("entry"), "/entry"),
+        (delete("entry/data"), "/entry/data"),
+        (delete("entry/data/data"), "/entry/data/data"),
+        (delete("entry/data/tx_m"), "/entry/data/tx_m"),
+        (replace("data", data=np.zeros((3, 2, 5))), "float64"),
+        (replace("data", data=np.zeros((3, 2, 5), np.complex128)), "complex128"),
+        (replace("data", data=np.zeros((3, 2, 4), np.complex64)), "(3, 2, 4)"),
+        (replace("data", data=np.zeros((3, 10), np.complex64)), "(3, 10)"),
+        (replace("data", dtype="c8"), "shape"),
+        (replace("data", data=h5py.Empty("c8")), "shape None"),
+        (replace("data", shape=(3, 2, 5), dtype=h5py.string_dtype()), "object"),
+        (replace("data", shape=(3, 2, 5), dtype=h5py.ref_dtype), "object"),
+        (replace("data", shape=(3, 2, 5), dtype=h5py.vlen_dtype(np.complex64)), "object"),
+        (replace("tx_m", data=np.zeros((0, 3))), "at least one"),
+        (replace("tx_m", data=np.zeros((3, 2))), "(3, 2)"),
+        (replace("frequency_hz", data=np.arange(5)), "int64"),
+        (with_bad_value("data", complex(0, np.nan)), "1 of 30"),
+        (with_bad_value("data", np.inf), "1 of 30"),
+        (with_bad_value("tx_m", np.nan), "tx_m"),
+        (with_bad_value("frequency_hz", 1.0), "ascending"),
+        (replace("data", data=np.zeros((3, 2, 5), "c8"), compression="gzip"), "filter 1"),
+        (replace("data", data=np.zeros((3, 2, 5), "c8"), compression="lzf"), "filter 32000"),
+        # nothing stored: HDF5 would hand out fill values
+        (replace("data", shape=(3, 2, 5), dtype="c8"), "0"),
+        (replace("data", shape=(3, 2, 5), dtype="c8", chunks=(1, 2, 5)), "3 chunks"),
+        # bombs: 8 TB that the file does not hold
+        (replace("data", shape=(3, 2, 2**40), dtype="c8", chunks=(1, 1, 2**20)), "any"),
+        (replace("frequency_hz", shape=(2**50,), dtype="f8", chunks=(2**20,)), "to fit"),
+        (replace("tx_m", shape=(2**50, 3), dtype="f8", chunks=(2**20, 3)), "to fit"),
+    ],
+    ids=range(39),
+)
+def test_changed_file(path, action, found):
+    change(path, action)
+    message = refused(path)
+    if found != "any":
+        assert found in message
+    report = check_file(path)
+    assert not report.ok
+    assert path.name in report.problems[0]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[1]", "{", '{"a": NaN}', '{"a":' * 100_000, np.bytes_(b'{"a": "\xff"}')]
+)
+def test_provenance_that_is_no_json_object(tmp_path, text):
+    write_by_hand(tmp_path / "c.h5", small_capture(), provenance=text)
+    refused(tmp_path / "c.h5")
+
+
+def external_link(file: h5py.File) -> None:
+    file["entry/data/data"] = h5py.ExternalLink("other.h5", "/entry/data/data")
+
+
+def soft_link(file: h5py.File) -> None:
+    file["entry/data/data"] = h5py.SoftLink("/hidden")
+
+
+def external_storage(file: h5py.File) -> None:
+    file["entry/data"].create_dataset(
+        "data", (3, 2, 5), "c8", external=[("secret.raw", 0, h5py.h5f.UNLIMITED)]
+    )
+
+
+def virtual_dataset(file: h5py.File) -> None:
+    layout = h5py.VirtualLayout((3, 2, 5), np.complex64)
+    layout[...] = h5py.VirtualSource("other.h5", "/entry/data/data", (3, 2, 5))
+    file["entry/data"].create_virtual_dataset("data", layout)
+
+
+@pytest.mark.parametrize(
+    ("action", "found"),
+    [
+        (external_link, "ExternalLink"),
+        (soft_link, "SoftLink"),
+        (external_storage, "external storage"),
+        (virtual_dataset, "virtual"),
+    ],
+)
+def test_nothing_outside_the_place_is_read(path, monkeypatch, action, found):
+    monkeypatch.chdir(path.parent)
+    capture = open_capture(path)
+    save_capture("other.h5", capture)
+    Path("secret.raw").write_bytes(capture.data.tobytes())
+    change(path, lambda file: file.move("entry/data/data", "hidden"))
+    change(path, action)
+    with h5py.File(path) as file:
+        # The trap works: h5py alone follows it.
+        assert same_bits(file["entry/data/data"][()], capture.data)
+    assert found in refused(path)
+
+
+@pytest.mark.parametrize("group", ["entry", "entry/data"])
+def test_linked_groups(path, monkeypatch, group):
+    monkeypatch.chdir(path.parent)
+    save_capture("other.h5", open_capture(path))
+
+    def action(file: h5py.File) -> None:
+        del file[group]
+        file[group] = h5py.ExternalLink("other.h5", f"/{group}")
+
+    change(path, action)
+    assert "ExternalLink" in refused(path)
+
+
+def test_volume_is_no_capture_and_the_other_way_round(tmp_path, path):
+    save_volume(tmp_path / "v.h5", small_volume())
+    assert "open_volume" in refused(tmp_path / "v.h5")
+    assert "open_capture" in refused(path, open_volume)
+    (tmp_path / "text").write_text("text")
+    assert "HDF5" in refused(tmp_path / "text", open_volume)
+    refused(tmp_path / "nothing", open_volume)
+
+
+def test_volume_whose_axes_disagree(tmp_path):
+    save_volume(tmp_path / "v.h5", small_volume())
+    with h5py.File(tmp_path / "v.h5", "r+") as file:
+        file["entry/data/x_m"][1] += 1e-6
+    assert "x_m" in refused(tmp_path / "v.h5", open_volume)
+
+
+def test_antenna_files_do_not_apply(path):
+    with pytest.raises(MeasurementError, match="native"):
+        open_capture(path, rx_file="Rx.dat")
+
+
+# ---- damaged files
+
+
+def test_truncated_everywhere(path):
+    whole = path.read_bytes()
+    for cut in {*range(0, 64), *range(64, len(whole), 41), len(whole) - 1}:
+        path.write_bytes(whole[:cut])
+        refused(path)
+
+
+def test_flipped_bits_are_found_or_do_not_matter(path):
+    whole = path.read_bytes()
+    capture = open_capture(path)
+    rng = random.Random(0)
+    found = 0
+    for _ in range(1000):
+        damaged = bytearray(whole)
+        damaged[rng.randrange(len(whole))] ^= 1 << rng.randrange(8)
+        path.write_bytes(damaged)
+        try:
+            read = open_capture(path)
+        except MeasurementError:
+            found += 1
+        else:
+            # Free space of the file may change; nothing that is read may.
+            assert same_capture(read, capture)
+    assert found > 200
+
+
+def test_every_bit_of_the_data_counts(path):
+    whole = path.read_bytes()
+    with h5py.File(path) as file:
+        ids = [file["entry/data"][name].id for name in ("data", "tx_m", "rx_m", "frequency_hz")]
+        chunks = [i.get_chunk_info(0) for i in ids]
+    for chunk in chunks:
+        for at in range(chunk.byte_offset, chunk.byte_offset + chunk.size, 7):
+            damaged = bytearray(whole)
+            damaged[at] ^= 1
+            path.write_bytes(damaged)
+            refused(path)
+
+
+def test_heap_on_which_hdf5_would_loop_for_ever(path):
+    # Found by flipping bits. Object 0 is the free space, whose length includes its header: with
+    # length 0 the library stays where it is.
+    whole = bytearray(path.read_bytes())
+    first = whole.index(b"GCOL\x01") + 16
+    whole[first : first + 16] = bytes(16)
+    path.write_bytes(whole)
+    assert "heap" in refused(path)
+    assert "heap" in check_file(path).problems[0]
+
+
+def test_foreign_hdf5_file(tmp_path):
+    with h5py.File(tmp_path / "c.h5", "w") as file:
+        file["x"] = [1, 2]
+    assert "another program" in refused(tmp_path / "c.h5")
+    assert "another program" in refused(tmp_path / "c.h5", describe)
+
+
+# ---- describe
+
+
+def test_describe_capture(tmp_path):
+    save_capture(tmp_path / "c.h5", small_capture(seed=3))
+    description = describe(tmp_path / "c.h5")
+    facts = dict(description.facts)
+    assert facts["array"] == "läb 1: 3 Tx, 2 Rx"
+    assert facts["provenance seed"] == "3"
+    assert "RMS" in facts["amplitude"]
+    assert description.kind == "native capture"
+    assert str(description).startswith(f"{tmp_path / 'c.h5'}: native capture\n")
+
+
+def test_describe_volume(tmp_path):
+    volume = small_volume()
+    save_volume(tmp_path / "v.h5", volume)
+    facts = dict(describe(tmp_path / "v.h5").facts)
+    assert facts["x axis"] == "4 voxels from -100 to -97 mm, every 1 mm"
+    assert facts["provenance method"] == "exact"
+    _, y, x = np.unravel_index(np.abs(volume.data).argmax(), volume.data.shape)
+    x_mm, y_mm = volume.grid.x_m[x] * 1e3, volume.grid.y_m[y] * 1e3
+    assert facts["strongest voxel"].startswith(f"x {x_mm:.6g}, y {y_mm:.6g}")
