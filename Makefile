@@ -1,0 +1,63 @@
+# A newcomer needs two targets: `make demo` and `make test`. Both set everything up in .venv.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# The embedded CPU device, unless the caller wants another one.
+export CLRADAR_DEVICE ?= pocl
+
+.PHONY: demo test test-slow memcheck lint format figures bench clean
+
+demo: $(VENV)/.installed
+	$(BIN)/clradar demo --force -o demo
+
+test: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest
+
+test-slow: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest -m slow --timeout 3600
+
+# Oclgrind shows up as a device where it is installed, so it has an environment of its own.
+memcheck: $(VENV)-memcheck/.installed
+	$(VENV)-memcheck/bin/python -m pytest -m memcheck --timeout 1200
+
+lint: $(VENV)/.installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(VENV)/.installed-dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# The pictures of README.md and docs/.
+figures: $(VENV)/.installed
+	$(BIN)/clradar demo --full --force -o demo-full
+	cp demo-full/comparison.png docs/images/comparison.png
+
+bench: $(VENV)/.installed-bench
+	$(BIN)/python benchmarks/run.py
+
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable .
+	touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.installed pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable ".[test,lint]"
+	touch $@
+
+$(VENV)/.installed-bench: $(VENV)/.installed pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable ".[bench]"
+	touch $@
+
+$(VENV)-memcheck/.installed: pyproject.toml
+	$(PYTHON) -m venv $(VENV)-memcheck
+	$(VENV)-memcheck/bin/python -m pip install --quiet --editable ".[test,memcheck]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) $(VENV)-memcheck demo demo-full dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
