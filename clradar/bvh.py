@@ -32,7 +32,7 @@ MEDIAN_BELOW_LEVEL = 40
 log2 of the number of triangles."""
 
 ERROR_ULPS = 32.0
-"""Error bound of the triangle test, in units of 2^-24 of the scene's size (kernels/common/bvh.h)."""
+"""Error bound of the triangle test, in 2^-24 of the scene's size (``kernels/common/bvh.h``)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +82,7 @@ def build_bvh(triangles_m: np.ndarray) -> Bvh:
 def face_normals(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the unit normals, shape (n, 3), and areas, shape (n,), square metres, in float64.
 
-    A face whose area is below what its coordinates resolve (2^-40 of the square of its longest edge)
+    A face whose area is below what its coordinates resolve (2^-40 of its longest edge squared)
     counts as degenerate: area 0 and normal 0.
     """
     corners = np.asarray(triangles_m, dtype=np.float64)
@@ -240,15 +240,13 @@ class _Builder:
         key = segment * BINS + bins
         runs = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
         filled = key[runs]
-        amount = np.zeros(m * BINS, dtype=np.int64)
-        amount[filled] = np.diff(np.append(runs, len(key)))
-        lows = np.full((3, m * BINS), np.inf, dtype=np.float32)
-        highs = np.full((3, m * BINS), -np.inf, dtype=np.float32)
+        amount = np.zeros((m, BINS), dtype=np.int64)
+        amount.reshape(-1)[filled] = np.diff(np.append(runs, len(key)))
+        lows = np.full((3, m, BINS), np.inf, dtype=np.float32)
+        highs = np.full((3, m, BINS), -np.inf, dtype=np.float32)
         for k in range(3):
-            lows[k, filled] = np.minimum.reduceat(self.low[k][order], runs)
-            highs[k, filled] = np.maximum.reduceat(self.high[k][order], runs)
-        amount = amount.reshape(m, BINS)
-        lows, highs = lows.reshape(3, m, BINS), highs.reshape(3, m, BINS)
+            lows[k].reshape(-1)[filled] = np.minimum.reduceat(self.low[k][order], runs)
+            highs[k].reshape(-1)[filled] = np.maximum.reduceat(self.high[k][order], runs)
         left_area = _area(
             np.minimum.accumulate(lows, axis=2), np.maximum.accumulate(highs, axis=2)
         )[:, :-1]

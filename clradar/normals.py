@@ -67,7 +67,7 @@ def corner_normals(
 def _smooth_corner_pairs(
     faces: np.ndarray, face_normal: np.ndarray, real: np.ndarray, cos_crease: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs of corners (3 * face + corner) at both ends of every edge that is not a crease."""
+    """Return pairs of corners (3 * face + corner) at both ends of every edge but creases."""
     ends = faces[:, [[0, 1], [1, 2], [2, 0]]]  # (n_faces, 3 edges, 2 ends)
     corner = 3 * np.arange(len(faces))[:, None, None] + np.array([[0, 1], [1, 2], [2, 0]])
     swap = ends[..., 0] > ends[..., 1]

@@ -1,11 +1,12 @@
-"""The same three steps in float64 numpy, written from the equations and sharing no code with the rest.
+"""The same three steps in float64 numpy, from the equations, sharing no code with the rest.
 
-Slow and plain on purpose: every kernel is held against these functions (``tests/``). They use the same
-counter-based random numbers, so a traced path can be compared with its counterpart one by one.
+Slow and plain on purpose: every kernel is held against these functions (``tests/``). They use the
+same counter-based random numbers, so every traced path can be compared with its counterpart.
 
 References
 ----------
-.. [1] J. Braeunig et al., "A Realistic Radar Ray Tracing Simulator for Hand Pose Imaging", EuRAD 2023.
+.. [1] J. Braeunig et al., "A Realistic Radar Ray Tracing Simulator for Hand Pose Imaging",
+   EuRAD 2023.
 .. [2] J. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (Philox4x32-10).
 .. [3] T. Moeller, B. Trumbore, J. Graphics Tools 2 (1997) 21.
 """
@@ -13,6 +14,7 @@ References
 from __future__ import annotations
 
 from collections import defaultdict
+from itertools import pairwise
 
 import numpy as np
 
@@ -24,7 +26,7 @@ LIFT_M = 1e-6
 
 
 def philox(counter: np.ndarray, seed: int) -> np.ndarray:
-    """Philox4x32-10 [2]_: shape (n, 4) counters to shape (n, 4) random words, uint64 holding 32 bits."""
+    """Philox4x32-10 [2]_: counters, shape (n, 4), to random words of 32 bits, shape (n, 4)."""
     mask = np.uint64(0xFFFFFFFF)
     x = [np.asarray(counter[:, k], dtype=np.uint64) & mask for k in range(4)]
     k0, k1 = seed & 0xFFFFFFFF, seed >> 32
@@ -43,8 +45,8 @@ def philox(counter: np.ndarray, seed: int) -> np.ndarray:
 
 
 def uniform(words: np.ndarray) -> np.ndarray:
-    """Middle of one of 2^24 cells of (0, 1)."""
-    return ((words >> np.uint64(8)).astype(np.float64) + 0.5) / 2**24
+    """Middle of one of 2^23 cells of (0, 1)."""
+    return ((words >> np.uint64(9)).astype(np.float64) + 0.5) / 2**23
 
 
 def counters(c0: np.ndarray, c1: int, c2: int, c3: int) -> np.ndarray:
@@ -66,7 +68,7 @@ def smooth_normals(scene: Scene, crease_deg: float) -> np.ndarray:
             by_edge[frozenset((face[a], face[b]))].append(f)
     joined = defaultdict(set)  # (face, vertex) -> (face, vertex) across a smooth edge
     for edge, faces in by_edge.items():
-        for f, g in zip(faces[:-1], faces[1:], strict=True):
+        for f, g in pairwise(faces):
             if normal[f] @ normal[g] >= np.cos(np.radians(crease_deg)) - 1e-9:
                 for vertex in edge:
                     joined[f, vertex].add((g, vertex))
@@ -99,9 +101,9 @@ def sample_surface(
     j = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
     jitter = uniform(philox(counters(np.arange(len(face)), 0, 0, 1), seed))[:, 0]
     turn = philox(counters(face, 0, 0, 2), seed)[:, 0]
-    inverse = np.array([int(f"{int(i):032b}"[::-1], 2) for i in j], dtype=np.uint64)
+    lattice = j.astype(np.uint64) * np.uint64(0x9E3779B9)
     a = (j + jitter) / counts[face]
-    b = uniform((inverse + turn) & np.uint64(0xFFFFFFFF))
+    b = uniform((lattice + turn) & np.uint64(0xFFFFFFFF))
     weight = np.stack([1 - np.sqrt(a), np.sqrt(a) * (1 - b), np.sqrt(a) * b], axis=1)
     corners = scene.triangles_m[face]
     point = np.einsum("sk,ska->sa", weight, corners)
@@ -115,7 +117,7 @@ def sample_surface(
 def closest_hit(
     origin: np.ndarray, direction: np.ndarray, triangles_m: np.ndarray, block: int = 256
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Brute force [3]_ over all triangles: distance (inf: none), face (-1: none), barycentric u, v."""
+    """Brute force [3]_ over all triangles: distance (inf: none), face (-1: none), u and v."""
     n = len(origin)
     best = np.full(n, np.inf)
     face = np.full(n, -1)

@@ -12,6 +12,7 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Capture, Paths, Scene, TraceStatistics, Waveform, checks
 from clradar.normals import CREASE_DEG
 from clradar.opencl import Buffers, Device, build, open_device
+from clradar.packing import hi_lo
 from clradar.trace import RECEPTION_RADIUS_M, Progress, Tracer, resolve_settings
 
 CALL_PATHS = 2**20
@@ -70,8 +71,7 @@ def synthesize(
     else:
         order = np.arange(len(pair))
     rows = np.zeros((len(pair), 4), dtype=np.float32)
-    rows[:, 0] = paths.length_m[order]
-    rows[:, 1] = paths.length_m[order] - rows[:, 0]
+    rows[:, 0], rows[:, 1] = hi_lo(paths.length_m[order])
     rows[:, 2] = paths.amplitude[order]
     with PhasorSum(array, waveform, opened) as total:
         total.add(pair[order], rows)
@@ -181,9 +181,7 @@ class PhasorSum:
             self._starts = self._buffers.empty(4 * (self._n_pairs + 1))
             self._k_parts = []
             for part in self._slices:
-                hi = self._k[part].astype(np.float32)
-                lo = (self._k[part] - hi).astype(np.float32)
-                self._k_parts.append([self._buffers.upload(hi), self._buffers.upload(lo)])
+                self._k_parts.append([self._buffers.upload(half) for half in hi_lo(self._k[part])])
             widest = self._slices[0].stop
             self._state = self._buffers.zeros(column * widest)
             self._host = None

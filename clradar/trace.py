@@ -17,6 +17,7 @@ from clradar.errors import MeshError
 from clradar.model import AntennaArray, Paths, Scene, TraceStatistics, checks
 from clradar.normals import CREASE_DEG, corner_normals
 from clradar.opencl import Buffers, Device, build, open_device
+from clradar.packing import hi_lo
 
 RECEPTION_RADIUS_M = 0.010
 SAMPLES_PER_MM2 = 10.0
@@ -225,16 +226,16 @@ def _paths_of(tiles: list[Receptions], array: AntennaArray) -> Paths:
     statistics = tiles[0].statistics
     for tile in tiles[1:]:
         statistics = statistics + tile.statistics
-    columns = [
-        (pair // array.n_rx).astype(np.int32),
-        (pair % array.n_rx).astype(np.int32),
-        path[:, 0].astype(np.float64) + path[:, 1],
-        np.ascontiguousarray(path[:, 2]),
-        bounces,
-    ]
-    for column in columns:
-        column.flags.writeable = False
-    return Paths(*columns, array.n_tx, array.n_rx, statistics)
+    columns = {
+        "tx": (pair // array.n_rx).astype(np.int32),
+        "rx": (pair % array.n_rx).astype(np.int32),
+        "length_m": path[:, 0].astype(np.float64) + path[:, 1],
+        "amplitude": np.ascontiguousarray(path[:, 2]),
+        "bounces": bounces,
+    }
+    for column in columns.values():
+        column.flags.writeable = False  # so that the record need not copy it
+    return Paths(**columns, n_tx=array.n_tx, n_rx=array.n_rx, statistics=statistics)
 
 
 def samples_per_face(scene: Scene, settings: TraceSettings) -> np.ndarray:
@@ -315,7 +316,7 @@ class Tracer:
         self._n_tx_groups = -(-array.n_tx // GROUP)
         self._n_rx_groups = -(-array.n_rx // GROUP)
         self._tx_soa = up(_grouped(array.tx_m, self._n_tx_groups, array.tx_m[-1]))
-        self._antennas = [up(part) for a in (array.tx_m, array.rx_m) for part in _hi_lo(a)]
+        self._antennas = [up(part) for a in (array.tx_m, array.rx_m) for part in hi_lo(a)]
         out_of_reach = array.rx_m.max(axis=0) + 1e3 + self.settings.reception_radius_m * 10
         self._rx_soa = up(_grouped(array.rx_m, self._n_rx_groups, out_of_reach))
         self._counter = self._buffers.zeros(12)
@@ -427,12 +428,6 @@ class Tracer:
         return Receptions(
             (keys >> 32).astype(np.uint32), paths[place], bounces.astype(np.uint8), statistics
         )
-
-
-def _hi_lo(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Split float64 into two float32 whose sum is it, to 2^-48 of its size."""
-    hi = values.astype(np.float32)
-    return hi, (values - hi).astype(np.float32)
 
 
 def _grouped(positions_m: np.ndarray, n_groups: int, filler: np.ndarray) -> np.ndarray:

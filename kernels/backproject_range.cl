@@ -44,12 +44,22 @@ static inline void profile_at(__global const float *profile, const realw positio
     const int8 whole = convert_int8_rtz(position);
     const float8 f = position - convert_float8(whole);
     const int8 bin = whole - first_bin;
-    /* Two neighbouring complex bins per lane; lanes 0..3 and 4..7 are transposed side by side, in
-     * steps of two sources each, which compilers turn into single shuffles. */
-    const float8 a = (float8)(LOAD4(profile + 2 * bin.s0), LOAD4(profile + 2 * bin.s4));
-    const float8 b = (float8)(LOAD4(profile + 2 * bin.s1), LOAD4(profile + 2 * bin.s5));
-    const float8 c = (float8)(LOAD4(profile + 2 * bin.s2), LOAD4(profile + 2 * bin.s6));
-    const float8 d = (float8)(LOAD4(profile + 2 * bin.s3), LOAD4(profile + 2 * bin.s7));
+    /* Two neighbouring complex bins per lane. */
+    const float4 q0 = LOAD4(profile + 2 * bin.s0), q1 = LOAD4(profile + 2 * bin.s1);
+    const float4 q2 = LOAD4(profile + 2 * bin.s2), q3 = LOAD4(profile + 2 * bin.s3);
+    const float4 q4 = LOAD4(profile + 2 * bin.s4), q5 = LOAD4(profile + 2 * bin.s5);
+    const float4 q6 = LOAD4(profile + 2 * bin.s6), q7 = LOAD4(profile + 2 * bin.s7);
+#ifdef CLR_CHECKED
+    /* The memory checker crashes on shuffles that change the length of a vector. */
+    const float8 re0 = (float8)(q0.x, q1.x, q2.x, q3.x, q4.x, q5.x, q6.x, q7.x);
+    const float8 im0 = (float8)(q0.y, q1.y, q2.y, q3.y, q4.y, q5.y, q6.y, q7.y);
+    const float8 re1 = (float8)(q0.z, q1.z, q2.z, q3.z, q4.z, q5.z, q6.z, q7.z);
+    const float8 im1 = (float8)(q0.w, q1.w, q2.w, q3.w, q4.w, q5.w, q6.w, q7.w);
+#else
+    /* Lanes 0..3 and 4..7 are transposed side by side, in steps of two sources each, which compilers
+     * turn into single shuffles. */
+    const float8 a = (float8)(q0, q4), b = (float8)(q1, q5);
+    const float8 c = (float8)(q2, q6), d = (float8)(q3, q7);
     const float8 ab0 = (float8)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5);
     const float8 cd0 = (float8)(c.s0, d.s0, c.s1, d.s1, c.s4, d.s4, c.s5, d.s5);
     const float8 ab1 = (float8)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7);
@@ -58,6 +68,7 @@ static inline void profile_at(__global const float *profile, const realw positio
     const float8 im0 = (float8)(ab0.s23, cd0.s23, ab0.s67, cd0.s67);
     const float8 re1 = (float8)(ab1.s01, cd1.s01, ab1.s45, cd1.s45);
     const float8 im1 = (float8)(ab1.s23, cd1.s23, ab1.s67, cd1.s67);
+#endif
     *re = fused(f, re1 - re0, re0);
     *im = fused(f, im1 - im0, im0);
 #else

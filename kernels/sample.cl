@@ -1,14 +1,13 @@
 /* Sample points on the surface.
  *
  * Face f holds samples face_start[f] ... face_start[f + 1] - 1. Its j-th of k points is the point of a
- * stratified set: first coordinate (j + xi) / k with xi random per sample, second coordinate the
- * base-2 radical inverse of j with a random rotation per face (Cranley-Patterson), mapped to the
- * triangle by the square root (R. Osada et al., ACM TOG 21 (2002) 807, eq. 1). Each point by itself is
- * uniform on its face.
+ * stratified set, a jittered Fibonacci lattice: first coordinate (j + xi) / k with xi random per sample,
+ * second coordinate j times the golden ratio, modulo 1, with a random rotation per face (Cranley and
+ * Patterson 1976), mapped to the triangle by the square root (R. Osada et al., ACM TOG 21 (2002) 807,
+ * eq. 1). Each point by itself is uniform on its face.
  *
  * Random numbers: Philox4x32-10 (J. Salmon et al., SC 2011), key = seed, counter =
  * (sample or face, 0, 0, domain). */
-#include <pyopencl-random123/philox.cl>
 #include "common/width.h"
 #include "common/random.h"
 #include "common/vector.h"
@@ -43,20 +42,20 @@ __kernel void sample_surface(const uint n_faces, const uint first_sample, const 
     const uint4 jitter = draw(sample, 0, 0, DOMAIN_SAMPLE, seed_low, seed_high);
     const uint4 rotation = draw(low, 0, 0, DOMAIN_FACE, seed_low, seed_high);
     const float a = ((float)j + unit_interval(jitter.x)) / (float)k;
-    const float b = unit_interval(reversed_bits(j) + rotation.x);
+    const float b = unit_interval(j * GOLDEN_RATIO + rotation.x);
 
     const float root = sqrt(smaller(a, 1.0f));
     const float b1 = root * (1.0f - b), b2 = root * b, b0 = 1.0f - root;
-    const size_t f = (size_t)low;
+    const size_t f = (size_t)low, at = 9 * f;
+    float blend[3];
     for (int axis = 0; axis < 3; ++axis) {
-        const size_t at = 9 * f + axis;
-        point[3 * (size_t)i + axis] = b0 * corner[at] + b1 * corner[at + 3] + b2 * corner[at + 6];
+        __global const float *c = corner + at + axis, *n = normal + at + axis;
+        point[3 * (size_t)i + axis] = b0 * c[0] + b1 * c[3] + b2 * c[6];
+        blend[axis] = b0 * n[0] + b1 * n[3] + b2 * n[6];
         geometric[3 * (size_t)i + axis] = face_normal[3 * f + axis];
     }
-    float3 n = b0 * load3(normal + 9 * f) + b1 * load3(normal + 9 * f + 3) +
-               b2 * load3(normal + 9 * f + 6);
+    const float3 n = (float3)(blend[0], blend[1], blend[2]);
     const float norm = length3(n);
-    n = norm > 1e-6f ? n / norm : load3(face_normal + 3 * f);
-    store3(n, shading + 3 * (size_t)i);
+    store3(norm > 1e-6f ? n / norm : load3(face_normal + 3 * f), shading + 3 * (size_t)i);
     face[i] = (int)low;
 }

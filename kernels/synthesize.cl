@@ -1,14 +1,14 @@
 /* The SFCW phasor sum: s[pair, n] = sum_i a_i exp(-j 2 pi f_n d_i / c).
  *
- * Item = one pair and CLR_WIDTH frequencies. It adds its pair's paths in their order with Neumaier's
- * compensated sum (A. Neumaier, ZAMM 54 (1974) 39), whose state is kept between calls: the result is
+ * Item = one pair and CLR_WIDTH frequencies. It adds its pair's paths in their order to a sum of two
+ * float32 (T. J. Dekker, Numer. Math. 18 (1971) 224), whose state is kept between calls: the result is
  * the same to the bit however the paths are split into calls, and a million equal paths do not drift. */
 #include "common/phase.h"
 
 /* start   uint (n_pairs + 1)         first path of each pair in this call
  * path    float (n_paths, 4)         length hi, length lo, amplitude, unused; metres
  * k_hi, k_lo  float (n_freq_padded)  f / c, cycles per metre, as hi + lo
- * state   float (4, n_pairs, n_freq_padded)  in and out: re, im, and the compensation of both */
+ * state   float (4, n_pairs, n_freq_padded)  in and out: re, im, and the low parts of both */
 __kernel void sum_phasors(const uint n_pairs, const uint n_freq_padded,
                           __global const uint *start, __global const float *path,
                           __global const float *k_hi, __global const float *k_lo,
@@ -32,10 +32,14 @@ __kernel void sum_phasors(const uint n_pairs, const uint n_freq_padded,
         cos_sin_cycles(cycles(length, k), &cosine, &sine);
         const dual a = two_sum(re, cosine * row.z);
         const dual b = two_sum(im, -(sine * row.z));
-        re = a.hi;
-        im = b.hi;
-        re_lost += a.lo;
-        im_lost += b.lo;
+        /* Renormalised at once: a million equal paths lose the same share each time, and what is lost
+         * would by itself outgrow float32. */
+        const dual a_whole = two_sum(a.hi, a.lo + re_lost);
+        const dual b_whole = two_sum(b.hi, b.lo + im_lost);
+        re = a_whole.hi;
+        im = b_whole.hi;
+        re_lost = a_whole.lo;
+        im_lost = b_whole.lo;
     }
     STOREW(re, at);
     STOREW(im, at + plane);

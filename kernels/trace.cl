@@ -17,7 +17,6 @@
 #error "CLR_SPREADING (0: amplitude 1, 1: 1 / (R1 R2) and antenna patterns) is missing"
 #endif
 
-#include <pyopencl-random123/philox.cl>
 #include "common/phase.h"
 #include "common/random.h"
 #include "common/bvh.h"
@@ -38,7 +37,7 @@ typedef struct {
 
 /* Nearest triangle along o + t d, 0 < t < reach. */
 static hit_record closest_hit(__global const float *nodes, __global const float *triangles,
-                              const float delta, const float3 o, const float3 d, float reach) {
+                              const float3 o, const float3 d, float reach) {
     const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
     hit_record best;
     best.distance = -1.0f;
@@ -98,8 +97,8 @@ static hit_record closest_hit(__global const float *nodes, __global const float 
                 const float u = dot3(d, cross3(e2, to)) * sign;
                 const float v = dot3(d, cross3(to, e1)) * sign;
                 const float distance = dot3(to, normal) * sign;
-                const float eu = delta * t[11], ev = delta * t[7];
-                if (u >= -eu && v >= -ev && u + v <= size + (eu + ev) && size > t[15] &&
+                const float error = edge_error(to), eu = error * t[11], ev = error * t[7];
+                if (u >= -eu && v >= -ev && u + v <= size + (eu + ev + t[15]) && size > t[15] &&
                     distance > 0.0f && distance < reach * size) {
                     const float at = distance / size;
                     /* Of two at the same distance the one with the lower slot stays. */
@@ -223,7 +222,7 @@ __kernel void trace_rays(
                 if (last && farthest < 0.0f) break;
 
                 const float reach = last ? farthest : FLT_MAX;
-                const hit_record hit = closest_hit(nodes, triangles, delta, o, t_c, reach);
+                const hit_record hit = closest_hit(nodes, triangles, o, t_c, reach);
                 const float limit = hit.triangle < 0 ? FLT_MAX : hit.distance;
 
                 if (farthest >= 0.0f) {
@@ -232,10 +231,10 @@ __kernel void trace_rays(
                             sphere_entry(rx_soa + g * GROUP, stride, p, t_c, radius_squared);
                         const int8 received = (entry >= 0.0f) & (entry < limit);
                         if (!any8(received)) continue;
-                        const int8 ones = received & 1;
-                        const int4 four = ones.lo + ones.hi;
+                        const int4 four = received.lo + received.hi;
                         const int2 two = four.lo + four.hi;
-                        uint slot = atomic_add(counter, (uint)(two.x + two.y));
+                        /* A lane that holds is -1. */
+                        uint slot = atomic_add(counter, (uint)-(two.x + two.y));
                         const int flags[GROUP] = {received.s0, received.s1, received.s2,
                                                   received.s3, received.s4, received.s5,
                                                   received.s6, received.s7};

@@ -12,8 +12,8 @@
 #define GROUP 8
 
 /* Clear the lanes of `reach` (distance to each antenna; negative = done) that anything blocks. */
-static inline realw blocked(__global const float *nodes, __global const float *triangles, const float delta,
-                     const float3 o, const realw dx, const realw dy, const realw dz, realw reach) {
+static inline realw blocked(__global const float *nodes, __global const float *triangles, const float3 o,
+                     const realw dx, const realw dy, const realw dz, realw reach) {
     const realw tiny = 1e-18f; /* keeps the inverses finite: no product with them is NaN */
     const realw ix = 1.0f / ((dx < tiny) & (dx > -tiny) ? tiny : dx);
     const realw iy = 1.0f / ((dy < tiny) & (dy > -tiny) ? tiny : dy);
@@ -69,8 +69,8 @@ static inline realw blocked(__global const float *nodes, __global const float *t
                 const realw u = (dx * q2.x + dy * q2.y + dz * q2.z) * sign;
                 const realw v = (dx * q1.x + dy * q1.y + dz * q1.z) * sign;
                 const realw distance = tn * sign;
-                const float eu = delta * t[11], ev = delta * t[7];
-                const intw hit = (u >= -eu) & (v >= -ev) & (u + v <= size + (eu + ev)) &
+                const float error = edge_error(to), eu = error * t[11], ev = error * t[7];
+                const intw hit = (u >= -eu) & (v >= -ev) & (u + v <= size + (eu + ev + t[15])) &
                                  (size > t[15]) & (distance > 0.0f) & (distance < reach * size);
                 reach = hit ? (realw)(-1.0f) : reach;
             }
@@ -114,7 +114,7 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
             dy /= distance;
             dz /= distance;
             realw reach = wanted ? distance : (realw)(-1.0f);
-            reach = blocked(nodes, triangles, delta, o, dx, dy, dz, reach);
+            reach = blocked(nodes, triangles, o, dx, dy, dz, reach);
             const intw seen = reach > 0.0f;
 #if CLR_WIDTH == 8
             const int8 weights = (int8)(1, 2, 4, 8, 16, 32, 64, 128);

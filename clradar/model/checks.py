@@ -35,8 +35,8 @@ def read_only(
 ) -> np.ndarray:
     """Return `value` as a C-contiguous, read-only array of `dtype` whose shape matches `shape`.
 
-    None in `shape` stands for any length. The caller's array is copied unless it is already
-    read-only, so a record never changes behind its own back.
+    None in `shape` stands for any length. The caller's array is copied unless it and whatever it is
+    a view of are read-only, so a record never changes behind its own back.
     """
     dtype = np.dtype(dtype)
     try:
@@ -66,7 +66,7 @@ def read_only(
                 f"values in [{limits.min}, {limits.max}] ({dtype})",
                 f"[{raw.min()}, {raw.max()}]",
             )
-    if isinstance(value, np.ndarray) and not value.flags.writeable and value.dtype == dtype:
+    if value is raw and raw.dtype == dtype and _nobody_writes(raw):
         stored = np.ascontiguousarray(value)
     else:
         with np.errstate(over="ignore"):
@@ -75,6 +75,23 @@ def read_only(
             fail(field, f"numbers that {dtype} can hold", "an overflow")
     stored.flags.writeable = False
     return stored
+
+
+def _nobody_writes(array: np.ndarray) -> bool:
+    owner: Any = array
+    while isinstance(owner, np.ndarray):
+        if owner.flags.writeable:
+            return False
+        owner = owner.base
+    return owner is None or isinstance(owner, bytes)
+
+
+def is_single(value: Any) -> bool:
+    """Whether `value` is one number or string rather than a list or an array of them."""
+    try:
+        return np.ndim(value) == 0
+    except ValueError:  # nested lists of different lengths
+        return False
 
 
 def one_axis(field: str, value: Any) -> np.ndarray:
@@ -99,9 +116,13 @@ def positive(field: str, value: Any) -> float:
 
 
 def real(field: str, value: Any) -> float:
+    if isinstance(value, str | bytes | bool | np.bool_) or not is_single(value):
+        fail(field, "a number", repr(value))
+    if np.iscomplexobj(value):
+        fail(field, "a real number", repr(value))
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         fail(field, "a number", repr(value))
     if not np.isfinite(number):
         fail(field, "a finite number", repr(value))
@@ -110,7 +131,8 @@ def real(field: str, value: Any) -> float:
 
 def whole(field: str, value: Any, low: int, high: int | None = None) -> int:
     expected = f"a whole number >= {low}" if high is None else f"a whole number in [{low}, {high}]"
-    if isinstance(value, bool | np.bool_):
+    odd = isinstance(value, str | bytes | bool | np.bool_)
+    if odd or not is_single(value) or np.iscomplexobj(value):
         fail(field, expected, repr(value))
     try:
         number = int(value)
@@ -138,7 +160,8 @@ def transform(field: str, value: Any) -> np.ndarray:
     matrix = read_only(field, value, np.float64, (4, 4))
     if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
         fail(field, "a 4x4 affine matrix with last row [0, 0, 0, 1]", f"last row {matrix[3]}")
-    if abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
+    stretch = np.linalg.svd(matrix[:3, :3], compute_uv=False)
+    if stretch[2] <= 1e-12 * stretch[0]:  # as good as flat in float64
         fail(field, "an invertible 4x4 matrix", "a singular one")
     return matrix
 
@@ -149,4 +172,16 @@ def frozen_mapping(field: str, value: Any) -> Mapping[str, Any]:
     bad = [key for key in value if not isinstance(key, str)]
     if bad:
         fail(field, "string keys", repr(bad[0]))
-    return MappingProxyType(dict(value))
+    try:
+        return MappingProxyType({key: _copied(item) for key, item in value.items()})
+    except RecursionError:
+        fail(field, "a mapping of limited depth", "one that contains itself or is nested too deep")
+
+
+def _copied(value: Any) -> Any:
+    """Copy mappings and lists, however deep, so that the caller's are not the record's."""
+    if isinstance(value, Mapping):
+        return {key: _copied(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_copied(item) for item in value]
+    return value

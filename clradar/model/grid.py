@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sized
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,8 +37,10 @@ class VoxelGrid:
         spacing = checks.read_only("VoxelGrid.spacing_m", self.spacing_m, np.float64, (3,))
         if spacing.min() <= 0:
             checks.fail("VoxelGrid.spacing_m", "positive spacing", f"{spacing.tolist()}")
+        if isinstance(self.counts, str) or not isinstance(self.counts, Sized):
+            checks.fail("VoxelGrid.counts", "three counts (x, y, z)", repr(self.counts))
         if len(self.counts) != 3:
-            checks.fail("VoxelGrid.counts", "three counts (x, y, z)", f"{self.counts}")
+            checks.fail("VoxelGrid.counts", "three counts (x, y, z)", repr(self.counts))
         nx, ny, nz = (checks.whole("VoxelGrid.counts", n, 1) for n in self.counts)
         if nx * ny * nz > MAX_VOXELS:
             checks.fail("VoxelGrid.counts", f"at most {MAX_VOXELS} voxels", f"{nx} x {ny} x {nz}")
@@ -74,7 +77,9 @@ class VoxelGrid:
             first, last = checks.read_only(field, pair, np.float64, (2,))
             if last < first:
                 checks.fail(field, "first <= last", f"({first:g}, {last:g})")
-            intervals = (last - first) / step
+            intervals = float(last - first) / step
+            if intervals > MAX_VOXELS:
+                checks.fail(field, f"at most {MAX_VOXELS} voxels", f"steps of {step:g} m")
             count = round(intervals)
             if abs(intervals - count) > 1e-6 * max(1.0, intervals):
                 fits = first + np.floor(intervals) * step

@@ -30,6 +30,15 @@ class TraceStatistics:
     outgoing: int
     absorbed: int
 
+    def __post_init__(self) -> None:
+        for name in ("samples", "visible", "outgoing", "absorbed"):
+            count = checks.whole(f"TraceStatistics.{name}", getattr(self, name), 0)
+            object.__setattr__(self, name, count)
+        if self.absorbed > self.outgoing:
+            checks.fail(
+                "TraceStatistics.absorbed", f"at most outgoing ({self.outgoing})", self.absorbed
+            )
+
     @property
     def absorbed_share(self) -> float:
         """Share of outgoing directions that were absorbed, 0 to 1."""
@@ -81,6 +90,10 @@ class Paths:
     def __post_init__(self) -> None:
         object.__setattr__(self, "n_tx", checks.whole("Paths.n_tx", self.n_tx, 1))
         object.__setattr__(self, "n_rx", checks.whole("Paths.n_rx", self.n_rx, 1))
+        if not isinstance(self.statistics, TraceStatistics | None):
+            checks.fail(
+                "Paths.statistics", "TraceStatistics or None", type(self.statistics).__name__
+            )
         count: int | None = None
         columns = (
             ("tx", np.int32),

@@ -60,8 +60,12 @@ class Scene:
         object.__setattr__(self, "vertices_m", vertices)
         object.__setattr__(self, "faces", faces)
         object.__setattr__(self, "alpha", _alpha_of_faces(self.alpha, len(faces)))
-        part = np.broadcast_to(self.part, len(faces)) if np.ndim(self.part) == 0 else self.part
+        part = self.part
+        if checks.is_single(part):
+            part = np.full(len(faces), checks.whole("Scene.part", part, 0))
         part = checks.read_only("Scene.part", part, np.int32, (len(faces),))
+        if isinstance(self.part_names, str) or not isinstance(self.part_names, Iterable):
+            checks.fail("Scene.part_names", "a tuple of strings", repr(self.part_names))
         names = tuple(checks.text("Scene.part_names", name) for name in self.part_names)
         if len(set(names)) != len(names):
             checks.fail("Scene.part_names", "unique names", f"{names}")
@@ -89,7 +93,7 @@ class Scene:
             ``to_trimesh()``. Files may be anything that trimesh reads. Every named geometry of
             the file becomes a part.
         alpha : float, array_like of shape (n_faces,), or mapping part name -> float
-            0 specular ... 1 diffuse.
+            0 specular ... 1 diffuse. An array goes part by part, in the order of `part_names`.
         unit : "m", "cm" or "mm"
             Unit of the mesh's coordinates.
         transform : array_like, shape (4, 4), optional
@@ -108,7 +112,8 @@ class Scene:
         if transform is not None:
             matrix = checks.transform("Scene.from_mesh: transform", transform)
         label, pieces = _pieces(mesh)
-        vertices, faces, part, names = [], [], [], []
+        vertices, faces, part = [], [], []
+        names: list[str] = []
         offset = 0
         for name, piece_vertices, piece_faces in pieces:
             vertices.append(np.asarray(piece_vertices, dtype=np.float64))
@@ -123,11 +128,11 @@ class Scene:
             )
         vertices_m = vertices_m @ matrix[:3, :3].T + matrix[:3, 3]
         all_faces = np.concatenate(faces)
-        _check_size(label, vertices_m[np.unique(all_faces)], unit)
         try:
             scene = cls(vertices_m, all_faces, 0.5, np.concatenate(part), tuple(names))
         except ModelError as error:
             raise MeshError(f"{label}: {error}") from error
+        _check_size(label, vertices_m[np.unique(all_faces)], unit)
         return scene.with_alpha(alpha)
 
     @classmethod
@@ -137,6 +142,8 @@ class Scene:
         names: list[str] = []
         offset = 0
         for scene in scenes:
+            if not isinstance(scene, Scene):
+                checks.fail("Scene.combine: scenes", "scenes", type(scene).__name__)
             vertices.append(scene.vertices_m)
             faces.append(scene.faces.astype(np.int64) + offset)
             alpha.append(scene.alpha)
@@ -165,7 +172,7 @@ class Scene:
                     f"one value for each of the parts {list(self.part_names)}",
                     f"unknown {unknown}, missing {missing}",
                 )
-            alpha = np.array([alpha[name] for name in self.part_names])[self.part]
+            return replace(self, alpha=np.array([alpha[n] for n in self.part_names])[self.part])
         return replace(self, alpha=alpha)
 
     def transformed(self, transform: Any) -> Scene:
@@ -191,7 +198,7 @@ class Scene:
 
 
 def _alpha_of_faces(alpha: Any, n_faces: int) -> np.ndarray:
-    if np.ndim(alpha) == 0:
+    if checks.is_single(alpha):
         alpha = np.full(n_faces, checks.real("alpha", alpha))
     values = checks.read_only("alpha", alpha, np.float64, (n_faces,))
     if values.min() < 0.0 or values.max() > 1.0:
@@ -235,6 +242,8 @@ def _pieces(mesh: Any) -> tuple[str, list[tuple[str, np.ndarray, np.ndarray]]]:
         if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
             vertices = trimesh.transform_points(geometry.vertices, matrix)
             pieces.append((str(name), vertices, np.asarray(geometry.faces)))
+    if label.lower().endswith(".obj"):
+        pieces.reverse()  # trimesh's reader takes the groups of an OBJ from the last to the first
     if not pieces:
         raise MeshError(f"{label}: expected a mesh with at least one triangle, got none")
     return label, pieces
@@ -249,14 +258,19 @@ def _load(path: str | PathLike[str]) -> tuple[Any, str]:
     label = str(file)
     if not file.is_file():
         raise MeshError(f"{label}: expected a mesh file, got nothing there")
+    # Without this an OBJ file's objects and groups are lumped together under the first one's name.
+    parts = {"split_objects": True, "split_groups": True} if file.suffix.lower() == ".obj" else {}
     try:
         # process=False keeps the file's faces in the file's order, which alpha per face relies on.
-        return trimesh.load_scene(file, process=False), label
+        return trimesh.load_scene(file, process=False, **parts), label
     except Exception as error:  # trimesh's readers raise whatever their parsers raise
         known = ", ".join(sorted(trimesh.available_formats()))
+        reason = f"{type(error).__name__}: {error}"
+        if isinstance(error, ModuleNotFoundError) and error.name == "charset_normalizer":
+            # trimesh reads what is not of a binary format as text, and guesses its encoding.
+            reason = "bytes that are neither that nor UTF-8 text"
         raise MeshError(
-            f"{label}: expected a mesh file that trimesh reads ({known}), got "
-            f"{type(error).__name__}: {error}"
+            f"{label}: expected a mesh file that trimesh reads ({known}), got {reason}"
         ) from error
 
 

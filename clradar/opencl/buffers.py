@@ -29,6 +29,7 @@ class Buffers:
         self.device = device
         self.used_bytes = 0
         self._held: dict[int, tuple[Any, int]] = {}
+        self._closed = False
 
     def __enter__(self) -> Buffers:
         return self
@@ -43,6 +44,7 @@ class Buffers:
             buffer.release()
         self._held.clear()
         self.used_bytes = 0
+        self._closed = True
 
     @property
     def free_bytes(self) -> int:
@@ -51,6 +53,10 @@ class Buffers:
 
     def empty(self, n_bytes: int) -> Any:
         """Return a buffer of at least `n_bytes`, contents undefined."""
+        if self._closed:
+            raise DeviceError(
+                "buffers: expected an allocation inside the `with` block, got one after"
+            )
         size = max(int(n_bytes), 16)  # OpenCL has no empty buffers
         info = self.device.info
         if size > info.max_alloc_bytes or self.used_bytes + size > self.device.budget_bytes:
@@ -77,14 +83,12 @@ class Buffers:
     def zeros(self, n_bytes: int) -> Any:
         """Return a new buffer filled with zero bytes."""
         buffer = self.empty(n_bytes)
-        try:
-            cl.enqueue_fill_buffer(self.device.queue, buffer, np.uint8(0), 0, buffer.size).wait()
-        except cl.Error as error:
-            raise self._no_memory(buffer.size, error) from error
+        self.write(buffer, np.zeros(buffer.size, np.uint8))
         return buffer
 
     def write(self, buffer: Any, array: np.ndarray) -> None:
         """Copy `array` to the start of `buffer`."""
+        self._check_held(buffer)
         if array.nbytes == 0:
             return
         try:
@@ -94,6 +98,7 @@ class Buffers:
 
     def read(self, buffer: Any, shape: tuple[int, ...] | int, dtype: Any) -> np.ndarray:
         """Return the start of `buffer` as a new array."""
+        self._check_held(buffer)
         out: np.ndarray = np.empty(shape, dtype=dtype)
         if out.nbytes:
             try:
@@ -104,9 +109,15 @@ class Buffers:
 
     def release(self, buffer: Any) -> None:
         """Free one buffer before the block ends."""
+        self._check_held(buffer)
         held, size = self._held.pop(id(buffer))
         held.release()
         self.used_bytes -= size
+
+    def _check_held(self, buffer: Any) -> None:
+        # Drivers do not look: PoCL crashes on a buffer that was released.
+        if id(buffer) not in self._held:
+            raise DeviceError("buffers: expected a buffer of this block, got one that was freed")
 
     def _no_memory(self, size: int, error: Exception) -> DeviceError:
         return DeviceError(

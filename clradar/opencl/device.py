@@ -76,18 +76,17 @@ class Device:
     info : DeviceInfo
     budget_bytes : int
         What one call may have allocated at a time; larger problems are tiled.
+    width : int
+        Lanes per work-item: 8 on a CPU, where wide vectors pay, and 1 on a GPU, where neighbouring
+        items are the lanes.
     """
 
     info: DeviceInfo
     context: Any
     queue: Any
     budget_bytes: int
+    width: int
     programs: dict[Any, Any] = field(default_factory=dict, repr=False)
-
-    @property
-    def width(self) -> int:
-        """Lanes per work-item: wide vectors on a CPU, one antenna or voxel per item on a GPU."""
-        return 1 if self.info.kind == "gpu" else 8
 
     @property
     def max_buffer_bytes(self) -> int:
@@ -115,7 +114,10 @@ def list_devices() -> list[DeviceInfo]:
 
 
 def open_device(
-    device: Device | str | None = None, *, memory_limit_bytes: int | None = None
+    device: Device | str | None = None,
+    *,
+    memory_limit_bytes: int | None = None,
+    width: int | None = None,
 ) -> Device:
     """Return an opened device.
 
@@ -128,6 +130,8 @@ def open_device(
         runtime, else PoCL.
     memory_limit_bytes : int, optional
         Plan with at most this much device memory; three quarters of the device's by default.
+    width : 1 or 8, optional
+        Build the kernels for this many lanes per work-item instead of what suits the device's kind.
 
     Raises
     ------
@@ -135,6 +139,11 @@ def open_device(
         No such device, or it cannot be opened. There is no fallback to another one.
     """
     if isinstance(device, Device):
+        if memory_limit_bytes is not None or width is not None:
+            raise DeviceError(
+                "device: expected its name together with memory_limit_bytes or width, got a "
+                "clradar.Device, whose limit and width are settled"
+            )
         return device
     if device is not None and not isinstance(device, str):
         raise DeviceError(
@@ -142,6 +151,8 @@ def open_device(
         )
     if memory_limit_bytes is not None:
         memory_limit_bytes = checks.whole("memory_limit_bytes", memory_limit_bytes, 1)
+    if width not in (None, 1, 8):
+        checks.fail("width", "1 or 8 lanes per work-item", repr(width))
     wanted, origin = device, "device"
     if wanted is None:
         for variable in ("CLRADAR_DEVICE", "PYOPENCL_CTX"):
@@ -149,7 +160,7 @@ def open_device(
                 wanted, origin = os.environ[variable], variable
                 break
     selector = _select(wanted, origin).selector
-    return _open(selector, memory_limit_bytes)
+    return _open(selector, memory_limit_bytes, width)
 
 
 def default_device() -> DeviceInfo:
@@ -207,6 +218,9 @@ def _select(wanted: str | None, origin: str) -> DeviceInfo:
     elif key.replace(":", "").isdigit():
         exact = key if ":" in key else f"{key}:0"
         matches = [info for info in infos if info.selector == exact]
+    elif key in _ALIASES:
+        # By platform only: an Intel processor driven by PoCL is not Intel's runtime.
+        matches = [info for info in infos if _ALIASES[key] in info.platform.lower()]
     else:
         # PYOPENCL_CTX may say "platform:device" by name.
         parts = [_ALIASES.get(part, part) for part in key.split(":") if part]
@@ -232,7 +246,7 @@ def _rank(info: DeviceInfo) -> int:
 
 
 @lru_cache(maxsize=32)
-def _open(selector: str, memory_limit_bytes: int | None) -> Device:
+def _open(selector: str, memory_limit_bytes: int | None, width: int | None) -> Device:
     info, dev = next(pair for pair in _found() if pair[0].selector == selector)
     try:
         context = cl.Context([dev])
@@ -245,4 +259,6 @@ def _open(selector: str, memory_limit_bytes: int | None) -> Device:
     budget = int(info.memory_bytes * MEMORY_SHARE)
     if memory_limit_bytes is not None:
         budget = min(budget, memory_limit_bytes)
-    return Device(info, context, queue, budget)
+    if width is None:
+        width = 1 if info.kind == "gpu" else 8
+    return Device(info, context, queue, budget, width)

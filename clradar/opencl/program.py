@@ -69,6 +69,10 @@ def build(device: Device, file: str, options: Any) -> Program:
         f"-DCLR_{f.name.upper()}={_literal(getattr(options, f.name))}" for f in fields(options)
     ]
     flags = ["-cl-std=CL1.2", *defines]
+    if device.info.is_interpreter:
+        # A checker should see the code as written, and Oclgrind does not know all that its own
+        # optimiser makes of it. CLR_CHECKED marks the few places that avoid its faults.
+        flags += ["-cl-opt-disable", "-DCLR_CHECKED"]
     try:
         with warnings.catch_warnings():
             # Drivers print remarks on success, which pyopencl turns into warnings.

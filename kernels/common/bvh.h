@@ -15,12 +15,17 @@
  *     [12..14] N = e1 x e2 (from float64) [15] 2^-21 |N|
  *
  * Triangle test (Moeller and Trumbore 1997, written for many directions from one origin o): with
- * T = v0 - o, u |d.N| = +-d.(e2 x T), v |d.N| = +-d.(T x e1), t = T.N / d.N. In float32 the first two
- * are wrong by at most delta |e2| and delta |e1|, where delta = 32 * 2^-24 * M and M is the largest
- * distance of any vertex or antenna from the origin (4 roundings each in the cross and the dot
- * product of vectors no longer than 2 M, and those of v0, o and T). A hit is accepted within that
- * bound: neighbours overlap by a micrometre instead of leaving a gap. A triangle that is seen edge
- * on within rounding (|d.N| <= 2^-21 |N|) is no hit; its neighbours are. */
+ * T = v0 - o, u |d.N| = +-d.(e2 x T), v |d.N| = +-d.(T x e1), t = T.N / d.N. In float32, with unit
+ * roundoff w = 2^-24, the first two are wrong by at most 8 w |T| |e2| and 8 w |T| |e1| (2 w from the
+ * roundings of T and e2, 2 w in each component of the cross product, 1.16 times as long as the product
+ * of the lengths, and 3 w in the dot product), d by 3 w, and |d.N| by 4 w |N|. A hit is accepted
+ * within 12 w |T|_1 |e2|, 12 w |T|_1 |e1| and, at the third edge, their sum and 8 w |N|: neighbours
+ * overlap by a fraction of a micrometre instead of leaving a gap. A triangle that is seen edge on
+ * within rounding (|d.N| <= 2^-21 |N|) is no hit; its neighbours are.
+ *
+ * delta = 32 w M, with M the largest distance of any vertex or antenna from the origin, bounds all of
+ * this and the rounding of points on the surface. Boxes are padded by it, and rays leave a face from
+ * 2 delta above it. */
 #ifndef CLR_STACK
 #error "CLR_STACK (entries of the traversal stack: the depth of the tree, from the host) is missing"
 #endif
@@ -29,6 +34,11 @@
 
 #define NODE_FLOATS 16
 #define TRIANGLE_FLOATS 16
+
+/* Error bound of the triangle test relative to an edge's length: 12 w |T|_1. */
+static inline float edge_error(const float3 to) {
+    return 0x1.8p-21f * (absolute(to.x) + absolute(to.y) + absolute(to.z));
+}
 
 /* 1 / d, kept finite so that no product with it is NaN. */
 static inline float safe_inverse(float d) {

@@ -84,7 +84,8 @@ static inline wavenumber make_wavenumber(realw hi, realw lo) {
     return k;
 }
 
-/* Fraction of a turn, in [-0.5, 0.5], of length * k. Valid up to 2^22 cycles. */
+/* Fraction of a turn of length * k: half a turn and what the product rounds off, so within [-1, 1]. Valid
+ * up to 2^22 cycles. */
 static inline realw cycles(dual length, wavenumber k) {
     const realw magic = 12582912.0f; /* 1.5 * 2^23: adding it rounds to a whole number */
     realw high, low;

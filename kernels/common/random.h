@@ -1,7 +1,16 @@
-/* Counter-based random numbers and what is made of them. Needs Philox included before. */
+/* Counter-based random numbers and what is made of them. */
+#ifdef CLR_CHECKED
+/* The memory checker runs unoptimised code and cannot have functions forced inline. */
+#define R123_STATIC_INLINE static inline
+#define R123_FORCE_INLINE(declaration) declaration
+#endif
+#include <pyopencl-random123/philox.cl>
+
 #define DOMAIN_SAMPLE 1u
 #define DOMAIN_FACE 2u
 #define DOMAIN_DIRECTION 3u
+
+#define GOLDEN_RATIO 0x9E3779B9u /* its fractional part, in 2^-32 */
 
 static inline uint4 draw(uint c0, uint c1, uint c2, uint c3, uint seed_low, uint seed_high) {
     philox4x32_ctr_t counter = {{c0, c1, c2, c3}};
@@ -10,15 +19,8 @@ static inline uint4 draw(uint c0, uint c1, uint c2, uint c3, uint seed_low, uint
     return (uint4)(r.v[0], r.v[1], r.v[2], r.v[3]);
 }
 
-/* Uniform in (0, 1), never either end: the middle of one of 2^24 cells. */
+/* Uniform in (0, 1), never either end: the middle of one of 2^23 cells. With 2^24 of them the middle of
+ * the last would round to 1. */
 static inline float unit_interval(uint bits) {
-    return (float)(bits >> 8) * 0x1p-24f + 0x1p-25f;
-}
-
-static inline uint reversed_bits(uint v) {
-    v = ((v >> 1) & 0x55555555u) | ((v & 0x55555555u) << 1);
-    v = ((v >> 2) & 0x33333333u) | ((v & 0x33333333u) << 2);
-    v = ((v >> 4) & 0x0F0F0F0Fu) | ((v & 0x0F0F0F0Fu) << 4);
-    v = ((v >> 8) & 0x00FF00FFu) | ((v & 0x00FF00FFu) << 8);
-    return (v >> 16) | (v << 16);
+    return (float)(bits >> 9) * 0x1p-23f + 0x1p-24f;
 }

@@ -34,6 +34,10 @@ static inline float larger(float a, float b) {
     return a > b ? a : b;
 }
 
+static inline float absolute(float v) {
+    return v < 0.0f ? -v : v;
+}
+
 static inline float limited(float v, float low, float high) {
     return smaller(larger(v, low), high);
 }

@@ -1,0 +1,95 @@
+"""Run every kernel at small odd sizes on the device that CLRADAR_DEVICE names.
+
+Started by ``test_memcheck.py`` under Oclgrind, whose reports go to the file OCLGRIND_LOG. Prints the
+names of the kernels that ran. `--faulty` runs a kernel with a known fault instead.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pyopencl as cl
+
+import clradar
+from clradar.opencl import Buffers, open_device
+from clradar.opencl.program import Program
+
+FAULTS = {
+    "out-of-bounds": "out[get_global_id(0) + n] = 1.0f;",
+    "race": "out[0] = (float)get_global_id(0);",
+    "uninitialised": "float v[4]; v[0] = 1.0f; out[get_global_id(0)] = v[n & 3 | 1];",
+}
+
+
+def faulty(kind: str) -> None:
+    device = open_device()
+    source = f"__kernel void fault(const int n, __global float *out) {{ {FAULTS[kind]} }}"
+    kernel = cl.Kernel(cl.Program(device.context, source).build(["-cl-opt-disable"]), "fault")
+    with Buffers(device) as buffers:
+        out = buffers.empty(32)
+        kernel.set_args(np.int32(8), out)
+        cl.enqueue_nd_range_kernel(device.queue, kernel, (8,), (1,)).wait()
+
+
+def everything(width: int) -> None:
+    launched = set()
+    launch = Program.launch
+
+    def recorded(self: Program, name: str, *args: object) -> None:
+        launched.add(name)
+        launch(self, name, *args)
+
+    Program.launch = recorded  # type: ignore[method-assign]
+    # Oclgrind's check of uninitialised reads keeps the marks of a freed buffer for the next one at
+    # the same address, so nothing is freed here.
+    Buffers.__exit__ = lambda self, *error: kept.append(self)  # type: ignore[method-assign]
+    Buffers.release = lambda self, buffer: kept.append(buffer)  # type: ignore[method-assign]
+    kept: list[object] = []
+    # The module, which the function of the same name hides.
+    sys.modules["clradar.synthesize"].CALL_PATHS = 64  # type: ignore[attr-defined]
+    device = open_device(width=width)
+    full = clradar.arrays.qar50()
+    array = clradar.AntennaArray(full.tx_m[::14], full.rx_m[::11])  # 7 x 9: odd against 8 lanes
+    waveform = clradar.Waveform([72e9, 75e9, 76e9, 81e9, 82e9])
+    # Two panels that face each other across an edge and a floor: bounces, shadows, both sides.
+    vertices = np.array(
+        [
+            [-0.03, -0.03, 0.30],
+            [0.03, -0.03, 0.30],
+            [0.0, 0.03, 0.31],
+            [0.03, 0.03, 0.27],
+            [-0.03, 0.03, 0.33],
+            [0.0, -0.03, 0.26],
+            [0.0, 0.0, 0.26],
+        ]
+    )
+    faces = np.array([[0, 1, 2], [1, 3, 2], [0, 2, 4], [0, 1, 5], [0, 5, 6], [2, 2, 3]])
+    scene = clradar.Scene(vertices, faces, alpha=np.array([0.0, 0.5, 1.0, 0.3, 0.7, 0.5]))
+    for options in (
+        {"max_bounces": 1},
+        {"max_bounces": 3, "normals": "face", "seed": 2**40 + 1},
+        {"max_bounces": 2, "amplitude": "spreading", "pattern_exponent": 1.5},
+        {"rays_per_face": 3, "rays_per_sample": 2},
+    ):
+        if "rays_per_face" not in options:
+            options = {**options, "samples_per_mm2": 0.008, "rays_per_sample": 2}
+        capture = clradar.simulate(
+            scene, array, waveform, reception_radius_m=0.02, device=device, **options
+        )
+        assert np.abs(capture.data).max() > 0
+    one_face = clradar.Scene(vertices[:3], [[0, 1, 2]], alpha=0.5)
+    paths = clradar.trace(one_face, array, rays_per_face=7, reception_radius_m=0.05, device=device)
+    capture = clradar.synthesize(paths, array, waveform, device=device)
+    for shape in ((-0.001, 0.001), (0.0, 0.0), (-0.004, 0.004)):  # 3, 1 and 9 voxels along x
+        grid = clradar.VoxelGrid.from_extent(shape, (0, 0.002), (0.30, 0.302), 1e-3)
+        for method in ("exact", "range"):
+            clradar.backproject(capture, grid, method=method, device=device)
+    print(*sorted(launched))
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "--faulty":
+        faulty(sys.argv[2])
+    else:
+        everything(int(sys.argv[1]))
