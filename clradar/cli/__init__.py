@@ -1,0 +1,5 @@
+"""The command line: one thin module per subcommand, imported only when it is asked for."""
+
+from clradar.cli.launcher import main
+
+__all__ = ["main"]

@@ -1,0 +1,3 @@
+from clradar.cli import main
+
+main()

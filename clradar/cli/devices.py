@@ -1,0 +1,38 @@
+"""``clradar devices``."""
+
+from __future__ import annotations
+
+from clradar.cli.output import print_line, print_table
+
+
+def command() -> None:
+    """The one that a command would use is marked with an asterisk. Choose another with --device
+    or the environment variable CLRADAR_DEVICE: its selector, or part of its name.
+    """
+    from clradar.opencl.device import default_device, list_devices
+
+    devices = list_devices()
+    chosen = None
+    failure = None
+    try:
+        chosen = default_device()
+    except Exception as error:  # the table helps to mend it, so it comes first
+        failure = error
+    rows = [
+        (
+            "*" if info == chosen else "",
+            info.selector,
+            info.name,
+            info.platform,
+            info.kind,
+            f"{info.memory_bytes / 2**30:.1f} GiB",
+            str(info.compute_units),
+        )
+        for info in devices
+    ]
+    columns = ("", "selector", "name", "platform", "kind", "memory", "units")
+    print_table(columns, rows, right=("memory", "units"))
+    if failure is not None:
+        raise failure
+    assert chosen is not None
+    print_line(f"used: {chosen.selector} {chosen.label}")

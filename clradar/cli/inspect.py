@@ -1,0 +1,51 @@
+"""``clradar inspect``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from clradar.cli.output import print_error, print_text
+
+
+def command(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="Capture, volume, recorded .npy frame, or radar folder."
+        ),
+    ],
+    check: Annotated[
+        bool, typer.Option("--check", help="Read and verify everything; exit status 1 if not well.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
+) -> None:
+    """Reads and changes nothing."""
+    import json
+
+    from measurement_io import check_file, describe
+
+    if check:
+        report = check_file(file)
+        record: dict[str, Any] = {
+            "path": report.path,
+            "ok": report.ok,
+            "checked": list(report.checked),
+            "problems": list(report.problems),
+        }
+        print_text(json.dumps(record, indent=2) if as_json else str(report))
+        if not report.ok:
+            more = len(report.problems) - 1
+            print_error(report.problems[0] + (f" (and {more} more)" if more else ""))
+            raise typer.Exit(1)
+        return
+    found = describe(file)
+    record = {
+        "path": found.path,
+        "kind": found.kind,
+        "facts": dict(found.facts),
+        "problems": list(found.problems),
+    }
+    print_text(json.dumps(record, indent=2) if as_json else str(found))

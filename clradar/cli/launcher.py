@@ -1,0 +1,147 @@
+"""From arguments to a subcommand: which module it is in, and what becomes of its errors."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import sys
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Annotated, Any
+
+import typer
+
+from clradar import __version__
+from clradar.cli.output import print_error
+from clradar.errors import ClradarError
+
+COMMANDS = {
+    "devices": "Show what OpenCL offers here, and which device would be used.",
+    "demo": "Run the main job end to end on the embedded hand, figure included.",
+    "hand": "Write the mesh of a posed hand.",
+    "simulate": "Simulate what the radar would record of one or several meshes.",
+    "image": "Form the image of a capture.",
+    "convert": "Turn any supported recording into the native capture file.",
+    "inspect": "Say in words what a file or a recording holds, or verify it.",
+    "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
+}
+"""Subcommand, which is also the name of its module, and the line that describes it."""
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it: 128 + SIGINT."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; always ends in `SystemExit`.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Without the program's name; those of the process if not given.
+
+    Raises
+    ------
+    SystemExit
+        0 done, 1 an error (one line on stderr), 2 wrong usage, 130 interrupted.
+    """
+    given, debug = _without_debug(sys.argv[1:] if arguments is None else arguments)
+    try:
+        command = typer.main.get_command(_app(_requested(given), debug))
+        command.main(args=given, prog_name="clradar")
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
+
+
+def _without_debug(arguments: Sequence[str]) -> tuple[list[str], bool]:
+    """Return the arguments without ``--debug``, which may stand anywhere before ``--``."""
+    given = list(arguments)
+    end = given.index("--") if "--" in given else len(given)
+    kept = [a for a in given[:end] if a != "--debug"]
+    return kept + given[end:], len(kept) < end
+
+
+def _requested(arguments: Sequence[str]) -> str | None:
+    """Return the subcommand: the first argument that is no option; the options have no values."""
+    return next((a for a in arguments if not a.startswith("-")), None)
+
+
+def _app(requested: str | None, debug: bool) -> typer.Typer:
+    # Plain help: brackets in it mean what they say, and it reads the same in a pipe.
+    app = typer.Typer(
+        add_completion=False,
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_root)
+    for name, summary in COMMANDS.items():
+        function: Callable[..., Any] = _not_loaded
+        if name == requested:
+            module = import_module(f"clradar.cli.{name}")
+            function = _guarded(module.command, debug)
+            summary = summary + "\n\n" + _details(module.command)
+        app.command(name, help=summary, short_help=COMMANDS[name])(function)
+    return app
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"clradar {__version__}")
+        raise typer.Exit
+
+
+def _root(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Show the version and exit.", is_eager=True, callback=_show_version
+        ),
+    ] = False,
+    debug: Annotated[
+        bool,
+        typer.Option("--debug", help="Show the traceback of an error; before or after COMMAND."),
+    ] = False,
+) -> None:
+    """Simulate, read, image and compare captures of near-field imaging radars.
+
+    Lengths are in millimetres and frequencies in gigahertz, as the options' names say. Nothing is
+    overwritten without --force. Exit status: 0 done, 1 an error (one line on stderr), 2 wrong
+    usage.
+    """
+
+
+def _not_loaded() -> None:
+    """Stand for a subcommand that was not asked for, so that the help lists it."""
+
+
+def _details(function: Callable[..., Any]) -> str:
+    return inspect.getdoc(function) or ""
+
+
+def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
+    """Return `function` with every error turned into one line and an exit status."""
+
+    @functools.wraps(function)
+    def run(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return function(*args, **kwargs)
+        except (typer.Exit, typer.Abort, typer.BadParameter, BrokenPipeError):
+            raise
+        except KeyboardInterrupt:
+            raise typer.Exit(INTERRUPTED) from None
+        except Exception as error:
+            if debug:
+                raise
+            print_error(_message(error))
+            raise typer.Exit(1) from None
+
+    return run
+
+
+def _message(error: Exception) -> str:
+    if isinstance(error, ClradarError) and str(error):
+        return str(error)
+    kind = type(error).__name__
+    text = f"{kind}: {error}" if str(error) else kind
+    return f"unexpected {text} (--debug shows where)"

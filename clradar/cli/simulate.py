@@ -1,0 +1,271 @@
+"""``clradar simulate``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from enum import Enum
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Any, Optional
+
+import typer
+
+from clradar.cli.options import DeviceOption, ForceOption, Unit, read_transform, wrong_usage
+from clradar.cli.output import check_outputs, print_line, progress_bar
+from clradar.cli.provenance import provenance
+from clradar.errors import ModelError
+from clradar.normals import CREASE_DEG
+from clradar.trace import RAYS_PER_SAMPLE, RECEPTION_RADIUS_M, SAMPLES_PER_MM2
+
+if TYPE_CHECKING:
+    from clradar import Capture, Scene
+
+ALPHA = 0.5
+
+
+class Normals(str, Enum):
+    smooth = "smooth"
+    face = "face"
+
+
+class Amplitude(str, Enum):
+    unit = "unit"
+    spreading = "spreading"
+
+
+def command(
+    meshes: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="MESH[:ALPHA]",
+            help="Mesh files, each with an alpha of its own if it differs: hand.ply table.stl:0.1",
+        ),
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Capture to write (HDF5).")],
+    alpha: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option(
+            "--alpha",
+            metavar="ALPHA|PART=ALPHA",
+            help="0 specular to 1 diffuse; may be repeated for named parts: --alpha palm=0.6. "
+            f"[default: {ALPHA:g}]",
+        ),
+    ] = None,
+    unit: Annotated[Unit, typer.Option("--unit", help="Unit of the mesh files.")] = Unit.m,
+    transform: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--transform",
+            metavar="T.json",
+            help="4 x 4 matrix, row-major, metres, that moves the meshes into the antenna frame.",
+        ),
+    ] = None,
+    samples_per_mm2: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            "--samples-per-mm2",
+            metavar="N",
+            help=f"Surface samples per square millimetre. [default: {SAMPLES_PER_MM2:g}]",
+        ),
+    ] = None,
+    rays_per_face: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option(
+            "--rays-per-face", metavar="N", help="Samples on every face, instead of a density."
+        ),
+    ] = None,
+    rays_per_sample: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option(
+            "--rays-per-sample",
+            metavar="N",
+            help=f"Rays per sample and Tx. [default: {RAYS_PER_SAMPLE}; 1 with --rays-per-face]",
+        ),
+    ] = None,
+    reception_radius_mm: Annotated[
+        float,
+        typer.Option(
+            "--reception-radius-mm", metavar="MM", help="A ray this near to an Rx is received."
+        ),
+    ] = 1e3 * RECEPTION_RADIUS_M,
+    max_bounces: Annotated[
+        int, typer.Option("--max-bounces", metavar="N", help="Reflections per path at most.")
+    ] = 1,
+    normals: Annotated[
+        Normals, typer.Option("--normals", help="Interpolated from the vertices, or the faces'.")
+    ] = Normals.smooth,
+    crease_deg: Annotated[
+        float,
+        typer.Option("--crease-deg", metavar="DEG", help="Edges sharper than this stay sharp."),
+    ] = CREASE_DEG,
+    amplitude: Annotated[
+        Amplitude, typer.Option("--amplitude", help="1 per path, or 1/(R1 R2).")
+    ] = Amplitude.unit,
+    pattern_exponent: Annotated[
+        float,
+        typer.Option(
+            "--pattern-exponent",
+            metavar="P",
+            help="With --amplitude spreading: antennas have the pattern cos(angle)^P.",
+        ),
+    ] = 0.0,
+    start_ghz: Annotated[
+        float, typer.Option("--start-ghz", metavar="GHZ", help="First frequency.")
+    ] = 72.0,
+    stop_ghz: Annotated[
+        float, typer.Option("--stop-ghz", metavar="GHZ", help="Last frequency.")
+    ] = 82.0,
+    steps: Annotated[
+        int, typer.Option("--steps", metavar="N", help="Number of frequencies.")
+    ] = 128,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Same seed, same device: same bits.")
+    ] = 0,
+    device: DeviceOption = None,
+    force: ForceOption = False,
+) -> None:
+    """The radar is the 94 x 94 imager with a 14 cm aperture in the plane z = 0. Meshes are in its
+    antenna frame: x to the right of a person who faces the aperture, y up, z away from it.
+
+    The parts that --alpha can name are the geometries of the files; a wrong name lists them.
+    """
+    import clradar
+
+    named = [split_alpha(text) for text in meshes]
+    default, by_part = read_alphas(alpha or [])
+    files = [path for path, _ in named]
+    inputs = files if transform is None else [*files, transform]
+    check_outputs([output], force=force, inputs=inputs)
+    matrix = None if transform is None else read_transform(transform)
+    scene = load_scene(named, default, by_part, unit.value, matrix)
+    waveform = clradar.Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
+    opened = clradar.open_device(device)
+    start_s = perf_counter()
+    with progress_bar("tracing") as progress:
+        capture = clradar.simulate(
+            scene,
+            clradar.arrays.qar50(),
+            waveform,
+            samples_per_mm2=samples_per_mm2,
+            rays_per_face=rays_per_face,
+            rays_per_sample=rays_per_sample,
+            reception_radius_m=reception_radius_mm / 1e3,
+            max_bounces=max_bounces,
+            normals=normals.value,
+            crease_deg=crease_deg,
+            amplitude=amplitude.value,
+            pattern_exponent=pattern_exponent,
+            seed=seed,
+            device=opened,
+            progress=progress,
+        )
+    options: dict[str, Any] = {
+        "meshes": [{"file": p.name, "alpha": default if a is None else a} for p, a in named],
+        "alpha_of_parts": by_part,
+        "unit": unit.value,
+        "transform": None if matrix is None else matrix.tolist(),
+        "waveform_ghz": [start_ghz, stop_ghz, steps],
+    }
+    save_with_provenance(output, capture, "simulate", options, inputs, force=force)
+    print_line(
+        f"{output}: {summary(capture)}, {perf_counter() - start_s:.1f} s on {opened.info.label}"
+    )
+
+
+def split_alpha(text: str) -> tuple[Path, float | None]:
+    """Return file and alpha of ``MESH[:ALPHA]``; what follows the last colon has to be a number."""
+    name, colon, number = text.rpartition(":")
+    if not colon or not name or Path(text).exists():
+        return Path(text), None
+    try:
+        return Path(name), _alpha("MESH:ALPHA", number)
+    except ValueError:
+        return Path(text), None
+
+
+def read_alphas(values: Sequence[str]) -> tuple[float, dict[str, float]]:
+    """Return the alpha of what is not named, and that of each named part."""
+    default = None
+    by_part: dict[str, float] = {}
+    for text in values:
+        name, equals, number = text.rpartition("=")
+        try:
+            value = _alpha("--alpha", number)
+        except ValueError:
+            raise wrong_usage(
+                "--alpha", f"expected a number or PART=number, got '{text}'"
+            ) from None
+        if equals:
+            if name in by_part:
+                raise wrong_usage("--alpha", f"part '{name}' is given twice")
+            by_part[name] = value
+        elif default is not None:
+            raise wrong_usage("--alpha", "only one value may stand without a part's name")
+        else:
+            default = value
+    return ALPHA if default is None else default, by_part
+
+
+def _alpha(option: str, text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and 0.0 <= value <= 1.0):
+        raise wrong_usage(option, f"expected an alpha in [0, 1], got '{text}'")
+    return value
+
+
+def load_scene(
+    meshes: Sequence[tuple[Path, float | None]],
+    default: float,
+    by_part: dict[str, float],
+    unit: str,
+    transform: Any,
+) -> Scene:
+    """Return all meshes as one scene."""
+    import numpy as np
+
+    from clradar import Scene
+
+    scene = Scene.combine(
+        Scene.from_mesh(path, alpha=default if a is None else a, unit=unit, transform=transform)
+        for path, a in meshes
+    )
+    unknown = sorted(set(by_part) - set(scene.part_names))
+    if unknown:
+        raise ModelError(
+            f"--alpha: expected parts of the meshes ({', '.join(scene.part_names)}), got "
+            f"{', '.join(unknown)}"
+        )
+    values = np.array(scene.alpha)
+    for name, value in by_part.items():
+        values[np.asarray(scene.part) == scene.part_names.index(name)] = value
+    return scene.with_alpha(values)
+
+
+def save_with_provenance(
+    path: Path,
+    capture: Capture,
+    command: str,
+    options: dict[str, Any],
+    inputs: Sequence[Path],
+    *,
+    force: bool,
+) -> Capture:
+    """Write a capture with the record of how it came to be; return it as written."""
+    from measurement_io import save_capture
+
+    meta = {**capture.meta, **provenance(command, options, inputs)}
+    written = replace(capture, meta=meta)
+    save_capture(path, written, force=force)
+    return written
+
+
+def summary(capture: Capture) -> str:
+    """Return a simulated capture in words."""
+    rays = capture.meta["rays"]
+    shape = " x ".join(str(n) for n in capture.data.shape)
+    return (
+        f"{shape}, {rays['samples']} samples, {rays['outgoing']} rays of which {rays['paths']} "
+        f"reached an Rx, {100 * rays['absorbed_share']:.1f} % absorbed"
+    )

@@ -1,0 +1,155 @@
+"""``clradar demo``: the whole chain at a small size, and what it promises about its files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clradar
+from clradar.cli import demo_run, main
+from measurement_io import check_file, open_capture, open_volume
+
+SMALL = demo_run.DemoSettings(samples=60_000, rays_per_sample=3, voxel_m=4e-3)
+"""As few rays as leave the hand recognisable at alpha 0.3."""
+
+
+@pytest.fixture(autouse=True)
+def _device(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("demo")
+    demo_run.run_demo(folder, SMALL, clradar.open_device("pocl"))
+    return folder
+
+
+def test_files(small: Path) -> None:
+    names = {p.name for p in small.iterdir()}
+    images = {f"{n}_volume.h5" for n in ("measurement", "alpha_0", "alpha_0.5", "alpha_1")}
+    captures = {"alpha_0.h5", "alpha_0.5.h5", "alpha_1.h5"}
+    rest = {"hand_f.ply", "hand_flat.ply", "measurement", "comparison.png", "metrics.json"}
+    assert names == images | captures | rest
+    for name in [*images, *captures, "measurement"]:
+        assert check_file(small / name).ok
+    assert (small / "comparison.png").read_bytes().startswith(b"\x89PNG")
+    for name in images:
+        assert open_volume(small / name).grid.same_voxels(SMALL.grid())
+
+
+def test_metrics_order_alpha_by_how_near_it_is(small: Path) -> None:
+    record = json.loads((small / "metrics.json").read_text())
+    alpha = "\N{GREEK SMALL LETTER ALPHA}"
+    labels = [s["label"] for s in record["simulated"]]
+    assert labels == [f"{alpha} = 0", f"{alpha} = 0.5", f"{alpha} = 1"]
+    assert record["clradar"] == clradar.__version__
+    assert record["options"]["samples"] == SMALL.samples
+    assert set(record["times_s"]) >= {"simulate alpha = 0", "image of measurement"}
+    # The measurement has alpha 0.3: a hand at 0.5, but next to none of it left at 1.
+    correlation = [s["metrics"]["db_correlation"] for s in record["simulated"]]
+    assert correlation[1] > correlation[2]
+    assert correlation[0] > correlation[2]
+
+
+def test_a_capture_of_the_demo_is_one_of_the_library(small: Path) -> None:
+    capture = open_capture(small / "alpha_0.5.h5")
+    settings = capture.meta["settings"]
+    rays = capture.meta["rays"]
+    assert settings["rays_per_sample"] == SMALL.rays_per_sample
+    # The density is the number over the area, and the running sum is right to one sample.
+    assert abs(rays["samples"] - SMALL.samples) <= 1
+    again = clradar.simulate(
+        clradar.Scene.from_mesh(small / "hand_f.ply", alpha=0.5),
+        capture.array,
+        capture.waveform,
+        samples_per_mm2=settings["samples_per_mm2"],
+        rays_per_sample=settings["rays_per_sample"],
+        seed=settings["seed"],
+        device="pocl",
+    )
+    assert np.array_equal(again.data, capture.data)
+
+
+def test_the_image_shows_a_hand(small: Path) -> None:
+    """Three bright fingers stand apart above the palm: look along a line across them."""
+    depth = open_volume(small / "measurement_volume.h5").depth_map(15.0)
+    # Above the tips of thumb and index finger, which end at y = 35 mm.
+    row = int(np.abs(depth.y_m - 0.040).argmin())
+    above = depth.mask[row - 1 : row + 2].any(axis=0)
+    fingers = int(np.count_nonzero(np.diff(above.astype(int)) == 1))
+    assert fingers == 3
+    # Nothing but strays away from the hand, 12 cm wide and 20 cm high with its outline.
+    outside = np.abs(depth.x_m) > 0.070
+    assert depth.mask[:, outside].mean() < 0.01
+
+
+def test_noise_has_the_power_that_it_says() -> None:
+    rng = np.random.default_rng(3)
+    array = clradar.AntennaArray(rng.normal(size=(8, 3)), rng.normal(size=(9, 3)))
+    waveform = clradar.Waveform.sfcw(72e9, 82e9, 1000)
+    data = 5.0 * (rng.normal(size=(8, 9, 1000)) + 1j)
+    capture = clradar.Capture(data, array, waveform, {"kind": "simulated"})
+    for snr_db in (20.0, 0.0):
+        noise = demo_run.with_noise(capture, snr_db, 4).data - capture.data
+        signal_power = np.mean(np.abs(capture.data) ** 2, dtype=np.float64)
+        ratio = np.mean(np.abs(noise) ** 2, dtype=np.float64) * 10 ** (snr_db / 10) / signal_power
+        # |n|^2 is exponential: the mean of N of them has a relative deviation of 1 / sqrt(N).
+        deviation = 1 / np.sqrt(noise.size)
+        assert abs(ratio - 1) < 5 * deviation
+        # Circular: real and imaginary part have the same power and are uncorrelated.
+        assert abs(np.mean(noise**2)) / np.mean(np.abs(noise) ** 2) < 5 * deviation
+    same, other = (demo_run.with_noise(capture, 20.0, seed).data for seed in (4, 5))
+    assert np.array_equal(same, demo_run.with_noise(capture, 20.0, 4).data)
+    assert not np.array_equal(same, other)
+
+
+def test_settings_are_those_of_the_paper() -> None:
+    assert demo_run.FULL.grid().counts == (201, 201, 81)
+    assert (demo_run.FULL.samples, demo_run.FULL.rays_per_sample) == (400_000, 4)
+    assert demo_run.DEFAULT.grid().counts == (101, 101, 41)
+    assert demo_run.DEFAULT.measured_seed != demo_run.DEFAULT.seed
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_command(
+    full: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    calls = []
+    monkeypatch.setattr(demo_run, "run_demo", lambda *given: calls.append(given))
+    monkeypatch.chdir(tmp_path)
+    arguments = ["demo", "--full"] if full else ["demo"]
+
+    def status() -> object:
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        return ended.value.code
+
+    assert status() in (0, None)
+    ((folder, settings, _),) = calls
+    assert folder == Path("demo")
+    assert settings == (demo_run.FULL if full else demo_run.DEFAULT)
+    said = capsys.readouterr().out
+    assert ("2 mm" in said) != full
+    assert "400000 samples x 4 rays" in said
+
+    (tmp_path / "demo" / "notes.txt").write_text("mine")
+    assert status() == 1
+    assert capsys.readouterr().err.startswith("clradar: error: demo: holds files already")
+    arguments.append("--force")
+    assert status() in (0, None)
+    assert (tmp_path / "demo" / "notes.txt").read_text() == "mine"
+
+
+def test_a_file_in_the_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(SystemExit) as ended:
+        main(["demo", "-o", str(tmp_path / "file")])
+    assert ended.value.code == 1
+    assert "cannot be made" in capsys.readouterr().err

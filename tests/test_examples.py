@@ -1,0 +1,91 @@
+"""Every example runs as it stands, in an empty folder, and prints what it should."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+def output_of(name: str, folder: Path) -> str:
+    environment = {**os.environ, "CLRADAR_DEVICE": "pocl"}
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(EXAMPLES / name)],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def numbers(line: str) -> list[float]:
+    return [float(n) for n in re.findall(r"-?\d+(?:\.\d+)?", line)]
+
+
+def test_all_are_tried() -> None:
+    tried = {"simulate_hand", "point_target", "compare_alpha", "read_maroon_frame", "own_array"}
+    assert {p.stem for p in EXAMPLES.glob("*.py")} == tried
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda p: p.stem)
+def test_they_are_short(path: Path) -> None:
+    assert len(path.read_text().splitlines()) < 60
+
+
+def test_simulate_hand(tmp_path: Path) -> None:
+    paths, pixels, depth_mm = (
+        numbers(line)[-1] for line in output_of("simulate_hand.py", tmp_path).splitlines()
+    )
+    assert paths > 1e5
+    # 2 mm pixels of 4 mm^2: the hand's outline has about 10 000 mm^2, of which a part is seen.
+    assert 500 < pixels < 2500
+    assert 280 < depth_mm < 320
+    assert (tmp_path / "hand.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_point_target(tmp_path: Path) -> None:
+    for line, at_mm in zip(
+        output_of("point_target.py", tmp_path).splitlines(), (0, 0, 300), strict=True
+    ):
+        peak_mm, width_mm, theory_mm = numbers(line)
+        assert peak_mm == at_mm
+        # The far-field theory leaves out that the legs are longer than z, by up to 5 %.
+        assert theory_mm <= width_mm < 1.05 * theory_mm
+
+
+def test_compare_alpha(tmp_path: Path) -> None:
+    lines = output_of("compare_alpha.py", tmp_path).splitlines()
+    assert lines[-1] == "best: alpha = 0.3"
+    assert all(-1 <= numbers(line)[1] <= 1 for line in lines[:-1])
+    assert (tmp_path / "compare_alpha.png").is_file()
+
+
+def test_read_maroon_frame(tmp_path: Path) -> None:
+    lines = output_of("read_maroon_frame.py", tmp_path).splitlines()
+    # The ball's centre is at (20, -10, 300) mm; it glints 10 mm before that. Pixels are 2 mm.
+    for value, expected in zip(numbers(lines[-1]), (19.3, -9.7, 290.0), strict=True):
+        assert abs(value - expected) <= 2
+    assert {"ball", "frame.h5", "frame.png"} == {p.name for p in tmp_path.iterdir()}
+    again = output_of("read_maroon_frame.py", tmp_path).splitlines()
+    assert again == lines
+
+
+def test_own_array(tmp_path: Path) -> None:
+    lines = output_of("own_array.py", tmp_path).splitlines()
+    # Where the line from the array's centre to the ball's meets the ball. Half a voxel is 2.5 mm,
+    # and c / 2B is 75 mm: a tenth of that for what the array's size does to the glint.
+    glints = {"left": (-93.5, 46.8, 420.9), "right": (113.6, -37.9, 520.8)}
+    for line, (name, glint) in zip(lines, glints.items(), strict=True):
+        assert line.startswith(name)
+        for value, expected in zip(numbers(line), glint, strict=True):
+            assert abs(value - expected) <= 10
