@@ -226,9 +226,8 @@ def trace(
                 leaving = leaving[on]
                 barycentric = np.stack([1 - uv.sum(axis=1), uv[:, 0], uv[:, 1]], axis=1)
                 landed = np.einsum("sk,ska->sa", barycentric, triangles[struck])
-                step = np.linalg.norm(landed - p, axis=1)
-                t_i = (landed - p) / step[:, None]
-                travelled = travelled[on] + step
+                t_i = t_c[on]  # of the ray as it was cast, whose origin lies a little above p
+                travelled = travelled[on] + np.linalg.norm(landed - p, axis=1)
                 p = landed
                 n = np.einsum("sk,ska->sa", barycentric, corner[struck])
                 n /= np.linalg.norm(n, axis=1, keepdims=True)

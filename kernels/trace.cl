@@ -278,7 +278,8 @@ __kernel void trace_rays(
                 const float3 next = load3(t) + u * load3(t + 4) + v * load3(t + 8);
                 const dual leg = dual_distance(p, next, (float3)(0.0f));
                 travelled = dual_add(travelled, leg);
-                t_i = (next - p) / leg.hi;
+                /* Not (next - p) / |next - p|: the ray started above p, which would turn short legs. */
+                t_i = t_c;
                 p = next;
                 face = unit(load3(t + 12));
                 __global const float *corners = normal + 9 * (size_t)hit.triangle;

@@ -1,0 +1,21 @@
+"""Fixtures that all tests share."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+import clradar
+
+
+def _device_names() -> list[str]:
+    """PoCL, which comes with the install, and what CLRADAR_TEST_DEVICES lists (comma separated)."""
+    listed = os.environ.get("CLRADAR_TEST_DEVICES", "").split(",")
+    return list(dict.fromkeys(["pocl", *(name.strip() for name in listed if name.strip())]))
+
+
+@pytest.fixture(scope="session", params=_device_names())
+def device(request: pytest.FixtureRequest) -> clradar.Device:
+    """An opened device. A missing one is an error, never a skip."""
+    return clradar.open_device(request.param)

@@ -1,0 +1,162 @@
+"""Which module may import which, read from the sources: see docs/architecture.md."""
+
+from __future__ import annotations
+
+import ast
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("clradar", "measurement_io", "calibration")
+
+# A module imports from lower layers, or from its own package. The last one is the public interface.
+LAYERS = (
+    ("clradar.constants", "clradar.errors", "clradar.packing"),
+    ("clradar.model",),
+    ("clradar.arrays", "clradar.opencl", "clradar.bvh", "clradar.reference", "clradar.hand"),
+    ("clradar.normals",),
+    ("clradar.trace",),
+    ("clradar.synthesize", "clradar.backproject"),
+    ("clradar.compare",),
+    ("clradar.plot",),
+    ("clradar",),
+)
+RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+FILES = {module_name(path): path for name in PACKAGES for path in ROOT.glob(f"{name}/**/*.py")}
+TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
+
+
+def imports_of(name: str, tree: ast.Module) -> set[str]:
+    """Full names of what a module imports anywhere in it: modules of ours, or others as written."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name}: imports are absolute here"
+            assert node.module is not None
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                found.add(inner if inner in FILES else node.module)
+    return found
+
+
+IMPORTS = {name: imports_of(name, tree) for name, tree in TREES.items()}
+
+
+def within(name: str, package: str) -> bool:
+    return name == package or name.startswith(package + ".")
+
+
+def layer_of(name: str) -> str:
+    """The part of clradar that a module belongs to, such as clradar.model."""
+    return ".".join(name.split(".")[:2])
+
+
+def breaches(importers: list[str], forbidden: list[str]) -> list[str]:
+    return [
+        f"{importer} imports {name}"
+        for importer in importers
+        for name in sorted(IMPORTS[importer])
+        if any(within(name, package) for package in forbidden)
+    ]
+
+
+def modules(*packages: str) -> list[str]:
+    return [name for name in sorted(FILES) if any(within(name, p) for p in packages)]
+
+
+def test_the_sources_are_found() -> None:
+    assert {"clradar", "clradar.model.scene", "measurement_io", "calibration"} <= set(FILES)
+    assert "clradar.model.checks" in IMPORTS["clradar.model.scene"]
+    assert "clradar.errors" in IMPORTS["clradar.opencl.device"]
+
+
+@pytest.mark.parametrize("name", [n for n in modules("clradar") if not within(n, "clradar.cli")])
+def test_clradar_imports_downwards(name: str) -> None:
+    here = layer_of(name)
+    assert here in RANK, f"{here} is new: give it a place in LAYERS and in docs/architecture.md"
+    for imported in IMPORTS[name]:
+        if not within(imported, "clradar") or layer_of(imported) == here != "clradar":
+            continue
+        there = layer_of(imported)
+        assert there in RANK, f"{name} imports {imported}, which has no layer below"
+        assert RANK[there] < RANK[here], f"{name} imports {imported}, which is not below it"
+
+
+def test_only_the_opencl_package_imports_pyopencl() -> None:
+    others = [name for name in FILES if not within(name, "clradar.opencl")]
+    assert not breaches(others, ["pyopencl"])
+    assert breaches(modules("clradar.opencl"), ["pyopencl"])  # the check finds them where they are
+
+
+def test_measurement_io_imports_the_model_and_no_computation() -> None:
+    allowed = ("clradar.model", "clradar.errors", "clradar.constants", "clradar.arrays")
+    for name in modules("measurement_io"):
+        for imported in IMPORTS[name]:
+            if within(imported, "clradar") or within(imported, "calibration"):
+                assert any(within(imported, package) for package in allowed), (name, imported)
+
+
+def test_only_the_command_line_imports_the_readers_and_the_calibration() -> None:
+    library = [name for name in modules("clradar") if not within(name, "clradar.cli")]
+    assert not breaches(library, ["measurement_io", "calibration", "clradar.cli"])
+
+
+def test_calibration_does_without_the_command_line() -> None:
+    assert not breaches(modules("calibration", "measurement_io"), ["clradar.cli"])
+
+
+def test_the_reference_shares_no_code_with_what_it_checks() -> None:
+    ours = {name for name in IMPORTS["clradar.reference"] if within(name, "clradar")}
+    assert ours == {"clradar.model"}
+
+
+def test_the_model_needs_no_device_and_no_computation() -> None:
+    allowed = ("clradar.model", "clradar.errors", "clradar.constants")
+    for name in modules("clradar.model"):
+        for imported in IMPORTS[name]:
+            if within(imported, "clradar"):
+                assert any(within(imported, package) for package in allowed), (name, imported)
+
+
+def test_there_are_no_circles() -> None:
+    # What a package imports itself from is its own modules; that is how it shows them.
+    graph = {
+        name: {n for n in imported if n in FILES and n != name}
+        for name, imported in IMPORTS.items()
+    }
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" imports ".join(reversed(error.args[1])))
+
+
+def test_nothing_unpickles_arrays() -> None:
+    sources = dict(TREES)
+    for folder in ("benchmarks", "examples"):
+        for path in sorted((ROOT / folder).glob("**/*.py")):
+            sources[str(path)] = ast.parse(path.read_text(encoding="utf-8"))
+    for name, tree in sources.items():
+        for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+            for keyword in call.keywords:
+                where = f"{name}: line {keyword.value.lineno}"
+                if keyword.arg != "allow_pickle" or ast.unparse(keyword.value) == "False":
+                    continue
+                # The recorded format is a pickle, so writing one is needed; that runs no code.
+                assert ast.unparse(call.func) == "np.lib.format.write_array", where
+                assert name == "measurement_io.maroon_writer", where
+
+
+def test_only_the_restricted_reader_imports_pickle() -> None:
+    others = [name for name in FILES if name != "measurement_io.restricted_pickle"]
+    assert not breaches(others, ["pickle", "cPickle", "dill", "joblib", "shelve", "marshal"])

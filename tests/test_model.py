@@ -1,0 +1,507 @@
+"""The records: what they refuse and with which words, and that they never change."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import FrozenInstanceError, fields
+from typing import Any
+
+import numpy as np
+import pytest
+
+import clradar
+from clradar import AntennaArray, Capture, DepthMap, Paths, Scene, Volume, VoxelGrid, Waveform
+from clradar.errors import ClradarError, ModelError
+from clradar.model import TraceStatistics, checks
+
+# Positions of some 0.1 m, each made of two or three float64 operations: a few units in the last
+# place of 1.4e-17 m.
+ROUNDING_M = 1e-16
+# Grids are 0.2 m wide and hold their step, so the far end is off by the rounding of one product.
+GRID_ROUNDING_M = 1e-15
+
+TRIANGLE = np.array([[0.0, 0.0, 0.3], [0.1, 0.0, 0.3], [0.0, 0.1, 0.3]])
+NAN, INF = float("nan"), float("inf")
+
+
+def make_array(**fields: Any) -> AntennaArray:
+    return AntennaArray(**{"tx_m": np.zeros((2, 3)), "rx_m": np.ones((3, 3)), **fields})
+
+
+def make_waveform(frequencies_hz: Any = (1e9, 2e9, 4e9, 5e9)) -> Waveform:
+    return Waveform(frequencies_hz)
+
+
+def make_capture(**fields: Any) -> Capture:
+    values = {"data": np.ones((2, 3, 4)), "array": make_array(), "waveform": make_waveform()}
+    return Capture(**{**values, **fields})
+
+
+def make_grid(**fields: Any) -> VoxelGrid:
+    values = {"origin_m": np.zeros(3), "spacing_m": np.full(3, 1e-3), "counts": (4, 3, 2)}
+    return VoxelGrid(**{**values, **fields})
+
+
+def make_volume(**fields: Any) -> Volume:
+    return Volume(**{"data": np.ones((2, 3, 4)), "grid": make_grid(), **fields})
+
+
+def make_depth_map(**fields: Any) -> DepthMap:
+    values = {
+        "depth_m": np.full((3, 4), 0.3),
+        "amplitude": np.ones((3, 4)),
+        "x_m": np.arange(4.0),
+        "y_m": np.arange(3.0),
+    }
+    return DepthMap(**{**values, **fields})
+
+
+def make_paths(**fields: Any) -> Paths:
+    values = {
+        "tx": [0, 1],
+        "rx": [2, 0],
+        "length_m": [0.6, 0.7],
+        "amplitude": [1.0, 0.5],
+        "bounces": [1, 2],
+        "n_tx": 2,
+        "n_rx": 3,
+    }
+    return Paths(**{**values, **fields})
+
+
+def make_statistics(**fields: Any) -> TraceStatistics:
+    return TraceStatistics(**{"samples": 9, "visible": 8, "outgoing": 7, "absorbed": 6, **fields})
+
+
+def make_scene(**fields: Any) -> Scene:
+    return Scene(**{"vertices_m": TRIANGLE, "faces": [[0, 1, 2]], **fields})
+
+
+MAKERS: list[Callable[..., Any]] = [
+    make_array, make_capture, make_grid, make_volume, make_depth_map, make_paths, make_scene,
+    make_waveform,
+]  # fmt: skip
+
+# What every field that holds real numbers refuses, whatever its shape.
+NO_REAL_NUMBERS = [
+    (np.array([object()]), "numbers", "dtype object"),
+    (np.array([None, 1.0], dtype=object), "numbers", "dtype object"),
+    (None, "numbers", "dtype object"),
+    ("72e9", "numbers", "dtype <U"),
+    (np.array(["1", "2"]), "numbers", "dtype <U"),
+    (np.array([1 + 0j, 2 + 0j]), "real numbers", "dtype complex128"),
+    (np.array(["2020-01-01"], dtype="M8[D]"), "numbers", "dtype datetime64"),
+    ([[1.0, 2.0], [3.0]], "shape", "irregular"),
+]
+
+REAL_ARRAYS = [
+    (make_array, "tx_m", "AntennaArray.tx_m"),
+    (make_array, "rx_m", "AntennaArray.rx_m"),
+    (make_waveform, "frequencies_hz", "Waveform.frequencies_hz"),
+    (make_grid, "origin_m", "VoxelGrid.origin_m"),
+    (make_grid, "spacing_m", "VoxelGrid.spacing_m"),
+    (make_depth_map, "depth_m", "DepthMap.depth_m"),
+    (make_depth_map, "amplitude", "DepthMap.amplitude"),
+    (make_depth_map, "x_m", "DepthMap.x_m"),
+    (make_depth_map, "y_m", "DepthMap.y_m"),
+    (make_paths, "tx", "Paths.tx"),
+    (make_paths, "rx", "Paths.rx"),
+    (make_paths, "length_m", "Paths.length_m"),
+    (make_paths, "amplitude", "Paths.amplitude"),
+    (make_paths, "bounces", "Paths.bounces"),
+    (make_scene, "vertices_m", "Scene.vertices_m"),
+    (make_scene, "faces", "Scene.faces"),
+]
+
+
+def refuse(make: Callable[[], Any], field: str, expected: str, got: str) -> None:
+    """`make` fails with a `ModelError` that says "<field>: expected <expected>, got <got>"."""
+    with pytest.raises(ModelError) as caught:
+        make()
+    message = str(caught.value)
+    assert message.startswith(field), message
+    pattern = f": expected .*{re.escape(expected)}.*, got .*{re.escape(got)}"
+    assert re.search(pattern, message, re.DOTALL), message
+
+
+@pytest.mark.parametrize(("make", "name", "field"), REAL_ARRAYS)
+@pytest.mark.parametrize(("value", "expected", "got"), NO_REAL_NUMBERS)
+def test_fields_of_real_numbers_refuse_other_things(
+    make: Callable[..., Any], name: str, field: str, value: Any, expected: str, got: str
+) -> None:
+    refuse(lambda: make(**{name: value}), field, expected, got)
+
+
+WRONG = [
+    # field, expected, got, maker, arguments
+    ("AntennaArray.tx_m", "shape (N, 3)", "shape (3,)", make_array, {"tx_m": np.zeros(3)}),
+    ("AntennaArray.tx_m", "shape (N, 3)", "shape (2, 2)", make_array, {"tx_m": np.zeros((2, 2))}),
+    ("AntennaArray.rx_m", "at least one element", "empty", make_array, {"rx_m": np.zeros((0, 3))}),
+    ("AntennaArray.rx_m", "finite", "1 of 3 that are NaN", make_array, {"rx_m": [[0, NAN, 0]]}),
+    ("AntennaArray.tx_m", "finite", "3 of 3 that are NaN", make_array, {"tx_m": [[INF] * 3]}),
+    ("AntennaArray.name", "a string", "7", make_array, {"name": 7}),
+    ("Waveform.frequencies_hz", "shape (N,)", "(1, 2)", make_waveform,
+     {"frequencies_hz": [[1e9, 2e9]]}),
+    ("Waveform.frequencies_hz", "shape (N,)", "shape ()", make_waveform, {"frequencies_hz": 1e9}),
+    ("Waveform.frequencies_hz", "at least one", "empty", make_waveform, {"frequencies_hz": []}),
+    ("Waveform.frequencies_hz", "finite", "NaN", make_waveform, {"frequencies_hz": [1e9, NAN]}),
+    ("Waveform.frequencies_hz", "strictly ascending", "descending values 3000000000, 2000000000",
+     make_waveform, {"frequencies_hz": [1e9, 3e9, 2e9]}),
+    ("Waveform.frequencies_hz", "strictly ascending", "repeated values 2000000000, 2000000000",
+     make_waveform, {"frequencies_hz": [1e9, 2e9, 2e9]}),
+    ("Waveform.frequencies_hz", "positive", "0 Hz", make_waveform, {"frequencies_hz": [0.0, 1e9]}),
+    ("Waveform.frequencies_hz", "positive", "-1 Hz", make_waveform, {"frequencies_hz": [-1.0]}),
+    ("Waveform.sfcw", "stop_hz above start_hz", "2e+09 Hz to 1e+09 Hz", Waveform.sfcw,
+     {"start_hz": 2e9, "stop_hz": 1e9, "steps": 4}),
+    ("Waveform.sfcw", "stop_hz above start_hz", "in 1 steps", Waveform.sfcw,
+     {"start_hz": 1e9, "stop_hz": 2e9, "steps": 1}),
+    ("Waveform.sfcw", "or equal, for one step", "in 4 steps", Waveform.sfcw,
+     {"start_hz": 1e9, "stop_hz": 1e9, "steps": 4}),
+    ("Waveform.sfcw: steps", "a whole number >= 1", "2.5", Waveform.sfcw,
+     {"start_hz": 1e9, "stop_hz": 2e9, "steps": 2.5}),
+    ("Waveform.sfcw: steps", "a whole number >= 1", "0", Waveform.sfcw,
+     {"start_hz": 1e9, "stop_hz": 2e9, "steps": 0}),
+    ("Waveform.sfcw: start_hz", "a number", "'1e9'", Waveform.sfcw,
+     {"start_hz": "1e9", "stop_hz": 2e9, "steps": 2}),
+    ("Waveform.sfcw: stop_hz", "finite", "inf", Waveform.sfcw,
+     {"start_hz": 1e9, "stop_hz": INF, "steps": 2}),
+    ("Capture.data", "shape (2, 3, 4)", "shape (3, 2, 4)", make_capture,
+     {"data": np.ones((3, 2, 4))}),
+    ("Capture.data", "shape (2, 3, 4)", "shape (2, 3)", make_capture, {"data": np.ones((2, 3))}),
+    ("Capture.data", "finite", "1 of 24 that are NaN", make_capture,
+     {"data": np.where(np.arange(24).reshape(2, 3, 4) == 5, complex(0, NAN), 1)}),
+    ("Capture.data", "that complex64 can hold", "an overflow", make_capture,
+     {"data": np.full((2, 3, 4), 1e39)}),
+    ("Capture.data", "numbers (complex64)", "dtype object", make_capture,
+     {"data": np.full((2, 3, 4), None)}),
+    ("Capture.data", "numbers (complex64)", "dtype <U1", make_capture,
+     {"data": np.full((2, 3, 4), "1")}),
+    ("Capture.array", "an AntennaArray", "ndarray", make_capture, {"array": np.zeros((2, 3))}),
+    ("Capture.waveform", "a Waveform", "list", make_capture, {"waveform": [1e9]}),
+    ("Capture.meta", "a mapping", "list", make_capture, {"meta": [1]}),
+    ("Capture.meta", "string keys", "3", make_capture, {"meta": {3: 4}}),
+    ("VoxelGrid.origin_m", "shape (3,)", "shape (2,)", make_grid, {"origin_m": [0, 0]}),
+    ("VoxelGrid.spacing_m", "shape (3,)", "shape ()", make_grid, {"spacing_m": 1e-3}),
+    ("VoxelGrid.spacing_m", "positive", "[0.001, 0.0, 0.001]", make_grid,
+     {"spacing_m": [1e-3, 0, 1e-3]}),
+    ("VoxelGrid.spacing_m", "positive", "-0.001", make_grid, {"spacing_m": [1e-3, -1e-3, 1e-3]}),
+    ("VoxelGrid.spacing_m", "finite", "NaN", make_grid, {"spacing_m": [1e-3, NAN, 1e-3]}),
+    ("VoxelGrid.counts", "three counts", "(4, 3)", make_grid, {"counts": (4, 3)}),
+    ("VoxelGrid.counts", "three counts", "5", make_grid, {"counts": 5}),
+    ("VoxelGrid.counts", "three counts", "'432'", make_grid, {"counts": "432"}),
+    ("VoxelGrid.counts", "a whole number >= 1", "0", make_grid, {"counts": (4, 0, 2)}),
+    ("VoxelGrid.counts", "a whole number >= 1", "2.5", make_grid, {"counts": (4, 2.5, 2)}),
+    ("VoxelGrid.counts", "a whole number >= 1", "'3'", make_grid, {"counts": (4, "3", 2)}),
+    ("VoxelGrid.counts", "a whole number >= 1", "True", make_grid, {"counts": (4, True, 2)}),
+    ("VoxelGrid.counts", "at most 2147483647", "2000 x 2000 x 2000", make_grid,
+     {"counts": (2000, 2000, 2000)}),
+    ("Volume.data", "shape (2, 3, 4)", "shape (4, 3, 2)", make_volume,
+     {"data": np.ones((4, 3, 2))}),
+    ("Volume.data", "finite", "NaN", make_volume, {"data": np.full((2, 3, 4), NAN)}),
+    ("Volume.grid", "a VoxelGrid", "tuple", make_volume, {"grid": (4, 3, 2)}),
+    ("Volume.meta", "a mapping", "str", make_volume, {"meta": "simulated"}),
+    ("DepthMap.depth_m", "shape (3, 4)", "shape (4, 3)", make_depth_map,
+     {"depth_m": np.ones((4, 3))}),
+    ("DepthMap.depth_m", "finite depths or NaN", "infinite", make_depth_map,
+     {"depth_m": np.full((3, 4), INF)}),
+    ("DepthMap.amplitude", "finite", "NaN", make_depth_map, {"amplitude": np.full((3, 4), NAN)}),
+    ("DepthMap.amplitude", ">= 0", "-1", make_depth_map, {"amplitude": np.full((3, 4), -1.0)}),
+    ("DepthMap.x_m", "strictly ascending", "descending", make_depth_map, {"x_m": [3, 2, 1, 0]}),
+    ("DepthMap.dynamic_range_db", "positive", "0", make_depth_map, {"dynamic_range_db": 0}),
+    ("DepthMap.dynamic_range_db", "finite", "nan", make_depth_map, {"dynamic_range_db": NAN}),
+    ("Paths.rx", "shape (2,)", "shape (3,)", make_paths, {"rx": [0, 1, 2]}),
+    ("Paths.tx", "[0, 2)", "[0, 2]", make_paths, {"tx": [0, 2]}),
+    ("Paths.rx", "[0, 3)", "[-1, 0]", make_paths, {"rx": [-1, 0]}),
+    ("Paths.tx", "whole numbers", "fractions", make_paths, {"tx": [0.0, 0.5]}),
+    ("Paths.tx", "values in [-2147483648, 2147483647]", "4294967296", make_paths,
+     {"tx": [0, 2**32]}),
+    ("Paths.length_m", "positive", "0", make_paths, {"length_m": [0.6, 0.0]}),
+    ("Paths.length_m", "finite", "NaN", make_paths, {"length_m": [0.6, NAN]}),
+    ("Paths.amplitude", "finite", "infinite", make_paths, {"amplitude": [1.0, INF]}),
+    ("Paths.amplitude", "that float32 can hold", "an overflow", make_paths,
+     {"amplitude": [1.0, 1e39]}),
+    ("Paths.bounces", "at least one", "0", make_paths, {"bounces": [0, 1]}),
+    ("Paths.bounces", "values in [0, 255]", "[1, 256]", make_paths, {"bounces": [1, 256]}),
+    ("Paths.n_tx", "a whole number >= 1", "0", make_paths, {"n_tx": 0}),
+    ("Paths.n_rx", "a whole number >= 1", "nan", make_paths, {"n_rx": NAN}),
+    ("Paths.statistics", "TraceStatistics or None", "dict", make_paths, {"statistics": {}}),
+    ("TraceStatistics.samples", "a whole number >= 0", "-1", make_statistics, {"samples": -1}),
+    ("TraceStatistics.visible", "a whole number >= 0", "'8'", make_statistics, {"visible": "8"}),
+    ("TraceStatistics.absorbed", "at most outgoing (7)", "8", make_statistics, {"absorbed": 8}),
+    ("Scene.vertices_m", "shape (N, 3)", "shape (3, 2)", make_scene,
+     {"vertices_m": TRIANGLE[:, :2]}),
+    ("Scene.vertices_m", "finite", "NaN", make_scene, {"vertices_m": np.full((3, 3), NAN)}),
+    ("Scene.faces", "at least one", "empty", make_scene, {"faces": np.zeros((0, 3), int)}),
+    ("Scene.faces", "shape (N, 3)", "shape (1, 4)", make_scene, {"faces": [[0, 1, 2, 0]]}),
+    ("Scene.faces", "vertex indices in [0, 3)", "[0, 3]", make_scene, {"faces": [[0, 1, 3]]}),
+    ("Scene.faces", "vertex indices in [0, 3)", "[-1, 1]", make_scene, {"faces": [[0, 1, -1]]}),
+    ("alpha", "values in [0, 1]", "1.1", make_scene, {"alpha": 1.1}),
+    ("alpha", "values in [0, 1]", "-0.1", make_scene, {"alpha": [-0.1]}),
+    ("alpha", "finite", "nan", make_scene, {"alpha": NAN}),
+    ("alpha", "a number", "'0.5'", make_scene, {"alpha": "0.5"}),
+    ("alpha", "a number", "True", make_scene, {"alpha": True}),
+    ("alpha", "a number", "None", make_scene, {"alpha": None}),
+    ("alpha", "a real number", "0.5", make_scene, {"alpha": np.complex64(0.5)}),
+    ("alpha", "shape (1,)", "shape (2,)", make_scene, {"alpha": [0.1, 0.2]}),
+    ("alpha", "shape (1,)", "irregular", make_scene, {"alpha": [[0.1], [0.2, 0.3]]}),
+    ("Scene.part", "indices in [0, 1)", "[1, 1]", make_scene, {"part": 1}),
+    ("Scene.part", "a whole number >= 0", "'mesh'", make_scene, {"part": "mesh"}),
+    ("Scene.part_names", "unique names", "('a', 'a')", make_scene, {"part_names": ("a", "a")}),
+    ("Scene.part_names", "a string", "3", make_scene, {"part_names": (3,)}),
+    ("Scene.part_names", "a tuple of strings", "'hand'", make_scene, {"part_names": "hand"}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("field", "expected", "got", "make", "arguments"), WRONG)
+def test_nonsense_is_refused_in_words(
+    field: str, expected: str, got: str, make: Callable[..., Any], arguments: dict[str, Any]
+) -> None:
+    refuse(lambda: make(**arguments), field, expected, got)
+
+
+def test_model_errors_are_value_errors_of_one_family() -> None:
+    assert issubclass(ModelError, ValueError)
+    assert issubclass(ModelError, ClradarError)
+
+
+def arrays_of(record: Any) -> dict[str, np.ndarray]:
+    values = {f.name: getattr(record, f.name) for f in fields(record)}
+    return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_records_are_frozen_and_their_arrays_read_only(make: Callable[..., Any]) -> None:
+    record = make()
+    arrays = arrays_of(record)
+    assert arrays
+    for name, array in arrays.items():
+        assert array.flags.c_contiguous, name
+        assert not array.flags.writeable, name
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+        with pytest.raises(FrozenInstanceError):
+            setattr(record, name, array)
+    # Slots: a misspelt field is an error (a TypeError on Python 3.10 and 3.11).
+    with pytest.raises((AttributeError, TypeError)):
+        record.no_such_field = 1
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_the_callers_later_changes_do_not_reach_the_record(make: Callable[..., Any]) -> None:
+    for name, value in arrays_of(make()).items():
+        mine = np.array(value)
+        frozen_view = mine.view()
+        frozen_view.flags.writeable = False
+        for given in (mine, frozen_view):
+            record = make(**{name: given})
+            before = getattr(record, name).copy()
+            np.testing.assert_array_equal(before, value)
+            kept = mine.copy()
+            mine[...] = 0
+            np.testing.assert_array_equal(getattr(record, name), before, err_msg=name)
+            mine[...] = kept
+
+
+def test_an_array_that_nobody_can_write_is_not_copied() -> None:
+    data = np.ones((2, 3, 4), np.complex64)
+    data.flags.writeable = False
+    assert make_capture(data=data).data is data
+    view = np.frombuffer(data.tobytes(), np.complex64).reshape(2, 3, 4)
+    assert make_capture(data=view).data is view
+
+
+@pytest.mark.parametrize("make", [make_capture, make_volume])
+def test_meta_is_a_copy_and_cannot_be_written(make: Callable[..., Any]) -> None:
+    meta = {"seed": 1, "nested": {"deep": [1, {"deeper": 2}]}}
+    record = make(meta=meta)
+    meta["seed"] = 2
+    meta["nested"]["deep"][1]["deeper"] = 3
+    meta["nested"]["deep"].append(4)
+    assert dict(record.meta) == {"seed": 1, "nested": {"deep": [1, {"deeper": 2}]}}
+    with pytest.raises(TypeError):
+        record.meta["seed"] = 3
+    meta["nested"]["self"] = meta
+    refuse(lambda: make(meta=meta), f"{type(record).__name__}.meta", "limited depth", "itself")
+
+
+def test_records_take_what_numpy_takes() -> None:
+    assert make_array(tx_m=[(0, 0, 0)]).tx_m.dtype == np.float64
+    assert make_capture(data=np.ones((2, 3, 4), int)).data.dtype == np.complex64
+    assert make_paths(tx=np.array([0.0, 1.0])).tx.dtype == np.int32
+    fortran = np.asfortranarray(np.arange(24.0).reshape(2, 3, 4))
+    np.testing.assert_array_equal(make_capture(data=fortran).data, fortran)
+    assert make_grid(counts=np.array([4, 3, 2])).counts == (4, 3, 2)
+    assert make_scene(alpha=np.array(0.25)).alpha.tolist() == [0.25]
+    assert make_scene(alpha=np.float32(0.25)).alpha.tolist() == [0.25]
+    assert make_scene(alpha=0).alpha.tolist() == [0.0]
+    assert make_scene(alpha=1).alpha.tolist() == [1.0]
+
+
+def test_depth_may_be_nan_where_there_is_nothing() -> None:
+    depth = np.full((3, 4), NAN)
+    depth[1, 2] = 0.3
+    depth_map = make_depth_map(depth_m=depth, x_m=np.arange(4.0) * 10, y_m=np.arange(3.0) - 5)
+    assert depth_map.mask.sum() == 1
+    np.testing.assert_array_equal(depth_map.points_m(), [[20.0, -4.0, 0.3]])
+
+
+def test_paths_may_be_empty() -> None:
+    paths = Paths([], [], [], [], [], 2, 3)
+    assert len(paths) == 0
+    assert paths.pair.shape == (0,)
+
+
+def test_pair_counts_rx_fastest_beyond_32_bits() -> None:
+    paths = make_paths(tx=[0, 2**20], rx=[2, 7], n_tx=2**21, n_rx=2**13)
+    assert paths.pair.tolist() == [2, 2**33 + 7]
+
+
+def test_statistics_add_up() -> None:
+    total = TraceStatistics(1, 2, 3, 1) + TraceStatistics(10, 20, 5, 3)
+    assert total == TraceStatistics(11, 22, 8, 4)
+    assert total.absorbed_share == 0.5
+    assert TraceStatistics(0, 0, 0, 0).absorbed_share == 0.0
+
+
+def test_qar50_has_the_published_positions() -> None:
+    array = clradar.arrays.qar50()
+    assert (array.name, array.n_tx, array.n_rx) == ("qar50", 94, 94)
+    steps = [-0.069 + 0.003 * i for i in range(47)]
+    rx = [(x, y, 0.0) for y in (-0.0705, 0.0705) for x in steps]
+    tx = []
+    for sign in (-1, 1):
+        for i, y in enumerate(steps):
+            tx.append((sign * (0.072 if i in (0, 46) else 0.0705), y, 0.0))
+    np.testing.assert_allclose(array.rx_m, rx, rtol=0, atol=ROUNDING_M)
+    np.testing.assert_allclose(array.tx_m, tx, rtol=0, atol=ROUNDING_M)
+
+
+def test_same_positions() -> None:
+    array = clradar.arrays.qar50()
+    assert array.same_positions(AntennaArray(array.tx_m + 1e-7, array.rx_m))
+    assert not array.same_positions(AntennaArray(array.tx_m + 2e-6, array.rx_m))
+    assert not array.same_positions(AntennaArray(array.tx_m[:-1], array.rx_m))
+
+
+def test_sfcw_includes_both_ends() -> None:
+    waveform = Waveform.sfcw(72e9, 82e9, 128)
+    f = waveform.frequencies_hz
+    assert (f[0], f[-1], waveform.n_freq) == (72e9, 82e9, 128)
+    # Frequencies are near 2^36 Hz, where float64 has steps of 2^-16 Hz.
+    np.testing.assert_allclose(np.diff(f), 10e9 / 127, rtol=0, atol=2**-15)
+    assert (waveform.center_hz, waveform.span_hz) == (77e9, 10e9)
+    assert Waveform.sfcw(72e9, 72e9, 1).frequencies_hz.tolist() == [72e9]
+    assert Waveform.sfcw(72e9, 82e9, 2).frequencies_hz.tolist() == [72e9, 82e9]
+
+
+def test_same_frequencies() -> None:
+    waveform = make_waveform()
+    assert waveform.same_frequencies(Waveform(waveform.frequencies_hz * (1 + 1e-10)))
+    assert not waveform.same_frequencies(Waveform(waveform.frequencies_hz * (1 + 1e-8)))
+    assert not waveform.same_frequencies(Waveform(waveform.frequencies_hz[:-1]))
+
+
+def test_grid_from_extent_has_both_ends() -> None:
+    grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
+    assert grid.counts == (201, 201, 81)
+    assert grid.shape == (81, 201, 201)
+    for axis, (first, last) in zip(
+        (grid.x_m, grid.y_m, grid.z_m), ((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34)), strict=True
+    ):
+        assert axis[0] == first
+        assert abs(axis[-1] - last) < GRID_ROUNDING_M
+        np.testing.assert_allclose(np.diff(axis), 1e-3, rtol=0, atol=GRID_ROUNDING_M)
+
+
+def test_grid_from_extent_takes_a_spacing_per_axis_and_axes_of_one_voxel() -> None:
+    grid = VoxelGrid.from_extent((-0.02, 0.02), (0.01, 0.01), (0.3, 0.33), (2e-3, 7e-3, 1e-2))
+    assert grid.counts == (21, 1, 4)
+    assert grid.spacing_m.tolist() == [2e-3, 7e-3, 1e-2]
+    assert grid.y_m.tolist() == [0.01]
+    np.testing.assert_allclose(grid.z_m, [0.3, 0.31, 0.32, 0.33], rtol=0, atol=GRID_ROUNDING_M)
+
+
+EXTENTS = {"x_m": (0.0, 0.1), "y_m": (0.0, 0.1), "z_m": (0.2, 0.3), "spacing_m": 0.01}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected", "got"),
+    [
+        ("x_m", (0.1, 0.0), "first <= last", "(0.1, 0)"),
+        ("y_m", (0.0, 0.1, 0.2), "shape (2,)", "shape (3,)"),
+        ("y_m", 0.1, "shape (2,)", "shape ()"),
+        ("z_m", (0.2, NAN), "finite", "NaN"),
+        ("z_m", ("a", "b"), "numbers", "dtype <U1"),
+        ("x_m", (0.0, 0.105), "(such as (0, 0.1))", "(0, 0.105)"),
+        ("spacing_m", 0.0, "a positive number", "0.0"),
+        ("spacing_m", (0.01, -0.01, 0.01), "a positive number", "-0.01"),
+        ("spacing_m", (0.01, 0.01), "one number or three", "(0.01, 0.01)"),
+        ("spacing_m", "0.01", "a number", "'0.01'"),
+        ("spacing_m", None, "a number", "None"),
+        ("spacing_m", INF, "a finite number", "inf"),
+    ],
+)
+def test_grid_from_extent_refuses(name: str, value: Any, expected: str, got: str) -> None:
+    refuse(
+        lambda: VoxelGrid.from_extent(**{**EXTENTS, name: value}),
+        f"VoxelGrid.from_extent: {name}",
+        expected,
+        got,
+    )
+
+
+def test_grid_from_extent_refuses_more_voxels_than_can_be_counted() -> None:
+    refuse(
+        lambda: VoxelGrid.from_extent(**{**EXTENTS, "spacing_m": 1e-300}),
+        "VoxelGrid.from_extent: x_m",
+        "at most 2147483647 voxels",
+        "steps of 1e-300 m",
+    )
+
+
+def test_same_voxels() -> None:
+    grid = make_grid()
+    assert grid.same_voxels(make_grid(origin_m=np.full(3, 1e-8)))
+    assert not grid.same_voxels(make_grid(origin_m=np.full(3, 1e-6)))
+    assert not grid.same_voxels(make_grid(spacing_m=np.full(3, 1.1e-3)))
+    assert not grid.same_voxels(make_grid(counts=(3, 3, 2)))
+
+
+@pytest.mark.parametrize("value", [10**400, "5", b"5", True, np.True_, [5.0], None, 5j, object()])
+def test_a_number_is_no_other_thing(value: Any) -> None:
+    with pytest.raises(ModelError, match=r"^field: expected a (real )?number, got "):
+        checks.real("field", value)
+    with pytest.raises(ModelError, match=r"^field: expected a whole number in \[1, 9\], got "):
+        checks.whole("field", value, 1, 9)
+
+
+@pytest.mark.parametrize("value", [5, 5.0, np.int8(5), np.float32(5), np.array(5)])
+def test_numbers_of_every_kind_are_numbers(value: Any) -> None:
+    assert checks.real("field", value) == 5.0
+    assert checks.whole("field", value, 1) == 5
+    assert type(checks.whole("field", value, 1)) is int
+
+
+@pytest.mark.parametrize(
+    ("matrix", "expected", "got"),
+    [
+        (np.eye(3), "shape (4, 4)", "shape (3, 3)"),
+        (np.diag([1.0, 1.0, 1.0, 2.0]), "last row [0, 0, 0, 1]", "[0. 0. 0. 2.]"),
+        (np.diag([1.0, 1.0, 0.0, 1.0]), "invertible", "singular"),
+        (np.diag([0.0, 0.0, 0.0, 1.0]), "invertible", "singular"),
+        # Two equal columns in a rotated frame: their determinant is rounding, not zero.
+        (np.block([[np.outer([0.3, 0.1, 0.7], [0.2, 0.9, 0.4]), np.zeros((3, 1))],
+                   [np.array([[0.0, 0.0, 0.0, 1.0]])]]), "invertible", "singular"),
+        (np.full((4, 4), NAN), "finite", "NaN"),
+    ],
+)  # fmt: skip
+def test_a_transform_is_an_invertible_affine_matrix(
+    matrix: np.ndarray, expected: str, got: str
+) -> None:
+    refuse(lambda: checks.transform("transform", matrix), "transform", expected, got)
+
+
+def test_small_transforms_are_not_singular() -> None:
+    matrix = np.diag([1e-12, 1e-12, 1e-12, 1.0])  # picometres
+    np.testing.assert_array_equal(checks.transform("transform", matrix), matrix)

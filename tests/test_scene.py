@@ -1,0 +1,304 @@
+"""Scenes: mesh files of several formats, units, parts, alpha and transforms."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from clradar import Scene
+from clradar.errors import MeshError, ModelError
+
+# Some formats store float32: 6e-8 of the largest coordinate, which is below 0.5 m here.
+FLOAT32_M = 3e-8
+# A transform is three products and sums of coordinates below 1 m in float64.
+ROUNDING_M = 1e-15
+
+SIZE_M = np.array([0.08, 0.05, 0.02])
+CENTRE_M = np.array([0.01, 0.02, 0.3])
+
+
+def box(offset_m: float = 0.0) -> trimesh.Trimesh:
+    mesh = trimesh.creation.box(extents=SIZE_M)
+    mesh.apply_translation(CENTRE_M + np.array([offset_m, 0, 0]))
+    return mesh
+
+
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii", "ply", "obj", "glb", "off"])
+def test_mesh_files_of_every_format_give_the_same_triangles(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"box with blanks.{kind.removesuffix('_ascii')}"
+    box().export(path, file_type=kind)
+    for mesh in (path, str(path)):
+        scene = Scene.from_mesh(mesh, alpha=0.25)
+        assert scene.n_faces == 12
+        assert len(scene.part_names) == 1
+        assert set(scene.alpha) == {0.25}
+        np.testing.assert_allclose(
+            scene.triangles_m, box().triangles, rtol=0, atol=FLOAT32_M, err_msg=kind
+        )
+
+
+def test_meshes_in_memory() -> None:
+    class Posed:
+        def to_trimesh(self) -> trimesh.Trimesh:
+            return box()
+
+    for mesh in (box(), trimesh.Scene(box()), (box().vertices, box().faces), Posed()):
+        np.testing.assert_array_equal(Scene.from_mesh(mesh).triangles_m, box().triangles)
+
+
+def test_a_scene_graph_places_its_parts() -> None:
+    graph = trimesh.Scene()
+    graph.add_geometry(box(), geom_name="box")
+    move = trimesh.transformations.translation_matrix([0.2, 0, 0])
+    graph.add_geometry(box(), geom_name="moved", transform=move)
+    scene = Scene.from_mesh(graph)
+    moved = scene.triangles_m[scene.part == scene.part_names.index("moved")]
+    np.testing.assert_allclose(moved, box(0.2).triangles, rtol=0, atol=ROUNDING_M)
+
+
+TRIANGLE = "v {0} 0 0\nv {0} 0.1 0\nv {0} 0 0.1\n{1}\nf {2} {3} {4}\n"
+
+
+def obj_text(words: list[str]) -> str:
+    """One triangle at x = 0, 0.1, ... after each of `words`."""
+    return "".join(
+        TRIANGLE.format(0.1 * i, word, 3 * i + 1, 3 * i + 2, 3 * i + 3)
+        for i, word in enumerate(words)
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        (["o palm", "o thumb", "o index"], ("palm", "thumb", "index")),
+        (["g palm", "g thumb", "g index"], ("palm", "thumb", "index")),
+        (["o hand\ng palm", "g thumb", "o sleeve"], ("hand_palm", "hand_thumb", "sleeve_thumb")),
+    ],
+)
+def test_objects_and_groups_of_an_obj_file_become_parts(
+    tmp_path: Path, words: list[str], names: tuple[str, ...]
+) -> None:
+    path = tmp_path / "parts.obj"
+    path.write_text(obj_text(words))
+    scene = Scene.from_mesh(path, alpha={name: 0.1 * i for i, name in enumerate(names)})
+    assert scene.part_names == names
+    # In the file's order, which an alpha per face relies on.
+    np.testing.assert_allclose(scene.triangles_m[:, 0, 0], [0.0, 0.1, 0.2], atol=ROUNDING_M)
+    np.testing.assert_allclose(scene.alpha, [0.0, 0.1, 0.2], atol=ROUNDING_M)
+
+
+def test_materials_of_an_obj_file_become_parts(tmp_path: Path) -> None:
+    path = tmp_path / "materials.obj"
+    path.write_text(obj_text(["usemtl skin", "usemtl cloth"]))
+    assert len(Scene.from_mesh(path).part_names) == 2
+
+
+def test_parts_of_a_glb_file_keep_their_names(tmp_path: Path) -> None:
+    graph = trimesh.Scene()
+    graph.add_geometry(box(), geom_name="left")
+    graph.add_geometry(box(0.2), geom_name="right")
+    graph.export(tmp_path / "two.glb")
+    scene = Scene.from_mesh(tmp_path / "two.glb", alpha={"left": 0.0, "right": 1.0})
+    assert scene.n_faces == 24
+    x_m = scene.triangles_m[..., 0].mean(axis=1)
+    np.testing.assert_array_equal(scene.alpha, np.where(x_m > 0.1, 1.0, 0.0))
+
+
+def test_millimetres(tmp_path: Path) -> None:
+    mesh = box()
+    mesh.apply_scale(1000)
+    mesh.export(tmp_path / "mm.ply")
+    scene = Scene.from_mesh(tmp_path / "mm.ply", unit="mm")
+    np.testing.assert_allclose(scene.triangles_m, box().triangles, rtol=0, atol=FLOAT32_M)
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit", "size", "hint"),
+    [
+        (1000, "m", "80 m", "; did you mean unit='mm'?"),
+        (1, "mm", "8e-05 m", "; did you mean unit='m'?"),
+        (1e9, "m", "8e+07 m", ""),
+        (0.0, "m", "0 m", ""),
+    ],
+)
+def test_an_implausible_size_suggests_the_other_unit(
+    tmp_path: Path, scale: float, unit: str, size: str, hint: str
+) -> None:
+    path = tmp_path / "box.off"
+    mesh = box()
+    mesh.vertices = mesh.vertices * scale
+    mesh.export(path)
+    with pytest.raises(MeshError) as caught:
+        Scene.from_mesh(path, unit=unit)
+    assert str(caught.value) == (
+        f"{path}: expected a mesh between 0.001 m and 20 m in size for unit='{unit}', "
+        f"got {size}{hint}"
+    )
+
+
+def test_vertices_that_no_face_uses_do_not_count_as_size() -> None:
+    vertices = np.concatenate([box().vertices, [[500.0, 0, 0]]])
+    assert Scene.from_mesh((vertices, box().faces)).n_faces == 12
+
+
+def test_an_unknown_unit_is_refused() -> None:
+    with pytest.raises(ModelError, match=r"unit: expected one of 'm', 'cm', 'mm', got 'inch'"):
+        Scene.from_mesh(box(), unit="inch")
+
+
+@pytest.mark.parametrize("kind", ["stl", "ply", "obj", "glb", "off"])
+@pytest.mark.parametrize("damage", ["empty", "junk", "cut"])
+def test_damaged_files_are_named(tmp_path: Path, kind: str, damage: str) -> None:
+    path = tmp_path / f"{damage}.{kind}"
+    box().export(path)
+    whole = path.read_bytes()
+    if kind == "obj":
+        whole = whole.replace(b"\nf ", b"\nf 9")  # a cut text file may still be whole: point astray
+    junk = np.random.default_rng(5).bytes(300)
+    path.write_bytes({"empty": b"", "junk": junk, "cut": whole[: len(whole) * 2 // 3]}[damage])
+    with pytest.raises(MeshError) as caught:
+        Scene.from_mesh(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: expected a mesh"), message
+    assert ", got " in message
+    assert "charset" not in message
+
+
+def test_files_that_are_no_mesh_are_named(tmp_path: Path) -> None:
+    absent = tmp_path / "absent.ply"
+    with pytest.raises(MeshError, match=rf"^{re.escape(str(absent))}: expected a mesh file, got"):
+        Scene.from_mesh(absent)
+    with pytest.raises(MeshError, match=re.escape(str(tmp_path))):
+        Scene.from_mesh(tmp_path)
+    text = tmp_path / "mesh.docx"
+    text.write_text("no mesh")
+    with pytest.raises(MeshError, match=rf"^{re.escape(str(text))}: .*that trimesh reads \(.*stl"):
+        Scene.from_mesh(text)
+    points = tmp_path / "points.ply"
+    trimesh.PointCloud(np.eye(3)).export(points)
+    with pytest.raises(MeshError, match=rf"^{re.escape(str(points))}: .*at least one triangle"):
+        Scene.from_mesh(points)
+
+
+def test_other_objects_are_refused() -> None:
+    with pytest.raises(MeshError, match=r"expected a mesh file, a trimesh\.Trimesh, .*got int"):
+        Scene.from_mesh(3)
+    with pytest.raises(MeshError, match=r"expected a mesh file.*got tuple"):
+        Scene.from_mesh((1, 2, 3))
+
+
+@pytest.mark.parametrize("index", [3, -1])
+def test_faces_without_a_vertex_are_refused(index: int) -> None:
+    with pytest.raises(MeshError, match=r"mesh: Scene.faces: expected vertex indices in \[0, 3\)"):
+        Scene.from_mesh((0.1 * np.eye(3), [[0, 1, index]]))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_vertices_that_are_no_numbers_are_refused(tmp_path: Path, value: float) -> None:
+    vertices = np.array(box().vertices)
+    vertices[3, 1] = value
+    with pytest.raises(MeshError, match=r"^mesh: expected finite vertex coordinates, got NaN or"):
+        Scene.from_mesh((vertices, box().faces))
+    path = tmp_path / "nan.ply"
+    trimesh.Trimesh(vertices, box().faces, process=False).export(path)
+    with pytest.raises(MeshError, match=rf"^{re.escape(str(path))}: expected finite vertex"):
+        Scene.from_mesh(path)
+
+
+def test_several_meshes_with_their_own_alpha() -> None:
+    one = Scene.from_mesh(box(), alpha=0.1)
+    two = Scene.from_mesh(box(0.2), alpha=np.linspace(0, 1, 12))
+    three = Scene.from_mesh(box(0.4), alpha=1)
+    scene = Scene.combine([one, two, three])
+    assert scene.part_names == ("mesh", "mesh-2", "mesh-3")
+    np.testing.assert_array_equal(
+        scene.triangles_m, np.concatenate([s.triangles_m for s in (one, two, three)])
+    )
+    np.testing.assert_array_equal(
+        scene.alpha, np.concatenate([np.full(12, 0.1), np.linspace(0, 1, 12), np.ones(12)])
+    )
+    np.testing.assert_array_equal(scene.part, np.repeat([0, 1, 2], 12))
+    again = Scene.combine([scene, one])
+    assert again.part_names == ("mesh", "mesh-2", "mesh-3", "mesh-4")
+    by_part = again.with_alpha({"mesh": 0, "mesh-2": 0.2, "mesh-3": 0.3, "mesh-4": 0.4})
+    np.testing.assert_array_equal(by_part.alpha, np.repeat([0, 0.2, 0.3, 0.4], 12))
+
+
+def test_combine_needs_scenes() -> None:
+    with pytest.raises(ModelError, match="expected at least one scene, got none"):
+        Scene.combine([])
+    with pytest.raises(ModelError, match="expected scenes, got Trimesh"):
+        Scene.combine([box()])
+
+
+@pytest.mark.parametrize(
+    ("alpha", "message"),
+    [
+        ({"mesh": 0.5, "glove": 1}, r"each of the parts \['mesh'\], got unknown \['glove'\]"),
+        ({}, r"got unknown \[\], missing \['mesh'\]"),
+        ({"mesh": 1.5}, r"expected values in \[0, 1\], got \[1.5, 1.5\]"),
+        ({"mesh": "rough"}, r"expected numbers \(float64\), got dtype <U5"),
+        (np.zeros(11), r"expected shape \(12,\), got shape \(11,\)"),
+    ],
+)
+def test_alpha_that_does_not_fit_is_refused(alpha: Any, message: str) -> None:
+    with pytest.raises(ModelError, match="alpha: .*" + message):
+        Scene.from_mesh(box(), alpha=alpha)
+
+
+def rotated(angle: float) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    matrix[:3, 3] = [0.05, -0.02, 0.1]
+    return matrix
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [np.eye(4), rotated(0.7), rotated(0.7) @ np.diag([-1.0, 1.0, 1.0, 1.0])],
+    ids=["identity", "rotated", "mirrored"],
+)
+def test_transform_moves_every_corner(matrix: np.ndarray) -> None:
+    want = box().triangles @ matrix[:3, :3].T + matrix[:3, 3]
+    moved = Scene.from_mesh(box(), transform=matrix.tolist(), alpha=0.3)
+    np.testing.assert_allclose(moved.triangles_m, want, rtol=0, atol=ROUNDING_M)
+    later = Scene.from_mesh(box(), alpha=0.3).transformed(matrix)
+    np.testing.assert_allclose(later.triangles_m, want, rtol=0, atol=ROUNDING_M)
+    assert set(later.alpha) == {0.3}
+
+
+def test_transform_comes_after_the_unit() -> None:
+    mesh = box()
+    mesh.apply_scale(1000)
+    move = trimesh.transformations.translation_matrix([0.0, 0.0, 0.1])
+    scene = Scene.from_mesh(mesh, unit="mm", transform=move)
+    np.testing.assert_allclose(
+        scene.triangles_m, box().triangles + np.array([0, 0, 0.1]), rtol=0, atol=ROUNDING_M
+    )
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        (np.diag([1.0, 1.0, 0.0, 1.0]), "expected an invertible 4x4 matrix, got a singular one"),
+        (np.eye(3), r"expected shape \(4, 4\), got shape \(3, 3\)"),
+        (np.eye(4) * 2, r"last row \[0, 0, 0, 1\], got last row \[0. 0. 0. 2.\]"),
+    ],
+)
+def test_a_transform_that_cannot_be_meant_is_refused(matrix: np.ndarray, message: str) -> None:
+    with pytest.raises(ModelError, match=r"Scene\.from_mesh: transform: .*" + message):
+        Scene.from_mesh(box(), transform=matrix)
+    with pytest.raises(ModelError, match=r"Scene\.transformed: transform: .*" + message):
+        Scene.from_mesh(box()).transformed(matrix)
+
+
+def test_the_digest_tells_scenes_apart() -> None:
+    scene = Scene.from_mesh(box())
+    assert scene.digest() == Scene.from_mesh(box()).digest()
+    assert scene.digest() != Scene.from_mesh(box(1e-9)).digest()
+    assert scene.digest() != scene.with_alpha(0.4).digest()
