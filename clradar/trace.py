@@ -320,12 +320,14 @@ class Tracer:
         out_of_reach = array.rx_m.max(axis=0) + 1e3 + self.settings.reception_radius_m * 10
         self._rx_soa = up(_grouped(array.rx_m, self._n_rx_groups, out_of_reach))
         self._counter = self._buffers.zeros(12)
+        # In steps, so that scenes of similar depth share their programs.
+        stack = -(-bvh.depth // 8) * 8
         self._sample = build(device, "sample.cl", _SampleOptions(1))
         self._visibility = build(
-            device, "visibility.cl", _VisibilityOptions(device.width, bvh.depth)
+            device, "visibility.cl", _VisibilityOptions(device.width, stack)
         )
         spreading = self.settings.amplitude == "spreading"
-        self._trace = build(device, "trace.cl", _TraceOptions(1, bvh.depth, spreading))
+        self._trace = build(device, "trace.cl", _TraceOptions(1, stack, spreading))
         self._size_tiles()
 
     def _size_tiles(self) -> None:

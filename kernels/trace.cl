@@ -98,8 +98,11 @@ static hit_record closest_hit(__global const float *nodes, __global const float 
                 const float v = dot3(d, cross3(to, e1)) * sign;
                 const float distance = dot3(to, normal) * sign;
                 const float error = edge_error(to), eu = error * t[11], ev = error * t[7];
-                if (u >= -eu && v >= -ev && u + v <= size + (eu + ev + t[15]) && size > t[15] &&
+                const float ew = eu + ev + t[15];
+                if (u >= -eu && v >= -ev && u + v <= size + ew && size > t[15] &&
                     distance > 0.0f && distance < reach * size) {
+                    const bool sure = u > eu && v > ev && u + v < size - ew;
+                    if (!sure && !inside_triangle(t, o, d.x, d.y, d.z)) continue;
                     const float at = distance / size;
                     /* Of two at the same distance the one with the lower slot stays. */
                     if (at < reach || best.triangle < 0) {

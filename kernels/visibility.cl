@@ -70,8 +70,14 @@ static inline realw blocked(__global const float *nodes, __global const float *t
                 const realw v = (dx * q1.x + dy * q1.y + dz * q1.z) * sign;
                 const realw distance = tn * sign;
                 const float error = edge_error(to), eu = error * t[11], ev = error * t[7];
-                const intw hit = (u >= -eu) & (v >= -ev) & (u + v <= size + (eu + ev + t[15])) &
-                                 (size > t[15]) & (distance > 0.0f) & (distance < reach * size);
+                const float ew = eu + ev + t[15];
+                intw hit = (u >= -eu) & (v >= -ev) & (u + v <= size + ew) & (size > t[15]) &
+                           (distance > 0.0f) & (distance < reach * size);
+                const intw unsure = hit & ((u <= eu) | (v <= ev) | (u + v >= size - ew));
+                if (ANYW(unsure)) {
+                    const intw inside = inside_triangle(t, o, dx, dy, dz);
+                    hit = unsure ? inside : hit;
+                }
                 reach = hit ? (realw)(-1.0f) : reach;
             }
             if (!ANYW(reach > 0.0f)) return reach;

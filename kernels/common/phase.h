@@ -1,50 +1,11 @@
 /* Path lengths and phases in float32 without losing the carrier.
  *
  * A length of 0.5 m is some 130 wavelengths, so a plain float32 length costs about 5e-5 rad. Lengths
- * are therefore kept as an unevaluated sum hi + lo of two float32 ("dual"), whose relative error is
- * about 2^-45, and the phase is counted in cycles and reduced to one turn before sine and cosine.
+ * are therefore kept as hi + lo (common/dual.h), and the phase is counted in cycles and reduced to one
+ * turn before sine and cosine.
  *
- * Sources: T. J. Dekker, Numer. Math. 18 (1971) 224 (two-sum, products with their error);
- * polynomials of Cephes sinf/cosf (S. L. Moshier), maximal error 1.1e-7 over a turn. */
-#include "common/width.h"
-
-typedef struct {
-    realw hi;
-    realw lo;
-} dual;
-
-/* a + b exactly. */
-static inline dual two_sum(realw a, realw b) {
-    realw s = a + b;
-    realw t = s - a;
-    dual r;
-    r.hi = s;
-    r.lo = (a - (s - t)) + (b - t);
-    return r;
-}
-
-/* Error of the rounded product p = a b, exactly, by splitting both factors in halves of 12 bits: this
- * needs no fma. */
-static inline void halves(realw a, realw *high, realw *low) {
-    const realw c = 4097.0f * a;
-    *high = c - (c - a);
-    *low = a - *high;
-}
-
-static inline realw product_error(realw a_high, realw a_low, realw b_high, realw b_low, realw p) {
-    return ((a_high * b_high - p) + (a_high * b_low + a_low * b_high)) + a_low * b_low;
-}
-
-static inline realw square_error(realw a, realw p) {
-    realw high, low;
-    halves(a, &high, &low);
-    return product_error(high, low, high, low, p);
-}
-
-static inline dual dual_add(dual a, dual b) {
-    dual s = two_sum(a.hi, b.hi);
-    return two_sum(s.hi, s.lo + (a.lo + b.lo));
-}
+ * Polynomials: Cephes sinf/cosf (S. L. Moshier), maximal error 1.1e-7 over a turn. */
+#include "common/dual.h"
 
 /* (ah + al) - (bh + bl), metres. */
 static inline dual dual_difference(realw ah, realw al, realw bh, realw bl) {
