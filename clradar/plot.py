@@ -125,6 +125,7 @@ def comparison_figure(
     simulated: Sequence[tuple[str, Volume | DepthMap]],
     *,
     metrics: Sequence[Metrics] | None = None,
+    measured_label: str = "Measurement",
     dynamic_range_db: float = DYNAMIC_RANGE_DB,
 ) -> Figure:
     """Draw a measured image and simulated ones in a row, amplitude above depth.
@@ -137,6 +138,8 @@ def comparison_figure(
     metrics : sequence of Metrics, optional
         One for each simulated image, printed below it. None computes them with
         `clradar.compare.compare`; an empty sequence leaves them out.
+    measured_label : str
+        Title of the first column.
     dynamic_range_db : float, decibel
         What is further below an image's own maximum is background.
 
@@ -168,7 +171,7 @@ def comparison_figure(
     panel_w, panel_h = _panel_size(
         min(ROW_WIDTH / columns - GAP, MULTIPLE_PANEL_WIDTH), extent.aspect
     )
-    titles = [_wrapped(t, panel_w, TITLE_PT) for t in ("Measurement", *(s[0] for s in simulated))]
+    titles = [_wrapped(t, panel_w, TITLE_PT) for t in (measured_label, *(s[0] for s in simulated))]
     title_h = _height(max(map(len, titles)), TITLE_PT)
     caption_h = _height(len(CAPTION_NAMES), CAPTION_PT) + TOP if metrics else 0.0
     bar_left = LEFT + columns * (panel_w + GAP) - GAP + BAR_GAP

@@ -323,9 +323,7 @@ class Tracer:
         # In steps, so that scenes of similar depth share their programs.
         stack = -(-bvh.depth // 8) * 8
         self._sample = build(device, "sample.cl", _SampleOptions(1))
-        self._visibility = build(
-            device, "visibility.cl", _VisibilityOptions(device.width, stack)
-        )
+        self._visibility = build(device, "visibility.cl", _VisibilityOptions(device.width, stack))
         spreading = self.settings.amplitude == "spreading"
         self._trace = build(device, "trace.cl", _TraceOptions(1, stack, spreading))
         self._size_tiles()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -99,8 +100,9 @@ def save_maroon_frame(
     suffix = "" if variant == "raw" else f"_{variant}"
     target = radar / FRAMES_FOLDER / f"{number:06d}{suffix}.npy"
     with replacing(target, force=force) as temporary, open(temporary, "xb") as file:
-        # Writing a pickle is harmless; it is reading one that has to be restricted.
-        np.lib.format.write_array(file, holder, allow_pickle=True)
+        header = {"descr": "|O", "fortran_order": False, "shape": ()}
+        np.lib.format.write_array_header_1_0(file, header)
+        pickle.dump(holder, file, protocol=4)
     return target
 
 

@@ -1,7 +1,7 @@
 """Run every kernel at small odd sizes on the device that CLRADAR_DEVICE names.
 
-Started by ``test_memcheck.py`` under Oclgrind, whose reports go to the file OCLGRIND_LOG. Prints the
-names of the kernels that ran. `--faulty` runs a kernel with a known fault instead.
+Started by ``test_memcheck.py`` under Oclgrind, whose reports go to the file OCLGRIND_LOG. Prints
+the names of the kernels that ran. `--faulty` runs a kernel with a known fault instead.
 """
 
 from __future__ import annotations

@@ -347,9 +347,9 @@ def hand_rays(n_rays: int, seed: int) -> Rays:
 
 
 EMBREE_DISAGREE = 2e-6
-"""Share of rays that may get another answer. Ours decides the side of an edge in doubled precision,
-so what is left is Embree's rounding: 2^-24 of 0.3 m, 2e-8 m, along silhouettes some 2 m long, out of
-the 0.04 m^2 that the rays are aimed at, is 1e-6."""
+"""Share of rays that may get another answer. Ours decides the side of an edge in doubled
+precision, so what is left is Embree's rounding: 2^-24 of 0.3 m, 2e-8 m, along silhouettes some 2 m
+long, out of the 0.04 m^2 that the rays are aimed at, is 1e-6."""
 
 
 @pytest.mark.parametrize(

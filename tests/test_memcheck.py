@@ -29,7 +29,7 @@ def run_checked(tmp_path: Path, *arguments: str) -> tuple[str, str]:
         "OCLGRIND_DATA_RACES": "1",
         "OCLGRIND_UNINITIALIZED": "1",
         "OCLGRIND_LOG": str(log),
-        # The check of uninitialised reads is not safe with threads: it crashes or reports at random.
+        # With threads the check of uninitialised reads crashes or reports at random.
         "OCLGRIND_NUM_THREADS": "1",
         "PYOPENCL_NO_CACHE": "1",
     }

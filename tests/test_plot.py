@@ -320,3 +320,10 @@ def test_places_that_cannot_be_written(tmp_path: Path, figure: Figure, name: str
     with pytest.raises(OutputError, match="expected"):
         save_figure(figure, tmp_path / name, force=True)
     assert [p.name for p in tmp_path.iterdir()] == ["folder.png"]
+
+
+def test_the_first_column_has_the_title_it_is_given() -> None:
+    figure = comparison_figure(
+        blob(), [("alpha 0", blob())], measured_label="Synthetic measurement"
+    )
+    assert figure.axes[0].get_title() == "Synthetic measurement"

@@ -189,7 +189,14 @@ def run_demo(folder: Path, settings: DemoSettings, device: Device) -> None:
         metrics = [compare(maps[0], m) for m in maps[1:]]
         columns = list(zip(labels, maps[1:], strict=True))
         save_figure(
-            comparison_figure(maps[0], columns, metrics=metrics), folder / FIGURE, force=True
+            comparison_figure(
+                maps[0],
+                columns,
+                metrics=metrics,
+                measured_label="Synthetic measurement",
+            ),
+            folder / FIGURE,
+            force=True,
         )
         record = {
             "measured": f"{MEASUREMENT}_volume.h5",

@@ -1,0 +1,129 @@
+"""What a user has already: the same work in numba, numpy and Embree, as well as each can do it."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numba
+import numpy as np
+
+
+@numba.njit(parallel=True, fastmath=True, cache=False)
+def phasor_sum(
+    start: np.ndarray,
+    length_m: np.ndarray,
+    amplitude: np.ndarray,
+    k0: float,
+    dk: float,
+    n_freq: int,
+) -> np.ndarray:
+    """SFCW sum of paths sorted by pair, equal steps: one sine and cosine per path, then rotate."""
+    n_pairs = len(start) - 1
+    out = np.zeros((n_pairs, n_freq), dtype=np.complex64)
+    for pair in numba.prange(n_pairs):
+        row = np.zeros(n_freq, dtype=np.complex64)
+        for i in range(start[pair], start[pair + 1]):
+            phase = -2.0 * math.pi * ((k0 * length_m[i]) % 1.0)
+            turn = -2.0 * math.pi * ((dk * length_m[i]) % 1.0)
+            value = np.complex64(complex(math.cos(phase), math.sin(phase)) * amplitude[i])
+            step = np.complex64(complex(math.cos(turn), math.sin(turn)))
+            for n in range(n_freq):
+                row[n] += value
+                value *= step
+        out[pair] = row
+    return out
+
+
+@numba.njit(parallel=True, fastmath=True, cache=False)
+def range_backprojection(
+    profiles: np.ndarray,
+    first_m: float,
+    bins_per_m: float,
+    k: float,
+    tx_m: np.ndarray,
+    rx_m: np.ndarray,
+    x_m: np.ndarray,
+    y_m: np.ndarray,
+    z_m: np.ndarray,
+) -> np.ndarray:
+    """Back-projection from range profiles, one row of voxels per block to stay in the cache."""
+    n_tx, n_rx, _ = profiles.shape
+    nx, ny, nz = len(x_m), len(y_m), len(z_m)
+    out = np.zeros((nz, ny, nx), dtype=np.complex64)
+    two_pi = np.float32(2.0 * math.pi)
+    for row in numba.prange(nz * ny):
+        iz, iy = row // ny, row % ny
+        tx_bins = np.empty((n_tx, nx), dtype=np.float32)
+        rx_bins = np.empty((n_rx, nx), dtype=np.float32)
+        tx_phasor = np.empty((n_tx, nx), dtype=np.complex64)
+        rx_phasor = np.empty((n_rx, nx), dtype=np.complex64)
+        for antennas, bins, phasor in ((tx_m, tx_bins, tx_phasor), (rx_m, rx_bins, rx_phasor)):
+            for a in range(len(antennas)):
+                for ix in range(nx):
+                    d = math.sqrt(
+                        (x_m[ix] - antennas[a, 0]) ** 2
+                        + (y_m[iy] - antennas[a, 1]) ** 2
+                        + (z_m[iz] - antennas[a, 2]) ** 2
+                    )
+                    bins[a, ix] = d * bins_per_m
+                    angle = two_pi * np.float32((d * k) % 1.0)
+                    phasor[a, ix] = complex(math.cos(angle), math.sin(angle))
+        total = np.zeros(nx, dtype=np.complex64)
+        inner = np.empty(nx, dtype=np.complex64)
+        offset = np.float32(first_m * bins_per_m)
+        for t in range(n_tx):
+            inner[:] = 0
+            for r in range(n_rx):
+                for ix in range(nx):
+                    at = tx_bins[t, ix] + rx_bins[r, ix] - offset
+                    b = int(at)
+                    f = np.float32(at - b)
+                    p = profiles[t, r, b]
+                    p += f * (profiles[t, r, b + 1] - p)
+                    inner[ix] += p * rx_phasor[r, ix]
+            for ix in range(nx):
+                total[ix] += inner[ix] * tx_phasor[t, ix]
+        out[iz, iy] = total / (n_tx * n_rx)
+    return out
+
+
+def exact_by_gemm(capture: Any, points_m: np.ndarray) -> np.ndarray:
+    """The exact sum as one complex matrix product per frequency, complex64, in float64 phases."""
+    to_tx = np.linalg.norm(points_m[:, None] - capture.array.tx_m, axis=2)
+    to_rx = np.linalg.norm(points_m[:, None] - capture.array.rx_m, axis=2)
+    out = np.zeros(len(points_m), dtype=np.complex64)
+    for n, f in enumerate(capture.waveform.frequencies_hz):
+        turns = 2j * np.pi * f / 299_792_458.0
+        tx = np.exp(turns * to_tx).astype(np.complex64)
+        rx = np.exp(turns * to_rx).astype(np.complex64)
+        out += ((tx @ np.ascontiguousarray(capture.data[:, :, n])) * rx).sum(axis=1)
+    return out / capture.data.size
+
+
+class EmbreeVisibility:
+    """Which antennas does each point see, by Embree through embreex."""
+
+    def __init__(self, triangles_m: np.ndarray) -> None:
+        from embreex import rtcore_scene
+        from embreex.mesh_construction import TriangleMesh
+
+        self.scene = rtcore_scene.EmbreeScene()
+        TriangleMesh(self.scene, np.ascontiguousarray(triangles_m, dtype=np.float32))
+
+    def prepare(
+        self, points_m: np.ndarray, normals: np.ndarray, antennas_m: np.ndarray, lift_m: float
+    ) -> None:
+        """Make the rays, which is not timed: lifted off the face towards each antenna."""
+        self.rays = []
+        for antenna in antennas_m:
+            side = np.sign(np.einsum("sa,sa->s", normals, antenna - points_m))[:, None]
+            origin = (points_m + lift_m * side * normals).astype(np.float32)
+            self.rays.append((origin, (antenna - origin).astype(np.float32)))
+
+    def seen(self) -> np.ndarray:
+        """Shape (n_points, n_antennas), bool."""
+        with ThreadPoolExecutor(2) as pool:  # embreex lets go of the interpreter lock
+            hits = list(pool.map(lambda ray: self.scene.run(*ray, query="OCCLUDED"), self.rays))
+        return np.stack(hits, axis=1) < 0

@@ -1,0 +1,239 @@
+"""Time clradar against what a user has already, each pair in the same run, checked for agreement.
+
+    make bench                        # or: .venv/bin/python benchmarks/run.py [--quick]
+
+Prints a table and writes ``benchmarks/result.json``. Ratios matter, not seconds: machines differ
+and are noisy. Left out of the timings: imports, the first call of everything that compiles, and
+what a row says is given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import peers
+
+import clradar
+from clradar.backproject import _Range
+from clradar.hand import hand_mesh
+from clradar.trace import Tracer, resolve_settings
+
+C_M_PER_S = 299_792_458.0
+ARRAY = clradar.arrays.qar50()
+WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 128)
+PAPER = {"x_m": (-0.1, 0.1), "y_m": (-0.1, 0.1), "z_m": (0.26, 0.34)}
+
+
+def median_s(work: Callable[[], Any], repeats: int) -> float:
+    work()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
+
+
+def relative_rms_db(ours: np.ndarray, theirs: np.ndarray) -> float:
+    error = np.sqrt(np.mean(np.abs(ours - theirs) ** 2) / np.mean(np.abs(theirs) ** 2))
+    return float(20 * np.log10(error))
+
+
+def visibility(device: clradar.Device, repeats: int) -> dict[str, Any]:
+    """Rays from the Tx to the samples of the hand: the bulk of the tracing."""
+    scene = clradar.Scene.from_mesh(hand_mesh("F"), alpha=0.5)
+    settings = resolve_settings(samples_per_mm2=2.0)
+    with Tracer(scene, ARRAY, settings, device) as tracer:
+        count = min(16384, tracer.n_samples)
+        tracer._run(0, count)
+        read = tracer._buffers.read
+        points = read(tracer._tile[0], (count, 3), np.float32).astype(np.float64)
+        normals = read(tracer._tile[2], (count, 3), np.float32).astype(np.float64)
+
+        def ours() -> np.ndarray:
+            u = np.uint32
+            groups = tracer._n_tx_groups
+            tracer._visibility.launch(
+                "visible_antennas", (count, groups), u(count), u(ARRAY.n_tx), u(groups),
+                tracer._delta, *tracer._tree, tracer._tx_soa, tracer._tile[0], tracer._tile[2],
+                tracer._tile[5],
+            )  # fmt: skip
+            bits = read(tracer._tile[5], (count, groups), np.uint8)
+            return np.unpackbits(bits, axis=1, bitorder="little")[:, : ARRAY.n_tx] > 0
+
+        embree = peers.EmbreeVisibility(scene.triangles_m)
+        embree.prepare(points, normals, ARRAY.tx_m, 2 * float(tracer._delta))
+        theirs = embree.seen
+        disagree = np.mean(ours() != theirs())
+        ours_s, theirs_s = median_s(ours, repeats), median_s(theirs, repeats)
+    rays = count * ARRAY.n_tx
+    return {
+        "work": f"visibility, {rays / 1e6:.1f} M rays, {scene.n_faces} faces",
+        "ours": f"{rays / ours_s / 1e6:.1f} M rays/s",
+        "peer": f"Embree through embreex, two threads, {rays / theirs_s / 1e6:.1f} M rays/s",
+        "ratio": theirs_s / ours_s,
+        "check": f"{disagree:.1e} of the answers differ",
+    }
+
+
+def phasor_sum(device: clradar.Device, repeats: int, n_paths: int) -> dict[str, Any]:
+    rng = np.random.default_rng(0)
+    pair = np.sort(rng.integers(0, ARRAY.n_tx * ARRAY.n_rx, n_paths))
+    length = rng.uniform(0.5, 0.8, n_paths)
+    paths = clradar.Paths(
+        pair // ARRAY.n_rx, pair % ARRAY.n_rx, length, np.ones(n_paths), np.ones(n_paths),
+        ARRAY.n_tx, ARRAY.n_rx,
+    )  # fmt: skip
+    start = np.searchsorted(pair, np.arange(ARRAY.n_tx * ARRAY.n_rx + 1))
+    k = WAVEFORM.frequencies_hz / C_M_PER_S
+    amplitude = np.ones(n_paths)
+
+    def ours() -> np.ndarray:
+        return clradar.synthesize(paths, ARRAY, WAVEFORM, device=device).data
+
+    def theirs() -> np.ndarray:
+        out = peers.phasor_sum(start, length, amplitude, k[0], k[1] - k[0], len(k))
+        return out.reshape(ARRAY.n_tx, ARRAY.n_rx, -1)
+
+    error = relative_rms_db(theirs(), ours())
+    ours_s, theirs_s = median_s(ours, repeats), median_s(theirs, repeats)
+    return {
+        "work": f"phasor sum, {n_paths / 1e6:g} M paths, 8836 pairs x 128",
+        "ours": f"{ours_s:.2f} s",
+        "peer": f"numba, two threads, equal steps only, {theirs_s:.2f} s",
+        "ratio": theirs_s / ours_s,
+        "check": f"{error:.0f} dB between the two",
+    }
+
+
+def range_image(
+    device: clradar.Device, repeats: int, capture: clradar.Capture, planes: int
+) -> dict[str, Any]:
+    spacing = (1e-3, 1e-3, 0.08 / (planes - 1))
+    grid = clradar.VoxelGrid.from_extent(**PAPER, spacing_m=spacing)
+    former = _Range(capture, grid, np.ones(WAVEFORM.n_freq), device)
+    tile = next(iter(former.tiles()))
+    first, stop = former._bins(tile)
+    d_m = np.arange(first, stop) / float(former.bins_per_m)
+    f = WAVEFORM.frequencies_hz
+    k = WAVEFORM.center_hz / C_M_PER_S
+    kernel = np.exp(2j * np.pi * np.outer(f / C_M_PER_S - k, d_m)).astype(np.complex64)
+    profiles = (capture.data.reshape(-1, len(f)) @ kernel / len(f)).reshape(94, 94, -1)
+
+    def ours() -> np.ndarray:
+        return clradar.backproject(capture, grid, method="range", device=device).data
+
+    def theirs() -> np.ndarray:
+        return peers.range_backprojection(
+            profiles, float(d_m[0]), float(former.bins_per_m), k, ARRAY.tx_m, ARRAY.rx_m,
+            grid.x_m, grid.y_m, grid.z_m,
+        )  # fmt: skip
+
+    error = relative_rms_db(theirs(), ours())
+    ours_s, theirs_s = median_s(ours, repeats), median_s(theirs, max(1, repeats // 2))
+    work = np.prod(grid.shape) * 8836
+    return {
+        "work": f"image by range, 201 x 201 x {planes}",
+        "ours": f"{ours_s:.1f} s, {work / ours_s / 1e6:.0f} M voxel pairs/s",
+        "peer": f"numba, two threads, blocked, {work / theirs_s / 1e6:.0f} M/s (profiles given)",
+        "ratio": theirs_s / ours_s,
+        "check": f"{error:.0f} dB between the two",
+    }
+
+
+def exact_image(device: clradar.Device, repeats: int, capture: clradar.Capture) -> dict[str, Any]:
+    grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.05, 0.05), (0.3, 0.3), 2e-3)
+    z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
+    points = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+
+    def ours() -> np.ndarray:
+        return clradar.backproject(capture, grid, method="exact", device=device).data.ravel()
+
+    def theirs() -> np.ndarray:
+        return peers.exact_by_gemm(capture, points)
+
+    error = relative_rms_db(ours(), theirs())
+    ours_s, theirs_s = median_s(ours, repeats), median_s(theirs, repeats)
+    terms = len(points) * capture.data.size
+    return {
+        "work": f"exact sum, {terms / 1e9:.1f} G terms",
+        "ours": f"{terms / ours_s / 1e9:.1f} G terms/s",
+        "peer": f"numpy, complex GEMM per frequency, {terms / theirs_s / 1e9:.1f} G/s",
+        "ratio": theirs_s / ours_s,
+        "check": f"{error:.0f} dB between the two",
+    }
+
+
+def commands() -> list[dict[str, Any]]:
+    """The two commands whose time and memory are promised, as a user runs them."""
+    runs = []
+    with tempfile.TemporaryDirectory() as folder:
+        hand, sim, volume = (str(Path(folder) / name) for name in ("hand.ply", "sim.h5", "vol.h5"))
+        cli = [sys.executable, "-m", "clradar.cli"]
+        subprocess.run([*cli, "hand", "F", "-o", hand], check=True, capture_output=True)
+        for name, arguments in (
+            ("simulate the default hand", ["simulate", hand, "-o", sim]),
+            ("image --method range, 201 x 201 x 81", ["image", sim, "-o", volume]),
+        ):
+            start = time.perf_counter()
+            child = subprocess.Popen([*cli, *arguments], stdout=subprocess.DEVNULL)
+            _, status, usage = os.wait4(child.pid, 0)
+            assert status == 0, arguments
+            runs.append(
+                {
+                    "work": f"clradar {name}",
+                    "ours": f"{time.perf_counter() - start:.1f} s, {usage.ru_maxrss / 1e6:.2f} GB",
+                    "peer": "",
+                    "ratio": None,
+                    "check": "",
+                }
+            )
+    return runs
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="smaller sizes, for a first look")
+    parser.add_argument("--device", default=None)
+    parser.add_argument("--repeats", type=int, default=5)
+    given = parser.parse_args()
+    device = clradar.open_device(given.device)
+    rng = np.random.default_rng(1)
+    shape = (ARRAY.n_tx, ARRAY.n_rx, WAVEFORM.n_freq)
+    noise = rng.normal(size=(2, *shape)).astype(np.float32)
+    capture = clradar.Capture(noise[0] + 1j * noise[1], ARRAY, WAVEFORM)
+    repeats = 3 if given.quick else given.repeats
+    rows = [
+        visibility(device, repeats),
+        phasor_sum(device, repeats, 500_000 if given.quick else 4_500_000),
+        range_image(device, repeats, capture, 5 if given.quick else 81),
+        exact_image(device, repeats, capture),
+    ]
+    if not given.quick:
+        rows += commands()
+    print(
+        f"{device.info.label}, {os.cpu_count()} cores, {platform.machine()}, medians of {repeats}"
+    )
+    for row in rows:
+        ratio = "" if row["ratio"] is None else f"{row['ratio']:.1f} x"
+        print(f"  {row['work']}\n    ours  {row['ours']}")
+        if row["peer"]:
+            print(f"    peer  {row['peer']}\n    ratio {ratio}   ({row['check']})")
+    result = {"device": dict(device.describe()), "cores": os.cpu_count(), "rows": rows}
+    Path(__file__).with_name("result.json").write_text(json.dumps(result, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
