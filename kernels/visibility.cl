@@ -15,9 +15,9 @@
 static inline realw blocked(__global const float *nodes, __global const float *triangles, const float3 o,
                      const realw dx, const realw dy, const realw dz, realw reach) {
     const realw tiny = 1e-18f; /* keeps the inverses finite: no product with them is NaN */
-    const realw ix = 1.0f / ((dx < tiny) & (dx > -tiny) ? tiny : dx);
-    const realw iy = 1.0f / ((dy < tiny) & (dy > -tiny) ? tiny : dy);
-    const realw iz = 1.0f / ((dz < tiny) & (dz > -tiny) ? tiny : dz);
+    const realw ix = 1.0f / (((dx < tiny) & (dx > -tiny)) ? tiny : dx);
+    const realw iy = 1.0f / (((dy < tiny) & (dy > -tiny)) ? tiny : dy);
+    const realw iz = 1.0f / (((dz < tiny) & (dz > -tiny)) ? tiny : dz);
     int stack[CLR_STACK];
     int top = 0;
     int child = 0;
