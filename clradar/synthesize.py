@@ -58,6 +58,9 @@ def synthesize(
     DeviceError
         The device is missing, out of memory or fails.
     """
+    checks.instance("synthesize: paths", paths, Paths)
+    checks.instance("synthesize: array", array, AntennaArray)
+    checks.instance("synthesize: waveform", waveform, Waveform)
     if (paths.n_tx, paths.n_rx) != (array.n_tx, array.n_rx):
         checks.fail(
             "synthesize: paths",
@@ -108,6 +111,9 @@ def simulate(
     Capture
         With the resolved settings, the scene's digest, the counts of rays and the device in `meta`.
     """
+    checks.instance("simulate: scene", scene, Scene)
+    checks.instance("simulate: array", array, AntennaArray)
+    checks.instance("simulate: waveform", waveform, Waveform)
     settings = resolve_settings(
         samples_per_mm2=samples_per_mm2,
         rays_per_face=rays_per_face,

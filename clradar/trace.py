@@ -199,6 +199,8 @@ def trace(
     DeviceError
         The device is missing, out of memory or fails.
     """
+    checks.instance("trace: scene", scene, Scene)
+    checks.instance("trace: array", array, AntennaArray)
     settings = resolve_settings(
         samples_per_mm2=samples_per_mm2,
         rays_per_face=rays_per_face,

@@ -65,7 +65,10 @@ def regular_file_size(path: Path, expected: str) -> int:
     Opening a pipe or a terminal would wait for ever, so this is asked before every open.
     """
     with reading(path, expected):
-        status = os.stat(path)
+        try:
+            status = os.stat(path)
+        except FileNotFoundError:
+            fail(path, "a file or a folder", "nothing there (No such file or directory)")
     if stat.S_ISDIR(status.st_mode):
         fail(path, expected, "a folder")
     if not stat.S_ISREG(status.st_mode):

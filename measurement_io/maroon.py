@@ -16,6 +16,9 @@ from measurement_io.frame_file import read_frame_dictionary
 from measurement_io.maroon_folders import FrameFile, find_frame, find_radar_folder, frame_file
 
 MAX_TIME_STAMPS = 100_000
+PLAUSIBLE_HZ = (1e8, 1e12)
+"""Frequencies of an imaging radar; anything else is a frame in another unit."""
+
 _OWN_KEYS = ("xr", "fvec", "number_of_measurements", "timestamp_us")
 
 
@@ -102,6 +105,14 @@ def _check_agreement(place: FrameFile, xr: np.ndarray, fvec: np.ndarray) -> None
         )
     if len(fvec) == 0:
         fail(path, "at least one frequency", "none")
+    low_hz, high_hz = PLAUSIBLE_HZ
+    outside = (fvec < low_hz) | (fvec > high_hz)  # NaN is the waveform's to refuse
+    if outside.any():
+        fail(
+            path,
+            f"'fvec' in Hz, between {low_hz:g} and {high_hz:g}",
+            f"{float(fvec[outside][0]):g}",
+        )
     if place.folder is not None and not place.folder.agrees_hz(float(fvec[0]), float(fvec[-1])):
         fail(
             path,

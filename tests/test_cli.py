@@ -199,6 +199,7 @@ def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
         (["image", "sim.h5", "-o", "x.h5", "--z-mm", "0:nan:3"], "--z-mm"),
         (["image", "sim.h5", "-o", "x.h5", "--method", "fast"], "--method"),
         (["compare", "volume.h5"], "SIMULATED"),
+        (["compare", "volume.h5", "volume.h5", "--x-mm", "0:60:6"], "no capture"),
         (["inspect", "volume.h5", "--loud"], "--loud"),
     ],
 )
@@ -718,3 +719,26 @@ def test_recordings_of_another_array_are_imaged_too(run: Run, tmp_path: Path) ->
                   "--y-mm", "-20:20:10", "--z-mm", "250:350:50")  # fmt: skip
     assert outcome.status == 0, outcome.err
     assert open_volume(tmp_path / "v.h5").grid.counts == (1, 5, 3)
+
+
+def test_a_capture_without_receptions_is_warned_of(run: Run, made: Path, tmp_path: Path) -> None:
+    nothing = tmp_path / "nothing.h5"
+    outcome = run("simulate", made / "hand.ply", "-o", nothing, "--samples-per-mm2", "1e-9")
+    assert outcome.status == 0
+    assert "clradar: warning: no ray reached a receiver" in outcome.err
+    picture = tmp_path / "nothing.png"
+    outcome = run("image", nothing, "-o", tmp_path / "v.h5", *GRID, "--png", picture)
+    assert outcome.status == 0
+    assert "zero everywhere" in outcome.err
+    assert not picture.exists()
+
+
+def test_a_scene_behind_the_aperture_is_warned_of(run: Run, made: Path, tmp_path: Path) -> None:
+    placed = tmp_path / "T.json"
+    placed.write_text(json.dumps([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -0.3], [0, 0, 0, 1]]))
+    outcome = run(
+        "simulate", made / "hand.ply", "-o", tmp_path / "s.h5", "--transform", placed,
+        "--samples-per-mm2", "0.01",
+    )  # fmt: skip
+    assert outcome.status == 0
+    assert "clradar: warning: the scene reaches behind the aperture" in outcome.err

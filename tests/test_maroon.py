@@ -255,6 +255,7 @@ def test_bad_antenna_files(tmp_path, content, found):
         ({"fvec": np.array([82e9, 72e9])}, "descending"),
         ({"fvec": np.array([[72e9, 82e9]])}, "(1, 2)"),
         ({"fvec": np.array([1j, 2j])}, "complex"),
+        ({"fvec": np.array([72.0, 82.0])}, "got 72"),  # gigahertz
         ({"number_of_measurements": 2.5}, "2.5"),
         ({"number_of_measurements": "many"}, "many"),
     ],

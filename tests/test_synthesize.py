@@ -288,3 +288,11 @@ def test_simulate_reports_progress(device: clradar.Device) -> None:
     assert seen
     assert seen[-1] == (120, 120)
     assert all(a[0] <= b[0] for a, b in pairwise(seen))
+
+
+@pytest.mark.parametrize("name", ["trace", "simulate", "synthesize", "backproject"])
+def test_a_file_name_instead_of_a_record_is_named(name: str) -> None:
+    # The most likely slip: a path where the opened thing belongs.
+    arguments = {"trace": 2, "simulate": 3, "synthesize": 3, "backproject": 2}[name]
+    with pytest.raises(ModelError, match=rf"{name}: .*expected an? [A-Z]\w+, got str"):
+        getattr(clradar, name)(*["file.h5"] * arguments)

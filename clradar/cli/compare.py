@@ -25,6 +25,7 @@ from clradar.cli.options import (
     ZOption,
     grid_text,
     voxel_grid,
+    wrong_usage,
 )
 from clradar.cli.output import check_outputs, print_line, print_table, write_json
 from clradar.cli.provenance import provenance
@@ -80,6 +81,10 @@ def command(
         check_figure_name(output)
     check_outputs([output, json], force=force, inputs=paths)
     loaded = [open_image(path) for path in paths]
+    if all(isinstance(item, Volume) for item in loaded) and any((x_mm, y_mm, z_mm)):
+        raise wrong_usage(
+            "--x-mm, --y-mm, --z-mm", "there is no capture to image: all inputs are volumes"
+        )
     given = next((item.grid for item in loaded if isinstance(item, Volume)), None)
     if given is not None and x_mm is None and y_mm is None and z_mm is None:
         grid = given

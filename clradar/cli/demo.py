@@ -33,7 +33,7 @@ def command(
     The hand is turned by 25 degrees (`clradar hand F --turn-deg 25`), so that the glint of the palm
     does not outshine the fingers.
 
-    As many rays as in the paper, but voxels of 2 mm, to take half a minute on two cores; --full
+    As many rays as in the paper, but voxels of 2 mm, to take about a minute on two cores; --full
     forms the paper's volume of 1 mm voxels.
     """
     from clradar import open_device

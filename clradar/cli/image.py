@@ -26,7 +26,7 @@ from clradar.cli.options import (
     grid_text,
     voxel_grid,
 )
-from clradar.cli.output import check_outputs, print_line
+from clradar.cli.output import check_outputs, print_line, print_warning
 
 
 def command(
@@ -78,7 +78,9 @@ def command(
     inputs = recording_files(capture, loaded.meta)
     save_image(output, volume, "image", options, inputs, force=force)
     print_line(f"{output}: {grid_text(grid)}, {took_s:.1f} s on {opened.info.label}")
-    if png is not None:
+    if png is not None and not volume.data.any():
+        print_warning(f"{png}: not drawn, since the image is zero everywhere")
+    elif png is not None:
         figure = image_figure(volume, capture.name, dynamic_range_db=dynamic_range_db)
         save_figure(figure, png, force=force)
         print_line(f"{png}: amplitude and depth, {dynamic_range_db:g} dB")

@@ -37,8 +37,8 @@ def command(
         }
         print_text(json.dumps(record, indent=2) if as_json else str(report))
         if not report.ok:
-            more = len(report.problems) - 1
-            print_error(report.problems[0] + (f" (and {more} more)" if more else ""))
+            count = len(report.problems)
+            print_error(f"{file}: {count} problem{'s' if count > 1 else ''} found")
             raise typer.Exit(1)
         return
     found = describe(file)

@@ -80,7 +80,7 @@ ZOption = Annotated[
 MethodOption = Annotated[
     Method,
     typer.Option(
-        "--method", help="range: from range profiles, about -55 dB of error; exact: the plain sum."
+        "--method", help="range: from range profiles, about -54 dB of error; exact: the plain sum."
     ),
 ]
 WindowOption = Annotated[Window, typer.Option("--window", help="Weights over frequency.")]

@@ -27,6 +27,11 @@ def print_error(text: object) -> None:
     print(_encodable(f"clradar: error: {one_line(text)}", sys.stderr), file=sys.stderr)
 
 
+def print_warning(text: object) -> None:
+    """Print one line about something that was done but may not be meant."""
+    print(_encodable(f"clradar: warning: {one_line(text)}", sys.stderr), file=sys.stderr)
+
+
 def print_line(text: object) -> None:
     """Print one line of a result, at once."""
     print(_encodable(one_line(text), sys.stdout), flush=True)

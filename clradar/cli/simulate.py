@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 
 from clradar.cli.options import DeviceOption, ForceOption, Unit, read_transform, wrong_usage
-from clradar.cli.output import check_outputs, print_line, progress_bar
+from clradar.cli.output import check_outputs, print_line, print_warning, progress_bar
 from clradar.cli.provenance import provenance
 from clradar.errors import ModelError
 from clradar.normals import CREASE_DEG
@@ -141,6 +141,11 @@ def command(
     matrix = None if transform is None else read_transform(transform)
     scene = load_scene(named, default, by_part, unit.value, matrix)
     waveform = clradar.Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
+    if scene.vertices_m[:, 2].min() <= 0.0:
+        print_warning(
+            "the scene reaches behind the aperture (z <= 0); is it in the antenna frame? Place it "
+            "with --transform"
+        )
     opened = clradar.open_device(device)
     start_s = perf_counter()
     with progress_bar("tracing") as progress:
@@ -161,6 +166,8 @@ def command(
             device=opened,
             progress=progress,
         )
+    if capture.meta["rays"]["paths"] == 0:
+        print_warning("no ray reached a receiver: the capture is zero everywhere")
     options: dict[str, Any] = {
         "meshes": [{"file": p.name, "alpha": default if a is None else a} for p, a in named],
         "alpha_of_parts": by_part,

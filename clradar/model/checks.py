@@ -149,6 +149,12 @@ def one_of(field: str, value: Any, choices: tuple[str, ...]) -> str:
     return str(value)
 
 
+def instance(field: str, value: Any, kind: type) -> None:
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        fail(field, f"{article} {kind.__name__}", type(value).__name__)
+
+
 def text(field: str, value: Any) -> str:
     if not isinstance(value, str):
         fail(field, "a string", repr(value))
