@@ -12,8 +12,9 @@
 #define GROUP 8
 
 /* Clear the lanes of `reach` (distance to each antenna; negative = done) that anything blocks. */
-static inline realw blocked(__global const float *nodes, __global const float *triangles, const float3 o,
-                     const realw dx, const realw dy, const realw dz, realw reach) {
+static inline realw blocked(__global const float *nodes, __global const float *triangles,
+                            const float3 o, const realw dx, const realw dy, const realw dz,
+                            realw reach) {
     const realw tiny = 1e-18f; /* keeps the inverses finite: no product with them is NaN */
     const realw ix = 1.0f / (((dx < tiny) & (dx > -tiny)) ? tiny : dx);
     const realw iy = 1.0f / (((dy < tiny) & (dy > -tiny)) ? tiny : dy);
