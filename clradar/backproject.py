@@ -138,7 +138,7 @@ class _Former:
         self, capture: Capture, grid: VoxelGrid, weights: np.ndarray, device: Device
     ) -> None:
         self.capture, self.grid, self.device = capture, grid, device
-        self.weights = weights
+        self.weighted = (capture.data * weights).astype(np.complex64)
         self.width = device.width
         self.n_x = -(-grid.counts[0] // self.width) * self.width
         self.k = capture.waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
@@ -215,8 +215,7 @@ class _Exact(_Former):
         for step, n0 in enumerate(range(0, len(self.k), CHUNK_FREQ)):
             yield step
             block = slice(n0, n0 + CHUNK_FREQ)
-            part = self.capture.data[:, :, block] * self.weights[block]
-            cube = np.ascontiguousarray(part.transpose(2, 0, 1).astype(np.complex64))
+            cube = np.ascontiguousarray(self.weighted[:, :, block].transpose(2, 0, 1))
             k_hi, k_lo = (buffers.upload(half) for half in hi_lo(self.k[block]))
             for rx0 in range(0, array.n_rx, CHUNK_RX):
                 for tx0 in range(0, array.n_tx, CHUNK_TX):
@@ -315,7 +314,6 @@ class _Range(_Former):
         n_tx = int(max(1, min(array.n_tx, room // per_tx)))
         cube = buffers.empty(8 * n_tx * n_rx * n_freq)
         profiles = buffers.empty(8 * n_tx * n_rx * n_bins)
-        weighted = (self.capture.data * self.weights).astype(np.complex64)
         parts = [
             (slice(rx0, min(rx0 + CHUNK_RX, array.n_rx)), slice(tx0, min(tx0 + n_tx, array.n_tx)))
             for rx0 in range(0, array.n_rx, CHUNK_RX)
@@ -323,7 +321,7 @@ class _Range(_Former):
         ]
         for i, (rx, tx) in enumerate(parts):
             yield i * self.steps_per_tile() // len(parts)
-            buffers.write(cube, weighted[tx, rx])
+            buffers.write(cube, self.weighted[tx, rx])
             n_pairs = _length(tx) * _length(rx)
             u = np.uint32
             self.program.launch(

@@ -169,7 +169,7 @@ class _Builder:
             n_left = self._split(orders, starts, counts, median=depth > MEDIAN_BELOW_LEVEL)
             child_starts = np.stack([starts, starts + n_left], axis=1).ravel()
             child_counts = np.stack([n_left, counts - n_left], axis=1).ravel()
-            boxes = self._boxes(orders[0], child_starts)
+            boxes = np.concatenate(self._bounds(orders[0], child_starts)).T
             is_leaf = child_counts <= LEAF_ALWAYS
             maybe = np.flatnonzero(~is_leaf & (child_counts <= LEAF_MOST))
             is_leaf[maybe] = self._cheaper_as_leaf(orders[0], child_starts, child_counts, maybe)
@@ -269,34 +269,26 @@ class _Builder:
         """Whether testing all triangles of a small segment costs no more than one more split."""
         if not len(which):
             return np.zeros(0, dtype=bool)
-        start, count = starts[which], counts[which]
-        picked = np.repeat(start - np.cumsum(count) + count, count) + np.arange(count.sum())
-        members = order[picked]
+        count = counts[which]
+        members = order[_places(starts[which], count)]
         begins = np.cumsum(count) - count
-        low = np.stack([np.minimum.reduceat(self.low[k][members], begins) for k in range(3)])
-        high = np.stack([np.maximum.reduceat(self.high[k][members], begins) for k in range(3)])
-        whole = _area(low, high)
-        middle = begins + count // 2
-        both = np.stack([begins, middle], axis=1).ravel()
-        low = np.stack([np.minimum.reduceat(self.low[k][members], both) for k in range(3)])
-        high = np.stack([np.maximum.reduceat(self.high[k][members], both) for k in range(3)])
-        halves = _area(low, high).reshape(-1, 2)
+        whole = _area(*self._bounds(members, begins))
+        both = np.stack([begins, begins + count // 2], axis=1).ravel()
+        halves = _area(*self._bounds(members, both)).reshape(-1, 2)
         amounts = np.stack([count // 2, count - count // 2], axis=1)
         # One node visit costs about as much as one triangle.
         return whole * count <= whole + (halves * amounts).sum(axis=1)
 
-    def _boxes(self, order: np.ndarray, starts: np.ndarray) -> np.ndarray:
-        """Return the box of every segment, shape (n_segments, 6)."""
-        low = [np.minimum.reduceat(self.low[k][order], starts) for k in range(3)]
-        high = [np.maximum.reduceat(self.high[k][order], starts) for k in range(3)]
-        return np.stack(low + high, axis=1)
+    def _bounds(self, order: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the low and the high corner of every segment's box, shape (3, n_segments) each."""
+        low = np.stack([np.minimum.reduceat(self.low[k][order], starts) for k in range(3)])
+        high = np.stack([np.maximum.reduceat(self.high[k][order], starts) for k in range(3)])
+        return low, high
 
     def _emit(self, order: np.ndarray, starts: np.ndarray, counts: np.ndarray) -> None:
         if not len(starts):
             return
-        first = np.cumsum(counts) - counts
-        picked = np.repeat(starts - first, counts) + np.arange(counts.sum())
-        self.slots.append(order[picked])
+        self.slots.append(order[_places(starts, counts)])
         self.n_slots += int(counts.sum())
 
     def _compact(
@@ -305,11 +297,16 @@ class _Builder:
         """Keep only the open segments in `orders`; return their new places."""
         if not len(starts):
             return starts, counts
-        first = np.cumsum(counts) - counts
-        picked = np.repeat(starts - first, counts) + np.arange(counts.sum())
+        picked = _places(starts, counts)
         for axis in range(3):
             orders[axis] = orders[axis][picked]
-        return first, counts
+        return np.cumsum(counts) - counts, counts
+
+
+def _places(starts: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Return the indices of all members of the segments, one segment after the other."""
+    first = np.cumsum(counts) - counts
+    return np.repeat(starts - first, counts) + np.arange(counts.sum())
 
 
 def _area(low: np.ndarray, high: np.ndarray) -> np.ndarray:

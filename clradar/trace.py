@@ -321,6 +321,7 @@ class Tracer:
         self._antennas = [up(part) for a in (array.tx_m, array.rx_m) for part in hi_lo(a)]
         out_of_reach = array.rx_m.max(axis=0) + 1e3 + self.settings.reception_radius_m * 10
         self._rx_soa = up(_grouped(array.rx_m, self._n_rx_groups, out_of_reach))
+        self._box = self._reception_box()
         self._counter = self._buffers.zeros(12)
         # In steps, so that scenes of similar depth share their programs.
         stack = -(-bvh.depth // 8) * 8
@@ -398,15 +399,14 @@ class Tracer:
             u(self._n_tx_groups), self._delta, *self._tree, self._tx_soa, points, geometric,
             visible,
         )  # fmt: skip
-        box = self._reception_box()
         self._buffers.write(self._counter, np.zeros(3, np.uint32))
         self._trace.launch(
             "trace_rays", (count, self._n_tx_groups), u(count), u(array.n_tx), u(array.n_rx),
             u(self._n_tx_groups), u(self._n_rx_groups), u(s.rays_per_sample), u(s.max_bounces),
             u(first), low, high, np.float32(s.reception_radius_m), np.float32(s.pattern_exponent),
-            self._delta, *box, u(self._capacity), *self._tree, *self._surface, *self._antennas,
-            self._rx_soa, points, shading, geometric, alpha, visible, self._counter, self._keys,
-            self._paths,
+            self._delta, *self._box, u(self._capacity), *self._tree, *self._surface,
+            *self._antennas, self._rx_soa, points, shading, geometric, alpha, visible,
+            self._counter, self._keys, self._paths,
         )  # fmt: skip
         received, outgoing, absorbed = self._buffers.read(self._counter, 3, np.uint32)
         bits = self._buffers.read(visible, count * self._n_tx_groups, np.uint8)

@@ -38,10 +38,8 @@ class Capture:
     meta: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.array, AntennaArray):
-            checks.fail("Capture.array", "an AntennaArray", type(self.array).__name__)
-        if not isinstance(self.waveform, Waveform):
-            checks.fail("Capture.waveform", "a Waveform", type(self.waveform).__name__)
+        checks.instance("Capture.array", self.array, AntennaArray)
+        checks.instance("Capture.waveform", self.waveform, Waveform)
         shape = (self.array.n_tx, self.array.n_rx, self.waveform.n_freq)
         data = checks.read_only("Capture.data (tx, rx, freq)", self.data, np.complex64, shape)
         object.__setattr__(self, "data", data)

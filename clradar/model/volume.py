@@ -82,8 +82,7 @@ class Volume:
     meta: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.grid, VoxelGrid):
-            checks.fail("Volume.grid", "a VoxelGrid", type(self.grid).__name__)
+        checks.instance("Volume.grid", self.grid, VoxelGrid)
         data = checks.read_only("Volume.data (z, y, x)", self.data, np.complex64, self.grid.shape)
         object.__setattr__(self, "data", data)
         object.__setattr__(self, "meta", checks.frozen_mapping("Volume.meta", self.meta))

@@ -153,14 +153,8 @@ def open_device(
         memory_limit_bytes = checks.whole("memory_limit_bytes", memory_limit_bytes, 1)
     if width not in (None, 1, 8):
         checks.fail("width", "1 or 8 lanes per work-item", repr(width))
-    wanted, origin = device, "device"
-    if wanted is None:
-        for variable in ("CLRADAR_DEVICE", "PYOPENCL_CTX"):
-            if os.environ.get(variable):
-                wanted, origin = os.environ[variable], variable
-                break
-    selector = _select(wanted, origin).selector
-    return _open(selector, memory_limit_bytes, width)
+    info = default_device() if device is None else _select(device, "device")
+    return _open(info.selector, memory_limit_bytes, width)
 
 
 def default_device() -> DeviceInfo:
