@@ -2,7 +2,7 @@
 
 from measurement_io.check import CheckReport, check_file
 from measurement_io.describe import Description, describe
-from measurement_io.maroon_writer import save_maroon_frame
+from measurement_io.maroon.writer import save_maroon_frame
 from measurement_io.native import open_volume, save_capture, save_volume
 from measurement_io.opening import open_capture
 

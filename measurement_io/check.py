@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from clradar.errors import MeasurementError
-from measurement_io import maroon_folders, native
+from measurement_io import native
 from measurement_io.describe import folder_problems
 from measurement_io.failures import clean, reading, shown
-from measurement_io.maroon import read_frame_file
+from measurement_io.maroon import folders
+from measurement_io.maroon.frame import read_frame_file
 from measurement_io.opening import SUPPORTED, kind_of
 
 
@@ -93,11 +94,11 @@ def _check_native(path: Path, checked: list[str], problems: list[str]) -> None:
 
 
 def _check_folder(folder: Path, checked: list[str], problems: list[str]) -> None:
-    radar = maroon_folders.find_radar_folder(folder)
+    radar = folders.find_radar_folder(folder)
     problems += folder_problems(radar)
     reference = None
     total: object = None
-    all_frames = maroon_folders.frames(radar)
+    all_frames = folders.frames(radar)
     for variant, found in all_frames.items():
         good = 0
         for number, path in sorted(found.items()):

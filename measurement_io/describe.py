@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from clradar.model import Capture, Volume
-from measurement_io import maroon_folders, native
+from measurement_io import native
 from measurement_io.failures import clean, fail, read_bytes, reading, shown
-from measurement_io.maroon import read_frame_file
-from measurement_io.maroon_folders import ranges
+from measurement_io.maroon import folders
+from measurement_io.maroon.folders import ranges
+from measurement_io.maroon.frame import read_frame_file
 from measurement_io.opening import SUPPORTED, kind_of
 from measurement_io.provenance import MAX_TEXT_BYTES
 
@@ -86,7 +87,7 @@ def _describe(source: Path) -> Description:
 def folder_problems(radar: Path) -> list[str]:
     """Return what is missing or contradictory in a radar folder, without reading its frames."""
     problems = []
-    frames = maroon_folders.frames(radar)
+    frames = folders.frames(radar)
     raw, filtered = frames["raw"], frames["emptyfiltered"]
     if not raw:
         problems.append("no frame in calibrated_data")
@@ -111,7 +112,7 @@ def _calibration_problems(radar: Path, raw: dict[int, Path]) -> list[str]:
     except ValueError as error:
         return [clean(error)]
     problems = []
-    name = maroon_folders.RadarFolderName.parse(radar.absolute().name)
+    name = folders.RadarFolderName.parse(radar.absolute().name)
     entries = [calibration.get(f"frequency_{key}") for key in ("low_ghz", "high_ghz", "points")]
     low, high, points = (v if isinstance(v, int | float) else None for v in entries)
     if low is None or high is None or points is None:
@@ -141,8 +142,8 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def _describe_folder(folder: Path) -> Description:
-    radar = maroon_folders.find_radar_folder(folder)
-    frames = maroon_folders.frames(radar)
+    radar = folders.find_radar_folder(folder)
+    frames = folders.frames(radar)
     problems = folder_problems(radar)
     facts = [("radar folder", shown(radar.name))]
     for variant, found in frames.items():
@@ -178,7 +179,7 @@ def _products(radar: Path, product: str) -> dict[int, Path]:
     if not folder.is_dir():
         return {}
     pattern = re.compile(rf"([0-9]{{6}})\.{PRODUCTS[product]}")
-    matches = ((pattern.fullmatch(p.name), p) for p in maroon_folders.entries(folder))
+    matches = ((pattern.fullmatch(p.name), p) for p in folders.entries(folder))
     return {int(match[1]): p for match, p in matches if match is not None}
 
 

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from clradar.model import Capture, checks
-from measurement_io import maroon, native
+from measurement_io import native
 from measurement_io.failures import fail, reading, regular_file_size
-from measurement_io.frame_file import NPY_MAGIC
-from measurement_io.maroon_folders import VARIANTS
+from measurement_io.maroon import frame as frame_reader
+from measurement_io.maroon.folders import VARIANTS
+from measurement_io.maroon.frame_file import NPY_MAGIC
 
 Kind = Literal["native", "frame", "folder"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -65,7 +66,7 @@ def open_capture(
     with reading(source, SUPPORTED):
         kind = kind_of(source)
         if kind == "folder":
-            return maroon.read_folder(
+            return frame_reader.read_folder(
                 source,
                 frame=0 if frame is None else frame,
                 variant="raw" if variant is None else variant,
@@ -75,7 +76,7 @@ def open_capture(
         if frame is not None or variant is not None:
             fail(source, "a folder of frames, for frame= and variant= to choose from", "one file")
         if kind == "frame":
-            return maroon.read_frame_file(source, rx_file=rx_file, tx_file=tx_file)
+            return frame_reader.read_frame_file(source, rx_file=rx_file, tx_file=tx_file)
         if rx_file is not None or tx_file is not None:
             fail(source, "a recorded frame, for antenna files to apply to", "a native file")
         return native.read_capture(source)[1]

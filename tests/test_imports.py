@@ -156,8 +156,8 @@ def test_nothing_unpickles_arrays() -> None:
 
 def test_only_the_restricted_reader_and_the_writer_import_pickle() -> None:
     # The recorded format is a pickle, so writing one is needed; that runs no code.
-    users = ("measurement_io.restricted_pickle", "measurement_io.maroon_writer")
+    users = ("measurement_io.maroon.restricted_pickle", "measurement_io.maroon.writer")
     others = [name for name in FILES if name not in users]
     assert not breaches(others, ["pickle", "cPickle", "dill", "joblib", "shelve", "marshal"])
-    writer = FILES["measurement_io.maroon_writer"].read_text(encoding="utf-8")
+    writer = FILES["measurement_io.maroon.writer"].read_text(encoding="utf-8")
     assert "pickle.load" not in writer

@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from measurement_io.failures import clean
-from measurement_io.pickle_scan import UnsafePickle, scan
+from measurement_io.maroon.pickle_scan import UnsafePickle, scan
 
 _MULTIARRAY = ("numpy.core.multiarray", "numpy._core.multiarray")
 _NUMERIC = ("numpy.core.numeric", "numpy._core.numeric")

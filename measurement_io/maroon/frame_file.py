@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from measurement_io.failures import clean, fail, fail_from, read_bytes, reading
-from measurement_io.pickle_scan import UnsafePickle
-from measurement_io.restricted_pickle import PickledArray, load
+from measurement_io.maroon.pickle_scan import UnsafePickle
+from measurement_io.maroon.restricted_pickle import PickledArray, load
 
 NPY_MAGIC = b"\x93NUMPY"
 MAX_FRAME_BYTES = 2**30

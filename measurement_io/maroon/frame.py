@@ -12,8 +12,8 @@ import numpy as np
 from clradar.model import Capture, Waveform
 from measurement_io.antenna_file import CHANNELS, IMAGING, antenna_array
 from measurement_io.failures import clean, fail, reading, shown
-from measurement_io.frame_file import read_frame_dictionary
-from measurement_io.maroon_folders import FrameFile, find_frame, find_radar_folder, frame_file
+from measurement_io.maroon.folders import FrameFile, find_frame, find_radar_folder, frame_file
+from measurement_io.maroon.frame_file import read_frame_dictionary
 
 MAX_TIME_STAMPS = 100_000
 PLAUSIBLE_HZ = (1e8, 1e12)

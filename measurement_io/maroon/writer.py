@@ -16,7 +16,7 @@ from clradar.model import Capture, checks
 from measurement_io.antenna_file import CHANNELS, IMAGING
 from measurement_io.atomic import replacing
 from measurement_io.failures import clean, shown
-from measurement_io.maroon_folders import FRAMES_FOLDER, VARIANTS
+from measurement_io.maroon.folders import FRAMES_FOLDER, VARIANTS
 
 
 def save_maroon_frame(
