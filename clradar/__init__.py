@@ -6,6 +6,7 @@ from clradar.compare import Metrics, compare
 from clradar.model import (
     AntennaArray,
     Capture,
+    ChannelResponse,
     DepthMap,
     Paths,
     Scene,
@@ -23,6 +24,7 @@ __version__ = "0.1.0"
 __all__ = [
     "AntennaArray",
     "Capture",
+    "ChannelResponse",
     "DepthMap",
     "Device",
     "Metrics",

@@ -1,0 +1,38 @@
+"""The record of channel gains and delays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clradar import ChannelResponse
+from clradar.errors import ModelError
+
+
+def test_response_is_the_gain_at_the_reference_and_turns_with_the_delay() -> None:
+    gain = np.array([2.0 + 1.0j, 0.0])
+    response = ChannelResponse(gain, [1.0], [20e-12, 0.0], [0.0], 77e9)
+    found = response.tx_response(np.array([77e9, 77e9 + 12.5e9]))
+    # A quarter turn back after 1 / (4 * 20 ps) = 12.5 GHz.
+    np.testing.assert_allclose(found, [[2 + 1j, (2 + 1j) * -1j], [0, 0]], atol=1e-12)
+    np.testing.assert_array_equal(response.rx_response(np.array([72e9, 82e9])), [[1, 1]])
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"tx_delay_s": [0.0]}, "tx_delay_s"),
+        ({"rx_gain": [np.nan, 1.0]}, "rx_gain"),
+        ({"reference_hz": 0.0}, "reference_hz"),
+    ],
+)
+def test_what_does_not_fit_is_refused(changed: dict[str, object], message: str) -> None:
+    fields: dict[str, object] = {
+        "tx_gain": [1.0, 1.0],
+        "rx_gain": [1.0, 1.0],
+        "tx_delay_s": [0.0, 0.0],
+        "rx_delay_s": [0.0, 0.0],
+        "reference_hz": 77e9,
+    }
+    with pytest.raises(ModelError, match=message):
+        ChannelResponse(**{**fields, **changed})  # type: ignore[arg-type]
