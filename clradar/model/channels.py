@@ -43,7 +43,10 @@ class ChannelResponse:
     def __post_init__(self) -> None:
         for side in ("tx", "rx"):
             gain = checks.read_only(
-                f"ChannelResponse.{side}_gain", getattr(self, f"{side}_gain"), np.complex128, (None,)
+                f"ChannelResponse.{side}_gain",
+                getattr(self, f"{side}_gain"),
+                np.complex128,
+                (None,),
             )
             delay = checks.read_only(
                 f"ChannelResponse.{side}_delay_s",
