@@ -6,6 +6,7 @@ from clradar.compare import Metrics, compare
 from clradar.model import (
     AntennaArray,
     Capture,
+    ChannelCalibration,
     ChannelResponse,
     DepthMap,
     Paths,
@@ -24,6 +25,7 @@ __version__ = "0.1.0"
 __all__ = [
     "AntennaArray",
     "Capture",
+    "ChannelCalibration",
     "ChannelResponse",
     "DepthMap",
     "Device",
