@@ -2,7 +2,7 @@
 
 One sample is modelled as
 
-    s[i, k, n] = g_i g_k a_ik exp(j (phi_i + psi_k) - j nu_n (tau_i + sigma_k) - j 2 pi f_n d_ik(p) / c)
+    s[i, k, n] = g_i g_k a_ik exp(j (phi_i + psi_k - nu_n (tau_i + sigma_k) - 2 pi f_n d_ik(p) / c))
 
 with nu_n = 2 pi (f_n - f_ref) and f_ref the mean frequency. Around a trial, each pair has three
 numbers that tell all there is to tell about these parameters: how much larger, how far ahead in
@@ -31,11 +31,14 @@ LEAST_WEIGHT = 1e-4
 DELAY_FLOOR_S = 1e-13
 """Least spread of delays that is assumed: 0.03 mm of path."""
 
-NOISE_FLOOR = 1e-6
-"""Least noise that is assumed, relative to the samples: some rounding errors of complex64."""
+NOISE_FLOOR = 1e-5
+"""Least noise that is assumed, relative to the echo: far above the rounding of complex64."""
 
-STEP_TOLERANCE = 1e-4
-"""Converged when no phase moves by more radians, and the target by no more of its tolerance."""
+STEP_TOLERANCE = 0.02
+"""Converged when nothing moves by more than this share of its standard deviation."""
+
+LEAST_STEP = 1e-5
+"""Nor is anything asked to move less than this: radians, nepers, tolerances of the target."""
 
 MAX_STEP = 0.5
 """Longest step of the target in units of its tolerance, so that it stays where d(p) is linear."""
@@ -56,34 +59,51 @@ class Samples:
     ----------
     data : ndarray, shape (n_tx, n_rx, n_freq), complex64
     frequencies_hz : ndarray, shape (n_freq,), float64
-    degrees : int
-        Independent complex samples per pair: n_freq, or as many as a gate let through.
+    weight : ndarray, shape (n_freq,), float64
+        Of each frequency; their sum is 1.
+    basis : ndarray, shape (n_freq, m), float64, or None
+        Orthonormal spectra in which noise is looked for; None for all.
     """
 
     data: np.ndarray
     frequencies_hz: np.ndarray
-    degrees: int
+    weight: np.ndarray
+    basis: np.ndarray | None
 
     @property
     def reference_hz(self) -> float:
-        return float(self.frequencies_hz.mean())
+        return float(self.weight @ self.frequencies_hz)
 
     @property
     def offset_rad_per_s(self) -> np.ndarray:
-        """2 pi (f - reference), shape (n_freq,): its sum is zero."""
+        """2 pi (f - reference), shape (n_freq,): its weighted sum is zero."""
         offset: np.ndarray = 2 * np.pi * (self.frequencies_hz - self.reference_hz)
         return offset
 
     @property
     def spread_rad_per_s(self) -> float:
-        """Root mean square of `offset_rad_per_s`."""
-        return float(np.sqrt(np.mean(self.offset_rad_per_s**2)))
+        """Root of the weighted mean square of `offset_rad_per_s`."""
+        return float(np.sqrt(self.weight @ self.offset_rad_per_s**2))
 
-    def energy(self) -> np.ndarray:
-        """Return the mean square of each pair, shape (n_tx, n_rx)."""
-        square = np.square(np.abs(self.data), dtype=np.float64)
-        energy: np.ndarray = square.mean(axis=2)
-        return energy
+    @property
+    def count(self) -> float:
+        """How many samples of equal weight would average noise as well."""
+        return float(1.0 / (self.weight @ self.weight))
+
+    def within(self, spectra: np.ndarray) -> np.ndarray:
+        """Return the part of spectra, shape (n, n_freq), that noise is looked for in."""
+        part: np.ndarray = spectra if self.basis is None else spectra @ self.basis
+        return part
+
+    def without(self, part: np.ndarray) -> np.ndarray:
+        """Return as spectra what `within` returned, shape (n, n_freq)."""
+        spectra: np.ndarray = part if self.basis is None else part @ self.basis.T
+        return spectra
+
+    def power(self) -> np.ndarray:
+        """Return the power of one sample of each pair, shape (n_tx, n_rx)."""
+        n = self.frequencies_hz.size if self.basis is None else self.basis.shape[1]
+        return np.stack([_energy(self.within(row)) / n for row in self.data])
 
     def flattened(
         self, length_m: np.ndarray, tx_delay_s: np.ndarray, rx_delay_s: np.ndarray
@@ -94,6 +114,11 @@ class Samples:
             late = tx_delay_s[i] + rx_delay_s
             phase = length_m[i][:, None] * turns + late[:, None] * self.offset_rad_per_s
             yield row * np.exp(1j * phase)
+
+
+def _energy(spectra: np.ndarray) -> np.ndarray:
+    energy: np.ndarray = (spectra.real**2 + spectra.imag**2).sum(axis=1, dtype=np.float64)
+    return energy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,8 +218,10 @@ def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
     n_tx, n_rx, _ = samples.data.shape
     # Both ends, and the step a little finer than asked for.
     band_hz = float(np.ptp(samples.frequencies_hz))
-    delays_s = np.linspace(-search_s, search_s, 2 * int(np.ceil(_SCAN_STEPS * search_s * band_hz)) + 1)
-    steer = np.exp(1j * samples.offset_rad_per_s[:, None] * delays_s)
+    delays_s = np.linspace(
+        -search_s, search_s, 2 * int(np.ceil(_SCAN_STEPS * search_s * band_hz)) + 1
+    )
+    steer = samples.weight[:, None] * np.exp(1j * samples.offset_rad_per_s[:, None] * delays_s)
     tx_power, rx_power = np.zeros((n_tx, delays_s.size)), np.zeros((n_rx, delays_s.size))
     rows = samples.flattened(echo.length_m, np.zeros(n_tx), np.zeros(n_rx))
     for i, row in enumerate(rows):
@@ -212,7 +239,7 @@ def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
     tx_delay = _peak(delays_s, tx_power) - common / 2
     rx_delay = _peak(delays_s, rx_power) - common / 2
     rows = samples.flattened(echo.length_m, tx_delay, rx_delay)
-    mean = np.stack([row.mean(axis=1) for row in rows])
+    mean = np.stack([row @ samples.weight for row in rows])
     tx, rx = _rank_one(mean, np.where(echo.seen, echo.amplitude, 0.0))
     return _side(tx, tx_delay), _side(rx, rx_delay)
 
@@ -279,80 +306,97 @@ def fit(
         The target moves out of the capture range, or the steps do not end.
     """
     said = target.parameters
-    energy = samples.energy()
     tolerance = prior.tolerance if prior.refine else prior.tolerance[:0]
     for _ in range(max_iterations):
         echo = target.echo(array)
-        pairs = pairs_of(samples, energy, echo, tx, rx)
-        noise = _noise(pairs, echo.seen, energy)
+        pairs = pairs_of(samples, echo, tx, rx)
+        _check_sense(pairs, echo.seen, target)
+        noise = _noise(pairs, echo.seen)
         weight = _weights(samples, pairs, noise, echo.seen)
         gradient = _gradient(target, array, tolerance)
         moved = (target.parameters - said)[: tolerance.size] / tolerance
-        normal, right = _equations(samples, pairs, weight, gradient, moved, (tx, rx), prior)
-        step = np.linalg.solve(normal, right)
-        gain_step = _gain_step(pairs, weight)
-        n_tx, n_rx = weight.shape
-        place = slice(2 * (n_tx + n_rx), None)
+        step = _solved(samples, pairs, weight, gradient, moved, (tx, rx), prior.zero_mean)
         # A part of a step is taken in all that moves: phases make up for the target's motion.
-        longest = float(np.abs(step[place]).max(initial=0.0))
-        step *= min(1.0, MAX_STEP / longest) if longest > 0 else 1.0
+        longest = float(np.abs(step.place).max(initial=0.0))
+        step = step.times(min(1.0, MAX_STEP / longest) if longest > 0 else 1.0)
+        gain_step = _gain_step(pairs, weight)
         tx, rx = _stepped(tx, rx, step, gain_step, samples.spread_rad_per_s)
         if tolerance.size:
-            target = _placed(target, target.parameters + step[place] * tolerance)
+            target = _placed(target, target.parameters + step.place * tolerance)
             _check_range(target, said, tolerance)
-        if np.abs(step).max() < STEP_TOLERANCE and np.abs(gain_step).max() < STEP_TOLERANCE:
+        if _small(step, gain_step, weight):
             break
     else:
         raise CalibrationError(
             f"estimate_channels: expected a fit that settles within {max_iterations} steps, got "
-            f"one that still moves the {target.kind} or the channels"
+            f"one that still moves: another target than the {target.kind}, or another place"
         )
     echo = target.echo(array)
-    pairs = pairs_of(samples, energy, echo, tx, rx)
-    inverse = np.linalg.inv(normal)[place, place]
+    pairs = pairs_of(samples, echo, tx, rx)
+    n_tx = tx.phase_rad.size
     covariance = np.zeros((said.size, said.size))
-    covariance[: tolerance.size, : tolerance.size] = inverse * np.outer(tolerance, tolerance)
+    covariance[: tolerance.size, : tolerance.size] = step.covariance * np.outer(
+        tolerance, tolerance
+    )
     spread = 1.0 / np.sqrt(np.diag(_two_way(weight)))
     return Fit(tx, rx, target, echo, pairs, noise, spread[:n_tx], spread[n_tx:], covariance)
 
 
-def pairs_of(samples: Samples, energy: np.ndarray, echo: Echo, tx: Side, rx: Side) -> Pairs:
+def pairs_of(samples: Samples, echo: Echo, tx: Side, rx: Side) -> Pairs:
     """Return what the samples say about each pair, given a trial."""
-    unit_slope = samples.offset_rad_per_s / samples.spread_rad_per_s
-    both = np.stack([np.ones_like(unit_slope), unit_slope], axis=1) / unit_slope.size
-    rows = samples.flattened(echo.length_m, tx.delay_s, rx.delay_s)
-    sums = np.stack([row @ both for row in rows])
-    sums *= np.exp(-1j * (tx.phase_rad[:, None] + rx.phase_rad[None, :]))[:, :, None]
-    mean, slope = sums[:, :, 0], sums[:, :, 1]
+    slope = samples.offset_rad_per_s / samples.spread_rad_per_s
+    shapes = np.stack([np.ones_like(slope), slope])
+    inside = samples.within(shapes)
+    # Each pair's mean, slope, and the two again as far as they are within what noise is read from.
+    readers = np.concatenate([shapes * samples.weight, samples.without(inside)]).T
+    readings = np.empty((*echo.length_m.shape, 4), dtype=np.complex128)
+    energy = np.empty(echo.length_m.shape)
+    for i, row in enumerate(samples.flattened(echo.length_m, tx.delay_s, rx.delay_s)):
+        readings[i] = row @ readers
+        energy[i] = _energy(samples.within(row))
     model = np.exp(tx.log_gain[:, None] + rx.log_gain[None, :]) * echo.amplitude
-    n = samples.frequencies_hz.size
-    inside = np.maximum(energy - np.abs(mean) ** 2 - np.abs(slope) ** 2, 0.0)
-    error = np.maximum(energy - 2 * model * mean.real + model**2, 0.0)
+    turn = np.exp(1j * (tx.phase_rad[:, None] + rx.phase_rad[None, :]))
+    readings *= turn.conj()[:, :, None]
+    fitted, read = readings[:, :, :2], readings[:, :, 2:]
+
+    def left(amplitudes: np.ndarray, k: int) -> np.ndarray:
+        """Return the energy within once so much of the first k shapes is taken off."""
+        taken = np.einsum(
+            "abi,ij,abj->ab", amplitudes, (inside @ inside.T)[:k, :k], amplitudes.conj()
+        )
+        crossed = (amplitudes.conj() * read[:, :, :k]).sum(axis=2)
+        return np.maximum(energy - 2 * crossed.real + taken.real, 0.0)
+
+    # What noise of power 1 in every sample leaves within, as it is and without mean and slope.
+    n = slope.size
+    bare = float(np.square(samples.within(np.eye(n))).sum())
+    fitting = (shapes * samples.weight).T @ shapes
+    flat = float(np.square(samples.within(np.eye(n) - fitting)).sum())
     return Pairs(
-        mean=mean,
-        slope=slope,
+        mean=fitted[:, :, 0],
+        slope=fitted[:, :, 1],
         model=model,
-        scatter=inside * n / (samples.degrees - 2),
-        total=error * n / samples.degrees,
+        scatter=left(fitted, 2) / flat,
+        total=left(model[:, :, None], 1) / bare,
     )
 
 
-def _noise(pairs: Pairs, seen: np.ndarray, energy: np.ndarray) -> np.ndarray:
+def _noise(pairs: Pairs, seen: np.ndarray) -> np.ndarray:
     """Return the noise power of one sample of each pair: that of the noisier of its channels."""
     by_tx, by_rx = by_channel(pairs.scatter, seen)
-    floor = NOISE_FLOOR**2 * float(np.median(energy[seen]))
+    floor = NOISE_FLOOR**2 * float(np.median(pairs.model[seen])) ** 2
     return np.maximum(np.maximum(by_tx[:, None], by_rx[None, :]), floor)
 
 
 def _weights(samples: Samples, pairs: Pairs, noise: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Return the information of each pair about its phase, 1/rad^2, less where it is an outlier."""
-    square = np.abs(pairs.mean - pairs.model) ** 2 * samples.frequencies_hz.size / noise
+    square = np.abs(pairs.mean - pairs.model) ** 2 * samples.count / noise
     # The square of complex noise has the median ln 2. More than that is what the model does not
     # have: other echoes, or a target that is not yet in its place.
     excess = max(1.0, float(np.median(square[seen])) / np.log(2.0))
     # Never quite nothing: a channel all of whose pairs are outliers still has to be somewhere.
     tukey = np.maximum(np.maximum(1.0 - square / excess / TUKEY_CUTOFF**2, 0.0) ** 2, LEAST_WEIGHT)
-    information = 2 * samples.frequencies_hz.size * pairs.model**2 / (noise * excess)
+    information = 2 * samples.count * pairs.model**2 / (noise * excess)
     weight: np.ndarray = information * tukey * seen
     return weight
 
@@ -390,52 +434,86 @@ def _opposite(n_tx: int, n_rx: int) -> np.ndarray:
     return np.concatenate([np.ones(n_tx), -np.ones(n_rx)]) / np.sqrt(n_tx + n_rx)
 
 
-def _held(matrix: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Return the matrix with the motion along a direction that it does not see forbidden."""
-    return matrix + float(np.mean(np.diag(matrix))) * np.outer(direction, direction)
+def _held_two_way(weight: np.ndarray) -> np.ndarray:
+    """Return the same without motion in the direction that it does not see."""
+    matrix = _two_way(weight)
+    unseen = _opposite(*weight.shape)
+    return matrix + float(np.mean(np.diag(matrix))) * np.outer(unseen, unseen)
 
 
 def _gain_step(pairs: Pairs, weight: np.ndarray) -> np.ndarray:
     """Return the change of all logarithms of gains."""
-    n_tx, n_rx = weight.shape
     louder = pairs.mean.real / pairs.model - 1.0
-    matrix = _held(_two_way(weight), _opposite(n_tx, n_rx))
-    return np.clip(np.linalg.solve(matrix, _sums(weight * louder)), -1.0, 1.0)
+    return np.clip(np.linalg.solve(_held_two_way(weight), _sums(weight * louder)), -1.0, 1.0)
 
 
-def _equations(
+@dataclass(frozen=True, slots=True, eq=False)
+class _Step:
+    """Changes of phases (rad), of delays (times the spread, rad) and of the place (tolerances)."""
+
+    phase: np.ndarray
+    delay: np.ndarray
+    place: np.ndarray
+    covariance: np.ndarray
+
+    def times(self, factor: float) -> _Step:
+        return _Step(factor * self.phase, factor * self.delay, factor * self.place, self.covariance)
+
+
+def _solved(
     samples: Samples,
     pairs: Pairs,
     weight: np.ndarray,
     gradient: np.ndarray,
     moved: np.ndarray,
     sides: tuple[Side, Side],
-    prior: Prior,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the normal equations of phases (rad), delays (times the spread, rad) and place."""
-    n_tx, n_rx = weight.shape
-    n, spread = n_tx + n_rx, samples.spread_rad_per_s
-    ahead, late = pairs.mean.imag / pairs.model, -pairs.slope.imag / pairs.model
-    # A longer path sets the phase back and adds to the delay.
-    by_phase = -2 * np.pi * samples.reference_hz / SPEED_OF_LIGHT_M_PER_S * gradient
-    by_delay = spread / SPEED_OF_LIGHT_M_PER_S * gradient
-    delay = spread * np.concatenate([side.delay_s for side in sides])
-    smooth = _smoothness(delay, n_tx, spread, prior.zero_mean)
+    zero_mean: bool,
+) -> _Step:
+    """Return the step that minimises the weighted squares, and the covariance of the place.
 
-    size = 2 * n + len(gradient)
-    phases, delays, place = slice(0, n), slice(n, 2 * n), slice(2 * n, size)
-    normal, right = np.zeros((size, size)), np.zeros(size)
-    two_way = _held(_two_way(weight), _opposite(n_tx, n_rx))
-    normal[phases, phases], normal[delays, delays] = two_way, two_way + smooth
-    right[phases], right[delays] = _sums(weight * ahead), _sums(weight * late) - smooth @ delay
-    for k, (phase_k, delay_k) in enumerate(zip(by_phase, by_delay, strict=True)):
-        at = 2 * n + k
-        normal[phases, at] = normal[at, phases] = _sums(weight * phase_k)
-        normal[delays, at] = normal[at, delays] = _sums(weight * delay_k)
-        right[at] = (weight * (phase_k * ahead + delay_k * late)).sum() - moved[k]
-    flat = [np.reshape(x, (len(gradient), -1)) for x in (by_phase, by_delay)]
-    normal[place, place] = sum((x * weight.ravel()) @ x.T for x in flat) + np.eye(len(gradient))
-    return normal, right
+    What a motion of the target does to the paths is split into the best sum of a Tx part and an
+    Rx part, which the channels make up for, and the rest, which only a motion can do. In terms of
+    channels that include the first, the data does not couple channels and place at all.
+    """
+    n_tx, n = weight.shape[0], sum(weight.shape)
+    m = len(gradient)
+    two_way = _held_two_way(weight)
+    split = (
+        np.linalg.solve(two_way, np.stack([_sums(weight * g) for g in gradient], axis=1))
+        if m
+        else np.zeros((n, 0))
+    )
+    rest = gradient - split[:n_tx].T[:, :, None] - split[n_tx:].T[:, None, :]
+    # A longer path sets the phase back and adds to the delay.
+    per_phase = -2 * np.pi * samples.reference_hz / SPEED_OF_LIGHT_M_PER_S
+    per_delay = samples.spread_rad_per_s / SPEED_OF_LIGHT_M_PER_S
+    ahead, late = pairs.mean.imag / pairs.model, -pairs.slope.imag / pairs.model
+    phase = np.linalg.solve(two_way, _sums(weight * ahead))
+
+    delay_now = samples.spread_rad_per_s * np.concatenate([side.delay_s for side in sides])
+    smooth = _smoothness(delay_now, n_tx, samples.spread_rad_per_s, zero_mean)
+    follows = per_delay * split
+    flat = rest.reshape(m, weight.size)
+    told = (per_phase**2 + per_delay**2) * (flat * weight.ravel()) @ flat.T
+    normal = np.block(
+        [
+            [two_way + smooth, -smooth @ follows],
+            [-follows.T @ smooth, told + follows.T @ smooth @ follows + np.eye(m)],
+        ]
+    )
+    seen = flat @ (weight * (per_phase * ahead + per_delay * late)).ravel()
+    right = np.concatenate(
+        [
+            _sums(weight * late) - smooth @ delay_now,
+            seen + follows.T @ smooth @ delay_now - moved,
+        ]
+    )
+    inverse = np.linalg.inv(normal)
+    solution = inverse @ right
+    place = solution[n:]
+    return _Step(
+        phase - per_phase * split @ place, solution[:n] - follows @ place, place, inverse[n:, n:]
+    )
 
 
 def _smoothness(delay: np.ndarray, n_tx: int, spread: float, zero_mean: bool) -> np.ndarray:
@@ -455,18 +533,27 @@ def _smoothness(delay: np.ndarray, n_tx: int, spread: float, zero_mean: bool) ->
 
 
 def _stepped(
-    tx: Side, rx: Side, step: np.ndarray, gain_step: np.ndarray, spread: float
+    tx: Side, rx: Side, step: _Step, gain_step: np.ndarray, spread: float
 ) -> tuple[Side, Side]:
-    n_tx = tx.phase_rad.size
-    n = n_tx + rx.phase_rad.size
-    phase, delay = step[:n], step[n : 2 * n] / spread
-
     def side(old: Side, part: slice) -> Side:
         return Side(
-            old.log_gain + gain_step[part], old.phase_rad + phase[part], old.delay_s + delay[part]
+            old.log_gain + gain_step[part],
+            old.phase_rad + step.phase[part],
+            old.delay_s + step.delay[part] / spread,
         )
 
-    return side(tx, slice(0, n_tx)), side(rx, slice(n_tx, n))
+    n_tx = tx.phase_rad.size
+    return side(tx, slice(0, n_tx)), side(rx, slice(n_tx, None))
+
+
+def _small(step: _Step, gain_step: np.ndarray, weight: np.ndarray) -> bool:
+    """Whether a step is nothing compared with how well its parameters are known."""
+    std = 1.0 / np.sqrt(np.diag(_two_way(weight)))
+    place_std = np.sqrt(np.diag(step.covariance))
+    parts = ((gain_step, std), (step.phase, std), (step.delay, std), (step.place, place_std))
+    return all(
+        bool((np.abs(x) <= np.maximum(STEP_TOLERANCE * s, LEAST_STEP)).all()) for x, s in parts
+    )
 
 
 def _placed(target: Target, parameters: np.ndarray) -> Target:
@@ -477,6 +564,15 @@ def _placed(target: Target, parameters: np.ndarray) -> Target:
             f"estimate_channels: the {target.kind} does not explain the capture: its fit leads to "
             f"where none can stand ({error})"
         ) from error
+
+
+def _check_sense(pairs: Pairs, seen: np.ndarray, target: Target) -> None:
+    left = np.square(np.abs(pairs.mean - pairs.model)[seen]).sum()
+    if not left <= np.square(np.abs(pairs.mean[seen])).sum():
+        raise CalibrationError(
+            f"estimate_channels: the {target.kind} does not explain the capture: taking its echoes "
+            "off leaves more than there was. Another target, or another place"
+        )
 
 
 def _check_range(target: Target, said: np.ndarray, tolerance: np.ndarray) -> None:

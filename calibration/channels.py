@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from calibration.channel_fit import Fit, Prior, Samples, Side, by_channel, fit, pairs_of, start
-from calibration.delay_gate import gate_basis
+from calibration.delay_gate import MIN_CELLS, gate
 from calibration.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError
@@ -23,6 +24,9 @@ MIN_PAIRS = 3
 
 MIN_CHANNELS = 3
 """Fewest live channels on either side: two by two fit any four phases but one."""
+
+SEARCHED = 2.0
+"""In units of the tolerance, how far from its place the echo of a target is looked for."""
 
 DETECTABLE = 5.0
 """Of its standard deviation, the least gain that counts as an echo."""
@@ -111,13 +115,13 @@ def estimate_channels(
     max_residual_db = checks.real(f"{name}: max_residual_db", max_residual_db)
     max_iterations = checks.whole(f"{name}: max_iterations", max_iterations, 1)
     # A target that stands elsewhere is late by its legs' difference.
-    search_s = max_delay_s + 2 * tolerance_m / SPEED_OF_LIGHT_M_PER_S
+    search_s = max_delay_s + 2 * SEARCHED * tolerance_m / SPEED_OF_LIGHT_M_PER_S
     _check_waveform(capture, search_s)
     echo = target.echo(capture.array)
     _check_coverage(echo)
     if not capture.data.any():
         raise CalibrationError(f"{name}: expected an echo, got a capture that is zero everywhere")
-    samples = _samples(capture, echo, gate_m, search_s)
+    samples = _samples(capture, gate_m, search_s)
     by_name = {"m": tolerance_m, "deg": tolerance_deg}
     units = [parameter.rsplit("_", 1)[1] for parameter in target.parameter_names]
     prior = Prior(
@@ -134,12 +138,9 @@ def estimate_channels(
                 f"found it in {np.count_nonzero(alive)} of {alive.size}"
             )
     array = AntennaArray(capture.array.tx_m[live[0]], capture.array.rx_m[live[1]])
-    part = Samples(
-        samples.data[np.ix_(*live)], samples.frequencies_hz, samples.degrees
-    )
+    part = replace(samples, data=samples.data[np.ix_(*live)])
     tx, rx = (
-        Side(s.log_gain[a], s.phase_rad[a], s.delay_s[a])
-        for s, a in zip(sides, live, strict=True)
+        Side(s.log_gain[a], s.phase_rad[a], s.delay_s[a]) for s, a in zip(sides, live, strict=True)
     )
     found = fit(part, array, target, tx, rx, prior, max_iterations)
     return _judged(capture, samples, found, live, noisy_db, max_residual_db)
@@ -160,7 +161,7 @@ def _check_waveform(capture: Capture, search_s: float) -> None:
             f"delays within +-{0.5e12 / longest_hz:.0f} ps, which steps of up to "
             f"{longest_hz / 1e6:.6g} MHz can tell apart",
             f"+-{1e12 * search_s:.0f} ps: {1e12 * search_s:.0f} ps is max_delay_s and the delay of "
-            "a target that is off by the tolerance",
+            f"a target that is off by {SEARCHED:g} times the tolerance",
         )
 
 
@@ -186,46 +187,30 @@ def _check_coverage(echo: Echo) -> None:
         )
 
 
-def _samples(
-    capture: Capture, echo: Echo, gate_m: float | None, search_s: float
-) -> Samples:
+def _samples(capture: Capture, gate_m: float | None, search_s: float) -> Samples:
     """Return the capture as the fit takes it, gated round the target if that is asked for."""
     frequencies_hz = capture.waveform.frequencies_hz
-    ungated = Samples(capture.data, frequencies_hz, frequencies_hz.size)
+    n = frequencies_hz.size
     if gate_m is None:
-        return ungated
+        return Samples(capture.data, frequencies_hz, np.full(n, 1.0 / n), None)
     gate_m = checks.positive("estimate_channels: gate_m", gate_m)
-    gate_s = 2 * gate_m / SPEED_OF_LIGHT_M_PER_S
-    if gate_s < search_s:
+    least_s = max(search_s, MIN_CELLS / float(np.ptp(frequencies_hz)))
+    if 2 * gate_m / SPEED_OF_LIGHT_M_PER_S < least_s:
         checks.fail(
             "estimate_channels: gate_m",
-            f"at least {search_s * SPEED_OF_LIGHT_M_PER_S / 2:.4g} m, half the path of max_delay_s "
-            "and the tolerance",
+            f"at least {least_s * SPEED_OF_LIGHT_M_PER_S / 2:.4g} m: room for max_delay_s and {SEARCHED:g} times "
+            "the tolerance, and no less than the range resolution",
             f"{gate_m:g} m",
         )
-    basis = gate_basis(frequencies_hz, gate_s)
-    if basis.shape[1] >= frequencies_hz.size - 1:
-        checks.fail(
-            "estimate_channels: gate_m",
-            "a window shorter than what the frequencies can tell apart",
-            f"{gate_m:g} m",
-        )
-    none = [np.zeros(n) for n in capture.data.shape[:2]]
-    data = np.empty_like(capture.data)
-    turns = 2 * np.pi / SPEED_OF_LIGHT_M_PER_S * frequencies_hz
-    for i, row in enumerate(ungated.flattened(echo.length_m, *none)):
-        kept = (row @ basis) @ basis.T
-        data[i] = kept * np.exp(-1j * echo.length_m[i][:, None] * turns)
-    return Samples(data, frequencies_hz, basis.shape[1])
+    weight, basis = gate(frequencies_hz, 2 * gate_m / SPEED_OF_LIGHT_M_PER_S)
+    return Samples(capture.data, frequencies_hz, weight, basis)
 
 
-def _gain_stds(
-    samples: Samples, echo: Echo, tx: Side, rx: Side
-) -> tuple[np.ndarray, np.ndarray]:
+def _gain_stds(samples: Samples, echo: Echo, tx: Side, rx: Side) -> tuple[np.ndarray, np.ndarray]:
     """Return the standard deviation of the gain of each channel that noise causes."""
-    pairs = pairs_of(samples, samples.energy(), echo, tx, rx)
+    pairs = pairs_of(samples, echo, tx, rx)
     noise = by_channel(pairs.scatter, echo.seen)
-    strength = np.square(echo.amplitude) * echo.seen * samples.frequencies_hz.size
+    strength = np.square(echo.amplitude) * echo.seen * samples.count
     reach = (strength @ np.exp(2 * rx.log_gain), strength.T @ np.exp(2 * tx.log_gain))
     with np.errstate(divide="ignore", invalid="ignore"):
         stds = [np.sqrt(n / r) for n, r in zip(noise, reach, strict=True)]
@@ -255,11 +240,13 @@ def _judged(
     good = seen & ~loud[0][:, None] & ~loud[1][None, :]
     echoes = float(np.square(np.abs(pairs.mean[good])).sum())
     left = float(np.square(np.abs(pairs.mean - pairs.model)[good]).sum())
-    by_noise = float(found.noise[good].sum()) / samples.frequencies_hz.size
+    by_noise = float(found.noise[good].sum()) / samples.count
     residual_db, noise_residual_db = (_db(energy / echoes) for energy in (left, by_noise))
-    if residual_db > max_residual_db:
+    # What is left beyond noise, of what is there beyond noise.
+    excess_db = _db(max(left - by_noise, 0.0) / max(echoes - by_noise, by_noise, 1e-300))
+    if excess_db > max_residual_db:
         raise CalibrationError(
-            f"estimate_channels: the {kind} does not explain the capture: {residual_db:.1f} dB of "
+            f"estimate_channels: the {kind} does not explain the capture: {excess_db:.1f} dB of "
             f"the echoes' energy is left, and {max_residual_db:g} dB is the most. Another target, "
             "another place, or other echoes beside it (gate_m)"
         )
@@ -270,11 +257,9 @@ def _judged(
     phase = [found.tx.phase_rad - first, found.rx.phase_rad + first]
     offset_s = (float(found.tx.delay_s.mean()) - float(found.rx.delay_s.mean())) / 2
     delay_s = [found.tx.delay_s - offset_s, found.rx.delay_s + offset_s]
-    gain = [
-        np.exp(g - mean + 1j * p) for g, mean, p in zip(log_gain, mean_log, phase, strict=True)
-    ]
+    gain = [np.exp(g - mean + 1j * p) for g, mean, p in zip(log_gain, mean_log, phase, strict=True)]
     # A dead channel shows its noise against the live ones of the other side.
-    power = samples.energy() * samples.frequencies_hz.size / samples.degrees
+    power = samples.power()
     alone = (np.median(power[:, live[1]], axis=1), np.median(power[live[0]], axis=0))
     std = (found.tx_std_rad, found.rx_std_rad)
     spread = samples.spread_rad_per_s
@@ -308,9 +293,7 @@ def _judged(
     )
 
 
-def _filled(
-    values: np.ndarray, live: np.ndarray, dead: np.ndarray | None = None
-) -> np.ndarray:
+def _filled(values: np.ndarray, live: np.ndarray, dead: np.ndarray | None = None) -> np.ndarray:
     """Return the values of live channels among those of all, the others 0 or from `dead`."""
     every = np.zeros(live.size, dtype=values.dtype) if dead is None else dead.copy()
     every[live] = values

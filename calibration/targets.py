@@ -309,8 +309,7 @@ def _reflection_angle(a: np.ndarray, b: np.ndarray, between: np.ndarray, r: floa
         lengths = [np.sqrt(d**2 + r**2 - 2 * d * r * np.cos(u)) for d, u in legs]
         pull = [d * r * np.sin(u) / n for (d, u), n in zip(legs, lengths, strict=True)]
         curve = [
-            (d * r * np.cos(u) - p**2) / n
-            for (d, u), n, p in zip(legs, lengths, pull, strict=True)
+            (d * r * np.cos(u) - p**2) / n for (d, u), n, p in zip(legs, lengths, pull, strict=True)
         ]
         slope, curvature = pull[0] - pull[1], curve[0] + curve[1]
         # Bisection keeps the root between the two, whatever Newton's step would do.

@@ -1,5 +1,6 @@
 """Recorded captures and the native HDF5 file, as records of `clradar`."""
 
+from measurement_io.channels_file import open_channels, save_channels
 from measurement_io.check import CheckReport, check_file
 from measurement_io.describe import Description, describe
 from measurement_io.maroon.writer import save_maroon_frame
@@ -12,8 +13,10 @@ __all__ = [
     "check_file",
     "describe",
     "open_capture",
+    "open_channels",
     "open_volume",
     "save_capture",
+    "save_channels",
     "save_maroon_frame",
     "save_volume",
 ]

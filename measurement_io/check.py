@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from clradar.errors import MeasurementError
-from measurement_io import native
+from measurement_io import channels_file, native, native_scheme
 from measurement_io.describe import folder_problems
 from measurement_io.failures import clean, reading, shown
 from measurement_io.maroon import folders
@@ -79,14 +79,17 @@ def _check(source: Path, checked: list[str], problems: list[str]) -> None:
 
 
 def _check_native(path: Path, checked: list[str], problems: list[str]) -> None:
-    header = native.read_header(path)
-    checked.append(f"a native {header.format}, version {header.version}, text attributes intact")
+    header = native_scheme.read_header(path)
+    what = f"native file of {native_scheme.SCHEMES[header.format].noun}"
+    checked.append(f"a {what}, version {header.version}, text attributes intact")
     if header.format == "capture":
         native.read_capture(path)
+    elif header.format == "channels":
+        channels_file.read_channels(path)
     else:
         native.read_volume(path)
     checked.append("all data read: types, shapes, stored in full, values finite")
-    found = native.nexus_problems(path)
+    found = native_scheme.nexus_problems(path)
     problems += found
     if not found:
         checked.append("every dataset has its Fletcher-32 checksums and they are right")

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from clradar.model import Capture, Volume
-from measurement_io import native
+from clradar.model import AntennaArray, Capture, ChannelCalibration, Volume, Waveform
+from measurement_io import channels_file, native, native_scheme
 from measurement_io.failures import clean, fail, read_bytes, reading, shown
 from measurement_io.maroon import folders
 from measurement_io.maroon.folders import ranges
@@ -34,7 +34,7 @@ class Description:
     ----------
     path : str
     kind : str
-        "native capture", "native volume", "recorded frame" or "recording".
+        "native capture", "native volume", "native channels", "recorded frame" or "recording".
     facts : tuple of (str, str)
         What, and its value in words.
     problems : tuple of str
@@ -75,10 +75,12 @@ def _describe(source: Path) -> Description:
     if kind == "frame":
         capture = read_frame_file(source)
         return Description(shown(source), "recorded frame", tuple(_capture_facts(capture)))
-    header = native.read_header(source)
+    header = native_scheme.read_header(source)
     facts = [("created", clean(header.created)), ("file version", str(header.version))]
     if header.format == "capture":
         facts += _capture_facts(native.read_capture(source)[1])
+    elif header.format == "channels":
+        facts += _channels_facts(channels_file.read_channels(source)[1])
     else:
         facts += _volume_facts(native.read_volume(source)[1])
     return Description(shown(source), f"native {header.format}", tuple(facts))
@@ -184,17 +186,50 @@ def _products(radar: Path, product: str) -> dict[int, Path]:
 
 
 def _capture_facts(capture: Capture) -> list[tuple[str, str]]:
-    array, waveform = capture.array, capture.waveform
-    low, high = waveform.frequencies_hz[[0, -1]] / 1e9
     amplitude = np.abs(capture.data)
     return [
-        ("array", f"{clean(array.name)}: {array.n_tx} Tx, {array.n_rx} Rx"),
-        ("aperture", _extent(np.concatenate([array.tx_m, array.rx_m]))),
-        ("frequencies", f"{waveform.n_freq} from {low:.6g} to {high:.6g} GHz"),
+        *_instrument_facts(capture.array, capture.waveform),
         ("data", f"{capture.data.shape} complex64 [tx, rx, freq]"),
         *_amplitude_facts(amplitude),
         *_meta_facts(dict(capture.meta)),
     ]
+
+
+def _instrument_facts(array: AntennaArray, waveform: Waveform) -> list[tuple[str, str]]:
+    low, high = waveform.frequencies_hz[[0, -1]] / 1e9
+    return [
+        ("array", f"{clean(array.name)}: {array.n_tx} Tx, {array.n_rx} Rx"),
+        ("aperture", _extent(np.concatenate([array.tx_m, array.rx_m]))),
+        ("frequencies", f"{waveform.n_freq} from {low:.6g} to {high:.6g} GHz"),
+    ]
+
+
+def _channels_facts(channels: ChannelCalibration) -> list[tuple[str, str]]:
+    facts = _instrument_facts(channels.array, channels.waveform)
+    for side in ("tx", "rx"):
+        gain = np.abs(getattr(channels.response, f"{side}_gain"))
+        live = gain > 0
+        gain_db = 20 * np.log10(gain[live])
+        delay_ps = 1e12 * getattr(channels.response, f"{side}_delay_s")[live]
+        for state in ("dead", "noisy"):
+            listed = getattr(channels, f"{state}_{side}").tolist()
+            facts.append((f"{state} {side.title()}", ", ".join(map(str, listed)) or "none"))
+        facts.append(
+            (
+                f"live {side.title()}",
+                f"{gain_db.size}: gains {gain_db.min():+.2f} to {gain_db.max():+.2f} dB, "
+                f"delays {delay_ps.min():+.2f} to {delay_ps.max():+.2f} ps",
+            )
+        )
+    for name, value in channels.target_position.items():
+        what, unit, scale = clean(name), "", 1.0
+        for ending, shown_unit, factor in (("_m", " mm", 1e3), ("_deg", " degrees", 1.0)):
+            if what.endswith(ending):
+                what, unit, scale = what.removesuffix(ending), shown_unit, factor
+        text = f"{scale * value:.6g} +- {scale * channels.target_std[name]:.2g}{unit}"
+        facts.append((f"{clean(channels.target)} {what}", text))
+    text = f"{channels.residual_db:.1f} dB, of which noise {channels.noise_residual_db:.1f} dB"
+    return [*facts, ("residual", text), *_meta_facts(dict(channels.meta))]
 
 
 def _volume_facts(volume: Volume) -> list[tuple[str, str]]:

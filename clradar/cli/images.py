@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def open_image(path: Path) -> Volume | Capture:
     """Return what a file or folder holds: a volume, or a capture that is still to be imaged."""
     from measurement_io import open_capture, open_volume
-    from measurement_io.native import read_header
+    from measurement_io.native_scheme import read_header
     from measurement_io.opening import kind_of
 
     if kind_of(path) == "native" and read_header(path).format == "volume":
