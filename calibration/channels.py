@@ -7,7 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from calibration.channel_fit import Fit, Prior, Samples, Side, by_channel, fit, pairs_of, start
+from calibration.channel_fit import (
+    TUKEY_CUTOFF,
+    Fit,
+    Prior,
+    Samples,
+    Side,
+    by_channel,
+    fit,
+    pairs_of,
+    start,
+)
 from calibration.delay_gate import MIN_CELLS, gate
 from calibration.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
@@ -86,7 +96,9 @@ def estimate_channels(
     -------
     ChannelCalibration
         Gauge: gains have a mean of 0 dB over the live channels of either side; the first live Tx
-        has phase 0; the means of the delays of Tx and Rx are equal.
+        has phase 0; the means of the delays of Tx and Rx are equal. `meta["outlying_pairs"]` is
+        the share of pairs whose echo is another than the model's: they had no say, and are not in
+        the residual.
 
     Raises
     ------
@@ -238,8 +250,13 @@ def _judged(
     noise = [np.sqrt(power) / level for power in by_channel(pairs.total, seen)]
     loud = [n > max(QUIET, 10 ** (noisy_db / 20) * float(np.median(n))) for n in noise]
     good = seen & ~loud[0][:, None] & ~loud[1][None, :]
+    square = np.square(np.abs(pairs.mean - pairs.model))
+    # A few pairs with quite another echo are no reason to doubt the rest, where they have no say.
+    outlying = good & (square > TUKEY_CUTOFF**2 * float(np.median(square[good])) / np.log(2.0))
+    share = np.count_nonzero(outlying) / np.count_nonzero(good)
+    good &= ~outlying
     echoes = float(np.square(np.abs(pairs.mean[good])).sum())
-    left = float(np.square(np.abs(pairs.mean - pairs.model)[good]).sum())
+    left = float(square[good].sum())
     by_noise = float(found.noise[good].sum()) / samples.count
     residual_db, noise_residual_db = (_db(energy / echoes) for energy in (left, by_noise))
     # What is left beyond noise, of what is there beyond noise.
@@ -288,7 +305,7 @@ def _judged(
         target_amplitude=float(np.exp(sum(mean_log))),
         residual_db=residual_db,
         noise_residual_db=noise_residual_db,
-        meta={"capture": dict(capture.meta)},
+        meta={"outlying_pairs": share, "capture": dict(capture.meta)},
         **fields,
     )
 
