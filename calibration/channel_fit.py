@@ -103,7 +103,8 @@ class Samples:
     def power(self) -> np.ndarray:
         """Return the power of one sample of each pair, shape (n_tx, n_rx)."""
         n = self.frequencies_hz.size if self.basis is None else self.basis.shape[1]
-        return np.stack([_energy(self.within(row)) / n for row in self.data])
+        rows = (row.astype(np.complex128) for row in self.data)
+        return np.stack([_energy(self.within(row)) / n for row in rows])
 
     def flattened(
         self, length_m: np.ndarray, tx_delay_s: np.ndarray, rx_delay_s: np.ndarray
@@ -117,7 +118,7 @@ class Samples:
 
 
 def _energy(spectra: np.ndarray) -> np.ndarray:
-    energy: np.ndarray = (spectra.real**2 + spectra.imag**2).sum(axis=1, dtype=np.float64)
+    energy: np.ndarray = (spectra.real**2 + spectra.imag**2).sum(axis=1)
     return energy
 
 
@@ -315,11 +316,17 @@ def fit(
         weight = _weights(samples, pairs, noise, echo.seen)
         gradient = _gradient(target, array, tolerance)
         moved = (target.parameters - said)[: tolerance.size] / tolerance
-        step = _solved(samples, pairs, weight, gradient, moved, (tx, rx), prior.zero_mean)
+        try:
+            step = _solved(samples, pairs, weight, gradient, moved, (tx, rx), prior.zero_mean)
+            gain_step = _gain_step(pairs, weight)
+        except np.linalg.LinAlgError as error:
+            raise CalibrationError(
+                f"estimate_channels: the {target.kind} does not explain the capture: where the fit "
+                "leads, some channels have no echo of it"
+            ) from error
         # A part of a step is taken in all that moves: phases make up for the target's motion.
         longest = float(np.abs(step.place).max(initial=0.0))
         step = step.times(min(1.0, MAX_STEP / longest) if longest > 0 else 1.0)
-        gain_step = _gain_step(pairs, weight)
         tx, rx = _stepped(tx, rx, step, gain_step, samples.spread_rad_per_s)
         if tolerance.size:
             target = _placed(target, target.parameters + step.place * tolerance)

@@ -150,6 +150,7 @@ def estimate_channels(
                 f"found it in {np.count_nonzero(alive)} of {alive.size}"
             )
     array = AntennaArray(capture.array.tx_m[live[0]], capture.array.rx_m[live[1]])
+    _check_coverage(target.echo(array))
     part = replace(samples, data=samples.data[np.ix_(*live)])
     tx, rx = (
         Side(s.log_gain[a], s.phase_rad[a], s.delay_s[a]) for s, a in zip(sides, live, strict=True)
@@ -184,7 +185,7 @@ def _check_coverage(echo: Echo) -> None:
     few = [np.flatnonzero(echo.seen.sum(axis=axis) < MIN_PAIRS) for axis in (1, 0)]
     if any(f.size for f in few):
         raise CalibrationError(
-            "estimate_channels: the target has to give every channel an echo in at least "
+            "estimate_channels: the target has to give every live channel an echo in at least "
             f"{MIN_PAIRS} pairs; {few[0].size} Tx and {few[1].size} Rx have fewer whose point of "
             "reflection lies on it. Use a larger one, or put it elsewhere"
         )
