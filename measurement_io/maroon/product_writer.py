@@ -9,7 +9,7 @@ import numpy as np
 
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ModelError
-from clradar.model import DepthMap, Volume, checks
+from clradar.model import DepthMap, Volume, VoxelGrid, checks
 from measurement_io.atomic import refuse_existing, replacing
 from measurement_io.failures import fail
 from measurement_io.maroon.calibration_file import (
@@ -96,7 +96,7 @@ def write_products(
     strength = _strength_rows(depth.amplitude.astype(np.float64) * scale)
     amplitude = np.abs(volume.data) * np.float32(scale)
     low, high = float(amplitude.min()), float(amplitude.max())
-    box = _radar_box(volume)
+    box = radar_box(volume.grid)
     entry = FrameEntry(
         VolumeEntry(box, low, high, low, high),
         AmplitudeEntry(_UNFILTERED, dynamic_range_db),
@@ -142,13 +142,13 @@ def _strength_rows(amplitude: np.ndarray) -> np.ndarray:
     return amplitude[::-1, ::-1].astype(np.uint16)
 
 
-def _radar_box(volume: Volume) -> GridBox:
-    """Return the grid in radar space."""
-    x_m, y_m, z_m = volume.grid.x_m, volume.grid.y_m, volume.grid.z_m
+def radar_box(grid: VoxelGrid) -> GridBox:
+    """Return a grid of the antenna frame in radar space."""
+    x_m, y_m, z_m = grid.x_m, grid.y_m, grid.z_m
     return GridBox(
         (-float(x_m[-1]), float(y_m[0]), float(z_m[0])),
         (-float(x_m[0]), float(y_m[-1]), float(z_m[-1])),
-        volume.grid.counts,
+        grid.counts,
     )
 
 
