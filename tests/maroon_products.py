@@ -29,7 +29,7 @@ class RadarScene:
     z_m: np.ndarray
 
     def strongest(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return amplitude[x, y] and depth[x, y] of the strongest voxel along z; NaN below -15 dB."""
+        """Return amplitude and depth [x, y] of the strongest voxel along z, NaN below -15 dB."""
         peak = self.amplitude.max(axis=2)
         depth = self.z_m[self.amplitude.argmax(axis=2)]
         return peak, np.where(peak >= peak.max() * 10 ** (-DEPTH_CUT_DB / 20), depth, np.nan)

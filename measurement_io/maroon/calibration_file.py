@@ -191,17 +191,36 @@ def frame_entry_json(entry: FrameEntry) -> dict[str, Any]:
     return parts
 
 
-def calibration_json(
-    low_ghz: float, high_ghz: float, points: int, frames: Mapping[int, FrameEntry]
-) -> bytes:
-    """Return the content of a new `calibration.json`."""
+def write_calibration_file(
+    path: Path,
+    low_ghz: float,
+    high_ghz: float,
+    points: int,
+    frames: Mapping[int, Mapping[str, Any]],
+) -> None:
+    """Write a new `calibration.json`.
+
+    Parameters
+    ----------
+    path : Path
+        Must not exist.
+    low_ghz, high_ghz : float
+    points : int
+    frames : mapping of int to JSON object
+        Each as `frame_entry_json` gives it.
+
+    Raises
+    ------
+    OutputError
+        It exists or cannot be written.
+    """
     content: dict[str, Any] = {
         "frequency_low_ghz": low_ghz,
         "frequency_high_ghz": high_ghz,
         "frequency_points": points,
     }
-    content |= {f"{n:06d}": frame_entry_json(frames[n]) for n in sorted(frames)}
-    return _encoded(content)
+    content |= {f"{n:06d}": frames[n] for n in sorted(frames)}
+    _replace(path, content, force=False)
 
 
 def put_frame_entry(path: Path, number: int, entry: FrameEntry) -> None:
@@ -216,13 +235,13 @@ def put_frame_entry(path: Path, number: int, entry: FrameEntry) -> None:
     """
     content = read_json_object(path)
     content[f"{number:06d}"] = frame_entry_json(entry)
-    encoded = _encoded(content)
-    with replacing(path, force=True) as temporary:
-        temporary.write_bytes(encoded)
+    _replace(path, content, force=True)
 
 
-def _encoded(content: dict[str, Any]) -> bytes:
-    return (json.dumps(content, indent=2) + "\n").encode("ascii")
+def _replace(path: Path, content: Mapping[str, Any], *, force: bool) -> None:
+    text = json.dumps(content, indent=2) + "\n"
+    with replacing(path, force=force) as temporary:
+        temporary.write_text(text, encoding="ascii")
 
 
 def _given(values: dict[str, Any]) -> dict[str, Any]:

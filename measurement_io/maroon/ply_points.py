@@ -180,9 +180,7 @@ def _parsed(path: Path, lines: list[str], offset: int) -> PlyHeader:
             if words[1] != "vertex" or not re.fullmatch("[0-9]{1,12}", words[2]):
                 fail(path, "an element 'vertex' first", f"'{clean(line)[:60]}'")
             count = int(words[2])
-        elif (
-            words[0] == "property" and len(words) == 3 and words[1] in _TYPES and count is not None
-        ):
+        elif scalar and count is not None:
             properties.append((words[2], words[1]))
         else:
             fail(path, "a PLY header of scalar properties", f"the line '{clean(line)[:60]}'")

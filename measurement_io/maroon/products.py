@@ -292,9 +292,8 @@ def _product_file(radar: Path, product: str, number: int) -> Path:
     there = product_files(radar, product)
     if number not in there:
         path = radar / product / f"{number:06d}.{PRODUCTS[product]}"
-        fail(
-            path, f"the {product} of frame {number}", f"frames {ranges(there)}" if there else "none"
-        )
+        found = f"none; frames with one: {ranges(there)}" if there else "none of any frame"
+        fail(path, f"the {product} of frame {number}", found)
     return there[number]
 
 
