@@ -2,7 +2,11 @@
 
 from measurement_io.check import CheckReport, check_file
 from measurement_io.describe import Description, describe
+from measurement_io.facts import Description, Fact
+from measurement_io.maroon.alignment import SensorAlignment, read_alignment
+from measurement_io.maroon.metadata import MaskBox, RecordingMetadata, read_metadata
 from measurement_io.maroon.product_writer import write_products
+from measurement_io.maroon.recording import Recording, open_recording
 from measurement_io.maroon.recording_writer import save_recording
 from measurement_io.maroon.writer import save_maroon_frame
 from measurement_io.native import open_volume, save_capture, save_volume
@@ -11,10 +15,18 @@ from measurement_io.opening import open_capture
 __all__ = [
     "CheckReport",
     "Description",
+    "Fact",
+    "MaskBox",
+    "Recording",
+    "RecordingMetadata",
+    "SensorAlignment",
     "check_file",
     "describe",
     "open_capture",
+    "open_recording",
     "open_volume",
+    "read_alignment",
+    "read_metadata",
     "save_capture",
     "save_maroon_frame",
     "save_recording",
