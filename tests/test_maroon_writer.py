@@ -285,7 +285,8 @@ def source(tmp_path: Path) -> Path:
     entry = json.loads((radar / "calibration.json").read_text())["000003"] | {"more": [1]}
     made.put_entry(radar, 3, entry)
     (distance / "metadata.json").write_bytes(b'{ "distance_meters":0.30 }')
-    (distance / "alignment.json").write_bytes(b"{}")
+    alignment = b'{"photogrammetry2radar": [[1,0,0,0], [0,1,0,0],[0,0,1,0.30],[0,0,0,1]] }'
+    (distance / "alignment.json").write_bytes(alignment)
     (distance / "photogrammetry").mkdir()
     (distance / "photogrammetry" / "mesh.obj").write_bytes(b"v 1 2 3\r\n")
     (distance / "photogrammetry" / "cams.xml").write_bytes(b"<x/>")
