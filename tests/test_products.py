@@ -258,6 +258,16 @@ def test_matrices_that_place_no_pixels(radar, matrix):
     assert "intrinsics" in refused(radar, "depth")
 
 
+def test_two_grids_of_one_frame(radar, scene):
+    box = {"bb_min": [-0.1, -0.08], "bb_max": [0.14, 0.05], "grid_size": [31, 21]}
+    rounded = box | {"bb_min": [float(np.float32(v)) for v in box["bb_min"]]}
+    change_entry(radar, lambda entry: entry["depth"].update(rounded))
+    read_depth_map(radar, 0)
+    change_entry(radar, lambda entry: entry["depth"].update(bb_max=[0.14, 0.06]))
+    for product in ("depth", "maxproj"):
+        assert "0.05 m and 31" in refused(radar, product)
+
+
 def test_image_of_another_size_than_the_grid(radar):
     (radar / "depth" / "000000.png").write_bytes(made.png(np.ones((31, 21), int)))
     assert "31 rows of 21" in refused(radar, "depth")
