@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 
 import clradar
+import clradar.reference
 from clradar.errors import MeasurementError, ModelError, OutputError
 from measurement_io import check_file, open_capture, save_maroon_frame, save_recording
 from measurement_io.maroon.products import read_depth_map
@@ -476,3 +477,94 @@ def test_one_frame_at_a_time_is_in_memory(tmp_path, sized):
     # takes up to four times the file.
     assert peak < 7.5 * frame_bytes, f"{peak / frame_bytes:.1f} frames"
     assert seen == [(i + 1, n_frames if sized else 0) for i in range(n_frames)]
+
+
+# ---- the same scene through the files alone
+
+FIRST_HZ, LAST_HZ, IMAGE_FREQ = 72e9, 82e9, 6
+TARGETS_M = [
+    (0.030, -0.020, 0.305, 40.0),
+    (-0.050, 0.010, 0.295, 25.0),
+    (0.000, 0.030, 0.310, 30.0),
+]
+"""x, y, z of the antenna frame and amplitude; x and y differ in size and sign."""
+
+FLOAT32_STEPS = 2
+"""Whole numbers of maxproj may differ by one where float32 and float64 fall on either side of it,
+and by one more for the rounding of the capture to complex64."""
+
+
+def far_from_the_package() -> tuple[np.ndarray, np.ndarray]:
+    """Return the 94 Rx and 94 Tx of the imager, metres, as its description lists them."""
+    line = np.arange(-69, 70, 3) * 1e-3
+    rx = [(x, y, 0.0) for y in (-0.0705, 0.0705) for x in line]
+    tx = [
+        (np.sign(x) * 0.072 if abs(y) > 0.0689 else x, y, 0.0)
+        for x in (-0.0705, 0.0705)
+        for y in line
+    ]
+    return np.array(rx), np.array(tx)
+
+
+def image_of_the_dataset(radar: Path, axes_m: list[np.ndarray]) -> np.ndarray:
+    """Return the image of frame 0 in radar space, [row = y descending, col = x ascending, z].
+
+    Antennas are mirrored into radar space; the sum is divided by the number of Rx times Tx.
+    """
+    frame = dataset_reader(radar)[0]
+    rx, tx = (p * [-1, 1, 1] for p in far_from_the_package())
+    x_m, y_m, z_m = axes_m
+    image = np.empty((len(y_m), len(x_m), len(z_m)), complex)
+    turns = 2j * np.pi * frame["fvec"] / 299792458.0
+    for row, y in enumerate(y_m[::-1]):
+        for column, x in enumerate(x_m):
+            for k, z in enumerate(z_m):
+                point = np.array([x, y, z])
+                to_rx = np.exp(turns * np.linalg.norm(point - rx, axis=1)[:, None])
+                to_tx = np.exp(turns * np.linalg.norm(point - tx, axis=1)[:, None])
+                inner = np.einsum("rtf,tf->rf", frame["imaging"], to_tx)
+                image[row, column, k] = (inner * to_rx).sum()
+    return image / (len(rx) * len(tx))
+
+
+def test_products_are_the_image_that_the_dataset_would_form(tmp_path):
+    array = clradar.arrays.qar50()
+    waveform = clradar.Waveform.sfcw(FIRST_HZ, LAST_HZ, IMAGE_FREQ)
+    points = np.array(TARGETS_M)
+    capture = clradar.reference.point_targets(array, waveform, points[:, :3], points[:, 3])
+    grid = clradar.VoxelGrid.from_extent(
+        (-0.06, 0.04), (-0.03, 0.04), (0.295, 0.31), (0.01, 0.01, 0.005)
+    )
+
+    def image(frame: clradar.Capture) -> clradar.Volume:
+        z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
+        voxels = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+        return clradar.Volume(
+            clradar.reference.backproject(frame, voxels).reshape(grid.shape), grid
+        )
+
+    radar = save_recording(tmp_path / "30", [capture], image=image)
+
+    low, high, counts = dataset_grid(radar, 0)
+    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
+    strength = np.abs(image_of_the_dataset(radar, axes)).max(axis=2)
+    stored = made.png_pixels((radar / "maxproj" / "000000.png").read_bytes()).astype(int)
+    assert np.abs(stored - np.floor(strength)).max() <= FLOAT32_STEPS
+    depth = made.png_pixels((radar / "depth" / "000000.png").read_bytes())
+    positions, colours = made.ply_points((radar / "xyz" / "000000.ply").read_bytes())
+    for x, y, z, amplitude in TARGETS_M:
+        # In radar space x is turned; rows run down from the largest y.
+        row = round((axes[1][-1] - y) / 0.01)
+        column = round((-x - axes[0][0]) / 0.01)
+        assert stored[row, column] == stored[row - 1 : row + 2, column - 1 : column + 2].max()
+        assert stored[row, column] >= 0.7 * amplitude * IMAGE_FREQ  # sidelobes of the others add
+        assert abs(depth[row, column] - 1e3 * z) <= 2.5 + 0.5  # half a voxel and the rounding
+        near = np.abs(positions[:, :2] - [-x, y]).max(axis=1) < 1e-9
+        assert near.sum() == 1
+        assert colours[near, 1] >= 0.6 * 255 * amplitude / points[:, 3].max()
+    # Ours, read back, has each target where it was put, in x too.
+    read = read_depth_map(radar, 0)
+    for x, y, z, _ in TARGETS_M:
+        i, j = np.abs(read.y_m - y).argmin(), np.abs(read.x_m - x).argmin()
+        assert abs(read.depth_m[i, j] - z) <= 3e-3
+        assert np.isnan(read.depth_m[i, np.abs(read.x_m + x).argmin()]) or x == 0
