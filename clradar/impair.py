@@ -10,6 +10,7 @@ import numpy as np
 
 from clradar.channel_errors import GAIN_LIMIT_DB, checked_spread, drift_factors
 from clradar.model import Capture, ChannelResponse, checks
+from clradar.model.capture import check_same_radar
 from clradar.room import coupling_rows
 from clradar.streams import FRAME_LIMIT, SEED_LIMIT, Part, stream
 
@@ -127,7 +128,9 @@ def impair(
     delay_s = checks.real("impair: coupling_delay_s", coupling_delay_s)
     if coupling is None and delay_s != 0:
         checks.fail("impair: coupling_delay_s", "coupling_db with it", "none")
-    _check_room(capture, room)
+    if room is not None:
+        checks.instance("impair: room", room, Capture)
+        check_same_radar("impair: room", room, capture)
     _check_channels(capture, channels)
     drift = {
         "phase_rad": checked_spread("impair: drift_phase_rad", drift_phase_rad),
@@ -278,16 +281,6 @@ def _quantised(x: np.ndarray, bits: int, full_scale: float) -> np.ndarray:
     step = full_scale / half
     parts = x.view(np.float64)
     return (np.clip(np.rint(parts / step), -half, half - 1) * step).view(np.complex128)
-
-
-def _check_room(capture: Capture, room: Capture | None) -> None:
-    if room is None:
-        return
-    checks.instance("impair: room", room, Capture)
-    if not room.array.same_positions(capture.array):
-        checks.fail("impair: room", "the array of the capture", f"another ('{room.array.name}')")
-    if not room.waveform.same_frequencies(capture.waveform):
-        checks.fail("impair: room", "the frequencies of the capture", "others")
 
 
 def _check_channels(capture: Capture, channels: ChannelResponse | None) -> None:

@@ -131,6 +131,11 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
             ("--x-mm", "--y-mm", "--z-mm", "-100:100:1", "260:340:1", "--method", "exact",
              "--window", "taylor", "--png", "--dynamic-range-db"),
         ),
+        (
+            "background",
+            ("--empty", "--scaling", "--gate-mm", "--edge-mm", "--clutter-db", "--average",
+             "--align-phase", "--frame", "--variant", "NEAR:FAR"),
+        ),
         ("convert", ("--frame", "--variant", "emptyfiltered")),
         ("inspect", ("--check", "--json")),
         ("compare", ("MEASURED", "SIMULATED", "--json", "--dynamic-range-db", "docs/metrics.md")),

@@ -21,6 +21,7 @@ COMMANDS = {
     "hand": "Write the mesh of a posed hand.",
     "simulate": "Simulate what the radar would record of one or several meshes.",
     "image": "Form the image of a capture.",
+    "background": "Subtract the empty room, average frames, keep a window of range.",
     "convert": "Turn any supported recording into the native capture file.",
     "inspect": "Say in words what a file or a recording holds, or verify it.",
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
