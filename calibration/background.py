@@ -141,8 +141,14 @@ def _fitted(
     measured, known = _profiles(capture), _profiles(empty)
     tx = np.ones(capture.array.n_tx, np.complex128)
     rx = np.ones(capture.array.n_rx, np.complex128)
-    weights = np.ones(capture.waveform.n_freq)
-    floor = FLOOR * float((np.abs(known) ** 2).mean())
+    power_in_bin = np.stack([(np.abs(k) ** 2).mean(axis=0) for k in known]).mean(axis=0)
+    floor = FLOOR * float(power_in_bin.mean())
+    # Bins without echoes hold noise in place of the empty room; fitted to, it would pull the
+    # factors towards zero. The emptiest bin tells how much noise there is.
+    known_share = (1 - power_in_bin.min() / np.maximum(power_in_bin, floor)).clip(0) ** 2
+    if not known_share.any():
+        known_share[:] = 1
+    weights = known_share
     for _ in range(ROUNDS):
         cross = np.stack([(k.conj() * m) @ weights for k, m in zip(known, measured, strict=True)])
         power = np.stack([np.abs(k) ** 2 @ weights for k in known])
@@ -153,7 +159,7 @@ def _fitted(
         left = np.zeros(len(weights))
         for m, k, factor in zip(measured, known, tx, strict=True):
             left += (np.abs(m - (factor * rx)[:, None] * k) ** 2).sum(axis=0)
-        weights = 1 / (left / (len(tx) * len(rx)) + floor)
+        weights = known_share / (left / (len(tx) * len(rx)) + floor)
         weights /= weights.max()
     return tx, rx
 

@@ -161,6 +161,8 @@ class Recorder:
 
         Parameters
         ----------
+        n_empty
+            Frames of the empty room, one folder for all objects of `parent`; 0 for none.
         emptyfiltered
             Also write every frame minus the empty room's frame 0.
         cut_short, missing
@@ -185,7 +187,8 @@ class Recorder:
                 path.write_bytes(content[: len(content) // 2])
             if i == missing:
                 path.unlink()
-        empty_radar = self._radar_folder(empty)
+        if n_empty:
+            empty_radar = self._radar_folder(empty)
         for i in range(n_empty):
             self._write_frame(empty_radar, self.empty(i).data, i, "", n_empty)
         metadata = {"distance_meters": distance_cm / 100, "empty_measurement": "empty"}
