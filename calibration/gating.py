@@ -63,7 +63,7 @@ def range_gate(
 
     Range is half of the path length, (|p - tx| + |p - rx|) / 2, the same window for every pair. The
     direct coupling, whose path is |tx - rx|, lies below half of the aperture's diagonal (0.1 m for
-    the 14 cm imager); a voxel (x, y, z) lies between z and the distance from the farthest antenna.
+    the 14 cm imager); a point (x, y, z) lies between z and the distance from the farthest antenna.
 
     Parameters
     ----------
