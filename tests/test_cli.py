@@ -135,6 +135,11 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
             "convert",
             ("--frame", "--variant", "emptyfiltered", "--to", "--all-frames", "--timestamp-us"),
         ),
+        (
+            "background",
+            ("--empty", "--scaling", "--gate-mm", "--edge-mm", "--clutter-db", "--average",
+             "--align-phase", "--frame", "--variant", "NEAR:FAR"),
+        ),
         ("inspect", ("--check", "--json")),
         ("compare", ("MEASURED", "SIMULATED", "--json", "--dynamic-range-db", "docs/metrics.md")),
     ],

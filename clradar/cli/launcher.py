@@ -22,6 +22,7 @@ COMMANDS = {
     "simulate": "Simulate what the radar would record of one or several meshes.",
     "image": "Form the image of a capture.",
     "convert": "Turn any supported recording into native captures, or captures into a recording.",
+    "background": "Subtract the empty room, average frames, keep a window of range.",
     "inspect": "Say in words what a file or a recording holds, or verify it.",
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
 }
