@@ -1,7 +1,7 @@
 """Recorded captures and the native HDF5 file, as records of `clradar`."""
 
 from measurement_io.check import CheckReport, check_file
-from measurement_io.describe import Description, describe
+from measurement_io.describe import describe
 from measurement_io.facts import Description, Fact
 from measurement_io.maroon.alignment import SensorAlignment, read_alignment
 from measurement_io.maroon.metadata import MaskBox, RecordingMetadata, read_metadata
