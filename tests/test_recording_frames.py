@@ -24,8 +24,8 @@ NOT_THERE = 0.5
 """Sidelobes within 6 mm of a place where there is no target, against targets of strength 1."""
 
 MESH_M = 1e-3
-"""What the depth of a placed mesh may be off by, in the median. The resolution in range is 15 mm; the
-maximum along z is refined within the voxel of 2 mm, and what is left is speckle."""
+"""What the depth of a placed mesh may be off by, in the median. The resolution in range is 15 mm;
+the maximum along z is refined within the voxel of 2 mm, and what is left is speckle."""
 
 EXPLAINED, NOT_EXPLAINED = 0.6, 0.4
 """Share of the depth map's pixels within two `MESH_M` of the mesh: the rest is beside it, where its
