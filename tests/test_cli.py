@@ -131,7 +131,10 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
             ("--x-mm", "--y-mm", "--z-mm", "-100:100:1", "260:340:1", "--method", "exact",
              "--window", "taylor", "--png", "--dynamic-range-db"),
         ),
-        ("convert", ("--frame", "--variant", "emptyfiltered")),
+        (
+            "convert",
+            ("--frame", "--variant", "emptyfiltered", "--to", "--all-frames", "--timestamp-us"),
+        ),
         ("inspect", ("--check", "--json")),
         ("compare", ("MEASURED", "SIMULATED", "--json", "--frame", "--variant", "--dynamic-range-db", "docs/metrics.md")),
     ],

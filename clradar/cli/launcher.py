@@ -21,7 +21,7 @@ COMMANDS = {
     "hand": "Write the mesh of a posed hand.",
     "simulate": "Simulate what the radar would record of one or several meshes.",
     "image": "Form the image of a capture.",
-    "convert": "Turn any supported recording into the native capture file.",
+    "convert": "Turn any supported recording into native captures, or captures into a recording.",
     "inspect": "Say in words what a file or a recording holds, or verify it.",
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
 }

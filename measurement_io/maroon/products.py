@@ -36,6 +36,9 @@ MM_PER_M = 1000.0
 SINGLE_SPACING_M = 1e-3
 """Spacing of an axis of one voxel, which has none."""
 
+SAME_M = 1e-6
+"""Grids closer than this are the same: some of their ends have been rounded to float32."""
+
 _MATRIX_TOLERANCE = 1e-6
 """Relative; the matrices are products of a few float64 numbers."""
 
@@ -313,8 +316,14 @@ def _pixel_axes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return x and y of the antenna frame of an image's pixels, ascending."""
     box = None if entry.volume is None else entry.volume.box
-    if box is None and entry.depth is not None:
-        box = entry.depth.box
+    depth_box = None if entry.depth is None else entry.depth.box
+    if box is not None and depth_box is not None and not _same_pixels(box, depth_box):
+        fail(
+            calibration,
+            f"the same x and y in '{number:06d}: volume' and '{number:06d}: depth'",
+            f"{_in_words(box)} and {_in_words(depth_box)}",
+        )
+    box = depth_box if box is None else box
     rows, columns = shape
     if box is not None:
         if (rows, columns) != (box.counts[1], box.counts[0]):
@@ -333,6 +342,17 @@ def _pixel_axes(
             "neither",
         )
     return _axes_of_matrix(calibration, number, entry.depth.intrinsics, rows, columns)
+
+
+def _same_pixels(a: GridBox, b: GridBox) -> bool:
+    ends = [np.array([box.low_m[:2], box.high_m[:2]]) for box in (a, b)]
+    return a.counts[:2] == b.counts[:2] and bool(np.abs(ends[0] - ends[1]).max() <= SAME_M)
+
+
+def _in_words(box: GridBox) -> str:
+    return " x ".join(
+        f"{box.counts[i]} from {box.low_m[i]:g} to {box.high_m[i]:g} m" for i in range(2)
+    )
 
 
 def _axes_of_matrix(

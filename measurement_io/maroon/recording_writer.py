@@ -25,6 +25,7 @@ from measurement_io.maroon.folders import FRAMES_FOLDER, VARIANTS, entries, find
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.product_writer import radar_box, write_products
 from measurement_io.maroon.products import PRODUCTS, product_files
+from measurement_io.maroon.recording import ALIGNMENT_FILE, MESH_FOLDER, METADATA_FILE
 from measurement_io.maroon.writer import (
     RadarFolder,
     check_array,
@@ -35,8 +36,7 @@ from measurement_io.maroon.writer import (
 )
 from measurement_io.provenance import to_json
 
-MESH_FOLDER = "photogrammetry"
-SIDE_FILES = ("metadata.json", "alignment.json")
+SIDE_FILES = (METADATA_FILE, ALIGNMENT_FILE)
 MAX_FRAMES = 1_000_000
 """A frame's number has six digits."""
 
