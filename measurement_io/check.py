@@ -97,6 +97,9 @@ def _check_native(path: Path, checked: list[str], problems: list[str]) -> None:
 
 def _check_folder(folder: Path, checked: list[str], problems: list[str]) -> None:
     radar = find_radar_folder(folder)
-    problems += inspect_folders(radar).problems
+    beside = inspect_folders(radar).problems
+    problems += beside
+    if not beside:
+        checked.append("numbering, and what lies beside the frames: all of it agrees")
     check_frames(radar, checked, problems)
     check_products(radar, checked, problems)

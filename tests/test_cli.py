@@ -142,6 +142,7 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
         ),
         ("inspect", ("--check", "--json")),
         ("compare", ("MEASURED", "SIMULATED", "--json", "--dynamic-range-db", "docs/metrics.md")),
+        ("compare", ("--frame", "--variant")),
     ],
 )  # fmt: skip
 def test_help_of_each_command(run: Run, name: str, words: tuple[str, ...]) -> None:
@@ -649,6 +650,7 @@ def test_inspect(run: Run, made: Path, name: str, kind: str) -> None:
     described = json.loads(run("inspect", made / name, "--json").out)
     assert described["kind"] == kind
     assert described["facts"]["data"]["type"] == "complex64"
+    assert described["problems"] == []
     checked = run("inspect", made / name, "--check")
     assert checked.status == 0, checked.err
     assert "all right" in checked.out
@@ -694,6 +696,31 @@ def test_compare_writes_figure_and_metrics(run: Run, made: Path, tmp_path: Path)
     rows = [line for line in outcome.out.splitlines() if line.startswith("other")]
     assert f"{second['db_correlation']:.3f}" in rows[0]
     assert f"{1e3 * second['depth_rmse_m']:.2f}" in rows[0]
+
+
+def test_compare_chooses_from_a_recording(run: Run, made: Path, tmp_path: Path) -> None:
+    capture = open_capture(made / "sim.h5")
+    other = clradar.Capture(np.roll(capture.data, 9, axis=0), capture.array, capture.waveform)
+    recording = tmp_path / "recording"
+    save_maroon_frame(recording, other)
+    save_maroon_frame(recording, other, frame=1, force=True)
+    save_maroon_frame(recording, capture, frame=1, variant="emptyfiltered", force=True)
+    record = tmp_path / "c.json"
+
+    def correlation(*options: str) -> float:
+        outcome = run("compare", recording, made / "sim.h5", "--json", record, "--force", *GRID,
+                      *options)  # fmt: skip
+        assert outcome.status == 0, outcome.err
+        return json.loads(record.read_text())["simulated"][0]["metrics"]["db_correlation"]
+
+    assert correlation("--frame", "1", "--variant", "emptyfiltered") == 1.0
+    inputs = json.loads(record.read_text())["inputs"]
+    assert [i["file"] for i in inputs] == ["000001_emptyfiltered.npy", "sim.h5"]
+    assert correlation("--frame", "1") < 0.9
+    assert correlation() < 0.9
+    for name in ("volume.h5", "sim.h5"):
+        outcome = run("compare", made / name, made / "sim.h5", "--frame", "0")
+        one_error_line(outcome, name, "a folder of frames")
 
 
 def test_labels() -> None:
