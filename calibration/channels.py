@@ -18,7 +18,7 @@ from calibration.channel_fit import (
     pairs_of,
     start,
 )
-from calibration.delay_gate import MIN_CELLS, gate
+from calibration.delay_taper import MIN_CELLS, delay_taper
 from calibration.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError
@@ -40,6 +40,9 @@ SEARCHED = 2.0
 
 DETECTABLE = 5.0
 """Of its standard deviation, the least gain that counts as an echo."""
+
+MAX_OUTLYING = 0.15
+"""Largest share of pairs with quite another echo. Of wrong targets it is a third and more."""
 
 QUIET = 1e-3
 """Noise below -60 dB of the echo is never called noisy, whatever that of other channels is."""
@@ -215,7 +218,7 @@ def _samples(capture: Capture, gate_m: float | None, search_s: float) -> Samples
             f"and {SEARCHED:g} times the tolerance, and not below the range resolution",
             f"{gate_m:g} m",
         )
-    weight, basis = gate(frequencies_hz, 2 * gate_m / SPEED_OF_LIGHT_M_PER_S)
+    weight, basis = delay_taper(frequencies_hz, 2 * gate_m / SPEED_OF_LIGHT_M_PER_S)
     return Samples(capture.data, frequencies_hz, weight, basis)
 
 
@@ -255,6 +258,12 @@ def _judged(
     # A few pairs with quite another echo are no reason to doubt the rest, where they have no say.
     outlying = good & (square > TUKEY_CUTOFF**2 * float(np.median(square[good])) / np.log(2.0))
     share = np.count_nonzero(outlying) / np.count_nonzero(good)
+    if share > MAX_OUTLYING:
+        raise CalibrationError(
+            f"estimate_channels: the {kind} does not explain the capture: {100 * share:.0f} % of "
+            f"the pairs have quite another echo, and {100 * MAX_OUTLYING:.0f} % is the most. "
+            "Another target, or another place"
+        )
     good &= ~outlying
     echoes = float(np.square(np.abs(pairs.mean[good])).sum())
     left = float(square[good].sum())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,8 +10,6 @@ import clradar
 from calibration import Target, response
 from clradar import AntennaArray, Capture, ChannelResponse, Waveform
 
-GAIN_DB = 3.0
-DELAY_S = 20e-12
 SNR_DB = 20.0
 DEAD_TX, DEAD_RX = (3, 50), (17,)
 
@@ -54,15 +52,11 @@ def instrument(
     common_delay_s: float = 0.0,
 ) -> Instrument:
     """Return an instrument: gains +-3 dB, any phase, delays +-20 ps, all uniform."""
-    rng = np.random.default_rng(seed)
-
-    def side(count: int, dead: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        gain = 10 ** (rng.uniform(-GAIN_DB, GAIN_DB, count) / 20)
-        gain = gain * np.exp(2j * np.pi * rng.random(count))
-        gain[list(dead)] = 0
-        return gain, rng.uniform(-DELAY_S, DELAY_S, count) + common_delay_s / 2
-
-    tx_gain, tx_delay_s = side(array.n_tx, dead_tx)
-    rx_gain, rx_delay_s = side(array.n_rx, dead_rx)
-    channels = ChannelResponse(tx_gain, rx_gain, tx_delay_s, rx_delay_s, 77e9)
-    return Instrument(array, Waveform.sfcw(72e9, 82e9, n_freq), channels, rng)
+    waveform = Waveform.sfcw(72e9, 82e9, n_freq)
+    drawn = clradar.draw_channels(array, waveform, seed=seed, dead_tx=dead_tx, dead_rx=dead_rx)
+    channels = replace(
+        drawn,
+        tx_delay_s=drawn.tx_delay_s + common_delay_s / 2,
+        rx_delay_s=drawn.rx_delay_s + common_delay_s / 2,
+    )
+    return Instrument(array, waveform, channels, np.random.default_rng(seed))

@@ -23,7 +23,7 @@ from calibration import (
     response,
 )
 from calibration.channels_figure import channels_figure
-from calibration.delay_gate import gate
+from calibration.delay_taper import delay_taper
 from clradar import AntennaArray, Capture, ChannelCalibration, VoxelGrid, Waveform, reference
 from clradar.cli import main
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
@@ -344,10 +344,10 @@ def test_gate_shuts_out_coupling_and_wall() -> None:
 
 
 @pytest.mark.parametrize("cells", [1.5, 4.0, 50.0])
-def test_gate_is_a_window_of_delays(cells: float) -> None:
+def test_taper_is_a_window_of_delays(cells: float) -> None:
     frequencies_hz = Waveform.sfcw(72e9, 82e9, 128).frequencies_hz
     cell_s = 1 / np.ptp(frequencies_hz)
-    weight, basis = gate(frequencies_hz, cells * cell_s)
+    weight, basis = delay_taper(frequencies_hz, cells * cell_s)
     assert weight.sum() == pytest.approx(1.0)
     assert (weight >= 0).all()
     np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-12)
@@ -367,15 +367,17 @@ def test_gate_is_a_window_of_delays(cells: float) -> None:
 def test_wrong_target_is_refused(kind: str, taken_for: str) -> None:
     if kind == taken_for:
         return
-    truth = instrument(seed=15, array=SMALL)
     # At the same range, so that only the shape tells them apart.
     same_range: dict[str, Target] = {
         "plate": FlatPlate(0.3),
         "sphere": Sphere([0, 0, 0.35], 0.05),
         "corner": CornerReflector([0, 0, 0.3]),
     }
-    with pytest.raises(CalibrationError, match=r"explain|settles|said to be|end of that window"):
-        estimate_channels(truth.record_target(same_range[kind]), same_range[taken_for])
+    # Seeds 1 and 3 once had a third of the pairs left out as outliers, and the rest explained.
+    for seed in (1, 3, 15):
+        truth = instrument(seed, array=SMALL)
+        with pytest.raises(CalibrationError, match=r"explain|settles|said to be|end of that"):
+            estimate_channels(truth.record_target(same_range[kind]), same_range[taken_for])
 
 
 @pytest.mark.parametrize(

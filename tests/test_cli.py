@@ -131,9 +131,18 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
             ("--x-mm", "--y-mm", "--z-mm", "-100:100:1", "260:340:1", "--method", "exact",
              "--window", "taylor", "--png", "--dynamic-range-db"),
         ),
-        ("convert", ("--frame", "--variant", "emptyfiltered")),
+        (
+            "convert",
+            ("--frame", "--variant", "emptyfiltered", "--to", "--all-frames", "--timestamp-us"),
+        ),
+        (
+            "background",
+            ("--empty", "--scaling", "--gate-mm", "--edge-mm", "--clutter-db", "--average",
+             "--align-phase", "--frame", "--variant", "NEAR:FAR"),
+        ),
         ("inspect", ("--check", "--json")),
         ("compare", ("MEASURED", "SIMULATED", "--json", "--dynamic-range-db", "docs/metrics.md")),
+        ("compare", ("--frame", "--variant")),
     ],
 )  # fmt: skip
 def test_help_of_each_command(run: Run, name: str, words: tuple[str, ...]) -> None:
@@ -640,7 +649,8 @@ def test_inspect(run: Run, made: Path, name: str, kind: str) -> None:
     assert f"{name}: {kind}" in outcome.out.splitlines()[0]
     described = json.loads(run("inspect", made / name, "--json").out)
     assert described["kind"] == kind
-    assert "complex64" in described["facts"]["data"]
+    assert described["facts"]["data"]["type"] == "complex64"
+    assert described["problems"] == []
     checked = run("inspect", made / name, "--check")
     assert checked.status == 0, checked.err
     assert "all right" in checked.out
@@ -686,6 +696,31 @@ def test_compare_writes_figure_and_metrics(run: Run, made: Path, tmp_path: Path)
     rows = [line for line in outcome.out.splitlines() if line.startswith("other")]
     assert f"{second['db_correlation']:.3f}" in rows[0]
     assert f"{1e3 * second['depth_rmse_m']:.2f}" in rows[0]
+
+
+def test_compare_chooses_from_a_recording(run: Run, made: Path, tmp_path: Path) -> None:
+    capture = open_capture(made / "sim.h5")
+    other = clradar.Capture(np.roll(capture.data, 9, axis=0), capture.array, capture.waveform)
+    recording = tmp_path / "recording"
+    save_maroon_frame(recording, other)
+    save_maroon_frame(recording, other, frame=1, force=True)
+    save_maroon_frame(recording, capture, frame=1, variant="emptyfiltered", force=True)
+    record = tmp_path / "c.json"
+
+    def correlation(*options: str) -> float:
+        outcome = run("compare", recording, made / "sim.h5", "--json", record, "--force", *GRID,
+                      *options)  # fmt: skip
+        assert outcome.status == 0, outcome.err
+        return json.loads(record.read_text())["simulated"][0]["metrics"]["db_correlation"]
+
+    assert correlation("--frame", "1", "--variant", "emptyfiltered") == 1.0
+    inputs = json.loads(record.read_text())["inputs"]
+    assert [i["file"] for i in inputs] == ["000001_emptyfiltered.npy", "sim.h5"]
+    assert correlation("--frame", "1") < 0.9
+    assert correlation() < 0.9
+    for name in ("volume.h5", "sim.h5"):
+        outcome = run("compare", made / name, made / "sim.h5", "--frame", "0")
+        one_error_line(outcome, name, "a folder of frames")
 
 
 def test_labels() -> None:

@@ -33,7 +33,8 @@ def numbers(line: str) -> list[float]:
 
 
 def test_all_are_tried() -> None:
-    tried = {"simulate_hand", "point_target", "compare_alpha", "read_maroon_frame", "own_array"}
+    tried = {"simulate_hand", "point_target", "compare_alpha", "own_array"}
+    tried |= {"read_maroon_frame", "read_recording"}
     assert {p.stem for p in EXAMPLES.glob("*.py")} == tried
 
 
@@ -78,6 +79,18 @@ def test_read_maroon_frame(tmp_path: Path) -> None:
     assert {"ball", "frame.h5", "frame.png"} == {p.name for p in tmp_path.iterdir()}
     again = output_of("read_maroon_frame.py", tmp_path).splitlines()
     assert again == lines
+
+
+def test_read_recording(tmp_path: Path) -> None:
+    mesh, *frames = output_of("read_recording.py", tmp_path).splitlines()
+    assert numbers(mesh) == [20.0, -10.0, 300.0]
+    assert len(frames) == 3
+    for number, line in enumerate(frames):
+        index, *place, stamp = numbers(line)
+        assert (index, stamp) == (number, 125_000 * (number + 1))
+        # The ball glints 10 mm before its centre, on the line to the aperture. Pixels are 2 mm.
+        for value, expected in zip(place, (19.3, -9.7, 290.0), strict=True):
+            assert abs(value - expected) <= 2
 
 
 def test_own_array(tmp_path: Path) -> None:

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 
 from clradar.cli.image import check_figure_name
-from clradar.cli.images import form_image, labels_of, open_image
+from clradar.cli.images import form_image, labels_of, open_image, recording_files
 from clradar.cli.options import (
     DEFAULT_DYNAMIC_RANGE_DB,
     DeviceOption,
     DynamicRangeOption,
     ForceOption,
+    FrameOption,
     Method,
     MethodOption,
+    VariantOption,
     Window,
     WindowOption,
     XOption,
@@ -63,12 +65,14 @@ def command(
     method: MethodOption = Method.range,
     window: WindowOption = Window.rect,
     dynamic_range_db: DynamicRangeOption = DEFAULT_DYNAMIC_RANGE_DB,
+    frame: FrameOption = None,
+    variant: VariantOption = None,
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
     """Captures are imaged first: on the grid of the options, or without them on that of the first
-    volume that is given, or without volumes on the paper's. The metrics are defined in
-    docs/metrics.md.
+    volume that is given, or without volumes on the paper's. --frame and --variant are those of
+    MEASURED, where it is a recording. The metrics are defined in docs/metrics.md.
     """
     from clradar import Volume, compare, open_device
     from clradar.model import checks
@@ -80,7 +84,9 @@ def command(
     if output is not None:
         check_figure_name(output)
     check_outputs([output, json], force=force, inputs=paths)
-    loaded = [open_image(path) for path in paths]
+    chosen = None if variant is None else variant.value
+    recorded = open_image(measured, frame=frame, variant=chosen)
+    loaded = [recorded, *(open_image(path) for path in simulated)]
     if all(isinstance(item, Volume) for item in loaded) and any((x_mm, y_mm, z_mm)):
         raise wrong_usage(
             "--x-mm, --y-mm, --z-mm", "there is no capture to image: all inputs are volumes"
@@ -110,8 +116,14 @@ def command(
         save_figure(figure, output, force=force)
         print_line(f"{output}: the measurement and {len(metrics)} simulated")
     if json is not None:
-        files = [path for path in paths if path.is_file()]
-        options = {"method": method.value, "window": window.value, "grid": grid_text(grid)}
+        files = [f for p, i in zip(paths, loaded, strict=True) for f in recording_files(p, i.meta)]
+        options = {
+            "method": method.value,
+            "window": window.value,
+            "grid": grid_text(grid),
+            "frame": frame,
+            "variant": chosen,
+        }
         record = {
             "measured": str(measured),
             "simulated": metrics_records(simulated, labels, metrics),

@@ -12,7 +12,7 @@ CONCENTRATED = 0.5
 """Share of the largest eigenvalue down to which a spectrum counts as one of the window's."""
 
 
-def gate(frequencies_hz: np.ndarray, half_width_s: float) -> tuple[np.ndarray, np.ndarray]:
+def delay_taper(frequencies_hz: np.ndarray, half_width_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Return weights over frequency that look at delays in [-half_width_s, half_width_s].
 
     Of all tapers, the first has the largest share of its energy within the window: the first
