@@ -25,6 +25,7 @@ from clradar.errors import CalibrationError
 from clradar.model import AntennaArray, Capture, ChannelCalibration, ChannelResponse, checks
 
 COMMON_DELAYS = ("zero", "free")
+LEVELS = ("mean", "target")
 
 MIN_FREQUENCIES = 4
 """A pair's mean and slope over frequency take two; what is left tells its noise."""
@@ -57,6 +58,7 @@ def estimate_channels(
     tilt_tolerance_deg: float = 2.0,
     max_delay_s: float = 100e-12,
     common_delay: str = "zero",
+    level: str = "mean",
     gate_m: float | None = None,
     dead_db: float = 20.0,
     noisy_db: float = 6.0,
@@ -83,6 +85,10 @@ def estimate_channels(
     common_delay : "zero" or "free"
         Whether delays scatter about zero or about an unknown common delay. "free" leaves the range
         of a corner reflector as it is given; plate and sphere tell theirs by their shape.
+    level : "mean" or "target"
+        What tells a strong target from channels with much gain. "mean": gains have a mean of 0 dB,
+        so that a correction leaves levels as they are, on average. "target": the echo is as strong
+        as the target's model has it (its `amplitude`), so that levels are relative to it.
     gate_m : float, metres, optional
         Use only echoes whose range is at most this far from the target's. It has to leave room for
         the tolerance and the delays. None uses the whole capture.
@@ -98,8 +104,8 @@ def estimate_channels(
     Returns
     -------
     ChannelCalibration
-        Gauge: gains have a mean of 0 dB over the live channels of either side; the first live Tx
-        has phase 0; the means of the delays of Tx and Rx are equal. `meta["outlying_pairs"]` is
+        Gauge: gains have the same mean in dB over the live channels of either side, 0 unless
+        `level` is "target"; the first live Tx has phase 0; the means of the delays of Tx and Rx are equal. `meta["outlying_pairs"]` is
         the share of pairs whose echo is another than the model's: they had no say, and are not in
         the residual.
 
@@ -125,6 +131,7 @@ def estimate_channels(
     tolerance_deg = checks.positive(f"{name}: tilt_tolerance_deg", tilt_tolerance_deg)
     max_delay_s = checks.positive(f"{name}: max_delay_s", max_delay_s)
     checks.one_of(f"{name}: common_delay", common_delay, COMMON_DELAYS)
+    checks.one_of(f"{name}: level", level, LEVELS)
     dead_db = checks.positive(f"{name}: dead_db", dead_db)
     noisy_db = checks.positive(f"{name}: noisy_db", noisy_db)
     max_residual_db = checks.real(f"{name}: max_residual_db", max_residual_db)
@@ -159,7 +166,7 @@ def estimate_channels(
         Side(s.log_gain[a], s.phase_rad[a], s.delay_s[a]) for s, a in zip(sides, live, strict=True)
     )
     found = fit(part, array, target, tx, rx, prior, max_iterations)
-    return _judged(capture, samples, found, live, noisy_db, max_residual_db)
+    return _judged(capture, samples, found, live, noisy_db, max_residual_db, level)
 
 
 def _check_waveform(capture: Capture, search_s: float) -> None:
@@ -247,11 +254,12 @@ def _judged(
     live: list[np.ndarray],
     noisy_db: float,
     max_residual_db: float,
+    level: str,
 ) -> ChannelCalibration:
     """Say how good a fit is, raise where it is none, and bring it into the gauge."""
     pairs, seen, kind = found.pairs, found.echo.seen, found.target.kind
-    level = float(np.median(pairs.model[seen]))
-    noise = [np.sqrt(power) / level for power in by_channel(pairs.total, seen)]
+    typical = float(np.median(pairs.model[seen]))
+    noise = [np.sqrt(power) / typical for power in by_channel(pairs.total, seen)]
     loud = [n > max(QUIET, 10 ** (noisy_db / 20) * float(np.median(n))) for n in noise]
     good = seen & ~loud[0][:, None] & ~loud[1][None, :]
     square = np.square(np.abs(pairs.mean - pairs.model))
@@ -280,11 +288,12 @@ def _judged(
 
     log_gain = [side.log_gain for side in (found.tx, found.rx)]
     mean_log = [float(g.mean()) for g in log_gain]
+    taken = [0.0, 0.0] if level == "mean" else [sum(mean_log) / 2] * 2
     first = float(found.tx.phase_rad[0])
     phase = [found.tx.phase_rad - first, found.rx.phase_rad + first]
     offset_s = (float(found.tx.delay_s.mean()) - float(found.rx.delay_s.mean())) / 2
     delay_s = [found.tx.delay_s - offset_s, found.rx.delay_s + offset_s]
-    gain = [np.exp(g - mean + 1j * p) for g, mean, p in zip(log_gain, mean_log, phase, strict=True)]
+    gain = [np.exp(log_gain[k] - mean_log[k] + taken[k] + 1j * phase[k]) for k in range(2)]
     # A dead channel shows its noise against the live ones of the other side.
     power = samples.power()
     alone = (np.median(power[:, live[1]], axis=1), np.median(power[live[0]], axis=0))
@@ -292,7 +301,7 @@ def _judged(
     spread = samples.spread_rad_per_s
     fields: dict[str, Any] = {}
     for k, side in enumerate(("tx", "rx")):
-        fields[f"{side}_noise"] = _filled(noise[k], live[k], np.sqrt(alone[k]) / level)
+        fields[f"{side}_noise"] = _filled(noise[k], live[k], np.sqrt(alone[k]) / typical)
         fields[f"dead_{side}"] = np.flatnonzero(~live[k])
         fields[f"noisy_{side}"] = np.flatnonzero(live[k])[loud[k]]
         fields[f"{side}_phase_std_rad"] = _filled(std[k], live[k])
@@ -315,7 +324,7 @@ def _judged(
         target_amplitude=float(np.exp(sum(mean_log))),
         residual_db=residual_db,
         noise_residual_db=noise_residual_db,
-        meta={"outlying_pairs": share, "capture": dict(capture.meta)},
+        meta={"level": level, "outlying_pairs": share, "capture": dict(capture.meta)},
         **fields,
     )
 

@@ -140,6 +140,13 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
             ("--empty", "--scaling", "--gate-mm", "--edge-mm", "--clutter-db", "--average",
              "--align-phase", "--frame", "--variant", "NEAR:FAR"),
         ),
+        (
+            "channels",
+            ("--target", "plate", "--distance-mm", "--tilt-deg", "--size-mm", "--position-mm",
+             "--radius-mm", "--tolerance-mm", "--hold", "--common-delay", "--level", "--gate-mm",
+             "--plot", "--frame", "docs/channel-calibration.md"),
+        ),
+        ("correct", ("--channels", "--keep-noisy", "--frame", "--variant")),
         ("inspect", ("--check", "--json")),
         ("compare", ("MEASURED", "SIMULATED", "--json", "--dynamic-range-db", "docs/metrics.md")),
         ("compare", ("--frame", "--variant")),

@@ -37,6 +37,13 @@ class CommonDelay(str, Enum):
     free = "free"
 
 
+class Level(str, Enum):
+    """What gains of 0 dB are."""
+
+    mean = "mean"
+    target = "target"
+
+
 class Amplitude(str, Enum):
     """How strong the echo of a pair is."""
 
@@ -96,6 +103,10 @@ def command(
     common_delay: Annotated[
         CommonDelay, typer.Option("--common-delay", help="Delays scatter about this.")
     ] = CommonDelay.zero,
+    level: Annotated[
+        Level,
+        typer.Option("--level", help="0 dB: the mean gain, or that which echoes as modelled."),
+    ] = Level.mean,
     gate_mm: Annotated[
         Optional[float],  # noqa: UP045
         typer.Option("--gate-mm", help="Use echoes within this range of the target only."),
@@ -138,6 +149,7 @@ def command(
         tilt_tolerance_deg=tilt_tolerance_deg,
         max_delay_s=max_delay_ps / 1e12,
         common_delay=common_delay.value,
+        level=level.value,
         gate_m=None if gate_mm is None else gate_mm / 1e3,
         dead_db=dead_db,
         noisy_db=noisy_db,
@@ -156,6 +168,7 @@ def command(
         "tilt_tolerance_deg": tilt_tolerance_deg,
         "max_delay_ps": max_delay_ps,
         "common_delay": common_delay.value,
+        "level": level.value,
         "gate_mm": gate_mm,
         "dead_db": dead_db,
         "noisy_db": noisy_db,
