@@ -27,6 +27,8 @@ from measurement_io.maroon.products import read_depth_map
 from measurement_io.maroon.recording_writer import default_grid
 
 N_FREQ = 3
+MESH = b"v 0 0 0\r\nv 0.01 0 0\r\nv 0 0.01 0\r\nf 1 2 3\r\n"
+"""A triangle where the alignment of the test puts it to 30 cm; its line breaks are to be kept."""
 
 
 def capture_of(
@@ -289,7 +291,7 @@ def source(tmp_path: Path) -> Path:
     alignment = b'{"photogrammetry2radar": [[1,0,0,0], [0,1,0,0],[0,0,1,0.30],[0,0,0,1]] }'
     (distance / "alignment.json").write_bytes(alignment)
     (distance / "photogrammetry").mkdir()
-    (distance / "photogrammetry" / "mesh.obj").write_bytes(b"v 1 2 3\r\n")
+    (distance / "photogrammetry" / "mesh.obj").write_bytes(MESH)
     (distance / "photogrammetry" / "cams.xml").write_bytes(b"<x/>")
     return distance
 

@@ -78,9 +78,8 @@ def command(
         convert_frames.write_captures(sources[0], output, chosen, antennas, force=force)
         return
     if to is Form.maroon:
-        convert_recording.write_recording(
-            sources, output, frame, chosen, timestamp_us, antennas, force=force
-        )
+        wanted = convert_recording.Wanted(output, frame, chosen, timestamp_us, antennas, force)
+        convert_recording.write_recording(sources, wanted)
         return
     if timestamp_us:
         raise wrong_usage("--timestamp-us", "goes with --to maroon only")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,26 +22,18 @@ if TYPE_CHECKING:
 Antennas = tuple["Path | None", "Path | None"]
 
 
-def write_recording(
-    sources: Sequence[Path],
-    output: Path,
-    frame: int | None,
-    variant: str | None,
-    timestamps_us: Sequence[int] | None,
-    antennas: Antennas,
-    *,
-    force: bool,
-) -> None:
-    """Write `output/radar_<low>_<high>_<points>` and what belongs beside it.
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is to be written.
 
-    Parameters
+    Attributes
     ----------
-    sources : sequence of Path
-        One folder with a recording; or captures and frames, one for each frame to write.
     output : Path
         The `<object>/<distance>` folder.
-    frame, variant
-        Which frame of a recording; which variant of it, or what single captures are written as.
+    frame : int or None
+        Which frame of a recording.
+    variant : str or None
+        Which variant of a recording, or what single captures are written as.
     timestamps_us : sequence of int or None
         One for each frame.
     antennas : pair of Path or None
@@ -49,18 +41,34 @@ def write_recording(
     force : bool
         Replace what is there.
     """
-    _check_new(output, force=force)
+
+    output: Path
+    frame: int | None
+    variant: str | None
+    timestamps_us: Sequence[int] | None
+    antennas: Antennas
+    force: bool
+
+
+def write_recording(sources: Sequence[Path], wanted: Wanted) -> None:
+    """Write `output/radar_<low>_<high>_<points>` and what belongs beside it.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        One folder with a recording; or captures and frames, one for each frame to write.
+    wanted : Wanted
+    """
+    _check_new(wanted.output, force=wanted.force)
     folders = [path for path in sources if path.is_dir()]
     if folders and len(sources) > 1:
         raise wrong_usage("SOURCE", "expected one folder, or several captures; got both")
     if folders:
-        radar, text = _of_folder(
-            folders[0], output, frame, variant, timestamps_us, antennas, force=force
-        )
+        radar, text = _of_folder(folders[0], wanted)
     else:
-        if frame is not None:
+        if wanted.frame is not None:
             raise wrong_usage("--frame", "chooses a frame of a folder, which SOURCE is not")
-        radar, text = _of_files(sources, output, variant, timestamps_us, antennas, force=force)
+        radar, text = _of_files(sources, wanted)
     print_line(f"{radar}: {text}")
 
 
@@ -75,19 +83,11 @@ def _check_new(output: Path, *, force: bool) -> None:
         raise OutputError(f"{output}: cannot be written: {error}") from error
 
 
-def _of_folder(
-    source: Path,
-    output: Path,
-    frame: int | None,
-    variant: str | None,
-    timestamps_us: Sequence[int] | None,
-    antennas: Antennas,
-    *,
-    force: bool,
-) -> tuple[Path, str]:
+def _of_folder(source: Path, wanted: Wanted) -> tuple[Path, str]:
     from measurement_io import save_recording
 
-    recording = open_source(source, variant, antennas)
+    output, frame, variant = wanted.output, wanted.frame, wanted.variant
+    recording = open_source(source, variant, wanted.antennas)
     if output.resolve() == recording.path.resolve().parent:
         raise OutputError(f"{output}: holds the recording that is read; choose another folder")
     check_apart(output, recording.path)
@@ -110,16 +110,16 @@ def _of_folder(
     total = sum(len(view) for view in views)
     with progress_bar("converting") as progress:
         count = _Counter(progress, total)
-        described = [_Described(source, view, options, antennas) for view in views]
+        described = [_Described(source, view, options, wanted.antennas) for view in views]
         radar = save_recording(
             output,
             described[0],
             variant=recording.variant,
             emptyfiltered=described[1] if filtered is not None else None,
-            timestamps_us=timestamps_us,
+            timestamps_us=wanted.timestamps_us,
             copy_from=recording.path,
             progress=count,
-            force=force,
+            force=wanted.force,
         )
     return radar, ", ".join(f"{len(view)} {view.variant}" for view in views) + " frames"
 
@@ -135,34 +135,27 @@ def _one_frame(recording: Recording, frame: int) -> Recording:
     return recording[at : at + 1]
 
 
-def _of_files(
-    sources: Sequence[Path],
-    output: Path,
-    variant: str | None,
-    timestamps_us: Sequence[int] | None,
-    antennas: Antennas,
-    *,
-    force: bool,
-) -> tuple[Path, str]:
+def _of_files(sources: Sequence[Path], wanted: Wanted) -> tuple[Path, str]:
     from measurement_io import save_recording
     from measurement_io.maroon.folders import frame_file
 
+    output = wanted.output
     for path in sources:
         if frame_file(path).folder is not None:
             read = path.absolute().parent.parent
             if output.resolve() == read.resolve().parent:
                 raise OutputError(f"{output}: holds a frame that is read; choose another folder")
             check_apart(output, read)
-    captures = _Files(sources, variant, antennas)
+    captures = _Files(sources, wanted.variant, wanted.antennas)
     with progress_bar("converting") as progress:
         try:
             radar = save_recording(
                 output,
                 captures,
                 variant=captures.variant,
-                timestamps_us=timestamps_us,
+                timestamps_us=wanted.timestamps_us,
                 progress=_Counter(progress, len(captures)),
-                force=force,
+                force=wanted.force,
             )
         except ModelError as error:
             raise ModelError(f"{captures.latest}: {error}") from error

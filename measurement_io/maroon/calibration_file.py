@@ -21,6 +21,9 @@ from measurement_io.failures import clean, fail
 from measurement_io.json_file import read_json_object
 
 CALIBRATION_FILE = "calibration.json"
+MAX_POSITION_M = 1e3
+"""Farthest end of a grid; anything beyond is not in metres."""
+
 _FRAME_KEY = re.compile("[0-9]{6}")
 
 Matrix = tuple[tuple[float, ...], ...]
@@ -305,6 +308,9 @@ class _Parser:
         if len(there) < len(names):
             return None
         low, high, counts = (values[name] for name in names)
+        farthest = max(abs(value) for value in low + high)
+        if farthest > MAX_POSITION_M:
+            self._refuse(where, f"metres, at most {MAX_POSITION_M:g}", f"{farthest:g}")
         if not len(low) == len(high) == len(counts):
             self._refuse(where, "bb_min, bb_max and grid_size of the same length", "others")
         for a, b, count in zip(low, high, counts, strict=True):

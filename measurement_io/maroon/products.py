@@ -122,8 +122,9 @@ class PointCloud:
 def product_files(radar: Path, product: str) -> dict[int, Path]:
     """Return the files of one product of a radar folder by the number of their frame."""
     folder = radar / product
-    if not folder.is_dir():
-        return {}
+    with reading(folder, "a folder of products"):
+        if not folder.is_dir():
+            return {}
     pattern = re.compile(rf"([0-9]{{6}})\.{PRODUCTS[product]}")
     matches = ((pattern.fullmatch(path.name), path) for path in entries(folder))
     return {int(match[1]): path for match, path in matches if match is not None}
@@ -246,14 +247,16 @@ def read_amplitude_volume(radar: Path, number: int) -> AmplitudeVolume:
     red = np.empty(header.count, np.uint8)
     first = 0
     for block in ply_blocks(path, header):
-        _check_order(path, part.box, block, first)
+        with np.errstate(all="ignore"):  # a file can hold any bits as its numbers
+            _check_order(path, part.box, block, first)
         red[first : first + len(block)] = block["red"]
         first += len(block)
     span = part.max_amplitude - part.min_amplitude
     with reading(path, "an amplitude volume"):
         grid = _voxel_grid(part.box)
         turned = red.reshape(n_y, n_x, n_z)[::-1, ::-1].transpose(2, 0, 1)
-        levels = (part.min_amplitude + span * np.arange(256) / 255).astype(np.float32)
+        with np.errstate(over="ignore"):  # infinite ones are the record's to refuse
+            levels = (part.min_amplitude + span * np.arange(256) / 255).astype(np.float32)
         amplitude = levels[turned]
         amplitude.flags.writeable = False
         return AmplitudeVolume(amplitude, grid)
@@ -281,8 +284,9 @@ def read_points(radar: Path, number: int) -> PointCloud:
     first = 0
     for block in ply_blocks(path, header):
         rows = slice(first, first + len(block))
-        for axis, name in enumerate("xyz"):
-            points_m[rows, axis] = block[name]
+        with np.errstate(all="ignore"):  # a file can hold any bits as its numbers
+            for axis, name in enumerate("xyz"):
+                points_m[rows, axis] = block[name]
         amplitude[rows] = block["green"] / np.float32(255)
         first += len(block)
     points_m[:, 0] *= -1.0
@@ -292,6 +296,7 @@ def read_points(radar: Path, number: int) -> PointCloud:
 
 
 def _product_file(radar: Path, product: str, number: int) -> Path:
+    number = checks.whole(f"{product}: number of the frame", number, 0)
     there = product_files(radar, product)
     if number not in there:
         path = radar / product / f"{number:06d}.{PRODUCTS[product]}"
@@ -385,8 +390,9 @@ def _axes_of_matrix(
             "+x and rows along -y",
             "another matrix",
         )
-    x_radar_m = (np.arange(columns) - matrix[0, 3]) / scale_x
-    y_m = (np.arange(rows) - matrix[1, 3]) / scale_y
+    with np.errstate(over="ignore"):  # infinite ones are the record's to refuse
+        x_radar_m = (np.arange(columns) - matrix[0, 3]) / scale_x
+        y_m = (np.arange(rows) - matrix[1, 3]) / scale_y
     return -x_radar_m[::-1], y_m[::-1]
 
 
