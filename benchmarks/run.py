@@ -26,7 +26,7 @@ import numpy as np
 import peers
 
 import clradar
-from clradar.backproject import _Range
+from clradar.formers.range_profiles import Range
 from clradar.hand import hand_mesh
 from clradar.trace import Tracer, resolve_settings
 
@@ -123,7 +123,7 @@ def range_image(
 ) -> dict[str, Any]:
     spacing = (1e-3, 1e-3, 0.08 / (planes - 1))
     grid = clradar.VoxelGrid.from_extent(**PAPER, spacing_m=spacing)
-    former = _Range(capture, grid, np.ones(WAVEFORM.n_freq), device)
+    former = Range(capture, grid, np.ones(WAVEFORM.n_freq), device)
     tile = next(iter(former.tiles()))
     first, stop = former._bins(tile)
     d_m = np.arange(first, stop) / float(former.bins_per_m)

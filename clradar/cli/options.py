@@ -27,6 +27,7 @@ WHOLE_STEPS = 1e-6
 class Method(str, Enum):
     """How the image is formed."""
 
+    fast = "fast"
     range = "range"
     exact = "exact"
 
@@ -80,7 +81,9 @@ ZOption = Annotated[
 MethodOption = Annotated[
     Method,
     typer.Option(
-        "--method", help="range: from range profiles, about -54 dB of error; exact: the plain sum."
+        "--method",
+        help="fast: over a tree of blocks, -50 dB of error; range: from range profiles, "
+        "-54 dB; exact: the plain sum.",
     ),
 ]
 WindowOption = Annotated[Window, typer.Option("--window", help="Weights over frequency.")]
