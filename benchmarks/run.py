@@ -213,7 +213,7 @@ def commands() -> list[dict[str, Any]]:
         subprocess.run([*cli, "hand", "F", "-o", hand], check=True, capture_output=True)
         for name, arguments in (
             ("simulate the default hand", ["simulate", hand, "-o", sim]),
-            ("image --method range, 201 x 201 x 81", ["image", sim, "-o", volume]),
+            ("image, 201 x 201 x 81", ["image", sim, "-o", volume]),
         ):
             start = time.perf_counter()
             done = subprocess.run([*cli, *arguments], check=True, capture_output=True, text=True)
