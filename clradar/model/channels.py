@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.model import checks
+from clradar.model.summary import summary
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ChannelResponse:
     """Complex gain and delay of every transmit and receive channel.
 
@@ -39,6 +40,8 @@ class ChannelResponse:
     tx_delay_s: np.ndarray
     rx_delay_s: np.ndarray
     reference_hz: float
+
+    __repr__ = summary
 
     def __post_init__(self) -> None:
         for side in ("tx", "rx"):
