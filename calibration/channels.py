@@ -105,9 +105,9 @@ def estimate_channels(
     -------
     ChannelCalibration
         Gauge: gains have the same mean in dB over the live channels of either side, 0 unless
-        `level` is "target"; the first live Tx has phase 0; the means of the delays of Tx and Rx are equal. `meta["outlying_pairs"]` is
-        the share of pairs whose echo is another than the model's: they had no say, and are not in
-        the residual.
+        `level` is "target"; the first live Tx has phase 0; the means of the delays of Tx and Rx are
+        equal. `meta["outlying_pairs"]` is the share of pairs whose echo is another than the
+        model's: they had no say, and are not in the residual.
 
     Raises
     ------

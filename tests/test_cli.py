@@ -129,7 +129,7 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
         (
             "image",
             ("--x-mm", "--y-mm", "--z-mm", "-100:100:1", "260:340:1", "--method", "exact",
-             "--window", "taylor", "--png", "--dynamic-range-db"),
+             "--tolerance-db", "--window", "taylor", "--png", "--dynamic-range-db"),
         ),
         (
             "convert",

@@ -62,7 +62,7 @@ def command(
     x_mm: XOption = None,
     y_mm: YOption = None,
     z_mm: ZOption = None,
-    method: MethodOption = Method.range,
+    method: MethodOption = Method.fast,
     window: WindowOption = Window.rect,
     dynamic_range_db: DynamicRangeOption = DEFAULT_DYNAMIC_RANGE_DB,
     frame: FrameOption = None,

@@ -31,29 +31,26 @@ def load_mean(
     Frames that are not there are left out; a warning says how many the recording was to have.
     """
     from calibration import average_frames
+    from measurement_io import open_recording
+    from measurement_io.failures import fail
+
+    chosen = variant or "raw"
+    recording = open_recording(path, variant=chosen)
+    if not len(recording):
+        fail(path, f"frames of variant {chosen}", "none")
+    files: list[Path] = []
 
     with progress_bar("averaging") as progress:
-        files = _frame_files(path, variant or "raw")
 
         def frames() -> Iterator[Capture]:
-            for done, number in enumerate(files, start=1):
-                yield load_frame(path, frame=number, variant=variant)[0]
+            for capture in recording:
+                files.extend(recording_files(path, capture.meta))
+                yield capture
                 if progress is not None:
-                    progress(done, len(files))
+                    progress(len(files), len(recording))
 
         mean = average_frames(frames(), align_phase=align_phase)
     expected = mean.meta.get("number_of_measurements")
-    if isinstance(expected, int) and expected != len(files):
-        print_warning(f"{path}: {len(files)} of {expected} frames are there; averaged those")
-    return mean, list(files.values())
-
-
-def _frame_files(path: Path, variant: str) -> dict[int, Path]:
-    """Return the files of a recording's frames by their number; an error if there are none."""
-    from measurement_io.failures import fail
-    from measurement_io.maroon.folders import find_radar_folder, frames
-
-    files = frames(find_radar_folder(path))[variant]
-    if not files:
-        fail(path, f"frames of variant {variant}", "none")
-    return dict(sorted(files.items()))
+    if isinstance(expected, int) and expected != len(recording):
+        print_warning(f"{path}: {len(recording)} of {expected} frames are there; averaged those")
+    return mean, files

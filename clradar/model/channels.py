@@ -10,10 +10,11 @@ import numpy as np
 
 from clradar.model import checks
 from clradar.model.array import AntennaArray
+from clradar.model.summary import summary
 from clradar.model.waveform import Waveform
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ChannelResponse:
     """Complex gain and delay of every transmit and receive channel.
 
@@ -43,6 +44,8 @@ class ChannelResponse:
     tx_delay_s: np.ndarray
     rx_delay_s: np.ndarray
     reference_hz: float
+
+    __repr__ = summary
 
     def __post_init__(self) -> None:
         for side in ("tx", "rx"):
@@ -76,7 +79,7 @@ def _response(gain: np.ndarray, delay_s: np.ndarray, offset_hz: np.ndarray) -> n
     return gain[:, None] * np.exp(-2j * np.pi * delay_s[:, None] * offset_hz)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ChannelCalibration:
     """The channels of one instrument as measured with a known target, and how well.
 
@@ -140,6 +143,8 @@ class ChannelCalibration:
     residual_db: float
     noise_residual_db: float
     meta: Mapping[str, Any] = field(default_factory=dict)
+
+    __repr__ = summary
 
     def __post_init__(self) -> None:
         checks.instance("ChannelCalibration.response", self.response, ChannelResponse)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -26,6 +27,8 @@ from measurement_io.maroon.recording import (
     mesh_files,
     placed_mesh,
 )
+
+Record = TypeVar("Record")
 
 SAME_STRETCH = 1e-3
 """Largest relative difference of stretches that are called the same: matrices that were measured
@@ -69,19 +72,29 @@ def inspect_placement(
     facts.append(Fact("meshes", "\n".join(lines), values))
 
 
+def _read_if_there(
+    path: Path, read: Callable[[Path], Record], facts: list[Fact], problems: list[str]
+) -> Record | None:
+    """Return what a file says; note it where it says nothing."""
+    if not path.exists():
+        facts.append(Fact(path.name, "none", None))
+        return None
+    try:
+        return read(path)
+    except MeasurementError as error:
+        facts.append(Fact(path.name, "cannot be read", None))
+        problems.append(clean(error))
+        return None
+
+
 def _metadata(
     distance: Path, facts: list[Fact], problems: list[str], missing: list[str]
 ) -> RecordingMetadata | None:
     path = distance / METADATA_FILE
     if not path.exists():
-        facts.append(Fact(METADATA_FILE, "none", None))
         missing.append(METADATA_FILE)
-        return None
-    try:
-        metadata = read_metadata(path)
-    except MeasurementError as error:
-        facts.append(Fact(METADATA_FILE, "cannot be read", None))
-        problems.append(clean(error))
+    metadata = _read_if_there(path, read_metadata, facts, problems)
+    if metadata is None:
         return None
     value = {
         "distance_meters": metadata.distance_meters,
@@ -123,14 +136,9 @@ def _alignment(
 ) -> SensorAlignment | None:
     path = distance / ALIGNMENT_FILE
     if not path.exists():
-        facts.append(Fact(ALIGNMENT_FILE, "none", None))
         missing.append(f"{ALIGNMENT_FILE}, without which no mesh can be placed")
-        return None
-    try:
-        alignment = read_alignment(path)
-    except MeasurementError as error:
-        facts.append(Fact(ALIGNMENT_FILE, "cannot be read", None))
-        problems.append(clean(error))
+    alignment = _read_if_there(path, read_alignment, facts, problems)
+    if alignment is None:
         return None
     lines, values = [], {}
     for name, matrix in named_transforms(alignment):
