@@ -144,7 +144,7 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
             "channels",
             ("--target", "plate", "--distance-mm", "--tilt-deg", "--size-mm", "--position-mm",
              "--radius-mm", "--tolerance-mm", "--hold", "--common-delay", "--level", "--gate-mm",
-             "--plot", "--frame", "docs/channel-calibration.md"),
+             "--plot", "--frame"),
         ),
         ("correct", ("--channels", "--keep-noisy", "--frame", "--variant")),
         ("inspect", ("--check", "--json")),
