@@ -19,10 +19,11 @@ def correct(
     calibration: ChannelCalibration,
     *,
     mask: Collection[str] = MASKS,
+    keep_level: bool = True,
 ) -> Capture:
     """Return a capture as ideal channels would have recorded it.
 
-    s[tx, rx, n] / (h_tx(f_n) h_rx(f_n)), and 0 for every pair with a masked channel.
+    a s[tx, rx, n] / (h_tx(f_n) h_rx(f_n)), and 0 for every pair with a masked channel.
 
     Parameters
     ----------
@@ -31,12 +32,15 @@ def correct(
     calibration : ChannelCalibration
     mask : collection of "dead", "noisy"
         Which channels' pairs are set to 0. Dead ones cannot be left in: they have no gain.
+    keep_level : bool
+        a is 1 over the share of pairs that are left, so that a point in an image, which divides by
+        all pairs, is as bright as with all of them. Otherwise a = 1.
 
     Returns
     -------
     Capture
-        `meta["channels"]` has the masked channels and `live_share`, the share of pairs that are
-        left: an image divides by all pairs, so a point's amplitude is this much smaller.
+        `meta["channels"]` has the masked channels, `live_share`, the share of pairs that are left,
+        and `factor`, the a above.
 
     Raises
     ------
@@ -64,14 +68,17 @@ def correct(
         keep[masked[side]] = False
         inverse[side] = np.zeros_like(response)
         inverse[side][keep] = 1.0 / response[keep]
+    live = [len(inverse[side]) - masked[side].size for side in ("tx", "rx")]
+    live_share = live[0] * live[1] / (len(inverse["tx"]) * len(inverse["rx"]))
+    factor = 1.0 / live_share if keep_level and live_share else 1.0
     data = np.empty_like(capture.data)
     for i, row in enumerate(capture.data):
-        data[i] = row * (inverse["tx"][i] * inverse["rx"])
-    live = [len(inverse[side]) - masked[side].size for side in ("tx", "rx")]
+        data[i] = row * (factor * inverse["tx"][i] * inverse["rx"])
     record = {
         "masked_tx": masked["tx"].tolist(),
         "masked_rx": masked["rx"].tolist(),
-        "live_share": live[0] * live[1] / (len(inverse["tx"]) * len(inverse["rx"])),
+        "live_share": live_share,
+        "factor": factor,
         "target": calibration.target,
         "residual_db": calibration.residual_db,
     }

@@ -483,10 +483,15 @@ def test_correction_divides_and_masks(truth: Instrument, found: ChannelCalibrati
     rx = found.response.rx_response(frequencies_hz)
     tx[[2, 4]], rx[7] = np.inf, np.inf
     want = capture.data / tx[:, None] / rx[None]
-    assert np.abs(corrected.data - want).max() < 1e-6 * np.abs(want).max()  # complex64
+    plain = correct(capture, found, keep_level=False)
+    assert np.abs(plain.data - want).max() < 1e-6 * np.abs(want).max()  # complex64
+    level = (24 / 22) * (24 / 23)  # the pairs that are left stand for all
+    assert np.abs(corrected.data - level * want).max() < 1e-6 * level * np.abs(want).max()
     record = corrected.meta["channels"]
     assert (record["masked_tx"], record["masked_rx"]) == ([2, 4], [7])
     assert record["live_share"] == pytest.approx(22 / 24 * 23 / 24)
+    assert record["factor"] == pytest.approx(level)
+    assert plain.meta["channels"]["factor"] == 1.0
     kept = correct(capture, found, mask=["dead"])
     assert kept.data[4].any()
     assert not kept.data[2].any()

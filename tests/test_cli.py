@@ -213,7 +213,7 @@ def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
         (["image", "sim.h5", "-o", "x.h5", "--y-mm", "0:10"], "--y-mm"),
         (["image", "sim.h5", "-o", "x.h5", "--z-mm", "0:10:3"], "0:9:3"),
         (["image", "sim.h5", "-o", "x.h5", "--z-mm", "0:nan:3"], "--z-mm"),
-        (["image", "sim.h5", "-o", "x.h5", "--method", "fast"], "--method"),
+        (["image", "sim.h5", "-o", "x.h5", "--method", "quick"], "--method"),
         (["compare", "volume.h5"], "SIMULATED"),
         (["compare", "volume.h5", "volume.h5", "--x-mm", "0:60:6"], "no capture"),
         (["inspect", "volume.h5", "--loud"], "--loud"),
