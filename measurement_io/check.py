@@ -10,6 +10,7 @@ from clradar.errors import MeasurementError
 from measurement_io import native
 from measurement_io.describe import folder_problems
 from measurement_io.failures import clean, reading, shown
+from measurement_io.layouts.skeleton import layout_needed
 from measurement_io.maroon import folders
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.opening import SUPPORTED, kind_of
@@ -68,6 +69,8 @@ def check_file(path: str | os.PathLike[str]) -> CheckReport:
 
 def _check(source: Path, checked: list[str], problems: list[str]) -> None:
     kind = kind_of(source)
+    if kind == "container":
+        raise layout_needed(source)
     if kind == "folder":
         _check_folder(source, checked, problems)
     elif kind == "frame":

@@ -14,6 +14,7 @@ import numpy as np
 from clradar.model import Capture, Volume
 from measurement_io import native
 from measurement_io.failures import clean, fail, read_bytes, reading, shown
+from measurement_io.layouts.containers import open_container
 from measurement_io.maroon import folders
 from measurement_io.maroon.folders import ranges
 from measurement_io.maroon.frame import read_frame_file
@@ -34,7 +35,8 @@ class Description:
     ----------
     path : str
     kind : str
-        "native capture", "native volume", "recorded frame" or "recording".
+        "native capture", "native volume", "recorded frame", "recording", or the container that a
+        file of another program is, such as "a MATLAB v5 file".
     facts : tuple of (str, str)
         What, and its value in words.
     problems : tuple of str
@@ -72,6 +74,8 @@ def _describe(source: Path) -> Description:
     kind = kind_of(source)
     if kind == "folder":
         return _describe_folder(source)
+    if kind == "container":
+        return _describe_container(source)
     if kind == "frame":
         capture = read_frame_file(source)
         return Description(shown(source), "recorded frame", tuple(_capture_facts(capture)))
@@ -82,6 +86,13 @@ def _describe(source: Path) -> Description:
     else:
         facts += _volume_facts(native.read_volume(source)[1])
     return Description(shown(source), f"native {header.format}", tuple(facts))
+
+
+def _describe_container(source: Path) -> Description:
+    with open_container(source) as container:
+        facts = [(clean(key.name)[:80], key.description) for key in container.keys.values()]
+        problem = "it needs a layout, which says which key and which axis is what"
+        return Description(shown(source), container.kind, tuple(facts), (problem,))
 
 
 def folder_problems(radar: Path) -> list[str]:

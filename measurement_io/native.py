@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -23,10 +22,8 @@ from clradar.model import AntennaArray, Capture, Volume, VoxelGrid, Waveform
 from measurement_io import hdf5_guard, provenance
 from measurement_io.atomic import refuse_existing, replacing
 from measurement_io.failures import clean, fail, reading, regular_file_size
-from measurement_io.hdf5_heap import check_heaps
 
 VERSION = 1
-HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 FORMATS = ("capture", "volume")
 AXES = {"capture": ("tx", "rx", "frequency_hz"), "volume": ("z_m", "y_m", "x_m")}
 DATASETS = {
@@ -118,7 +115,7 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
 
 def read_capture(path: Path) -> tuple[NativeHeader, Capture]:
     """Return header and capture of a native file; every failure is a `MeasurementError`."""
-    with _opened(path) as file:
+    with hdf5_guard.opened(path, _EXPECTED) as file:
         header, data = _header(path, file, "capture")
         tx_m = hdf5_guard.array(path, data, "tx_m", np.float64, (None, 3))
         rx_m = hdf5_guard.array(path, data, "rx_m", np.float64, (None, 3))
@@ -132,7 +129,7 @@ def read_capture(path: Path) -> tuple[NativeHeader, Capture]:
 
 def read_volume(path: Path) -> tuple[NativeHeader, Volume]:
     """Return header and volume of a native file; every failure is a `MeasurementError`."""
-    with _opened(path) as file:
+    with hdf5_guard.opened(path, _EXPECTED) as file:
         header, data = _header(path, file, "volume")
         axes = [hdf5_guard.array(path, data, n, np.float64, (None,)) for n in ("x_m", "y_m", "z_m")]
         origin = hdf5_guard.array(path, data, "origin_m", np.float64, (3,))
@@ -156,22 +153,22 @@ def open_volume(path: str | os.PathLike[str]) -> Volume:
     file = Path(path)
     size = regular_file_size(file, "a native volume file")
     with reading(file, "a native volume file"), open(file, "rb") as raw:
-        magic = raw.read(len(HDF5_MAGIC))
-    if magic != HDF5_MAGIC:
+        magic = raw.read(len(hdf5_guard.HDF5_MAGIC))
+    if magic != hdf5_guard.HDF5_MAGIC:
         fail(file, "a native volume file (HDF5)", f"{size} bytes that are no HDF5 file")
     return read_volume(file)[1]
 
 
 def read_header(path: Path) -> NativeHeader:
     """Return the header of a native file without reading its data."""
-    with _opened(path) as file:
+    with hdf5_guard.opened(path, _EXPECTED) as file:
         return _header(path, file, None)[0]
 
 
 def nexus_problems(path: Path) -> list[str]:
     """Return what a native file lacks that reading does not need: NeXus attributes, checksums."""
     problems = []
-    with _opened(path) as file:
+    with hdf5_guard.opened(path, _EXPECTED) as file:
         header, data = _header(path, file, None)
         nodes = {"/": file, "/entry": file["entry"], "/entry/data": data}
         for name, node in nodes.items():
@@ -203,19 +200,6 @@ def nexus_problems(path: Path) -> list[str]:
 def _attribute_problem(path: Path, node: Any, name: str, want: str) -> list[str]:
     have = hdf5_guard.text(path, node, name) if name in node.attrs else "nothing"
     return [] if have == want else [f"{node.name}@{name}: expected {want}, got {clean(have)}"]
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    import h5py
-
-    if regular_file_size(path, _EXPECTED) == 0:
-        fail(path, _EXPECTED, "an empty file")
-    with reading(path, _EXPECTED):
-        check_heaps(path)
-        with h5py.File(path, "r") as file:
-            hdf5_guard.check_sizes(path, file)
-            yield file
 
 
 def _header(path: Path, file: Any, wanted: str | None) -> tuple[NativeHeader, Any]:
