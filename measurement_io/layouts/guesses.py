@@ -123,6 +123,8 @@ def _numbers(container: Container, key: Key, most: int) -> np.ndarray | None:
 
 
 def guess_frequencies(container: Container, keys: Sequence[Key]) -> Frequencies:
+    keys = [key for key in keys if not any(_names_side(key.name, side) for side in SIDES)]
+
     def rank(key: Key) -> bool:
         return not re.search(r"f|hz", key.name.rsplit("/", 1)[-1], re.IGNORECASE)
 
