@@ -15,7 +15,7 @@ from measurement_io.failures import fail, reading, shown
 from measurement_io.layouts.container import Container
 from measurement_io.layouts.containers import EXPECTED, open_container
 from measurement_io.layouts.cube import DataShape, data_shape, read_cube
-from measurement_io.layouts.description import AntennaLayout, Layout
+from measurement_io.layouts.description import MAX_CHANNELS, AntennaLayout, Layout
 from measurement_io.layouts.frequencies import read_frequencies
 from measurement_io.layouts.positions import Positions, check_plausible, read_positions
 from measurement_io.layouts.real_values import meta_value
@@ -175,6 +175,8 @@ def _side(
 ) -> _Side:
     if side.channels is not None and side.channels != have:
         fail(path, f"[{name}] channels = {side.channels} in the data", f"{have}: {shape.keys[0]}")
+    if have > MAX_CHANNELS:  # what a header claims costs nothing until it is counted out
+        fail(path, f"at most {MAX_CHANNELS} {name} channels", f"{have}: {shape.keys[0]}")
     chosen = list(range(have))
     if side.select is not None:
         try:

@@ -12,6 +12,7 @@ from measurement_io.layouts.description import (
     FREQUENCY_UNITS_HZ,
     KNOWN_ARRAYS,
     LENGTH_UNITS_PER_M,
+    MAX_CHANNELS,
     SIGNAL_AXES,
     AntennaLayout,
     DataLayout,
@@ -29,7 +30,6 @@ else:
 
 MAX_LAYOUT_BYTES = 2**18
 _MAX_LINE = 2**14
-_MAX_CHANNELS = 100_000
 _EXPECTED = "a layout (a TOML file, see docs/layouts.md)"
 _SLICE = re.compile(r"(-?[0-9]{0,9}):(-?[0-9]{0,9})(?::(-?[0-9]{1,9}))?\Z")
 _COORDINATES = ("x", "y", "z")
@@ -136,7 +136,7 @@ def _check_axes(table: Table, axes: tuple[str, ...], pick: dict[str, int], key: 
 
 
 def _antennas(table: Table, folder: Path) -> AntennaLayout:
-    channels = table.whole("channels", 1, _MAX_CHANNELS)
+    channels = table.whole("channels", 1, MAX_CHANNELS)
     select = _select(table)
     key, file = table.text("key"), table.text("file", "the name of an antenna file")
     values = table.rows("values")
@@ -190,7 +190,7 @@ def _select(table: Table) -> Select | None:
             table.fail("select", "a step other than 0", text)
         return Select(start, stop, step, None)
     channels = table.whole_numbers("select", 0)
-    if channels is None or len(set(channels)) != len(channels) or len(channels) > _MAX_CHANNELS:
+    if channels is None or len(set(channels)) != len(channels) or len(channels) > MAX_CHANNELS:
         table.fail("select", "every channel once", "repeated channels")
     return Select(None, None, None, channels)
 
