@@ -101,9 +101,8 @@ def _fill_matlab(group: h5py.Group, tree: Tree) -> None:
             pairs = np.empty(array.shape, [("real", part), ("imag", part)])
             pairs["real"], pairs["imag"] = array.real, array.imag
             array = pairs
-        made = group.create_dataset(
-            key, data=array, chunks=array.shape, compression="gzip", compression_opts=3
-        )
+        chunks = (max(1, array.shape[0] // 8), *array.shape[1:])
+        made = group.create_dataset(key, data=array, chunks=chunks, compression="gzip")
         made.attrs["MATLAB_class"] = np.bytes_(name)
 
 
