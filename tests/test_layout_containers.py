@@ -300,6 +300,31 @@ def test_other_user_blocks(tmp_path: Path, toml: Path, block: int) -> None:
     assert_same(open_with_layout(tmp_path / "c", toml), capture)
 
 
+def test_matlab_classes_of_v73(tmp_path: Path, toml: Path) -> None:
+    capture = random_capture()
+    path = write("mat v7.3", tmp_path / "c", {**tree_of(capture), "word": "hällo"})
+    with h5py.File(path, "r+") as file:
+        file["#refs#/a"] = [[1.0]]
+        cell = file.create_dataset("cell", data=[[file["#refs#/a"].ref]], dtype=h5py.ref_dtype)
+        cell.attrs["MATLAB_class"] = np.bytes_("cell")
+        file["flag"] = np.uint8([[1]])
+        file["flag"].attrs["MATLAB_class"] = np.bytes_("logical")
+        file["nothing"] = np.uint64([0, 0])
+        file["nothing"].attrs["MATLAB_class"] = np.bytes_("double")
+        file["nothing"].attrs["MATLAB_empty"] = np.uint8(1)
+        file["odd"] = [[1.0]]
+        file["odd"].attrs["MATLAB_class"] = "text of variable length"
+    assert_same(open_with_layout(path, toml), capture)
+    with open_container(path) as container:
+        assert container.text("word", "a test") == "hällo"
+        assert not any(name.startswith("#") for name in container.keys)
+        for name, kind in (("cell", "cell"), ("flag", "logical"), ("odd", "unknown form")):
+            with pytest.raises(MeasurementError, match=kind):
+                container.read(name, "a test")
+        with pytest.raises(MeasurementError, match="hold numbers"):
+            container.read("nothing", "a test")
+
+
 # ---- MATLAB v5
 
 

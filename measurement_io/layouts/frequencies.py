@@ -8,9 +8,7 @@ from measurement_io.failures import clean, fail
 from measurement_io.layouts.container import Container
 from measurement_io.layouts.description import FREQUENCY_UNITS_HZ, FrequencyLayout
 from measurement_io.layouts.real_values import real_list, real_number
-
-PLAUSIBLE_HZ = (1e8, 1e12)
-"""Frequencies of an imaging radar; others are in another unit than the layout says."""
+from measurement_io.maroon.frame import PLAUSIBLE_HZ
 
 _MAX_POINTS = 10_000_000
 

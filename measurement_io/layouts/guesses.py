@@ -15,7 +15,7 @@ from measurement_io.failures import clean, reading
 from measurement_io.layouts.container import Container, Key
 from measurement_io.layouts.containers import EXPECTED
 from measurement_io.layouts.description import FREQUENCY_UNITS_HZ, LENGTH_UNITS_PER_M
-from measurement_io.layouts.frequencies import PLAUSIBLE_HZ
+from measurement_io.maroon.frame import PLAUSIBLE_HZ
 
 UNKNOWN = "?"
 """Stands in a skeleton where nothing could be guessed; no file has a key of that name."""

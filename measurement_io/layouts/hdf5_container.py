@@ -98,7 +98,7 @@ class Hdf5Container(Container):
             kind = matlab_class.decode("ascii", "backslashreplace")
             return Key(name, shape, kind, "other")
         if self.matlab and "MATLAB_empty" in found.attrs:
-            return Key(name, (0, 0), str(dtype), "other")
+            return Key(name, (0, 0), f"empty {dtype}", "other")
         content: Content = "other"
         kind = str(dtype)
         if holds_numbers(dtype):

@@ -202,7 +202,7 @@ class _Walk:
         if depth > MAX_DEPTH:
             fail(self._path, f"structs nested at most {MAX_DEPTH} deep", "more")
         if size == 0:  # MATLAB's short form of []
-            self._list(Key(name, (0, 0), "float64", "other"))
+            self._list(Key(name, (0, 0), "empty", "other"))
             return False
         start = source.position
         flags = self._small(source, _UINT32, 8, "array flags")
