@@ -9,6 +9,7 @@ from pathlib import Path
 from clradar.errors import MeasurementError
 from measurement_io import channels_file, native, native_scheme
 from measurement_io.failures import reading, shown
+from measurement_io.layouts.skeleton import layout_needed
 from measurement_io.maroon.folders import find_radar_folder
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.inspection import inspect_folders
@@ -70,6 +71,8 @@ def check_file(path: str | os.PathLike[str]) -> CheckReport:
 
 def _check(source: Path, checked: list[str], problems: list[str]) -> None:
     kind = kind_of(source)
+    if kind == "container":
+        raise layout_needed(source)
     if kind == "folder":
         _check_folder(source, checked, problems)
     elif kind == "frame":

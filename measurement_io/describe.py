@@ -14,6 +14,7 @@ from measurement_io.facts import (
     volume_facts,
 )
 from measurement_io.failures import clean, reading, shown
+from measurement_io.layouts.containers import open_container
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.inspection import inspect_recording
 from measurement_io.opening import SUPPORTED, kind_of
@@ -39,6 +40,8 @@ def _describe(source: Path) -> Description:
         found = inspect_recording(source)
         facts, problems, missing = tuple(found.facts), tuple(found.problems), tuple(found.missing)
         return Description(shown(source), "recording", facts, problems, missing)
+    if kind == "container":
+        return _describe_container(source)
     if kind == "frame":
         capture = read_frame_file(source)
         return Description(shown(source), "recorded frame", tuple(capture_facts(capture)))
@@ -54,3 +57,13 @@ def _describe(source: Path) -> Description:
     else:
         more = volume_facts(native.read_volume(source)[1])
     return Description(shown(source), f"native {header.format}", (*opening, *more))
+
+
+def _describe_container(source: Path) -> Description:
+    with open_container(source) as container:
+        facts = [
+            Fact(clean(key.name)[:80], key.description, key.description)
+            for key in container.keys.values()
+        ]
+        problem = "it needs a layout, which says which key and which axis is what"
+        return Description(shown(source), container.kind, tuple(facts), (problem,))

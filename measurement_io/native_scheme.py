@@ -21,10 +21,8 @@ from clradar.errors import ModelError
 from measurement_io import hdf5_guard, provenance
 from measurement_io.atomic import refuse_existing, replacing
 from measurement_io.failures import clean, fail, reading, regular_file_size
-from measurement_io.hdf5_heap import check_heaps
 
 VERSION = 1
-HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 NX_CLASSES = {"/": "NXroot", "/entry": "NXentry", "/entry/data": "NXdata"}
 _CHUNK_BYTES = 2**20
 _EXPECTED = "a readable native HDF5 file"
@@ -160,23 +158,16 @@ def _attribute_problem(path: Path, node: Any, name: str, want: str) -> list[str]
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
     """Open a native file for reading; every failure in the block is a `MeasurementError`."""
-    import h5py
-
-    if regular_file_size(path, _EXPECTED) == 0:
-        fail(path, _EXPECTED, "an empty file")
-    with reading(path, _EXPECTED):
-        check_heaps(path)
-        with h5py.File(path, "r") as file:
-            hdf5_guard.check_sizes(path, file)
-            yield file
+    with hdf5_guard.opened(path, _EXPECTED) as file:
+        yield file
 
 
 def check_hdf5(path: Path, expected: str) -> None:
     """Raise `MeasurementError` unless a path is a regular file that starts as HDF5 does."""
     size = regular_file_size(path, expected)
     with reading(path, expected), open(path, "rb") as raw:
-        magic = raw.read(len(HDF5_MAGIC))
-    if magic != HDF5_MAGIC:
+        magic = raw.read(len(hdf5_guard.HDF5_MAGIC))
+    if magic != hdf5_guard.HDF5_MAGIC:
         fail(path, f"{expected} (HDF5)", f"{size} bytes that are no HDF5 file")
 
 

@@ -561,7 +561,7 @@ def test_the_content_decides_and_not_the_name(tmp_path):
 
 def test_plain_array_says_what_is_supported(tmp_path):
     np.save(tmp_path / "plain.npy", np.zeros((94, 94, 2), np.complex64))
-    assert "plain arrays" in refused(tmp_path / "plain.npy")
+    assert "a plain .npy array" in refused(tmp_path / "plain.npy")
 
 
 def test_not_a_regular_file(tmp_path):
