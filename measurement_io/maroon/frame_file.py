@@ -72,7 +72,7 @@ def _check_header(path: Path, content: bytes) -> int:
             path,
             "a recorded frame (a pickled dictionary in a 0-d object array); plain arrays carry no "
             "frequencies and no antennas and are not read",
-            f"an array of {dtype} and shape {shape}",
+            clean(f"an array of {dtype} and shape {shape}"),
         )
     return stream.tell()
 
