@@ -2,19 +2,41 @@
 
 HDF5 can point outside the file (external links, external storage, virtual datasets), ask for
 memory that the file does not back (fill values, filters that inflate) and load filter plug-ins.
-Nothing of that occurs in a native file, so each is looked for before the data is touched.
+Nothing of that occurs in a native file, so each is looked for before the data is touched. What the
+library itself does wrong on damaged files is why all this runs in `hdf5_process`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from measurement_io.failures import clean, fail
+from measurement_io.failures import clean, fail, reading, regular_file_size
+from measurement_io.hdf5_heap import check_heaps
+from measurement_io.hdf5_process import forbid_opening
 from measurement_io.provenance import MAX_TEXT_BYTES
+
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+
+
+@contextmanager
+def opened(path: Path, expected: str) -> Iterator[Any]:
+    """Open an HDF5 file for reading; whatever happens inside ends in a `MeasurementError`."""
+    import h5py
+
+    if regular_file_size(path, expected) == 0:
+        fail(path, expected, "an empty file")
+    with reading(path, expected):
+        check_heaps(path)
+        with h5py.File(path, "r") as file:
+            forbid_opening()
+            check_sizes(path, file)
+            yield file
 
 
 def check_sizes(path: Path, file: Any) -> None:

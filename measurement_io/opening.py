@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from clradar.model import Capture, checks
-from measurement_io import native
+from measurement_io import hdf5_guard, native
 from measurement_io.failures import fail, reading, regular_file_size
 from measurement_io.maroon import frame as frame_reader
 from measurement_io.maroon.folders import VARIANTS
@@ -96,7 +96,7 @@ def kind_of(path: Path) -> Kind:
     size = regular_file_size(path, SUPPORTED)
     with reading(path, SUPPORTED), open(path, "rb") as file:
         start = file.read(8)
-    if start == native.HDF5_MAGIC:
+    if start == hdf5_guard.HDF5_MAGIC:
         return "native"
     if start.startswith(NPY_MAGIC):
         return "frame"

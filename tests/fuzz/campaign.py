@@ -49,11 +49,9 @@ class Outcome:
     wall_s: float
 
     def __str__(self) -> str:
-        lines = [
-            f"{self.results} results, {self.errors} errors, {len(self.faults)} faults; slowest input "
-            f"{self.slowest_s:.2f} s, peak memory {self.peak_bytes / 1e6:.0f} MB, {self.wall_s:.0f} s"
-        ]
-        return "\n".join([*lines, *map(str, self.faults)])
+        counts = f"{self.results} results, {self.errors} errors, {len(self.faults)} faults"
+        cost = f"slowest {self.slowest_s:.2f} s, peak {self.peak_bytes / 1e6:.0f} MB"
+        return "\n".join([f"{counts}; {cost}; {self.wall_s:.0f} s", *map(str, self.faults)])
 
 
 def run(

@@ -50,7 +50,11 @@ def _flip_bit(data: bytes, rng: random.Random, _d: object, _o: object) -> bytes:
 
 def _set_byte(data: bytes, rng: random.Random, _d: object, _o: object) -> bytes:
     at = somewhere(data, rng)
-    return data[:at] + bytes([rng.choice((0, 1, 0x7F, 0x80, 0xFF, rng.randrange(256)))]) + data[at + 1 :]
+    return (
+        data[:at]
+        + bytes([rng.choice((0, 1, 0x7F, 0x80, 0xFF, rng.randrange(256)))])
+        + data[at + 1 :]
+    )
 
 
 def _set_integer(data: bytes, rng: random.Random, _d: object, _o: object) -> bytes:
@@ -93,18 +97,14 @@ def _move(data: bytes, rng: random.Random, _d: object, _o: object) -> bytes:
     return data[:target] + data[source : source + size] + data[target + size :]
 
 
-def _splice(
-    data: bytes, rng: random.Random, _d: object, others: Sequence[bytes]
-) -> bytes:
+def _splice(data: bytes, rng: random.Random, _d: object, others: Sequence[bytes]) -> bytes:
     other = rng.choice(others) or b"\0"
     at = somewhere(data, rng)
     start = at if rng.random() < 0.5 and at < len(other) else somewhere(other, rng)
     return data[:at] + other[start:]
 
 
-def _token(
-    data: bytes, rng: random.Random, dictionary: Sequence[bytes], _o: object
-) -> bytes:
+def _token(data: bytes, rng: random.Random, dictionary: Sequence[bytes], _o: object) -> bytes:
     token = rng.choice(dictionary) if dictionary else rng.randbytes(rng.randrange(1, 16))
     at = somewhere(data, rng)
     return data[:at] + token + data[at + (len(token) if rng.random() < 0.5 else 0) :]

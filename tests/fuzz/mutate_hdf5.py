@@ -14,15 +14,24 @@ from fuzz.mutate_bytes import INTERESTING
 
 _SIGNATURES = (
     b"OHDR", b"OCHK", b"TREE", b"SNOD", b"HEAP", b"GCOL", b"FRHP", b"FHDB", b"FHIB", b"FSHD",
-    b"FSSE", b"BTHD", b"BTIN", b"BTLF", b"FAHD", b"FADB", b"EAHD", b"EAIB", b"EASB", b"EADB", b"SMTB",
-    b"SMLI", b"MDCI",
+    b"FSSE", b"BTHD", b"BTIN", b"BTLF", b"FAHD", b"FADB", b"EAHD", b"EAIB", b"EASB", b"EADB",
+    b"SMTB", b"SMLI", b"MDCI",
 )  # fmt: skip
 _ANY = re.compile(b"|".join(_SIGNATURES))
 _NAMES = (
     b"entry", b"data", b"tx_m", b"rx_m", b"frequency_hz", b"x_m", b"origin_m", b"clradar_format",
-    b"clradar_version", b"created", b"provenance", b"text_crc32", b"array_name", b"NX_class", b"axes",
+    b"clradar_version", b"created", b"provenance", b"text_crc32", b"array_name", b"NX_class",
+    b"axes",
 )  # fmt: skip
-DICTIONARY = (*_SIGNATURES, *_NAMES, b"\x89HDF\r\n\x1a\n", b"\xff" * 8, b"\0" * 8, b"capture", b"volume")
+DICTIONARY = (
+    *_SIGNATURES,
+    *_NAMES,
+    b"\x89HDF\r\n\x1a\n",
+    b"\xff" * 8,
+    b"\0" * 8,
+    b"capture",
+    b"volume",
+)
 _SUPERBLOCK = b"\x89HDF\r\n\x1a\n"
 
 
@@ -74,7 +83,9 @@ def _swap_structures(data: bytes, rng: random.Random) -> bytes:
     return data[:target] + piece + data[target + len(piece) :]
 
 
-MUTATORS = (_move_pointer, _move_pointer, _edit_structure, _edit_structure, _edit_name, _swap_structures)
+MUTATORS = (
+    _move_pointer, _move_pointer, _edit_structure, _edit_structure, _edit_name, _swap_structures,
+)  # fmt: skip
 
 
 def structures(data: bytes) -> list[int]:
@@ -121,7 +132,9 @@ def _checksummed(data: bytes) -> list[tuple[int, int]]:
         elif kind == b"FRHP":
             spans.append((at, at + 142))
         elif kind == b"FAHD":
-            size = int.from_bytes(data[at + 8 : at + 16], "little") * data[min(at + 6, len(data) - 1)]
+            size = (
+                int.from_bytes(data[at + 8 : at + 16], "little") * data[min(at + 6, len(data) - 1)]
+            )
             block = int.from_bytes(data[at + 16 : at + 24], "little")
             spans.append((at, at + 24))
             if data[block : block + 4] == b"FADB" and size < 65536:

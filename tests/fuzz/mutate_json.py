@@ -6,14 +6,13 @@ import json
 import random
 from typing import Any
 
-DICTIONARY = tuple(
-    text.encode()
-    for text in (
-        "NaN", "Infinity", "-Infinity", "null", "true", "false", "{", "}", "[", "]", '"', "\\u0000",
-        "\\ud800", "\\", "1e999", "-0", "-0.0", "1E400", "0" * 50, "9" * 5000, "{}", "[]", '""', ",", ":",
-        '"000000":', '"depth":', '"\\u0660\\u0660\\u0660\\u0660\\u0660\\u0660":', "/*", "'", "\ufeff",
-    )
-) + (b"[" * 100_000, b'{"a":' * 100_000, b"\xff", b"\xed\xa0\x80", b"\0")  # fmt: skip
+_TOKENS = (
+    "NaN", "Infinity", "-Infinity", "null", "true", "false", "{", "}", "[", "]", '"', "\\u0000",
+    "\\ud800", "\\", "1e999", "-0", "-0.0", "1E400", "0" * 50, "9" * 5000, "{}", "[]", '""', ",",
+    ":", '"000000":', '"depth":', '"' + "\\u0660" * 6 + '":', "/*", "'", "\ufeff",
+)  # fmt: skip
+_NO_JSON = (b"[" * 100_000, b'{"a":' * 100_000, b"\xff", b"\xed\xa0\x80", b"\0")
+DICTIONARY = (*(token.encode() for token in _TOKENS), *_NO_JSON)
 
 VALUES: tuple[Any, ...] = (
     None, True, False, 0, -1, 1, 2**31, 2**63, 2**64, -(2**70), 10**400, 0.0, -0.0, 1e308, 5e-324,
@@ -38,7 +37,9 @@ def mutate(data: bytes, rng: random.Random) -> bytes:
     if kind == 0:
         del parent[key]
     elif kind == 1 and isinstance(parent, dict):
-        parent[rng.choice(("", "000001", "999999", "\u0660" * 6, str(key) * 2, "\ud800"))] = parent[key]
+        parent[rng.choice(("", "000001", "999999", "\u0660" * 6, str(key) * 2, "\ud800"))] = parent[
+            key
+        ]
     elif kind == 2 and isinstance(parent[key], list | dict):
         parent[key] = [parent[key]] * rng.choice((1, 2, 50))
     elif kind == 3:

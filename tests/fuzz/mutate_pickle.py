@@ -14,7 +14,25 @@ _NAMES = (
     ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer"),
     ("_codecs", "encode"), ("builtins", "complex"), ("numpy", "load"), ("numpy.f2py", "compile"),
 )  # fmt: skip
-_CODES = ("c8", "c16", "f8", "f2", "i8", "u1", "b1", "O", "O8", "S9", "U999999999", "V8", "M8", "i3", "", "<c8", "c8\n")
+_CODES = (
+    "c8",
+    "c16",
+    "f8",
+    "f2",
+    "i8",
+    "u1",
+    "b1",
+    "O",
+    "O8",
+    "S9",
+    "U999999999",
+    "V8",
+    "M8",
+    "i3",
+    "",
+    "<c8",
+    "c8\n",
+)
 
 
 def _text(value: str) -> bytes:
@@ -31,17 +49,19 @@ _GLOBALS = tuple(b"c" + f"{m}\n{n}\n".encode() for m, n in _NAMES) + tuple(
     _text(m) + _text(n) + b"\x93" for m, n in _NAMES
 )
 _LEAVES = (
-    b"N", b"\x88", b"\x89", b"K\x00", b"K\x01", b"M\xff\xff", b"J\xff\xff\xff\xff", b"]", b"}", b")",
+    b"N", b"\x88", b"\x89", b"K\x00", b"K\x01", b"M\xff\xff", b"J\xff\xff\xff\xff", b"]", b"}",
+    b")",
     b"C\x00", b"C\x08abcdefgh", b"U\x01<", b"U\x01>", b"X\x00\0\0\0", b"G\x7f\xf0\0\0\0\0\0\0",
     b"G\x7f\xf8\0\0\0\0\0\0", b"\x8c\x06latin1", b"\x96\x04\0\0\0\0\0\0\0abcd",
     *(_integer(n) for n in INTERESTING), *(_text(code) for code in _CODES),
     *(_text(key) for key in ("xr", "fvec", "timestamp_us", "number_of_measurements", "new")),
 )  # fmt: skip
 _STACK = (
-    b"(", b"t", b"\x85", b"\x86", b"\x87", b"a", b"e", b"s", b"u", b"R", b"b", b"\x94", b"q\x00", b"q\x07",
-    b"h\x00", b"h\x01", b"h\x07", b"r\xff\xff\xff\x7f", b"j\x00\0\0\0", b".", b"0", b"2", b"\x81", b"\x92",
-    b"\x95\x03\0\0\0\0\0\0\0", b"Ppid\n", b"Q", b"\x97", b"\x98", b"\x80\x04", b"\x80\xff", b"\x82\x01",
-    b"i__main__\nf\n", b"o", b"\x90", b"\x91", b"I00\n", b"F1e999\n", b"L1L\n", b"S'a'\n", b"V\\ud800\n",
+    b"(", b"t", b"\x85", b"\x86", b"\x87", b"a", b"e", b"s", b"u", b"R", b"b", b"\x94", b"q\x00",
+    b"q\x07", b"h\x00", b"h\x01", b"h\x07", b"r\xff\xff\xff\x7f", b"j\x00\0\0\0", b".", b"0", b"2",
+    b"\x81", b"\x92", b"\x95\x03\0\0\0\0\0\0\0", b"Ppid\n", b"Q", b"\x97", b"\x98", b"\x80\x04",
+    b"\x80\xff", b"\x82\x01", b"i__main__\nf\n", b"o", b"\x90", b"\x91", b"I00\n", b"F1e999\n",
+    b"L1L\n", b"S'a'\n", b"V\\ud800\n",
 )  # fmt: skip
 DICTIONARY = (
     *_GLOBALS, *_LEAVES, *_STACK, b"\x93NUMPY\x01\x00", b"\x93NUMPY\x02\x00", b"'descr': '|O'",
@@ -62,7 +82,8 @@ _HEADERS = (
     "{'descr': 'V" + "9" * 30 + "', 'fortran_order': False, 'shape': (), }",
     "__import__('os').system('true')",
     "{'descr': __import__('os').system('true'), 'fortran_order': False, 'shape': ()}",
-    "(" * 200, "-" * 5000 + "1", "[" * 3000 + "]" * 3000, "{1: 2}", "", "\0", "'a' 'b'", "1_000", "1if 2else 3",
+    "(" * 200, "-" * 5000 + "1", "[" * 3000 + "]" * 3000, "{1: 2}", "", "\0", "'a' 'b'", "1_000",
+    "1if 2else 3",
     "{'descr': '|O', 'fortran_order': False, 'shape': (), }" + " " * 20_000,
     "{'descr': '" + "i4," * 3000 + "i4', 'fortran_order': False, 'shape': (), }",
     "{'descr': '\\ud800', 'fortran_order': False, 'shape': (), }",
@@ -135,12 +156,14 @@ def _operations(raw: bytes) -> list[bytes]:
     starts = starts or [0]
     ends = [*starts[1:], len(raw)]
     parts = [raw[a:b] for a, b in zip(starts, ends, strict=True)]
-    return [part for part in parts if part[:1] != b"\x95" or len(parts) < 3]  # frames without length
+    return [part for part in parts if part[:1] != b"\x95" or len(parts) < 3]
 
 
 def pickle_start(data: bytes) -> int:
     """Return where the header of an .npy file ends, as far as it can be told."""
     if not data.startswith(b"\x93NUMPY") or len(data) < 12:
         return 0
-    size = struct.unpack("<H", data[8:10])[0] if data[6] == 1 else struct.unpack("<I", data[8:12])[0]
+    size = (
+        struct.unpack("<H", data[8:10])[0] if data[6] == 1 else struct.unpack("<I", data[8:12])[0]
+    )
     return min(len(data), (10 if data[6] == 1 else 12) + size)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import random
 
-DICTIONARY = tuple(
-    text.encode()
-    for text in (
-        "nan", "inf", "-inf", "1e999", "-1e-999", "0x1p3", "1_0", "1,2", ",", ",,,", "\n", "\r",
-        "\r\n", "\x0b", "\x1c", "\u2028", "\u0663", "\ufeff", "x,y,z", "X, Y ,Z", "x,y,z,w", "0" * 5000,
-        "9" * 400, "\0", "#", '"', "-", "+", ".", "1e", "None", "True", " ", "\t",
-    )
-) + (b"\xff", b"\xc0\x80", b"\xed\xa0\x80", b"\xef\xbb\xbf", b"\xff\xfe")  # fmt: skip
+_TOKENS = (
+    "nan", "inf", "-inf", "1e999", "-1e-999", "0x1p3", "1_0", "1,2", ",", ",,,", "\n", "\r",
+    "\r\n", "\x0b", "\x1c", "\u2028", "\u0663", "\ufeff", "x,y,z", "X, Y ,Z", "x,y,z,w",
+    "0" * 5000, "9" * 400, "\0", "#", '"', "-", "+", ".", "1e", "None", "True", " ", "\t",
+)  # fmt: skip
+_NO_TEXT = (b"\xff", b"\xc0\x80", b"\xed\xa0\x80", b"\xef\xbb\xbf", b"\xff\xfe")
+DICTIONARY = (*(token.encode() for token in _TOKENS), *_NO_TEXT)
 
 
 def mutate_lines(data: bytes, rng: random.Random) -> bytes:

@@ -90,8 +90,9 @@ def _corpus(target: Target) -> tuple[bytes, ...]:
 
 def _open_and_check(opener: Callable[[Path], object]) -> Callable[[Path], object]:
     def read(path: Path) -> object:
+        found = opener(path)
         check_file(path)  # looks at more than opening does
-        return opener(path)
+        return found
 
     return read
 
