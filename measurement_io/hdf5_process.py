@@ -20,6 +20,7 @@ import socket
 import subprocess
 import sys
 import threading
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -41,6 +42,7 @@ MEMORY_BYTES = 2**30
 """Memory that reading may take on top of twice the content."""
 
 _MAX_REQUEST_BYTES = 2**16
+_READY = b"ready"
 _START = "import sys; sys.path[:] = {path!r}; from {module} import serve; serve({link})"
 
 _lock = threading.Lock()
@@ -84,20 +86,12 @@ def run(
     message = json.dumps(request).encode("ascii")
     if len(message) > _MAX_REQUEST_BYTES:
         fail(path, "a path and keys of sane length", f"{len(message)} bytes of them")
-    ours, theirs = socket.socketpair()
-    with ours:
-        with theirs:
-            _ask(path, message, theirs)
-        try:
-            answer = wire.receive(ours, 8 * size if most_bytes is None else most_bytes)
-        except (wire.BrokenMessage, OSError) as error:
-            fail_from(
-                error,
-                path,
-                EXPECTED,
-                "one on which the HDF5 library crashes, or takes more than "
-                f"{cpu_s} s or {memory_bytes >> 20} MiB",
-            )
+    try:
+        answer = _answer_of(path, message, 8 * size if most_bytes is None else most_bytes)
+    except (wire.BrokenMessage, OSError) as error:
+        limits = f"{cpu_s} s or {memory_bytes >> 20} MiB"
+        got = f"one on which the HDF5 library crashes, or takes more than {limits}"
+        fail_from(error, path, EXPECTED, got)
     if not isinstance(answer, dict) or ("error" in answer) == ("result" in answer):
         fail(path, EXPECTED, "an answer that makes no sense")
     if "error" in answer:
@@ -105,38 +99,54 @@ def run(
     return answer["result"]
 
 
-def _ask(path: Path, message: bytes, answer_to: socket.socket) -> None:
-    """Hand a request to the server, a new one if the last is gone."""
-    for attempt in (0, 1):
-        try:
-            socket.send_fds(_running_server(), [message], [answer_to.fileno()])
-            return
-        except OSError as error:
-            _stop_server()
-            if attempt:
-                fail_from(error, path, "a process to read HDF5 files in", clean(error))
+def _answer_of(path: Path, message: bytes, most_bytes: int) -> Any:
+    """Send a request; where the server itself is gone, as nothing in a file can make it, again."""
+    for last in (False, True):
+        process, link = _running_server(path)
+        ours, theirs = socket.socketpair()
+        with ours:
+            try:
+                with theirs:
+                    socket.send_fds(link, [message], [theirs.fileno()])
+                return wire.receive(ours, most_bytes)
+            except (wire.BrokenMessage, OSError):
+                if last or process.poll() is None:
+                    raise
+        _stop_server()
+    raise AssertionError
 
 
-def _running_server() -> socket.socket:
+def _running_server(path: Path) -> tuple[subprocess.Popen[bytes], socket.socket]:
     global _server
     with _lock:
         if _server is None:
-            # Requests keep their bounds on this kind of socket, so that a forked process may
-            # go on using it next to its parent.
-            ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-            path = [os.path.abspath(entry) for entry in sys.path]
-            start = _START.format(path=path, module=__name__, link=theirs.fileno())
-            with theirs:
-                process = subprocess.Popen(
-                    [sys.executable, "-c", start],
-                    pass_fds=[theirs.fileno()],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
-                    env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-                )
-            _server = process, ours
-        return _server[1]
+            try:
+                _server = _start_server()
+            except OSError as error:
+                fail_from(error, path, "a process to read HDF5 files in", clean(error))
+        return _server
+
+
+def _start_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    path = [os.path.abspath(entry) for entry in sys.path]
+    start = _START.format(path=path, module=__name__, link=theirs.fileno())
+    with theirs:
+        process = subprocess.Popen(
+            [sys.executable, "-c", start],
+            pass_fds=[theirs.fileno()],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        )
+    greeting = ours.recv(_MAX_REQUEST_BYTES)
+    if greeting != _READY:
+        ours.close()
+        process.kill()
+        process.wait()
+        raise OSError(f"it does not start: {greeting.decode() or sys.executable}")
+    return process, ours
 
 
 @atexit.register
@@ -152,18 +162,32 @@ def _stop_server() -> None:
         process.wait()
 
 
+def _forget_server() -> None:
+    """A forked process has a server of its own: this one answers its parent."""
+    global _server, _lock
+    if _server is not None:
+        _server[0].returncode = 0  # it is not this process's to wait for
+    _server, _lock = None, threading.Lock()
+
+
+os.register_at_fork(after_in_child=_forget_server)
+
+
 # ---- the other side
 
 
 def serve(link_number: int) -> None:
     """Answer requests, each in a process of its own, until nobody is there to ask."""
-    import h5py  # noqa: F401 - what reading needs is loaded here once, and no more later
-
-    for encoding in ("ascii", "latin-1", "utf-8"):
-        codecs.lookup(encoding)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for the processes
+    warnings.simplefilter("ignore")  # they are the caller's to see, and a fork is meant here
     with socket.socket(fileno=link_number) as link:
+        try:
+            _load()
+        except Exception as error:
+            link.send(clean(f"{type(error).__name__}: {error}").encode())
+            return
+        link.send(_READY)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
+        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for the processes
         while True:
             message, handles, _, _ = socket.recv_fds(link, _MAX_REQUEST_BYTES, 1)
             if not message:
@@ -177,19 +201,26 @@ def serve(link_number: int) -> None:
                 os.close(handle)
 
 
+def _load() -> None:
+    """Load once what reading needs: later nothing more can be opened."""
+    import h5py  # noqa: F401
+
+    for encoding in ("ascii", "latin-1", "utf-8"):
+        codecs.lookup(encoding)
+
+
 def _answer(request: dict[str, Any], link: socket.socket) -> None:
     _limit(request["cpu_s"], request["memory_bytes"])
     path = Path(request["path"])
     try:
         os.chdir(request["folder"])
         function = getattr(importlib.import_module(request["module"]), request["function"])
-        answer = {"result": function(path, *request["arguments"])}
+        wire.send(link, {"result": function(path, *request["arguments"])})
     except ClradarError as error:
-        answer = {"error": str(error)}
+        wire.send(link, {"error": str(error)})
     except Exception as error:
         got = f"{type(error).__name__}: {clean(error)}"
-        answer = {"error": f"{shown(path)}: expected {EXPECTED}, got {got}"}
-    wire.send(link, answer)
+        wire.send(link, {"error": f"{shown(path)}: expected {EXPECTED}, got {got}"})
 
 
 def _limit(cpu_s: int, memory_bytes: int) -> None:
@@ -205,6 +236,8 @@ def _limit(cpu_s: int, memory_bytes: int) -> None:
         (resource.RLIMIT_FSIZE, 0),
         (resource.RLIMIT_NPROC, 0),
     ):
+        hard = resource.getrlimit(what)[1]
+        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
         resource.setrlimit(what, (most, most))
     signal.alarm(WALL_LIMIT_S)
 

@@ -48,7 +48,7 @@ def receive(link: socket.socket, most_bytes: int) -> Any:
     try:
         header = json.loads(_exactly(link, length))
         return _value(header, link, [most_bytes])
-    except (ValueError, TypeError, KeyError, IndexError, RecursionError, MemoryError) as error:
+    except Exception as error:
         raise BrokenMessage(f"{type(error).__name__}") from error
 
 
