@@ -83,13 +83,17 @@ def run(
     with TemporaryDirectory(prefix="clradar-fuzz-", dir=base) as name:
         folder = Path(name)
         at, stop = start, start + count
+        retried = -1
         while at < stop and len(faults) < _MOST_FAULTS:
-            what, index = _watched(target, seed, at, stop, folder, time_limit_s)
-            if what is not None:
-                fault = Fault(target, seed, index, what, _newest(folder / "files"))
-                faults.append(_kept(fault, keep))
-                index += 1
-            at = index
+            what, at = _watched(target, seed, at, stop, folder, time_limit_s)
+            if what is None:
+                continue
+            if "takes more than" in what and at != retried:
+                retried = at  # once more, in a fresh worker: the machine may have been busy
+                continue
+            fault = Fault(target, seed, at, what, _newest(folder / "files"))
+            faults.append(_kept(fault, keep))
+            at += 1
         for line in _lines(folder / "faults.jsonl"):
             fault = Fault(target, seed, line["index"], line["what"], Path(line["saved"]))
             faults.append(_kept(fault, keep))

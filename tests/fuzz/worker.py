@@ -23,8 +23,11 @@ from contextlib import contextmanager
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
+import reader_probes
+
 from fuzz.oracle import Watch, judge, resident_peak_bytes
 from fuzz.targets import Target
+from measurement_io import hdf5_process
 
 ADDRESS_SPACE_BYTES = 8 * 2**30
 """What a worker may allocate on top of what it has, so that a bomb does not take the machine."""
@@ -86,12 +89,7 @@ def run(target: Target, seed: int, start: int, stop: int, folder: Path) -> int:
     place.mkdir(exist_ok=True)
     path = target.place(place)
     watch = Watch(place)
-    for content in target.seeds():  # imports what reading needs, before the watch is armed
-        path.write_bytes(content)
-        outcome, fault = judge(target, path)
-        if outcome != "result":
-            print(f"a seed of {target.name} gives no result: {outcome} {fault}")
-            return 3
+    read_seeds(target, path)
     limit_address_space()
     with shared_progress(folder) as shared:
         progress = Progress.load(shared)
@@ -112,6 +110,20 @@ def run(target: Target, seed: int, start: int, stop: int, folder: Path) -> int:
         progress.index, progress.reading = index + 1, 0
         progress.store(shared)
     return 0
+
+
+def read_seeds(target: Target, path: Path) -> None:
+    """Read what is valid: it has to be, and later nothing has to be imported or started."""
+    # An input of any kind may begin as HDF5 does, and then a process is started to read it.
+    probe = path.with_name("probe")
+    probe.write_bytes(b"-")
+    hdf5_process.run(reader_probes.same, probe, 1)
+    probe.unlink()
+    for content in target.seeds():
+        path.write_bytes(content)
+        outcome, fault = judge(target, path)
+        if outcome != "result":
+            raise RuntimeError(f"a seed of {target.name} gives no result: {outcome} {fault}")
 
 
 def note_fault(folder: Path, path: Path, index: int, what: str) -> None:
