@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 import reader_probes
+from fuzz import seeds
 from fuzz.mutate_hdf5 import with_right_checksums
 from opened_files import OpenedFiles
 
@@ -305,3 +306,25 @@ def test_index_of_chunks_without_end(path: Path) -> None:
         cost = hdf5_process.run(reader_probes.cost_of_reading, path)
         assert cost["bytes"] < MOST_BYTES
         assert "expected" in outcomes(path)[0]
+
+
+# ---- damage that the library does not survive
+
+
+def test_a_file_on_which_the_library_divides_by_zero(tmp_path):
+    # Found by fuzzing: records of 0 bytes in the index of a group with many attributes.
+    content = bytearray(seeds.native_captures()[-1])
+    at = content.index(b"BTHD") + 10
+    assert struct.unpack_from("<H", content, at)[0] > 0
+    struct.pack_into("<H", content, at, 0)
+    target = tmp_path / "c.h5"
+    target.write_bytes(with_right_checksums(bytes(content)))
+    trusting = f"import h5py; h5py.File({str(target)!r}).attrs['clradar_format']"
+    done = subprocess.run([sys.executable, "-c", trusting], capture_output=True)
+    if done.returncode == 0:
+        pytest.skip("this version of the library survives it")
+    texts = outcomes(target)
+    assert all("expected a readable" in text for text in texts)
+    # This process goes on, and so does the reading of others.
+    target.write_bytes(seeds.native_captures()[-1])
+    assert open_capture(target).array.n_tx == 3
