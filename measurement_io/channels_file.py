@@ -10,14 +10,13 @@ import numpy as np
 
 from clradar.errors import ModelError
 from clradar.model import ChannelCalibration, ChannelResponse
-from measurement_io import hdf5_guard, provenance
-from measurement_io.failures import fail
-from measurement_io.native import read_instrument
+from measurement_io import native_contents, provenance
+from measurement_io.failures import clean, fail, reading
+from measurement_io.native import contents, instrument
 from measurement_io.native_scheme import (
+    EXPECTED,
     NativeHeader,
     check_hdf5,
-    header_of,
-    opened,
     plain_text,
     write,
     write_dataset,
@@ -114,45 +113,42 @@ def open_channels(path: str | os.PathLike[str]) -> ChannelCalibration:
 
 def read_channels(path: Path) -> tuple[NativeHeader, ChannelCalibration]:
     """Return header and channels of a native file; every failure is a `MeasurementError`."""
-    with opened(path) as file:
-        header, data = header_of(path, file, "channels")
-        array, waveform = read_instrument(path, data)
+    with reading(path, EXPECTED):
+        header, found = contents(native_contents.read_channels, path)
+        array, waveform = instrument(found)
         fields: dict[str, Any] = {}
-        for side, count in (("tx", array.n_tx), ("rx", array.n_rx)):
+        for side in ("tx", "rx"):
             for name, _, _ in _BY_CHANNEL:
-                kind = np.complex128 if name == "gain" else np.float64
-                key = f"{side}_{name}"
-                fields[key] = hdf5_guard.array(path, data, key, kind, (count,))
-            state = hdf5_guard.array(path, data, f"{side}_state", np.int32, (count,))
+                fields[f"{side}_{name}"] = found[f"{side}_{name}"]
+            state = found[f"{side}_state"]
             if not np.isin(state, (LIVE, DEAD, NOISY)).all():
                 fail(path, f"{side}_state of 0, 1 and 2", f"{state.min()} to {state.max()}")
             fields[f"dead_{side}"] = np.flatnonzero(state == DEAD)
             fields[f"noisy_{side}"] = np.flatnonzero(state == NOISY)
-        names = hdf5_guard.text(path, data, "target_parameters").split(",")
-        n = len(names)
-        if len(set(names)) != n:
-            fail(path, "target_parameters of different names", ", ".join(names))
-        position = hdf5_guard.array(path, data, "target_position", np.float64, (n,))
         for name, _, _ in _NUMBERS:
-            fields[name] = _number(path, data, name)
+            fields[name] = float(found[name][0])
+        names = found["target_parameters"].split(",")
+        position = found["target_position"]
+        if len(set(names)) != len(names) or len(names) != len(position):
+            fail(
+                path,
+                f"target_parameters of {len(position)} different names",
+                clean(", ".join(names)),
+            )
         response = ChannelResponse(
             tx_gain=fields.pop("tx_gain"),
             rx_gain=fields.pop("rx_gain"),
             tx_delay_s=fields.pop("tx_delay_s"),
             rx_delay_s=fields.pop("rx_delay_s"),
-            reference_hz=_number(path, data, "reference_hz"),
+            reference_hz=float(found["reference_hz"][0]),
         )
         return header, ChannelCalibration(
             response=response,
             array=array,
             waveform=waveform,
-            target=hdf5_guard.text(path, data, "target"),
+            target=found["target"],
             target_position=dict(zip(names, position.tolist(), strict=True)),
-            target_covariance=hdf5_guard.array(path, data, "target_covariance", np.float64, (n, n)),
+            target_covariance=found["target_covariance"],
             meta=header.meta,
             **fields,
         )
-
-
-def _number(path: Path, data: Any, name: str) -> float:
-    return float(hdf5_guard.array(path, data, name, np.float64, (1,))[0])

@@ -84,7 +84,7 @@ def _check(source: Path, checked: list[str], problems: list[str]) -> None:
 
 
 def _check_native(path: Path, checked: list[str], problems: list[str]) -> None:
-    header = native_scheme.read_header(path)
+    header = native.read_header(path)
     noun = native_scheme.SCHEMES[header.format].noun
     checked.append(f"native: {noun}, version {header.version}, text attributes intact")
     if header.format == "capture":
@@ -94,7 +94,7 @@ def _check_native(path: Path, checked: list[str], problems: list[str]) -> None:
     else:
         native.read_volume(path)
     checked.append("all data read: types, shapes, stored in full, values finite")
-    found = native_scheme.nexus_problems(path)
+    found = native.nexus_problems(path)
     problems += found
     if not found:
         checked.append("every dataset has its Fletcher-32 checksums and they are right")

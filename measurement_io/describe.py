@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from measurement_io import channels_file, native, native_scheme
+from measurement_io import channels_file, native
 from measurement_io.facts import (
     Description,
     Fact,
@@ -45,7 +45,7 @@ def _describe(source: Path) -> Description:
     if kind == "frame":
         capture = read_frame_file(source)
         return Description(shown(source), "recorded frame", tuple(capture_facts(capture)))
-    header = native_scheme.read_header(source)
+    header = native.read_header(source)
     opening = [
         Fact("created", clean(header.created), clean(header.created)),
         Fact("file version", str(header.version), header.version),

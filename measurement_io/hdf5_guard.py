@@ -2,7 +2,8 @@
 
 HDF5 can point outside the file (external links, external storage, virtual datasets), ask for
 memory that the file does not back (fill values, filters that inflate) and load filter plug-ins.
-Nothing of that occurs in a native file, so each is looked for before the data is touched.
+Nothing of that occurs in a native file, so each is looked for before the data is touched. What the
+library itself does wrong on damaged files is why all this runs in `hdf5_process`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 
 from measurement_io.failures import clean, fail, reading, regular_file_size
 from measurement_io.hdf5_heap import check_heaps
+from measurement_io.hdf5_process import forbid_opening
 from measurement_io.provenance import MAX_TEXT_BYTES
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -38,6 +40,7 @@ def opened(path: Path, expected: str) -> Iterator[Any]:
     with reading(path, expected):
         check_heaps(path)
         with h5py.File(path, "r") as file:
+            forbid_opening()
             check_sizes(path, file)
             yield file
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from clradar.model import AntennaArray, Capture, Volume, VoxelGrid, Waveform
-from measurement_io import hdf5_guard, provenance
-from measurement_io.failures import fail
+from measurement_io import hdf5_process, native_contents, provenance
+from measurement_io.failures import clean, fail, reading
 from measurement_io.native_scheme import (
+    EXPECTED,
     NativeHeader,
     check_hdf5,
-    header_of,
-    opened,
     plain_text,
     write,
     write_dataset,
@@ -75,36 +75,60 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
 
 def read_capture(path: Path) -> tuple[NativeHeader, Capture]:
     """Return header and capture of a native file; every failure is a `MeasurementError`."""
-    with opened(path) as file:
-        header, data = header_of(path, file, "capture")
-        array, waveform = read_instrument(path, data)
-        shape = (array.n_tx, array.n_rx, waveform.n_freq)
-        cube = hdf5_guard.array(path, data, "data", np.complex64, shape)
-        return header, Capture(cube, array, waveform, header.meta)
-
-
-def read_instrument(path: Path, data: Any) -> tuple[AntennaArray, Waveform]:
-    """Return the antennas and the frequencies of `/entry/data`."""
-    tx_m = hdf5_guard.array(path, data, "tx_m", np.float64, (None, 3))
-    rx_m = hdf5_guard.array(path, data, "rx_m", np.float64, (None, 3))
-    frequency = hdf5_guard.array(path, data, "frequency_hz", np.float64, (None,))
-    name = hdf5_guard.text(path, data, "array_name")
-    return AntennaArray(tx_m, rx_m, name), Waveform(frequency)
+    with reading(path, EXPECTED):
+        header, found = contents(native_contents.read_capture, path)
+        array, waveform = instrument(found)
+        return header, Capture(_read_only(found["data"]), array, waveform, header.meta)
 
 
 def read_volume(path: Path) -> tuple[NativeHeader, Volume]:
     """Return header and volume of a native file; every failure is a `MeasurementError`."""
-    with opened(path) as file:
-        header, data = header_of(path, file, "volume")
-        axes = [hdf5_guard.array(path, data, n, np.float64, (None,)) for n in ("x_m", "y_m", "z_m")]
-        origin = hdf5_guard.array(path, data, "origin_m", np.float64, (3,))
-        spacing = hdf5_guard.array(path, data, "spacing_m", np.float64, (3,))
-        grid = VoxelGrid(origin, spacing, (len(axes[0]), len(axes[1]), len(axes[2])))
+    with reading(path, EXPECTED):
+        header, found = contents(native_contents.read_volume, path)
+        axes = [found[name] for name in ("x_m", "y_m", "z_m")]
+        counts = (len(axes[0]), len(axes[1]), len(axes[2]))
+        grid = VoxelGrid(found["origin_m"], found["spacing_m"], counts)
         for axis, have, want in zip("xyz", axes, (grid.x_m, grid.y_m, grid.z_m), strict=True):
             if np.abs(have - want).max() > 1e-9 * max(1.0, float(np.abs(want).max())):
                 fail(path, f"{axis}_m as origin_m and spacing_m say", "another axis")
-        image = hdf5_guard.array(path, data, "data", np.complex64, grid.shape)
-        return header, Volume(image, grid, header.meta)
+        return header, Volume(_read_only(found["data"]), grid, header.meta)
+
+
+def read_header(path: Path) -> NativeHeader:
+    """Return the header of a native file without reading its data."""
+    with reading(path, EXPECTED):
+        return _header(hdf5_process.run(native_contents.read_header, path))
+
+
+def nexus_problems(path: Path) -> list[str]:
+    """Return what a native file lacks that reading does not need: NeXus attributes, checksums."""
+    with reading(path, EXPECTED):
+        return [clean(line) for line in hdf5_process.run(native_contents.nexus_problems, path)]
+
+
+def contents(
+    function: Callable[[Path], native_contents.Contents], path: Path
+) -> tuple[NativeHeader, native_contents.Contents]:
+    """Return the header of a native file, and what a function of `native_contents` takes out."""
+    found = hdf5_process.run(function, path)
+    header = found.pop("header")
+    return _header(header), {**header["texts"], **found}
+
+
+def instrument(found: native_contents.Contents) -> tuple[AntennaArray, Waveform]:
+    """Return the antennas and the frequencies of a capture or of its channels."""
+    array = AntennaArray(found["tx_m"], found["rx_m"], found["array_name"])
+    return array, Waveform(found["frequency_hz"])
+
+
+def _header(found: native_contents.Contents) -> NativeHeader:
+    meta = provenance.from_json(found["provenance"])
+    return NativeHeader(found["format"], found["version"], found["created"], meta)
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array.flags.writeable = False  # the record keeps a read-only array without another copy
+    return array
 
 
 def open_volume(path: str | os.PathLike[str]) -> Volume:

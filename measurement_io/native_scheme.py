@@ -8,8 +8,7 @@ when it was made and, as JSON, where it comes from.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -18,14 +17,14 @@ from typing import Any
 import numpy as np
 
 from clradar.errors import ModelError
-from measurement_io import hdf5_guard, provenance
+from measurement_io import hdf5_guard
 from measurement_io.atomic import refuse_existing, replacing
-from measurement_io.failures import clean, fail, reading, regular_file_size
+from measurement_io.failures import fail, reading, regular_file_size
 
 VERSION = 1
 NX_CLASSES = {"/": "NXroot", "/entry": "NXentry", "/entry/data": "NXdata"}
 _CHUNK_BYTES = 2**20
-_EXPECTED = "a readable native HDF5 file"
+EXPECTED = "a readable native HDF5 file"
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,57 +110,6 @@ class NativeHeader:
     meta: dict[str, Any]
 
 
-def read_header(path: Path) -> NativeHeader:
-    """Return the header of a native file without reading its data."""
-    with opened(path) as file:
-        return header_of(path, file, None)[0]
-
-
-def nexus_problems(path: Path) -> list[str]:
-    """Return what a native file lacks that reading does not need: NeXus attributes, checksums."""
-    problems = []
-    with opened(path) as file:
-        header, data = header_of(path, file, None)
-        scheme = SCHEMES[header.format]
-        nodes = {"/": file, "/entry": file["entry"], "/entry/data": data}
-        for name, node in nodes.items():
-            problems += _attribute_problem(path, node, "NX_class", NX_CLASSES[name])
-        problems += _attribute_problem(path, file, "default", "entry")
-        problems += _attribute_problem(path, nodes["/entry"], "default", "data")
-        problems += _attribute_problem(path, data, "signal", scheme.signal)
-        axes = list(scheme.axes)
-        if "axes" not in data.attrs or hdf5_guard.texts(path, data, "axes") != axes:
-            problems.append(f"/entry/data@axes: expected {axes}")
-        for name in scheme.datasets:
-            if name in ("tx", "rx") and name not in data:
-                continue  # for viewers only
-            found = hdf5_guard.dataset(path, data, name)
-            if not hdf5_guard.has_checksum(found):
-                problems.append(f"/entry/data/{name}: carries no Fletcher-32 checksum")
-            if name in ("tx", "rx"):
-                want = np.arange(data[f"{name}_m"].shape[0])
-                have = hdf5_guard.array(path, data, name, np.int32, (None,))
-                if not np.array_equal(have, want):
-                    problems.append(f"/entry/data/{name}: expected 0 ... {len(want) - 1}")
-        try:
-            datetime.fromisoformat(header.created)
-        except ValueError:
-            problems.append(f"/@created: expected an ISO 8601 time, got {clean(header.created)}")
-    return problems
-
-
-def _attribute_problem(path: Path, node: Any, name: str, want: str) -> list[str]:
-    have = hdf5_guard.text(path, node, name) if name in node.attrs else "nothing"
-    return [] if have == want else [f"{node.name}@{name}: expected {want}, got {clean(have)}"]
-
-
-@contextmanager
-def opened(path: Path) -> Iterator[Any]:
-    """Open a native file for reading; every failure in the block is a `MeasurementError`."""
-    with hdf5_guard.opened(path, _EXPECTED) as file:
-        yield file
-
-
 def check_hdf5(path: Path, expected: str) -> None:
     """Raise `MeasurementError` unless a path is a regular file that starts as HDF5 does."""
     size = regular_file_size(path, expected)
@@ -169,41 +117,6 @@ def check_hdf5(path: Path, expected: str) -> None:
         magic = raw.read(len(hdf5_guard.HDF5_MAGIC))
     if magic != hdf5_guard.HDF5_MAGIC:
         fail(path, f"{expected} (HDF5)", f"{size} bytes that are no HDF5 file")
-
-
-def header_of(path: Path, file: Any, wanted: str | None) -> tuple[NativeHeader, Any]:
-    """Check what the file says it is; return that and the group of the data."""
-    if "clradar_format" not in file.attrs:
-        fail(
-            path,
-            "a native capture or volume",
-            "an HDF5 file without the attribute clradar_format, so of another program",
-        )
-    kind = hdf5_guard.text(path, file, "clradar_format")
-    version = hdf5_guard.whole_number(path, file, "clradar_version")
-    if version > VERSION:
-        fail(
-            path,
-            f"a native file of version {VERSION}, the newest that this clradar reads",
-            f"version {version}: it was written by a newer clradar; update to read it",
-        )
-    if version < 1:
-        fail(path, f"a native file of version 1 to {VERSION}", f"version {version}")
-    if kind not in SCHEMES:
-        formats = " or ".join(repr(name) for name in SCHEMES)
-        fail(path, f"clradar_format {formats}", repr(clean(kind)))
-    if wanted is not None and kind != wanted:
-        fail(path, SCHEMES[wanted].noun, f"{SCHEMES[kind].noun}; use {SCHEMES[kind].opener}")
-    created = hdf5_guard.text(path, file, "created")
-    text = hdf5_guard.text(path, file, "provenance")
-    data = hdf5_guard.group(path, hdf5_guard.group(path, file, "entry"), "data")
-    texts = [hdf5_guard.text(path, data, name) for name in SCHEMES[kind].texts]
-    if "text_crc32" in file.attrs:
-        want = hdf5_guard.whole_number(path, file, "text_crc32")
-        have = _text_crc32(created, text, texts)
-        if have != want:
-            fail(path, f"text attributes with checksum {want:08x}", f"{have:08x}: they are damaged")
-    return NativeHeader(kind, version, created, provenance.from_json(text)), data
 
 
 def plain_text(field: str, value: str) -> str:
@@ -260,7 +173,7 @@ def write(
         file.attrs["created"] = created
         file.attrs["provenance"] = text
         # HDF5 keeps the strings of attributes where it has no checksum.
-        crc32 = _text_crc32(created, text, [texts[name] for name in scheme.texts])
+        crc32 = text_crc32(created, text, [texts[name] for name in scheme.texts])
         file.attrs["text_crc32"] = np.uint32(crc32)
         entry = file.create_group("entry")
         entry.attrs["NX_class"] = NX_CLASSES["/entry"]
@@ -298,7 +211,7 @@ def write_instrument(group: Any, array: Any, waveform: Any) -> None:
     write_dataset(group, "rx_m", array.rx_m, "Rx antenna positions x, y, z", "m")
 
 
-def _text_crc32(created: str, text: str, texts: list[str]) -> int:
+def text_crc32(created: str, text: str, texts: list[str]) -> int:
     # A volume has no name, and its text ends in a line feed all the same.
     lines = (created, text, *(texts or [""]))
     return zlib.crc32("\n".join(lines).encode("utf-8"))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from clradar.model import Capture, checks
-from measurement_io import hdf5_guard, native
+from measurement_io import hdf5_process, native, native_contents
 from measurement_io.failures import fail, reading, regular_file_size
 from measurement_io.layouts.apply import open_with_layout
 from measurement_io.layouts.containers import is_plain_array, opener_of
@@ -114,8 +114,7 @@ def kind_of(path: Path) -> Kind:
     if opener is opened_npy:
         return "container" if is_plain_array(path) else "frame"
     if opener is opened_hdf5:
-        with hdf5_guard.opened(path, SUPPORTED) as file:
-            return "native" if "clradar_format" in file.attrs else "container"
+        return "native" if hdf5_process.run(native_contents.is_native, path) else "container"
     if opener is not None:
         return "container"
     size = regular_file_size(path, SUPPORTED)

@@ -61,7 +61,7 @@ def _check_header(path: Path, content: bytes) -> int:
         fail(
             path,
             "a recorded frame (a pickled dictionary in a 0-d object array)",
-            f"an array of {dtype} and shape {shape}",
+            clean(f"an array of {dtype} and shape {shape}"),
         )
     return offset
 
