@@ -277,7 +277,7 @@ def list_keys(path: Path) -> dict[str, Any]:
         return {"matlab": found.matlab, "keys": keys}
 
 
-def read_key(path: Path, name: str, pick: list[list[int]]) -> np.ndarray:
+def read_key(path: Path, name: str, pick: list[tuple[int, int]]) -> np.ndarray:
     """Return the numbers of one key; `pick` has axes and the index that is kept of each."""
     with _opened(path) as found:
         return found.numbers(found.keys[name], dict(pick))
