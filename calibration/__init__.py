@@ -1,6 +1,17 @@
-"""Line a simulated image up with a measured one."""
+"""Line a simulated image up with a measured one; find and undo a file's convention."""
 
-# The function takes the name of its module: `from calibration import align` gives the function.
+# The functions take the names of their modules: `from calibration import align` gives the function.
 from calibration.align import Alignment, align
+from calibration.conventions import HYPOTHESES, Hypothesis, apply_convention
+from calibration.diagnose import Diagnosis, Score, diagnose
 
-__all__ = ["Alignment", "align"]
+__all__ = [
+    "HYPOTHESES",
+    "Alignment",
+    "Diagnosis",
+    "Hypothesis",
+    "Score",
+    "align",
+    "apply_convention",
+    "diagnose",
+]
