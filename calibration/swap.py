@@ -21,6 +21,10 @@ that differ by so little differ in phase by 0.03 rad at most."""
 
 TRIMMING_ROUNDS = 5
 
+RIDGE = 1e-2
+"""Of the fit of point reflectivities, relative to the diagonal of its normal matrix: neighbouring
+voxels look nearly alike to the array."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwapIsometry:
@@ -99,11 +103,11 @@ def swap_sigma(
 ) -> float:
     """Return by how many standard errors the data prefer their axes as they are to swapped ones.
 
-    The pairs that the isometry maps see the same under both hypotheses. An image formed from them
-    alone, at a few bright points, predicts what the other pairs record under either, p and p', and
-    the real part of <s, p - p'> is positive if the axes are right and negative if they are swapped.
-    Its standard error is that of the sums, channel by channel, of what the better prediction leaves
-    unexplained, so that scatter among the channels counts whatever its cause.
+    The pairs that the isometry maps see the same under both hypotheses. The reflectivities of a few
+    points, fitted to these pairs alone, predict what the other pairs record under either, p and p',
+    and the real part of <s, p - p'> is positive if the axes are right and negative if they are
+    swapped. Its standard error is that of the sums, channel by channel, of what the better
+    prediction leaves unexplained, so that scatter among the channels counts whatever its cause.
 
     Parameters
     ----------
@@ -132,15 +136,19 @@ def swap_sigma(
     ]
     k = 2 * np.pi * capture.waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
     s = np.ascontiguousarray(np.moveaxis(capture.data * weights, 2, 0)).astype(np.complex64)
-    image = np.zeros(len(points_m), dtype=np.complex64)
+    seen = np.zeros(len(points_m), dtype=np.complex128)
+    normal = np.zeros((len(points_m), len(points_m)), dtype=np.complex128)
     for n, kn in enumerate(k):
-        a, b = (_phases(kn, leg) for leg in legs[0])
+        a, b = _phases(kn, legs[0][0])[stay_tx], _phases(kn, legs[0][1])[stay_rx]
         part = s[n][np.ix_(stay_tx, stay_rx)]
-        image += (a[stay_tx].conj() * (part @ b[stay_rx].conj())).sum(axis=0)
+        seen += weights[n] * (a.conj() * (part @ b.conj())).sum(axis=0)
+        normal += weights[n] ** 2 * (a.conj().T @ a) * (b.conj().T @ b)
+    normal += RIDGE * float(np.trace(normal).real) / len(normal) * np.eye(len(normal))
+    points = np.linalg.solve(normal, seen).astype(np.complex64)
     predicted = np.zeros((2, len(k), *tells.shape), dtype=np.complex64)
     for n, kn in enumerate(k):
         for i, (first, second) in enumerate(legs):
-            predicted[i, n] = weights[n] * ((_phases(kn, first) * image) @ _phases(kn, second).T)
+            predicted[i, n] = weights[n] * ((_phases(kn, first) * points) @ _phases(kn, second).T)
     predicted *= tells
     s = s * tells
     energy = (np.abs(predicted) ** 2).sum(axis=(1, 2, 3), dtype=np.float64)

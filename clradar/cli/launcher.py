@@ -23,6 +23,7 @@ COMMANDS = {
     "image": "Form the image of a capture.",
     "convert": "Turn any supported recording into the native capture file.",
     "inspect": "Say in words what a file or a recording holds, or verify it.",
+    "diagnose": "Say in which convention a capture was written: axes, sign, mirror, order.",
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
 }
 """Subcommand, which is also the name of its module, and the line that describes it."""
