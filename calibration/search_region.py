@@ -27,6 +27,9 @@ BRIGHT = 0.1
 SCENE_PATH_M = 0.2
 """... if they are no farther than this path length from it."""
 
+NOISE_SPREADS = 6.0
+"""Standard deviations of noise by which an echo stands out of it in the mean range profile."""
+
 VIEW = 0.4
 """Half width of the field of view over the range."""
 
@@ -79,17 +82,25 @@ def coupling_path_m(capture: Capture) -> float:
 def scene_paths_m(capture: Capture, profile: RangeProfile) -> np.ndarray:
     """Return the path lengths, metres, ascending, of the strongest echo and what is near it.
 
-    Beyond the direct coupling; empty where no path length is, or where there is no echo at all.
+    Beyond the direct coupling; empty where no echo stands out of the noise there.
     """
     gate_m, period_m = coupling_path_m(capture), ambiguous_path_m(capture.waveform)
     # Under a wrong sign coupling shows at negative lengths, which is at the end of the period.
     stop_m = period_m - gate_m if period_m > NEAR_PATH_M + 2 * gate_m else gate_m + period_m
     step_m = profile.path_m[1]
     bins = np.arange(int(np.ceil(gate_m / step_m)), int(stop_m / step_m))
-    power = profile.power[bins % (len(profile.path_m) - 1)]
-    if not power.any():
+    if len(bins) < 3:
         return np.empty(0)
-    top = power.argmax()
+    power = profile.power[bins % (len(profile.path_m) - 1)]
+    # An echo is a local maximum: the skirt of the coupling is none.
+    peaks = 1 + np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] >= power[2:]))
+    if not len(peaks):
+        return np.empty(0)
+    top = peaks[power[peaks].argmax()]
+    # Of noise alone every bin is a mean of as many exponential variables as there are pairs.
+    pairs = capture.array.n_tx * capture.array.n_rx
+    if power[top] <= (1 + NOISE_SPREADS / np.sqrt(pairs)) * np.median(power):
+        return np.empty(0)
     near = np.abs(bins - bins[top]) * step_m <= SCENE_PATH_M
     return bins[near & (power >= BRIGHT * power[top])] * step_m
 
