@@ -11,11 +11,13 @@ import numpy as np
 from calibration.conventions import HYPOTHESES, MIRROR_X, Hypothesis, apply_convention
 from calibration.moveout import curvature_sigma
 from calibration.search_region import (
-    WINDOW,
+    MIN_STEPS,
     lateral_resolution_m,
     range_profile,
     scene_paths_m,
     search_grids,
+    thinned,
+    window_of,
 )
 from calibration.swap import SwapIsometry, swap_isometry, swap_sigma
 from clradar.backproject import backproject
@@ -42,6 +44,10 @@ NOISE_SPREADS = 5.0
 GAUSSIAN_FOURTH_MOMENT_SPREAD = float(np.sqrt(20.0) / 2.0)
 """Standard deviation over mean of |V|^4, V circular Gaussian: E|V|^8 = 24, (E|V|^4)^2 = 4."""
 
+MOST_TERMS = 8e9
+"""Pairs times voxels of all images; beyond that some of the antennas have to do. Some 10 s on two
+cores by range profiles."""
+
 BRIGHT_DB = 15.0
 MOST_POINTS = 200
 """Points of the image that tell about swapped axes: within `BRIGHT_DB`, at most so many."""
@@ -63,8 +69,8 @@ class Score:
     ----------
     hypothesis : Hypothesis
     sharpness : float
-        Sum of |V|^4 over the image, over that of the sharpest: 0 to 1. NaN where the hypothesis is
-        impossible.
+        Sum of |V|^4 over the image, over that of the sharpest that the sign of range allows. NaN
+        where the hypothesis is impossible.
     peak_m : ndarray, shape (3,), metres
         Where the image is brightest, x, y, z. NaN where the hypothesis is impossible.
     image : DepthMap or None
@@ -170,7 +176,8 @@ def diagnose(
         With antenna positions and frequencies that are right, but for `Hypothesis`.
     grid : VoxelGrid, optional
         Where to look; as far to the left as to the right of x = 0, and coarse: every voxel is
-        formed eight times. By default around the strongest echo beyond the direct coupling.
+        formed eight times, with fewer antennas if it becomes too much (`MOST_TERMS`). By default
+        around the strongest echo beyond the direct coupling.
     expected_m : three floats, metres, optional
         Rough position of a known target, x, y, z, within some 20 mm: it tells an image from its
         mirror images, which are as sharp.
@@ -223,6 +230,7 @@ class _Search:
     def __init__(self, capture: Capture, device: Device, progress: Progress | None) -> None:
         self.capture, self.device, self.progress = capture, device, progress
         self.array = capture.array
+        self.window = window_of(capture.waveform)
         self.possible = [
             h for h in HYPOTHESES if not (h.swapped and self.array.n_tx != self.array.n_rx)
         ]
@@ -236,16 +244,18 @@ class _Search:
             return _nothing(
                 "no echo stands out of the noise beyond the direct coupling of Tx and Rx"
             )
-        volumes = self._images(grids)
+        imaged = self._imaged(grids)
+        volumes = self._images(imaged, grids)
         moments = {
             h: float((np.abs(v.data).astype(np.float64) ** 4).sum()) for h, v in volumes.items()
         }
-        top = max(moments.values())
+        open_ones = [h for h in self.possible if self._sign_fits(h)]
+        top = max(moments[h.without_mirror()] for h in open_ones)
         if top == 0:
             return _nothing("no hypothesis shows anything within the grid")
         relative = {h: moments[h.without_mirror()] / top for h in self.possible}
-        margin_db = max(_margin_db(self.capture, g) for g in grids)
-        left = [h for h in self.possible if 10 * np.log10(relative[h] + 1e-30) >= -margin_db]
+        margin_db = max(_margin_db(imaged, g) for g in grids)
+        left = [h for h in open_ones if relative[h] >= 10 ** (-margin_db / 10)]
         scores = tuple(self._score(h, relative, volumes) for h in HYPOTHESES)
         if self.array.n_tx != self.array.n_rx:
             self.reasons.append(
@@ -257,38 +267,57 @@ class _Search:
 
     def _grids(self) -> list[VoxelGrid]:
         """Return where the scene is, for either sign of range unless the wavefronts tell it."""
-        if self.capture.waveform.n_freq < 2:
+        n_freq = self.capture.waveform.n_freq
+        if n_freq < MIN_STEPS:
             raise ModelError(
-                "diagnose: expected a grid, since a single frequency has no range profile"
+                f"diagnose: expected a grid (--z-mm), since {n_freq} frequencies have no range "
+                f"profile to find the scene in; {MIN_STEPS} would"
             )
         found = []
         for sign in (Hypothesis(), Hypothesis(conjugated=True)):
             seen = apply_convention(self.capture, sign)
             profile = range_profile(seen)
-            found.append((seen, profile, scene_paths_m(seen, profile)))
-        if not any(len(paths_m) for _, _, paths_m in found):
+            paths_m = scene_paths_m(seen, profile)
+            if len(paths_m):
+                found.append((sign, seen, profile, paths_m))
+        if not found:
             return []
-        seen, profile, paths_m = found[0]
+        sign, seen, profile, paths_m = found[0]
         power = np.interp(paths_m, profile.path_m, profile.power, period=profile.path_m[-1])
         self.curvature = curvature_sigma(seen, float(paths_m[power.argmax()]))
+        if sign.conjugated:
+            self.curvature = -self.curvature
         if abs(self.curvature) >= CURVATURE_SIGMA:
-            found = found[:1] if self.curvature > 0 else found[1:]
+            negative = self.curvature < 0
+            found = [f for f in found if f[0].conjugated == negative] or found
             half = "negative" if self.curvature < 0 else "positive"
             self.reasons.append(
                 f"delays, taken as they are in the file, are {half}: so the wavefronts curve, by "
                 f"{abs(self.curvature):.0f} standard errors"
             )
-        return [g for seen, _, paths_m in found for g in search_grids(seen, paths_m)]
+        return [g for _, seen, _, paths_m in found for g in search_grids(seen, paths_m)]
 
-    def _images(self, grids: list[VoxelGrid]) -> dict[Hypothesis, Volume]:
+    def _sign_fits(self, h: Hypothesis) -> bool:
+        """Whether the curvature of the wavefronts allows the sign of range of a hypothesis."""
+        if self.curvature is None or abs(self.curvature) < CURVATURE_SIGMA:
+            return True
+        return (h.conjugated != h.reversed) == (self.curvature < 0)
+
+    def _imaged(self, grids: list[VoxelGrid]) -> Capture:
+        """Return the capture, of some of the antennas if all were too many for these grids."""
+        voxels = sum(float(np.prod(grid.counts)) for grid in grids)
+        images = sum(not h.mirrored for h in self.possible)
+        return thinned(self.capture, MOST_TERMS / (voxels * images))
+
+    def _images(self, imaged: Capture, grids: list[VoxelGrid]) -> dict[Hypothesis, Volume]:
         """Return the sharpest image, over the grids, under each hypothesis that does not mirror."""
         wanted = [h for h in self.possible if not h.mirrored]
         out: dict[Hypothesis, Volume] = {}
         for i, h in enumerate(wanted):
-            seen = apply_convention(self.capture, h)
+            seen = apply_convention(imaged, h)
             best = -1.0
             for grid in grids:
-                volume = backproject(seen, grid, window=WINDOW, device=self.device)
+                volume = backproject(seen, grid, window=self.window, device=self.device)
                 moment = float((np.abs(volume.data).astype(np.float64) ** 4).sum())
                 if moment > best:
                     out[h], best = volume, moment
@@ -344,7 +373,7 @@ class _Search:
         as_is = told.pop()
         points_m = _bright_points_m(volumes[as_is])
         seen = apply_convention(self.capture, as_is)
-        self.swap = swap_sigma(seen, isometry, points_m, WINDOW)
+        self.swap = swap_sigma(seen, isometry, points_m)
         if abs(self.swap) < SWAP_SIGMA:
             self.reasons.append(
                 f"swapped axes: {near}, and these say {abs(self.swap):.1f} standard errors for "
@@ -399,7 +428,7 @@ class _Search:
         steps = np.array([*step_m, min(cell_m / 2, EXPECTED_BOX_M)])
         half = np.ceil(EXPECTED_BOX_M / steps).astype(int)
         grid = VoxelGrid(at - half * steps, steps, tuple(int(n) for n in 2 * half + 1))  # type: ignore[arg-type]
-        volume = backproject(capture, grid, window=WINDOW, device=self.device)
+        volume = backproject(capture, grid, window=self.window, device=self.device)
         z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij", sparse=True)
         away2 = (x - at[0]) ** 2 + (y - at[1]) ** 2 + (z - at[2]) ** 2
         return float((np.abs(volume.data) * np.exp(-away2 / (2 * EXPECTED_WITHIN_M**2))).max())

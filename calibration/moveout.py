@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.search_region import WINDOW
+from calibration.search_region import window_of
 from clradar.backproject import frequency_weights
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import Capture
@@ -48,7 +48,7 @@ def curvature_sigma(capture: Capture, path_m: float) -> float:
     if array.n_tx + array.n_rx < MIN_ANTENNAS:
         return 0.0
     away_m = np.linspace(-HALF_WIDTH_M, HALF_WIDTH_M, BINS)
-    weights = frequency_weights(WINDOW, waveform.n_freq)
+    weights = frequency_weights(window_of(waveform), waveform.n_freq)
     k = (waveform.frequencies_hz - waveform.center_hz) / SPEED_OF_LIGHT_M_PER_S
     to_path = weights[:, None] * np.exp(2j * np.pi * np.outer(k, path_m + away_m))
     flat = capture.data.reshape(-1, waveform.n_freq)

@@ -8,10 +8,10 @@ import numpy as np
 
 from clradar.backproject import frequency_weights
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import Capture, VoxelGrid, Waveform
+from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform
 
-WINDOW = "hann"
-"""Falls by 18 dB per octave, so that direct coupling does not reach into the scene."""
+MIN_STEPS = 8
+"""With fewer frequencies there is no range profile to speak of."""
 
 GUARD_CELLS = 2.0
 """Half width of the window's main lobe, in cells c / span of path length."""
@@ -50,13 +50,42 @@ class RangeProfile:
     power: np.ndarray
 
 
+def window_of(waveform: Waveform) -> str:
+    """Return the window over frequency: Hann falls by 18 dB per octave, which keeps coupling away.
+
+    A few frequencies would be left with next to nothing of it.
+    """
+    return "hann" if waveform.n_freq >= MIN_STEPS else "rect"
+
+
+def thinned(capture: Capture, most_pairs: float) -> Capture:
+    """Return the capture of some of the antennas, about `most_pairs` pairs at most.
+
+    One antenna is drawn from each of equal stretches of either list, always the same ones: an even
+    comb would have grating lobes. Lists of the same length are thinned alike, so that swapped axes
+    are left with the same samples.
+    """
+    array = capture.array
+    share = float(np.sqrt(most_pairs / (array.n_tx * array.n_rx)))
+    if share >= 1:
+        return capture
+    tx, rx = (_drawn(n, max(1, int(n * share))) for n in (array.n_tx, array.n_rx))
+    part = AntennaArray(array.tx_m[tx], array.rx_m[rx], array.name)
+    return Capture(capture.data[np.ix_(tx, rx)], part, capture.waveform)
+
+
+def _drawn(n: int, m: int) -> np.ndarray:
+    place = np.arange(m) + np.random.default_rng(0).random(m)
+    return (place * n / m).astype(int)
+
+
 def range_profile(capture: Capture) -> RangeProfile:
     """Return the mean power of all pairs over path length, from 0 up to one ambiguity."""
     waveform = capture.waveform
     cell_m = SPEED_OF_LIGHT_M_PER_S / waveform.span_hz
     period_m = ambiguous_path_m(waveform)
     path_m = np.linspace(0.0, period_m, max(2, int(BINS_PER_CELL * period_m / cell_m)))
-    weights = frequency_weights(WINDOW, waveform.n_freq)
+    weights = frequency_weights(window_of(waveform), waveform.n_freq)
     k = (waveform.frequencies_hz - waveform.center_hz) / SPEED_OF_LIGHT_M_PER_S
     to_path = (weights / weights.sum())[:, None] * np.exp(2j * np.pi * np.outer(k, path_m))
     flat = capture.data.reshape(-1, waveform.n_freq)
@@ -68,8 +97,13 @@ def range_profile(capture: Capture) -> RangeProfile:
 
 
 def ambiguous_path_m(waveform: Waveform) -> float:
-    """Return the path length after which the range profile repeats."""
-    return SPEED_OF_LIGHT_M_PER_S / float(np.median(np.diff(waveform.frequencies_hz)))
+    """Return the path length after which the range profile repeats.
+
+    Uneven steps do not repeat; the median step, or a quarter of the mean one, stands for them.
+    """
+    mean_hz = waveform.span_hz / (waveform.n_freq - 1)
+    median_hz = float(np.median(np.diff(waveform.frequencies_hz)))
+    return SPEED_OF_LIGHT_M_PER_S / max(median_hz, mean_hz / 4)
 
 
 def coupling_path_m(capture: Capture) -> float:

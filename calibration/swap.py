@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.search_region import window_of
 from clradar.backproject import frequency_weights
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Capture, checks
@@ -98,9 +99,7 @@ def _procrustes(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.
     return matrix, b - matrix @ a
 
 
-def swap_sigma(
-    capture: Capture, isometry: SwapIsometry, points_m: np.ndarray, window: str
-) -> float:
+def swap_sigma(capture: Capture, isometry: SwapIsometry, points_m: np.ndarray) -> float:
     """Return by how many standard errors the data prefer their axes as they are to swapped ones.
 
     The pairs that the isometry maps see the same under both hypotheses. The reflectivities of a few
@@ -117,8 +116,6 @@ def swap_sigma(
         Not an exact one.
     points_m : ndarray, shape (n, 3), metres
         Where the image with the axes as they are is bright.
-    window : str
-        Weights over frequency, see `clradar.backproject.frequency_weights`.
 
     Returns
     -------
@@ -126,7 +123,7 @@ def swap_sigma(
         Positive: as they are.
     """
     array = capture.array
-    weights = frequency_weights(window, capture.waveform.n_freq)
+    weights = frequency_weights(window_of(capture.waveform), capture.waveform.n_freq)
     stay_tx, stay_rx = ~isometry.moved_tx, ~isometry.moved_rx
     tells = isometry.moved_tx[:, None] | isometry.moved_rx[None]
     there_m = isometry.apply(points_m)

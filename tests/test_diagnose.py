@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import sys
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from calibration.swap import swap_isometry
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, reference
 from clradar.cli import main
 from clradar.errors import ModelError
+from clradar.hand import hand_mesh
 from measurement_io import open_capture, save_capture
 
 C = 299_792_458.0
@@ -212,9 +215,8 @@ def test_the_whole_imager_under_all(h: Hypothesis, scene: str, device: clradar.D
         capture = reference.point_targets(QAR50, SWEEP, [[0.03, -0.05, 0.3]], [1.0])
     else:
         if scene == "hand":
-            from clradar.cli.hand import build
-
-            target = build()
+            hand = hand_mesh("F")
+            target = clradar.Scene(hand.vertices_m, hand.faces, 0.5)
         else:
             vertices, faces = plate(0.1, 0.3)
             target = clradar.Scene(vertices, faces, 0.0 if scene == "plate" else 0.5)
@@ -246,6 +248,58 @@ def test_a_single_frequency_has_no_order(device: clradar.Device) -> None:
     }
     with pytest.raises(ModelError, match="a grid"):
         diagnose(capture, device=device)
+
+
+def test_a_few_frequencies_need_a_grid(device: clradar.Device) -> None:
+    h = Hypothesis(reversed=True)
+    few = Waveform.sfcw(76e9, 78e9, 3)
+    capture = reference.point_targets(scattered(16, 16), few, [[0.03, -0.05, 0.3]], [1.0])
+    grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (4e-3, 4e-3, 2e-2))
+    # 2 GHz tell ranges 15 cm apart: signs differ, but the order of three frequencies cannot be
+    # told; the right one is among those that are left.
+    assert h in told(diagnose(apply_convention(capture, h), grid=grid, device=device))
+    with pytest.raises(ModelError, match="3 frequencies"):
+        diagnose(capture, device=device)
+
+
+def test_antennas_are_left_out_where_a_grid_is_large(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from calibration.search_region import thinned
+
+    part = thinned(points(THIN, 1), 200)
+    assert 150 <= part.array.n_tx * part.array.n_rx <= 200
+    assert part.array.n_tx == part.array.n_rx
+    kept = [np.flatnonzero((THIN.tx_m == a).all(axis=1))[0] for a in part.array.tx_m]
+    assert np.array_equal(part.array.rx_m, THIN.rx_m[kept])
+    assert np.array_equal(part.data, points(THIN, 1).data[np.ix_(kept, kept)])
+
+    formed = []
+    ours = sys.modules["calibration.diagnose"]
+
+    def counted(capture: Capture, *args: Any, **kwargs: Any) -> clradar.Volume:
+        formed.append(capture.array.n_tx)
+        return clradar.backproject(capture, *args, **kwargs)
+
+    monkeypatch.setattr(ours, "backproject", counted)
+    monkeypatch.setattr(ours, "MOST_TERMS", 2e8)
+    h = Hypothesis(conjugated=True)
+    result = diagnose(apply_convention(made("one point", THIN), h), device=device)
+    assert max(formed) < THIN.n_tx
+    assert result.best == h
+
+
+def test_the_sign_of_range_holds_where_its_rivals_show_in_the_same_grid(
+    device: clradar.Device,
+) -> None:
+    # At half the ambiguous path the delays of either sign are alike: 0.95 m for 64 steps.
+    capture = reference.point_targets(THIN, SHORT, [[0.02, 0.03, 0.46]], [1.0])
+    for h in (Hypothesis(), Hypothesis(conjugated=True)):
+        result = diagnose(apply_convention(capture, h), device=device)
+        assert result.best is not None
+        assert {(c.conjugated, c.reversed) for c in result.candidates} == {
+            (h.conjugated, h.reversed)
+        }
 
 
 @pytest.mark.parametrize("array", [THIN, scattered(16, 16)], ids=["thin", "scattered"])
