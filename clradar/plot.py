@@ -204,6 +204,80 @@ def comparison_figure(
     return figure
 
 
+def panels_figure(
+    panels: Sequence[Sequence[tuple[str, DepthMap | None]]],
+    title: str | None = None,
+    *,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+) -> Figure:
+    """Draw the amplitudes of several images in rows, each relative to its own maximum.
+
+    Parameters
+    ----------
+    panels : sequence of rows of (label, DepthMap or None)
+        From top to bottom and left to right. Labels are plain text. Each panel has axes of its own;
+        one without an image, or of an image that is zero, stays empty.
+    title : str, optional
+        Plain text above all panels.
+    dynamic_range_db : float, decibel
+        What is further below an image's maximum is background.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes in the order of the panels, then the colour bar.
+
+    Raises
+    ------
+    CompareError
+        No image at all that is not zero.
+    """
+    from matplotlib.figure import Figure
+
+    shown = [
+        depth_map_of(image, dynamic_range_db, f"image '{label}'")
+        for row in panels
+        for label, image in row
+        if image is not None and image.amplitude.any()
+    ]
+    if not shown:
+        raise CompareError("panels_figure: expected at least one image that is not zero, got none")
+    columns = max(map(len, panels))
+    width = max(ROW_WIDTH / columns - LEFT, PANEL_WIDTH)
+    line_h = _height(3, TICK_PT)
+    row_h = BOTTOM + width + line_h
+    bar_left = columns * (LEFT + width) + BAR_GAP
+    lines = _wrapped(title or "", bar_left, TITLE_PT)
+    height = len(panels) * row_h + _height(len(lines), TITLE_PT) + TOP
+    figure = Figure(
+        figsize=(bar_left + BAR_WIDTH + BAR_LABELS, height), dpi=DPI / 2, facecolor="white"
+    )
+    drawn: Any = None
+    for i, row in enumerate(panels):
+        bottom = (len(panels) - 1 - i) * row_h + BOTTOM
+        for j, (label, image) in enumerate(row):
+            axes = _axes(figure, LEFT + j * (LEFT + width), bottom, width, width)
+            lettering = "\n".join(_wrapped(label, width + LEFT / 2, TICK_PT))
+            axes.set_title(lettering, fontsize=TICK_PT, pad=3, parse_math=False)
+            if image is None or not image.amplitude.any():
+                axes.set_xticks([])
+                axes.set_yticks([])
+                continue
+            one = depth_map_of(image, dynamic_range_db, f"image '{label}'")
+            drawn = _draw_amplitude(axes, one)
+            _frame(
+                axes, _Extent.around([one]), width, width,
+                x_labels=True, y_labels=True, margin=0.05,
+            )  # fmt: skip
+    bar_height = min(2 * row_h, len(panels) * row_h) - BOTTOM - line_h
+    bar = _axes(figure, bar_left, BOTTOM, BAR_WIDTH, bar_height)
+    _amplitude_bar(bar, drawn, dynamic_range_db)
+    for at, line in enumerate(lines):
+        top = height - TOP / 2 - _height(at, TITLE_PT)
+        _text(figure, bar_left / 2, top, line, size=TITLE_PT, ha="center", bold=True)
+    return figure
+
+
 def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = False) -> Path:
     """Write a figure whole or not at all; the same figure gives the same bytes.
 
