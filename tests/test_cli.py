@@ -147,6 +147,7 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
              "--plot", "--frame"),
         ),
         ("correct", ("--channels", "--keep-noisy", "--frame", "--variant")),
+        ("diagnose", ("--expect-mm", "--json", "--output", "--frame", "--variant", "--device")),
         ("inspect", ("--check", "--json")),
         ("compare", ("MEASURED", "SIMULATED", "--json", "--dynamic-range-db", "docs/metrics.md")),
         ("compare", ("--frame", "--variant")),

@@ -9,11 +9,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import h5py
+import layout_files
 import maroon_files
 import numpy as np
 
 import clradar
-from measurement_io import save_capture, save_volume
+from measurement_io import save_capture, save_channels, save_volume, write_products
 
 
 def frames() -> list[bytes]:
@@ -127,3 +128,109 @@ def antenna_files() -> list[bytes]:
     rows[1:95] = clradar.arrays.qar50().rx_m
     texts = [[f"{x},{y},{z}" for x, y, z in part] for part in (rows, rows[1:95])]
     return ["\n".join(["x,y,z", *text, ""]).encode() for text in texts]
+
+
+def native_channels() -> list[bytes]:
+    """Calibrated channels, as saved here."""
+    array = clradar.AntennaArray(np.eye(3), np.eye(3)[:2], "lab")
+    channels = clradar.ChannelCalibration(
+        response=clradar.ChannelResponse([1, 1j, 0], [1, 2], [0, 1e-12, 0], [0, 0], 77e9),
+        array=array, waveform=clradar.Waveform([76e9, 77e9, 78e9]), target="corner",
+        target_position={"x_m": 0.0, "y_m": 0.1, "z_m": 0.3}, target_covariance=np.eye(3),
+        target_amplitude=1.0, dead_tx=[2], dead_rx=[], noisy_tx=[], noisy_rx=[1],
+        tx_noise=np.zeros(3), rx_noise=np.zeros(2), tx_phase_std_rad=np.zeros(3),
+        rx_phase_std_rad=np.zeros(2), tx_delay_std_s=np.zeros(3), rx_delay_std_s=np.zeros(2),
+        residual_db=-20.0, noise_residual_db=-21.0, meta={"seed": 1},
+    )  # fmt: skip
+    return [_saved(save_channels, channels)]
+
+
+def alignments() -> list[bytes]:
+    """alignment.json with transforms in both directions, scales, and a key that is none."""
+    turned = [[0, -1, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 0.3], [0, 0, 0, 1]]
+    scaled = (np.diag([1e-3, 1e-3, 1e-3, 1.0])).tolist()
+    trees = [
+        {"photogrammetry2radar": turned, "kinect2radar": scaled},
+        {"radar2photogrammetry": turned, "zed2photogrammetry": np.eye(4).tolist(), "note": "x"},
+    ]
+    return [json.dumps(tree).encode() for tree in trees]
+
+
+def metadata() -> list[bytes]:
+    """metadata.json, full and with a box that lacks bounds and has two in the wrong order."""
+    full = {
+        "calibration": "c", "calibration_fine": 1, "distance_meters": 0.3, "mask_erosion": 2,
+        "labels": ["a"], "mask_bb": {"xmin": -0.1, "xmax": 0.1, "zmin": 0.5, "zmax": 0.2},
+        "empty_measurement": "empty",
+    }  # fmt: skip
+    return [json.dumps(tree).encode() for tree in (full, {"mask_bb": {"ymin": 0}}, {})]
+
+
+def _product_folder(folder: Path) -> Path:
+    """Write the four products of one small image; return the radar folder."""
+    grid = clradar.VoxelGrid([-0.1, 0.2, 0.3], [1e-2, 2e-2, 1e-2], (4, 3, 5))
+    rng = np.random.default_rng(0)
+    data = (rng.normal(size=grid.shape) + 1j * rng.normal(size=grid.shape)).astype(np.complex64)
+    radar = maroon_files.write_recording(folder, n_frames=1, n_freq=2)
+    write_products(radar, 0, clradar.Volume(1e3 * data, grid))
+    return radar
+
+
+def products_folder(folder: Path) -> None:
+    """Put the recording there that a product belongs to."""
+    if not (folder / "radar_72.0_82.0_2" / "calibration.json").exists():
+        _product_folder(folder)
+
+
+def product(name: str) -> list[bytes]:
+    """One cached product: depth/000000.png and the like."""
+    with TemporaryDirectory() as folder:
+        return [(_product_folder(Path(folder)) / name).read_bytes()]
+
+
+LAYOUT = b"""
+[data]
+key = "s"
+axes = ["tx", "rx", "freq"]
+
+[tx]
+key = "tx"
+
+[rx]
+key = "rx"
+
+[antennas]
+unit = "mm"
+
+[frequency]
+key = "f"
+unit = "GHz"
+
+[meta]
+keys = ["note"]
+"""
+
+
+def layout_file(folder: Path) -> None:
+    """Put the layout there that a lab's file is read with."""
+    (folder / "lab.toml").write_bytes(LAYOUT)
+
+
+def containers(*kinds: str) -> list[bytes]:
+    """A lab's capture in files of these kinds."""
+    capture = layout_files.random_capture()
+    tree = {
+        "s": capture.data, "tx": 1e3 * capture.array.tx_m, "rx": 1e3 * capture.array.rx_m,
+        "f": capture.waveform.frequencies_hz / 1e9, "note": "a note",
+    }  # fmt: skip
+    found = []
+    with TemporaryDirectory() as folder:
+        for i, kind in enumerate(kinds):
+            found.append(layout_files.write(kind, Path(folder) / f"{i}", tree).read_bytes())
+    return found
+
+
+def layouts() -> list[bytes]:
+    """Layouts: the small one above, and those that are shipped."""
+    shipped = Path(__file__).resolve().parents[2] / "examples" / "layouts"
+    return [LAYOUT, *(path.read_bytes() for path in sorted(shipped.glob("*.toml")))]

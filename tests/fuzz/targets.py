@@ -11,10 +11,42 @@ from pathlib import Path
 import numpy as np
 
 from clradar.errors import MeasurementError
-from clradar.model import Capture, Volume
-from fuzz import mutate_bytes, mutate_hdf5, mutate_json, mutate_pickle, mutate_text, seeds
-from measurement_io import Description, check_file, describe, open_capture, open_volume
+from clradar.model import Capture, ChannelCalibration, DepthMap, Volume
+from fuzz import (
+    mutate_bytes,
+    mutate_hdf5,
+    mutate_json,
+    mutate_pickle,
+    mutate_png,
+    mutate_text,
+    mutate_zip,
+    seeds,
+)
+from measurement_io import (
+    Description,
+    Layout,
+    RecordingMetadata,
+    SensorAlignment,
+    check_file,
+    describe,
+    open_capture,
+    open_channels,
+    open_volume,
+    open_with_layout,
+    read_alignment,
+    read_layout,
+    read_metadata,
+)
 from measurement_io.antenna_file import read_antenna_file
+from measurement_io.maroon.products import (
+    AmplitudeImage,
+    AmplitudeVolume,
+    PointCloud,
+    read_amplitude_volume,
+    read_depth_map,
+    read_max_projection,
+    read_points,
+)
 
 Mutator = Callable[[bytes, random.Random], bytes]
 
@@ -101,6 +133,63 @@ def _describe_folder(path: Path) -> object:
     return describe(path.parent)
 
 
+def _product(read: Callable[[Path, int], object]) -> Callable[[Path], object]:
+    return lambda path: read(path.parents[1], 0)
+
+
+def _with_layout(path: Path) -> object:
+    return open_with_layout(path, path.with_name("lab.toml"))
+
+
+def _png(name: str, read: Callable[[Path, int], object], result: type) -> Target:
+    file = f"{name}/000000.png"
+    return Target(
+        f"{name}_png",
+        lambda: seeds.product(file),
+        _product(read),
+        (result,),
+        (mutate_png.mutate_chunks,),
+        mutate_png.DICTIONARY,
+        file_name=f"radar_72.0_82.0_2/{file}",
+        around=seeds.products_folder,
+        repair=mutate_png.with_right_checksums,
+    )
+
+
+def _ply(name: str, read: Callable[[Path, int], object], result: type) -> Target:
+    file = f"{name}/000000.ply"
+    return Target(
+        f"{name}_ply",
+        lambda: seeds.product(file),
+        _product(read),
+        (result,),
+        (mutate_text.mutate_lines,),
+        (b"element vertex 99999999999", b"property list uchar int x", b"end_header", b"ascii"),
+        file_name=f"radar_72.0_82.0_2/{file}",
+        around=seeds.products_folder,
+    )
+
+
+def _lab(
+    name: str,
+    kinds: tuple[str, ...],
+    structured: tuple[Mutator, ...] = (),
+    dictionary: tuple[bytes, ...] = (),
+    repair: Callable[[bytes], bytes] | None = None,
+) -> Target:
+    return Target(
+        name,
+        lambda: seeds.containers(*kinds),
+        _with_layout,
+        (Capture,),
+        structured,
+        dictionary,
+        file_name="lab.bin",
+        around=seeds.layout_file,
+        repair=repair,
+    )
+
+
 TARGETS = {
     target.name: target
     for target in (
@@ -151,6 +240,61 @@ TARGETS = {
             (mutate_text.mutate_lines,),
             mutate_text.DICTIONARY,
             file_name="Rx.dat",
+        ),
+        Target(
+            "native_channels",
+            seeds.native_channels,
+            _open_and_check(open_channels),
+            (ChannelCalibration,),
+            mutate_hdf5.MUTATORS,
+            mutate_hdf5.DICTIONARY,
+            file_name="channels.h5",
+            repair=mutate_hdf5.with_right_checksums,
+        ),
+        Target(
+            "alignment_json",
+            seeds.alignments,
+            read_alignment,
+            (SensorAlignment,),
+            (mutate_json.mutate,),
+            mutate_json.DICTIONARY,
+            file_name="alignment.json",
+        ),
+        Target(
+            "metadata_json",
+            seeds.metadata,
+            read_metadata,
+            (RecordingMetadata,),
+            (mutate_json.mutate,),
+            mutate_json.DICTIONARY,
+            file_name="metadata.json",
+        ),
+        _png("depth", read_depth_map, DepthMap),
+        _png("maxproj", read_max_projection, AmplitudeImage),
+        _ply("volume", read_amplitude_volume, AmplitudeVolume),
+        _ply("xyz", read_points, PointCloud),
+        _lab(
+            "lab_npz",
+            ("npz", "npz deflated"),
+            (mutate_zip.mutate_members,),
+            mutate_zip.DICTIONARY,
+        ),
+        _lab(
+            "lab_hdf5",
+            ("hdf5", "hdf5 gzip", "hdf5 lzf", "mat v7.3"),
+            mutate_hdf5.MUTATORS,
+            mutate_hdf5.DICTIONARY,
+            mutate_hdf5.with_right_checksums,
+        ),
+        _lab("lab_mat", ("mat v5", "mat v5 deflated")),
+        Target(
+            "layout_toml",
+            seeds.layouts,
+            read_layout,
+            (Layout,),
+            (mutate_text.mutate_lines,),
+            (b"[data]", b"axes", b'"tx"', b"= 1e999", b"[[", b'"""', b"\\u0000", b"inf", b"nan"),
+            file_name="lab.toml",
         ),
     )
 }
