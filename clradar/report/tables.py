@@ -40,7 +40,7 @@ METRIC_TEXTS = (
         "db_correlation",
         "dB correlation",
         "Are the bright and the dark places the same? Pearson's correlation of the two images in "
-        "decibel over all pixels, from −1 to 1; 1 is best.",
+        "decibel over all pixels, from \N{MINUS SIGN}1 to 1; 1 is best.",
     ),
     MetricText(
         "ssim",
@@ -158,7 +158,8 @@ def image_facts(image: Volume | DepthMap, shown: DepthMap, source: str) -> dict[
 
 def settings_table(record: Mapping[str, Any]) -> str:
     """Return a record as rows of dotted names and values, cut where it is enormous."""
-    rows, left_out = [], 0
+    rows: list[str] = []
+    left_out = 0
     for name, value in _flat(record, "", 0):
         if len(rows) == MAX_ROWS:
             left_out += 1
@@ -196,7 +197,7 @@ def _flat(value: Any, name: str, depth: int) -> Iterator[tuple[str, str]]:
 
 def _plain(value: Any) -> str:
     if value is None:
-        return "–"
+        return "\N{EN DASH}"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):

@@ -234,11 +234,30 @@
     context.fillStyle = theme.ink;
     context.textAlign = "center";
     context.textBaseline = "middle";
+    const edges = [0, 1, 2].map((a) => labelledEdge(a, behind, ahead, place, ratio));
     const taken = [];
-    for (let a = 0; a < 3; a++) labelAxis(a, behind, ahead, place, ratio, taken);
+    const write = (text, p) => {
+      // What would run into a label that is there is left out; names come before numbers.
+      const half = [context.measureText(text).width / 2 + 3 * ratio, 8 * ratio];
+      if (taken.some((t) => [0, 1].every((i) => Math.abs(t.p[i] - p[i]) < t.half[i] + half[i]))) return;
+      taken.push({ p, half });
+      context.fillText(text, ...p);
+    };
+    context.font = `600 ${12 * ratio}px system-ui, sans-serif`;
+    edges.forEach((edge, a) => {
+      if (edge !== null) write(`${"xyz"[a]} (mm)`, edge.name);
+    });
+    context.font = `${11 * ratio}px system-ui, sans-serif`;
+    edges.forEach((edge, a) => {
+      if (edge === null) return;
+      for (const tick of ticks[a]) {
+        write(String(Math.round(tick * 1000) / 1000).replace("-", "\u2212"), edge.label(tick));
+      }
+    });
   }
 
-  function labelAxis(a, behind, ahead, place, ratio, taken) {
+  /* Where the name of an axis goes and the labels of its ticks; null for one seen end on. */
+  function labelledEdge(a, behind, ahead, place, ratio) {
     const [b, c] = [(a + 1) % 3, (a + 2) % 3];
     // Its two edges on the outline of the box touch one wall behind and one ahead. The lower one
     // is labelled; of an upright axis the left one.
@@ -255,7 +274,7 @@
     });
     const { from, to } = edges[0];
     const long = Math.hypot(to[0] - from[0], to[1] - from[1]);
-    if (long < 24 * ratio) return; // seen end on
+    if (long < 24 * ratio) return null;
     const upright = Math.abs(to[1] - from[1]) > 2 * Math.abs(to[0] - from[0]);
     edges.sort(upright ? (p, q) => p.middle[0] - q.middle[0] : (p, q) => q.middle[1] - p.middle[1]);
     const edge = edges[0];
@@ -264,24 +283,14 @@
     let away = [(to[1] - from[1]) / long, -(to[0] - from[0]) / long];
     const out = away[0] * (edge.middle[0] - heart[0]) + away[1] * (edge.middle[1] - heart[1]);
     if (out < 0) away = [-away[0], -away[1]];
-    const write = (text, p) => {
-      // What would run into another label, of this axis or of one before it, is left out.
-      const half = [context.measureText(text).width / 2 + 3 * ratio, 8 * ratio];
-      if (taken.some((t) => [0, 1].every((i) => Math.abs(t.p[i] - p[i]) < t.half[i] + half[i]))) return;
-      taken.push({ p, half });
-      context.fillText(text, ...p);
-    };
     const beside = (p, distance) => [
       p[0] + away[0] * distance * ratio, p[1] + away[1] * distance * ratio];
-    context.font = `600 ${12 * ratio}px system-ui, sans-serif`;
     // The name of an upright axis stands above its upper end, where there is room on a phone.
     const upper = edge.from[1] < edge.to[1] ? edge.from : edge.to;
-    write(`${"xyz"[a]} (mm)`, upright ? [upper[0], upper[1] - 18 * ratio] : beside(edge.middle, 34));
-    context.font = `${11 * ratio}px system-ui, sans-serif`;
-    for (const tick of ticks[a]) {
-      const text = String(Math.round(tick * 1000) / 1000).replace("-", "\u2212");
-      write(text, beside(edge.end(tick), upright ? 18 : 15));
-    }
+    return {
+      name: upright ? [upper[0], upper[1] - 18 * ratio] : beside(edge.middle, 34),
+      label: (tick) => beside(edge.end(tick), upright ? 18 : 15),
+    };
   }
 
   /* Hands. */
