@@ -284,6 +284,16 @@ def _render(figure: Figure, stream: BinaryIO, suffix: str, dpi: float) -> None:
         figure.savefig(stream, format=suffix[1:], dpi=dpi, metadata=metadata[suffix])
 
 
+def printable(text: object) -> str:
+    """Return text on one line, with escapes for what cannot be printed.
+
+    A label can be a file's name, which can hold control characters, bytes that are no text (lone
+    surrogates: fonts refuse them), and marks that turn the direction of writing.
+    """
+    line = " ".join(str(text).split())
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
+
+
 def _refuse_existing(target: Path, force: bool) -> None:
     if not target.parent.is_dir():
         raise OutputError(f"{target}: expected an existing folder, got '{target.parent}'")
@@ -401,7 +411,7 @@ def _wrapped(text: str, width: float, size_pt: float) -> list[str]:
     """Break text into at most three lines for a width in inches; more ends in an ellipsis."""
     # 0.66 em is a generous mean width for the letters of a sans-serif font.
     letters = max(8, int(width * POINTS_PER_INCH / (0.66 * size_pt)))
-    return textwrap.wrap(text, letters, max_lines=3, placeholder="…")
+    return textwrap.wrap(printable(text), letters, max_lines=3, placeholder="…")
 
 
 def _draw_amplitude(axes: Axes, image: DepthMap) -> Any:

@@ -129,7 +129,7 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
         (
             "image",
             ("--x-mm", "--y-mm", "--z-mm", "-100:100:1", "260:340:1", "--method", "exact",
-             "--window", "taylor", "--png", "--dynamic-range-db"),
+             "--tolerance-db", "--window", "taylor", "--png", "--dynamic-range-db"),
         ),
         (
             "convert",
@@ -140,6 +140,13 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
             ("--empty", "--scaling", "--gate-mm", "--edge-mm", "--clutter-db", "--average",
              "--align-phase", "--frame", "--variant", "NEAR:FAR"),
         ),
+        (
+            "channels",
+            ("--target", "plate", "--distance-mm", "--tilt-deg", "--size-mm", "--position-mm",
+             "--radius-mm", "--tolerance-mm", "--hold", "--common-delay", "--level", "--gate-mm",
+             "--plot", "--frame"),
+        ),
+        ("correct", ("--channels", "--keep-noisy", "--frame", "--variant")),
         ("inspect", ("--check", "--json")),
         ("compare", ("MEASURED", "SIMULATED", "--json", "--dynamic-range-db", "docs/metrics.md")),
         ("compare", ("--frame", "--variant", "--report")),
@@ -206,7 +213,7 @@ def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
         (["image", "sim.h5", "-o", "x.h5", "--y-mm", "0:10"], "--y-mm"),
         (["image", "sim.h5", "-o", "x.h5", "--z-mm", "0:10:3"], "0:9:3"),
         (["image", "sim.h5", "-o", "x.h5", "--z-mm", "0:nan:3"], "--z-mm"),
-        (["image", "sim.h5", "-o", "x.h5", "--method", "fast"], "--method"),
+        (["image", "sim.h5", "-o", "x.h5", "--method", "quick"], "--method"),
         (["compare", "volume.h5"], "SIMULATED"),
         (["compare", "volume.h5", "volume.h5", "--x-mm", "0:60:6"], "no capture"),
         (["inspect", "volume.h5", "--loud"], "--loud"),

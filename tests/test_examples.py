@@ -34,7 +34,7 @@ def numbers(line: str) -> list[float]:
 
 def test_all_are_tried() -> None:
     tried = {"simulate_hand", "point_target", "compare_alpha", "own_array"}
-    tried |= {"read_maroon_frame", "read_recording", "sim_vs_measurement"}
+    tried |= {"read_maroon_frame", "read_recording", "convert_lab_file", "sim_vs_measurement"}
     assert {p.stem for p in EXAMPLES.glob("*.py")} == tried
 
 
@@ -115,3 +115,11 @@ def test_own_array(tmp_path: Path) -> None:
         assert line.startswith(name)
         for value, expected in zip(numbers(line), glint, strict=True):
             assert abs(value - expected) <= 10
+
+
+def test_convert_lab_file(tmp_path: Path) -> None:
+    lines = output_of("convert_lab_file.py", tmp_path).splitlines()
+    assert 'real = "s_real"' in lines
+    # A single point on a voxel: the image is strongest there and nowhere else.
+    assert lines[-1] == "strongest: 20, -10, 250 mm"
+    assert {"lab.npz", "lab.h5"} == {p.name for p in tmp_path.iterdir()}

@@ -561,7 +561,13 @@ def test_the_content_decides_and_not_the_name(tmp_path):
 
 def test_plain_array_says_what_is_supported(tmp_path):
     np.save(tmp_path / "plain.npy", np.zeros((94, 94, 2), np.complex64))
-    assert "plain arrays" in refused(tmp_path / "plain.npy")
+    assert "a plain .npy array" in refused(tmp_path / "plain.npy")
+
+
+def test_a_type_of_any_length_makes_a_message_of_some(tmp_path):
+    path = tmp_path / "f.npy"
+    path.write_bytes(files.npy(b"", descr="i4," * 3000 + "i4"))
+    assert len(refused(path)) < 1000
 
 
 def test_not_a_regular_file(tmp_path):

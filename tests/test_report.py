@@ -22,6 +22,8 @@ from clradar.report.tables import METRIC_TEXTS, settings_table
 from measurement_io import save_volume
 
 HOSTILE = "<script>window.hacked = 1</script>"
+NO_TEXT = "a\udcff\x1b[31m"
+"""A file's name whose bytes are no text, with a control character."""
 HOSTILE_META = {
     "</script><script>window.hacked = 1</script>": "</script>",
     "nested": {"list": [{"<img src=x onerror='window.hacked=1'>": '"><b>'}], "none": None},
@@ -129,6 +131,12 @@ def test_what_files_say_is_only_text() -> None:
         in cells
     )
     hostile_page().encode("utf-8")
+
+
+def test_a_name_that_is_no_text_is_shown_with_escapes() -> None:
+    images = [ReportImage(NO_TEXT, ball(), NO_TEXT), ReportImage(NO_TEXT, ball())]
+    read = Read(html_report(images[0], images[1:]))
+    assert read.inside["summary"] == 2 * ["a\\udcff\\x1b[31m"]
 
 
 def test_the_points_are_those_of_the_depth_maps() -> None:

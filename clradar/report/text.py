@@ -6,16 +6,15 @@ import html
 import json
 from typing import Any
 
+from clradar.plot import printable
+
 
 def escaped(value: object) -> str:
     """Return `value` as HTML text that is also safe inside a quoted attribute.
 
-    What cannot be printed (control characters, lone surrogates of a file's name, marks that turn
-    the direction of writing) is written as an escape: a name then cannot pass for another one.
+    What cannot be printed is written as an escape: a name then cannot pass for another one.
     """
-    line = " ".join(str(value).split())
-    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
-    return html.escape(shown, quote=True)
+    return html.escape(printable(value), quote=True)
 
 
 def script_json(value: Any) -> str:
