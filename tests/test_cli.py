@@ -150,7 +150,7 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
         ("diagnose", ("--expect-mm", "--json", "--output", "--frame", "--variant", "--device")),
         ("inspect", ("--check", "--json")),
         ("compare", ("MEASURED", "SIMULATED", "--json", "--dynamic-range-db", "docs/metrics.md")),
-        ("compare", ("--frame", "--variant")),
+        ("compare", ("--frame", "--variant", "--report")),
     ],
 )  # fmt: skip
 def test_help_of_each_command(run: Run, name: str, words: tuple[str, ...]) -> None:
@@ -255,6 +255,7 @@ def test_wrong_usage_is_2(
         (["inspect", "none.h5"], ("none.h5",)),
         (["inspect", "none.h5", "--check"], ("none.h5",)),
         (["compare", "volume.h5", "none.h5", "-o", "x.png"], ("none.h5",)),
+        (["compare", "volume.h5", "volume.h5", "--report", "x.pdf"], (".html", "'.pdf'")),
         (
             ["compare", "volume.h5", "sim.h5", "--x-mm", "0:60:6", *GRID[2:], "-o", "x.png"],
             ("same pixels",),
@@ -322,6 +323,7 @@ def test_control_c_is_130_without_a_traceback(tmp_path: Path) -> None:
         (["convert", "recording", "-o", "{}"], "a.h5"),
         (["compare", "volume.h5", "sim.h5", "-o", "{}"], "a.png"),
         (["compare", "volume.h5", "sim.h5", "--json", "{}"], "a.json"),
+        (["compare", "volume.h5", "sim.h5", "--report", "{}"], "a.html"),
     ],
 )
 def test_a_file_is_kept_without_force(

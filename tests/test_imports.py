@@ -24,6 +24,7 @@ LAYERS = (
     ("clradar.backproject",),
     ("clradar.compare",),
     ("clradar.plot",),
+    ("clradar.report",),
     ("clradar",),
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
