@@ -300,3 +300,14 @@ def test_all_frames_of_what_is_no_folder(run, tmp_path):
     for source in ("a.h5", "none"):
         one_error_line(run(tmp_path / source, "-o", tmp_path / "x", "--all-frames"), source)
     assert not (tmp_path / "x").exists()
+
+
+def test_provenance_grows_by_the_same_amount_with_every_conversion(run, tmp_path):
+    native(tmp_path / "0.h5")
+    sizes = []
+    for i in range(5):
+        assert run(tmp_path / f"{i}.h5", "--to", "maroon", "-o", tmp_path / f"m{i}")[0] == 0
+        assert run(tmp_path / f"m{i}", "-o", tmp_path / f"{i + 1}.h5")[0] == 0
+        sizes.append(len(json.dumps(dict(open_capture(tmp_path / f"{i + 1}.h5").meta))))
+    growth = np.diff(sizes)
+    assert growth.max() < 1.2 * growth.min() + 100

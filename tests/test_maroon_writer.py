@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import pickletools
 import signal
 import struct
 import subprocess
@@ -570,3 +571,19 @@ def test_products_are_the_image_that_the_dataset_would_form(tmp_path):
         i, j = np.abs(read.y_m - y).argmin(), np.abs(read.x_m - x).argmin()
         assert abs(read.depth_m[i, j] - z) <= 3e-3
         assert np.isnan(read.depth_m[i, np.abs(read.x_m + x).argmin()]) or x == 0
+
+
+def test_every_numpy_finds_the_names_in_a_frame(tmp_path: Path) -> None:
+    frame = save_maroon_frame(tmp_path / "30", random_qar50_capture())
+    names = [
+        argument
+        for operation, argument, _ in pickletools.genops(frame.read_bytes()[128:])
+        if operation.name in ("GLOBAL", "STACK_GLOBAL")
+    ]
+    assert names == ["numpy.core.multiarray _reconstruct", "numpy ndarray", "numpy dtype"]
+
+
+def random_qar50_capture() -> clradar.Capture:
+    rng = np.random.default_rng(0)
+    data = rng.normal(size=(94, 94, 2)) + 1j * rng.normal(size=(94, 94, 2))
+    return clradar.Capture(data, clradar.arrays.qar50(), clradar.Waveform([72e9, 82e9]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -242,4 +243,7 @@ def described(capture: Capture, options: Mapping[str, Any], inputs: Sequence[Pat
     capture came with, and how it was converted.
     """
     record = {**capture.meta, **provenance("convert", options, inputs)}
+    with suppress(KeyError, TypeError, ValueError):
+        # An earlier conversion's is text; as text in text its escapes would double every time.
+        record["provenance"] = json.loads(record["provenance"])
     return replace(capture, meta={**capture.meta, "provenance": json.dumps(record)})

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.model import checks
-from clradar.model.summary import summary
+from clradar.model.record import reduced, summary
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -34,6 +34,7 @@ class AntennaArray:
     name: str = "array"
 
     __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         for field in ("tx_m", "rx_m"):

@@ -10,7 +10,7 @@ import numpy as np
 
 from clradar.model import checks
 from clradar.model.array import AntennaArray
-from clradar.model.summary import summary
+from clradar.model.record import reduced, summary
 from clradar.model.waveform import Waveform
 
 
@@ -39,6 +39,7 @@ class Capture:
     meta: Mapping[str, Any] = field(default_factory=dict)
 
     __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         checks.instance("Capture.array", self.array, AntennaArray)

@@ -10,7 +10,7 @@ import numpy as np
 
 from clradar.model import checks
 from clradar.model.array import AntennaArray
-from clradar.model.summary import summary
+from clradar.model.record import reduced, summary
 from clradar.model.waveform import Waveform
 
 
@@ -46,6 +46,7 @@ class ChannelResponse:
     reference_hz: float
 
     __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         for side in ("tx", "rx"):
@@ -145,6 +146,7 @@ class ChannelCalibration:
     meta: Mapping[str, Any] = field(default_factory=dict)
 
     __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         checks.instance("ChannelCalibration.response", self.response, ChannelResponse)

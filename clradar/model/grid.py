@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from clradar.model import checks
-from clradar.model.summary import summary
+from clradar.model.record import reduced, summary
 
 MAX_VOXELS = 2**31 - 1
 """Largest volume: its index has to fit a signed 32-bit integer on the device."""
@@ -34,6 +34,7 @@ class VoxelGrid:
     counts: tuple[int, int, int]
 
     __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         origin = checks.read_only("VoxelGrid.origin_m", self.origin_m, np.float64, (3,))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.model import checks
-from clradar.model.summary import summary
+from clradar.model.record import reduced, summary
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +32,7 @@ class TraceStatistics:
     absorbed: int
 
     __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         for name in ("samples", "visible", "outgoing", "absorbed"):
@@ -91,6 +92,7 @@ class Paths:
     statistics: TraceStatistics | None = None
 
     __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "n_tx", checks.whole("Paths.n_tx", self.n_tx, 1))

@@ -12,7 +12,7 @@ import numpy as np
 
 from clradar.errors import MeshError, ModelError
 from clradar.model import checks
-from clradar.model.summary import summary
+from clradar.model.record import reduced, summary
 
 UNITS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 """Units in which a mesh file may be written, in metres."""
@@ -50,6 +50,7 @@ class Scene:
     part_names: tuple[str, ...] = ("mesh",)
 
     __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         vertices = checks.read_only("Scene.vertices_m", self.vertices_m, np.float64, (None, 3))

@@ -11,7 +11,7 @@ import numpy as np
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.model import checks
 from clradar.model.grid import VoxelGrid
-from clradar.model.summary import summary
+from clradar.model.record import reduced, summary
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -37,6 +37,7 @@ class DepthMap:
     dynamic_range_db: float = DYNAMIC_RANGE_DB
 
     __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         x_m = checks.one_axis("DepthMap.x_m", self.x_m)
@@ -85,6 +86,7 @@ class Volume:
     meta: Mapping[str, Any] = field(default_factory=dict)
 
     __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         checks.instance("Volume.grid", self.grid, VoxelGrid)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.model import checks
-from clradar.model.summary import summary
+from clradar.model.record import reduced, summary
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -28,6 +28,7 @@ class Waveform:
     frequencies_hz: np.ndarray
 
     __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         axis = checks.one_axis("Waveform.frequencies_hz", self.frequencies_hz)

@@ -154,19 +154,21 @@ def _parts(
     if len(arrays) == 2:
         for array in arrays:
             if array.dtype.kind not in "iuf":
-                fail(path, "real numbers for the real and the imaginary part", f"{array.dtype}")
+                fail(path, "real numbers for the real and the imaginary part", clean(array.dtype))
         return [array[..., 0] for array in arrays]
     array = arrays[0]
     if "part" in layout.axes:
         if array.dtype.kind not in "iuf":
-            fail(path, 'real numbers where there is an axis "part"', f"{array.dtype}")
+            fail(path, 'real numbers where there is an axis "part"', clean(array.dtype))
         order = [layout.parts.index(name) for name in ("real", "imag")]
         return [array[..., i] for i in order]
     array = array[..., 0]
     if array.dtype.names is not None:
         return [array[name] for name in _fields(container, layout, array.dtype.names)]
     if layout.fields is not None:
-        fail(path, f"a compound type with the fields {', '.join(layout.fields)}", f"{array.dtype}")
+        fail(
+            path, f"a compound type with the fields {', '.join(layout.fields)}", clean(array.dtype)
+        )
     if array.dtype.kind != "c":
         fail(
             path,

@@ -51,7 +51,8 @@ class _Member:
         if want != size:
             fail(
                 path,
-                f"{want} bytes in {place}, as its header says ({self.dtype} {self.shape})",
+                f"{want} bytes in {place}, as its header says "
+                f"({clean(self.dtype)} {clean(self.shape)})",
                 f"{size}",
             )
 

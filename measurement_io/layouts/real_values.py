@@ -16,7 +16,7 @@ def real_array(container: Container, key: str, purpose: str) -> np.ndarray:
     """Return a key's real numbers as finite float64."""
     value = container.read(key, purpose)
     if value.dtype.kind not in "iuf":
-        fail(container.path, f"'{clean(key)}' ({purpose}) to hold real numbers", f"{value.dtype}")
+        fail(container.path, f"'{clean(key)}' ({purpose}) to hold real numbers", clean(value.dtype))
     if value.size == 0:
         fail(container.path, f"'{clean(key)}' ({purpose}) to hold numbers", f"shape {value.shape}")
     result = value.astype(np.float64)

@@ -190,7 +190,24 @@ def write_frame_file(
     with replacing(target, force=force) as temporary, open(temporary, "xb") as file:
         header = {"descr": "|O", "fortran_order": False, "shape": ()}
         np.lib.format.write_array_header_1_0(file, header)
-        pickle.dump(holder, file, protocol=4)
+        _PortablePickler(file, protocol=3).dump(holder)
+
+
+_Pickler: Any = pickle._Pickler
+"""The one in Python, which can be told how to write a name."""
+
+
+class _PortablePickler(_Pickler):
+    """Writes what every numpy reads: numpy 2 knows the names of numpy 1, but not the reverse."""
+
+    def save_global(self, obj: Any, name: str | None = None) -> None:
+        module = getattr(obj, "__module__", None) or ""
+        if not module.startswith("numpy._core."):
+            super().save_global(obj, name)
+            return
+        old = module.replace("numpy._core.", "numpy.core.", 1)
+        self.write(f"c{old}\n{obj.__name__}\n".encode("ascii"))
+        self.memoize(obj)
 
 
 def _carried(meta: Mapping[str, Any]) -> dict[str, str | int | float]:
