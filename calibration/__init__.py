@@ -1,17 +1,35 @@
-"""Line a simulated image up with a measured one; find and undo a file's convention."""
+"""What a recording needs before it is imaged, and what lines a simulation up with it."""
 
-# The functions take the names of their modules: `from calibration import align` gives the function.
+# Functions take the names of their modules: `from calibration import align` gives the function.
 from calibration.align import Alignment, align
+from calibration.background import average_frames, subtract_background
+from calibration.channels import estimate_channels
 from calibration.conventions import HYPOTHESES, Hypothesis, apply_convention
+from calibration.correction import correct
 from calibration.diagnose import Diagnosis, Score, diagnose
+from calibration.gating import Gate, gate, range_gate
+from calibration.targets import CornerReflector, Echo, FlatPlate, Sphere, Target, response
 
 __all__ = [
     "HYPOTHESES",
     "Alignment",
+    "CornerReflector",
     "Diagnosis",
+    "Echo",
+    "FlatPlate",
+    "Gate",
     "Hypothesis",
     "Score",
+    "Sphere",
+    "Target",
     "align",
     "apply_convention",
+    "average_frames",
+    "correct",
     "diagnose",
+    "estimate_channels",
+    "gate",
+    "range_gate",
+    "response",
+    "subtract_background",
 ]

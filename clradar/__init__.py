@@ -2,10 +2,13 @@
 
 from clradar import arrays
 from clradar.backproject import backproject
+from clradar.channel_errors import draw_channels
 from clradar.compare import Metrics, compare
+from clradar.impair import impair
 from clradar.model import (
     AntennaArray,
     Capture,
+    ChannelCalibration,
     ChannelResponse,
     DepthMap,
     Paths,
@@ -16,6 +19,7 @@ from clradar.model import (
     Waveform,
 )
 from clradar.opencl import Device, list_devices, open_device
+from clradar.room import Wall, room_capture
 from clradar.synthesize import simulate, synthesize
 from clradar.trace import trace
 
@@ -24,6 +28,7 @@ __version__ = "0.1.0"
 __all__ = [
     "AntennaArray",
     "Capture",
+    "ChannelCalibration",
     "ChannelResponse",
     "DepthMap",
     "Device",
@@ -33,13 +38,17 @@ __all__ = [
     "TraceStatistics",
     "Volume",
     "VoxelGrid",
+    "Wall",
     "Waveform",
     "__version__",
     "arrays",
     "backproject",
     "compare",
+    "draw_channels",
+    "impair",
     "list_devices",
     "open_device",
+    "room_capture",
     "simulate",
     "synthesize",
     "trace",

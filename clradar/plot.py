@@ -7,6 +7,7 @@ calls. Layouts are computed in inches, so that nothing overlaps whatever the num
 from __future__ import annotations
 
 import contextlib
+import io
 import math
 import os
 import secrets
@@ -14,7 +15,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -105,7 +106,7 @@ def image_figure(
     lefts = (LEFT, LEFT + panel_w + bar + LEFT)
     axes = [_axes(figure, left, BOTTOM, panel_w, panel_h) for left in lefts]
     amplitude = _draw_amplitude(axes[0], shown)
-    limits_mm = _depth_limits_mm([shown])
+    limits_mm = depth_limits_mm([shown])
     depth = _draw_depth(axes[1], shown, limits_mm)
     for panel, name in zip(axes, ("Amplitude, maximum over depth", "Depth"), strict=True):
         _frame(panel, extent, panel_w, panel_h, x_labels=True, y_labels=True, margin=0.0)
@@ -184,7 +185,7 @@ def comparison_figure(
     lefts = [LEFT + i * (panel_w + GAP) for i in range(columns)]
     above = [_axes(figure, left, upper, panel_w, panel_h) for left in lefts]
     below = [_axes(figure, left, lower, panel_w, panel_h) for left in lefts]
-    limits_mm = _depth_limits_mm(shown)
+    limits_mm = depth_limits_mm(shown)
     for i, image in enumerate(shown):
         amplitude = _draw_amplitude(above[i], image)
         depth = _draw_depth(below[i], image, limits_mm)
@@ -300,30 +301,19 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = F
         The file exists and `force` is False, the folder does not exist, the suffix is another, or
         the system refuses to write. What was at `path` before is then untouched.
     """
-    import matplotlib
-
     target = Path(path)
     suffix = target.suffix.lower()
     if suffix not in SUFFIXES:
         raise OutputError(
             f"{target}: expected a name that ends in {', '.join(SUFFIXES)}, got '{target.suffix}'"
         )
-    # None drops what would differ from run to run (dates) or from version to version (software).
-    metadata: dict[str, dict[str, None]] = {
-        ".png": {"Software": None},
-        ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-        ".svg": {"Date": None, "Creator": None},
-    }
-    # SVG ids are random without a salt, and a user's settings must not crop the page.
-    settings = {"svg.hashsalt": "clradar", "savefig.bbox": None, "savefig.transparent": False}
     # Not made from the target's name, which can be as long as a name can be.
     temporary = target.with_name(f".clradar-{secrets.token_hex(6)}.tmp")
     try:
         _refuse_existing(target, force)
         # "x" and not tempfile, whose files nobody else may read.
         with temporary.open("xb") as stream:
-            with matplotlib.rc_context(settings):
-                figure.savefig(stream, format=suffix[1:], dpi=figure.dpi, metadata=metadata[suffix])
+            _render(figure, stream, suffix, figure.dpi)
             stream.flush()
             os.fsync(stream.fileno())
         # Again: drawing takes a second, in which another process can have written the file.
@@ -337,6 +327,45 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = F
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
     return target
+
+
+def png_bytes(figure: Figure, *, dpi: float = DPI) -> bytes:
+    """Return a figure as a PNG; the same figure gives the same bytes.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    dpi : float
+        Dots per inch.
+    """
+    stream = io.BytesIO()
+    _render(figure, stream, ".png", dpi)
+    return stream.getvalue()
+
+
+def _render(figure: Figure, stream: BinaryIO, suffix: str, dpi: float) -> None:
+    import matplotlib
+
+    # None drops what would differ from run to run (dates) or from version to version (software).
+    metadata: dict[str, dict[str, None]] = {
+        ".png": {"Software": None},
+        ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+        ".svg": {"Date": None, "Creator": None},
+    }
+    # SVG ids are random without a salt, and a user's settings must not crop the page.
+    settings = {"svg.hashsalt": "clradar", "savefig.bbox": None, "savefig.transparent": False}
+    with matplotlib.rc_context(settings):
+        figure.savefig(stream, format=suffix[1:], dpi=dpi, metadata=metadata[suffix])
+
+
+def printable(text: object) -> str:
+    """Return text on one line, with escapes for what cannot be printed.
+
+    A label can be a file's name, which can hold control characters, bytes that are no text (lone
+    surrogates: fonts refuse them), and marks that turn the direction of writing.
+    """
+    line = " ".join(str(text).split())
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
 
 
 def _refuse_existing(target: Path, force: bool) -> None:
@@ -456,7 +485,7 @@ def _wrapped(text: str, width: float, size_pt: float) -> list[str]:
     """Break text into at most three lines for a width in inches; more ends in an ellipsis."""
     # 0.66 em is a generous mean width for the letters of a sans-serif font.
     letters = max(8, int(width * POINTS_PER_INCH / (0.66 * size_pt)))
-    return textwrap.wrap(text, letters, max_lines=3, placeholder="…")
+    return textwrap.wrap(printable(text), letters, max_lines=3, placeholder="…")
 
 
 def _draw_amplitude(axes: Axes, image: DepthMap) -> Any:
@@ -560,7 +589,7 @@ def _signed(number: str) -> str:
     return number.replace("-", "\N{MINUS SIGN}")
 
 
-def _depth_limits_mm(images: Sequence[DepthMap]) -> tuple[float, float]:
+def depth_limits_mm(images: Sequence[DepthMap]) -> tuple[float, float]:
     """Return the depths that the colour scale of these images spans, whole millimetres."""
     depths_mm = np.concatenate([1e3 * image.depth_m[image.mask] for image in images])
     # Rounded first: 0.3 m is 299.999999… mm.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -77,3 +78,52 @@ def _sync(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+@contextmanager
+def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary folder beside `path`, for the caller to fill and to move from.
+
+    The folders above are made where missing. Whatever is left of the temporary one at the end is
+    removed, so a failure or an interruption leaves nothing behind; only a kill leaves its hidden
+    name.
+
+    Raises
+    ------
+    OutputError
+        The system refuses.
+    """
+    target = Path(path).absolute()
+    temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.tmp")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        temporary.mkdir()
+        yield temporary
+    except ClradarError:
+        raise
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{shown(target)}: cannot be written: {clean(error)}") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def move_folder(source: Path, target: Path) -> None:
+    """Rename a folder to a name that is free or that of an empty folder, and sync its parent."""
+    os.rename(source, target)
+    _sync(target.parent)
+
+
+def swap_folder(source: Path, target: Path, aside: Path) -> None:
+    """Rename `source` to `target` where a folder may be, which then is `aside`.
+
+    No two folders can be exchanged in one step, so a kill between the two renames leaves `target`
+    missing and its content under `aside`; it never leaves a mixture of both.
+    """
+    try:
+        if os.path.lexists(target):
+            os.rename(target, aside)
+        move_folder(source, target)
+    except BaseException:  # an interruption, too, must not cost what was there
+        if os.path.lexists(aside) and not os.path.lexists(target):
+            os.rename(aside, target)
+        raise

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from clradar.errors import MeasurementError
-from measurement_io import native
-from measurement_io.describe import folder_problems
-from measurement_io.failures import clean, reading, shown
-from measurement_io.maroon import folders
+from measurement_io import channels_file, native, native_scheme
+from measurement_io.failures import reading, shown
+from measurement_io.layouts.skeleton import layout_needed
+from measurement_io.maroon.folders import find_radar_folder
 from measurement_io.maroon.frame import read_frame_file
+from measurement_io.maroon.inspection import inspect_folders
+from measurement_io.maroon.recording_check import check_frames, check_products
 from measurement_io.opening import SUPPORTED, kind_of
 
 
@@ -48,7 +50,8 @@ def check_file(path: str | os.PathLike[str]) -> CheckReport:
 
     Of a native file: format and version, types and shapes, checksums of every dataset, finite
     values, axes against the grid, NeXus attributes. Of a recording: every frame of both variants,
-    all with the same frequencies, numbering, `calibration.json`.
+    all with the same frequencies, numbering, time stamps, cached products, `calibration.json`,
+    `alignment.json`, `metadata.json`, meshes and where they are placed.
 
     Returns
     -------
@@ -68,6 +71,8 @@ def check_file(path: str | os.PathLike[str]) -> CheckReport:
 
 def _check(source: Path, checked: list[str], problems: list[str]) -> None:
     kind = kind_of(source)
+    if kind == "container":
+        raise layout_needed(source)
     if kind == "folder":
         _check_folder(source, checked, problems)
     elif kind == "frame":
@@ -80,9 +85,12 @@ def _check(source: Path, checked: list[str], problems: list[str]) -> None:
 
 def _check_native(path: Path, checked: list[str], problems: list[str]) -> None:
     header = native.read_header(path)
-    checked.append(f"a native {header.format}, version {header.version}, text attributes intact")
+    noun = native_scheme.SCHEMES[header.format].noun
+    checked.append(f"native: {noun}, version {header.version}, text attributes intact")
     if header.format == "capture":
         native.read_capture(path)
+    elif header.format == "channels":
+        channels_file.read_channels(path)
     else:
         native.read_volume(path)
     checked.append("all data read: types, shapes, stored in full, values finite")
@@ -94,31 +102,10 @@ def _check_native(path: Path, checked: list[str], problems: list[str]) -> None:
 
 
 def _check_folder(folder: Path, checked: list[str], problems: list[str]) -> None:
-    radar = folders.find_radar_folder(folder)
-    problems += folder_problems(radar)
-    reference = None
-    total: object = None
-    all_frames = folders.frames(radar)
-    for variant, found in all_frames.items():
-        good = 0
-        for number, path in sorted(found.items()):
-            try:
-                capture = read_frame_file(path)
-            except MeasurementError as error:
-                problems.append(str(error))
-                continue
-            good += 1
-            if reference is None:
-                reference = capture.waveform
-                total = capture.meta.get("number_of_measurements")
-            elif not reference.same_frequencies(capture.waveform):
-                problems.append(f"{clean(path.name)}: other frequencies than the frames before")
-            if number == 0 and variant == "raw":
-                total = capture.meta.get("number_of_measurements")
-        if good:
-            checked.append(f"{good} of {len(found)} {variant} frames read, values finite")
-    if total is not None and total != len(all_frames["raw"]):
-        problems.append(
-            f"frame 0 says that the recording has {total} frames, {len(all_frames['raw'])} are "
-            "there"
-        )
+    radar = find_radar_folder(folder)
+    beside = inspect_folders(radar).problems
+    problems += beside
+    if not beside:
+        checked.append("numbering, and what lies beside the frames: all of it agrees")
+    check_frames(radar, checked, problems)
+    check_products(radar, checked, problems)

@@ -7,6 +7,7 @@ spellings of numpy's modules (before and since numpy 2) exist whichever numpy ru
 from __future__ import annotations
 
 import io
+import json
 import pickle
 import pickletools
 import struct
@@ -16,6 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 PROTOCOLS = (2, 3, 4, 5)
+FRAME_INTERVAL_US = 125_000
 SPELLINGS = ("numpy.core", "numpy._core")
 
 
@@ -114,14 +116,101 @@ def write_frame(path: Path, frame: Any, protocol: int = 4, spelling: str | None 
 def write_recording(
     distance: Path, n_frames: int = 2, n_freq: int = 2, name: str | None = None
 ) -> Path:
-    """Write raw and emptyfiltered frames with seeds 0, 1, ... and 100, 101, ...; return radar_*."""
+    """Write raw and emptyfiltered frames with seeds 0, 1, ... and 100, 101, ...; return radar_*.
+
+    Both variants have the same time stamps, 125 ms apart.
+    """
     radar = distance / (name or f"radar_72.0_82.0_{n_freq}")
     for i in range(n_frames):
         for suffix, seed in (("", i), ("_emptyfiltered", 100 + i)):
             frame = random_frame(n_freq, seed=seed)
             frame["number_of_measurements"] = n_frames
+            frame["timestamp_us"] = frame["timestamp_us"] + i * FRAME_INTERVAL_US
             write_frame(radar / "calibrated_data" / f"{i:06d}{suffix}.npy", frame)
     (radar / "calibration.json").write_text(
         f'{{"frequency_low_ghz": 72.0, "frequency_high_ghz": 82.0, "frequency_points": {n_freq}}}'
     )
     return radar
+
+
+# ---- what lies beside the radar folder
+
+
+def rigid(turns_deg: tuple[float, float, float], shift: tuple[float, float, float]) -> np.ndarray:
+    """Return a 4 x 4 matrix: rotations about x, then y, then z, then a shift."""
+    matrix = np.eye(4)
+    for axis, degrees in enumerate(turns_deg):
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        i, j = ((1, 2), (2, 0), (0, 1))[axis]
+        turn = np.eye(4)
+        turn[i, i], turn[i, j], turn[j, i], turn[j, j] = c, -s, s, c
+        matrix = turn @ matrix
+    matrix[:3, 3] = shift
+    return matrix
+
+
+def write_json(path: Path, content: Any) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content, indent=1))
+    return path
+
+
+def write_alignment(distance: Path, transforms: dict[str, Any]) -> Path:
+    """Write alignment.json: row-major 4 x 4 matrices under "<a>2<b>"; what is no array as it is."""
+    rows = {
+        key: [[float(v) for v in row] for row in value] if isinstance(value, np.ndarray) else value
+        for key, value in transforms.items()
+    }
+    return write_json(distance / "alignment.json", rows)
+
+
+def write_mesh(distance: Path, name: str, vertices: np.ndarray, faces: np.ndarray) -> Path:
+    """Write photogrammetry/<name>.obj as photogrammetry programs do: with texture and material."""
+    path = distance / "photogrammetry" / f"{name}.obj"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines = ["# metres", f"mtllib {name}.mtl", "usemtl skin"]
+    lines += [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in vertices]
+    lines += ["vt 0.0 0.0", "vt 1.0 0.0", "vt 0.0 1.0"]
+    lines += [f"f {a + 1}/1 {b + 1}/2 {c + 1}/3" for a, b, c in faces]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+# ---- a frame of point targets, from the data model alone
+
+LIGHT_M_PER_S = 299_792_458.0
+
+
+def antennas() -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions of the 94 Rx and the 94 Tx, (94, 3) each, metres, written out anew."""
+    steps = [0.003 * i for i in range(-23, 24)]
+    rx = [(x, y, 0.0) for y in (-0.0705, 0.0705) for x in steps]
+    tx = []
+    for side in (-1.0, 1.0):
+        for y in steps:
+            tx.append((side * (0.072 if abs(y) > 0.068 else 0.0705), y, 0.0))
+    return np.array(rx), np.array(tx)
+
+
+def point_target_frame(
+    targets: list[tuple[float, float, float, float]], n_freq: int
+) -> dict[str, Any]:
+    """Return a frame of 96 channels, xr[rx, tx, freq] = sum of a exp(-j 2 pi f tau).
+
+    A target is (x, y, z, a) in the antenna frame. Channels 0 and 95 hold what would spoil an image.
+    """
+    rx, tx = antennas()
+    frequencies = np.linspace(72e9, 82e9, n_freq)
+    xr = np.full((96, 96, n_freq), 1e3 + 0j, np.complex128)
+    xr[1:95, 1:95] = 0
+    for x, y, z, strength in targets:
+        to_rx = np.sqrt(((rx - (x, y, z)) ** 2).sum(axis=1))
+        to_tx = np.sqrt(((tx - (x, y, z)) ** 2).sum(axis=1))
+        delay_s = (to_rx[:, None] + to_tx[None, :]) / LIGHT_M_PER_S
+        xr[1:95, 1:95] += strength * np.exp(-2j * np.pi * delay_s[:, :, None] * frequencies)
+    return {
+        "xr": xr.astype(np.complex64),
+        "fvec": frequencies,
+        "number_of_measurements": np.int64(1),
+        "timestamp_us": np.array([1_700_000_000_000_000]),
+    }

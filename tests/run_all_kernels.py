@@ -83,7 +83,7 @@ def everything(width: int) -> None:
     capture = clradar.synthesize(paths, array, waveform, device=device)
     for shape in ((-0.001, 0.001), (0.0, 0.0), (-0.004, 0.004)):  # 3, 1 and 9 voxels along x
         grid = clradar.VoxelGrid.from_extent(shape, (0, 0.002), (0.30, 0.302), 1e-3)
-        for method in ("exact", "range"):
+        for method in ("exact", "range", "fast"):
             clradar.backproject(capture, grid, method=method, device=device)
     print(*sorted(launched))
 

@@ -129,11 +129,28 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
         (
             "image",
             ("--x-mm", "--y-mm", "--z-mm", "-100:100:1", "260:340:1", "--method", "exact",
-             "--window", "taylor", "--png", "--dynamic-range-db"),
+             "--tolerance-db", "--window", "taylor", "--png", "--dynamic-range-db"),
         ),
-        ("convert", ("--frame", "--variant", "emptyfiltered")),
+        (
+            "convert",
+            ("--frame", "--variant", "emptyfiltered", "--to", "--all-frames", "--timestamp-us"),
+        ),
+        (
+            "background",
+            ("--empty", "--scaling", "--gate-mm", "--edge-mm", "--clutter-db", "--average",
+             "--align-phase", "--frame", "--variant", "NEAR:FAR"),
+        ),
+        (
+            "channels",
+            ("--target", "plate", "--distance-mm", "--tilt-deg", "--size-mm", "--position-mm",
+             "--radius-mm", "--tolerance-mm", "--hold", "--common-delay", "--level", "--gate-mm",
+             "--plot", "--frame"),
+        ),
+        ("correct", ("--channels", "--keep-noisy", "--frame", "--variant")),
+        ("diagnose", ("--expect-mm", "--json", "--output", "--frame", "--variant", "--device")),
         ("inspect", ("--check", "--json")),
         ("compare", ("MEASURED", "SIMULATED", "--json", "--dynamic-range-db", "docs/metrics.md")),
+        ("compare", ("--frame", "--variant", "--report")),
     ],
 )  # fmt: skip
 def test_help_of_each_command(run: Run, name: str, words: tuple[str, ...]) -> None:
@@ -197,7 +214,7 @@ def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
         (["image", "sim.h5", "-o", "x.h5", "--y-mm", "0:10"], "--y-mm"),
         (["image", "sim.h5", "-o", "x.h5", "--z-mm", "0:10:3"], "0:9:3"),
         (["image", "sim.h5", "-o", "x.h5", "--z-mm", "0:nan:3"], "--z-mm"),
-        (["image", "sim.h5", "-o", "x.h5", "--method", "fast"], "--method"),
+        (["image", "sim.h5", "-o", "x.h5", "--method", "quick"], "--method"),
         (["compare", "volume.h5"], "SIMULATED"),
         (["compare", "volume.h5", "volume.h5", "--x-mm", "0:60:6"], "no capture"),
         (["inspect", "volume.h5", "--loud"], "--loud"),
@@ -238,6 +255,7 @@ def test_wrong_usage_is_2(
         (["inspect", "none.h5"], ("none.h5",)),
         (["inspect", "none.h5", "--check"], ("none.h5",)),
         (["compare", "volume.h5", "none.h5", "-o", "x.png"], ("none.h5",)),
+        (["compare", "volume.h5", "volume.h5", "--report", "x.pdf"], (".html", "'.pdf'")),
         (
             ["compare", "volume.h5", "sim.h5", "--x-mm", "0:60:6", *GRID[2:], "-o", "x.png"],
             ("same pixels",),
@@ -305,6 +323,7 @@ def test_control_c_is_130_without_a_traceback(tmp_path: Path) -> None:
         (["convert", "recording", "-o", "{}"], "a.h5"),
         (["compare", "volume.h5", "sim.h5", "-o", "{}"], "a.png"),
         (["compare", "volume.h5", "sim.h5", "--json", "{}"], "a.json"),
+        (["compare", "volume.h5", "sim.h5", "--report", "{}"], "a.html"),
     ],
 )
 def test_a_file_is_kept_without_force(
@@ -640,7 +659,8 @@ def test_inspect(run: Run, made: Path, name: str, kind: str) -> None:
     assert f"{name}: {kind}" in outcome.out.splitlines()[0]
     described = json.loads(run("inspect", made / name, "--json").out)
     assert described["kind"] == kind
-    assert "complex64" in described["facts"]["data"]
+    assert described["facts"]["data"]["type"] == "complex64"
+    assert described["problems"] == []
     checked = run("inspect", made / name, "--check")
     assert checked.status == 0, checked.err
     assert "all right" in checked.out
@@ -686,6 +706,31 @@ def test_compare_writes_figure_and_metrics(run: Run, made: Path, tmp_path: Path)
     rows = [line for line in outcome.out.splitlines() if line.startswith("other")]
     assert f"{second['db_correlation']:.3f}" in rows[0]
     assert f"{1e3 * second['depth_rmse_m']:.2f}" in rows[0]
+
+
+def test_compare_chooses_from_a_recording(run: Run, made: Path, tmp_path: Path) -> None:
+    capture = open_capture(made / "sim.h5")
+    other = clradar.Capture(np.roll(capture.data, 9, axis=0), capture.array, capture.waveform)
+    recording = tmp_path / "recording"
+    save_maroon_frame(recording, other)
+    save_maroon_frame(recording, other, frame=1, force=True)
+    save_maroon_frame(recording, capture, frame=1, variant="emptyfiltered", force=True)
+    record = tmp_path / "c.json"
+
+    def correlation(*options: str) -> float:
+        outcome = run("compare", recording, made / "sim.h5", "--json", record, "--force", *GRID,
+                      *options)  # fmt: skip
+        assert outcome.status == 0, outcome.err
+        return json.loads(record.read_text())["simulated"][0]["metrics"]["db_correlation"]
+
+    assert correlation("--frame", "1", "--variant", "emptyfiltered") == 1.0
+    inputs = json.loads(record.read_text())["inputs"]
+    assert [i["file"] for i in inputs] == ["000001_emptyfiltered.npy", "sim.h5"]
+    assert correlation("--frame", "1") < 0.9
+    assert correlation() < 0.9
+    for name in ("volume.h5", "sim.h5"):
+        outcome = run("compare", made / name, made / "sim.h5", "--frame", "0")
+        one_error_line(outcome, name, "a folder of frames")
 
 
 def test_labels() -> None:

@@ -16,11 +16,15 @@ LAYERS = (
     ("clradar.constants", "clradar.errors", "clradar.packing"),
     ("clradar.model",),
     ("clradar.arrays", "clradar.opencl", "clradar.bvh", "clradar.reference", "clradar.hand"),
-    ("clradar.normals",),
+    ("clradar.normals", "clradar.streams", "clradar.room", "clradar.skeleton"),
+    ("clradar.channel_errors", "clradar.block_tree"),
+    ("clradar.impair",),
     ("clradar.trace",),
-    ("clradar.synthesize", "clradar.backproject"),
+    ("clradar.synthesize", "clradar.formers"),
+    ("clradar.backproject",),
     ("clradar.compare",),
     ("clradar.plot",),
+    ("clradar.report",),
     ("clradar",),
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}

@@ -14,6 +14,7 @@ import tracemalloc
 from pathlib import Path
 
 import maroon_files as files
+import maroon_products as products
 import numpy as np
 import pytest
 
@@ -560,7 +561,13 @@ def test_the_content_decides_and_not_the_name(tmp_path):
 
 def test_plain_array_says_what_is_supported(tmp_path):
     np.save(tmp_path / "plain.npy", np.zeros((94, 94, 2), np.complex64))
-    assert "plain arrays" in refused(tmp_path / "plain.npy")
+    assert "a plain .npy array" in refused(tmp_path / "plain.npy")
+
+
+def test_a_type_of_any_length_makes_a_message_of_some(tmp_path):
+    path = tmp_path / "f.npy"
+    path.write_bytes(files.npy(b"", descr="i4," * 3000 + "i4"))
+    assert len(refused(path)) < 1000
 
 
 def test_not_a_regular_file(tmp_path):
@@ -610,18 +617,22 @@ def test_no_permission(tmp_path, monkeypatch, what, where):
 
 def test_describe_recording(tmp_path):
     radar = files.write_recording(tmp_path / "hand" / "30")
-    (radar / "depth").mkdir()
-    (radar / "depth" / "000000.png").write_bytes(b"")
-    description = describe(radar.parent)
-    assert description.problems == ()
-    facts = dict(description.facts)
-    assert facts["raw frames"] == "2 (0-1)"
-    assert facts["cached depth"] == "1 .png (0)"
-    assert facts["cached xyz"] == "none"
-    assert "2 from 72 to 82 GHz" in str(description)
     report = check_file(radar.parent)
     assert report.ok
     assert "2 of 2 emptyfiltered frames" in str(report)
+    products.write_products(radar, 0, products.scene([(0.03, 0.01, 0.3, 100.0)]))
+    description = describe(radar.parent)
+    assert description.problems == ()
+    facts = description.words
+    assert facts["raw frames"] == "2 (0-1)"
+    assert facts["cached depth"] == "1 .png (0)"
+    assert description.values["cached_depth"] == {"count": 1, "numbers": [0]}
+    assert "depth of the frames 1" in description.missing
+    assert "alignment.json" in "".join(description.missing)
+    assert "2 from 72 to 82 GHz" in str(description)
+    report = check_file(radar.parent)
+    assert report.ok
+    assert "1 of 1 cached xyz" in str(report)
 
 
 def test_describe_lists_what_is_wrong(tmp_path):
@@ -702,5 +713,3 @@ def test_other_arrays_are_refused(tmp_path, capture):
     with pytest.raises(ModelError, match="swapped"):
         save_maroon_frame(tmp_path / "30", clradar.Capture(capture.data, array, capture.waveform))
     assert not (tmp_path / "30").exists()
-    with pytest.raises(OutputError):
-        save_maroon_frame(tmp_path / "no" / "such" / "folder", capture)

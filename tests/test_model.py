@@ -505,3 +505,20 @@ def test_a_transform_is_an_invertible_affine_matrix(
 def test_small_transforms_are_not_singular() -> None:
     matrix = np.diag([1e-12, 1e-12, 1e-12, 1.0])  # picometres
     np.testing.assert_array_equal(checks.transform("transform", matrix), matrix)
+
+
+# Printed forms ------------------------------------------------------------------------------------
+
+
+def test_records_print_on_one_short_line() -> None:
+    array = clradar.arrays.qar50()
+    capture = Capture(
+        np.zeros((94, 94, 2)), array, Waveform([72e9, 82e9]), {"a": list(range(1000))}
+    )
+    text = repr(capture)
+    assert "\n" not in text
+    assert len(text) < 300
+    assert "data=<complex64 (94, 94, 2)>" in text
+    assert "name='qar50'" in text
+    assert "frequencies_hz=[7.2e+10, 8.2e+10]" in text
+    assert "meta=<1 entries>" in text

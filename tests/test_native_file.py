@@ -524,7 +524,9 @@ def test_foreign_hdf5_file(tmp_path):
     with h5py.File(tmp_path / "c.h5", "w") as file:
         file["x"] = [1, 2]
     assert "another program" in refused(tmp_path / "c.h5")
-    assert "another program" in refused(tmp_path / "c.h5", describe)
+    assert "another program" in check_file(tmp_path / "c.h5").problems[0]
+    assert describe(tmp_path / "c.h5").words == {"x": "(2,) int64"}
+    assert "layout" in describe(tmp_path / "c.h5").problems[0]
 
 
 # ---- describe
@@ -533,9 +535,9 @@ def test_foreign_hdf5_file(tmp_path):
 def test_describe_capture(tmp_path):
     save_capture(tmp_path / "c.h5", small_capture(seed=3))
     description = describe(tmp_path / "c.h5")
-    facts = dict(description.facts)
+    facts = description.words
     assert facts["array"] == "läb 1: 3 Tx, 2 Rx"
-    assert facts["provenance seed"] == "3"
+    assert "seed: 3" in facts["provenance"].splitlines()
     assert "RMS" in facts["amplitude"]
     assert description.kind == "native capture"
     assert str(description).startswith(f"{tmp_path / 'c.h5'}: native capture\n")
@@ -544,9 +546,9 @@ def test_describe_capture(tmp_path):
 def test_describe_volume(tmp_path):
     volume = small_volume()
     save_volume(tmp_path / "v.h5", volume)
-    facts = dict(describe(tmp_path / "v.h5").facts)
+    facts = describe(tmp_path / "v.h5").words
     assert facts["x axis"] == "4 voxels from -100 to -97 mm, every 1 mm"
-    assert facts["provenance method"] == "exact"
+    assert "method: exact" in facts["provenance"].splitlines()
     _, y, x = np.unravel_index(np.abs(volume.data).argmax(), volume.data.shape)
     x_mm, y_mm = volume.grid.x_m[x] * 1e3, volume.grid.y_m[y] * 1e3
     assert facts["strongest voxel"].startswith(f"x {x_mm:.6g}, y {y_mm:.6g}")

@@ -175,7 +175,7 @@ def run_demo(folder: Path, settings: DemoSettings, device: Device) -> None:
     volumes = []
     for name, capture in zip(_names(settings), [measured, *captures], strict=True):
         with stages.stage(f"image of {name}"):
-            volume = form_image(capture, grid, "range", "rect", device, f"imaging {name}")
+            volume = form_image(capture, grid, "fast", "rect", device, f"imaging {name}")
             target = folder / f"{name}_volume.h5"
             source = folder / (MEASUREMENT if name == MEASUREMENT else f"{name}.h5")
             inputs = recording_files(source, capture.meta)

@@ -14,27 +14,40 @@ if TYPE_CHECKING:
     from clradar import Capture, Device, Volume, VoxelGrid
 
 
-def open_image(path: Path) -> Volume | Capture:
-    """Return what a file or folder holds: a volume, or a capture that is still to be imaged."""
+def open_image(
+    path: Path, *, frame: int | None = None, variant: str | None = None
+) -> Volume | Capture:
+    """Return what a file or folder holds: a volume, or a capture that is still to be imaged.
+
+    `frame` and `variant` choose from a recording; that there is nothing to choose from is an error.
+    """
     from measurement_io import open_capture, open_volume
     from measurement_io.native import read_header
     from measurement_io.opening import kind_of
 
-    if kind_of(path) == "native" and read_header(path).format == "volume":
+    chosen = frame is not None or variant is not None
+    if not chosen and kind_of(path) == "native" and read_header(path).format == "volume":
         return open_volume(path)
-    return open_capture(path)
+    return open_capture(path, frame=frame, variant=variant)
 
 
 def form_image(
-    capture: Capture, grid: VoxelGrid, method: str, window: str, device: Device, label: str
+    capture: Capture,
+    grid: VoxelGrid,
+    method: str,
+    window: str,
+    device: Device,
+    label: str,
+    tolerance_db: float | None = None,
 ) -> Volume:
     """Return the image of a capture, with a progress bar on a terminal."""
     from clradar import backproject
 
     with progress_bar(label) as progress:
         return backproject(
-            capture, grid, method=method, window=window, device=device, progress=progress
-        )
+            capture, grid, method=method, window=window, tolerance_db=tolerance_db, device=device,
+            progress=progress,
+        )  # fmt: skip
 
 
 def save_image(

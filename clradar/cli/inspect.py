@@ -42,10 +42,7 @@ def command(
             raise typer.Exit(1)
         return
     found = describe(file)
-    record = {
-        "path": found.path,
-        "kind": found.kind,
-        "facts": dict(found.facts),
-        "problems": list(found.problems),
-    }
-    print_text(json.dumps(record, indent=2) if as_json else str(found))
+    if as_json:
+        print_text(json.dumps(found.to_dict(), indent=2, allow_nan=False))
+    else:
+        print_text(str(found))

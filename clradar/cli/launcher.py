@@ -21,8 +21,11 @@ COMMANDS = {
     "hand": "Write the mesh of a posed hand.",
     "simulate": "Simulate what the radar would record of one or several meshes.",
     "image": "Form the image of a capture.",
-    "convert": "Turn any supported recording into the native capture file.",
+    "convert": "Turn any supported recording into native captures, or captures into a recording.",
+    "background": "Subtract the empty room, average frames, keep a window of range.",
     "inspect": "Say in words what a file or a recording holds, or verify it.",
+    "channels": "Measure gain and delay of every channel with a capture of a known target.",
+    "correct": "Take measured channels off a capture.",
     "diagnose": "Say in which convention a capture was written: axes, sign, mirror, order.",
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
 }

@@ -10,10 +10,11 @@ import numpy as np
 
 from clradar.model import checks
 from clradar.model.array import AntennaArray
+from clradar.model.summary import summary
 from clradar.model.waveform import Waveform
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Capture:
     """One frame: the complex response of every pair of antennas at every frequency.
 
@@ -37,6 +38,8 @@ class Capture:
     waveform: Waveform
     meta: Mapping[str, Any] = field(default_factory=dict)
 
+    __repr__ = summary
+
     def __post_init__(self) -> None:
         checks.instance("Capture.array", self.array, AntennaArray)
         checks.instance("Capture.waveform", self.waveform, Waveform)
@@ -44,3 +47,24 @@ class Capture:
         data = checks.read_only("Capture.data (tx, rx, freq)", self.data, np.complex64, shape)
         object.__setattr__(self, "data", data)
         object.__setattr__(self, "meta", checks.frozen_mapping("Capture.meta", self.meta))
+
+
+def check_same_radar(field: str, capture: Capture, reference: Capture) -> None:
+    """Raise unless both captures have the same antennas and frequencies.
+
+    Raises
+    ------
+    ModelError
+        It names `field`, what `reference` has, and what `capture` has.
+    """
+    if not capture.array.same_positions(reference.array):
+        words = [
+            f"'{a.name}', {a.n_tx} Tx and {a.n_rx} Rx" for a in (reference.array, capture.array)
+        ]
+        checks.fail(field, f"the same antennas ({words[0]})", f"others ({words[1]})")
+    if not capture.waveform.same_frequencies(reference.waveform):
+        words = [
+            f"{w.n_freq} from {w.frequencies_hz[0] / 1e9:g} to {w.frequencies_hz[-1] / 1e9:g} GHz"
+            for w in (reference.waveform, capture.waveform)
+        ]
+        checks.fail(field, f"the same frequencies ({words[0]})", f"others ({words[1]})")

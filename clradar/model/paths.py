@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.model import checks
+from clradar.model.summary import summary
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,8 @@ class TraceStatistics:
     visible: int
     outgoing: int
     absorbed: int
+
+    __repr__ = summary
 
     def __post_init__(self) -> None:
         for name in ("samples", "visible", "outgoing", "absorbed"):
@@ -53,7 +56,7 @@ class TraceStatistics:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Paths:
     """One row per reception. Rows are sorted by pair, then by sample, ray and bounce.
 
@@ -86,6 +89,8 @@ class Paths:
     n_tx: int
     n_rx: int
     statistics: TraceStatistics | None = None
+
+    __repr__ = summary
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "n_tx", checks.whole("Paths.n_tx", self.n_tx, 1))

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -135,6 +136,12 @@ def frames(radar: Path) -> dict[str, dict[int, Path]]:
     return found
 
 
+def other_arrays(radar: Path) -> list[str]:
+    """Return the names of `.npy` files among the frames that are not named like one."""
+    names = [path.name for path in entries(radar / FRAMES_FOLDER)]
+    return [clean(name) for name in names if name.endswith(".npy") and not _FRAME.match(name)]
+
+
 def find_frame(radar: Path, frame: int, variant: str) -> Path:
     """Return the file of one frame; the error lists the frames there are."""
     there = frames(radar)[variant]
@@ -143,7 +150,7 @@ def find_frame(radar: Path, frame: int, variant: str) -> Path:
     fail(radar, f"frame {frame} ({variant})", ranges(there) or f"no frame of variant {variant}")
 
 
-def ranges(numbers: dict[int, Path]) -> str:
+def ranges(numbers: Iterable[int]) -> str:
     """Return numbers in words, "0-3, 5"; empty for none."""
     runs: list[list[int]] = []
     for n in sorted(numbers):

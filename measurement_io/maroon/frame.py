@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.model import Capture, Waveform
+from clradar.model import AntennaArray, Capture, Waveform
 from measurement_io.antenna_file import CHANNELS, IMAGING, antenna_array
 from measurement_io.failures import clean, fail, reading, shown
 from measurement_io.maroon.folders import FrameFile, find_frame, find_radar_folder, frame_file
@@ -27,6 +27,7 @@ def read_frame_file(
     *,
     rx_file: str | os.PathLike[str] | None = None,
     tx_file: str | os.PathLike[str] | None = None,
+    array: AntennaArray | None = None,
 ) -> Capture:
     """Return one `.npy` frame.
 
@@ -37,6 +38,8 @@ def read_frame_file(
         the frequencies inside.
     rx_file, tx_file : path-like, optional
         Antenna files; `clradar.arrays.qar50()` otherwise.
+    array : AntennaArray, optional
+        What `antenna_array` made of such files, for whoever reads many frames.
 
     Returns
     -------
@@ -48,7 +51,8 @@ def read_frame_file(
     MeasurementError
         See `measurement_io.open_capture`.
     """
-    array = antenna_array(rx_file, tx_file)
+    if array is None:
+        array = antenna_array(rx_file, tx_file)
     place = frame_file(path)
     frame = read_frame_dictionary(path)
     with reading(path, "a recorded frame"):
@@ -61,6 +65,28 @@ def read_frame_file(
         meta = _meta(place, frame)
         del frame, xr  # the file's bytes: the record below makes one more copy of the data
         return Capture(data, array, Waveform(fvec), meta)
+
+
+def read_time_stamp(path: Path) -> int | float | None:
+    """Return the time stamp of a frame, microseconds: the first of several, None if it has none.
+
+    Raises
+    ------
+    MeasurementError
+        The file cannot be read. Its data is not looked at.
+    """
+    return _first(_time_stamps(read_frame_dictionary(path).get("timestamp_us")))
+
+
+def first_time_stamp(capture: Capture) -> int | float | None:
+    """Return the time stamp of a frame that was read, as `read_time_stamp`."""
+    return _first(capture.meta.get("timestamp_us"))
+
+
+def _first(stamps: Any) -> int | float | None:
+    if isinstance(stamps, list):
+        return stamps[0] if stamps else None
+    return stamps if isinstance(stamps, int | float) else None
 
 
 def read_folder(
@@ -158,7 +184,7 @@ def _meta(place: FrameFile, frame: dict[str, Any]) -> dict[str, Any]:
     return meta
 
 
-def _time_stamps(value: Any) -> int | float | list[Any] | None:
+def _time_stamps(value: Any) -> int | float | list[int | float] | None:
     """Return one time stamp as a number, several as a list; None for what holds no numbers."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
         value = value.ravel()[: MAX_TIME_STAMPS + 1].tolist()

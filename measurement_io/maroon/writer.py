@@ -3,20 +3,62 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pickle
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from clradar import arrays
 from clradar.errors import ModelError, OutputError
-from clradar.model import Capture, checks
+from clradar.model import Capture, Waveform, checks
 from measurement_io.antenna_file import CHANNELS, IMAGING
 from measurement_io.atomic import replacing
 from measurement_io.failures import clean, shown
-from measurement_io.maroon.folders import FRAMES_FOLDER, VARIANTS
+from measurement_io.maroon.calibration_file import CALIBRATION_FILE, write_calibration_file
+from measurement_io.maroon.folders import FRAMES_FOLDER, VARIANTS, RadarFolderName
+
+_OF_THE_FORM = frozenset(
+    ("xr", "fvec", "number_of_measurements", "timestamp_us", "source", "format", "frame", "variant")
+)
+"""Keys of `Capture.meta` that the reader sets anew, or that mean something else in the form."""
+
+
+@dataclass(frozen=True, slots=True)
+class RadarFolder:
+    """Name and frequencies of the radar folder that a waveform belongs into.
+
+    Attributes
+    ----------
+    low_ghz, high_ghz : float
+    points : int
+    """
+
+    low_ghz: float
+    high_ghz: float
+    points: int
+
+    @classmethod
+    def of(cls, waveform: Waveform) -> RadarFolder:
+        low, high = (float(f) / 1e9 for f in waveform.frequencies_hz[[0, -1]])
+        return cls(low, high, waveform.n_freq)
+
+    @property
+    def name(self) -> str:
+        return f"radar_{self.low_ghz}_{self.high_ghz}_{self.points}"
+
+    def agrees(self, calibration: Mapping[str, Any]) -> bool:
+        """Whether a `calibration.json` is of these frequencies."""
+        mine = {
+            "frequency_low_ghz": self.low_ghz,
+            "frequency_high_ghz": self.high_ghz,
+            "frequency_points": self.points,
+        }
+        return all(calibration.get(key) == value for key, value in mine.items())
 
 
 def save_maroon_frame(
@@ -25,7 +67,7 @@ def save_maroon_frame(
     *,
     frame: int = 0,
     variant: str = "raw",
-    timestamp_us: int | Sequence[int] = 0,
+    timestamp_us: int | Sequence[int] | None = None,
     number_of_measurements: int | None = None,
     channels: int = CHANNELS,
     force: bool = False,
@@ -35,13 +77,14 @@ def save_maroon_frame(
     Parameters
     ----------
     path : path-like
-        The `<object>/<distance>` folder. It is made if only its last part is missing.
+        The `<object>/<distance>` folder; it is made, with the folders above it, where missing.
     capture : Capture
         Of `clradar.arrays.qar50()`.
     frame : int
         Number of the frame, 0 to 999999.
     variant : {"raw", "emptyfiltered"}
-    timestamp_us : int or sequence of int, microseconds
+    timestamp_us : number or sequence of numbers, microseconds, optional
+        That of `capture.meta` if not given, else 0.
     number_of_measurements : int, optional
         Frames of the whole recording; `frame + 1` if not given.
     channels : {96, 94}
@@ -52,7 +95,8 @@ def save_maroon_frame(
     Returns
     -------
     Path
-        The frame's file. Reading it gives the same bits of data and frequencies.
+        The frame's file. Reading it gives the same bits of data and frequencies, and the numbers
+        and strings of `capture.meta`.
 
     Raises
     ------
@@ -68,42 +112,99 @@ def save_maroon_frame(
     variant = checks.one_of("save_maroon_frame: variant", variant, VARIANTS)
     if channels not in (CHANNELS, CHANNELS - 2):
         checks.fail("save_maroon_frame: channels", "96 or 94", repr(channels))
+    stamp = time_stamp("save_maroon_frame: timestamp_us", capture, timestamp_us)
+    check_array(capture)
+    folder = RadarFolder.of(capture.waveform)
+    radar = check_place(Path(path)) / folder.name
+    _make_folders(radar, force=force)
+    _write_calibration(radar / CALIBRATION_FILE, folder)
+    target = radar / FRAMES_FOLDER / frame_name(number, variant)
+    write_frame_file(target, capture, total, stamp, channels=channels, force=force)
+    return target
+
+
+def check_array(capture: Capture) -> None:
+    """Raise `ModelError` unless the file form can hold a capture of this array."""
     if not capture.array.same_positions(arrays.qar50()):
         raise ModelError(
             "Capture.array: expected the 94 x 94 antennas of qar50(), which the file form takes "
             f"for granted, got '{capture.array.name}' with {capture.array.n_tx} Tx and "
             f"{capture.array.n_rx} Rx"
         )
-    frequencies = capture.waveform.frequencies_hz
-    low, high = (float(f) / 1e9 for f in frequencies[[0, -1]])
-    radar = Path(path) / f"radar_{low}_{high}_{len(frequencies)}"
-    calibration = {
-        "frequency_low_ghz": low,
-        "frequency_high_ghz": high,
-        "frequency_points": len(frequencies),
-    }
-    _make_folders(radar, force=force)
-    _write_calibration(radar / "calibration.json", calibration)
 
+
+def check_place(path: Path) -> Path:
+    """Return `path`, or raise if it has the name of the folder that is to be made in it."""
+    if RadarFolderName.parse(path.absolute().name) is not None:
+        raise OutputError(
+            f"{shown(path)}: expected the folder that is to hold the radar folder, got a name of "
+            "the latter, which is made by itself"
+        )
+    return path
+
+
+def frame_name(number: int, variant: str) -> str:
+    """Return the name of a frame's file."""
+    return f"{number:06d}.npy" if variant == "raw" else f"{number:06d}_{variant}.npy"
+
+
+def time_stamp(field: str, capture: Capture, given: Any) -> np.ndarray:
+    """Return the time stamps of a frame as the form has them: an array, shape (n,)."""
+    value = capture.meta.get("timestamp_us") if given is None else given
+    if value is None:
+        value = 0
+    try:
+        stamps = np.atleast_1d(np.asarray(value))
+    except ValueError:  # nested lists of different lengths
+        stamps = np.empty(0, dtype=object)
+    if stamps.ndim != 1 or not stamps.size or stamps.dtype.kind not in "iuf":
+        checks.fail(field, "a number of microseconds, or several", repr(value)[:60])
+    if stamps.dtype.kind == "f" and not np.isfinite(stamps).all():
+        checks.fail(field, "finite numbers", repr(value)[:60])
+    return stamps
+
+
+def write_frame_file(
+    target: Path,
+    capture: Capture,
+    total: int,
+    stamp: np.ndarray,
+    *,
+    channels: int = CHANNELS,
+    force: bool = False,
+) -> None:
+    """Write one `.npy` file, whole or not at all; the arguments are taken as checked."""
     xr = capture.data.transpose(1, 0, 2)
     if channels == CHANNELS:
-        whole = np.zeros((CHANNELS, CHANNELS, len(frequencies)), np.complex64)
+        whole = np.zeros((CHANNELS, CHANNELS, capture.waveform.n_freq), np.complex64)
         whole[IMAGING, IMAGING, :] = xr
         xr = whole
     holder = np.empty((), dtype=object)
     holder[()] = {
         "xr": np.ascontiguousarray(xr),
-        "fvec": np.array(frequencies),
+        "fvec": np.array(capture.waveform.frequencies_hz),
         "number_of_measurements": total,
-        "timestamp_us": np.atleast_1d(np.asarray(timestamp_us, dtype=np.int64)),
+        "timestamp_us": stamp,
+        **_carried(capture.meta),
     }
-    suffix = "" if variant == "raw" else f"_{variant}"
-    target = radar / FRAMES_FOLDER / f"{number:06d}{suffix}.npy"
     with replacing(target, force=force) as temporary, open(temporary, "xb") as file:
         header = {"descr": "|O", "fortran_order": False, "shape": ()}
         np.lib.format.write_array_header_1_0(file, header)
         pickle.dump(holder, file, protocol=4)
-    return target
+
+
+def _carried(meta: Mapping[str, Any]) -> dict[str, str | int | float]:
+    """Return what a frame's dictionary can carry of a capture's `meta`: numbers and strings."""
+    carried: dict[str, str | int | float] = {}
+    for key, value in meta.items():
+        if key in _OF_THE_FORM:
+            continue
+        if isinstance(value, float):
+            if math.isfinite(value):
+                carried[key] = float(value)
+        elif isinstance(value, str) or (isinstance(value, int) and abs(value) < 2**64):
+            carried[key] = value
+    return carried
 
 
 def _make_folders(radar: Path, *, force: bool) -> None:
@@ -112,7 +213,6 @@ def _make_folders(radar: Path, *, force: bool) -> None:
             raise OutputError(
                 f"{shown(radar)}: exists already; a frame is added or replaced only with force"
             )
-        radar.parent.mkdir(exist_ok=True)
         (radar / FRAMES_FOLDER).mkdir(parents=True, exist_ok=True)
     except OutputError:
         raise
@@ -120,15 +220,13 @@ def _make_folders(radar: Path, *, force: bool) -> None:
         raise OutputError(f"{shown(radar)}: cannot be made: {clean(error)}") from error
 
 
-def _write_calibration(path: Path, calibration: dict[str, float | int]) -> None:
+def _write_calibration(path: Path, folder: RadarFolder) -> None:
     if not path.exists():
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps(calibration, indent=2) + "\n", encoding="utf-8")
+        write_calibration_file(path, folder.low_ghz, folder.high_ghz, folder.points, {})
         return
     # A recording's own file holds more than these three entries, so it is never rewritten.
     try:
-        there = json.loads(path.read_text(encoding="utf-8"))
-        agrees = all(there.get(key) == value for key, value in calibration.items())
+        agrees = folder.agrees(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, AttributeError) as error:
         raise OutputError(f"{shown(path)}: cannot be read: {clean(error)}") from error
     if not agrees:

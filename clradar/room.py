@@ -1,0 +1,180 @@
+"""Echoes that every frame has, object or not: walls, other reflectors, the direct coupling."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.model import AntennaArray, Capture, Waveform, checks
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wall:
+    """An infinite plane that reflects like a mirror.
+
+    Parameters
+    ----------
+    point_m : array_like, shape (3,), float64, metres
+        Any point of the plane, antenna frame.
+    normal : array_like, shape (3,), float64
+        Its normal, of any length and either sign.
+    amplitude : float
+        RMS over the pairs of antennas of its echo, in the units of a capture; negative where the
+        reflection turns the sign.
+
+    Raises
+    ------
+    ModelError
+        Wrong shape, NaN or infinite, or a normal of length zero.
+    """
+
+    point_m: np.ndarray
+    normal: np.ndarray
+    amplitude: float = 1.0
+
+    def __post_init__(self) -> None:
+        point = checks.read_only("Wall.point_m", self.point_m, np.float64, (3,))
+        normal = checks.read_only("Wall.normal", self.normal, np.float64, (3,))
+        length = float(np.linalg.norm(normal))
+        if not length > 0:
+            checks.fail("Wall.normal", "a direction", f"{normal.tolist()}")
+        unit = checks.read_only("Wall.normal", normal / length, np.float64, (3,))
+        object.__setattr__(self, "point_m", point)
+        object.__setattr__(self, "normal", unit)
+        object.__setattr__(self, "amplitude", checks.real("Wall.amplitude", self.amplitude))
+
+
+def room_capture(
+    array: AntennaArray,
+    waveform: Waveform,
+    walls: Iterable[Wall],
+    *,
+    points_m: Any = None,
+    point_amplitudes: Any = None,
+) -> Capture:
+    """Return what the radar records of an empty room.
+
+    Parameters
+    ----------
+    array : AntennaArray
+    waveform : Waveform
+    walls : iterable of Wall
+        Each gives one specular reflection per pair; echoes that meet two walls are left out.
+    points_m : array_like, shape (n, 3), float64, metres, optional
+        Small reflectors: lamps, screws, table legs. Isotropic, as the points of back-projection.
+    point_amplitudes : array_like, shape (n,), complex128, optional
+        One per point; 1 if not given.
+
+    Returns
+    -------
+    Capture
+        `meta["room"]` holds the walls and the points.
+
+    Raises
+    ------
+    ModelError
+        No wall and no point, antennas on both sides of a wall or on it, shapes that differ.
+
+    Notes
+    -----
+    The image of a Tx at t behind the plane through q with unit normal n is t - 2 n (n . (t - q)),
+    and the length of the path its distance from the Rx (docs/equations.md, E10):
+
+        s[tx, rx, n] = a (1/d) / rms(1/d) exp(-j 2 pi f_n d / c),  d = |image(tx) - rx|.
+    """
+    checks.instance("room_capture: array", array, AntennaArray)
+    checks.instance("room_capture: waveform", waveform, Waveform)
+    planes = list(walls)
+    for wall in planes:
+        checks.instance("room_capture: walls", wall, Wall)
+    points = checks.read_only(
+        "room_capture: points_m",
+        np.empty((0, 3)) if points_m is None else points_m,
+        np.float64,
+        (None, 3),
+        allow_empty=True,
+    )
+    amplitudes = checks.read_only(
+        "room_capture: point_amplitudes",
+        np.ones(len(points)) if point_amplitudes is None else point_amplitudes,
+        np.complex128,
+        (len(points),),
+        allow_empty=True,
+    )
+    if not planes and not len(points):
+        checks.fail("room_capture", "at least one wall or one point", "none")
+
+    lengths = [wall_lengths_m(array, wall) for wall in planes]
+    levels = [spread(wall.amplitude, d) for wall, d in zip(planes, lengths, strict=True)]
+    for point, amplitude in zip(points, amplitudes, strict=True):
+        to_tx, to_rx = (np.linalg.norm(side - point, axis=1) for side in (array.tx_m, array.rx_m))
+        lengths.append(to_tx[:, None] + to_rx)
+        levels.append(np.full(lengths[-1].shape, amplitude))
+    data = np.empty((array.n_tx, array.n_rx, waveform.n_freq), np.complex64)
+    for tx, row in enumerate(data):
+        row[:] = sum(
+            echo(waveform.frequencies_hz, d[tx] / SPEED_OF_LIGHT_M_PER_S, a[tx])
+            for d, a in zip(lengths, levels, strict=True)
+        )
+    data.flags.writeable = False
+    record = {
+        "walls": [
+            {"point_m": w.point_m.tolist(), "normal": w.normal.tolist(), "amplitude": w.amplitude}
+            for w in planes
+        ],
+        "points_m": points.tolist(),
+        "point_amplitudes": [[a.real, a.imag] for a in amplitudes.tolist()],
+    }
+    return Capture(data, array, waveform, {"room": record})
+
+
+def wall_lengths_m(array: AntennaArray, wall: Wall) -> np.ndarray:
+    """Return the length of the path Tx -> wall -> Rx, shape (n_tx, n_rx), metres."""
+    heights = [(side - wall.point_m) @ wall.normal for side in (array.tx_m, array.rx_m)]
+    both = np.concatenate(heights)
+    if not (both > 0).all() and not (both < 0).all():
+        checks.fail(
+            "room_capture: walls",
+            "all antennas on one side of each wall",
+            f"heights of {1e3 * both.min():g} to {1e3 * both.max():g} mm over one",
+        )
+    image = array.tx_m - 2 * heights[0][:, None] * wall.normal
+    return np.linalg.norm(image[:, None] - array.rx_m, axis=2)
+
+
+def coupling_rows(
+    array: AntennaArray, waveform: Waveform, rms: float, delay_s: float
+) -> Iterator[np.ndarray]:
+    """Yield the direct coupling, transmitter by transmitter, shape (n_rx, n_freq), complex128.
+
+    Its amplitude goes with 1 / |tx - rx|, has this RMS over the pairs, and it arrives after
+    |tx - rx| / c + `delay_s`.
+
+    Raises
+    ------
+    ModelError
+        A Tx and a Rx at the same place.
+    """
+    distance_m = np.linalg.norm(array.tx_m[:, None] - array.rx_m, axis=2)
+    if not distance_m.all():
+        tx, rx = (int(i) for i in np.argwhere(distance_m == 0)[0])
+        checks.fail("coupling_db", "antennas apart from each other", f"Tx {tx} on Rx {rx}")
+    level = spread(rms, distance_m)
+    for distance, amplitude in zip(distance_m, level, strict=True):
+        delays_s = distance / SPEED_OF_LIGHT_M_PER_S + delay_s
+        yield echo(waveform.frequencies_hz, delays_s, amplitude)
+
+
+def spread(rms: float, length_m: np.ndarray) -> np.ndarray:
+    """Return amplitudes that go with 1 / length and have this RMS over the pairs."""
+    return rms / length_m / np.sqrt((1 / length_m**2).mean())
+
+
+def echo(frequencies_hz: np.ndarray, delay_s: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    """Return a exp(-j 2 pi f tau), shape (n, n_freq), for n delays and amplitudes."""
+    turns = delay_s[:, None] * frequencies_hz
+    return amplitude[:, None] * np.exp(-2j * np.pi * turns)

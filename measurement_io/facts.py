@@ -1,0 +1,250 @@
+"""What can be said of a file, as words for people and as values for programs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.model import AntennaArray, Capture, ChannelCalibration, Volume, Waveform
+from measurement_io.failures import clean
+
+_META_LINES = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """One thing that a file or folder holds.
+
+    Attributes
+    ----------
+    name : str
+        What it is.
+    words : str
+        It in words; several lines where there is much to say.
+    value : JSON value
+        The same as numbers, strings, lists and mappings, in SI units; None for "none".
+    """
+
+    name: str
+    words: str
+    value: Any
+
+    @property
+    def key(self) -> str:
+        """The name as it is written in JSON."""
+        return self.name.replace(" ", "_")
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """What a file or folder holds.
+
+    Attributes
+    ----------
+    path : str
+    kind : str
+        "native capture", "native volume", "native channels", "recorded frame" or "recording".
+    facts : tuple of Fact
+    problems : tuple of str
+        What contradicts itself or cannot be read; empty for a file that is well.
+    missing : tuple of str
+        What a recording could have and has not, which is no fault.
+    """
+
+    path: str
+    kind: str
+    facts: tuple[Fact, ...]
+    problems: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+
+    @property
+    def words(self) -> dict[str, str]:
+        """The facts in words, by name."""
+        return {fact.name: fact.words for fact in self.facts}
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The facts as JSON values, by key (`Fact.key`)."""
+        return {fact.key: fact.value for fact in self.facts}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as strict JSON: a number that is not finite becomes a string."""
+        return {
+            "path": self.path,
+            "kind": self.kind,
+            "facts": {key: _strict(value) for key, value in self.values.items()},
+            "missing": list(self.missing),
+            "problems": list(self.problems),
+        }
+
+    def __str__(self) -> str:
+        width = max((len(fact.name) for fact in self.facts), default=0)
+        lines = [f"{self.path}: {self.kind}"]
+        for fact in self.facts:
+            first, *others = fact.words.split("\n")
+            lines.append(f"  {fact.name:<{width}}  {first}")
+            lines += [f"  {'':<{width}}  {other}" for other in others]
+        lines += [f"  missing: {line}" for line in self.missing]
+        lines += [f"  problem: {line}" for line in self.problems]
+        return "\n".join(lines)
+
+
+def capture_facts(capture: Capture) -> list[Fact]:
+    """Return what a capture is."""
+    return [
+        *_instrument_facts(capture.array, capture.waveform),
+        Fact(
+            "data",
+            f"{capture.data.shape} complex64 [tx, rx, freq]",
+            {
+                "shape": list(capture.data.shape),
+                "type": "complex64",
+                "axes": ["tx", "rx", "freq"],
+            },
+        ),
+        _amplitude_fact(np.abs(capture.data)),
+        *_meta_facts(dict(capture.meta)),
+    ]
+
+
+def channels_facts(channels: ChannelCalibration) -> list[Fact]:
+    """Return what calibrated channels are."""
+    facts = _instrument_facts(channels.array, channels.waveform)
+    for side in ("tx", "rx"):
+        facts += _side_facts(channels, side)
+    for name, value in channels.target_position.items():
+        what, _, unit = clean(name).rpartition("_")
+        scale, shown = (1e3, "mm") if unit == "m" else (1.0, unit)
+        std = channels.target_std[name]
+        words = f"{scale * value:.6g} +- {scale * std:.2g} {shown}"
+        where = {"value": value, "std": std, "unit": unit}
+        facts.append(Fact(f"{clean(channels.target)} {what}", words, where))
+    words = f"{channels.residual_db:.1f} dB, by noise alone {channels.noise_residual_db:.1f} dB"
+    left = {"db": channels.residual_db, "noise_db": channels.noise_residual_db}
+    return [*facts, Fact("residual", words, left), *_meta_facts(dict(channels.meta))]
+
+
+def _side_facts(channels: ChannelCalibration, side: str) -> list[Fact]:
+    facts = []
+    for state in ("dead", "noisy"):
+        listed = getattr(channels, f"{state}_{side}").tolist()
+        words = ", ".join(map(str, listed)) or "none"
+        facts.append(Fact(f"{state} {side.title()}", words, listed))
+    gain = np.abs(getattr(channels.response, f"{side}_gain"))
+    live = gain > 0
+    if not live.any():
+        return [*facts, Fact(f"live {side.title()}", "none", {"count": 0})]
+    gain_db = 20 * np.log10(gain[live])
+    delay_s = getattr(channels.response, f"{side}_delay_s")[live]
+    value = {
+        "count": int(gain_db.size),
+        "gain_db": [float(gain_db.min()), float(gain_db.max())],
+        "delay_s": [float(delay_s.min()), float(delay_s.max())],
+    }
+    words = (
+        f"{gain_db.size}: gains {gain_db.min():+.2f} to {gain_db.max():+.2f} dB, delays "
+        f"{1e12 * delay_s.min():+.2f} to {1e12 * delay_s.max():+.2f} ps"
+    )
+    return [*facts, Fact(f"live {side.title()}", words, value)]
+
+
+def _instrument_facts(array: AntennaArray, waveform: Waveform) -> list[Fact]:
+    low, high = (float(f) for f in waveform.frequencies_hz[[0, -1]])
+    size_m = np.ptp(np.concatenate([array.tx_m, array.rx_m]), axis=0).tolist()
+    return [
+        Fact(
+            "array",
+            f"{clean(array.name)}: {array.n_tx} Tx, {array.n_rx} Rx",
+            {"name": clean(array.name), "n_tx": array.n_tx, "n_rx": array.n_rx},
+        ),
+        Fact("aperture", f"{millimetres(size_m)} (x, y, z)", {"size_m": size_m}),
+        Fact(
+            "frequencies",
+            f"{waveform.n_freq} from {low / 1e9:.6g} to {high / 1e9:.6g} GHz",
+            {"count": waveform.n_freq, "low_hz": low, "high_hz": high},
+        ),
+    ]
+
+
+def volume_facts(volume: Volume) -> list[Fact]:
+    """Return what a volume is."""
+    grid = volume.grid
+    axes = (grid.x_m, grid.y_m, grid.z_m)
+    facts = []
+    for name, values, step in zip("xyz", axes, grid.spacing_m, strict=True):
+        first, last = float(values[0]), float(values[-1])
+        facts.append(
+            Fact(
+                f"{name} axis",
+                f"{len(values)} voxels from {first * 1e3:.6g} to {last * 1e3:.6g} mm, "
+                f"every {step * 1e3:.6g} mm",
+                {"count": len(values), "first_m": first, "last_m": last, "spacing_m": float(step)},
+            )
+        )
+    amplitude = np.abs(volume.data)
+    at = np.unravel_index(int(amplitude.argmax()), amplitude.shape)[::-1]
+    peak_m = [float(axis[i]) for axis, i in zip(axes, at, strict=True)]
+    peak = ", ".join(f"{n} {p * 1e3:.6g}" for n, p in zip("xyz", peak_m, strict=True))
+    return [
+        *facts,
+        Fact(
+            "data",
+            f"{volume.data.shape} complex64 [z, y, x]",
+            {"shape": list(volume.data.shape), "type": "complex64", "axes": ["z", "y", "x"]},
+        ),
+        _amplitude_fact(amplitude),
+        Fact("strongest voxel", f"{peak} mm", {"position_m": peak_m}),
+        *_meta_facts(dict(volume.meta)),
+    ]
+
+
+def millimetres(lengths_m: list[float]) -> str:
+    """Return the sides of a box in words."""
+    return " x ".join(f"{1e3 * s:.6g}" for s in lengths_m) + " mm"
+
+
+def json_line(value: Any) -> str:
+    """Return a JSON value on one printable line; a string without quotes."""
+    return clean(value if isinstance(value, str) else json.dumps(value, ensure_ascii=False))
+
+
+def mapping_words(mapping: Mapping[str, Any]) -> str:
+    """Return a mapping in words, one entry per line."""
+    lines = [f"{clean(k)[:40]}: {json_line(v)}" for k, v in list(mapping.items())[:_META_LINES]]
+    if len(mapping) > _META_LINES:
+        lines.append(f"and {len(mapping) - _META_LINES} more entries")
+    return "\n".join(lines)
+
+
+def _strict(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _strict(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_strict(item) for item in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _amplitude_fact(amplitude: np.ndarray) -> Fact:
+    zeros = int(amplitude.size - np.count_nonzero(amplitude))
+    value = {
+        "min": float(amplitude.min()),
+        "mean": float(amplitude.mean(dtype=np.float64)),
+        "rms": float(np.sqrt(np.mean(np.square(amplitude, dtype=np.float64)))),
+        "max": float(amplitude.max()),
+        "zeros": zeros,
+        "size": int(amplitude.size),
+    }
+    words = (
+        f"min {value['min']:.4g}, mean {value['mean']:.4g}, RMS {value['rms']:.4g}, "
+        f"max {value['max']:.4g}; {zeros} of {amplitude.size} are zero"
+    )
+    return Fact("amplitude", words, value)
+
+
+def _meta_facts(meta: dict[str, Any]) -> list[Fact]:
+    return [Fact("provenance", mapping_words(meta), meta)] if meta else []

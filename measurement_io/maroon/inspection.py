@@ -1,0 +1,160 @@
+"""What is in the folders of a recording, what is not, and what contradicts what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from clradar.errors import MeasurementError
+from measurement_io.facts import Fact, capture_facts
+from measurement_io.failures import clean, shown
+from measurement_io.maroon import folders
+from measurement_io.maroon.calibration_file import (
+    CALIBRATION_FILE,
+    CalibrationFile,
+    read_calibration_file,
+)
+from measurement_io.maroon.folders import RadarFolderName, ranges
+from measurement_io.maroon.frame import read_frame_file
+from measurement_io.maroon.placement import inspect_placement
+from measurement_io.maroon.products import PRODUCTS, product_files
+
+_NEEDS = {"depth": "its pixels", "maxproj": "its pixels", "volume": "its grid and its amplitudes"}
+"""What only `calibration.json` knows of a product."""
+
+
+@dataclass(slots=True)
+class Findings:
+    """What an inspection has found so far."""
+
+    facts: list[Fact] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+
+
+def inspect_recording(folder: Path) -> Findings:
+    """Return what a recording holds, with the first raw frame; the other frames are not read.
+
+    Raises
+    ------
+    MeasurementError
+        There is no such folder, or none of its folders is a recording's.
+    """
+    radar = folders.find_radar_folder(folder)
+    found = inspect_folders(radar)
+    raw = folders.frames(radar)["raw"]
+    if not raw:
+        return found
+    first = min(raw)
+    try:
+        capture = read_frame_file(raw[first])
+    except MeasurementError as error:
+        found.problems.append(clean(error))
+        return found
+    found.facts += capture_facts(capture)
+    total = capture.meta.get("number_of_measurements")
+    if total is not None and total != len(raw):
+        found.problems.append(
+            f"frame {first} says that the recording has {total} frames, {len(raw)} are there"
+        )
+    return found
+
+
+def inspect_folders(radar: Path) -> Findings:
+    """Return what lies in a radar folder and beside it; no frame is read."""
+    found = Findings()
+    frames = folders.frames(radar)
+    raw, filtered = frames["raw"], frames["emptyfiltered"]
+    found.facts.append(Fact("radar folder", shown(radar.name), shown(radar.absolute().name)))
+    for variant, files in frames.items():
+        found.facts.append(_files_fact(f"{variant} frames", files))
+    if not raw:
+        found.problems.append("no frame in calibrated_data")
+    elif sorted(raw) != list(range(len(raw))):
+        found.problems.append(f"frames are not numbered from 0 without a gap: {ranges(raw)}")
+    orphans = sorted(set(filtered) - set(raw))
+    if orphans:
+        found.problems.append(f"emptyfiltered frames without a raw one: {ranges(orphans)}")
+    _note_missing(found, "emptyfiltered", filtered, raw)
+    others = folders.other_arrays(radar)
+    if others:
+        words = clean(", ".join(others[:12])) + (", ..." if len(others) > 12 else "")
+        found.facts.append(Fact("arrays that are no frames", words, others))
+    products = {name: product_files(radar, name) for name in PRODUCTS}
+    for name, files in products.items():
+        found.facts.append(_files_fact(f"cached {name}", files, f" .{PRODUCTS[name]}"))
+        without = sorted(set(files) - set(raw))
+        if without:
+            found.problems.append(f"{name} of frames that are not there: {ranges(without)}")
+        _note_missing(found, name, files, raw)
+    _inspect_calibration(found, radar, raw, products)
+    inspect_placement(radar.absolute().parent, found.facts, found.problems, found.missing)
+    return found
+
+
+def _files_fact(name: str, files: dict[int, Path], kind: str = "") -> Fact:
+    words = f"{len(files)}{kind} ({ranges(files)})" if files else "none"
+    return Fact(name, words, {"count": len(files), "numbers": sorted(files)})
+
+
+def _note_missing(found: Findings, name: str, files: dict[int, Path], raw: dict[int, Path]) -> None:
+    without = sorted(set(raw) - set(files))
+    if not files:
+        found.missing.append(name)
+    elif without:
+        found.missing.append(f"{name} of the frames {ranges(without)}")
+
+
+def _inspect_calibration(
+    found: Findings, radar: Path, raw: dict[int, Path], products: dict[str, dict[int, Path]]
+) -> None:
+    path = radar / CALIBRATION_FILE
+    if not path.exists():
+        found.facts.append(Fact(CALIBRATION_FILE, "none", None))
+        found.problems.append(f"no {CALIBRATION_FILE}")
+        return
+    try:
+        calibration = read_calibration_file(path)
+    except MeasurementError as error:
+        found.facts.append(Fact(CALIBRATION_FILE, "cannot be read", None))
+        found.problems.append(clean(error))
+        return
+    low, high = calibration.frequency_low_ghz, calibration.frequency_high_ghz
+    points, entries = calibration.frequency_points, sorted(calibration.frames)
+    words = f"{low} to {high} GHz in {points} points; " + (
+        f"entries of {len(entries)} frames ({ranges(entries)})"
+        if entries
+        else "no entry of a frame"
+    )
+    value = {"low_ghz": low, "high_ghz": high, "points": points, "frames": entries}
+    found.facts.append(Fact(CALIBRATION_FILE, words, value))
+    _compare_with_name(found, radar, calibration)
+    strangers = sorted(set(entries) - set(raw))
+    if strangers:
+        found.problems.append(
+            f"{CALIBRATION_FILE} names frames that are not there: {ranges(strangers)}"
+        )
+    for name, needed in _NEEDS.items():
+        unplaced = sorted(set(products[name]) - set(entries))
+        if unplaced:
+            found.problems.append(
+                f"{CALIBRATION_FILE} does not say {needed} for {name} of the frames "
+                f"{ranges(unplaced)}"
+            )
+
+
+def _compare_with_name(found: Findings, radar: Path, calibration: CalibrationFile) -> None:
+    low, high = calibration.frequency_low_ghz, calibration.frequency_high_ghz
+    points = calibration.frequency_points
+    if low is None or high is None or points is None:
+        found.problems.append(
+            f"{CALIBRATION_FILE}: frequency_low_ghz, _high_ghz or _points is missing"
+        )
+        return
+    name = RadarFolderName.parse(radar.absolute().name)
+    if name is None or (points == name.points and name.agrees_hz(low * 1e9, high * 1e9)):
+        return
+    found.problems.append(
+        f"{CALIBRATION_FILE} says {low} to {high} GHz in {points} points, the folder's name "
+        f"{name.low_ghz} to {name.high_ghz} GHz in {name.points}"
+    )

@@ -1,0 +1,196 @@
+"""What is noted about a recording, `metadata.json`."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.model import checks
+from measurement_io.failures import clean, fail, reading
+from measurement_io.json_file import read_json_object
+
+DISTANCE_FOLDERS = ("30", "40", "50")
+"""Names of distance folders that say the distance, in centimetres."""
+
+DISTANCE_TOLERANCE_M = 0.02
+"""How far `distance_meters` may be from the folder's name: the name is a round number."""
+
+_BOUNDS = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
+
+
+@dataclass(frozen=True, slots=True)
+class MaskBox:
+    """A box along the axes, each bound in metres or None where there is none.
+
+    The bounds are kept as the file has them, even where a minimum is above its maximum.
+    """
+
+    x_min_m: float | None = None
+    x_max_m: float | None = None
+    y_min_m: float | None = None
+    y_max_m: float | None = None
+    z_min_m: float | None = None
+    z_max_m: float | None = None
+
+    def mirrored(self) -> MaskBox:
+        """Return the box under x -> -x: from radar space to the antenna frame, or back."""
+        return MaskBox(
+            None if self.x_max_m is None else -self.x_max_m,
+            None if self.x_min_m is None else -self.x_min_m,
+            self.y_min_m,
+            self.y_max_m,
+            self.z_min_m,
+            self.z_max_m,
+        )
+
+    @property
+    def bounds_m(self) -> tuple[tuple[float | None, float | None], ...]:
+        """(minimum, maximum) along x, y and z, as the file has them."""
+        return (
+            (self.x_min_m, self.x_max_m),
+            (self.y_min_m, self.y_max_m),
+            (self.z_min_m, self.z_max_m),
+        )
+
+    @property
+    def reversed_axes(self) -> tuple[str, ...]:
+        """Axes whose minimum is above their maximum."""
+        return tuple(
+            axis
+            for axis, (low, high) in zip("xyz", self.bounds_m, strict=True)
+            if low is not None and high is not None and low > high
+        )
+
+    def contains(self, points_m: np.ndarray) -> np.ndarray:
+        """Return which points lie in the box, shape (n,), bool.
+
+        A missing bound does not limit; bounds the wrong way round are taken the other way round.
+
+        Parameters
+        ----------
+        points_m : ndarray, shape (n, 3), metres
+            In the frame of the box.
+        """
+        points = np.asarray(points_m, dtype=np.float64)
+        inside = np.ones(len(points), dtype=bool)
+        for axis, (low, high) in enumerate(self.bounds_m):
+            if low is not None and high is not None and low > high:
+                low, high = high, low
+            if low is not None:
+                inside &= points[:, axis] >= low
+            if high is not None:
+                inside &= points[:, axis] <= high
+        return inside
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingMetadata:
+    """What `metadata.json` says.
+
+    Parameters
+    ----------
+    calibration, calibration_fine, mask_erosion, labels : JSON value, optional
+        As the file has them, lists as tuples; None where the file has none. The format does not say
+        of what form they are.
+    distance_meters : float, optional, metres
+        Distance of the object.
+    mask_bb : MaskBox, optional
+        Box around the object in radar space, in which x is mirrored.
+    empty_measurement : str, optional
+        Name of the capture of the empty room.
+    other : mapping
+        The file's other keys; under "mask_bb" the keys of that which are no bounds.
+    """
+
+    calibration: Any = None
+    calibration_fine: Any = None
+    distance_meters: float | None = None
+    mask_erosion: Any = None
+    labels: Any = None
+    mask_bb: MaskBox | None = None
+    empty_measurement: str | None = None
+    other: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "other", checks.frozen_mapping("other", self.other))
+
+    @property
+    def mask_bb_antenna(self) -> MaskBox | None:
+        """The box in the antenna frame."""
+        return None if self.mask_bb is None else self.mask_bb.mirrored()
+
+    def distance_problem(self, folder_name: str) -> str | None:
+        """Return how the distance contradicts a folder's name 30, 40 or 50; None if it does not."""
+        if self.distance_meters is None or folder_name not in DISTANCE_FOLDERS:
+            return None
+        if abs(self.distance_meters - int(folder_name) / 100) <= DISTANCE_TOLERANCE_M:
+            return None
+        return (
+            f"metadata.json says a distance of {self.distance_meters:g} m, the folder's name "
+            f"{folder_name} cm"
+        )
+
+
+def read_metadata(path: str | os.PathLike[str]) -> RecordingMetadata:
+    """Return what a `metadata.json` says.
+
+    Raises
+    ------
+    MeasurementError
+        Missing, no JSON object; a distance that is no positive number, a `mask_bb` that is no
+        object of finite numbers, an `empty_measurement` that is no name.
+    """
+    path = Path(path)
+    content = read_json_object(path)
+    known: dict[str, Any] = {}
+    with reading(path, "the metadata of a recording"):
+        known["distance_meters"] = _distance(path, content.pop("distance_meters", None))
+        known["mask_bb"], more = _mask_box(path, content.pop("mask_bb", None))
+        if more:
+            content["mask_bb"] = more
+        empty = content.pop("empty_measurement", None)
+        if empty is not None and not isinstance(empty, str):
+            fail(path, "'empty_measurement' to be a name", clean(repr(empty)[:60]))
+        known["empty_measurement"] = empty
+        for key in ("calibration", "calibration_fine", "mask_erosion", "labels"):
+            value = content.pop(key, None)
+            known[key] = tuple(value) if isinstance(value, list) else value
+        return RecordingMetadata(**known, other=content)
+
+
+def _distance(path: Path, value: Any) -> float | None:
+    if value is None:
+        return None
+    number = _number(value)
+    if number is None or number <= 0:
+        fail(path, "'distance_meters' to be a positive number", clean(repr(value)[:60]))
+    return number
+
+
+def _mask_box(path: Path, value: Any) -> tuple[MaskBox | None, dict[str, Any]]:
+    """Return the box, and what else the object holds."""
+    if value is None:
+        return None, {}
+    if not isinstance(value, dict):
+        fail(path, f"'mask_bb' to be an object of {', '.join(_BOUNDS)}", type(value).__name__)
+    bounds = []
+    for key in _BOUNDS:
+        bound = value.get(key)
+        number = None if bound is None else _number(bound)
+        if bound is not None and number is None:
+            fail(path, f"'mask_bb.{key}' to be a finite number", clean(repr(bound)[:60]))
+        bounds.append(number)
+    return MaskBox(*bounds), {k: v for k, v in value.items() if k not in _BOUNDS}
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    number = float(value)
+    return number if math.isfinite(number) else None

@@ -1,0 +1,374 @@
+"""A whole recording: its frames one at a time, and what lies beside them."""
+
+from __future__ import annotations
+
+import operator
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+
+from clradar.errors import MeasurementError
+from clradar.model import AntennaArray, Capture, DepthMap, Scene, Waveform, checks
+from measurement_io.antenna_file import antenna_array
+from measurement_io.failures import clean, fail, read_bytes, reading, shown
+from measurement_io.maroon import folders
+from measurement_io.maroon.alignment import SensorAlignment, read_alignment
+from measurement_io.maroon.frame import read_frame_file, read_time_stamp
+from measurement_io.maroon.metadata import RecordingMetadata, read_metadata
+
+if TYPE_CHECKING:
+    from measurement_io.maroon.products import AmplitudeImage, AmplitudeVolume, PointCloud
+
+ALIGNMENT_FILE = "alignment.json"
+METADATA_FILE = "metadata.json"
+MESH_FOLDER = "photogrammetry"
+MESH_SOURCE = "photogrammetry"
+"""The frame of reference of the meshes, as `alignment.json` calls it."""
+MAX_MESH_BYTES = 2**27
+"""Largest mesh file that is read: some two million faces."""
+
+_EXPECTED = (
+    "the folder of a recording: radar_<low GHz>_<high GHz>_<points>, or the <object>/<distance> "
+    "folder that holds one"
+)
+
+
+def open_recording(
+    path: str | os.PathLike[str],
+    *,
+    variant: str = "raw",
+    rx_file: str | os.PathLike[str] | None = None,
+    tx_file: str | os.PathLike[str] | None = None,
+) -> Recording:
+    """Return the frames of a recording, none of them read yet.
+
+    Parameters
+    ----------
+    path : path-like
+        A `radar_<low>_<high>_<points>` folder, or the `<object>/<distance>` folder that holds
+        exactly one.
+    variant : {"raw", "emptyfiltered"}
+        As recorded, or with the empty room removed.
+    rx_file, tx_file : path-like, optional
+        Antenna positions; those of `clradar.arrays.qar50()` if not given.
+
+    Raises
+    ------
+    MeasurementError
+        No such folder, several radar folders in it, no frame of the variant, an antenna file that
+        cannot be read. A frame that cannot be read is an error when it is asked for.
+    ModelError
+        An unknown variant.
+
+    Examples
+    --------
+    >>> recording = open_recording("hand/30", variant="emptyfiltered")
+    >>> for capture in recording:
+    ...     volume = clradar.backproject(capture, grid)
+    """
+    source = Path(path)
+    variant = checks.one_of("open_recording: variant", variant, folders.VARIANTS)
+    array = antenna_array(rx_file, tx_file)
+    with reading(source, _EXPECTED):
+        if not source.is_dir():
+            fail(source, _EXPECTED, "a file" if source.exists() else "nothing there")
+        radar = folders.find_radar_folder(source)
+        files = _Files(radar, folders.frames(radar), array)
+        if not any(files.frames.values()):
+            fail(radar, f"frames %06d.npy in {folders.FRAMES_FOLDER}", "none")
+        return Recording(files, variant)
+
+
+class _Files:
+    """The files of a recording, and what has been read of them; shared by all views of it."""
+
+    def __init__(
+        self, radar: Path, frames: Mapping[str, Mapping[int, Path]], array: AntennaArray
+    ) -> None:
+        self.radar = radar
+        self.distance = radar.absolute().parent
+        self.frames = frames
+        self.array = array
+        self._waveforms: dict[str, Waveform] = {}
+        self._beside: dict[str, Any] = {}
+
+    def capture(self, variant: str, number: int) -> Capture:
+        path = self.frames[variant][number]
+        capture = read_frame_file(path, array=self.array)
+        first = self.waveform(variant, {number: capture.waveform})
+        if not first.same_frequencies(capture.waveform):
+            fail(path, "the frequencies of the recording's first frame", "others")
+        return capture
+
+    def waveform(self, variant: str, known: Mapping[int, Waveform] | None = None) -> Waveform:
+        """Return the frequencies of the first frame of a variant that can be read.
+
+        `known` are those of frames that have been read already.
+        """
+        if variant in self._waveforms:
+            return self._waveforms[variant]
+        failure: MeasurementError | None = None
+        for number, path in sorted(self.frames[variant].items()):
+            try:
+                if known is not None and number in known:
+                    found = known[number]
+                else:
+                    found = read_frame_file(path, array=self.array).waveform
+            except MeasurementError as error:
+                failure = failure or error
+                continue
+            self._waveforms[variant] = found
+            return found
+        assert failure is not None  # there is at least one frame
+        raise failure
+
+    def beside(self, name: str, read: Any) -> Any:
+        """Return what `read` makes of a file of the distance folder; None if it is not there."""
+        if name not in self._beside:
+            path = self.distance / name
+            with reading(path, "a file"):
+                there = os.path.lexists(path)
+            self._beside[name] = read(path) if there else None
+        return self._beside[name]
+
+
+class Recording(Sequence[Capture]):
+    """The frames of a recording, read when they are asked for; made by `open_recording`.
+
+    ``recording[i]`` is the i-th frame that is there, whatever its number: the numbers of frames can
+    have gaps. The frame's number is in ``capture.meta["frame"]`` and in `frame_numbers`. A slice is
+    a recording of some of the frames, and reads nothing. Nothing that was read is kept, so one
+    frame is in memory at a time as long as the caller keeps no more.
+
+    A frame that is damaged, or has other frequencies than the first frame that can be read, raises
+    `MeasurementError` when it is asked for; the others can still be read.
+    """
+
+    def __init__(self, files: _Files, variant: str, numbers: tuple[int, ...] | None = None) -> None:
+        there = files.frames[variant]
+        missing = [n for n in numbers or () if n not in there]
+        if missing or not there:
+            found = folders.ranges(there) or "no frame of this variant"
+            wanted = f"frames {folders.ranges(missing)}" if missing else "frames"
+            fail(files.radar, f"{wanted} of the variant '{variant}'", found)
+        self._files = files
+        self._variant = variant
+        self._all = numbers is None
+        self._numbers = tuple(sorted(there)) if numbers is None else numbers
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    @overload
+    def __getitem__(self, index: int) -> Capture: ...
+    @overload
+    def __getitem__(self, index: slice) -> Recording: ...
+    def __getitem__(self, index: int | slice) -> Capture | Recording:
+        if isinstance(index, slice):
+            return Recording(self._files, self._variant, self._numbers[index])
+        return self._files.capture(self._variant, self._number(index))
+
+    def __iter__(self) -> Iterator[Capture]:
+        # Not a generator: after a frame that cannot be read, next() goes on with the one behind it.
+        return map(self._capture_of_number, self._numbers)
+
+    def __repr__(self) -> str:
+        return f"<Recording {shown(self.path)}: {len(self)} frames, {self._variant}>"
+
+    @property
+    def path(self) -> Path:
+        """The radar folder."""
+        return self._files.radar
+
+    @property
+    def frame_numbers(self) -> tuple[int, ...]:
+        """The number of every frame, as its file is named, by position."""
+        return self._numbers
+
+    @property
+    def variant(self) -> str:
+        """ "raw" or "emptyfiltered"."""
+        return self._variant
+
+    @property
+    def variants(self) -> tuple[str, ...]:
+        """The variants of which there are frames."""
+        return tuple(name for name, frames in self._files.frames.items() if frames)
+
+    def with_variant(self, variant: str) -> Recording:
+        """Return the same recording in another variant.
+
+        Of a slice, the frames of the same numbers; of a whole recording, all that there are.
+
+        Raises
+        ------
+        MeasurementError
+            There is no frame of that variant, or none of one of the slice's numbers.
+        """
+        variant = checks.one_of("Recording.with_variant: variant", variant, folders.VARIANTS)
+        return Recording(self._files, variant, None if self._all else self._numbers)
+
+    @property
+    def timestamps_us(self) -> tuple[int | float | None, ...]:
+        """Time stamp of every frame by position, microseconds.
+
+        The first one where a frame has several; None where it has none or its file cannot be read.
+        Every use reads the files of all frames, one after the other: keep what it returns.
+        """
+        return tuple(self._time_stamp(number) for number in self._numbers)
+
+    @property
+    def waveform(self) -> Waveform:
+        """Frequencies of the first frame of the recording that can be read."""
+        return self._files.waveform(self._variant)
+
+    @property
+    def array(self) -> AntennaArray:
+        """Antenna positions, the same for all frames."""
+        return self._files.array
+
+    @property
+    def metadata(self) -> RecordingMetadata | None:
+        """What `metadata.json` says; None if there is none."""
+        found: RecordingMetadata | None = self._files.beside(METADATA_FILE, read_metadata)
+        return found
+
+    @property
+    def alignment(self) -> SensorAlignment | None:
+        """The transforms of `alignment.json`; None if there is none."""
+        found: SensorAlignment | None = self._files.beside(ALIGNMENT_FILE, read_alignment)
+        return found
+
+    @property
+    def mesh_names(self) -> tuple[str, ...]:
+        """Names of the photogrammetric meshes, without ".obj"."""
+        return tuple(sorted(mesh_files(self._files.distance)))
+
+    def scene(self, name: str = "mesh", *, alpha: float | np.ndarray = 0.5) -> Scene:
+        """Return a photogrammetric mesh in the antenna frame.
+
+        Parameters
+        ----------
+        name : str
+            One of `mesh_names`.
+        alpha : float or array_like, shape (n_faces,)
+            0 specular ... 1 diffuse.
+
+        Returns
+        -------
+        Scene
+            p_antenna = diag(-1, 1, 1) T_photogrammetry2radar p_mesh, metres. Where that mirrors,
+            as it does for every proper `alignment.json`, the winding of the faces is turned, so
+            that they keep their outside.
+
+        Raises
+        ------
+        MeasurementError
+            No such mesh, one that cannot be read, or no `alignment.json` that says where it is.
+        """
+        checks.text("Recording.scene: name", name)
+        alignment = self.alignment
+        if alignment is None:
+            fail(self._files.distance, f"{ALIGNMENT_FILE}, to place the mesh with", "none")
+        return placed_mesh(self._files.distance, name, alignment).with_alpha(alpha)
+
+    def depth_map(self, index: int) -> DepthMap:
+        """Return the depth map that lies beside the frame at a position, in the antenna frame.
+
+        See `measurement_io.maroon.products.read_depth_map`.
+        """
+        from measurement_io.maroon.products import read_depth_map
+
+        return read_depth_map(self.path, self._number(index))
+
+    def max_projection(self, index: int) -> AmplitudeImage:
+        """Return the amplitude image that lies beside the frame at a position.
+
+        See `measurement_io.maroon.products.read_max_projection`.
+        """
+        from measurement_io.maroon.products import read_max_projection
+
+        return read_max_projection(self.path, self._number(index))
+
+    def amplitude_volume(self, index: int) -> AmplitudeVolume:
+        """Return the volume (amplitude only) that lies beside the frame at a position.
+
+        See `measurement_io.maroon.products.read_amplitude_volume`.
+        """
+        from measurement_io.maroon.products import read_amplitude_volume
+
+        return read_amplitude_volume(self.path, self._number(index))
+
+    def points(self, index: int) -> PointCloud:
+        """Return the points that lie beside the frame at a position, in the antenna frame.
+
+        See `measurement_io.maroon.products.read_points`.
+        """
+        from measurement_io.maroon.products import read_points
+
+        return read_points(self.path, self._number(index))
+
+    def _number(self, index: int) -> int:
+        position = operator.index(index)
+        if not -len(self) <= position < len(self):
+            raise IndexError(f"{shown(self.path)}: frame {position} of {len(self)}, from 0")
+        return self._numbers[position]
+
+    def _capture_of_number(self, number: int) -> Capture:
+        return self._files.capture(self._variant, number)
+
+    def _time_stamp(self, number: int) -> int | float | None:
+        try:
+            return read_time_stamp(self._files.frames[self._variant][number])
+        except MeasurementError:
+            return None
+
+
+def mesh_files(distance: Path) -> dict[str, Path]:
+    """Return the meshes of an `<object>/<distance>` folder by their name without ".obj"."""
+    folder = distance / MESH_FOLDER
+    with reading(folder, "a folder of meshes"):
+        if not folder.is_dir():
+            return {}
+    return {p.stem: p for p in folders.entries(folder) if p.suffix == ".obj"}
+
+
+def placed_mesh(distance: Path, name: str, alignment: SensorAlignment) -> Scene:
+    """Return a mesh of an `<object>/<distance>` folder in the antenna frame.
+
+    See `Recording.scene`.
+    """
+    meshes = mesh_files(distance)
+    if name not in meshes:
+        there = clean(", ".join(sorted(meshes))) or "no mesh"
+        fail(distance / MESH_FOLDER, f"the mesh {clean(name)}.obj", there)
+    matrix = alignment.to_antenna(MESH_SOURCE)
+    scene = _read_mesh(meshes[name], matrix)
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        scene = replace(scene, faces=scene.faces[:, ::-1])
+    return scene
+
+
+def _read_mesh(path: Path, matrix: np.ndarray) -> Scene:
+    import io
+
+    import trimesh
+
+    content = read_bytes(path, "a mesh (.obj)", MAX_MESH_BYTES)
+    with reading(path, "a mesh (.obj)"):
+        # From memory and without materials: an OBJ file names files with them, which could be any.
+        # A text of another encoding can only be in comments and names.
+        loaded = trimesh.load_scene(
+            io.StringIO(content.decode("utf-8-sig", "replace")),
+            file_type="obj",
+            process=False,
+            skip_materials=True,
+            split_objects=True,
+            split_groups=True,
+        )
+        scene = Scene.from_mesh(loaded, transform=matrix)
+    return scene if len(scene.part_names) > 1 else replace(scene, part_names=(path.stem,))

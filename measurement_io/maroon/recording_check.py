@@ -1,0 +1,131 @@
+"""Verify a recording by reading all of its frames and products, one at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from clradar.errors import MeasurementError
+from clradar.model import Waveform
+from measurement_io.failures import clean
+from measurement_io.maroon import folders, products
+from measurement_io.maroon.frame import first_time_stamp, read_frame_file
+
+LONG_GAP = 1.8
+"""An interval between time stamps this many times the usual one has lost a frame: one lost frame
+makes two intervals of one."""
+
+_READERS: dict[str, Callable[[Path, int], object]] = {
+    "depth": products.read_depth_map,
+    "maxproj": products.read_max_projection,
+    "volume": products.read_amplitude_volume,
+    "xyz": products.read_points,
+}
+
+
+@dataclass(slots=True)
+class _Variant:
+    """What has been read of one variant: time stamps by frame, and the total that frame 0 names."""
+
+    stamps_us: dict[int, int | float]
+    total: int | None = None
+    good: int = 0
+
+
+def check_frames(radar: Path, checked: list[str], problems: list[str]) -> None:
+    """Read every frame of both variants; add what is right and what is wrong."""
+    frames = folders.frames(radar)
+    waveform: Waveform | None = None
+    read: dict[str, _Variant] = {}
+    for variant, files in frames.items():
+        read[variant] = seen = _Variant({})
+        for number, path in sorted(files.items()):
+            try:
+                capture = read_frame_file(path)
+            except MeasurementError as error:
+                problems.append(str(error))
+                continue
+            seen.good += 1
+            if waveform is None:
+                waveform = capture.waveform
+            elif not waveform.same_frequencies(capture.waveform):
+                problems.append(f"{clean(path.name)}: other frequencies than the frames before")
+            if seen.total is None:
+                seen.total = capture.meta.get("number_of_measurements")
+            stamp = first_time_stamp(capture)
+            if stamp is not None:
+                seen.stamps_us[number] = stamp
+            del capture  # before the next one is read
+        if seen.good:
+            checked.append(f"{seen.good} of {len(files)} {variant} frames read, values finite")
+            _check_stamps(variant, seen, checked, problems)
+    raw, filtered = read["raw"], read["emptyfiltered"]
+    if raw.total is not None and raw.total != len(frames["raw"]):
+        problems.append(
+            f"the first frame says that the recording has {raw.total} frames, "
+            f"{len(frames['raw'])} are there"
+        )
+    other = [n for n, stamp in filtered.stamps_us.items() if raw.stamps_us.get(n, stamp) != stamp]
+    if other:
+        problems.append(
+            "emptyfiltered frames with another time stamp than the raw one: "
+            f"{folders.ranges(other)}"
+        )
+
+
+def check_products(radar: Path, checked: list[str], problems: list[str]) -> None:
+    """Read every cached product; add what is right and what is wrong."""
+    for name, read in _READERS.items():
+        files = products.product_files(radar, name)
+        good = 0
+        for number in sorted(files):
+            try:
+                read(radar, number)
+            except MeasurementError as error:
+                problems.append(str(error))
+            else:
+                good += 1
+        if good:
+            checked.append(f"{good} of {len(files)} cached {name} read")
+
+
+def _check_stamps(variant: str, seen: _Variant, checked: list[str], problems: list[str]) -> None:
+    numbers = np.array(sorted(seen.stamps_us))
+    if not any(seen.stamps_us.values()):  # none, or zeros where there was no clock
+        return
+    without = seen.good - len(numbers)
+    if without:
+        problems.append(f"{without} of {seen.good} {variant} frames have no time stamp")
+    if len(numbers) < 2:
+        return
+    stamps = [seen.stamps_us[n] for n in numbers.tolist()]
+    steps_us = np.array([float(b - a) for a, b in pairwise(stamps)])
+    after = numbers[1:]
+    found = len(problems)
+    if (steps_us == 0).any():
+        same = folders.ranges(after[steps_us == 0].tolist())
+        problems.append(f"{variant} frames with the time stamp of the frame before: {same}")
+    if (steps_us < 0).any():
+        back = folders.ranges(after[steps_us < 0].tolist())
+        problems.append(
+            f"{variant} frames with a time stamp before that of the frame before: {back}"
+        )
+    # Where numbers are missing the interval is that much longer.
+    per_frame_us = steps_us / np.diff(numbers)
+    usual_us = float(np.median(per_frame_us))
+    late = per_frame_us > LONG_GAP * usual_us
+    if usual_us > 0 and late.any():
+        longest = float(steps_us[late].max())
+        problems.append(
+            f"time stamps of {variant} frames that come late, up to {longest / 1e3:.6g} ms after "
+            f"the frame before where {usual_us / 1e3:.6g} ms are usual: "
+            f"{folders.ranges(after[late].tolist())}"
+        )
+    if len(problems) == found:
+        checked.append(
+            f"time stamps of {variant} frames ascend, {usual_us / 1e3:.6g} ms apart (median)"
+        )

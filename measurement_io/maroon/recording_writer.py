@@ -1,0 +1,309 @@
+"""Write a whole recording as an `<object>/<distance>` folder, frame by frame."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from pathlib import Path
+from typing import Any
+
+from clradar.errors import ModelError, OutputError
+from clradar.model import Capture, Volume, VoxelGrid, Waveform, checks
+from measurement_io.atomic import move_folder, new_folder, swap_folder
+from measurement_io.failures import clean, regular_file_size, shown
+from measurement_io.json_file import read_json_object
+from measurement_io.maroon.calibration_file import (
+    CALIBRATION_FILE,
+    FrameEntry,
+    VolumeEntry,
+    frame_entry_json,
+    write_calibration_file,
+)
+from measurement_io.maroon.folders import FRAMES_FOLDER, VARIANTS, entries, find_radar_folder
+from measurement_io.maroon.frame import read_frame_file
+from measurement_io.maroon.product_writer import radar_box, write_products
+from measurement_io.maroon.products import PRODUCTS, product_files
+from measurement_io.maroon.recording import ALIGNMENT_FILE, MESH_FOLDER, METADATA_FILE
+from measurement_io.maroon.writer import (
+    RadarFolder,
+    check_array,
+    check_place,
+    frame_name,
+    time_stamp,
+    write_frame_file,
+)
+from measurement_io.provenance import to_json
+
+SIDE_FILES = (METADATA_FILE, ALIGNMENT_FILE)
+MAX_FRAMES = 1_000_000
+"""A frame's number has six digits."""
+
+_NAME = "save_recording"
+Progress = Callable[[int, int], object]
+
+
+def default_grid() -> VoxelGrid:
+    """Return the grid that a frame without an image names: where objects of the dataset are."""
+    return VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.2, 0.6), (1e-3, 1e-3, 2e-3))
+
+
+def save_recording(
+    path: str | os.PathLike[str],
+    captures: Iterable[Capture],
+    *,
+    variant: str = "raw",
+    emptyfiltered: Iterable[Capture] | None = None,
+    timestamps_us: Sequence[Any] | None = None,
+    metadata: Mapping[str, Any] | None = None,
+    alignment: Mapping[str, Any] | None = None,
+    meshes: Iterable[str | os.PathLike[str]] = (),
+    image: Callable[[Capture], Volume] | None = None,
+    grid: VoxelGrid | None = None,
+    copy_from: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+    force: bool = False,
+) -> Path:
+    """Write captures as a recording, `path/radar_<low>_<high>_<points>` and what is beside it.
+
+    One frame at a time is in memory. All of it is written under a hidden name beside `path` and
+    renamed at the end, so that `path` never holds half a recording.
+
+    Parameters
+    ----------
+    path : path-like
+        The `<object>/<distance>` folder. The folders above it are made where missing.
+    captures : iterable of Capture
+        Of `clradar.arrays.qar50()`, all of one waveform; they get the numbers 0, 1, 2 ... in this
+        order. Every frame names how many there are: where the iterable has no length, each is
+        written twice.
+    variant : {"raw", "emptyfiltered"}
+        What `captures` are.
+    emptyfiltered : iterable of Capture, optional
+        The same frames with the empty room removed, to go beside raw ones; as many.
+    timestamps_us : sequence, microseconds, optional
+        A number, or a sequence of them, per frame. If not given, `meta["timestamp_us"]` of each
+        capture, else 0.
+    metadata, alignment : mapping, optional
+        Content of `metadata.json` and `alignment.json`, in types that JSON knows.
+    meshes : iterable of path-like
+        Files to be copied to `photogrammetry/`.
+    image : callable, optional
+        From a capture to its image, whose products are then written (`write_products`).
+    grid : VoxelGrid, optional
+        What `calibration.json` names as the grid of frames without an image; `default_grid()` if
+        not given.
+    copy_from : path-like, optional
+        A recording whose `metadata.json`, `alignment.json`, meshes, products and entries of
+        `calibration.json` are copied byte by byte, as far as they are not given otherwise. Which
+        of its frames a capture is, `meta["frame"]` says.
+    progress : callable, optional
+        Called with (frames written, frames in all) after each frame; in all is 0 if not known.
+    force : bool
+        Replace the radar folder of this waveform, and files of the same name beside it, in a
+        folder that exists. Everything else in it stays.
+
+    Returns
+    -------
+    Path
+        The radar folder.
+
+    Raises
+    ------
+    ModelError
+        No capture, another array than `qar50()`, captures of different waveforms, another number
+        of time stamps, or an argument that cannot be meant.
+    MeasurementError
+        A file of `copy_from` or of `meshes` cannot be read.
+    OutputError
+        The folder exists, is not empty and `force` is not set; or the system refuses to write.
+    """
+    variant = checks.one_of(f"{_NAME}: variant", variant, VARIANTS)
+    if emptyfiltered is not None and variant != "raw":
+        checks.fail(f"{_NAME}: emptyfiltered", "captures beside raw ones", f"variant '{variant}'")
+    source = None if copy_from is None else find_radar_folder(Path(copy_from))
+    target = check_place(Path(path))
+    _refuse_existing(target, force=force)
+    frames = iter(captures)
+    first = next(frames, None)
+    if first is None:
+        raise ModelError(f"{_NAME}: expected at least one capture, got none")
+    checks.instance(f"{_NAME}: captures", first, Capture)
+    check_array(first)
+    folder = RadarFolder.of(first.waveform)
+
+    with new_folder(target) as temporary:
+        radar = temporary / folder.name
+        (radar / FRAMES_FOLDER).mkdir(parents=True)
+        work = _FrameWriter(radar, first.waveform, timestamps_us, progress)
+        numbers = work.write(_joined(first, frames), _length(captures), variant)
+        if emptyfiltered is not None:
+            work.write(emptyfiltered, _length(emptyfiltered), "emptyfiltered")
+        _write_calibration(radar, folder, numbers, source, grid)
+        if source is not None:
+            _copy_products(source, radar, numbers)
+            _copy_beside(source.absolute().parent, temporary)
+        for name, content in zip(SIDE_FILES, (metadata, alignment), strict=True):
+            if content is not None:
+                text = json.dumps(json.loads(to_json(f"{_NAME}: {name}", content)), indent=2)
+                (temporary / name).write_text(text + "\n", encoding="ascii")
+        for mesh in meshes:
+            _copy(Path(mesh), temporary / MESH_FOLDER / Path(mesh).name)
+        if image is not None:
+            for number in range(len(numbers)):
+                frame = read_frame_file(radar / FRAMES_FOLDER / frame_name(number, variant))
+                write_products(radar, number, image(frame), force=True)
+        _put_in_place(temporary, target, folder.name, force=force)
+    return target / folder.name
+
+
+class _FrameWriter:
+    """Writes the frames of one recording, whose captures have to be of one kind."""
+
+    def __init__(
+        self,
+        radar: Path,
+        waveform: Waveform,
+        timestamps_us: Sequence[Any] | None,
+        progress: Progress | None,
+    ) -> None:
+        self._radar = radar
+        self._waveform = waveform
+        self._timestamps_us = timestamps_us
+        self._progress = progress
+        self._count: int | None = None if timestamps_us is None else len(timestamps_us)
+
+    def write(self, captures: Iterable[Capture], length: int | None, variant: str) -> list[int]:
+        """Write all frames of a variant; return the numbers that they had where they come from."""
+        numbers: list[int] = []
+        for capture in captures:
+            i = len(numbers)
+            self._check(capture, i)
+            given = None if self._timestamps_us is None else self._timestamps_us[i]
+            stamp = time_stamp(f"{_NAME}: timestamps_us[{i}]", capture, given)
+            write_frame_file(self._file(i, variant), capture, length or 1, stamp)
+            number = capture.meta.get("frame")
+            numbers.append(number if isinstance(number, int) else i)
+            if self._progress is not None:
+                self._progress(i + 1, length or 0)
+        if self._count is not None and len(numbers) != self._count:
+            what = "time stamps" if variant == "raw" or self._timestamps_us else "raw frames"
+            checks.fail(
+                f"{_NAME}: {variant} captures",
+                f"{self._count}, one for each of the {what}",
+                f"{len(numbers)}",
+            )
+        if length != len(numbers):
+            self._write_again(len(numbers), variant)
+        self._count = len(numbers)
+        return numbers
+
+    def _write_again(self, total: int, variant: str) -> None:
+        """Give every frame the number of frames, which only is known at the end."""
+        for i in range(total):
+            path = self._file(i, variant)
+            capture = read_frame_file(path)
+            stamp = time_stamp(_NAME, capture, None)
+            write_frame_file(path, capture, total, stamp, force=True)
+
+    def _check(self, capture: Capture, i: int) -> None:
+        checks.instance(f"{_NAME}: captures[{i}]", capture, Capture)
+        if i >= MAX_FRAMES or (self._timestamps_us is not None and i >= len(self._timestamps_us)):
+            most = MAX_FRAMES if self._timestamps_us is None else len(self._timestamps_us)
+            checks.fail(f"{_NAME}: captures", f"at most {most} (frames, time stamps)", "more")
+        check_array(capture)
+        if not capture.waveform.same_frequencies(self._waveform):
+            checks.fail(
+                f"{_NAME}: captures[{i}]",
+                f"the frequencies of the first ({_frequencies(self._waveform)})",
+                f"{_frequencies(capture.waveform)}, or other steps between them",
+            )
+
+    def _file(self, number: int, variant: str) -> Path:
+        return self._radar / FRAMES_FOLDER / frame_name(number, variant)
+
+
+def _joined(first: Capture, others: Iterator[Capture]) -> Iterator[Capture]:
+    yield first
+    del first  # the caller's loop holds one frame, not the first one, too
+    yield from others
+
+
+def _frequencies(waveform: Waveform) -> str:
+    low, high = waveform.frequencies_hz[[0, -1]] / 1e9
+    return f"{waveform.n_freq} from {low:.9g} to {high:.9g} GHz"
+
+
+def _length(captures: Iterable[Capture]) -> int | None:
+    return len(captures) if isinstance(captures, Sized) else None
+
+
+def _write_calibration(
+    radar: Path,
+    folder: RadarFolder,
+    numbers: Sequence[int],
+    source: Path | None,
+    grid: VoxelGrid | None,
+) -> None:
+    there: dict[str, Any] = {}
+    if source is not None and (source / CALIBRATION_FILE).exists():
+        there = read_json_object(source / CALIBRATION_FILE)
+    box = radar_box(default_grid() if grid is None else grid)
+    new = frame_entry_json(FrameEntry(VolumeEntry(box)))
+    frames = {i: there.get(f"{number:06d}", new) for i, number in enumerate(numbers)}
+    path = radar / CALIBRATION_FILE
+    write_calibration_file(path, folder.low_ghz, folder.high_ghz, folder.points, frames)
+
+
+def _copy_products(source: Path, radar: Path, numbers: Sequence[int]) -> None:
+    for product, kind in PRODUCTS.items():
+        there = product_files(source, product)
+        for i, number in enumerate(numbers):
+            if number in there:
+                _copy(there[number], radar / product / f"{i:06d}.{kind}")
+
+
+def _copy_beside(source: Path, target: Path) -> None:
+    """Copy `metadata.json`, `alignment.json` and the meshes of a recording."""
+    for name in SIDE_FILES:
+        if (source / name).is_file():
+            _copy(source / name, target / name)
+    if (source / MESH_FOLDER).is_dir():
+        for path in entries(source / MESH_FOLDER):
+            if path.name.startswith("mesh") and path.is_file():
+                _copy(path, target / MESH_FOLDER / path.name)
+
+
+def _copy(source: Path, target: Path) -> None:
+    regular_file_size(source, "a file to copy")
+    target.parent.mkdir(exist_ok=True)
+    shutil.copyfile(source, target)
+
+
+def _refuse_existing(target: Path, *, force: bool) -> None:
+    try:
+        if not os.path.lexists(target):
+            return
+        if not target.is_dir():
+            raise OutputError(f"{shown(target)}: expected a folder, got a file of that name")
+        if any(target.iterdir()) and not force:
+            raise OutputError(f"{shown(target)}: exists already; not written into without force")
+    except OutputError:
+        raise
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{shown(target)}: cannot be written: {clean(error)}") from error
+
+
+def _put_in_place(temporary: Path, target: Path, radar: str, *, force: bool) -> None:
+    _refuse_existing(target, force=force)  # somebody else may have made it meanwhile
+    if not target.exists() or not any(target.iterdir()):
+        move_folder(temporary, target.absolute())
+        return
+    swap_folder(temporary / radar, target / radar, aside=temporary / f"{radar}.replaced")
+    for path in sorted(p for p in temporary.rglob("*") if p.is_file()):
+        inside = path.relative_to(temporary)
+        if inside.parts[0].startswith("radar_"):
+            continue  # what was replaced; it goes with the temporary folder
+        (target / inside).parent.mkdir(exist_ok=True)
+        os.replace(path, target / inside)

@@ -1,0 +1,201 @@
+"""Write cached products byte by byte from the description of the form, without measurement_io.
+
+A scene is given in radar space (x to the right as the radar sees it, y up, z away, metres) as an
+array [x, y, z] of amplitudes, and each file is made by what the form says of it. The PNG encoder
+and the PLY writer are those of this file.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+DEPTH_CUT_DB = 15.0
+
+
+@dataclass(frozen=True)
+class RadarScene:
+    """amplitude[x, y, z] on the axes of radar space, each ascending."""
+
+    amplitude: np.ndarray
+    x_m: np.ndarray
+    y_m: np.ndarray
+    z_m: np.ndarray
+
+    def strongest(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return amplitude and depth [x, y] of the strongest voxel along z, NaN below -15 dB."""
+        peak = self.amplitude.max(axis=2)
+        depth = self.z_m[self.amplitude.argmax(axis=2)]
+        return peak, np.where(peak >= peak.max() * 10 ** (-DEPTH_CUT_DB / 20), depth, np.nan)
+
+
+def scene(targets: list[tuple[float, float, float, float]], counts=(31, 21, 9)) -> RadarScene:
+    """Return blobs at (x, y, z) in metres of radar space, with their amplitude.
+
+    The three axes differ in length, extent and centre, so that no two can be mistaken.
+    """
+    x = np.linspace(-0.10, 0.14, counts[0])
+    y = np.linspace(-0.08, 0.05, counts[1])
+    z = np.linspace(0.26, 0.34, counts[2])
+    total = np.full(counts, 2.0)
+    for tx, ty, tz, strength in targets:
+        r2 = (x - tx)[:, None, None] ** 2 + (y - ty)[:, None] ** 2 + (z - tz) ** 2
+        total += strength * np.exp(-r2 / 0.012**2)
+    return RadarScene(total, x, y, z)
+
+
+def image_rows(of_xy: np.ndarray) -> np.ndarray:
+    """Return [row = y descending, column = x ascending] of an array [x, y], element by element."""
+    n_x, n_y = of_xy.shape
+    rows = np.empty((n_y, n_x), of_xy.dtype)
+    for row in range(n_y):
+        for column in range(n_x):
+            rows[row, column] = of_xy[column, n_y - 1 - row]
+    return rows
+
+
+def png(pixels: np.ndarray, bits: int = 16, kind: int = 0) -> bytes:
+    """Return an unfiltered PNG of grey pixels [row, column]."""
+    depth = {8: ">u1", 16: ">u2"}[bits]
+    raw = b"".join(b"\0" + row.astype(depth).tobytes() for row in pixels)
+    header = struct.pack(">IIBBBBB", pixels.shape[1], pixels.shape[0], bits, kind, 0, 0, 0)
+    return png_of_chunks([(b"IHDR", header), (b"IDAT", zlib.compress(raw)), (b"IEND", b"")])
+
+
+def png_of_chunks(chunks: list[tuple[bytes, bytes]]) -> bytes:
+    out = b"\x89PNG\r\n\x1a\n"
+    for name, body in chunks:
+        out += struct.pack(">I", len(body)) + name + body
+        out += struct.pack(">I", zlib.crc32(name + body))
+    return out
+
+
+def png_pixels(content: bytes) -> np.ndarray:
+    """Return the pixels of a 16-bit grey PNG whose rows use the filters 0, 1 and 2."""
+    assert content[:8] == b"\x89PNG\r\n\x1a\n"
+    at, data, size = 8, b"", (0, 0)
+    while at < len(content):
+        (length,) = struct.unpack(">I", content[at : at + 4])
+        name, body = content[at + 4 : at + 8], content[at + 8 : at + 8 + length]
+        if name == b"IHDR":
+            *size, bits, kind, _, _, interlace = struct.unpack(">IIBBBBB", body)
+            assert (bits, kind, interlace) == (16, 0, 0)
+        data += body if name == b"IDAT" else b""
+        at += 12 + length
+    width, height = size
+    lines = np.frombuffer(zlib.decompress(data), np.uint8).reshape(height, 1 + 2 * width)
+    rows = np.zeros((height + 1, 2 * width + 2), np.int64)  # with a border of zeros
+    for i, line in enumerate(lines):
+        for j, byte in enumerate(line[1:].tolist()):
+            a, b, c = rows[i + 1, j], rows[i, j + 2], rows[i, j]
+            p = a + b - c
+            paeth = min((abs(p - a), 0, a), (abs(p - b), 1, b), (abs(p - c), 2, c))[2]
+            guess = (0, a, b, (a + b) // 2, paeth)[line[0]]
+            rows[i + 1, j + 2] = (byte + guess) % 256
+    pairs = rows[1:, 2:].reshape(height, width, 2)
+    return (256 * pairs[..., 0] + pairs[..., 1]).astype(np.uint16)
+
+
+def ply(points: list[tuple[float, float, float]], colours: list[tuple[int, int, int]], kind: str):
+    """Return a PLY file of double x, y, z and 8-bit colours."""
+    head = f"ply\nformat {kind} 1.0\ncomment made by a test\nelement vertex {len(points)}\n"
+    head += "".join(f"property double {name}\n" for name in "xyz")
+    head += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    out = (head + "end_header\n").encode()
+    order = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}[kind]
+    for p, c in zip(points, colours, strict=True):
+        if kind == "ascii":
+            out += f"{p[0]!r} {p[1]!r} {p[2]!r} {c[0]} {c[1]} {c[2]}\n".encode()
+        else:
+            out += struct.pack(order + "dddBBB", *p, *c)
+    return out
+
+
+def ply_points(content: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions (n, 3) and colours (n, 3) of a binary PLY as `ply` writes it."""
+    head, body = content.split(b"end_header\n", 1)
+    lines = head.decode().splitlines()
+    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    kinds = ["double x", "double y", "double z", "uchar red", "uchar green", "uchar blue"]
+    assert [line[9:] for line in lines if line.startswith("property ")] == kinds
+    (count,) = (int(line.split()[2]) for line in lines if line.startswith("element vertex "))
+    rows = list(struct.iter_unpack("<dddBBB", body))
+    assert len(rows) == count
+    return np.array([r[:3] for r in rows]), np.array([r[3:] for r in rows])
+
+
+def write_products(
+    radar: Path, number: int, of: RadarScene, *, ply_kind: str = "binary_little_endian"
+) -> dict[str, Any]:
+    """Write the four products of a frame and its entry of calibration.json; return the entry."""
+    peak, depth = of.strongest()
+    rows_mm = np.nan_to_num(np.round(image_rows(depth) * 1000))
+    _put(radar / "depth" / f"{number:06d}.png", png(rows_mm.astype(int)))
+    _put(radar / "maxproj" / f"{number:06d}.png", png(image_rows(peak).astype(int)))
+
+    low, high = float(of.amplitude.min()), float(of.amplitude.max())
+    points, colours = [], []
+    n_x, n_y, n_z = of.amplitude.shape
+    for i in range(n_y):  # y of the points ascends, that of the values descends
+        for j in range(n_x):
+            for k in range(n_z):
+                points.append((float(of.x_m[j]), float(of.y_m[i]), float(of.z_m[k])))
+                share = (of.amplitude[j, n_y - 1 - i, k] - low) / (high - low)
+                colours.append((round(255 * share), 0, 0))
+    _put(radar / "volume" / f"{number:06d}.ply", ply(points, colours, ply_kind))
+
+    points, colours = [], []
+    for i in range(n_y):
+        for j in range(n_x):
+            if np.isfinite(depth[j, i]):
+                points.append((float(of.x_m[j]), float(of.y_m[i]), float(depth[j, i])))
+                colours.append((0, round(255 * peak[j, i] / peak.max()), 0))
+    _put(radar / "xyz" / f"{number:06d}.ply", ply(points, colours, ply_kind))
+
+    entry = {
+        "volume": {
+            "bb_min": [float(a[0]) for a in (of.x_m, of.y_m, of.z_m)],
+            "bb_max": [float(a[-1]) for a in (of.x_m, of.y_m, of.z_m)],
+            "grid_size": [n_x, n_y, n_z],
+            "min_abs": low,
+            "max_abs": high,
+            "min_amplitude": low,
+            "max_amplitude": high,
+        },
+        "amplitude": {
+            "amplitude_filter_kernel_size": 1,
+            "amplitude_filter_threshold_dB": DEPTH_CUT_DB,
+        },
+        "depth": {"intrinsics": intrinsics(of)},
+    }
+    put_entry(radar, number, entry)
+    return entry
+
+
+def intrinsics(of: RadarScene) -> list[list[float]]:
+    """Return the matrix from (x, y, z, 1) in metres to (column, row, millimetres, 1)."""
+    dx, dy = of.x_m[1] - of.x_m[0], of.y_m[1] - of.y_m[0]
+    return [
+        [float(1 / dx), 0.0, 0.0, float(-of.x_m[0] / dx)],
+        [0.0, float(-1 / dy), 0.0, float(of.y_m[-1] / dy)],
+        [0.0, 0.0, 1000.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+
+
+def put_entry(radar: Path, number: int, entry: Any) -> None:
+    path = radar / "calibration.json"
+    content = json.loads(path.read_text()) if path.exists() else {}
+    content[f"{number:06d}"] = entry
+    _put(path, json.dumps(content).encode())
+
+
+def _put(path: Path, content: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)

@@ -1,0 +1,476 @@
+"""Averaging, the empty room and range gates, on recordings of which the truth is known."""
+
+from __future__ import annotations
+
+import json
+import weakref
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recorder import Recorder, Recording
+
+import clradar
+from calibration import average_frames, gate, range_gate, subtract_background
+from clradar import AntennaArray, Capture, VoxelGrid, Wall, Waveform, backproject
+from clradar.cli import main
+from clradar.errors import MeasurementError, ModelError
+from measurement_io import open_capture, save_capture
+
+C = 299_792_458.0
+SWEEP = Waveform.sfcw(72e9, 82e9, 128)
+# Every fifth antenna: 19 x 19 pairs, so that a capture of 128 steps has 46 208 samples.
+FULL = clradar.arrays.qar50()
+SPARSE = AntennaArray(FULL.tx_m[::5], FULL.rx_m[::5], "sparse")
+CLEAN: dict[str, Any] = {"snr_db": None, "iq_gain_db": 0, "iq_phase_rad": 0, "adc_bits": None}
+# complex64 holds a sample to 2^-24 of it per component. The background is up to 25 dB above the
+# object and in two captures, so the difference is good to -144 + 25 + 3 dB; -110 dB leaves room.
+ROUNDING_DB = -110.0
+# Mean powers of n samples vary by 1/sqrt(n) of themselves: five of them.
+POWER = 5 / np.sqrt(19 * 19 * 128)
+DRIFT: dict[str, Any] = {"drift_phase_rad": 0.03, "drift_gain_db": 0.05, "drift_frames": 10}
+POINTS = np.random.default_rng(1).uniform([-0.06, -0.06, 0.28], [0.06, 0.06, 0.33], (30, 3))
+
+
+def recorder(**settings: Any) -> Recorder:
+    return Recorder(**{"points_m": POINTS, "array": SPARSE, **settings})
+
+
+def power(data: np.ndarray) -> float:
+    return float((np.abs(data.astype(complex)) ** 2).mean())
+
+
+def remainder_db(found: Capture, ideal: Capture) -> float:
+    """Power of what is wrong, against the object's."""
+    wrong = power(found.data - ideal.data.astype(complex))
+    return float(10 * np.log10(wrong / power(ideal.data) + 1e-30))
+
+
+def kept_db(found: Capture, ideal: Capture) -> float:
+    """How much of the object is left: the amplitude of its best fit."""
+    o, s = (c.data.astype(complex).ravel() for c in (ideal, found))
+    return float(20 * np.log10(abs(np.vdot(o, s)) / np.vdot(o, o).real))
+
+
+def echoes(ranges_m: Any, sweep: Waveform = SWEEP) -> Capture:
+    """One pair for each half path length, whatever its antennas: a gate asks for none."""
+    data = np.exp(-2j * np.pi * np.outer(ranges_m, sweep.frequencies_hz) * 2 / C)
+    array = AntennaArray(np.zeros((len(data), 3)), np.zeros((1, 3)))
+    return Capture(data[:, None], array, sweep)
+
+
+def echo(range_m: float, sweep: Waveform = SWEEP) -> Capture:
+    return echoes([range_m], sweep)
+
+
+# Averages
+
+
+def test_the_mean_of_n_frames_has_an_nth_of_the_noise() -> None:
+    made = recorder(adc_bits=None)
+    silent = replace(made, snr_db=None).frame()
+    for n in (1, 4, 16):
+        mean = average_frames(made.frame(i) for i in range(n))
+        noise = power(mean.data - silent.data.astype(complex))
+        # 10 log10 n: relative to the points' power, which the SNR of 20 dB refers to.
+        assert noise == pytest.approx(0.01 / n * power(made.scene.data), rel=POWER)
+        assert mean.meta["average"] == {"frames": n, "align_phase": False}
+
+
+def test_one_frame_is_its_own_mean_and_metadata_is_what_all_share() -> None:
+    one = echo(0.3)
+    assert (average_frames([one]).data == one.data).all()
+    frames = [replace(one, meta={"frame": i, "lab": "a", "later": i} | {str(i): 1}) for i in (0, 1)]
+    mean = average_frames(frames)
+    assert mean.meta == {"lab": "a", "average": {"frames": 2, "align_phase": False}}
+
+
+def test_frames_are_taken_one_at_a_time() -> None:
+    alive: list[weakref.ref[np.ndarray]] = []
+
+    def frames() -> Iterator[Capture]:
+        for i in range(20):
+            # The first is kept, and the one before until this one takes its name.
+            assert sum(ref() is not None for ref in alive) <= 2
+            capture = echo(0.3 + 1e-4 * i)
+            alive.append(weakref.ref(capture.data))
+            yield capture
+
+    average_frames(frames())
+    assert len(alive) == 20
+
+
+def test_a_common_drift_of_the_phase_is_turned_back() -> None:
+    made = recorder(drift_common_phase_rad=0.8, **{**CLEAN, "snr_db": 20})
+    silent = replace(made, snr_db=None).frame(0)
+    n = 12
+    blurred = average_frames(made.frame(i) for i in range(n))
+    aligned = average_frames((made.frame(i) for i in range(n)), align_phase=True)
+    assert kept_db(blurred, silent) < -1
+    # The phase of one frame is known to sqrt(noise / signal / 2 / samples) = 2e-5 rad here, far
+    # below the noise of the mean.
+    noise = power(aligned.data - silent.data.astype(complex))
+    assert noise == pytest.approx(0.01 / n * power(made.scene.data), rel=2 * POWER)
+    assert abs(kept_db(aligned, silent)) < 0.001
+    factors = [np.angle(np.vdot(made.frame(i).data, silent.data)) for i in (0, 5)]
+    turned = np.array(aligned.meta["average"]["turned_rad"])[[0, 5]]
+    # The same phase from single frames, whose noise is that of the frame and of nothing else.
+    np.testing.assert_allclose(turned, factors, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        ([], "at least one"),
+        ([echo(0.3), "b"], "frame 1"),
+        ([echo(0.3), echo(0.3, Waveform.sfcw(72e9, 82e9, 64))], "frame 1.*64 from 72 to 82 GHz"),
+        ([echo(0.3), recorder().scene], "frame 1.*antennas"),
+    ],
+)
+def test_frames_that_do_not_go_together_are_refused(frames: list[Any], message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        average_frames(frames)
+
+
+# The empty room
+
+
+@pytest.mark.parametrize("scaling", ["none", "common", "channel"])
+def test_without_drift_the_object_is_left(scaling: str) -> None:
+    made = recorder(**CLEAN)
+    found = subtract_background(made.frame(), made.empty(), scaling=scaling)
+    assert remainder_db(made.frame(), made.ideal()) > 20
+    # Fitted factors are off by the background's correlation with the object, which the weights
+    # bring down to the order of the rounding: three times as much.
+    assert remainder_db(found, made.ideal()) < ROUNDING_DB + (0 if scaling == "none" else 10)
+
+
+def test_a_common_factor_is_found() -> None:
+    made = recorder(drift_common_phase_rad=0.5, drift_frames=3, **CLEAN)
+    frame, empty, ideal = made.frame(), made.empty(), made.ideal()
+    assert remainder_db(subtract_background(frame, empty), ideal) > 0
+    found = subtract_background(frame, empty, scaling="common")
+    assert remainder_db(found, ideal) < ROUNDING_DB + 10
+    factor = complex(*found.meta["background"]["factor"])
+    drift = made.ideal().data[0, 0, 0] / replace(made, drift_frames=0).ideal().data[0, 0, 0]
+    assert factor == pytest.approx(complex(drift), rel=1e-5)
+
+
+def test_factors_of_the_channels_are_found_under_the_object() -> None:
+    made = recorder(**DRIFT, **CLEAN)
+    frame, empty, ideal = made.frame(), made.empty(), made.ideal()
+    assert remainder_db(subtract_background(frame, empty), ideal) > 0
+    assert remainder_db(subtract_background(frame, empty, scaling="common"), ideal) > 0
+    found = subtract_background(frame, empty, scaling="channel")
+    assert remainder_db(found, ideal) < ROUNDING_DB + 10
+    # Rescaling costs nothing of the object; plain least squares per pair would.
+    assert abs(kept_db(found, ideal)) < 1e-4
+    record = json.loads(json.dumps(found.meta["background"]))
+    tx, rx = (np.array(record[f"{side}_factor"]) @ [1, 1j] for side in ("tx", "rx"))
+    drift = ideal.data[:, :, 0] / replace(made, drift_frames=0).ideal().data[:, :, 0]
+    np.testing.assert_allclose(np.outer(tx, rx), drift, rtol=1e-4)
+
+
+def test_with_noise_only_the_noise_is_left() -> None:
+    made = recorder(**DRIFT, **{**CLEAN, "snr_db": 20})
+    ideal = made.ideal()
+    found = subtract_background(made.frame(), made.empty(), scaling="channel")
+    # Noise of -20 dB of the points in both captures, the points then changed by the channels. 37
+    # factors of 46 208 samples take nothing away that shows.
+    expected = 10 * np.log10(0.02 * power(made.scene.data) / power(ideal.data))
+    assert remainder_db(found, ideal) == pytest.approx(expected, abs=0.15)
+
+
+def test_a_wall_at_the_object_alone_does_not_lead_the_factors_astray() -> None:
+    # No coupling and one wall within the delays of the object: there is no bin without it, and
+    # most bins have noise only. The factors must come from the bins with the wall all the same.
+    made = recorder(
+        **DRIFT,
+        **{**CLEAN, "snr_db": 20},
+        coupling_db=None,
+        walls=(Wall([0, 0, 0.36], [0, 0, 1], 10),),
+    )
+    found = subtract_background(made.frame(), made.empty(), scaling="channel")
+    noise = 10 * np.log10(0.02 * power(made.scene.data) / power(made.ideal().data))
+    assert remainder_db(found, made.ideal()) < noise + 1.0
+
+
+def test_dead_channels_have_no_say() -> None:
+    made = recorder(**DRIFT, **CLEAN)
+    channels = clradar.draw_channels(SPARSE, SWEEP, seed=1, dead_tx=[0, 4], dead_rx=[7])
+    made = replace(made, channels=channels)
+    found = subtract_background(made.frame(), made.empty(), scaling="channel")
+    assert remainder_db(found, made.ideal()) < ROUNDING_DB + 10
+    assert not found.data[4].any()
+
+
+def test_the_image_of_a_target_is_that_without_the_room(device: clradar.Device) -> None:
+    # Everything on: noise, channels, IQ imbalance, coupling, walls, drift, 14 bits, 4 + 4 frames.
+    where = [0.02, -0.01, 0.3]
+    made = Recorder(points_m=[where], waveform=Waveform.sfcw(72e9, 82e9, 64), **DRIFT)
+    frame, empty, truth = (
+        average_frames(one(i) for i in range(4)) for one in (made.frame, made.empty, made.ideal)
+    )
+    found = subtract_background(frame, empty, scaling="channel")
+    grid = VoxelGrid.from_extent((-0.04, 0.04), (-0.05, 0.05), (0.27, 0.33), 2e-3)
+
+    def image(capture: Capture) -> np.ndarray:
+        # The channels' own errors are for the calibration: taken out with the truth.
+        channels = made.response()
+        assert channels is not None
+        f = made.waveform.frequencies_hz
+        both = channels.tx_response(f)[:, None] * channels.rx_response(f)
+        data = (capture.data / both).astype(np.complex64)
+        corrected = Capture(data, capture.array, capture.waveform)
+        return np.abs(backproject(corrected, grid, device=device).data)
+
+    ideal, cleaned, raw = image(truth), image(found), image(frame)
+    peak = ideal.max()
+    at = np.unravel_index(ideal.argmax(), ideal.shape)
+    assert np.allclose([grid.x_m[at[2]], grid.y_m[at[1]], grid.z_m[at[0]]], where, atol=1e-9)
+    # The quadrature's 0.2 dB give the target itself half of it, 0.1 dB.
+    assert 20 * np.log10(cleaned[at] / peak) == pytest.approx(0.1, abs=0.02)
+    # Noise of -20 dB, four frames of it twice: -23 dB per sample, 57.5 dB less in the image of
+    # 94 x 94 x 64 samples, 10.4 dB more at the worst of 65 000 voxels: -70 dB. The channels'
+    # unequal gains and what is left of the mirror images may cost 3 dB more.
+    assert 20 * np.log10(np.abs(cleaned / cleaned[at] - ideal / peak).max()) < -67
+    assert 20 * np.log10(np.abs(raw / raw[at] - ideal / peak).max()) > -40
+
+
+@pytest.mark.parametrize(
+    ("empty", "scaling", "message"),
+    [
+        (echo(0.3), "none", "antennas"),
+        (recorder(waveform=Waveform.sfcw(72e9, 82e9, 32)).scene, "none", "frequencies"),
+        (recorder().scene, "pair", "scaling"),
+        (0.0, "none", "Capture"),
+    ],
+)
+def test_empty_rooms_that_do_not_fit_are_refused(empty: Any, scaling: str, message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        subtract_background(recorder().scene, empty, scaling=scaling)
+
+
+def test_an_empty_capture_of_zeros_cannot_be_scaled() -> None:
+    scene = recorder().scene
+    nothing = replace(scene, data=np.zeros_like(scene.data))
+    assert (subtract_background(scene, nothing).data == scene.data).all()
+    with pytest.raises(ModelError, match="zeros only"):
+        subtract_background(scene, nothing, scaling="common")
+
+
+# Range gates
+
+WINDOW: dict[str, Any] = {"near_m": 0.25, "far_m": 0.42}
+UNEQUAL = Waveform(72e9 + 10e9 * (np.arange(128) + 0.3 * np.sin(np.arange(128))) / 127)
+# The gate's figures are the worst on a grid of an eighth of a resolution cell, where the response
+# cannot change by more than this in between (the response has no structure below a cell).
+PROBED_DB = 0.3
+
+
+@pytest.mark.parametrize("sweep", [SWEEP, UNEQUAL], ids=["equal steps", "unequal steps"])
+@pytest.mark.parametrize("clutter_db", [20.0, 40.0, 60.0])
+def test_a_gate_does_what_its_figures_say(sweep: Waveform, clutter_db: float) -> None:
+    rng = np.random.default_rng(5)
+    found = gate(sweep, **WINDOW, clutter_db=clutter_db)
+    period_m = C / 2 / np.diff(sweep.frequencies_hz).max()
+    target = echoes(rng.uniform(0.25, 0.42, 100), sweep)
+    kept = range_gate(target, **WINDOW, clutter_db=clutter_db).data.astype(complex)
+    amplitude = abs((target.data.conj() * kept).mean(axis=(1, 2)))
+    assert 20 * np.log10(amplitude.min()) > found.passband_db - PROBED_DB
+    outside_m = rng.uniform(0.42 + found.edge_m, 0.25 - found.edge_m + period_m, 300)
+    left = range_gate(echoes(outside_m, sweep), **WINDOW, clutter_db=clutter_db).data
+    rejected = (abs(left.astype(complex)) ** 2).mean(axis=(1, 2))
+    assert 10 * np.log10(rejected.max()) < -found.rejection_db + PROBED_DB
+    # What docs/background.md states for 10 GHz, 170 mm and edges of 60 mm.
+    passband_db, rejection_db = {20.0: (-0.4, 29.0), 40.0: (-0.75, 47.0), 60.0: (-1.2, 65.0)}[
+        clutter_db
+    ]
+    assert found.passband_db > passband_db
+    assert found.rejection_db > rejection_db
+
+
+def test_the_gate_is_the_least_squares_map_of_its_equation() -> None:
+    sweep = Waveform.sfcw(72e9, 82e9, 24)
+    period_m = C / 2 / (10e9 / 23)
+    near, far, edge = 0.1, 0.16, 0.02
+    found = gate(sweep, near_m=near, far_m=far, edge_m=edge, clutter_db=30)
+    # The same by sampling all ranges, weighting and stacking them: min |G A - B|^2 + eps |G|^2.
+    # A Riemann sum is off by half a sample at each of the four jumps: 2.5e-6 times 1000 at most.
+    samples = 200_000
+    r = (np.arange(samples) + 0.5) / samples * period_m
+    inside = (r >= near) & (r < far)
+    outside = (r >= far + edge) | (r < near - edge)
+    p = np.where(inside, 1.0, np.where(outside, 10.0**3, 0.03)) / samples
+    w = np.where(inside, 1.0, np.where(outside, 0.0, 0.5))
+    a = np.exp(-4j * np.pi / C * np.outer(sweep.frequencies_hz - 77e9, r))
+    whole = (a * p) @ a.conj().T + 1e-3 * np.eye(24)
+    wanted = (a * p * w) @ a.conj().T
+    expected = wanted @ np.linalg.inv(whole)
+    np.testing.assert_allclose(found.matrix, expected, atol=1e-3)
+
+
+def test_coupling_walls_and_mirror_images_are_rejected() -> None:
+    channels = clradar.draw_channels(SPARSE, SWEEP, seed=3)
+    made = recorder(channels=channels, **{**CLEAN, "iq_gain_db": 1.0})
+    gated = range_gate(made.frame(), **WINDOW)
+    ideal = range_gate(made.ideal(), **WINDOW)
+    # Before, coupling and walls are 20 dB above the points. The channels' delays move coupling by
+    # 12 mm at most, far from the edge at 190 mm.
+    assert remainder_db(made.frame(), made.ideal()) > 20
+    # The points get half of the quadrature's 1 dB (factor 1.061), their mirror image is outside.
+    turned = replace(gated, data=gated.data / ((1 + 10 ** (1 / 20)) / 2))
+    assert remainder_db(turned, ideal) < -25
+    assert kept_db(ideal, made.ideal()) > -0.75
+
+
+def test_walls_beyond_the_unambiguous_range_fold_back() -> None:
+    # 1.905 m: half of c over the 78.7 MHz between steps. A wall at 0.3 m plus that looks like one
+    # at 0.3 m, and no gate can tell.
+    period_m = C / 2 / (10e9 / 127)
+    far = range_gate(echo(0.3 + period_m), **WINDOW)
+    assert 10 * np.log10(power(far.data)) > -1
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"near_m": 0.4, "far_m": 0.3}, "near_m < far_m"),
+        ({"near_m": -0.1, "far_m": 0.3}, "near_m < far_m"),
+        ({"near_m": 0.3, "far_m": 2.0}, "at most 1.904 m"),
+        ({"near_m": 0.01, "far_m": 1.9}, "nothing is left to reject"),
+        ({"near_m": 0.2, "far_m": 0.4, "edge_m": -0.1}, "edge_m"),
+        ({"near_m": 0.2, "far_m": 0.4, "edge_m": np.inf}, "edge_m"),
+        ({"near_m": 0.2, "far_m": 0.4, "clutter_db": -3}, "clutter_db"),
+        ({"near_m": "a", "far_m": 0.4}, "near_m"),
+    ],
+)
+def test_windows_that_cannot_be_meant_are_refused(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        range_gate(echo(0.3), **settings)
+
+
+def test_one_frequency_has_no_range() -> None:
+    with pytest.raises(ModelError, match="two frequencies"):
+        range_gate(echo(0.3, Waveform(np.array([77e9]))), **WINDOW)
+
+
+# The command
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def call(*arguments: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main(["background", *(str(a) for a in arguments)])
+        captured = capsys.readouterr()
+        return int(ended.value.code or 0), captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    made = Recorder(points_m=POINTS, waveform=Waveform.sfcw(72e9, 82e9, 24), **DRIFT)
+    return made.write(tmp_path_factory.mktemp("recording"), n_frames=3, n_empty=2)
+
+
+def test_the_command_averages_subtracts_and_gates(
+    run: Run, recording: Recording, tmp_path: Path
+) -> None:
+    output = tmp_path / "out.h5"
+    status, out, err = run(recording.folder, "--empty", recording.empty, "-o", output,
+                           "--scaling", "channel", "--average", "--gate-mm", "150:300")  # fmt: skip
+    assert (status, err) == (0, "")
+    assert "mean of 3 frames" in out
+    assert "mean of 2 frames" in out
+    assert "gated to 150 to 300 mm" in out
+    found = open_capture(output)
+    frame = average_frames(recording.frames.values())
+    empty = average_frames(recording.recorder.empty(i) for i in range(2))
+    expected = subtract_background(frame, empty, scaling="channel")
+    expected = range_gate(expected, near_m=0.15, far_m=0.3)
+    np.testing.assert_array_equal(found.data, expected.data)
+    assert found.meta["command"] == "background"
+    assert found.meta["options"]["scaling"] == "channel"
+    assert len({entry["sha256"] for entry in found.meta["inputs"]}) == 5
+    assert "frame" not in found.meta
+
+
+def test_the_command_takes_files_and_single_frames(
+    run: Run, recording: Recording, tmp_path: Path
+) -> None:
+    empty, output = tmp_path / "empty.h5", tmp_path / "out.h5"
+    save_capture(empty, recording.recorder.empty(0))
+    status, _, err = run(recording.folder, "--frame", 1, "--empty", empty, "-o", output)
+    assert (status, err) == (0, "")
+    found = open_capture(output)
+    expected = recording.frames[1].data - recording.recorder.empty(0).data
+    np.testing.assert_allclose(found.data, expected, atol=1e-5 * abs(expected).max())
+    assert [entry["file"] for entry in found.meta["inputs"]] == ["000001.npy", "empty.h5"]
+    # What the recorder's own "emptyfiltered" variant holds.
+    filtered = open_capture(recording.folder, frame=1, variant="emptyfiltered")
+    np.testing.assert_allclose(found.data, filtered.data, atol=1e-5 * abs(expected).max())
+    status, _, err = run(recording.folder, "--variant", "emptyfiltered", "--empty", empty,
+                         "-o", output, "--force")  # fmt: skip
+    assert status == 0
+    assert "subtracted already" in err
+
+
+def test_frames_that_are_missing_or_cut_short(run: Run, tmp_path: Path) -> None:
+    made = Recorder(waveform=Waveform.sfcw(72e9, 82e9, 3), walls=())
+    gap = made.write(tmp_path, n_frames=3, missing=1, emptyfiltered=False)
+    status, out, err = run(gap.folder, "--average", "-o", tmp_path / "gap.h5")
+    assert status == 0
+    assert "mean of 2 frames" in out
+    assert "2 of 3 frames are there" in err
+    cut = made.write(tmp_path, name="cut", n_frames=2, cut_short=1, emptyfiltered=False, n_empty=0)
+    with pytest.raises(MeasurementError):
+        open_capture(cut.folder, frame=1)
+    status, _, err = run(cut.folder, "--average", "-o", tmp_path / "cut.h5")
+    assert status == 1
+    assert "000001.npy" in err
+    assert not (tmp_path / "cut.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "nothing to do"),
+        (("--scaling", "common"), "--empty"),
+        (("--gate-mm", "300"), "NEAR:FAR"),
+        (("--gate-mm", "300:200"), "NEAR:FAR"),
+        (("--gate-mm", "nan:200"), "NEAR:FAR"),
+        (("--edge-mm", "3", "--average"), "--gate-mm"),
+        (("--align-phase", "--gate-mm", "100:200"), "--average"),
+        (("--average", "--frame", "1"), "--frame"),
+    ],
+)
+def test_wrong_usage(
+    run: Run, recording: Recording, tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    status, _, err = run(recording.folder, "-o", tmp_path / "out.h5", *arguments)
+    assert status == 2
+    assert message in " ".join(err.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_nothing_is_overwritten_and_a_file_has_no_frames(
+    run: Run, recording: Recording, tmp_path: Path
+) -> None:
+    there = tmp_path / "there.h5"
+    save_capture(there, recording.frames[0])
+    content = there.read_bytes()
+    status, _, err = run(recording.folder, "--gate-mm", "100:300", "-o", there)
+    assert status == 1
+    assert "--force" in err
+    assert there.read_bytes() == content
+    status, _, err = run(there, "--average", "-o", tmp_path / "out.h5")
+    assert status == 2
+    assert "radar folder" in err

@@ -1,0 +1,302 @@
+"""``clradar convert``: between native captures and recordings, in both directions."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import maroon_files as files
+import maroon_products as made
+import numpy as np
+import pytest
+
+import clradar
+from clradar.cli import main
+from measurement_io import check_file, open_capture, save_capture
+from measurement_io.maroon.products import read_depth_map
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run the command; return exit status, stdout and stderr."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main(["convert", *(str(a) for a in arguments)])
+        captured = capsys.readouterr()
+        return int(ended.value.code or 0), captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """<object>/<distance> with two frames of both variants, products of frame 1, and a mesh."""
+    distance = tmp_path / "hand" / "30"
+    radar = files.write_recording(distance, n_frames=2)
+    made.write_products(radar, 1, made.scene([(0.05, 0.02, 0.3, 500.0)], (9, 7, 3)))
+    (distance / "metadata.json").write_bytes(b'{"distance_meters":  0.3}')
+    (distance / "photogrammetry").mkdir()
+    (distance / "photogrammetry" / "mesh.obj").write_bytes(b"v 1 2 3\n")
+    return distance
+
+
+def native(path: Path, seed: int = 0, n_freq: int = 2, **meta: object) -> Path:
+    data = files.expected_data(files.random_frame(n_freq, seed=seed))
+    waveform = clradar.Waveform.sfcw(72e9, 82e9, n_freq)
+    save_capture(path, clradar.Capture(data, clradar.arrays.qar50(), waveform, meta))
+    return path
+
+
+def same_bits(a: np.ndarray, b: np.ndarray) -> bool:
+    return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
+
+
+def same_capture(a: clradar.Capture, b: clradar.Capture) -> bool:
+    return same_bits(a.data, b.data) and same_bits(
+        a.waveform.frequencies_hz, b.waveform.frequencies_hz
+    )
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def one_error_line(outcome: tuple[int, str, str], *parts: str) -> None:
+    status, _, err = outcome
+    assert status == 1, err
+    assert len(err.splitlines()) == 1, err
+    for part in parts:
+        assert part in err
+
+
+# ---- every frame to a file of its own
+
+
+def test_all_frames(run, recording, tmp_path):
+    before = tree(recording)
+    status, out, err = run(recording, "-o", tmp_path / "a" / "b", "--all-frames")
+    assert (status, err) == (0, "")
+    assert "2 raw, 2 emptyfiltered frames" in out
+    names = sorted(p.name for p in (tmp_path / "a" / "b").iterdir())
+    assert names == [
+        "000000.h5",
+        "000000_emptyfiltered.h5",
+        "000001.h5",
+        "000001_emptyfiltered.h5",
+    ]
+    for name in names:
+        recorded = open_capture(
+            recording / "radar_72.0_82.0_2/calibrated_data" / (name[:-3] + ".npy")
+        )
+        capture = open_capture(tmp_path / "a" / "b" / name)
+        assert same_capture(capture, recorded)
+        assert capture.meta["timestamp_us"] == recorded.meta["timestamp_us"]
+        assert capture.meta["variant"] == recorded.meta["variant"]
+        assert [i["file"] for i in capture.meta["inputs"]] == [name[:-3] + ".npy"]
+    assert tree(recording) == before
+
+
+def test_all_frames_of_one_variant(run, recording, tmp_path):
+    status, _, _ = run(
+        recording, "-o", tmp_path / "a", "--all-frames", "--variant", "emptyfiltered"
+    )
+    assert status == 0
+    assert [p.name[6:] for p in sorted((tmp_path / "a").iterdir())] == ["_emptyfiltered.h5"] * 2
+    for path in (recording / "radar_72.0_82.0_2" / "calibrated_data").glob("*_emptyfiltered*"):
+        path.unlink()
+    one_error_line(
+        run(recording, "-o", tmp_path / "b", "--all-frames", "--variant", "emptyfiltered"),
+        "emptyfiltered",
+    )
+
+
+def test_all_frames_keeps_what_is_there(run, recording, tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "000001.h5").write_bytes(b"precious")
+    one_error_line(run(recording, "-o", tmp_path / "a", "--all-frames"), "000001.h5", "--force")
+    assert tree(tmp_path / "a") == {"000001.h5": b"precious"}
+    assert run(recording, "-o", tmp_path / "a", "--all-frames", "--force")[0] == 0
+    assert len(tree(tmp_path / "a")) == 4
+
+
+def test_a_damaged_frame_ends_all_frames_and_leaves_whole_files(run, recording, tmp_path):
+    bad = recording / "radar_72.0_82.0_2" / "calibrated_data" / "000001.npy"
+    bad.write_bytes(bad.read_bytes()[:-1000])
+    one_error_line(run(recording, "-o", tmp_path / "a", "--all-frames"), "000001.npy")
+    assert [p.name for p in (tmp_path / "a").iterdir()] == ["000000.h5"]
+    assert check_file(tmp_path / "a" / "000000.h5").ok
+
+
+# ---- to a recording
+
+
+def test_one_capture_to_a_recording_and_back(run, tmp_path):
+    meta = {"note": "a hand", "rays": {"paths": 3}, "gain": 7}
+    native(tmp_path / "sim.h5", **meta)
+    status, out, _ = run(tmp_path / "sim.h5", "-o", tmp_path / "new" / "30", "--to", "maroon")
+    assert status == 0
+    assert "1 raw frame" in out
+    assert run(tmp_path / "new" / "30", "-o", tmp_path / "back.h5")[0] == 0
+    back, capture = open_capture(tmp_path / "back.h5"), open_capture(tmp_path / "sim.h5")
+    assert same_capture(back, capture)
+    assert (back.meta["note"], back.meta["gain"]) == ("a hand", 7)
+    record = json.loads(open_capture(tmp_path / "new" / "30").meta["provenance"])
+    assert record["rays"] == {"paths": 3}
+    assert record["command"] == "convert"
+    assert [i["file"] for i in record["inputs"]] == ["sim.h5"]
+
+
+def test_several_captures_to_a_recording(run, tmp_path):
+    stamps = [1_700_000_000_000_123 - 1000 * (2 - i) for i in range(3)]
+    sources = [native(tmp_path / f"{i}.h5", seed=i, timestamp_us=stamps[i]) for i in range(2)]
+    sources.append(files.write_frame(tmp_path / "000009.npy", files.random_frame(seed=2)))
+    status, out, err = run(*sources, "-o", tmp_path / "30", "--to", "maroon")
+    assert status == 0, err
+    assert "3 raw frames" in out
+    for i, source in enumerate(sources):
+        read = open_capture(tmp_path / "30", frame=i)
+        assert same_capture(read, open_capture(source))
+        assert read.meta["number_of_measurements"] == 3
+        assert read.meta["timestamp_us"] == stamps[i]
+    assert check_file(tmp_path / "30").ok, check_file(tmp_path / "30")
+
+
+def test_time_stamps_and_variant_of_captures(run, tmp_path):
+    sources = [native(tmp_path / f"{i}.h5", seed=i) for i in range(2)]
+    command = [*sources, "-o", tmp_path / "30", "--to", "maroon", "--variant", "emptyfiltered"]
+    one_error_line(run(*command, "--timestamp-us", 5), "time stamps")
+    assert not (tmp_path / "30").exists()
+    assert run(*command, "--timestamp-us", 5, "--timestamp-us", 7)[0] == 0
+    read = open_capture(tmp_path / "30", frame=1, variant="emptyfiltered")
+    assert read.meta["timestamp_us"] == 7
+
+
+def test_a_recording_to_a_recording(run, recording, tmp_path):
+    before = tree(recording)
+    status, out, err = run(recording, "-o", tmp_path / "copy", "--to", "maroon")
+    assert status == 0, err
+    assert "2 raw, 2 emptyfiltered frames" in out
+    after = tree(tmp_path / "copy")
+    for name, content in before.items():
+        if name.endswith((".ply", ".png", ".obj", "metadata.json")):
+            assert after[name] == content
+    for frame in range(2):
+        for variant in ("raw", "emptyfiltered"):
+            assert same_capture(
+                open_capture(tmp_path / "copy", frame=frame, variant=variant),
+                open_capture(recording, frame=frame, variant=variant),
+            )
+    assert tree(recording) == before
+
+
+@pytest.mark.parametrize("variant", ["raw", "emptyfiltered", None])
+def test_one_frame_of_a_recording_to_a_recording(run, recording, tmp_path, variant):
+    chosen = [] if variant is None else ["--variant", variant]
+    command = [recording, "-o", tmp_path / "one", "--to", "maroon", "--frame", 1, *chosen]
+    assert run(*command)[0] == 0
+    there = sorted(p.name for p in tmp_path.glob("one/radar*/calibrated_data/*"))
+    expected = {"raw": ["000000.npy"], "emptyfiltered": ["000000_emptyfiltered.npy"]}
+    assert there == expected.get(variant, ["000000.npy", "000000_emptyfiltered.npy"])
+    for name in [variant] if variant else ["raw", "emptyfiltered"]:
+        read = open_capture(tmp_path / "one", variant=name)
+        assert same_capture(read, open_capture(recording, frame=1, variant=name))
+        assert read.meta["number_of_measurements"] == 1
+    (radar,) = (tmp_path / "one").glob("radar*")
+    theirs = read_depth_map(recording / radar.name, 1)
+    assert np.array_equal(read_depth_map(radar, 0).depth_m, theirs.depth_m, equal_nan=True)
+    one_error_line(
+        run(recording, "-o", tmp_path / "two", "--to", "maroon", "--frame", 5, *chosen), "frame 5"
+    )
+
+
+# ---- what is refused
+
+
+def test_captures_that_do_not_belong_together(run, tmp_path):
+    a = native(tmp_path / "a.h5")
+    b = native(tmp_path / "b.h5", n_freq=3)
+    array = clradar.AntennaArray(np.eye(3), np.eye(3), "three")
+    other = clradar.Capture(
+        np.ones((3, 3, 2), np.complex64), array, clradar.Waveform.sfcw(72e9, 82e9, 2)
+    )
+    save_capture(tmp_path / "c.h5", other)
+    frame = files.write_frame(tmp_path / "000000_emptyfiltered.npy", files.random_frame())
+    target = ["-o", tmp_path / "30", "--to", "maroon"]
+    one_error_line(run(a, b, *target), "b.h5", "2 from 72 to 82 GHz", "3 from 72 to 82 GHz")
+    one_error_line(run(tmp_path / "c.h5", *target), "c.h5", "qar50", "three")
+    one_error_line(run(a, tmp_path / "c.h5", *target), "c.h5", "qar50", "three")
+    one_error_line(run(a, frame, *target), "000000_emptyfiltered.npy", "--variant")
+    one_error_line(run(a, tmp_path / "none.h5", *target), "none.h5")
+    assert not list(tmp_path.glob("**/30*"))
+    assert run(a, frame, *target, "--variant", "raw")[0] == 0
+
+
+def test_a_recording_of_unequal_variants(run, recording, tmp_path):
+    (recording / "radar_72.0_82.0_2/calibrated_data/000000_emptyfiltered.npy").unlink()
+    target = ["-o", tmp_path / "copy", "--to", "maroon"]
+    one_error_line(run(recording, *target), "2 raw and 1 emptyfiltered", "--variant")
+    assert run(recording, *target, "--variant", "raw")[0] == 0
+
+
+@pytest.mark.parametrize("force", [[], ["--force"]])
+def test_a_recording_is_never_written_into_itself(run, recording, tmp_path, force):
+    before = tree(recording)
+    radar = recording / "radar_72.0_82.0_2"
+    frame = radar / "calibrated_data" / "000000.npy"
+    for source in (recording, radar, frame):
+        for target in (recording, radar / "calibrated_data", radar / "new"):
+            one_error_line(run(source, "-o", target, "--to", "maroon", *force), "30")
+    for target in (radar, radar / "calibrated_data"):
+        one_error_line(run(recording, "-o", target, "--all-frames", *force), "radar_72.0_82.0_2")
+    link = tmp_path / "link"
+    os.symlink(recording, link)
+    one_error_line(run(recording, "-o", link, "--to", "maroon", *force), "link")
+    assert tree(recording) == before
+
+
+def test_a_recording_that_exists_is_kept(run, recording, tmp_path):
+    source = native(tmp_path / "a.h5", seed=9)
+    before = tree(recording)
+    one_error_line(run(source, "-o", recording, "--to", "maroon"), "--force")
+    (tmp_path / "file").write_bytes(b"")
+    one_error_line(run(source, "-o", tmp_path / "file", "--to", "maroon"), "file")
+    one_error_line(run(source, "-o", tmp_path / "file" / "30", "--to", "maroon"), "file")
+    assert tree(recording) == before
+    assert run(source, "-o", recording, "--to", "maroon", "--force")[0] == 0
+    assert same_capture(open_capture(recording), open_capture(source))
+    assert (recording / "metadata.json").read_bytes() == before["metadata.json"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (["hand/30", "a.h5", "-o", "x", "--to", "maroon"], "one folder"),
+        (["a.h5", "a.h5", "-o", "x.h5"], "SOURCE"),
+        (["a.h5", "a.h5", "-o", "x", "--all-frames"], "SOURCE"),
+        (["a.h5", "-o", "x", "--to", "maroon", "--frame", "0"], "--frame"),
+        (["a.h5", "-o", "x.h5", "--timestamp-us", "0"], "--timestamp-us"),
+        (["hand/30", "-o", "x", "--all-frames", "--to", "maroon"], "--all-frames"),
+        (["hand/30", "-o", "x", "--all-frames", "--frame", "0"], "--all-frames"),
+        (["hand/30", "-o", "x", "--to", "zarr"], "zarr"),
+    ],
+)
+def test_wrong_usage(run, recording, tmp_path, monkeypatch, arguments, part):
+    native(tmp_path / "a.h5")
+    monkeypatch.chdir(tmp_path)
+    status, _, err = run(*arguments)
+    assert status == 2
+    assert part in err
+    assert not list(tmp_path.glob("x*"))
+
+
+def test_all_frames_of_what_is_no_folder(run, tmp_path):
+    native(tmp_path / "a.h5")
+    for source in ("a.h5", "none"):
+        one_error_line(run(tmp_path / source, "-o", tmp_path / "x", "--all-frames"), source)
+    assert not (tmp_path / "x").exists()

@@ -1,0 +1,220 @@
+"""The image over a tree of blocks: what stands for what, and the error that was asked for."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import clradar
+from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, reference
+from clradar.block_tree import block_sizes, leaf_voxels, levels
+from clradar.errors import ModelError
+from clradar.formers import tree
+from clradar.skeleton import SLACK, decompose, skeleton
+
+QAR50 = clradar.arrays.qar50()
+SWEEP = Waveform.sfcw(72e9, 82e9, 128)
+# Float32 sums of 10^6 terms of random phase in blocks of a hundred, and phases of 1e-6 turns.
+FLOAT32_DB = -95.0
+
+
+def extent(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], step: float):
+    return VoxelGrid.from_extent(x, y, z, step)
+
+
+PAPER_COARSE = extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 4e-3)
+
+
+def flat(n: int) -> np.ndarray:
+    x, y = np.meshgrid(np.linspace(-0.05, 0.05, n), np.linspace(-0.05, 0.05, n))
+    return np.stack([x.ravel(), y.ravel(), np.zeros(n * n)], axis=1)
+
+
+def scatterers(array: AntennaArray, waveform: Waveform, grid: VoxelGrid) -> Capture:
+    rng = np.random.default_rng(2)
+    last = grid.origin_m + grid.spacing_m * (np.array(grid.counts) - 1)
+    points = rng.uniform(grid.origin_m, last, (60, 3))
+    return reference.point_targets(array, waveform, points, rng.normal(size=60))
+
+
+def noise(array: AntennaArray, waveform: Waveform) -> Capture:
+    re, im = np.random.default_rng(1).normal(size=(2, array.n_tx, array.n_rx, waveform.n_freq))
+    return Capture(re + 1j * im, array, waveform)
+
+
+def error_db(capture: Capture, grid: VoxelGrid, device: clradar.Device, **options: float) -> float:
+    """RMS error at random voxels and all corners, relative to the RMS of the whole image."""
+    volume = backproject(capture, grid, method="fast", device=device, **options)
+    last = np.array(grid.counts) - 1
+    corners = np.array(np.meshgrid(*zip((0, 0, 0), last, strict=True))).reshape(3, -1).T
+    inside = np.random.default_rng(9).integers(0, last + 1, (150, 3))
+    at = np.concatenate([corners, inside])
+    want = reference.backproject(capture, grid.origin_m + grid.spacing_m * at)
+    error = volume.data[at[:, 2], at[:, 1], at[:, 0]] - want
+    rms = np.sqrt(np.mean(np.abs(volume.data.astype(complex)) ** 2))
+    return float(20 * np.log10(np.sqrt(np.mean(np.abs(error) ** 2)) / rms))
+
+
+# Skeletons ----------------------------------------------------------------------------------------
+
+
+def test_a_skeleton_gives_back_functions_of_its_kind() -> None:
+    rng = np.random.default_rng(0)
+    at = np.sort(rng.uniform(-1, 1, 50))
+
+    def draw() -> np.ndarray:
+        return np.exp(2j * np.pi * rng.uniform(-1, 1, (300, 1)) * at)
+
+    found = skeleton(draw, 1e-3)
+    fresh = draw()
+    error = fresh - fresh[:, found.index] @ found.weights.T
+    assert np.sqrt(np.mean(np.abs(error) ** 2)) <= 1.5 * SLACK * 1e-3
+    # Four turns at most over the interval: 2 per turn is the least, and a few for the ends.
+    assert 4 <= len(found.index) <= 10
+    np.testing.assert_array_equal(found.weights[found.index], np.eye(len(found.index)))
+    assert (np.diff(found.index) > 0).all()
+
+
+def test_points_that_coincide_need_one_of_them() -> None:
+    samples = np.exp(2j * np.pi * np.random.default_rng(0).uniform(size=(40, 2)))[:, [0, 1, 0, 0]]
+    found = decompose(samples, 1e-6)
+    assert len(found.index) == 2
+    np.testing.assert_allclose(samples[:, found.index] @ found.weights.T, samples, atol=1e-12)
+
+
+def test_functions_without_anything_in_common_keep_all_points() -> None:
+    rng = np.random.default_rng(0)
+
+    def draw() -> np.ndarray:
+        return np.exp(2j * np.pi * rng.uniform(size=(12, 9)))
+
+    found = skeleton(draw, 1e-6)
+    np.testing.assert_array_equal(found.index, np.arange(9))
+    np.testing.assert_allclose(found.weights, np.eye(9), atol=1e-12)
+
+
+# The tree -----------------------------------------------------------------------------------------
+
+
+def test_blocks_halve_down_to_about_a_wavelength() -> None:
+    grid = extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
+    leaf = leaf_voxels(grid, 3.9e-3)
+    assert leaf == (4, 4, 8)
+    sizes = block_sizes(grid, leaf)
+    assert sizes[0] == (256, 256, 128)
+    assert sizes[-1] == leaf
+    for larger, smaller in pairwise(sizes):
+        assert all(a in (b, 2 * b) for a, b in zip(larger, smaller, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("counts", "step", "leaf"),
+    [
+        ((1, 1, 1), 1e-3, (1, 1, 1)),
+        ((50, 1, 1), 1e-3, (8, 1, 1)),
+        ((3, 2, 1), 1e-3, (4, 2, 1)),
+        ((40, 40, 40), 2e-2, (2, 2, 2)),
+        ((400, 400, 400), 0.25e-3, (16, 16, 32)),
+    ],
+)
+def test_the_smallest_blocks_have_eight_voxels_where_the_grid_has(
+    counts: tuple[int, int, int], step: float, leaf: tuple[int, int, int]
+) -> None:
+    assert leaf_voxels(VoxelGrid(np.zeros(3), np.full(3, step), counts), 3.9e-3) == leaf
+
+
+def test_fewer_and_fewer_stand_for_all() -> None:
+    found = levels(QAR50, SWEEP, PAPER_COARSE, 3e-3)
+    for above, below in pairwise(found):
+        for name in ("tx", "rx", "frequency"):
+            assert set(getattr(below, name)) <= set(getattr(above, name))
+            weights = getattr(below, f"{name}_weights")
+            assert weights.shape == (len(getattr(above, name)), len(getattr(below, name)))
+    assert len(found[-1].tx) < 24
+    assert len(found[-1].rx) < 24
+    assert len(found[-1].frequency) < 10
+
+
+# The error ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tolerance_db", [-30.0, -40.0, -50.0, -60.0, -70.0, -80.0])
+@pytest.mark.parametrize("make", [scatterers, noise])
+def test_the_error_is_what_was_asked_for(
+    device: clradar.Device, make: object, tolerance_db: float
+) -> None:
+    capture = noise(QAR50, SWEEP) if make is noise else scatterers(QAR50, SWEEP, PAPER_COARSE)
+    error = error_db(capture, PAPER_COARSE, device, tolerance_db=tolerance_db)
+    assert FLOAT32_DB <= error <= tolerance_db
+
+
+GRIDS = {
+    "off axis": extent((0.3, 0.34), (-0.2, -0.16), (0.2, 0.24), 2e-3),
+    "to the aperture's edges and near": extent((-0.072, 0.072), (-0.072, 0.072), (0.08, 0.1), 4e-3),
+    "far away": extent((-0.3, 0.3), (-0.3, 0.3), (1.9, 2.1), 2e-2),
+    "fine": extent((0.01, 0.02), (0.0, 0.01), (0.295, 0.305), 0.25e-3),
+    "a slice": extent((-0.1, 0.1), (-0.1, 0.1), (0.3, 0.3), 2e-3),
+    "a line": extent((-0.1, 0.1), (0.02, 0.02), (0.3, 0.3), 1e-3),
+    "a voxel": extent((0.01, 0.01), (0.02, 0.02), (0.3, 0.3), 1e-3),
+}
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_any_grid(device: clradar.Device, name: str) -> None:
+    capture = noise(QAR50, Waveform.sfcw(72e9, 82e9, 17))
+    assert error_db(capture, GRIDS[name], device) <= -50.0
+
+
+RNG = np.random.default_rng(5)
+ARRAYS = {
+    "in space": AntennaArray(RNG.uniform(-0.07, 0.07, (30, 3)), RNG.uniform(-0.07, 0.07, (20, 3))),
+    "a plane": AntennaArray(flat(14), flat(5)),
+    "one pair": AntennaArray([[0, 0, 0]], [[0.01, 0, 0]]),
+    "one Tx": AntennaArray([[0.02, 0.03, 0]], QAR50.rx_m),
+    "the same antennas twice": AntennaArray(np.tile(QAR50.tx_m[:20], (2, 1)), QAR50.rx_m[:9]),
+}
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_any_array(device: clradar.Device, name: str) -> None:
+    waveform = Waveform(np.sort(np.random.default_rng(3).uniform(70e9, 84e9, 21)))
+    assert error_db(noise(ARRAYS[name], waveform), PAPER_COARSE, device) <= -50.0
+
+
+def test_pieces_of_a_large_grid_fit_together(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = scatterers(QAR50, Waveform.sfcw(72e9, 82e9, 17), PAPER_COARSE)
+    thin = extent((-0.1, 0.1), (-0.1, 0.1), (0.3, 0.304), 4e-3)
+    for grid, voxels, pieces in ((PAPER_COARSE, 51 * 51 * 11, 2), (thin, 51 * 40, 4)):
+        monkeypatch.setattr(tree, "TILE_VOXELS", voxels)
+        assert len(list(tree._tiles(grid))) == pieces
+        assert error_db(capture, grid, device) <= -50.0
+
+
+# Wrong arguments ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tolerance_db": -20}, "tolerance_db: expected -80 to -30 dB, got -20"),
+        ({"tolerance_db": -90}, "tolerance_db: expected -80 to -30 dB, got -90"),
+        ({"tolerance_db": "-50"}, "tolerance_db: expected a number"),
+        ({"tolerance_db": -50, "method": "exact"}, "tolerance_db: expected none for a method"),
+    ],
+)
+def test_wrong_tolerances_are_refused(
+    device: clradar.Device, options: dict[str, object], message: str
+) -> None:
+    capture = noise(QAR50, Waveform.sfcw(72e9, 82e9, 2))
+    with pytest.raises(ModelError, match=message):
+        backproject(capture, GRIDS["a voxel"], device=device, **options)  # type: ignore[arg-type]
+
+
+def test_too_many_antennas_are_refused(device: clradar.Device) -> None:
+    array = AntennaArray(flat(33), [[0.0, 0.0, 0.0]])
+    with pytest.raises(ModelError, match="'range' or 'exact' for more than 1024"):
+        backproject(noise(array, Waveform([77e9])), GRIDS["a voxel"], method="fast", device=device)

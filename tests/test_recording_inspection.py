@@ -1,0 +1,249 @@
+"""What `describe` and `check_file` say of a recording: what is there, missing, contradictory."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import maroon_files as files
+import maroon_products as products
+import numpy as np
+import pytest
+
+from measurement_io import check_file, describe
+
+PHOTO = files.rigid((4, 172, 20), (0.01, 0.0, 0.3))
+KINECT = files.rigid((0, 5, 0), (0.1, 0.0, 0.0)) @ np.diag([1e-3, 1e-3, 1e-3, 1.0])
+BOX = {"xmin": -0.06, "xmax": 0.08, "ymin": -0.07, "ymax": 0.07, "zmin": 0.25, "zmax": 0.35}
+PLATE = (
+    np.array([[-0.03, -0.02, 0.0], [0.03, -0.02, 0.0], [0.03, 0.02, 0.0], [-0.03, 0.02, 0.0]]),
+    np.array([[0, 1, 2], [0, 2, 3]]),
+)
+MESHES = ("mesh", "mesh_masked", "mesh_masked_smoothed", "mesh_smoothed", "mesh_synthetic")
+
+
+def whole_recording(distance: Path, n_frames: int = 3) -> Path:
+    """Write a recording in which everything is there and agrees; return its radar folder."""
+    radar = files.write_recording(distance, n_frames)
+    for i in range(n_frames):
+        products.write_products(radar, i, products.scene([(0.02, 0.0, 0.3, 1000.0)], (7, 6, 5)))
+    files.write_json(
+        distance / "metadata.json",
+        {"distance_meters": 0.3, "labels": ["plate"], "mask_bb": BOX, "empty_measurement": "e"},
+    )
+    files.write_alignment(distance, {"photogrammetry2radar": PHOTO, "kinect2radar": KINECT})
+    for name in MESHES:
+        files.write_mesh(distance, name, *PLATE)
+    return radar
+
+
+def test_a_whole_recording(tmp_path):
+    radar = whole_recording(tmp_path / "plate" / "30")
+    description = describe(radar.parent)
+    assert description.problems == ()
+    assert description.missing == ()
+    values = json.loads(json.dumps(description.to_dict(), allow_nan=False))["facts"]
+    assert values["raw_frames"] == {"count": 3, "numbers": [0, 1, 2]}
+    assert values["emptyfiltered_frames"]["count"] == 3
+    for name in ("depth", "maxproj", "volume", "xyz"):
+        assert values[f"cached_{name}"]["numbers"] == [0, 1, 2]
+    assert values["calibration.json"] == {
+        "low_ghz": 72.0,
+        "high_ghz": 82.0,
+        "points": 2,
+        "frames": [0, 1, 2],
+    }
+    assert values["metadata.json"]["distance_meters"] == 0.3
+    assert values["metadata.json"]["mask_bb"]["x_min_m"] == -0.06
+    assert values["metadata.json"]["mask_bb_antenna"]["x_max_m"] == 0.06
+    transforms = values["alignment.json"]["transforms"]
+    assert transforms["photogrammetry2radar"]["rigid"] is True
+    assert np.array_equal(transforms["photogrammetry2radar"]["matrix"], PHOTO)
+    np.testing.assert_allclose(transforms["kinect2radar"]["stretches"], 1e-3, rtol=1e-12)
+    assert sorted(values["meshes"]) == list(MESHES)
+    in_antenna = (PLATE[0] @ PHOTO[:3, :3].T + PHOTO[:3, 3]) * (-1, 1, 1)
+    mesh = values["meshes"]["mesh"]
+    assert (mesh["faces"], mesh["share_in_mask_bb"]) == (2, 1.0)
+    # Nine decimals in the file.
+    np.testing.assert_allclose(mesh["low_m"], in_antenna.min(axis=0), atol=2e-9)
+    np.testing.assert_allclose(mesh["high_m"], in_antenna.max(axis=0), atol=2e-9)
+    assert values["frequencies"] == {"count": 2, "low_hz": 72e9, "high_hz": 82e9}
+    assert values["provenance"]["number_of_measurements"] == 3
+    text = str(description)
+    assert "kinect2radar: scale 0.001" in text
+    assert "100.0% of its vertices in mask_bb" in text
+
+    report = check_file(radar.parent)
+    assert report.ok, report.problems
+    assert "time stamps of raw frames ascend, 125 ms apart" in str(report)
+    assert "3 of 3 cached volume read" in str(report)
+
+
+def test_a_bare_recording_says_what_is_missing(tmp_path):
+    radar = files.write_recording(tmp_path / "30", n_frames=2)
+    (radar / "calibrated_data" / "000001_emptyfiltered.npy").unlink()
+    (radar / "calibrated_data" / "mean.npy").write_bytes(b"")
+    description = describe(radar)
+    assert description.problems == ()
+    missing = "; ".join(description.missing)
+    for part in (
+        *("emptyfiltered of the frames 1", "depth", "maxproj", "volume", "xyz"),
+        *("metadata.json", "alignment.json", "photogrammetry/*.obj"),
+    ):
+        assert part in missing
+    assert "missing: metadata.json" in str(description)
+    assert description.words["metadata.json"] == "none"
+    assert description.values["metadata.json"] is None
+    assert description.values["arrays_that_are_no_frames"] == ["mean.npy"]
+    assert check_file(radar).ok
+
+
+def edit(path: Path, **changes: object) -> None:
+    files.write_json(path, json.loads(path.read_text()) | changes)
+
+
+def move_mesh(distance: Path, x_m: float = 0.0, z_m: float = 0.0) -> None:
+    moved = files.rigid((0, 0, 0), (x_m, 0.0, z_m)) @ PHOTO
+    files.write_alignment(distance, {"photogrammetry2radar": moved, "kinect2radar": KINECT})
+
+
+CONTRADICTIONS = {
+    "gap": (
+        lambda radar: (radar / "calibrated_data" / "000001.npy").unlink(),
+        ["without a gap: 0, 2", "emptyfiltered frames without a raw one: 1", "has 3 frames, 2"],
+    ),
+    "no frames": (
+        lambda radar: [p.unlink() for p in (radar / "calibrated_data").iterdir()],
+        ["no frame in calibrated_data"],
+    ),
+    "distance": (
+        lambda radar: edit(radar.parent / "metadata.json", distance_meters=0.5),
+        ["metadata.json says a distance of 0.5 m, the folder's name 30 cm", "0.5 m"],
+    ),
+    "metadata": (
+        lambda radar: edit(radar.parent / "metadata.json", mask_bb=3),
+        ["metadata.json: expected 'mask_bb'"],
+    ),
+    "alignment": (
+        lambda radar: edit(radar.parent / "alignment.json", kinect2radar=[[1]]),
+        ["alignment.json: expected 'kinect2radar'"],
+    ),
+    "ways": (
+        lambda radar: edit(
+            radar.parent / "alignment.json",
+            radar2kinect=(files.rigid((0, 0, 0), (0.0, 4.0, 0.0)) @ np.linalg.inv(KINECT)).tolist(),
+        ),
+        ["kinect2radar and radar2kinect differ, by up to 4 mm"],
+    ),
+    "distorted": (
+        lambda radar: edit(
+            radar.parent / "alignment.json", kinect2radar=np.diag([1, 1, 2, 1.0]).tolist()
+        ),
+        ["kinect2radar distorts: it stretches by 2, 1, 1"],
+    ),
+    "behind": (
+        lambda radar: move_mesh(radar.parent, z_m=-0.6),
+        ["mesh.obj is placed behind the radar", "metadata.json says 0.3 m", "0.0% of its vertices"],
+    ),
+    "far": (
+        lambda radar: move_mesh(radar.parent, z_m=0.1),
+        ["mesh_masked.obj is placed at z", "metadata.json says 0.3 m"],
+    ),
+    "beside the box": (
+        lambda radar: move_mesh(radar.parent, x_m=0.2),
+        ["mesh_smoothed.obj: 0.0% of its vertices are in the mask_bb"],
+    ),
+    "mesh": (
+        lambda radar: (radar.parent / "photogrammetry" / "mesh.obj").write_text("v 0 0 x\n"),
+        ["mesh.obj: expected a mesh"],
+    ),
+    "no placement": (
+        lambda radar: files.write_alignment(radar.parent, {"kinect2radar": KINECT}),
+        ["expected a way from 'photogrammetry' to 'radar'"],
+    ),
+    "calibration": (
+        lambda radar: edit(radar / "calibration.json", frequency_points=128),
+        ["calibration.json says 72.0 to 82.0 GHz in 128 points"],
+    ),
+    "entries": (
+        lambda radar: edit(radar / "calibration.json", **{"000007": {}}),
+        ["calibration.json names frames that are not there: 7"],
+    ),
+    "products": (
+        lambda radar: (radar / "depth" / "000002.png").rename(radar / "depth" / "000009.png"),
+        [
+            "depth of frames that are not there: 9",
+            "calibration.json does not say its pixels for depth of the frames 9",
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CONTRADICTIONS)
+def test_contradictions(tmp_path, name):
+    radar = whole_recording(tmp_path / "30")
+    change, parts = CONTRADICTIONS[name]
+    change(radar)
+    description = describe(radar.parent)
+    for part in parts:
+        assert any(part in problem for problem in description.problems), description.problems
+    assert "\n" not in "".join(description.problems)
+    json.dumps(description.to_dict(), allow_nan=False)
+    report = check_file(radar.parent)
+    for part in parts:
+        assert any(part in problem for problem in report.problems), report.problems
+
+
+def restamp(radar: Path, number: int, stamp: int | None, variant: str = "") -> None:
+    frame = files.random_frame(seed=number) | {"number_of_measurements": 6, "timestamp_us": [stamp]}
+    if stamp is None:
+        del frame["timestamp_us"]
+    files.write_frame(radar / "calibrated_data" / f"{number:06d}{variant}.npy", frame)
+
+
+FIRST, STEP = 1_700_000_000_000_123, files.FRAME_INTERVAL_US
+
+
+@pytest.mark.parametrize(
+    ("number", "stamp", "found"),
+    [
+        (3, FIRST + 2 * STEP, "raw frames with the time stamp of the frame before: 3"),
+        (3, FIRST, "before that of the frame before: 3"),
+        (5, FIRST + 6 * STEP, "come late, up to 250 ms after the frame before where 125 ms"),
+        (3, None, "1 of 6 raw frames have no time stamp"),
+        (3, FIRST + 3 * STEP + 1, "another time stamp than the raw one: 3"),
+    ],
+)
+def test_time_stamps(tmp_path, number, stamp, found):
+    radar = files.write_recording(tmp_path / "30", n_frames=6)
+    assert check_file(radar).ok
+    restamp(radar, number, stamp)
+    assert describe(radar).problems == ()  # which does not read them
+    assert any(found in problem for problem in check_file(radar).problems)
+
+
+def test_no_stamp_at_all_and_zeros_are_no_problem(tmp_path):
+    for value in (None, 0):
+        radar = files.write_recording(tmp_path / str(value), n_frames=6)
+        for number in range(6):
+            for variant in ("", "_emptyfiltered"):
+                restamp(radar, number, value, variant)
+        assert check_file(radar).ok
+
+
+def test_every_product_is_read(tmp_path):
+    radar = whole_recording(tmp_path / "30")
+    path = radar / "xyz" / "000001.ply"
+    path.write_bytes(path.read_bytes()[:-5])
+    assert describe(radar).problems == ()
+    report = check_file(radar)
+    assert len(report.problems) == 1
+    assert "000001.ply" in report.problems[0]
+    assert "2 of 3 cached xyz read" in report.checked
+
+
+def test_numbers_that_are_not_finite_are_strict_json(tmp_path):
+    radar = files.write_recording(tmp_path / "30")
+    files.write_json(radar.parent / "metadata.json", {"note": [float("nan"), {"a": 1e400}]})
+    text = json.dumps(describe(radar).to_dict(), allow_nan=False)
+    assert '"note": ["nan", {"a": "inf"}]' in text
