@@ -17,7 +17,7 @@ from fuzz.worker import Progress, shared_progress
 
 _POLL_S = 0.1
 _START_LIMIT_S = 120.0
-"""For a worker to import what it needs and to read the seeds."""
+"""For a worker to import what it needs and to read the seeds, or to make an input."""
 
 _MOST_FAULTS = 20
 """A run ends after so many: they have one cause, mostly."""

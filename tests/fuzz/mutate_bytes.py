@@ -14,7 +14,7 @@ INTERESTING = tuple(
 )
 """Where sizes, counts and offsets go wrong: the ends of the integer types, and just beside."""
 
-MAX_GROWTH = 2**20
+MAX_GROWTH = 2**16
 """No input gets longer than its seed by more than this: what is tried is damage, not size."""
 
 

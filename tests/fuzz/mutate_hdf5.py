@@ -9,6 +9,7 @@ from __future__ import annotations
 import random
 import re
 import struct
+from itertools import islice
 
 from fuzz.mutate_bytes import INTERESTING
 
@@ -17,6 +18,7 @@ _SIGNATURES = (
     b"FSSE", b"BTHD", b"BTIN", b"BTLF", b"FAHD", b"FADB", b"EAHD", b"EAIB", b"EASB", b"EADB",
     b"SMTB", b"SMLI", b"MDCI",
 )  # fmt: skip
+_MOST_STRUCTURES = 200  # a piece that is doubled many times holds any number
 _ANY = re.compile(b"|".join(_SIGNATURES))
 _NAMES = (
     b"entry", b"data", b"tx_m", b"rx_m", b"frequency_hz", b"x_m", b"origin_m", b"clradar_format",
@@ -90,7 +92,7 @@ MUTATORS = (
 
 def structures(data: bytes) -> list[int]:
     """Return where the file's structures begin, as far as they carry a signature."""
-    return [match.start() for match in _ANY.finditer(data)]
+    return [match.start() for match in islice(_ANY.finditer(data), _MOST_STRUCTURES)]
 
 
 def addresses(data: bytes, places: list[int]) -> list[int]:
@@ -122,7 +124,7 @@ def _checksummed(data: bytes) -> list[tuple[int, int]]:
     spans = []
     if data.startswith(_SUPERBLOCK) and len(data) > 48 and data[8] >= 2:
         spans.append((0, 44))
-    for match in _ANY.finditer(data):
+    for match in islice(_ANY.finditer(data), _MOST_STRUCTURES):
         at = match.start()
         kind = match.group()
         if kind == b"OHDR":

@@ -38,7 +38,7 @@ class Progress:
     """How far a run has come: what worker and parent share, in the bytes of one mapped file."""
 
     index: int = 0
-    reading: int = 0  # 1 while an input is being read, 0 while the worker starts
+    reading: int = 0  # 1 while an input is being read, 0 while the worker starts or makes one
     results: int = 0
     errors: int = 0
     slowest_s: float = 0.0
@@ -103,12 +103,12 @@ def run(target: Target, seed: int, start: int, stop: int, folder: Path) -> int:
             progress.peak_bytes = max(progress.peak_bytes, resident_peak_bytes())
             progress.results += outcome == "result"
             progress.errors += outcome == "error"
+            progress.index, progress.reading = index + 1, 0
+            progress.store(shared)
             if fault is not None:
                 note_fault(folder, path, index, fault)
                 if "of memory" in fault:
                     break  # the peak stays: a fresh process sees the next one
-        progress.index, progress.reading = index + 1, 0
-        progress.store(shared)
     return 0
 
 
