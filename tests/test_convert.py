@@ -237,10 +237,25 @@ def test_captures_that_do_not_belong_together(run, tmp_path):
     assert run(a, frame, *target, "--variant", "raw")[0] == 0
 
 
-def test_a_recording_of_unequal_variants(run, recording, tmp_path):
-    (recording / "radar_72.0_82.0_2/calibrated_data/000000_emptyfiltered.npy").unlink()
+def test_a_recording_with_a_hole_in_the_emptyfiltered_variant(run, recording, tmp_path):
+    hole = "radar_72.0_82.0_2/calibrated_data/000000_emptyfiltered.npy"
+    (recording / hole).unlink()
+    status, out, err = run(recording, "-o", tmp_path / "copy", "--to", "maroon")
+    assert (status, err) == (0, "")
+    assert "2 raw, 1 emptyfiltered frames" in out
+    assert tree(tmp_path / "copy").keys() == tree(recording).keys()
+    read, theirs = (
+        open_capture(folder, frame=1, variant="emptyfiltered")
+        for folder in (tmp_path / "copy", recording)
+    )
+    assert same_capture(read, theirs)
+    assert read.meta["timestamp_us"] == theirs.meta["timestamp_us"]
+
+
+def test_an_emptyfiltered_frame_without_a_raw_one(run, recording, tmp_path):
+    (recording / "radar_72.0_82.0_2/calibrated_data/000000.npy").unlink()
     target = ["-o", tmp_path / "copy", "--to", "maroon"]
-    one_error_line(run(recording, *target), "2 raw and 1 emptyfiltered", "--variant")
+    one_error_line(run(recording, *target), "every emptyfiltered one, got none for 0", "--variant")
     assert run(recording, *target, "--variant", "raw")[0] == 0
 
 

@@ -22,7 +22,13 @@ import pytest
 import clradar
 import clradar.reference
 from clradar.errors import MeasurementError, ModelError, OutputError
-from measurement_io import check_file, open_capture, save_maroon_frame, save_recording
+from measurement_io import (
+    check_file,
+    open_capture,
+    open_recording,
+    save_maroon_frame,
+    save_recording,
+)
 from measurement_io.maroon.products import read_depth_map
 from measurement_io.maroon.recording_writer import default_grid
 
@@ -152,9 +158,37 @@ def test_both_variants(tmp_path):
         assert same_bits(open_capture(radar, frame=i).data, raw[i].data)
         found = open_capture(radar, frame=i, variant="emptyfiltered")
         assert same_bits(found.data, filtered[i].data)
-    with pytest.raises(ModelError, match="raw frames"):
-        save_recording(tmp_path / "40", raw, emptyfiltered=filtered[:1])
+    for wrong in (filtered[:1], [*filtered, capture_of(12)], []):
+        with pytest.raises(ModelError, match="raw frames"):
+            save_recording(tmp_path / "40", raw, emptyfiltered=wrong)
     assert not (tmp_path / "40").exists()
+
+
+def test_emptyfiltered_frames_go_beside_the_raw_ones_of_their_number(tmp_path):
+    radar = files.write_recording(tmp_path / "30", n_frames=4)
+    (radar / "calibrated_data" / "000001_emptyfiltered.npy").unlink()
+    (radar / "calibrated_data" / "000003.npy").rename(radar / "calibrated_data" / "000007.npy")
+    (radar / "calibrated_data" / "000003_emptyfiltered.npy").rename(
+        radar / "calibrated_data" / "000007_emptyfiltered.npy"
+    )
+    raw = open_recording(radar)
+    filtered = raw.with_variant("emptyfiltered")
+    assert (raw.frame_numbers, filtered.frame_numbers) == ((0, 1, 2, 7), (0, 2, 7))
+    written = save_recording(tmp_path / "40", raw, emptyfiltered=reversed(filtered))
+    copied = open_recording(written)
+    assert copied.frame_numbers == (0, 1, 2, 3)
+    both = copied.with_variant("emptyfiltered")
+    assert both.frame_numbers == (0, 2, 3)
+    for theirs, ours in ((raw, copied), (filtered, both)):
+        for a, b in zip(theirs, ours, strict=True):
+            assert same_bits(a.data, b.data)
+            assert a.meta["timestamp_us"] == b.meta["timestamp_us"]
+            assert b.meta["number_of_measurements"] == 4
+    assert check_file(tmp_path / "40").ok, check_file(tmp_path / "40")
+    for wrong, found in (([filtered[0]] * 2, "another one"), ([raw[3]], "got frame 7")):
+        with pytest.raises(ModelError, match=found):
+            save_recording(tmp_path / "50", raw[:3], emptyfiltered=wrong)
+    assert not (tmp_path / "50").exists()
 
 
 @pytest.mark.parametrize(

@@ -85,6 +85,7 @@ def _check_new(output: Path, *, force: bool) -> None:
 
 def _of_folder(source: Path, wanted: Wanted) -> tuple[Path, str]:
     from measurement_io import save_recording
+    from measurement_io.maroon.folders import ranges
 
     output, frame, variant = wanted.output, wanted.frame, wanted.variant
     recording = open_source(source, variant, wanted.antennas)
@@ -95,10 +96,11 @@ def _of_folder(source: Path, wanted: Wanted) -> tuple[Path, str]:
     if variant is None and len(recording.variants) > 1:
         filtered = recording.with_variant("emptyfiltered")
         recording = recording.with_variant("raw")
-        if frame is None and filtered.frame_numbers != recording.frame_numbers:
+        orphans = set(filtered.frame_numbers) - set(recording.frame_numbers)
+        if frame is None and orphans:
             raise ModelError(
-                f"{source}: expected the same frames of both variants, got {len(recording)} raw "
-                f"and {len(filtered)} emptyfiltered ones; choose with --variant"
+                f"{source}: expected a raw frame for every emptyfiltered one, got none for "
+                f"{ranges(orphans)}; choose with --variant"
             )
     if frame is not None:
         recording = _one_frame(recording, frame)
