@@ -177,6 +177,45 @@ def test_time_stamps_and_variant_of_captures(run, tmp_path):
     assert read.meta["timestamp_us"] == 7
 
 
+@pytest.mark.parametrize("whole_folder", [False, True])
+def test_all_frames_and_back(run, recording, tmp_path, whole_folder):
+    data = recording / "radar_72.0_82.0_2" / "calibrated_data"
+    (data / "000000_emptyfiltered.npy").unlink()
+    assert run(recording, "-o", tmp_path / "frames", "--all-frames")[0] == 0
+    captures = sorted((tmp_path / "frames").iterdir(), reverse=True)  # not the order of numbers
+    captures.sort(key=lambda path: path.name[:6])
+    sources = [tmp_path / "frames"] if whole_folder else captures
+    status, out, err = run(*sources, "-o", tmp_path / "back", "--to", "maroon")
+    assert (status, err) == (0, "")
+    assert "2 raw, 1 emptyfiltered frames" in out
+    assert sorted(p.name for p in tmp_path.glob("back/*/*/*.npy")) == sorted(os.listdir(data))
+    for frame, variant in ((0, "raw"), (1, "raw"), (1, "emptyfiltered")):
+        read, theirs = (
+            open_capture(folder, frame=frame, variant=variant)
+            for folder in (tmp_path / "back", recording)
+        )
+        assert same_capture(read, theirs)
+        assert read.meta["timestamp_us"] == theirs.meta["timestamp_us"]
+    assert check_file(tmp_path / "back").ok, check_file(tmp_path / "back")
+    assert run(*sources, "-o", tmp_path / "one", "--to", "maroon", "--variant", "raw")[0] == 0
+    names = sorted(p.name for p in tmp_path.glob("one/*/*/*.npy"))
+    assert names == ["000000.npy", "000001.npy", "000002.npy"]
+
+
+def test_variants_of_frames_and_of_captures_without_one(run, recording, tmp_path):
+    data = recording / "radar_72.0_82.0_2" / "calibrated_data"
+    filtered = [data / "000001_emptyfiltered.npy", data / "000000_emptyfiltered.npy"]
+    raw = [native(tmp_path / "a.h5"), native(tmp_path / "odd.h5", seed=5, variant="odd")]
+    target = ["-o", tmp_path / "30", "--to", "maroon"]
+    assert run(filtered[0], raw[0], filtered[1], raw[1], *target)[0] == 0
+    for variant, paths in (("raw", raw), ("emptyfiltered", filtered)):
+        for frame, path in enumerate(paths):  # without numbers of their own: in order
+            read = open_capture(tmp_path / "30", frame=frame, variant=variant)
+            assert same_capture(read, open_capture(path))
+    one_error_line(run(*raw, filtered[0], "-o", tmp_path / "40", "--to", "maroon"), "000001_empty")
+    assert not (tmp_path / "40").exists()
+
+
 def test_a_recording_to_a_recording(run, recording, tmp_path):
     before = tree(recording)
     status, out, err = run(recording, "-o", tmp_path / "copy", "--to", "maroon")
@@ -231,10 +270,10 @@ def test_captures_that_do_not_belong_together(run, tmp_path):
     one_error_line(run(a, b, *target), "b.h5", "2 from 72 to 82 GHz", "3 from 72 to 82 GHz")
     one_error_line(run(tmp_path / "c.h5", *target), "c.h5", "qar50", "three")
     one_error_line(run(a, tmp_path / "c.h5", *target), "c.h5", "qar50", "three")
-    one_error_line(run(a, frame, *target), "000000_emptyfiltered.npy", "--variant")
     one_error_line(run(a, tmp_path / "none.h5", *target), "none.h5")
     assert not list(tmp_path.glob("**/30*"))
     assert run(a, frame, *target, "--variant", "raw")[0] == 0
+    assert len(list((tmp_path / "30").glob("*/*/00000?.npy"))) == 2
 
 
 def test_a_recording_with_a_hole_in_the_emptyfiltered_variant(run, recording, tmp_path):
