@@ -125,12 +125,37 @@ def test_all_frames_keeps_what_is_there(run, recording, tmp_path):
     assert len(tree(tmp_path / "a")) == 4
 
 
-def test_a_damaged_frame_ends_all_frames_and_leaves_whole_files(run, recording, tmp_path):
-    bad = recording / "radar_72.0_82.0_2" / "calibrated_data" / "000001.npy"
+def test_all_frames_goes_on_behind_damaged_frames(run, recording, tmp_path):
+    data = recording / "radar_72.0_82.0_2" / "calibrated_data"
+    bad = data / "000000.npy"
     bad.write_bytes(bad.read_bytes()[:-1000])
-    one_error_line(run(recording, "-o", tmp_path / "a", "--all-frames"), "000001.npy")
-    assert [p.name for p in (tmp_path / "a").iterdir()] == ["000000.h5"]
-    assert check_file(tmp_path / "a" / "000000.h5").ok
+    status, out, err = run(recording, "-o", tmp_path / "a", "--all-frames")
+    assert (status, out) == (1, "")
+    warning, summary = err.splitlines()
+    assert "warning" in warning
+    assert "000000.npy" in warning
+    assert "3 of 4 frames converted" in summary
+    names = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert names == ["000000_emptyfiltered.h5", "000001.h5", "000001_emptyfiltered.h5"]
+    assert all(check_file(tmp_path / "a" / name).ok for name in names)
+    read = open_capture(tmp_path / "a" / "000001.h5")
+    assert same_capture(read, open_capture(data / "000001.npy"))
+    for path in data.iterdir():
+        path.write_bytes(b"")
+    status, _, err = run(recording, "-o", tmp_path / "b", "--all-frames")
+    assert status == 1
+    assert len(err.splitlines()) == 5
+    assert "0 of 4 frames converted" in err
+    assert not list((tmp_path / "b").iterdir())
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_recording_with_a_damaged_frame_is_not_copied(run, recording, tmp_path, number):
+    bad = recording / "radar_72.0_82.0_2" / "calibrated_data" / f"00000{number}.npy"
+    bad.write_bytes(bad.read_bytes()[:-1000])
+    outcome = run(recording, "-o", tmp_path / "copy", "--to", "maroon")
+    one_error_line(outcome, bad.name, "--all-frames converts the frames that can be read")
+    assert not (tmp_path / "copy").exists()
 
 
 # ---- to a recording

@@ -13,7 +13,7 @@ from clradar.cli.images import recording_files
 from clradar.cli.options import wrong_usage
 from clradar.cli.output import print_line, progress_bar
 from clradar.cli.provenance import provenance
-from clradar.errors import ModelError, OutputError
+from clradar.errors import MeasurementError, ModelError, OutputError
 
 if TYPE_CHECKING:
     from clradar import Capture
@@ -229,7 +229,15 @@ class _Described:
         return len(self._recording)
 
     def __iter__(self) -> Iterator[Capture]:
-        for capture in self._recording:
+        frames = iter(self._recording)
+        for _ in range(len(self._recording)):
+            try:
+                capture = next(frames)
+            except MeasurementError as error:
+                raise MeasurementError(
+                    f"{error}; a recording is written whole or not at all, --all-frames converts "
+                    "the frames that can be read"
+                ) from error
             inputs = [*recording_files(self._source, capture.meta), *self._antennas]
             yield described(capture, self._options, inputs)
 
