@@ -172,8 +172,8 @@ def _of_files(sources: Sequence[Path], wanted: Wanted) -> tuple[Path, str]:
                 force=wanted.force,
             )
         except ModelError as error:
-            read = (view.latest for view in reversed(views) if view.latest is not None)
-            raise ModelError(f"{next(read, sources[0])}: {error}") from error
+            tried = [view.latest for view in views if view.latest is not None]
+            raise ModelError(f"{(tried or sources)[-1]}: {error}") from error
     frames = "frame" if len(sources) == 1 else "frames"
     return radar, ", ".join(f"{len(view)} {view.variant}" for view in views) + f" {frames}"
 

@@ -80,8 +80,14 @@ def inspect_folders(radar: Path) -> Findings:
     if others:
         words = clean(", ".join(others[:12])) + (", ..." if len(others) > 12 else "")
         found.facts.append(Fact("arrays that are no frames", words, others))
-    products = {name: product_files(radar, name) for name in PRODUCTS}
-    for name, files in products.items():
+    products = {}
+    for name in PRODUCTS:
+        try:
+            products[name] = files = product_files(radar, name)
+        except MeasurementError as error:  # the folder itself, such as one without permission
+            found.facts.append(Fact(f"cached {name}", "cannot be read", None))
+            found.problems.append(clean(error))
+            continue
         found.facts.append(_files_fact(f"cached {name}", files, f" .{PRODUCTS[name]}"))
         without = sorted(set(files) - set(raw))
         if without:
@@ -135,7 +141,7 @@ def _inspect_calibration(
             f"{CALIBRATION_FILE} names frames that are not there: {ranges(strangers)}"
         )
     for name, needed in _NEEDS.items():
-        unplaced = sorted(set(products[name]) - set(entries))
+        unplaced = sorted(set(products.get(name, ())) - set(entries))
         if unplaced:
             found.problems.append(
                 f"{CALIBRATION_FILE} does not say {needed} for {name} of the frames "

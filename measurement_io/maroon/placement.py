@@ -48,7 +48,12 @@ def inspect_placement(
     """Add what lies in an `<object>/<distance>` folder to what has been found."""
     metadata = _metadata(distance, facts, problems, missing)
     alignment = _alignment(distance, facts, problems, missing)
-    meshes = mesh_files(distance)
+    try:
+        meshes = mesh_files(distance)
+    except MeasurementError as error:  # the folder itself, such as one without permission
+        facts.append(Fact("meshes", "cannot be read", None))
+        problems.append(clean(error))
+        return
     if not meshes:
         missing.append(f"{MESH_FOLDER}/*.obj")
         facts.append(Fact("meshes", "none", {}))

@@ -78,9 +78,15 @@ def check_frames(radar: Path, checked: list[str], problems: list[str]) -> None:
 
 
 def check_products(radar: Path, checked: list[str], problems: list[str]) -> None:
-    """Read every cached product; add what is right and what is wrong."""
+    """Read every cached product; add what is right and what is wrong.
+
+    What `inspect_folders` says, too, is not said again.
+    """
     for name, read in _READERS.items():
-        files = products.product_files(radar, name)
+        try:
+            files = products.product_files(radar, name)
+        except MeasurementError:  # a problem of the folder
+            continue
         good = 0
         for number in sorted(files):
             try:
