@@ -29,8 +29,8 @@ from measurement_io import (
     save_maroon_frame,
     save_recording,
 )
+from measurement_io.maroon.product_writer import default_grid
 from measurement_io.maroon.products import read_depth_map
-from measurement_io.maroon.recording_writer import default_grid
 
 N_FREQ = 3
 MESH = b"v 0 0 0\r\nv 0.01 0 0\r\nv 0 0.01 0\r\nf 1 2 3\r\n"
@@ -291,6 +291,16 @@ def test_grid_of_frames_without_an_image(tmp_path):
     assert counts == [16, 6, 11]
     radar = save_recording(tmp_path / "40", captures_of(1))
     assert dataset_grid(radar, 0)[2] == list(default_grid().counts)
+
+
+def test_a_single_frame_names_a_grid(tmp_path):
+    path = save_maroon_frame(tmp_path / "30", capture_of(0), frame=3)
+    low, high, counts = dataset_grid(path.parents[1], 3)
+    assert counts == list(default_grid().counts)
+    np.testing.assert_allclose((low, high), ([-0.1, -0.1, 0.2], [0.1, 0.1, 0.6]), rtol=1e-12)
+    written = (path.parents[1] / "calibration.json").read_bytes()
+    save_maroon_frame(tmp_path / "30", capture_of(1), frame=4, force=True)
+    assert (path.parents[1] / "calibration.json").read_bytes() == written
 
 
 def test_images_are_written_as_products(tmp_path):

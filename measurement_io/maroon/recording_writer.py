@@ -16,9 +16,6 @@ from measurement_io.failures import clean, regular_file_size, shown
 from measurement_io.json_file import read_json_object
 from measurement_io.maroon.calibration_file import (
     CALIBRATION_FILE,
-    FrameEntry,
-    VolumeEntry,
-    frame_entry_json,
     write_calibration_file,
 )
 from measurement_io.maroon.folders import (
@@ -29,7 +26,7 @@ from measurement_io.maroon.folders import (
     ranges,
 )
 from measurement_io.maroon.frame import read_frame_file
-from measurement_io.maroon.product_writer import radar_box, write_products
+from measurement_io.maroon.product_writer import grid_entry, write_products
 from measurement_io.maroon.products import PRODUCTS, product_files
 from measurement_io.maroon.recording import ALIGNMENT_FILE, MESH_FOLDER, METADATA_FILE
 from measurement_io.maroon.writer import (
@@ -48,11 +45,6 @@ MAX_FRAMES = 1_000_000
 
 _NAME = "save_recording"
 Progress = Callable[[int, int], object]
-
-
-def default_grid() -> VoxelGrid:
-    """Return the grid that a frame without an image names: where objects of the dataset are."""
-    return VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.2, 0.6), (1e-3, 1e-3, 2e-3))
 
 
 def save_recording(
@@ -101,8 +93,8 @@ def save_recording(
     image : callable, optional
         From a capture to its image, whose products are then written (`write_products`).
     grid : VoxelGrid, optional
-        What `calibration.json` names as the grid of frames without an image; `default_grid()` if
-        not given.
+        What `calibration.json` names as the grid of frames without an image;
+        `product_writer.default_grid()` if not given.
     copy_from : path-like, optional
         A recording whose `metadata.json`, `alignment.json`, meshes, products and entries of
         `calibration.json` are copied byte by byte, as far as they are not given otherwise. Which
@@ -305,8 +297,7 @@ def _write_calibration(
     there: dict[str, Any] = {}
     if source is not None and (source / CALIBRATION_FILE).exists():
         there = read_json_object(source / CALIBRATION_FILE)
-    box = radar_box(default_grid() if grid is None else grid)
-    new = frame_entry_json(FrameEntry(VolumeEntry(box)))
+    new = grid_entry(grid)
     frames = {i: there.get(f"{number:06d}", new) for i, number in enumerate(numbers)}
     path = radar / CALIBRATION_FILE
     write_calibration_file(path, folder.low_ghz, folder.high_ghz, folder.points, frames)
