@@ -155,6 +155,15 @@ def test_older_depth_maps_are_turned_in_memory(radar, scene):
     assert path.read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ("threshold", "expected"), [(14, 14.0), (-14, 14.0), (-0.5, 0.5), (0, 15.0), (None, 15.0)]
+)
+def test_threshold_of_a_depth_map(radar, threshold, expected):
+    amplitude = {"amplitude_filter_kernel_size": 1, "amplitude_filter_threshold_dB": threshold}
+    change_entry(radar, lambda entry: entry.update(amplitude=amplitude))
+    assert read_depth_map(radar, 0).dynamic_range_db == expected
+
+
 @pytest.mark.parametrize("where", ["depth box", "depth box in 3-D", "intrinsics", "its inverse"])
 def test_pixels_are_placed_by_what_there_is(radar, where):
     expected = read_depth_map(radar, 0)

@@ -145,8 +145,8 @@ def read_depth_map(radar: Path, number: int) -> DepthMap:
     DepthMap
         In the antenna frame. The file's depths are whole millimetres; 0 becomes NaN. The
         amplitude is that of `maxproj`, where there is one of the same shape, else 1 where there
-        is a depth and 0 elsewhere. `dynamic_range_db` is the threshold that `calibration.json`
-        names, else the default.
+        is a depth and 0 elsewhere. `dynamic_range_db` is the magnitude of the threshold that
+        `calibration.json` names, or the default where it names none, or 0.
 
     Raises
     ------
@@ -172,9 +172,9 @@ def read_depth_map(radar: Path, number: int) -> DepthMap:
         pixels = read_png16(strength)
         if pixels.shape == depth_m.shape:
             amplitude = pixels[::-1, ::-1].astype(np.float32)
-    cut_db = None if entry.amplitude is None else entry.amplitude.filter_threshold_db
-    if cut_db is None or cut_db <= 0:
-        cut_db = DYNAMIC_RANGE_DB
+    threshold_db = None if entry.amplitude is None else entry.amplitude.filter_threshold_db
+    # Below the maximum, whichever sign says so.
+    cut_db = abs(threshold_db) if threshold_db else DYNAMIC_RANGE_DB
     with reading(path, "a depth map"):
         return DepthMap(depth_m, amplitude, x_m, y_m, cut_db)
 
