@@ -243,7 +243,7 @@ def test_every_product_is_read(tmp_path):
     assert "2 of 3 cached xyz read" in report.checked
 
 
-@pytest.mark.parametrize("name", ["depth", "xyz", "photogrammetry"])
+@pytest.mark.parametrize("name", ["depth", "maxproj", "xyz", "photogrammetry"])
 def test_a_folder_that_cannot_be_read_hides_nothing_else(tmp_path, monkeypatch, name):
     radar = whole_recording(tmp_path / "30")
     before = describe(radar).words
@@ -263,6 +263,59 @@ def test_a_folder_that_cannot_be_read_hides_nothing_else(tmp_path, monkeypatch, 
     report = check_file(radar)
     assert report.problems == description.problems
     assert "3 of 3 cached volume read" in report.checked
+
+
+def entry_without(radar: Path, *numbers: int) -> None:
+    path = radar / "calibration.json"
+    content = json.loads(path.read_text())
+    files.write_json(
+        path, {k: v for k, v in content.items() if k not in map("{:06d}".format, numbers)}
+    )
+
+
+SAID_ONCE = {
+    "no transform": (
+        lambda radar: files.write_alignment(radar.parent, {"kinect2radar": KINECT}),
+        ["a way from 'photogrammetry' to 'radar'"],
+    ),
+    "no calibration": (
+        lambda radar: (radar / "calibration.json").unlink(),
+        ["no calibration.json, without which depth, maxproj and volume cannot be read"],
+    ),
+    "damaged calibration": (
+        lambda radar: (radar / "calibration.json").write_text("{"),
+        ["calibration.json"],
+    ),
+    "entries": (
+        lambda radar: entry_without(radar, 0, 2),
+        [
+            "not say its pixels for depth of the frames 0, 2",
+            "not say its pixels for maxproj of the frames 0, 2",
+            "not say its grid and its amplitudes for volume of the frames 0, 2",
+        ],
+    ),
+    "an entry": (
+        lambda radar: edit(radar / "calibration.json", **{"000001": {"volume": []}}),
+        ["expected a JSON object in '000001: volume'"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SAID_ONCE)
+def test_what_many_frames_have_in_common_is_said_once(tmp_path, name):
+    radar = whole_recording(tmp_path / "30")
+    change, parts = SAID_ONCE[name]
+    change(radar)
+    for problems in (describe(radar).problems, check_file(radar).problems):
+        assert len(problems) == len(parts), problems
+        for part, problem in zip(parts, problems, strict=True):
+            assert part in problem
+    counts = {"entries": 1, "an entry": 2, "no transform": 3}
+    said = any("cached volume read" in line for line in check_file(radar).checked)
+    assert said == (name in counts)
+    if said:
+        assert f"{counts[name]} of 3 cached volume read" in check_file(radar).checked
+    assert "3 of 3 cached xyz read" in check_file(radar).checked
 
 
 def test_numbers_that_are_not_finite_are_strict_json(tmp_path):

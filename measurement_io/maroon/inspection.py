@@ -17,10 +17,7 @@ from measurement_io.maroon.calibration_file import (
 from measurement_io.maroon.folders import RadarFolderName, ranges
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.placement import inspect_placement
-from measurement_io.maroon.products import PRODUCTS, product_files
-
-_NEEDS = {"depth": "its pixels", "maxproj": "its pixels", "volume": "its grid and its amplitudes"}
-"""What only `calibration.json` knows of a product."""
+from measurement_io.maroon.products import PLACED, PRODUCTS, product_files
 
 
 @dataclass(slots=True)
@@ -117,7 +114,9 @@ def _inspect_calibration(
     path = radar / CALIBRATION_FILE
     if not path.exists():
         found.facts.append(Fact(CALIBRATION_FILE, "none", None))
-        found.problems.append(f"no {CALIBRATION_FILE}")
+        blind = [name for name in PLACED if products.get(name)]
+        without = f", without which {_joined(blind)} cannot be read" if blind else ""
+        found.problems.append(f"no {CALIBRATION_FILE}{without}")
         return
     try:
         calibration = read_calibration_file(path)
@@ -140,13 +139,17 @@ def _inspect_calibration(
         found.problems.append(
             f"{CALIBRATION_FILE} names frames that are not there: {ranges(strangers)}"
         )
-    for name, needed in _NEEDS.items():
+    for name, needed in PLACED.items():
         unplaced = sorted(set(products.get(name, ())) - set(entries))
         if unplaced:
             found.problems.append(
                 f"{CALIBRATION_FILE} does not say {needed} for {name} of the frames "
                 f"{ranges(unplaced)}"
             )
+
+
+def _joined(names: list[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _compare_with_name(found: Findings, radar: Path, calibration: CalibrationFile) -> None:

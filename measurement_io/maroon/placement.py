@@ -23,6 +23,7 @@ from measurement_io.maroon.metadata import MaskBox, RecordingMetadata, read_meta
 from measurement_io.maroon.recording import (
     ALIGNMENT_FILE,
     MESH_FOLDER,
+    MESH_SOURCE,
     METADATA_FILE,
     mesh_files,
     placed_mesh,
@@ -58,6 +59,12 @@ def inspect_placement(
         missing.append(f"{MESH_FOLDER}/*.obj")
         facts.append(Fact("meshes", "none", {}))
         return
+    if alignment is not None:
+        try:
+            alignment.to_antenna(MESH_SOURCE)
+        except MeasurementError as error:  # once, and not for every mesh
+            problems.append(clean(error))
+            alignment = None
     lines, values = [], {}
     for name in sorted(meshes):
         value: dict[str, Any] | None = None
@@ -67,7 +74,7 @@ def inspect_placement(
                 scene = placed_mesh(distance, name, alignment)
             except MeasurementError as error:
                 problems.append(clean(error))
-                words = "cannot be read or placed"
+                words = "cannot be read"
             else:
                 value = _mesh_value(scene, metadata)
                 words = _mesh_words(value)

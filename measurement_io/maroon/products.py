@@ -29,6 +29,9 @@ from measurement_io.maroon.png16 import MAX_PIXELS, read_png16
 PRODUCTS = {"depth": "png", "maxproj": "png", "volume": "ply", "xyz": "ply"}
 """Folder of each product, and the extension of its files."""
 
+PLACED = {"depth": "its pixels", "maxproj": "its pixels", "volume": "its grid and its amplitudes"}
+"""What only `calibration.json` knows of a product; the points of `xyz` carry their positions."""
+
 MAX_VOXELS = 2**26
 """Largest volume: 406 x 406 x 406. It takes 0.5 GB to read."""
 

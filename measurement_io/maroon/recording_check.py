@@ -13,6 +13,7 @@ from clradar.errors import MeasurementError
 from clradar.model import Waveform
 from measurement_io.failures import clean
 from measurement_io.maroon import folders, products
+from measurement_io.maroon.calibration_file import CALIBRATION_FILE, read_calibration_file
 from measurement_io.maroon.frame import first_time_stamp, read_frame_file
 
 LONG_GAP = 1.8
@@ -80,8 +81,9 @@ def check_frames(radar: Path, checked: list[str], problems: list[str]) -> None:
 def check_products(radar: Path, checked: list[str], problems: list[str]) -> None:
     """Read every cached product; add what is right and what is wrong.
 
-    What `inspect_folders` says, too, is not said again.
+    What `inspect_folders` says, too, is not said again, nor what several products have in common.
     """
+    placed = _placed_frames(radar)
     for name, read in _READERS.items():
         try:
             files = products.product_files(radar, name)
@@ -89,14 +91,28 @@ def check_products(radar: Path, checked: list[str], problems: list[str]) -> None
             continue
         good = 0
         for number in sorted(files):
+            if name in products.PLACED and placed is not None and number not in placed:
+                continue  # a problem of calibration.json
             try:
                 read(radar, number)
             except MeasurementError as error:
-                problems.append(str(error))
+                if str(error) not in problems:
+                    problems.append(str(error))
             else:
                 good += 1
         if good:
             checked.append(f"{good} of {len(files)} cached {name} read")
+
+
+def _placed_frames(radar: Path) -> set[int] | None:
+    """Return the frames that `calibration.json` has an entry of; None if one of them is wrong."""
+    path = radar / CALIBRATION_FILE
+    if not path.exists():
+        return set()
+    try:
+        return set(read_calibration_file(path).frames)
+    except MeasurementError:
+        return None
 
 
 def _check_stamps(variant: str, seen: _Variant, checked: list[str], problems: list[str]) -> None:
