@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -95,8 +96,84 @@ def test_a_bare_recording_says_what_is_missing(tmp_path):
     assert "missing: metadata.json" in str(description)
     assert description.words["metadata.json"] == "none"
     assert description.values["metadata.json"] is None
-    assert description.values["arrays_that_are_no_frames"] == ["mean.npy"]
+    assert description.values["ignored_in_calibrated_data"] == ["mean.npy"]
     assert check_file(radar).ok
+
+
+def test_misnamed_frames_are_listed(tmp_path):
+    radar = files.write_recording(tmp_path / "30", n_frames=2)
+    names = ["000000.NPY", "000000_empty.npy", "1.npy", "0000001.npy", "000001.npy.part"]
+    for name in [*names, ".hidden"]:
+        (radar / "calibrated_data" / name).write_bytes(b"")
+    description = describe(radar)
+    assert description.values["ignored_in_calibrated_data"] == sorted(names)
+    assert "000000.NPY" in str(description)
+    assert description.values["raw_frames"]["numbers"] == [0, 1]
+
+
+def test_frames_that_are_no_files(tmp_path):
+    radar = files.write_recording(tmp_path / "30", n_frames=6)
+    data = radar / "calibrated_data"
+    for name in ("000000.npy", "000002.npy", "000003.npy", "000004_emptyfiltered.npy"):
+        (data / name).unlink()
+    (data / "000000.npy").symlink_to("nothing.npy")
+    (data / "000002.npy").mkdir()
+    os.mkfifo(data / "000003.npy")
+    (data / "000004_emptyfiltered.npy").symlink_to(data / "000004_emptyfiltered.npy")
+    (data / "000005.npy").rename(tmp_path / "elsewhere.npy")
+    (data / "000005.npy").symlink_to(tmp_path / "elsewhere.npy")
+    description = describe(radar)
+    assert description.problems == (
+        "raw frames that are links to nothing: 0",
+        "raw frames that are no regular file: 2-3",
+        "emptyfiltered frames that are links to nothing: 4",
+    )
+    assert description.values["frequencies"]["count"] == 2  # of frame 1, which can be read
+    assert len(check_file(radar).problems) == 4  # one for each
+
+
+ODD_FRAMES = {
+    "none": (1, {}, []),
+    "no total": (0, {"number_of_measurements": None}, ["raw frame 0 does not say number_of_meas"]),
+    "later": (1, {"number_of_measurements": None}, []),
+    "total": (
+        2,
+        {"number_of_measurements": 9},
+        ["number_of_measurements 9 where the others have 4: 2"],
+    ),
+    "first total": (
+        0,
+        {"number_of_measurements": 3},
+        ["number_of_measurements 3 where the others have 4: 0", "has 3 frames, 4 are there"],
+    ),
+    "zero": (
+        3,
+        {"xr": np.zeros((96, 96, 2), np.complex64)},
+        ["raw frames that are zero everywhere: 3"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ODD_FRAMES)
+def test_odd_frames(tmp_path, name):
+    radar = files.write_recording(tmp_path / "30", n_frames=4)
+    number, changes, parts = ODD_FRAMES[name]
+    stamp = np.array([FIRST + number * STEP])
+    frame = files.random_frame() | {"number_of_measurements": 4, "timestamp_us": stamp} | changes
+    frame = {key: value for key, value in frame.items() if value is not None}
+    files.write_frame(radar / "calibrated_data" / f"{number:06d}.npy", frame)
+    problems = check_file(radar).problems
+    assert len(problems) == len(parts), problems
+    for part, problem in zip(parts, problems, strict=True):
+        assert part in problem
+
+
+def test_a_cloud_without_points(tmp_path):
+    radar = whole_recording(tmp_path / "30")
+    header = (radar / "xyz" / "000001.ply").read_bytes().split(b"end_header")[0].splitlines()
+    lines = [b"element vertex 0" if h.startswith(b"element vertex") else h for h in header]
+    (radar / "xyz" / "000001.ply").write_bytes(b"\n".join([*lines, b"end_header", b""]))
+    assert check_file(radar).problems == ("xyz without a point, of the frames 1",)
 
 
 def edit(path: Path, **changes: object) -> None:

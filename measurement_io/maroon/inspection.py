@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -30,7 +31,7 @@ class Findings:
 
 
 def inspect_recording(folder: Path) -> Findings:
-    """Return what a recording holds, with the first raw frame; the other frames are not read.
+    """Return what a recording holds, with the first raw frame; the other frames are not opened.
 
     Raises
     ------
@@ -39,10 +40,13 @@ def inspect_recording(folder: Path) -> Findings:
     """
     radar = folders.find_radar_folder(folder)
     found = inspect_folders(radar)
-    raw = folders.frames(radar)["raw"]
-    if not raw:
+    frames = folders.frames(radar)
+    for variant, files in frames.items():
+        _note_irregular(found, variant, files)
+    raw = frames["raw"]
+    first = next((number for number in sorted(raw) if os.path.isfile(raw[number])), None)
+    if first is None:
         return found
-    first = min(raw)
     try:
         capture = read_frame_file(raw[first])
     except MeasurementError as error:
@@ -73,10 +77,10 @@ def inspect_folders(radar: Path) -> Findings:
     if orphans:
         found.problems.append(f"emptyfiltered frames without a raw one: {ranges(orphans)}")
     _note_missing(found, "emptyfiltered", filtered, raw)
-    others = folders.other_arrays(radar)
+    others = folders.ignored_files(radar)
     if others:
         words = clean(", ".join(others[:12])) + (", ..." if len(others) > 12 else "")
-        found.facts.append(Fact("arrays that are no frames", words, others))
+        found.facts.append(Fact(f"ignored in {folders.FRAMES_FOLDER}", words, others))
     products = {}
     for name in PRODUCTS:
         try:
@@ -98,6 +102,17 @@ def inspect_folders(radar: Path) -> Findings:
 def _files_fact(name: str, files: dict[int, Path], kind: str = "") -> Fact:
     words = f"{len(files)}{kind} ({ranges(files)})" if files else "none"
     return Fact(name, words, {"count": len(files), "numbers": sorted(files)})
+
+
+def _note_irregular(found: Findings, variant: str, files: dict[int, Path]) -> None:
+    """Note frames that no reader would open; a check reads them and finds each by itself."""
+    irregular = [number for number, path in files.items() if not os.path.isfile(path)]
+    dangling = [n for n in irregular if os.path.islink(files[n]) and not os.path.exists(files[n])]
+    if dangling:
+        found.problems.append(f"{variant} frames that are links to nothing: {ranges(dangling)}")
+    others = set(irregular) - set(dangling)
+    if others:
+        found.problems.append(f"{variant} frames that are no regular file: {ranges(others)}")
 
 
 def _note_missing(found: Findings, name: str, files: dict[int, Path], raw: dict[int, Path]) -> None:
