@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ _UNFILTERED = 1
 
 
 def write_products(
-    radar: Path,
+    radar: str | os.PathLike[str],
     number: int,
     volume: Volume,
     *,
@@ -50,7 +51,7 @@ def write_products(
 
     Parameters
     ----------
-    radar : Path
+    radar : path-like
         A radar folder with its `calibration.json`; the product folders are made where missing.
     number : int
         The frame, 0 to 999999.
@@ -87,6 +88,7 @@ def write_products(
     number = checks.whole("write_products: number", number, 0, 999_999)
     gain = checks.positive("write_products: gain", gain)
     checks.instance("write_products: volume", volume, Volume)
+    radar = Path(radar)
     calibration = radar / CALIBRATION_FILE
     points = read_calibration_file(calibration).frequency_points
     if points is None:
