@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import random
+import warnings
 import zipfile
 
 from fuzz import mutate_bytes
@@ -33,7 +34,8 @@ def mutate_members(data: bytes, rng: random.Random) -> bytes:
         members[at] = (name, mutate_bytes.mutate(content, rng, DICTIONARY, others))
     stream = io.BytesIO()
     how = rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))
-    with zipfile.ZipFile(stream, "w", how) as archive:
+    with warnings.catch_warnings(), zipfile.ZipFile(stream, "w", how) as archive:
+        warnings.simplefilter("ignore")  # two members of one name are meant
         for name, content in members:
             archive.writestr(zipfile.ZipInfo(name or "?"), content, how)
     return stream.getvalue()

@@ -25,6 +25,7 @@ from fuzz import (
 from measurement_io import (
     Description,
     Layout,
+    LayoutNeeded,
     RecordingMetadata,
     SensorAlignment,
     check_file,
@@ -87,7 +88,7 @@ class Target:
     file_name: str = "input"
     around: Callable[[Path], None] | None = None
     repair: Callable[[bytes], bytes] | None = None
-    errors: tuple[type[Exception], ...] = (MeasurementError,)
+    errors: tuple[type[Exception], ...] = (MeasurementError, LayoutNeeded)
 
     def place(self, folder: Path) -> Path:
         """Make what lies around the input and return where the input goes."""
