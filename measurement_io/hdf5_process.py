@@ -32,9 +32,11 @@ from measurement_io.failures import clean, fail, fail_from, regular_file_size, s
 
 EXPECTED = "a readable HDF5 file"
 CPU_LIMIT_S = 3
-"""Processor time for reading a file, and as much again for every `CPU_LIMIT_BYTES` of it."""
+"""Processor time for reading a file, and as much again for every `CPU_LIMIT_BYTES` of it and
+every `CPU_LIMIT_INFLATED_BYTES` that may come back, which a small file can hold compressed."""
 
 CPU_LIMIT_BYTES = 2**26
+CPU_LIMIT_INFLATED_BYTES = 2**28
 WALL_LIMIT_S = 3600
 """For disks that answer slowly. What is damaged takes processor time."""
 
@@ -72,7 +74,8 @@ def run(
         What the function raises, or that the process died: of the file, or of its limits.
     """
     size = regular_file_size(path, EXPECTED)
-    cpu_s = CPU_LIMIT_S * (1 + size // CPU_LIMIT_BYTES)
+    inflated = 0 if most_bytes is None else most_bytes
+    cpu_s = CPU_LIMIT_S * (1 + size // CPU_LIMIT_BYTES + inflated // CPU_LIMIT_INFLATED_BYTES)
     memory_bytes = MEMORY_BYTES + 2 * (size if most_bytes is None else most_bytes)
     request = {
         "module": function.__module__,

@@ -56,7 +56,8 @@ def test_flipped_bytes(tmp_path: Path, container: str, toml: Path) -> None:
     whole = write(container, tmp_path / "c", tree_of(capture)).read_bytes()
     rng = random.Random(0)
     settings = read_layout(toml)
-    for _ in range(60):
+    # HDF5 files are read in a process of their own, which takes a while to start.
+    for _ in range(60 if container.startswith(("npz", "mat v5")) else 12):
         damaged = bytearray(whole)
         for _ in range(rng.choice((1, 1, 3, 8))):
             damaged[rng.randrange(len(damaged))] = rng.randrange(256)
@@ -493,7 +494,9 @@ def hdf5_bomb(path: Path, compression: str) -> None:
 def peak_bytes(program: str, *arguments: object) -> int:
     """Run a program in a process of its own and return the most memory that it ever held."""
     measured = "import resource, sys\n" + program
-    measured += "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
+    # HDF5 files are read in another process: what both held at most, together.
+    measured += "peaks = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)\n"
+    measured += "print(sum(resource.getrusage(who).ru_maxrss for who in peaks))\n"
     done = subprocess.run(
         [sys.executable, "-c", measured, *map(str, arguments)],
         capture_output=True,

@@ -697,6 +697,9 @@ def test_convert_with_a_layout(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert read.meta["layout"]["tx"]["file"] == str(tmp_path / "Tx.dat")
     assert [i["file"] for i in read.meta["inputs"]] == ["c.mat", toml.name, "Tx.dat"]
     assert run("convert", path, "--layout", toml, "-o", toml, "--force") == 1
+    for other in (("--to", "maroon"), ("--all-frames",)):
+        assert run("convert", path, "--layout", toml, "-o", tmp_path / "d", *other) == 2
+        assert "--layout" in capsys.readouterr().err
 
 
 def test_convert_without_a_layout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

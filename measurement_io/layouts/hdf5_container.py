@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,8 +11,10 @@ import numpy as np
 
 from measurement_io import hdf5_process
 from measurement_io.layouts import hdf5_contents
-from measurement_io.layouts.byte_source import MAX_ARRAY_BYTES
+from measurement_io.layouts.byte_source import MAX_ARRAY_BYTES, kept_shape
 from measurement_io.layouts.container import Container, Key
+
+_LARGEST_NUMBER_BYTES = 16
 
 
 class Hdf5Container(Container):
@@ -29,8 +32,9 @@ class Hdf5Container(Container):
 
     def _read(self, key: Key, pick: Mapping[int, int]) -> np.ndarray:
         chosen = [[axis, index] for axis, index in pick.items()]
+        most = min(MAX_ARRAY_BYTES, math.prod(kept_shape(key.shape, pick)) * _LARGEST_NUMBER_BYTES)
         return hdf5_process.run(
-            hdf5_contents.read_key, self.path, key.name, chosen, most_bytes=MAX_ARRAY_BYTES
+            hdf5_contents.read_key, self.path, key.name, chosen, most_bytes=most
         )
 
     def _text(self, key: Key) -> str:
