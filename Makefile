@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # The embedded CPU device, unless the caller wants another one.
 export CLRADAR_DEVICE ?= pocl
+# Processes that run the tests.
+JOBS ?= 2
 
 .PHONY: demo test test-slow fuzz memcheck lint format figures bench clean
 
@@ -12,7 +14,7 @@ demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
 
 test: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
 
 test-slow: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -m slow --timeout 3600
