@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.compare import UNDEFINED, Metrics
+from clradar.compare import HIGHER_IS_BETTER, UNDEFINED, Metrics
 from clradar.model import DepthMap, Volume
 from clradar.report.text import escaped, shortened
 
@@ -25,14 +25,13 @@ MAX_DEPTH = 16
 
 @dataclass(frozen=True, slots=True)
 class MetricText:
-    """How a metric is called and explained, and which end of it is the good one."""
+    """How a metric is called and explained."""
 
     field: str
     name: str
     meaning: str
     scale: float = 1.0
     digits: int = 3
-    higher_is_better: bool = True
 
 
 METRIC_TEXTS = (
@@ -61,7 +60,6 @@ METRIC_TEXTS = (
         "millimetres; 0 is best. Read it beside the mask IoU: what only one shows does not count.",
         1e3,
         2,
-        False,
     ),
     MetricText(
         "chamfer_simulated_to_measured_m",
@@ -70,7 +68,6 @@ METRIC_TEXTS = (
         "millimetres from a simulated depth point to the nearest measured one; 0 is best.",
         1e3,
         2,
-        False,
     ),
     MetricText(
         "chamfer_measured_to_simulated_m",
@@ -79,7 +76,6 @@ METRIC_TEXTS = (
         "millimetres from a measured depth point to the nearest simulated one; 0 is best.",
         1e3,
         2,
-        False,
     ),
 )
 
@@ -127,7 +123,7 @@ def _best(text: MetricText, metrics: Sequence[Metrics]) -> str | None:
     known = [m for m in metrics if not math.isnan(getattr(m, text.field))]
     if len(known) < 2:
         return None
-    choose = max if text.higher_is_better else min
+    choose = max if text.field in HIGHER_IS_BETTER else min
     return _value(text, choose(known, key=lambda m: getattr(m, text.field)))
 
 
