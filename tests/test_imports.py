@@ -22,6 +22,7 @@ LAYERS = (
     ("clradar.trace",),
     ("clradar.synthesize", "clradar.formers"),
     ("clradar.backproject",),
+    ("clradar.overlap",),
     ("clradar.compare",),
     ("clradar.plot",),
     ("clradar.report",),

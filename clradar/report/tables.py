@@ -36,6 +36,12 @@ class MetricText:
 
 METRIC_TEXTS = (
     MetricText(
+        "overlap",
+        "Overlap",
+        "How much do both share in space, where it is and how bright it is? Cosine between the two "
+        "depth maps, each point a ball of 2 mm weighted with its amplitude; 1 is best.",
+    ),
+    MetricText(
         "db_correlation",
         "dB correlation",
         "Are the bright and the dark places the same? Pearson's correlation of the two images in "
