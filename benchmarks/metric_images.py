@@ -51,13 +51,14 @@ HANDS = (Hand("F", 25.0), Hand("flat", 25.0), Hand("two", 0.0), Hand("claw", 0.0
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One capture: `shift_mm` moves the mesh before it is simulated."""
+    """One capture: `shift_mm` moves the mesh before it is simulated, of `rays` per sample."""
 
     hand: Hand
     alpha: float
     seed: int
     shift_mm: tuple[int, int, int] = (0, 0, 0)
     noisy: bool = False
+    rays: int = 4
 
     @property
     def file_name(self) -> str:
@@ -65,7 +66,7 @@ class Shot:
         kind = "measured" if self.noisy else "simulated"
         return (
             f"{self.hand.pose}{self.hand.turn_deg:g}_alpha{self.alpha:g}_seed{self.seed}"
-            f"_shift{shift}_{kind}.npz"
+            f"_rays{self.rays}_shift{shift}_{kind}.npz"
         )
 
 
@@ -98,11 +99,13 @@ def scene(hand: Hand) -> clradar.Scene:
 
 
 def volume(shot: Shot, device: clradar.Device) -> clradar.Volume:
-    """Simulate with the defaults, 10 samples per mm2 of 4 rays each, and form the image on GRID."""
+    """Simulate 10 samples per mm2, which is the default, and form the image on GRID."""
     moved = np.eye(4)
     moved[:3, 3] = 1e-3 * np.array(shot.shift_mm)
     placed = scene(shot.hand).transformed(moved).with_alpha(shot.alpha)
-    capture = clradar.simulate(placed, ARRAY, WAVEFORM, seed=shot.seed, device=device)
+    capture = clradar.simulate(
+        placed, ARRAY, WAVEFORM, rays_per_sample=shot.rays, seed=shot.seed, device=device
+    )
     if shot.noisy:
         capture = clradar.impair(capture, snr_db=SNR_DB, seed=shot.seed)
     return clradar.backproject(capture, GRID, device=device)
@@ -141,7 +144,7 @@ class Store:
     def make(self, shot: Shot) -> None:
         """Simulate a capture; keep its depth map, and those of its shifted windows."""
         image = volume(shot, self.device)
-        still = shot.noisy or any(shot.shift_mm)
+        still = shot.noisy or any(shot.shift_mm) or shot.rays != 4
         maps = {}
         for shift_mm in [(0, 0, 0)] if still else window_shifts():
             depth = window(image, shift_mm).depth_map(LOWEST_CUT_DB)

@@ -47,7 +47,7 @@ def main(recording: Path | None, mesh: Path | None, alpha: float, page: Path) ->
     page.write_text(html_report(first, simulated, notes=[found.report()]), encoding="utf-8")
     print(f"shift: {', '.join(f'{1e3 * v:.1f}' for v in found.shift_m)} mm")
     for s in simulated:
-        print(f"{s.label}: correlation {clradar.compare(measured, s.image).db_correlation:.2f}")
+        print(f"{s.label}: overlap {clradar.compare(measured, s.image).overlap:.2f}")
 
 
 if __name__ == "__main__":
