@@ -12,9 +12,9 @@ from clradar.model import DepthMap
 OVERLAP_BLUR_M = 2e-3
 """Standard deviation of the ball that every depth point is blurred to, metres.
 
-A point target's amplitude falls to -3 dB at 1.9 mm from its middle (docs/performance.md), as a
-Gaussian of 2.3 mm does: a blur much below that compares speckle, one much above it cannot tell
-places apart that the radar can.
+The image of a point 0.3 m away falls to -3 dB at 1.9 mm from its middle, as a Gaussian of 2.3 mm
+does: a blur much below that compares speckle, one much above it cannot tell places apart that the
+radar can.
 """
 
 # exp(-(d / 2 blur)^2) at d = 8 blur is exp(-16), 1e-7: what is cut off or folded in beyond it.

@@ -39,7 +39,9 @@ METRIC_TEXTS = (
         "overlap",
         "Overlap",
         "How much do both share in space, where it is and how bright it is? Cosine between the two "
-        "depth maps, each point a ball of 2 mm weighted with its amplitude; 1 is best.",
+        "depth maps, each point a ball of 2 mm weighted with its amplitude; 1 is best. A simulated "
+        "hand against itself has 0.996 with another seed, 0.83 when it is 2 mm too far away, 0.71 "
+        "when it is 5 mm off to the side; two different poses have less than 0.1.",
     ),
     MetricText(
         "db_correlation",
