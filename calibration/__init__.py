@@ -1,7 +1,10 @@
 """What a recording needs before it is imaged, and what lines a simulation up with it."""
 
 # The function takes the name of its module: `from calibration import align` gives the function.
-from calibration.align import Alignment, align
+# So does `align_mesh`.
+from calibration.align import align
+from calibration.align_mesh import align_mesh
+from calibration.alignment import Alignment
 from calibration.background import average_frames, subtract_background
 from calibration.gating import Gate, gate, range_gate
 
@@ -9,6 +12,7 @@ __all__ = [
     "Alignment",
     "Gate",
     "align",
+    "align_mesh",
     "average_frames",
     "gate",
     "range_gate",

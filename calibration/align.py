@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from calibration.alignment import UNKNOWN_STD_M, Alignment
 from calibration.freedom import (
     OBSERVABLE,
-    came_from,
     complement,
     named,
     unobservable,
@@ -37,9 +37,6 @@ TRIMMED_SHARE = 0.7
 HELD_TOLERANCE = 0.1
 """Holding a single weak direction may leave the two this share farther apart, no more."""
 
-UNKNOWN_STD_M = 1.0
-"""Standard deviation that `Alignment.covariance` carries along an unobservable direction."""
-
 STEP_TOLERANCE = 1e-6
 """Converged when a step turns less than this (radians) and shifts less than this (metres)."""
 
@@ -47,98 +44,6 @@ _COARSE_STEPS = 15  # point to point, for each start
 _FINE_STARTS = 4  # that go on to point to plane
 _THIN_STEPS = 30  # point to plane, for each start, on that many points
 _SCALE_STEPS = 20  # during which Tukey's cutoff follows the residuals
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Alignment:
-    """Where the simulated depth map has to go so that it lies on the measured one.
-
-    Attributes
-    ----------
-    transform : ndarray, shape (4, 4), float64
-        Rigid motion in the antenna frame, metres: measured = transform . simulated.
-    rms_m : float, metres
-        Amplitude-weighted root mean square distance of the inliers from the measured surface,
-        along its normals.
-    inlier_share : float
-        Share of the simulated amplitude whose points lie on the measured surface, in [0, 1].
-    iterations : int
-        Point-to-plane steps that were taken.
-    converged : bool
-        Whether the last step was below `STEP_TOLERANCE`.
-    covariance : ndarray, shape (6, 6), float64
-        Of a small further motion about `centre_m`: rotation vector (radians), then translation
-        (metres). Along `degenerate_directions` it holds `UNKNOWN_STD_M` squared (a rotation moves
-        a point one radius of the object away by that much): as good as unknown.
-    degenerate_directions : tuple of str
-        Degrees of freedom that these images cannot tell, one sentence part for each; empty where
-        all six are seen. They are held at no motion.
-    centre_m : ndarray, shape (3,), float64, metres
-        Amplitude-weighted median of the measured depth points, coordinate by coordinate.
-    """
-
-    transform: np.ndarray
-    rms_m: float
-    inlier_share: float
-    iterations: int
-    converged: bool
-    covariance: np.ndarray
-    degenerate_directions: tuple[str, ...]
-    centre_m: np.ndarray
-
-    def __post_init__(self) -> None:
-        for name, shape in (("transform", (4, 4)), ("covariance", (6, 6)), ("centre_m", (3,))):
-            array = checks.read_only(f"Alignment.{name}", getattr(self, name), np.float64, shape)
-            object.__setattr__(self, name, array)
-
-    @property
-    def rotation_deg(self) -> float:
-        """Angle of the rotation, degrees, in [0, 180]."""
-        return float(np.degrees(np.linalg.norm(self.rotation_vector)))
-
-    @property
-    def rotation_vector(self) -> np.ndarray:
-        """Axis times angle of the rotation, shape (3,), radians."""
-        return Rotation.from_matrix(self.transform[:3, :3]).as_rotvec()
-
-    @property
-    def translation_m(self) -> np.ndarray:
-        """Last column of `transform`: where the origin of the antenna frame goes, shape (3,)."""
-        return self.transform[:3, 3]
-
-    @property
-    def shift_m(self) -> np.ndarray:
-        """How far the simulated point that ends at `centre_m` is shifted, shape (3,), metres."""
-        return self.centre_m - came_from(self.transform, self.centre_m)
-
-    def report(self) -> str:
-        """Return the result in words, a few lines of text."""
-        std = np.sqrt(np.diag(self.covariance))
-        shift = ", ".join(f"{1e3 * v:+.2f}" for v in self.shift_m)
-        turn = ", ".join(f"{v:+.2f}" for v in np.degrees(self.rotation_vector))
-        lines = [
-            f"The simulated object is shifted by {1e3 * np.linalg.norm(self.shift_m):.2f} mm "
-            f"(x, y, z: {shift} mm) and turned by {self.rotation_deg:.2f} deg "
-            f"(about x, y, z: {turn} deg) to lie on the measured one.",
-            f"{self.inlier_share:.0%} of the simulated amplitude lies on the measured surface, "
-            f"{1e3 * self.rms_m:.2f} mm rms from it.",
-        ]
-        if self.degenerate_directions:
-            lines.append(
-                "These images cannot tell, and no motion is assumed for: "
-                + "; ".join(self.degenerate_directions)
-                + "."
-            )
-        else:
-            shift = ", ".join(f"{1e3 * v:.2g}" for v in std[3:])
-            turn = ", ".join(f"{v:.2g}" for v in np.degrees(std[:3]))
-            lines.append(
-                f"One standard deviation from the residuals alone: {shift} mm and {turn} deg "
-                "(x, y, z)."
-            )
-        end = "Converged" if self.converged else "NOT converged: still moving"
-        lines.append(f"{end} after {self.iterations} iterations.")
-        return "\n".join(lines)
 
 
 def align(
@@ -238,7 +143,7 @@ def _coarse(surface: Surface, cloud: Surface, search_deg: float) -> list[np.ndar
     """Return the best starts, refined point to point, best first."""
     # Clutter on one side pulls a centroid further than it pulls a median.
     middles = [(cloud.centroid_m, surface.centroid_m), (cloud.centre_m, surface.centre_m)]
-    turns = _start_rotations(search_deg)
+    turns = start_rotations(search_deg)
     starts = [np.eye(4)] + [rotation_about(turn, *pair) for pair in middles for turn in turns]
     best = _rank(surface, cloud, starts)[: 2 * _FINE_STARTS]
     # As given stays in the race: where the two lie on each other already, centroids can mislead.
@@ -246,7 +151,7 @@ def _coarse(surface: Surface, cloud: Surface, search_deg: float) -> list[np.ndar
     return [few[i] for i in _rank(surface, cloud, few)[:_FINE_STARTS]]
 
 
-def _start_rotations(search_deg: float) -> list[Rotation]:
+def start_rotations(search_deg: float) -> list[Rotation]:
     """Return rotations about boresight after tilts, no rotation first, in steps of 15 degrees."""
     n = int(search_deg // 15)
     turns = sorted((15 * k for k in range(-n, n + 1) if 15 * k > -180), key=abs)
