@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -118,6 +119,43 @@ def align_mesh(
     `docs/calibration.md` has the equations. The result depends on the arguments and the device
     alone.
     """
+    return locate(
+        measured,
+        mesh,
+        array=array,
+        centre_frequency_hz=centre_frequency_hz,
+        dynamic_range_db=dynamic_range_db,
+        search_deg=search_deg,
+        min_inlier_share=min_inlier_share,
+        max_iterations=max_iterations,
+        device=device,
+        progress=progress,
+    ).alignment
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Located:
+    """An alignment, the fit that it rests on, and the twists that were held, shape (6, k)."""
+
+    alignment: Alignment
+    fit: MeshFit
+    held: np.ndarray
+
+
+def locate(
+    measured: Volume | DepthMap,
+    mesh: Scene,
+    *,
+    array: AntennaArray | None,
+    centre_frequency_hz: float,
+    dynamic_range_db: float | None,
+    search_deg: float,
+    min_inlier_share: float,
+    max_iterations: int,
+    device: Device | str | None,
+    progress: Progress | None,
+) -> Located:
+    """Do the work of `align_mesh`, whose arguments these are."""
     checks.instance("align_mesh: mesh", mesh, Scene)
     search_deg = checks.positive("align_mesh: search_deg", search_deg)
     if search_deg > 180:
@@ -224,21 +262,18 @@ def _apart(fit: MeshFit, other: MeshFit) -> bool:
     return bool(turn.magnitude() > _SAME_TURN_RAD or np.linalg.norm(shift_m) > _SAME_PLACE_M)
 
 
-def judged(
-    image: MeshImage, fit: MeshFit, max_iterations: int, min_inlier_share: float
-) -> Alignment:
+def judged(image: MeshImage, fit: MeshFit, max_iterations: int, min_inlier_share: float) -> Located:
     """Take back what cannot be told, measure how good the rest is, and raise where it is none."""
     lever = _lever(image, fit)
     information = shared_information(image, fit) / np.outer(lever.unit, lever.unit)
     values, vectors = np.linalg.eigh(information)
     free = vectors[:, values < (COVARIANCE_RATIO / UNSEEN_STD_M) ** 2]
     iterations = fit.iterations
+    held = free / lever.unit[:, None]
+    held = held / np.maximum(np.linalg.norm(held, axis=0), 1e-12)
     if free.shape[1]:
         start = without_free_motion(fit.transform, free, lever)
-        held = free / lever.unit[:, None]
-        fit = fit_mesh(
-            image, start, fit.log_brightness, max_iterations, held / np.linalg.norm(held, axis=0)
-        )
+        fit = fit_mesh(image, start, fit.log_brightness, max_iterations, held)
         iterations += fit.iterations
     rms_m, share = _quality(image, fit)
     if share < min_inlier_share:
@@ -250,7 +285,7 @@ def judged(
     values, vectors = np.linalg.eigh(seen.T @ information @ seen)
     inverse = (vectors / np.maximum(values, (COVARIANCE_RATIO / UNSEEN_STD_M) ** 2)) @ vectors.T
     scaled = COVARIANCE_RATIO**2 * seen @ inverse @ seen.T + UNKNOWN_STD_M**2 * free @ free.T
-    return Alignment(
+    alignment = Alignment(
         transform=fit.transform,
         rms_m=rms_m,
         inlier_share=share,
@@ -261,6 +296,7 @@ def judged(
         centre_m=lever.centre_m,
         moved=MESH,
     )
+    return Located(alignment, fit, held)
 
 
 def _lever(image: MeshImage, fit: MeshFit) -> Lever:

@@ -92,6 +92,7 @@ class Aperture:
         antennas_m = np.concatenate([array.tx_m, array.rx_m])
         low, high = antennas_m.min(axis=0), antennas_m.max(axis=0)
         self.array = array
+        self._cells_m2: dict[float, float] = {}
         self.centre_m = 0.5 * (low + high)
         self.wavelength_m = SPEED_OF_LIGHT_M_PER_S / centre_frequency_hz
         share = np.linspace(0.0, 1.0, VIEWS)
@@ -126,10 +127,13 @@ class Aperture:
 
     def cell_m2(self, range_m: float) -> float:
         """Return the area of a resolution cell: pixels nearer than this share their speckle."""
-        step_m = 0.5e-3
-        pattern = self.power_pattern(range_m, (step_m, step_m))
-        # The equivalent area of the pattern: its sum squared over the sum of its squares.
-        return float(step_m**2 / (pattern**2).sum())
+        key = round(range_m, 3)
+        if key not in self._cells_m2:
+            step_m = 1e-3
+            pattern = self.power_pattern(key, (step_m, step_m))
+            # The equivalent area of the pattern: its sum squared over the sum of its squares.
+            self._cells_m2[key] = float(step_m**2 / (pattern**2).sum())
+        return self._cells_m2[key]
 
 
 class MeshImage:

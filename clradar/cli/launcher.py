@@ -24,6 +24,8 @@ COMMANDS = {
     "convert": "Turn any supported recording into native captures, or captures into a recording.",
     "background": "Subtract the empty room, average frames, keep a window of range.",
     "inspect": "Say in words what a file or a recording holds, or verify it.",
+    "align": "Find the motion that brings a simulated image, or a mesh, onto a measured image.",
+    "register": "Place a mesh where it was measured, simulate it there, and correct the place.",
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
 }
 """Subcommand, which is also the name of its module, and the line that describes it."""
