@@ -56,7 +56,7 @@ def mesh(name: str) -> clradar.Scene:
         return clradar.Scene.from_mesh(hand_mesh("F", handedness="left"))
     if name == "box":
         shape = trimesh.creation.box(extents=(0.07, 0.05, 0.04))
-        shape.apply_transform(turn_about([25.0, 30.0, 10.0], np.zeros(3)))
+        shape.apply_transform(turn_about([12.0, 15.0, 10.0], np.zeros(3)))
     elif name == "sphere":
         shape = trimesh.creation.icosphere(subdivisions=5, radius=0.04)
     elif name == "plate":

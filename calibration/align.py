@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from calibration.alignment import UNKNOWN_STD_M, Alignment
 from calibration.freedom import (
@@ -23,6 +22,7 @@ from calibration.rigid import (
     plane_jacobian,
     rotation_about,
 )
+from calibration.starts import start_rotations
 from calibration.surface import MIN_POINTS, Surface, failure, planes_under, weighted_quantile
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
@@ -149,20 +149,6 @@ def _coarse(surface: Surface, cloud: Surface, search_deg: float) -> list[np.ndar
     # As given stays in the race: where the two lie on each other already, centroids can mislead.
     few = [_point_to_point(surface, cloud, starts[i]) for i in dict.fromkeys([0, *best])]
     return [few[i] for i in _rank(surface, cloud, few)[:_FINE_STARTS]]
-
-
-def start_rotations(search_deg: float) -> list[Rotation]:
-    """Return rotations about boresight after tilts, no rotation first, in steps of 15 degrees."""
-    n = int(search_deg // 15)
-    turns = sorted((15 * k for k in range(-n, n + 1) if 15 * k > -180), key=abs)
-    about = np.radians(np.arange(8) * 45.0)
-    axes = np.stack([np.cos(about), np.sin(about), np.zeros(8)], axis=1)
-    tilts = np.concatenate([np.zeros((1, 3)), 15.0 * axes, 30.0 * axes])
-    return [
-        Rotation.from_rotvec(tilt, degrees=True) * Rotation.from_euler("z", turn, degrees=True)
-        for tilt in tilts
-        for turn in turns
-    ]
 
 
 def _rank(surface: Surface, cloud: Surface, transforms: list[np.ndarray]) -> list[int]:

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from scipy import fft
 
-from calibration.align import start_rotations
 from calibration.mesh_fit import FLOOR, MeshFit, first_brightness, fit_mesh
 from calibration.mesh_image import Aperture, MeshImage, Picture
 from calibration.rigid import moved, rotation_about
+from calibration.starts import TILTS, start_rotations
 from calibration.surface import weighted_quantile
 from clradar.visible import VisibleSurface
 
@@ -21,7 +21,7 @@ COARSE_BLUR_M = 4e-3
 COARSE_SAMPLES_PER_MM2 = 0.2
 """Three samples per pixel of the search."""
 
-_TRIED = 8  # candidates that are refined on the coarse picture
+_TRIED = 6  # candidates that are refined on the coarse picture
 _COARSE_STEPS = 12
 _RANGE_SPREAD_M = 10e-3  # spread of the range differences at which a candidate scores nothing
 
@@ -61,6 +61,7 @@ def search(
     middle_m = surface.points_m.mean(axis=0)
     target_m = _middle_of(picture, aperture)
     rotations = start_rotations(search_deg)
+    turns_per_tilt = len(rotations) // TILTS
     scored: list[tuple[float, np.ndarray]] = []
     # As given stays in the race: where the mesh is in place already, the search can only lose.
     image.look(np.eye(4))
@@ -68,7 +69,9 @@ def search(
         scored.append((_score(image, measured, np.eye(4)), np.eye(4)))
     for done, rotation in enumerate(rotations):
         start = rotation_about(rotation, middle_m, target_m)
-        image.look(start)
+        # A turn about boresight changes little of what is seen, a tilt does.
+        if done % turns_per_tilt == 0:
+            image.look(start)
         if image.n_seen:
             start = _slid(image, start, measured, spectrum, size)
             scored.append((_score(image, measured, start), start))

@@ -14,6 +14,7 @@ from clradar.cli.options import (
     FrameOption,
     Method,
     MethodOption,
+    SearchOption,
     Unit,
     VariantOption,
     Window,
@@ -46,12 +47,7 @@ def command(
         typer.Option("--mesh", metavar="MESH", help="Align this mesh instead of an image."),
     ] = None,
     unit: Annotated[Unit, typer.Option("--unit", help="Unit of the mesh file.")] = Unit.m,
-    search_deg: Annotated[
-        float,
-        typer.Option(
-            "--search-deg", metavar="DEG", help="Rotations about boresight that it tries."
-        ),
-    ] = 45.0,
+    search_deg: SearchOption = 45.0,
     dynamic_range_db: Annotated[
         Optional[float],  # noqa: UP045
         typer.Option(
@@ -108,7 +104,8 @@ def command(
         with progress_bar("searching") as progress:
             result = align_mesh(volume, scene, device=opened, progress=progress, **settings)
     else:
-        assert simulated is not None and image is not None
+        assert simulated is not None
+        assert image is not None
         moving = formed(simulated, image, grid, method.value, window.value, opened)
         result = align(volume, moving, **settings)
     options = {

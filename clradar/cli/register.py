@@ -14,6 +14,7 @@ from clradar.cli.options import (
     DeviceOption,
     ForceOption,
     FrameOption,
+    SearchOption,
     Unit,
     VariantOption,
     XOption,
@@ -74,12 +75,7 @@ def command(
     seed: Annotated[
         int, typer.Option("--seed", metavar="N", help="Of the first round; counts up from there.")
     ] = 0,
-    search_deg: Annotated[
-        float,
-        typer.Option(
-            "--search-deg", metavar="DEG", help="Rotations about boresight that it tries."
-        ),
-    ] = 45.0,
+    search_deg: SearchOption = 45.0,
     max_rounds: Annotated[
         int, typer.Option("--max-rounds", metavar="N", help="Simulations at most.")
     ] = 10,
