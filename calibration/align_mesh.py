@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from calibration.alignment import MESH, UNKNOWN_STD_M, Alignment
 from calibration.freedom import Lever, came_from, complement, named, without_free_motion
 from calibration.mesh_fit import (
+    FLOOR,
     MeshFit,
     first_brightness,
     fit_mesh,
@@ -38,7 +39,7 @@ FINE_STEP_M = 2e-3
 FINE_SAMPLES_PER_MM2 = 1.0
 MOST_SAMPLES = 200_000
 
-COVARIANCE_RATIO = 1.6
+COVARIANCE_RATIO = 1.8
 """Errors that were seen over the standard deviations that the information promises: the picture
 knows neither interference nor the curvature of a glint (docs/calibration.md)."""
 
@@ -50,6 +51,9 @@ SIZE_RATIO = 20.0
 """A mesh so many times larger or smaller than what is measured has the wrong unit."""
 
 INLIER_STD = 3.0
+
+MIN_LIKENESS = 0.6
+"""Pictures that correlate by less are of different objects (docs/calibration.md)."""
 
 _FINE_STARTS = 3
 _SAME_PLACE_M, _SAME_TURN_RAD = 2e-3, 0.04
@@ -275,11 +279,16 @@ def judged(image: MeshImage, fit: MeshFit, max_iterations: int, min_inlier_share
         start = without_free_motion(fit.transform, free, lever)
         fit = fit_mesh(image, start, fit.log_brightness, max_iterations, held)
         iterations += fit.iterations
-    rms_m, share = _quality(image, fit)
+    rms_m, share, likeness = _quality(image, fit)
     if share < min_inlier_share:
         raise failure(
             f"only {share:.0%} of the measured amplitude lies on the mesh, and "
             f"{min_inlier_share:.0%} is the least"
+        )
+    if likeness < MIN_LIKENESS:
+        raise failure(
+            f"the measurement does not look like the mesh: their pictures correlate by "
+            f"{likeness:.2f}, and {MIN_LIKENESS:.2f} is the least"
         )
     seen = complement(free)
     values, vectors = np.linalg.eigh(seen.T @ information @ seen)
@@ -295,6 +304,7 @@ def judged(image: MeshImage, fit: MeshFit, max_iterations: int, min_inlier_share
         degenerate_directions=named(free, lever),
         centre_m=lever.centre_m,
         moved=MESH,
+        likeness=likeness,
     )
     return Located(alignment, fit, held)
 
@@ -304,12 +314,20 @@ def _lever(image: MeshImage, fit: MeshFit) -> Lever:
     return Lever(fit.centre_m, float(np.median(distance_m)))
 
 
-def _quality(image: MeshImage, fit: MeshFit) -> tuple[float, float]:
-    """Return the rms of the inliers' ranges, metres, and their share of the measured amplitude."""
+def _quality(image: MeshImage, fit: MeshFit) -> tuple[float, float, float]:
+    """Return how good a fit is.
+
+    The rms of the inliers' ranges, metres, their share of the measured amplitude, and how the two
+    pictures correlate in decibels.
+    """
     image.look(fit.transform)
-    found = misfit(image, *image.of(fit.transform, fit.log_brightness))
+    power, range_m = image.of(fit.transform, fit.log_brightness)
+    found = misfit(image, power, range_m)
     near = found.measured & (np.abs(found.range_m) < INLIER_STD * found.range_std_m)
     amplitude = np.sqrt(image.power)
     on_mesh = amplitude * found.covered * near
     rms_m = np.sqrt((on_mesh * found.range_m**2).sum() / max(on_mesh.sum(), 1e-12))
-    return float(rms_m), float(on_mesh.sum() / (amplitude * found.measured).sum())
+    share = on_mesh.sum() / (amplitude * found.measured).sum()
+    pictures = [np.log1p(p / FLOOR).ravel() for p in (image.power, power)]
+    alike = 0.0 if min(np.ptp(p) for p in pictures) == 0.0 else np.corrcoef(*pictures)[0, 1]
+    return float(rms_m), float(share), float(alike)

@@ -48,6 +48,8 @@ class Alignment:
         the mean of its visible surface, where it was found.
     moved : "simulated image" or "mesh"
         What `transform` moves.
+    likeness : float or None
+        Of a mesh: correlation of its picture with the measured one, in decibels, at most 1.
     """
 
     transform: np.ndarray
@@ -59,6 +61,7 @@ class Alignment:
     degenerate_directions: tuple[str, ...]
     centre_m: np.ndarray
     moved: str = IMAGE
+    likeness: float | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (("transform", (4, 4)), ("covariance", (6, 6)), ("centre_m", (3,))):
@@ -93,6 +96,7 @@ class Alignment:
             "moved": self.moved,
             "rms_m": self.rms_m,
             "inlier_share": self.inlier_share,
+            "likeness": self.likeness,
             "iterations": self.iterations,
             "converged": self.converged,
             "covariance": self.covariance.tolist(),
@@ -116,6 +120,8 @@ class Alignment:
             f"(about x, y, z: {turn} deg) to lie on the measured one.",
             f"{self.inlier_share:.0%} of the {share}, {1e3 * self.rms_m:.2f} mm rms from it.",
         ]
+        if self.likeness is not None:
+            lines[-1] += f" The pictures correlate by {self.likeness:.2f}."
         if self.degenerate_directions:
             lines.append(
                 "These images cannot tell, and no motion is assumed for: "

@@ -126,13 +126,16 @@ class Aperture:
         return power / power.sum()
 
     def cell_m2(self, range_m: float) -> float:
-        """Return the area of a resolution cell: pixels nearer than this share their speckle."""
+        """Return the area of a resolution cell, in which pixels share their speckle.
+
+        The integral of the speckle's squared correlation, which for a uniform aperture is the power
+        pattern itself.
+        """
         key = round(range_m, 3)
         if key not in self._cells_m2:
             step_m = 1e-3
             pattern = self.power_pattern(key, (step_m, step_m))
-            # The equivalent area of the pattern: its sum squared over the sum of its squares.
-            self._cells_m2[key] = float(step_m**2 / (pattern**2).sum())
+            self._cells_m2[key] = float(step_m**2 * pattern.sum() / pattern.max())
         return self._cells_m2[key]
 
 
