@@ -328,6 +328,6 @@ def _quality(image: MeshImage, fit: MeshFit) -> tuple[float, float, float]:
     on_mesh = amplitude * found.covered * near
     rms_m = np.sqrt((on_mesh * found.range_m**2).sum() / max(on_mesh.sum(), 1e-12))
     share = on_mesh.sum() / (amplitude * found.measured).sum()
-    pictures = [np.log1p(p / FLOOR).ravel() for p in (image.power, power)]
-    alike = 0.0 if min(np.ptp(p) for p in pictures) == 0.0 else np.corrcoef(*pictures)[0, 1]
+    one, other = (np.log1p(p / FLOOR).ravel() for p in (image.power, power))
+    alike = 0.0 if min(np.ptp(one), np.ptp(other)) == 0.0 else np.corrcoef(one, other)[0, 1]
     return float(rms_m), float(share), float(alike)

@@ -1,4 +1,4 @@
-"""Mesh to measurement: visibility, the picture of a mesh, the motion that is found, and failures."""
+"""Mesh to measurement: visibility, the picture of a mesh, the motion found, and failures."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ POSITION_M, ROTATION_DEG = 1.5e-3, 1.5
 """What is asked of 95 of 100 measurements of a hand (docs/calibration.md)."""
 
 OWN_PICTURE_M = 5e-5
-"""A fit to the mesh's own picture has no noise: the convergence tolerance of 1e-5 m is what is left,
-and a factor of five for the visibility, which is looked up every 0.2 mm only."""
+"""A fit to the mesh's own picture has no noise: the convergence tolerance of 1e-5 m is what is
+left, and a factor of five for the visibility, which is looked up every 0.2 mm only."""
 
 
 def motion(turn_deg=(0.0, 0.0, 0.0), shift_m=(0.0, 0.0, 0.0)):
