@@ -54,8 +54,8 @@ def run_case(case: int, names: list[str], methods: list[str]) -> list[dict[str, 
         row: dict[str, Any] = {"case": case, "object": name, "alpha": alpha, "method": method}
         try:
             found = aligned(method, measured, scene, alpha, other_alpha, case)
-        except CompareError as error:
-            row["failure"] = str(error)
+        except CompareError as failure:
+            row["failure"] = str(failure)
         else:
             error = error_of(found.transform, truth, middle_m(scene))
             row |= {
@@ -111,9 +111,10 @@ def row_text(row: dict[str, Any]) -> str:
     if "failure" in row:
         return f"{head} {row['failure']}"
     tail = "" if row["converged"] else " NOT converged"
+    like = "" if row["likeness"] is None else f", likeness {row['likeness']:.2f}"
     return (
         f"{head} {row['position_mm']:6.2f} mm {row['rotation_deg']:6.2f} deg, inliers "
-        f"{row['inlier_share']:.2f}, likeness {row['likeness']:.2f}, {row['time_s']:.0f} s{tail}"
+        f"{row['inlier_share']:.2f}{like}, {row['time_s']:.0f} s{tail}"
     )
 
 
