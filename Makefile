@@ -5,17 +5,23 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # The embedded CPU device, unless the caller wants another one.
 export CLRADAR_DEVICE ?= pocl
+# Processes that run the tests.
+JOBS ?= 2
 
-.PHONY: demo test test-slow memcheck lint format figures bench clean
+.PHONY: demo test test-slow fuzz memcheck lint format figures bench clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
 
 test: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
 
 test-slow: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -m slow --timeout 3600
+
+# 100 000 mutated files for every reader, and 20 000 guided by coverage: some hours.
+fuzz: $(VENV)/.installed-fuzz
+	$(BIN)/python -m pytest -m slow --timeout 14400 tests/fuzz
 
 # Oclgrind shows up as a device where it is installed, so it has an environment of its own.
 memcheck: $(VENV)-memcheck/.installed
@@ -49,6 +55,10 @@ $(VENV)/.installed-dev: $(VENV)/.installed pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[test,lint]"
 	touch $@
 
+$(VENV)/.installed-fuzz: $(VENV)/.installed pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable ".[test,fuzz]"
+	touch $@
+
 $(VENV)/.installed-bench: $(VENV)/.installed pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[bench]"
 	touch $@
@@ -59,5 +69,5 @@ $(VENV)-memcheck/.installed: pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(VENV)-memcheck demo demo-full dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-memcheck demo demo-full fuzz-faults dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,24 +1,42 @@
 """What a recording needs before it is imaged, and what lines a simulation up with it."""
 
-# The function takes the name of its module: `from calibration import align` gives the function.
-# So do `align_mesh` and `register`.
+# Functions take the names of their modules: `from calibration import align` gives the function.
 from calibration.align import align
 from calibration.align_mesh import align_mesh
 from calibration.alignment import Alignment
 from calibration.background import average_frames, subtract_background
+from calibration.channels import estimate_channels
+from calibration.conventions import HYPOTHESES, Hypothesis, apply_convention
+from calibration.correction import correct
+from calibration.diagnose import Diagnosis, Score, diagnose
 from calibration.gating import Gate, gate, range_gate
 from calibration.register import Registration, Round, register
+from calibration.targets import CornerReflector, Echo, FlatPlate, Sphere, Target, response
 
 __all__ = [
+    "HYPOTHESES",
     "Alignment",
+    "CornerReflector",
+    "Diagnosis",
+    "Echo",
+    "FlatPlate",
     "Gate",
+    "Hypothesis",
     "Registration",
     "Round",
+    "Score",
+    "Sphere",
+    "Target",
     "align",
     "align_mesh",
+    "apply_convention",
     "average_frames",
+    "correct",
+    "diagnose",
+    "estimate_channels",
     "gate",
     "range_gate",
     "register",
+    "response",
     "subtract_background",
 ]

@@ -8,6 +8,7 @@ from clradar.impair import impair
 from clradar.model import (
     AntennaArray,
     Capture,
+    ChannelCalibration,
     ChannelResponse,
     DepthMap,
     Paths,
@@ -27,6 +28,7 @@ __version__ = "0.1.0"
 __all__ = [
     "AntennaArray",
     "Capture",
+    "ChannelCalibration",
     "ChannelResponse",
     "DepthMap",
     "Device",

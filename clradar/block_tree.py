@@ -118,19 +118,20 @@ class _Places:
     def __init__(self, grid: VoxelGrid, sizes: list[Triple], rng: np.random.Generator) -> None:
         self.grid, self.sizes, self.rng = grid, sizes, rng
 
-    def draw(self, n: int, level: int) -> tuple[np.ndarray, np.ndarray]:
+    def draw(self, n: int, level: int, centres: slice) -> tuple[np.ndarray, np.ndarray]:
         """Return voxels that are spread over the blocks of a level and over each of these blocks.
 
         Returns
         -------
         voxel_m : ndarray, shape (n, 3), metres
-        centre_m : ndarray, shape (n_levels, n, 3), metres
+        centre_m : ndarray, shape (n_centres, n, 3), metres
+            Of the blocks, at the levels `centres`, that they are in.
         """
         counts, size = np.array(self.grid.counts), np.array(self.sizes[level])
         first = size * np.round(self._fraction(n) * (-(-counts // size) - 1))
         last = np.minimum(first + size, counts) - 1
         voxel = np.round(first + self._fraction(n) * (last - first))
-        sizes = np.array(self.sizes)[:, None]
+        sizes = np.array(self.sizes[centres])[:, None]
         centre = voxel // sizes * sizes + 0.5 * (sizes - 1)
         return self._metres(voxel), self._metres(centre)
 
@@ -149,9 +150,11 @@ class _Antennas:
         self.antennas_m, self.k, self.places = antennas_m, k, places
         self.n_points, self.n_levels = len(antennas_m), len(places.sizes)
 
-    def draw(self, n: int, level: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the cycles to n voxels, (n, n_points), and to their centres, (n_levels, ...)."""
-        voxel_m, centre_m = self.places.draw(n, level)
+    def draw(
+        self, n: int, level: int, points: np.ndarray, centres: slice
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the cycles to n voxels, (n, n_points), and to their centres of some levels."""
+        voxel_m, centre_m = self.places.draw(n, level, centres)
         k = self.places.rng.choice(self.k, n)[:, None]
         return k * self._lengths(voxel_m, points), k * self._lengths(centre_m, points)
 
@@ -167,9 +170,11 @@ class _Frequencies:
         self.array, self.offset, self.places = array, k - 0.5 * (k[0] + k[-1]), places
         self.n_points, self.n_levels = len(k), len(places.sizes)
 
-    def draw(self, n: int, level: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the cycles to n voxels, (n, n_points), and to their centres, (n_levels, ...)."""
-        voxel_m, centre_m = self.places.draw(n, level)
+    def draw(
+        self, n: int, level: int, points: np.ndarray, centres: slice
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the cycles to n voxels, (n, n_points), and to their centres of some levels."""
+        voxel_m, centre_m = self.places.draw(n, level, centres)
         to_voxel, to_centre = np.zeros(n), np.zeros(centre_m.shape[:2])
         for antennas_m in (self.array.tx_m, self.array.rx_m):
             chosen = antennas_m[self.places.rng.integers(0, len(antennas_m), n)]
@@ -201,8 +206,8 @@ def _skeleton(
     n = max(MIN_SAMPLES, SAMPLES_PER_POINT * len(points))
 
     def draw() -> np.ndarray:
-        to_voxel, to_centre = kind.draw(n, level, points)
-        return _phasor(to_voxel - to_centre[level])
+        to_voxel, to_centre = kind.draw(n, level, points, slice(level, level + 1))
+        return _phasor(to_voxel - to_centre[0])
 
     return skeleton(draw, tolerance)
 
@@ -210,7 +215,7 @@ def _skeleton(
 def _error_of(kind: _Antennas | _Frequencies, found: list[Skeleton]) -> float:
     """Return the RMS error of all levels together, on voxels that had no part in any choice."""
     every = np.arange(kind.n_points)
-    to_voxel, to_centre = kind.draw(MIN_SAMPLES, kind.n_levels - 1, every)
+    to_voxel, to_centre = kind.draw(MIN_SAMPLES, kind.n_levels - 1, every, slice(None))
     last = found[-1].index
     value = _phasor((to_voxel - to_centre[-1])[:, last])
     for level in reversed(range(kind.n_levels)):

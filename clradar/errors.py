@@ -25,5 +25,9 @@ class CompareError(ClradarError, ValueError):
     """Two images cannot be compared or aligned."""
 
 
+class CalibrationError(ClradarError, ValueError):
+    """A capture does not show the known target, or a calibration is of another instrument."""
+
+
 class OutputError(ClradarError, OSError):
     """An output cannot be written: it exists already, or its folder does not."""

@@ -7,6 +7,7 @@ calls. Layouts are computed in inches, so that nothing overlaps whatever the num
 from __future__ import annotations
 
 import contextlib
+import io
 import math
 import os
 import secrets
@@ -14,7 +15,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -105,7 +106,7 @@ def image_figure(
     lefts = (LEFT, LEFT + panel_w + bar + LEFT)
     axes = [_axes(figure, left, BOTTOM, panel_w, panel_h) for left in lefts]
     amplitude = _draw_amplitude(axes[0], shown)
-    limits_mm = _depth_limits_mm([shown])
+    limits_mm = depth_limits_mm([shown])
     depth = _draw_depth(axes[1], shown, limits_mm)
     for panel, name in zip(axes, ("Amplitude, maximum over depth", "Depth"), strict=True):
         _frame(panel, extent, panel_w, panel_h, x_labels=True, y_labels=True, margin=0.0)
@@ -184,7 +185,7 @@ def comparison_figure(
     lefts = [LEFT + i * (panel_w + GAP) for i in range(columns)]
     above = [_axes(figure, left, upper, panel_w, panel_h) for left in lefts]
     below = [_axes(figure, left, lower, panel_w, panel_h) for left in lefts]
-    limits_mm = _depth_limits_mm(shown)
+    limits_mm = depth_limits_mm(shown)
     for i, image in enumerate(shown):
         amplitude = _draw_amplitude(above[i], image)
         depth = _draw_depth(below[i], image, limits_mm)
@@ -201,6 +202,80 @@ def comparison_figure(
         for left, values in zip(lefts[1:], metrics, strict=True):
             value = _caption_values(values)[row]
             _text(figure, left + panel_w / 2, top, value, size=CAPTION_PT, ha="center")
+    return figure
+
+
+def panels_figure(
+    panels: Sequence[Sequence[tuple[str, DepthMap | None]]],
+    title: str | None = None,
+    *,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+) -> Figure:
+    """Draw the amplitudes of several images in rows, each relative to its own maximum.
+
+    Parameters
+    ----------
+    panels : sequence of rows of (label, DepthMap or None)
+        From top to bottom and left to right. Labels are plain text. Each panel has axes of its own;
+        one without an image, or of an image that is zero, stays empty.
+    title : str, optional
+        Plain text above all panels.
+    dynamic_range_db : float, decibel
+        What is further below an image's maximum is background.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes in the order of the panels, then the colour bar.
+
+    Raises
+    ------
+    CompareError
+        No image at all that is not zero.
+    """
+    from matplotlib.figure import Figure
+
+    shown = [
+        depth_map_of(image, dynamic_range_db, f"image '{label}'")
+        for row in panels
+        for label, image in row
+        if image is not None and image.amplitude.any()
+    ]
+    if not shown:
+        raise CompareError("panels_figure: expected at least one image that is not zero, got none")
+    columns = max(map(len, panels))
+    width = max(ROW_WIDTH / columns - LEFT, PANEL_WIDTH)
+    line_h = _height(3, TICK_PT)
+    row_h = BOTTOM + width + line_h
+    bar_left = columns * (LEFT + width) + BAR_GAP
+    lines = _wrapped(title or "", bar_left, TITLE_PT)
+    height = len(panels) * row_h + _height(len(lines), TITLE_PT) + TOP
+    figure = Figure(
+        figsize=(bar_left + BAR_WIDTH + BAR_LABELS, height), dpi=DPI / 2, facecolor="white"
+    )
+    drawn: Any = None
+    for i, row in enumerate(panels):
+        bottom = (len(panels) - 1 - i) * row_h + BOTTOM
+        for j, (label, image) in enumerate(row):
+            axes = _axes(figure, LEFT + j * (LEFT + width), bottom, width, width)
+            lettering = "\n".join(_wrapped(label, width + LEFT / 2, TICK_PT))
+            axes.set_title(lettering, fontsize=TICK_PT, pad=3, parse_math=False)
+            if image is None or not image.amplitude.any():
+                axes.set_xticks([])
+                axes.set_yticks([])
+                continue
+            one = depth_map_of(image, dynamic_range_db, f"image '{label}'")
+            drawn = _draw_amplitude(axes, one)
+            _frame(
+                axes, _Extent.around([one]), width, width,
+                x_labels=True, y_labels=True, margin=0.05,
+            )  # fmt: skip
+    bar_height = min(2 * row_h, len(panels) * row_h) - BOTTOM - line_h
+    bar = _axes(figure, bar_left, BOTTOM, BAR_WIDTH, bar_height)
+    _amplitude_bar(bar, drawn, dynamic_range_db)
+    for at, line in enumerate(lines):
+        top = height - TOP / 2 - _height(at, TITLE_PT)
+        _text(figure, bar_left / 2, top, line, size=TITLE_PT, ha="center", bold=True)
     return figure
 
 
@@ -226,30 +301,19 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = F
         The file exists and `force` is False, the folder does not exist, the suffix is another, or
         the system refuses to write. What was at `path` before is then untouched.
     """
-    import matplotlib
-
     target = Path(path)
     suffix = target.suffix.lower()
     if suffix not in SUFFIXES:
         raise OutputError(
             f"{target}: expected a name that ends in {', '.join(SUFFIXES)}, got '{target.suffix}'"
         )
-    # None drops what would differ from run to run (dates) or from version to version (software).
-    metadata: dict[str, dict[str, None]] = {
-        ".png": {"Software": None},
-        ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-        ".svg": {"Date": None, "Creator": None},
-    }
-    # SVG ids are random without a salt, and a user's settings must not crop the page.
-    settings = {"svg.hashsalt": "clradar", "savefig.bbox": None, "savefig.transparent": False}
     # Not made from the target's name, which can be as long as a name can be.
     temporary = target.with_name(f".clradar-{secrets.token_hex(6)}.tmp")
     try:
         _refuse_existing(target, force)
         # "x" and not tempfile, whose files nobody else may read.
         with temporary.open("xb") as stream:
-            with matplotlib.rc_context(settings):
-                figure.savefig(stream, format=suffix[1:], dpi=figure.dpi, metadata=metadata[suffix])
+            _render(figure, stream, suffix, figure.dpi)
             stream.flush()
             os.fsync(stream.fileno())
         # Again: drawing takes a second, in which another process can have written the file.
@@ -263,6 +327,45 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = F
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
     return target
+
+
+def png_bytes(figure: Figure, *, dpi: float = DPI) -> bytes:
+    """Return a figure as a PNG; the same figure gives the same bytes.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    dpi : float
+        Dots per inch.
+    """
+    stream = io.BytesIO()
+    _render(figure, stream, ".png", dpi)
+    return stream.getvalue()
+
+
+def _render(figure: Figure, stream: BinaryIO, suffix: str, dpi: float) -> None:
+    import matplotlib
+
+    # None drops what would differ from run to run (dates) or from version to version (software).
+    metadata: dict[str, dict[str, None]] = {
+        ".png": {"Software": None},
+        ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+        ".svg": {"Date": None, "Creator": None},
+    }
+    # SVG ids are random without a salt, and a user's settings must not crop the page.
+    settings = {"svg.hashsalt": "clradar", "savefig.bbox": None, "savefig.transparent": False}
+    with matplotlib.rc_context(settings):
+        figure.savefig(stream, format=suffix[1:], dpi=dpi, metadata=metadata[suffix])
+
+
+def printable(text: object) -> str:
+    """Return text on one line, with escapes for what cannot be printed.
+
+    A label can be a file's name, which can hold control characters, bytes that are no text (lone
+    surrogates: fonts refuse them), and marks that turn the direction of writing.
+    """
+    line = " ".join(str(text).split())
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
 
 
 def _refuse_existing(target: Path, force: bool) -> None:
@@ -382,7 +485,7 @@ def _wrapped(text: str, width: float, size_pt: float) -> list[str]:
     """Break text into at most three lines for a width in inches; more ends in an ellipsis."""
     # 0.66 em is a generous mean width for the letters of a sans-serif font.
     letters = max(8, int(width * POINTS_PER_INCH / (0.66 * size_pt)))
-    return textwrap.wrap(text, letters, max_lines=3, placeholder="…")
+    return textwrap.wrap(printable(text), letters, max_lines=3, placeholder="…")
 
 
 def _draw_amplitude(axes: Axes, image: DepthMap) -> Any:
@@ -486,7 +589,7 @@ def _signed(number: str) -> str:
     return number.replace("-", "\N{MINUS SIGN}")
 
 
-def _depth_limits_mm(images: Sequence[DepthMap]) -> tuple[float, float]:
+def depth_limits_mm(images: Sequence[DepthMap]) -> tuple[float, float]:
     """Return the depths that the colour scale of these images spans, whole millimetres."""
     depths_mm = np.concatenate([1e3 * image.depth_m[image.mask] for image in images])
     # Rounded first: 0.3 m is 299.999999… mm.

@@ -1,8 +1,13 @@
 """Recorded captures and the native HDF5 file, as records of `clradar`."""
 
+from measurement_io.channels_file import open_channels, save_channels
 from measurement_io.check import CheckReport, check_file
 from measurement_io.describe import describe
 from measurement_io.facts import Description, Fact
+from measurement_io.layouts.apply import open_with_layout
+from measurement_io.layouts.description import Layout
+from measurement_io.layouts.skeleton import LayoutNeeded
+from measurement_io.layouts.toml_reader import read_layout
 from measurement_io.maroon.alignment import SensorAlignment, read_alignment
 from measurement_io.maroon.metadata import MaskBox, RecordingMetadata, read_metadata
 from measurement_io.maroon.product_writer import write_products
@@ -16,6 +21,8 @@ __all__ = [
     "CheckReport",
     "Description",
     "Fact",
+    "Layout",
+    "LayoutNeeded",
     "MaskBox",
     "Recording",
     "RecordingMetadata",
@@ -23,11 +30,15 @@ __all__ = [
     "check_file",
     "describe",
     "open_capture",
+    "open_channels",
     "open_recording",
     "open_volume",
+    "open_with_layout",
     "read_alignment",
+    "read_layout",
     "read_metadata",
     "save_capture",
+    "save_channels",
     "save_maroon_frame",
     "save_recording",
     "save_volume",

@@ -16,7 +16,7 @@ CHANNELS = 96
 
 IMAGING = slice(1, 95)
 MAX_ANTENNA_FILE_BYTES = 2**20
-_EXPECTED = "an antenna file (a header x,y,z, then 96 rows of metres)"
+_EXPECTED = "an antenna file (a header x,y,z, then a row of three numbers per antenna)"
 
 
 def read_antenna_file(path: str | os.PathLike[str]) -> np.ndarray:
@@ -38,6 +38,25 @@ def read_antenna_file(path: str | os.PathLike[str]) -> np.ndarray:
     MeasurementError
         Missing, not such a file, another number of rows, NaN or infinite.
     """
+    positions = read_position_file(path)
+    if len(positions) not in (CHANNELS, CHANNELS - 2):
+        fail(path, "96 rows (or the 94 imaging ones)", f"{len(positions)} rows")
+    return positions[IMAGING] if len(positions) == CHANNELS else positions
+
+
+def read_position_file(path: str | os.PathLike[str]) -> np.ndarray:
+    """Return the rows of a text file of positions: a header `x,y,z`, then any number of rows.
+
+    Returns
+    -------
+    ndarray, shape (n, 3), float64
+        In the file's unit.
+
+    Raises
+    ------
+    MeasurementError
+        Missing, not such a file, NaN or infinite.
+    """
     path = Path(path)
     content = read_bytes(path, _EXPECTED, MAX_ANTENNA_FILE_BYTES)
     with reading(path, _EXPECTED):
@@ -47,8 +66,6 @@ def read_antenna_file(path: str | os.PathLike[str]) -> np.ndarray:
         if header != ["x", "y", "z"]:
             fail(path, "a first line 'x,y,z'", repr(lines[0][:60]) if lines else "an empty file")
         rows = lines[1:]
-        if len(rows) not in (CHANNELS, CHANNELS - 2):
-            fail(path, "96 rows (or the 94 imaging ones)", f"{len(rows)} rows")
         positions = np.empty((len(rows), 3))
         for i, row in enumerate(rows):
             parts = row.split(",")
@@ -57,7 +74,7 @@ def read_antenna_file(path: str | os.PathLike[str]) -> np.ndarray:
             positions[i] = [float(part) for part in parts]
         if not np.isfinite(positions).all():
             fail(path, "finite positions", "NaN or infinite ones")
-        return positions[IMAGING] if len(rows) == CHANNELS else positions
+        return positions
 
 
 def antenna_array(

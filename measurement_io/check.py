@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from clradar.errors import MeasurementError
-from measurement_io import native
+from measurement_io import channels_file, native, native_scheme
 from measurement_io.failures import reading, shown
+from measurement_io.layouts.skeleton import layout_needed
 from measurement_io.maroon.folders import find_radar_folder
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.inspection import inspect_folders
@@ -70,6 +71,8 @@ def check_file(path: str | os.PathLike[str]) -> CheckReport:
 
 def _check(source: Path, checked: list[str], problems: list[str]) -> None:
     kind = kind_of(source)
+    if kind == "container":
+        raise layout_needed(source)
     if kind == "folder":
         _check_folder(source, checked, problems)
     elif kind == "frame":
@@ -82,9 +85,12 @@ def _check(source: Path, checked: list[str], problems: list[str]) -> None:
 
 def _check_native(path: Path, checked: list[str], problems: list[str]) -> None:
     header = native.read_header(path)
-    checked.append(f"a native {header.format}, version {header.version}, text attributes intact")
+    noun = native_scheme.SCHEMES[header.format].noun
+    checked.append(f"native: {noun}, version {header.version}, text attributes intact")
     if header.format == "capture":
         native.read_capture(path)
+    elif header.format == "channels":
+        channels_file.read_channels(path)
     else:
         native.read_volume(path)
     checked.append("all data read: types, shapes, stored in full, values finite")

@@ -5,9 +5,16 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from measurement_io import native
-from measurement_io.facts import Description, Fact, capture_facts, volume_facts
+from measurement_io import channels_file, native
+from measurement_io.facts import (
+    Description,
+    Fact,
+    capture_facts,
+    channels_facts,
+    volume_facts,
+)
 from measurement_io.failures import clean, reading, shown
+from measurement_io.layouts.containers import open_container
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.inspection import inspect_recording
 from measurement_io.opening import SUPPORTED, kind_of
@@ -33,6 +40,8 @@ def _describe(source: Path) -> Description:
         found = inspect_recording(source)
         facts, problems, missing = tuple(found.facts), tuple(found.problems), tuple(found.missing)
         return Description(shown(source), "recording", facts, problems, missing)
+    if kind == "container":
+        return _describe_container(source)
     if kind == "frame":
         capture = read_frame_file(source)
         return Description(shown(source), "recorded frame", tuple(capture_facts(capture)))
@@ -43,6 +52,18 @@ def _describe(source: Path) -> Description:
     ]
     if header.format == "capture":
         more = capture_facts(native.read_capture(source)[1])
+    elif header.format == "channels":
+        more = channels_facts(channels_file.read_channels(source)[1])
     else:
         more = volume_facts(native.read_volume(source)[1])
     return Description(shown(source), f"native {header.format}", (*opening, *more))
+
+
+def _describe_container(source: Path) -> Description:
+    with open_container(source) as container:
+        facts = [
+            Fact(clean(key.name)[:80], key.description, key.description)
+            for key in container.keys.values()
+        ]
+        problem = "it needs a layout, which says which key and which axis is what"
+        return Description(shown(source), container.kind, tuple(facts), (problem,))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.model import Capture, Volume
+from clradar.model import AntennaArray, Capture, ChannelCalibration, Volume, Waveform
 from measurement_io.failures import clean
 
 _META_LINES = 40
@@ -48,7 +48,7 @@ class Description:
     ----------
     path : str
     kind : str
-        "native capture", "native volume", "recorded frame" or "recording".
+        "native capture", "native volume", "native channels", "recorded frame" or "recording".
     facts : tuple of Fact
     problems : tuple of str
         What contradicts itself or cannot be read; empty for a file that is well.
@@ -96,10 +96,66 @@ class Description:
 
 def capture_facts(capture: Capture) -> list[Fact]:
     """Return what a capture is."""
-    array, waveform = capture.array, capture.waveform
+    return [
+        *_instrument_facts(capture.array, capture.waveform),
+        Fact(
+            "data",
+            f"{capture.data.shape} complex64 [tx, rx, freq]",
+            {
+                "shape": list(capture.data.shape),
+                "type": "complex64",
+                "axes": ["tx", "rx", "freq"],
+            },
+        ),
+        _amplitude_fact(np.abs(capture.data)),
+        *_meta_facts(dict(capture.meta)),
+    ]
+
+
+def channels_facts(channels: ChannelCalibration) -> list[Fact]:
+    """Return what calibrated channels are."""
+    facts = _instrument_facts(channels.array, channels.waveform)
+    for side in ("tx", "rx"):
+        facts += _side_facts(channels, side)
+    for name, value in channels.target_position.items():
+        what, _, unit = clean(name).rpartition("_")
+        scale, shown = (1e3, "mm") if unit == "m" else (1.0, unit)
+        std = channels.target_std[name]
+        words = f"{scale * value:.6g} +- {scale * std:.2g} {shown}"
+        where = {"value": value, "std": std, "unit": unit}
+        facts.append(Fact(f"{clean(channels.target)} {what}", words, where))
+    words = f"{channels.residual_db:.1f} dB, by noise alone {channels.noise_residual_db:.1f} dB"
+    left = {"db": channels.residual_db, "noise_db": channels.noise_residual_db}
+    return [*facts, Fact("residual", words, left), *_meta_facts(dict(channels.meta))]
+
+
+def _side_facts(channels: ChannelCalibration, side: str) -> list[Fact]:
+    facts = []
+    for state in ("dead", "noisy"):
+        listed = getattr(channels, f"{state}_{side}").tolist()
+        words = ", ".join(map(str, listed)) or "none"
+        facts.append(Fact(f"{state} {side.title()}", words, listed))
+    gain = np.abs(getattr(channels.response, f"{side}_gain"))
+    live = gain > 0
+    if not live.any():
+        return [*facts, Fact(f"live {side.title()}", "none", {"count": 0})]
+    gain_db = 20 * np.log10(gain[live])
+    delay_s = getattr(channels.response, f"{side}_delay_s")[live]
+    value = {
+        "count": int(gain_db.size),
+        "gain_db": [float(gain_db.min()), float(gain_db.max())],
+        "delay_s": [float(delay_s.min()), float(delay_s.max())],
+    }
+    words = (
+        f"{gain_db.size}: gains {gain_db.min():+.2f} to {gain_db.max():+.2f} dB, delays "
+        f"{1e12 * delay_s.min():+.2f} to {1e12 * delay_s.max():+.2f} ps"
+    )
+    return [*facts, Fact(f"live {side.title()}", words, value)]
+
+
+def _instrument_facts(array: AntennaArray, waveform: Waveform) -> list[Fact]:
     low, high = (float(f) for f in waveform.frequencies_hz[[0, -1]])
     size_m = np.ptp(np.concatenate([array.tx_m, array.rx_m]), axis=0).tolist()
-    shape = list(capture.data.shape)
     return [
         Fact(
             "array",
@@ -112,13 +168,6 @@ def capture_facts(capture: Capture) -> list[Fact]:
             f"{waveform.n_freq} from {low / 1e9:.6g} to {high / 1e9:.6g} GHz",
             {"count": waveform.n_freq, "low_hz": low, "high_hz": high},
         ),
-        Fact(
-            "data",
-            f"{capture.data.shape} complex64 [tx, rx, freq]",
-            {"shape": shape, "type": "complex64", "axes": ["tx", "rx", "freq"]},
-        ),
-        _amplitude_fact(np.abs(capture.data)),
-        *_meta_facts(dict(capture.meta)),
     ]
 
 

@@ -2,19 +2,47 @@
 
 HDF5 can point outside the file (external links, external storage, virtual datasets), ask for
 memory that the file does not back (fill values, filters that inflate) and load filter plug-ins.
-Nothing of that occurs in a native file, so each is looked for before the data is touched.
+Nothing of that occurs in a native file, so each is looked for before the data is touched. What the
+library itself does wrong on damaged files is why all this runs in `hdf5_process`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from measurement_io.failures import clean, fail
+from measurement_io.failures import clean, fail, reading, regular_file_size
+from measurement_io.hdf5_heap import check_heaps
+from measurement_io.hdf5_process import forbid_opening
 from measurement_io.provenance import MAX_TEXT_BYTES
+
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+SHUFFLE, FLETCHER32, DEFLATE, LZF = 2, 3, 1, 32000
+"""Numbers of the filters: those of the HDF5 library, and the one that h5py brings along."""
+
+_FILTER_NAMES = {SHUFFLE: "shuffle", FLETCHER32: "Fletcher-32", DEFLATE: "gzip", LZF: "LZF"}
+CHECKING_FILTERS = (SHUFFLE, FLETCHER32)
+"""Filters that neither shrink nor inflate."""
+
+
+@contextmanager
+def opened(path: Path, expected: str) -> Iterator[Any]:
+    """Open an HDF5 file for reading; whatever happens inside ends in a `MeasurementError`."""
+    import h5py
+
+    if regular_file_size(path, expected) == 0:
+        fail(path, expected, "an empty file")
+    with reading(path, expected):
+        check_heaps(path)
+        with h5py.File(path, "r") as file:
+            forbid_opening()
+            check_sizes(path, file)
+            yield file
 
 
 def check_sizes(path: Path, file: Any) -> None:
@@ -28,7 +56,7 @@ def group(path: Path, parent: Any, name: str) -> Any:
     """Return the group `name` of `parent`, reached by a hard link."""
     import h5py
 
-    found = _hard_linked(path, parent, name)
+    found = hard_linked(path, parent, name)
     if not isinstance(found, h5py.Group):
         fail(path, f"a group at {_place(parent, name)}", type(found).__name__)
     return found
@@ -82,12 +110,12 @@ def array(
     return content
 
 
-def dataset(path: Path, parent: Any, name: str) -> Any:
-    """Return the dataset `name`, which lies in this file and needs no foreign filter."""
+def dataset(path: Path, parent: Any, name: str, filters: Collection[int] = CHECKING_FILTERS) -> Any:
+    """Return the dataset `name`, which lies in this file and needs no other than these filters."""
     import h5py
 
     place = _place(parent, name)
-    found = _hard_linked(path, parent, name)
+    found = hard_linked(path, parent, name)
     if not isinstance(found, h5py.Dataset):
         fail(path, f"a dataset at {place}", type(found).__name__)
     plan = found.id.get_create_plist()
@@ -97,8 +125,9 @@ def dataset(path: Path, parent: Any, name: str) -> Any:
         fail(path, f"{place} stored in the file", "external storage")
     for i in range(plan.get_nfilters()):
         code = plan.get_filter(i)[0]
-        if code not in (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32):
-            fail(path, f"{place} with no filters but shuffle and Fletcher-32", f"filter {code}")
+        if code not in filters:
+            allowed = ", ".join(_FILTER_NAMES[c] for c in filters)
+            fail(path, f"{place} with no filters but {allowed}", f"filter {code}")
     return found
 
 
@@ -165,7 +194,8 @@ def _attribute(path: Path, owner: Any, name: str) -> Any:
     return owner.attrs.get_id(name)
 
 
-def _hard_linked(path: Path, parent: Any, name: str) -> Any:
+def hard_linked(path: Path, parent: Any, name: str) -> Any:
+    """Return what `name` is in the group `parent`, if it lies in this file."""
     import h5py
 
     place = _place(parent, name)

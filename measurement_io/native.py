@@ -1,62 +1,26 @@
-"""The native HDF5 file: captures and volumes, version 1.
-
-Layout (docs/files.md has the table): `/` NXroot, `/entry` NXentry, `/entry/data` NXdata with the
-signal `data` and what its axes mean; the root's attributes say which format and version it is,
-when it was made and, as JSON, where it comes from.
-"""
+"""The native HDF5 file of captures and volumes, version 1 (docs/files.md)."""
 
 from __future__ import annotations
 
 import os
-import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from datetime import datetime, timezone
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from clradar.errors import ModelError
 from clradar.model import AntennaArray, Capture, Volume, VoxelGrid, Waveform
-from measurement_io import hdf5_guard, provenance
-from measurement_io.atomic import refuse_existing, replacing
-from measurement_io.failures import clean, fail, reading, regular_file_size
-from measurement_io.hdf5_heap import check_heaps
-
-VERSION = 1
-HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-FORMATS = ("capture", "volume")
-AXES = {"capture": ("tx", "rx", "frequency_hz"), "volume": ("z_m", "y_m", "x_m")}
-DATASETS = {
-    "capture": ("data", "tx", "rx", "frequency_hz", "tx_m", "rx_m"),
-    "volume": ("data", "x_m", "y_m", "z_m", "origin_m", "spacing_m"),
-}
-NX_CLASSES = {"/": "NXroot", "/entry": "NXentry", "/entry/data": "NXdata"}
-_CHUNK_BYTES = 2**20
-_EXPECTED = "a readable native HDF5 file"
-
-
-@dataclass(frozen=True, slots=True)
-class NativeHeader:
-    """What the root's attributes of a native file say.
-
-    Attributes
-    ----------
-    format : str
-        "capture" or "volume".
-    version : int
-    created : str
-        ISO 8601, UTC.
-    meta : dict
-        The provenance, from JSON.
-    """
-
-    format: str
-    version: int
-    created: str
-    meta: dict[str, Any]
+from measurement_io import hdf5_process, native_contents, provenance
+from measurement_io.failures import clean, fail, reading
+from measurement_io.native_scheme import (
+    EXPECTED,
+    NativeHeader,
+    check_hdf5,
+    plain_text,
+    write,
+    write_dataset,
+    write_instrument,
+)
 
 
 def save_capture(path: str | os.PathLike[str], capture: Capture, *, force: bool = False) -> None:
@@ -79,21 +43,14 @@ def save_capture(path: str | os.PathLike[str], capture: Capture, *, force: bool 
         The target exists and `force` is not set, its folder does not exist, or the system refuses
         to write. Nothing half-written stays behind.
     """
-    name = capture.array.name
-    if "\0" in name or not _encodable(name):
-        raise ModelError(f"AntennaArray.name: expected plain text, got {name!r:.100}")
+    texts = {"array_name": plain_text("AntennaArray.name", capture.array.name)}
 
     def fill(data: Any) -> None:
-        data.attrs["array_name"] = name
-        _dataset(data, "data", capture.data, "complex response", None)
-        _dataset(data, "tx", np.arange(capture.array.n_tx, dtype=np.int32), "Tx antenna", None)
-        _dataset(data, "rx", np.arange(capture.array.n_rx, dtype=np.int32), "Rx antenna", None)
-        _dataset(data, "frequency_hz", capture.waveform.frequencies_hz, "frequency", "Hz")
-        _dataset(data, "tx_m", capture.array.tx_m, "Tx antenna positions x, y, z", "m")
-        _dataset(data, "rx_m", capture.array.rx_m, "Rx antenna positions x, y, z", "m")
+        write_dataset(data, "data", capture.data, "complex response", None)
+        write_instrument(data, capture.array, capture.waveform)
 
     text = provenance.to_json("Capture.meta", capture.meta)
-    _write(Path(path), "capture", text, name, fill, force=force)
+    write(Path(path), "capture", text, texts, fill, force=force)
 
 
 def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = False) -> None:
@@ -104,45 +61,74 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
     grid = volume.grid
 
     def fill(data: Any) -> None:
-        _dataset(data, "data", volume.data, "complex image", None)
-        _dataset(data, "x_m", grid.x_m, "voxel centres, x", "m")
-        _dataset(data, "y_m", grid.y_m, "voxel centres, y", "m")
-        _dataset(data, "z_m", grid.z_m, "voxel centres, z", "m")
+        write_dataset(data, "data", volume.data, "complex image", None)
+        write_dataset(data, "x_m", grid.x_m, "voxel centres, x", "m")
+        write_dataset(data, "y_m", grid.y_m, "voxel centres, y", "m")
+        write_dataset(data, "z_m", grid.z_m, "voxel centres, z", "m")
         # The axes are for viewers; these two give the grid back exactly.
-        _dataset(data, "origin_m", grid.origin_m, "centre of the first voxel x, y, z", "m")
-        _dataset(data, "spacing_m", grid.spacing_m, "voxel spacing x, y, z", "m")
+        write_dataset(data, "origin_m", grid.origin_m, "centre of the first voxel x, y, z", "m")
+        write_dataset(data, "spacing_m", grid.spacing_m, "voxel spacing x, y, z", "m")
 
     text = provenance.to_json("Volume.meta", volume.meta)
-    _write(Path(path), "volume", text, "", fill, force=force)
+    write(Path(path), "volume", text, {}, fill, force=force)
 
 
 def read_capture(path: Path) -> tuple[NativeHeader, Capture]:
     """Return header and capture of a native file; every failure is a `MeasurementError`."""
-    with _opened(path) as file:
-        header, data = _header(path, file, "capture")
-        tx_m = hdf5_guard.array(path, data, "tx_m", np.float64, (None, 3))
-        rx_m = hdf5_guard.array(path, data, "rx_m", np.float64, (None, 3))
-        frequency = hdf5_guard.array(path, data, "frequency_hz", np.float64, (None,))
-        shape = (len(tx_m), len(rx_m), len(frequency))
-        cube = hdf5_guard.array(path, data, "data", np.complex64, shape)
-        name = hdf5_guard.text(path, data, "array_name")
-        array = AntennaArray(tx_m, rx_m, name)
-        return header, Capture(cube, array, Waveform(frequency), header.meta)
+    with reading(path, EXPECTED):
+        header, found = contents(native_contents.read_capture, path)
+        array, waveform = instrument(found)
+        return header, Capture(_read_only(found["data"]), array, waveform, header.meta)
 
 
 def read_volume(path: Path) -> tuple[NativeHeader, Volume]:
     """Return header and volume of a native file; every failure is a `MeasurementError`."""
-    with _opened(path) as file:
-        header, data = _header(path, file, "volume")
-        axes = [hdf5_guard.array(path, data, n, np.float64, (None,)) for n in ("x_m", "y_m", "z_m")]
-        origin = hdf5_guard.array(path, data, "origin_m", np.float64, (3,))
-        spacing = hdf5_guard.array(path, data, "spacing_m", np.float64, (3,))
-        grid = VoxelGrid(origin, spacing, (len(axes[0]), len(axes[1]), len(axes[2])))
+    with reading(path, EXPECTED):
+        header, found = contents(native_contents.read_volume, path)
+        axes = [found[name] for name in ("x_m", "y_m", "z_m")]
+        counts = (len(axes[0]), len(axes[1]), len(axes[2]))
+        grid = VoxelGrid(found["origin_m"], found["spacing_m"], counts)
         for axis, have, want in zip("xyz", axes, (grid.x_m, grid.y_m, grid.z_m), strict=True):
             if np.abs(have - want).max() > 1e-9 * max(1.0, float(np.abs(want).max())):
                 fail(path, f"{axis}_m as origin_m and spacing_m say", "another axis")
-        image = hdf5_guard.array(path, data, "data", np.complex64, grid.shape)
-        return header, Volume(image, grid, header.meta)
+        return header, Volume(_read_only(found["data"]), grid, header.meta)
+
+
+def read_header(path: Path) -> NativeHeader:
+    """Return the header of a native file without reading its data."""
+    with reading(path, EXPECTED):
+        return _header(hdf5_process.run(native_contents.read_header, path))
+
+
+def nexus_problems(path: Path) -> list[str]:
+    """Return what a native file lacks that reading does not need: NeXus attributes, checksums."""
+    with reading(path, EXPECTED):
+        return [clean(line) for line in hdf5_process.run(native_contents.nexus_problems, path)]
+
+
+def contents(
+    function: Callable[[Path], native_contents.Contents], path: Path
+) -> tuple[NativeHeader, native_contents.Contents]:
+    """Return the header of a native file, and what a function of `native_contents` takes out."""
+    found = hdf5_process.run(function, path)
+    header = found.pop("header")
+    return _header(header), {**header["texts"], **found}
+
+
+def instrument(found: native_contents.Contents) -> tuple[AntennaArray, Waveform]:
+    """Return the antennas and the frequencies of a capture or of its channels."""
+    array = AntennaArray(found["tx_m"], found["rx_m"], found["array_name"])
+    return array, Waveform(found["frequency_hz"])
+
+
+def _header(found: native_contents.Contents) -> NativeHeader:
+    meta = provenance.from_json(found["provenance"])
+    return NativeHeader(found["format"], found["version"], found["created"], meta)
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array.flags.writeable = False  # the record keeps a read-only array without another copy
+    return array
 
 
 def open_volume(path: str | os.PathLike[str]) -> Volume:
@@ -154,153 +140,5 @@ def open_volume(path: str | os.PathLike[str]) -> Volume:
         Missing, no native file, a capture, a newer version, damaged, or NaN in the data.
     """
     file = Path(path)
-    size = regular_file_size(file, "a native volume file")
-    with reading(file, "a native volume file"), open(file, "rb") as raw:
-        magic = raw.read(len(HDF5_MAGIC))
-    if magic != HDF5_MAGIC:
-        fail(file, "a native volume file (HDF5)", f"{size} bytes that are no HDF5 file")
+    check_hdf5(file, "a native volume file")
     return read_volume(file)[1]
-
-
-def read_header(path: Path) -> NativeHeader:
-    """Return the header of a native file without reading its data."""
-    with _opened(path) as file:
-        return _header(path, file, None)[0]
-
-
-def nexus_problems(path: Path) -> list[str]:
-    """Return what a native file lacks that reading does not need: NeXus attributes, checksums."""
-    problems = []
-    with _opened(path) as file:
-        header, data = _header(path, file, None)
-        nodes = {"/": file, "/entry": file["entry"], "/entry/data": data}
-        for name, node in nodes.items():
-            problems += _attribute_problem(path, node, "NX_class", NX_CLASSES[name])
-        problems += _attribute_problem(path, file, "default", "entry")
-        problems += _attribute_problem(path, nodes["/entry"], "default", "data")
-        problems += _attribute_problem(path, data, "signal", "data")
-        axes = list(AXES[header.format])
-        if "axes" not in data.attrs or hdf5_guard.texts(path, data, "axes") != axes:
-            problems.append(f"/entry/data@axes: expected {axes}")
-        for name in DATASETS[header.format]:
-            if name in ("tx", "rx") and name not in data:
-                continue  # for viewers only
-            found = hdf5_guard.dataset(path, data, name)
-            if not hdf5_guard.has_checksum(found):
-                problems.append(f"/entry/data/{name}: carries no Fletcher-32 checksum")
-            if name in ("tx", "rx"):
-                want = np.arange(data[f"{name}_m"].shape[0])
-                have = hdf5_guard.array(path, data, name, np.int32, (None,))
-                if not np.array_equal(have, want):
-                    problems.append(f"/entry/data/{name}: expected 0 ... {len(want) - 1}")
-        try:
-            datetime.fromisoformat(header.created)
-        except ValueError:
-            problems.append(f"/@created: expected an ISO 8601 time, got {clean(header.created)}")
-    return problems
-
-
-def _attribute_problem(path: Path, node: Any, name: str, want: str) -> list[str]:
-    have = hdf5_guard.text(path, node, name) if name in node.attrs else "nothing"
-    return [] if have == want else [f"{node.name}@{name}: expected {want}, got {clean(have)}"]
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    import h5py
-
-    if regular_file_size(path, _EXPECTED) == 0:
-        fail(path, _EXPECTED, "an empty file")
-    with reading(path, _EXPECTED):
-        check_heaps(path)
-        with h5py.File(path, "r") as file:
-            hdf5_guard.check_sizes(path, file)
-            yield file
-
-
-def _header(path: Path, file: Any, wanted: str | None) -> tuple[NativeHeader, Any]:
-    """Check what the file says it is; return that and the group of the data."""
-    if "clradar_format" not in file.attrs:
-        fail(
-            path,
-            "a native capture or volume",
-            "an HDF5 file without the attribute clradar_format, so of another program",
-        )
-    kind = hdf5_guard.text(path, file, "clradar_format")
-    version = hdf5_guard.whole_number(path, file, "clradar_version")
-    if version > VERSION:
-        fail(
-            path,
-            f"a native file of version {VERSION}, the newest that this clradar reads",
-            f"version {version}: it was written by a newer clradar; update to read it",
-        )
-    if version < 1:
-        fail(path, f"a native file of version 1 to {VERSION}", f"version {version}")
-    if kind not in FORMATS:
-        fail(path, "clradar_format 'capture' or 'volume'", repr(clean(kind)))
-    if wanted is not None and kind != wanted:
-        fail(path, f"a {wanted}", f"a {kind}; use open_{kind}")
-    created = hdf5_guard.text(path, file, "created")
-    text = hdf5_guard.text(path, file, "provenance")
-    data = hdf5_guard.group(path, hdf5_guard.group(path, file, "entry"), "data")
-    name = hdf5_guard.text(path, data, "array_name") if kind == "capture" else ""
-    if "text_crc32" in file.attrs:
-        want = hdf5_guard.whole_number(path, file, "text_crc32")
-        have = _text_crc32(created, text, name)
-        if have != want:
-            fail(path, f"text attributes with checksum {want:08x}", f"{have:08x}: they are damaged")
-    return NativeHeader(kind, version, created, provenance.from_json(text)), data
-
-
-def _write(
-    path: Path, kind: str, text: str, name: str, fill: Callable[[Any], None], *, force: bool
-) -> None:
-    refuse_existing(path, force=force)
-    import h5py
-
-    created = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    # From version 1.10 on HDF5 keeps checksums of its own structures, and long attributes.
-    with (
-        replacing(path, force=force) as temporary,
-        h5py.File(temporary, "x", libver=("v110", "v110")) as file,
-    ):
-        file.attrs["NX_class"] = NX_CLASSES["/"]
-        file.attrs["default"] = "entry"
-        file.attrs["clradar_format"] = kind
-        file.attrs["clradar_version"] = VERSION
-        file.attrs["created"] = created
-        file.attrs["provenance"] = text
-        # HDF5 keeps the strings of attributes where it has no checksum.
-        file.attrs["text_crc32"] = np.uint32(_text_crc32(created, text, name))
-        entry = file.create_group("entry")
-        entry.attrs["NX_class"] = NX_CLASSES["/entry"]
-        entry.attrs["default"] = "data"
-        data = entry.create_group("data")
-        data.attrs["NX_class"] = NX_CLASSES["/entry/data"]
-        data.attrs["signal"] = "data"
-        data.attrs["axes"] = list(AXES[kind])
-        fill(data)
-
-
-def _dataset(group: Any, name: str, value: np.ndarray, long_name: str, unit: str | None) -> None:
-    # About 1 MiB per chunk, cut along the first axis, so that one pair or slice is read quickly.
-    row_bytes = max(1, value.nbytes // len(value))
-    rows = min(len(value), max(1, _CHUNK_BYTES // row_bytes))
-    made = group.create_dataset(
-        name, data=value, chunks=(rows, *value.shape[1:]), shuffle=True, fletcher32=True
-    )
-    made.attrs["long_name"] = long_name
-    if unit is not None:
-        made.attrs["units"] = unit
-
-
-def _text_crc32(created: str, text: str, name: str) -> int:
-    return zlib.crc32("\n".join((created, text, name)).encode("utf-8"))
-
-
-def _encodable(text: str) -> bool:
-    try:
-        text.encode("utf-8")
-    except UnicodeEncodeError:
-        return False
-    return True

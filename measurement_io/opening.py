@@ -7,17 +7,23 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from clradar.model import Capture, checks
-from measurement_io import native
+from measurement_io import hdf5_process, native, native_contents
 from measurement_io.failures import fail, reading, regular_file_size
+from measurement_io.layouts.apply import open_with_layout
+from measurement_io.layouts.containers import is_plain_array, opener_of
+from measurement_io.layouts.description import Layout
+from measurement_io.layouts.hdf5_container import opened_hdf5
+from measurement_io.layouts.numpy_containers import opened_npy
+from measurement_io.layouts.skeleton import layout_needed
 from measurement_io.maroon import frame as frame_reader
 from measurement_io.maroon.folders import VARIANTS
-from measurement_io.maroon.frame_file import NPY_MAGIC
 
-Kind = Literal["native", "frame", "folder"]
+Kind = Literal["native", "frame", "folder", "container"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 SUPPORTED = (
     "a native HDF5 file, a recorded frame (.npy with a pickled dictionary of xr and fvec), "
-    "a folder radar_<low GHz>_<high GHz>_<points>, or the <object>/<distance> folder that holds one"
+    "a folder radar_<low GHz>_<high GHz>_<points>, the <object>/<distance> folder that holds one, "
+    "or, with a layout, any HDF5, MATLAB (v5 or v7.3), .npz or plain .npy file"
 )
 
 
@@ -28,6 +34,7 @@ def open_capture(
     variant: str | None = None,
     rx_file: str | os.PathLike[str] | None = None,
     tx_file: str | os.PathLike[str] | None = None,
+    layout: str | os.PathLike[str] | Layout | None = None,
 ) -> Capture:
     """Return the capture that a file or a folder holds; the content decides, not the name.
 
@@ -35,13 +42,16 @@ def open_capture(
     ----------
     path : path-like
         A native HDF5 file, a recorded `.npy` frame, a `radar_<low>_<high>_<points>` folder, or the
-        `<object>/<distance>` folder that holds one.
+        `<object>/<distance>` folder that holds one; with `layout`, the file of another program.
     frame : int, optional
-        Which frame of a folder; 0 if not given.
+        Which frame of a folder, or of a file whose layout has a frame axis; 0 if not given.
     variant : {"raw", "emptyfiltered"}, optional
         Which variant of a folder's frame; "raw" if not given.
     rx_file, tx_file : path-like, optional
         Antenna positions of a recorded frame; those of `clradar.arrays.qar50()` if not given.
+    layout : path-like or Layout, optional
+        A TOML file that says which key and which axis of `path` is what (docs/layouts.md), see
+        `open_with_layout`. Needed for what is neither a native file nor a recorded frame.
 
     Returns
     -------
@@ -54,7 +64,8 @@ def open_capture(
     MeasurementError
         Missing, unreadable, damaged or hostile; of an unknown kind or a newer version; NaN or
         infinite values; parts that disagree. The message names the file, what was expected and
-        what was found. No code of a file is ever run.
+        what was found. No code of a file is ever run. Of a file that needs a layout and has none
+        it is a `LayoutNeeded`, which lists the file's keys and carries the skeleton of a layout.
     ModelError
         An argument that cannot be meant.
     """
@@ -63,8 +74,14 @@ def open_capture(
         frame = checks.whole("open_capture: frame", frame, 0)
     if variant is not None:
         variant = checks.one_of("open_capture: variant", variant, VARIANTS)
+    if layout is not None:
+        if variant is not None or rx_file is not None or tx_file is not None:
+            fail(source, "a layout alone; it says where the antennas are", "other settings with it")
+        return open_with_layout(source, layout, frame=frame)
     with reading(source, SUPPORTED):
         kind = kind_of(source)
+        if kind == "container":
+            raise layout_needed(source)
         if kind == "folder":
             return frame_reader.read_folder(
                 source,
@@ -93,21 +110,12 @@ def kind_of(path: Path) -> Kind:
     with reading(path, SUPPORTED):
         if path.is_dir():
             return "folder"
+    opener = opener_of(path)
+    if opener is opened_npy:
+        return "container" if is_plain_array(path) else "frame"
+    if opener is opened_hdf5:
+        return "native" if hdf5_process.run(native_contents.is_native, path) else "container"
+    if opener is not None:
+        return "container"
     size = regular_file_size(path, SUPPORTED)
-    with reading(path, SUPPORTED), open(path, "rb") as file:
-        start = file.read(8)
-    if start == native.HDF5_MAGIC:
-        return "native"
-    if start.startswith(NPY_MAGIC):
-        return "frame"
-    fail(path, SUPPORTED, _guess(start, size))
-
-
-def _guess(start: bytes, size: int) -> str:
-    if size == 0:
-        return "an empty file"
-    if start.startswith(b"PK\x03\x04"):
-        return "a zip archive (such as .npz), which is not read"
-    if start.startswith(b"MATLAB"):
-        return "a MATLAB file, which is not read"
-    return "something else"
+    fail(path, SUPPORTED, "something else" if size else "an empty file")

@@ -129,7 +129,7 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
         (
             "image",
             ("--x-mm", "--y-mm", "--z-mm", "-100:100:1", "260:340:1", "--method", "exact",
-             "--window", "taylor", "--png", "--dynamic-range-db"),
+             "--tolerance-db", "--window", "taylor", "--png", "--dynamic-range-db"),
         ),
         (
             "convert",
@@ -140,11 +140,19 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
             ("--empty", "--scaling", "--gate-mm", "--edge-mm", "--clutter-db", "--average",
              "--align-phase", "--frame", "--variant", "NEAR:FAR"),
         ),
+        (
+            "channels",
+            ("--target", "plate", "--distance-mm", "--tilt-deg", "--size-mm", "--position-mm",
+             "--radius-mm", "--tolerance-mm", "--hold", "--common-delay", "--level", "--gate-mm",
+             "--plot", "--frame"),
+        ),
+        ("correct", ("--channels", "--keep-noisy", "--frame", "--variant")),
+        ("diagnose", ("--expect-mm", "--json", "--output", "--frame", "--variant", "--device")),
         ("inspect", ("--check", "--json")),
         ("compare", ("MEASURED", "SIMULATED", "--json", "--dynamic-range-db", "docs/metrics.md")),
-        ("compare", ("--frame", "--variant")),
         ("align", ("MEASURED", "[SIMULATED]", "--mesh", "--unit", "-o", "--search-deg")),
         ("register", ("MEASURED", "MESH", "-o", "--alpha", "fit", "--max-rounds", "--force")),
+        ("compare", ("--frame", "--variant", "--report")),
     ],
 )  # fmt: skip
 def test_help_of_each_command(run: Run, name: str, words: tuple[str, ...]) -> None:
@@ -208,7 +216,7 @@ def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
         (["image", "sim.h5", "-o", "x.h5", "--y-mm", "0:10"], "--y-mm"),
         (["image", "sim.h5", "-o", "x.h5", "--z-mm", "0:10:3"], "0:9:3"),
         (["image", "sim.h5", "-o", "x.h5", "--z-mm", "0:nan:3"], "--z-mm"),
-        (["image", "sim.h5", "-o", "x.h5", "--method", "fast"], "--method"),
+        (["image", "sim.h5", "-o", "x.h5", "--method", "quick"], "--method"),
         (["compare", "volume.h5"], "SIMULATED"),
         (["compare", "volume.h5", "volume.h5", "--x-mm", "0:60:6"], "no capture"),
         (["inspect", "volume.h5", "--loud"], "--loud"),
@@ -249,6 +257,7 @@ def test_wrong_usage_is_2(
         (["inspect", "none.h5"], ("none.h5",)),
         (["inspect", "none.h5", "--check"], ("none.h5",)),
         (["compare", "volume.h5", "none.h5", "-o", "x.png"], ("none.h5",)),
+        (["compare", "volume.h5", "volume.h5", "--report", "x.pdf"], (".html", "'.pdf'")),
         (
             ["compare", "volume.h5", "sim.h5", "--x-mm", "0:60:6", *GRID[2:], "-o", "x.png"],
             ("same pixels",),
@@ -316,6 +325,7 @@ def test_control_c_is_130_without_a_traceback(tmp_path: Path) -> None:
         (["convert", "recording", "-o", "{}"], "a.h5"),
         (["compare", "volume.h5", "sim.h5", "-o", "{}"], "a.png"),
         (["compare", "volume.h5", "sim.h5", "--json", "{}"], "a.json"),
+        (["compare", "volume.h5", "sim.h5", "--report", "{}"], "a.html"),
     ],
 )
 def test_a_file_is_kept_without_force(

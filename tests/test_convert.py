@@ -125,12 +125,37 @@ def test_all_frames_keeps_what_is_there(run, recording, tmp_path):
     assert len(tree(tmp_path / "a")) == 4
 
 
-def test_a_damaged_frame_ends_all_frames_and_leaves_whole_files(run, recording, tmp_path):
-    bad = recording / "radar_72.0_82.0_2" / "calibrated_data" / "000001.npy"
+def test_all_frames_goes_on_behind_damaged_frames(run, recording, tmp_path):
+    data = recording / "radar_72.0_82.0_2" / "calibrated_data"
+    bad = data / "000000.npy"
     bad.write_bytes(bad.read_bytes()[:-1000])
-    one_error_line(run(recording, "-o", tmp_path / "a", "--all-frames"), "000001.npy")
-    assert [p.name for p in (tmp_path / "a").iterdir()] == ["000000.h5"]
-    assert check_file(tmp_path / "a" / "000000.h5").ok
+    status, out, err = run(recording, "-o", tmp_path / "a", "--all-frames")
+    assert (status, out) == (1, "")
+    warning, summary = err.splitlines()
+    assert "warning" in warning
+    assert "000000.npy" in warning
+    assert "3 of 4 frames converted" in summary
+    names = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert names == ["000000_emptyfiltered.h5", "000001.h5", "000001_emptyfiltered.h5"]
+    assert all(check_file(tmp_path / "a" / name).ok for name in names)
+    read = open_capture(tmp_path / "a" / "000001.h5")
+    assert same_capture(read, open_capture(data / "000001.npy"))
+    for path in data.iterdir():
+        path.write_bytes(b"")
+    status, _, err = run(recording, "-o", tmp_path / "b", "--all-frames")
+    assert status == 1
+    assert len(err.splitlines()) == 5
+    assert "0 of 4 frames converted" in err
+    assert not list((tmp_path / "b").iterdir())
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_recording_with_a_damaged_frame_is_not_copied(run, recording, tmp_path, number):
+    bad = recording / "radar_72.0_82.0_2" / "calibrated_data" / f"00000{number}.npy"
+    bad.write_bytes(bad.read_bytes()[:-1000])
+    outcome = run(recording, "-o", tmp_path / "copy", "--to", "maroon")
+    one_error_line(outcome, bad.name, "--all-frames converts the frames that can be read")
+    assert not (tmp_path / "copy").exists()
 
 
 # ---- to a recording
@@ -175,6 +200,45 @@ def test_time_stamps_and_variant_of_captures(run, tmp_path):
     assert run(*command, "--timestamp-us", 5, "--timestamp-us", 7)[0] == 0
     read = open_capture(tmp_path / "30", frame=1, variant="emptyfiltered")
     assert read.meta["timestamp_us"] == 7
+
+
+@pytest.mark.parametrize("whole_folder", [False, True])
+def test_all_frames_and_back(run, recording, tmp_path, whole_folder):
+    data = recording / "radar_72.0_82.0_2" / "calibrated_data"
+    (data / "000000_emptyfiltered.npy").unlink()
+    assert run(recording, "-o", tmp_path / "frames", "--all-frames")[0] == 0
+    captures = sorted((tmp_path / "frames").iterdir(), reverse=True)  # not the order of numbers
+    captures.sort(key=lambda path: path.name[:6])
+    sources = [tmp_path / "frames"] if whole_folder else captures
+    status, out, err = run(*sources, "-o", tmp_path / "back", "--to", "maroon")
+    assert (status, err) == (0, "")
+    assert "2 raw, 1 emptyfiltered frames" in out
+    assert sorted(p.name for p in tmp_path.glob("back/*/*/*.npy")) == sorted(os.listdir(data))
+    for frame, variant in ((0, "raw"), (1, "raw"), (1, "emptyfiltered")):
+        read, theirs = (
+            open_capture(folder, frame=frame, variant=variant)
+            for folder in (tmp_path / "back", recording)
+        )
+        assert same_capture(read, theirs)
+        assert read.meta["timestamp_us"] == theirs.meta["timestamp_us"]
+    assert check_file(tmp_path / "back").ok, check_file(tmp_path / "back")
+    assert run(*sources, "-o", tmp_path / "one", "--to", "maroon", "--variant", "raw")[0] == 0
+    names = sorted(p.name for p in tmp_path.glob("one/*/*/*.npy"))
+    assert names == ["000000.npy", "000001.npy", "000002.npy"]
+
+
+def test_variants_of_frames_and_of_captures_without_one(run, recording, tmp_path):
+    data = recording / "radar_72.0_82.0_2" / "calibrated_data"
+    filtered = [data / "000001_emptyfiltered.npy", data / "000000_emptyfiltered.npy"]
+    raw = [native(tmp_path / "a.h5"), native(tmp_path / "odd.h5", seed=5, variant="odd")]
+    target = ["-o", tmp_path / "30", "--to", "maroon"]
+    assert run(filtered[0], raw[0], filtered[1], raw[1], *target)[0] == 0
+    for variant, paths in (("raw", raw), ("emptyfiltered", filtered)):
+        for frame, path in enumerate(paths):  # without numbers of their own: in order
+            read = open_capture(tmp_path / "30", frame=frame, variant=variant)
+            assert same_capture(read, open_capture(path))
+    one_error_line(run(*raw, filtered[0], "-o", tmp_path / "40", "--to", "maroon"), "000001_empty")
+    assert not (tmp_path / "40").exists()
 
 
 def test_a_recording_to_a_recording(run, recording, tmp_path):
@@ -231,16 +295,31 @@ def test_captures_that_do_not_belong_together(run, tmp_path):
     one_error_line(run(a, b, *target), "b.h5", "2 from 72 to 82 GHz", "3 from 72 to 82 GHz")
     one_error_line(run(tmp_path / "c.h5", *target), "c.h5", "qar50", "three")
     one_error_line(run(a, tmp_path / "c.h5", *target), "c.h5", "qar50", "three")
-    one_error_line(run(a, frame, *target), "000000_emptyfiltered.npy", "--variant")
     one_error_line(run(a, tmp_path / "none.h5", *target), "none.h5")
     assert not list(tmp_path.glob("**/30*"))
     assert run(a, frame, *target, "--variant", "raw")[0] == 0
+    assert len(list((tmp_path / "30").glob("*/*/00000?.npy"))) == 2
 
 
-def test_a_recording_of_unequal_variants(run, recording, tmp_path):
-    (recording / "radar_72.0_82.0_2/calibrated_data/000000_emptyfiltered.npy").unlink()
+def test_a_recording_with_a_hole_in_the_emptyfiltered_variant(run, recording, tmp_path):
+    hole = "radar_72.0_82.0_2/calibrated_data/000000_emptyfiltered.npy"
+    (recording / hole).unlink()
+    status, out, err = run(recording, "-o", tmp_path / "copy", "--to", "maroon")
+    assert (status, err) == (0, "")
+    assert "2 raw, 1 emptyfiltered frames" in out
+    assert tree(tmp_path / "copy").keys() == tree(recording).keys()
+    read, theirs = (
+        open_capture(folder, frame=1, variant="emptyfiltered")
+        for folder in (tmp_path / "copy", recording)
+    )
+    assert same_capture(read, theirs)
+    assert read.meta["timestamp_us"] == theirs.meta["timestamp_us"]
+
+
+def test_an_emptyfiltered_frame_without_a_raw_one(run, recording, tmp_path):
+    (recording / "radar_72.0_82.0_2/calibrated_data/000000.npy").unlink()
     target = ["-o", tmp_path / "copy", "--to", "maroon"]
-    one_error_line(run(recording, *target), "2 raw and 1 emptyfiltered", "--variant")
+    one_error_line(run(recording, *target), "every emptyfiltered one, got none for 0", "--variant")
     assert run(recording, *target, "--variant", "raw")[0] == 0
 
 
@@ -300,3 +379,14 @@ def test_all_frames_of_what_is_no_folder(run, tmp_path):
     for source in ("a.h5", "none"):
         one_error_line(run(tmp_path / source, "-o", tmp_path / "x", "--all-frames"), source)
     assert not (tmp_path / "x").exists()
+
+
+def test_provenance_grows_by_the_same_amount_with_every_conversion(run, tmp_path):
+    native(tmp_path / "0.h5")
+    sizes = []
+    for i in range(5):
+        assert run(tmp_path / f"{i}.h5", "--to", "maroon", "-o", tmp_path / f"m{i}")[0] == 0
+        assert run(tmp_path / f"m{i}", "-o", tmp_path / f"{i + 1}.h5")[0] == 0
+        sizes.append(len(json.dumps(dict(open_capture(tmp_path / f"{i + 1}.h5").meta))))
+    growth = np.diff(sizes)
+    assert growth.max() < 1.2 * growth.min() + 100

@@ -13,10 +13,10 @@ import pytest
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
-def output_of(name: str, folder: Path) -> str:
+def output_of(name: str, folder: Path, *arguments: str) -> str:
     environment = {**os.environ, "CLRADAR_DEVICE": "pocl"}
     done = subprocess.run(
-        [sys.executable, "-W", "error", str(EXAMPLES / name)],
+        [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments],
         cwd=folder,
         env=environment,
         capture_output=True,
@@ -34,7 +34,7 @@ def numbers(line: str) -> list[float]:
 
 def test_all_are_tried() -> None:
     tried = {"simulate_hand", "point_target", "compare_alpha", "own_array"}
-    tried |= {"read_maroon_frame", "read_recording"}
+    tried |= {"read_maroon_frame", "read_recording", "convert_lab_file", "sim_vs_measurement"}
     assert {p.stem for p in EXAMPLES.glob("*.py")} == tried
 
 
@@ -93,6 +93,19 @@ def test_read_recording(tmp_path: Path) -> None:
             assert abs(value - expected) <= 2
 
 
+def test_sim_vs_measurement(tmp_path: Path) -> None:
+    shift, given, aligned = output_of("sim_vs_measurement.py", tmp_path).splitlines()
+    # The mesh lies at +4 and +3 mm (x, y); volume against volume is good to 1.5 mm.
+    for value, expected in zip(numbers(shift), (-4, -3, 0), strict=True):
+        assert abs(value - expected) <= 1.5
+    assert numbers(aligned)[0] > numbers(given)[0] + 0.1
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    for part in ("Measurement", "As given", "Aligned", "The simulated object is shifted by"):
+        assert part in page
+    help_text = output_of("sim_vs_measurement.py", tmp_path, "--help")
+    assert "--mesh" in help_text
+
+
 def test_own_array(tmp_path: Path) -> None:
     lines = output_of("own_array.py", tmp_path).splitlines()
     # Where the line from the array's centre to the ball's meets the ball. Half a voxel is 2.5 mm,
@@ -102,3 +115,11 @@ def test_own_array(tmp_path: Path) -> None:
         assert line.startswith(name)
         for value, expected in zip(numbers(line), glint, strict=True):
             assert abs(value - expected) <= 10
+
+
+def test_convert_lab_file(tmp_path: Path) -> None:
+    lines = output_of("convert_lab_file.py", tmp_path).splitlines()
+    assert 'real = "s_real"' in lines
+    # A single point on a voxel: the image is strongest there and nowhere else.
+    assert lines[-1] == "strongest: 20, -10, 250 mm"
+    assert {"lab.npz", "lab.h5"} == {p.name for p in tmp_path.iterdir()}

@@ -20,10 +20,11 @@ LAYERS = (
     ("clradar.channel_errors", "clradar.block_tree"),
     ("clradar.impair",),
     ("clradar.trace",),
-    ("clradar.synthesize", "clradar.formers"),
+    ("clradar.synthesize", "clradar.formers", "clradar.visible"),
     ("clradar.backproject",),
     ("clradar.compare",),
     ("clradar.plot",),
+    ("clradar.report",),
     ("clradar",),
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}

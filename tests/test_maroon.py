@@ -258,6 +258,9 @@ def test_bad_antenna_files(tmp_path, content, found):
         ({"fvec": np.array([1j, 2j])}, "complex"),
         ({"fvec": np.array([72.0, 82.0])}, "got 72"),  # gigahertz
         ({"number_of_measurements": 2.5}, "2.5"),
+        ({"number_of_measurements": -1}, "-1"),
+        ({"number_of_measurements": True}, "True"),
+        ({"number_of_measurements": np.array([1, 2])}, "array"),
         ({"number_of_measurements": "many"}, "many"),
     ],
 )
@@ -561,7 +564,13 @@ def test_the_content_decides_and_not_the_name(tmp_path):
 
 def test_plain_array_says_what_is_supported(tmp_path):
     np.save(tmp_path / "plain.npy", np.zeros((94, 94, 2), np.complex64))
-    assert "plain arrays" in refused(tmp_path / "plain.npy")
+    assert "a plain .npy array" in refused(tmp_path / "plain.npy")
+
+
+def test_a_type_of_any_length_makes_a_message_of_some(tmp_path):
+    path = tmp_path / "f.npy"
+    path.write_bytes(files.npy(b"", descr="i4," * 3000 + "i4"))
+    assert len(refused(path)) < 1000
 
 
 def test_not_a_regular_file(tmp_path):
@@ -707,3 +716,10 @@ def test_other_arrays_are_refused(tmp_path, capture):
     with pytest.raises(ModelError, match="swapped"):
         save_maroon_frame(tmp_path / "30", clradar.Capture(capture.data, array, capture.waveform))
     assert not (tmp_path / "30").exists()
+
+
+@pytest.mark.parametrize("count", [4, 4.0, np.int32(4), np.array([4]), np.array(4), [4]])
+def test_the_number_of_frames_in_any_whole_form(tmp_path, count):
+    frame = files.random_frame() | {"number_of_measurements": count}
+    path = files.write_frame(tmp_path / "f.npy", frame)
+    assert open_capture(path).meta["number_of_measurements"] == 4

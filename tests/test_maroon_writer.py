@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import pickletools
 import signal
 import struct
 import subprocess
@@ -22,9 +23,15 @@ import pytest
 import clradar
 import clradar.reference
 from clradar.errors import MeasurementError, ModelError, OutputError
-from measurement_io import check_file, open_capture, save_maroon_frame, save_recording
+from measurement_io import (
+    check_file,
+    open_capture,
+    open_recording,
+    save_maroon_frame,
+    save_recording,
+)
+from measurement_io.maroon.product_writer import default_grid
 from measurement_io.maroon.products import read_depth_map
-from measurement_io.maroon.recording_writer import default_grid
 
 N_FREQ = 3
 MESH = b"v 0 0 0\r\nv 0.01 0 0\r\nv 0 0.01 0\r\nf 1 2 3\r\n"
@@ -152,9 +159,37 @@ def test_both_variants(tmp_path):
         assert same_bits(open_capture(radar, frame=i).data, raw[i].data)
         found = open_capture(radar, frame=i, variant="emptyfiltered")
         assert same_bits(found.data, filtered[i].data)
-    with pytest.raises(ModelError, match="raw frames"):
-        save_recording(tmp_path / "40", raw, emptyfiltered=filtered[:1])
+    for wrong in (filtered[:1], [*filtered, capture_of(12)], []):
+        with pytest.raises(ModelError, match="raw frames"):
+            save_recording(tmp_path / "40", raw, emptyfiltered=wrong)
     assert not (tmp_path / "40").exists()
+
+
+def test_emptyfiltered_frames_go_beside_the_raw_ones_of_their_number(tmp_path):
+    radar = files.write_recording(tmp_path / "30", n_frames=4)
+    (radar / "calibrated_data" / "000001_emptyfiltered.npy").unlink()
+    (radar / "calibrated_data" / "000003.npy").rename(radar / "calibrated_data" / "000007.npy")
+    (radar / "calibrated_data" / "000003_emptyfiltered.npy").rename(
+        radar / "calibrated_data" / "000007_emptyfiltered.npy"
+    )
+    raw = open_recording(radar)
+    filtered = raw.with_variant("emptyfiltered")
+    assert (raw.frame_numbers, filtered.frame_numbers) == ((0, 1, 2, 7), (0, 2, 7))
+    written = save_recording(tmp_path / "40", raw, emptyfiltered=reversed(filtered))
+    copied = open_recording(written)
+    assert copied.frame_numbers == (0, 1, 2, 3)
+    both = copied.with_variant("emptyfiltered")
+    assert both.frame_numbers == (0, 2, 3)
+    for theirs, ours in ((raw, copied), (filtered, both)):
+        for a, b in zip(theirs, ours, strict=True):
+            assert same_bits(a.data, b.data)
+            assert a.meta["timestamp_us"] == b.meta["timestamp_us"]
+            assert b.meta["number_of_measurements"] == 4
+    assert check_file(tmp_path / "40").ok, check_file(tmp_path / "40")
+    for wrong, found in (([filtered[0]] * 2, "another one"), ([raw[3]], "got frame 7")):
+        with pytest.raises(ModelError, match=found):
+            save_recording(tmp_path / "50", raw[:3], emptyfiltered=wrong)
+    assert not (tmp_path / "50").exists()
 
 
 @pytest.mark.parametrize(
@@ -257,6 +292,16 @@ def test_grid_of_frames_without_an_image(tmp_path):
     assert counts == [16, 6, 11]
     radar = save_recording(tmp_path / "40", captures_of(1))
     assert dataset_grid(radar, 0)[2] == list(default_grid().counts)
+
+
+def test_a_single_frame_names_a_grid(tmp_path):
+    path = save_maroon_frame(tmp_path / "30", capture_of(0), frame=3)
+    low, high, counts = dataset_grid(path.parents[1], 3)
+    assert counts == list(default_grid().counts)
+    np.testing.assert_allclose((low, high), ([-0.1, -0.1, 0.2], [0.1, 0.1, 0.6]), rtol=1e-12)
+    written = (path.parents[1] / "calibration.json").read_bytes()
+    save_maroon_frame(tmp_path / "30", capture_of(1), frame=4, force=True)
+    assert (path.parents[1] / "calibration.json").read_bytes() == written
 
 
 def test_images_are_written_as_products(tmp_path):
@@ -570,3 +615,19 @@ def test_products_are_the_image_that_the_dataset_would_form(tmp_path):
         i, j = np.abs(read.y_m - y).argmin(), np.abs(read.x_m - x).argmin()
         assert abs(read.depth_m[i, j] - z) <= 3e-3
         assert np.isnan(read.depth_m[i, np.abs(read.x_m + x).argmin()]) or x == 0
+
+
+def test_every_numpy_finds_the_names_in_a_frame(tmp_path: Path) -> None:
+    frame = save_maroon_frame(tmp_path / "30", random_qar50_capture())
+    names = [
+        argument
+        for operation, argument, _ in pickletools.genops(frame.read_bytes()[128:])
+        if operation.name in ("GLOBAL", "STACK_GLOBAL")
+    ]
+    assert names == ["numpy.core.multiarray _reconstruct", "numpy ndarray", "numpy dtype"]
+
+
+def random_qar50_capture() -> clradar.Capture:
+    rng = np.random.default_rng(0)
+    data = rng.normal(size=(94, 94, 2)) + 1j * rng.normal(size=(94, 94, 2))
+    return clradar.Capture(data, clradar.arrays.qar50(), clradar.Waveform([72e9, 82e9]))

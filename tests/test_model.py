@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 from collections.abc import Callable
 from dataclasses import FrozenInstanceError, fields
@@ -505,3 +506,38 @@ def test_a_transform_is_an_invertible_affine_matrix(
 def test_small_transforms_are_not_singular() -> None:
     matrix = np.diag([1e-12, 1e-12, 1e-12, 1.0])  # picometres
     np.testing.assert_array_equal(checks.transform("transform", matrix), matrix)
+
+
+# Other processes ----------------------------------------------------------------------------------
+
+
+def test_records_survive_pickling() -> None:
+    array = clradar.arrays.qar50()
+    capture = Capture(np.ones((94, 94, 2)), array, Waveform([72e9, 82e9]), {"a": [1], "b": {}})
+    again = pickle.loads(pickle.dumps(capture))
+    np.testing.assert_array_equal(again.data, capture.data)
+    np.testing.assert_array_equal(again.array.tx_m, array.tx_m)
+    assert again.meta == {"a": [1], "b": {}}
+    assert not again.data.flags.writeable
+    grid = VoxelGrid([0, 0, 0.3], [1e-3] * 3, (2, 3, 4))
+    volume = pickle.loads(pickle.dumps(Volume(np.ones(grid.shape), grid, {"m": 1})))
+    np.testing.assert_array_equal(volume.data, 1)
+    assert volume.grid.same_voxels(grid)
+    assert volume.depth_map().depth_m.shape == (3, 2)
+
+
+# Printed forms ------------------------------------------------------------------------------------
+
+
+def test_records_print_on_one_short_line() -> None:
+    array = clradar.arrays.qar50()
+    capture = Capture(
+        np.zeros((94, 94, 2)), array, Waveform([72e9, 82e9]), {"a": list(range(1000))}
+    )
+    text = repr(capture)
+    assert "\n" not in text
+    assert len(text) < 300
+    assert "data=<complex64 (94, 94, 2)>" in text
+    assert "name='qar50'" in text
+    assert "frequencies_hz=[7.2e+10, 8.2e+10]" in text
+    assert "meta=<1 entries>" in text

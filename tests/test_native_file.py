@@ -524,7 +524,9 @@ def test_foreign_hdf5_file(tmp_path):
     with h5py.File(tmp_path / "c.h5", "w") as file:
         file["x"] = [1, 2]
     assert "another program" in refused(tmp_path / "c.h5")
-    assert "another program" in refused(tmp_path / "c.h5", describe)
+    assert "another program" in check_file(tmp_path / "c.h5").problems[0]
+    assert describe(tmp_path / "c.h5").words == {"x": "(2,) int64"}
+    assert "layout" in describe(tmp_path / "c.h5").problems[0]
 
 
 # ---- describe

@@ -22,6 +22,7 @@ from clradar.plot import (
     DEPTH_BACKGROUND,
     comparison_figure,
     image_figure,
+    panels_figure,
     save_figure,
 )
 
@@ -327,3 +328,28 @@ def test_the_first_column_has_the_title_it_is_given() -> None:
         blob(), [("alpha 0", blob())], measured_label="Synthetic measurement"
     )
     assert figure.axes[0].get_title() == "Synthetic measurement"
+
+
+def test_panels_stand_in_rows_with_axes_of_their_own() -> None:
+    near, far = blob().depth_map(), blob(x_mm=-40.0).depth_map()
+    zero = DepthMap(far.depth_m, 0 * far.amplitude, far.x_m, far.y_m)
+    figure = panels_figure(
+        [[("one $", near), ("none", None)], [("three", far), ("0", zero)]], "All"
+    )
+    panels, bar = figure.axes[:4], figure.axes[4]
+    assert [a.get_title() for a in panels] == ["one $", "none", "three", "0"]
+    tops = [a.get_position().y1 for a in panels]
+    assert tops[0] == tops[1] > tops[2] == tops[3]
+    for axes, image in ((panels[0], near), (panels[2], far)):
+        left, right = axes.get_xlim()
+        assert left > right  # as the radar sees the scene
+        values = drawn(axes)
+        assert values.max() == 0.0  # each relative to its own maximum
+        assert np.array_equal(~values.mask, image.mask)
+    assert not panels[1].collections
+    assert not panels[3].collections
+    assert bar.get_ylabel() == "amplitude (dB)"
+    assert "All" in texts(figure)
+    figure.draw_without_rendering()
+    with pytest.raises(CompareError, match="not zero"):
+        panels_figure([[("a", None), ("b", zero)]])

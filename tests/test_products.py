@@ -138,6 +138,17 @@ def test_volume_and_points_land_in_the_antenna_frame(tmp_path, scene, kind):
     )
 
 
+def test_a_radar_folder_is_named_by_a_string_too(radar):
+    for read, name in (
+        (read_depth_map, "depth_m"),
+        (read_max_projection, "amplitude"),
+        (read_amplitude_volume, "amplitude"),
+        (read_points, "points_m"),
+    ):
+        expected = getattr(read(radar, 0), name)
+        assert np.array_equal(getattr(read(str(radar), 0), name), expected, equal_nan=True)
+
+
 def test_older_depth_maps_are_turned_in_memory(radar, scene):
     expected = read_depth_map(radar, 0)
     path = radar / "depth" / "000000.png"
@@ -153,6 +164,15 @@ def test_older_depth_maps_are_turned_in_memory(radar, scene):
     assert np.array_equal(turned.depth_m, expected.depth_m, equal_nan=True)
     assert np.array_equal(turned.amplitude, expected.amplitude)  # maxproj is not turned
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("threshold", "expected"), [(14, 14.0), (-14, 14.0), (-0.5, 0.5), (0, 15.0), (None, 15.0)]
+)
+def test_threshold_of_a_depth_map(radar, threshold, expected):
+    amplitude = {"amplitude_filter_kernel_size": 1, "amplitude_filter_threshold_dB": threshold}
+    change_entry(radar, lambda entry: entry.update(amplitude=amplitude))
+    assert read_depth_map(radar, 0).dynamic_range_db == expected
 
 
 @pytest.mark.parametrize("where", ["depth box", "depth box in 3-D", "intrinsics", "its inverse"])
@@ -502,7 +522,7 @@ def test_written_products_are_those_of_the_independent_writer(radar, empty_radar
 
 def test_written_products_read_back(empty_radar, scene):
     volume = antenna_volume(scene, N_FREQ)
-    write_products(empty_radar, 0, volume, dynamic_range_db=9.0)
+    write_products(str(empty_radar), 0, volume, dynamic_range_db=9.0)
     mine, read = volume.depth_map(9.0), read_depth_map(empty_radar, 0)
     np.testing.assert_allclose(read.depth_m, mine.depth_m, rtol=0, atol=HALF_MM_M)
     np.testing.assert_allclose(read.x_m, mine.x_m, rtol=0, atol=EXACT_M)

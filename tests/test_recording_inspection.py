@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import maroon_files as files
@@ -94,8 +96,84 @@ def test_a_bare_recording_says_what_is_missing(tmp_path):
     assert "missing: metadata.json" in str(description)
     assert description.words["metadata.json"] == "none"
     assert description.values["metadata.json"] is None
-    assert description.values["arrays_that_are_no_frames"] == ["mean.npy"]
+    assert description.values["ignored_in_calibrated_data"] == ["mean.npy"]
     assert check_file(radar).ok
+
+
+def test_misnamed_frames_are_listed(tmp_path):
+    radar = files.write_recording(tmp_path / "30", n_frames=2)
+    names = ["000000.NPY", "000000_empty.npy", "1.npy", "0000001.npy", "000001.npy.part"]
+    for name in [*names, ".hidden"]:
+        (radar / "calibrated_data" / name).write_bytes(b"")
+    description = describe(radar)
+    assert description.values["ignored_in_calibrated_data"] == sorted(names)
+    assert "000000.NPY" in str(description)
+    assert description.values["raw_frames"]["numbers"] == [0, 1]
+
+
+def test_frames_that_are_no_files(tmp_path):
+    radar = files.write_recording(tmp_path / "30", n_frames=6)
+    data = radar / "calibrated_data"
+    for name in ("000000.npy", "000002.npy", "000003.npy", "000004_emptyfiltered.npy"):
+        (data / name).unlink()
+    (data / "000000.npy").symlink_to("nothing.npy")
+    (data / "000002.npy").mkdir()
+    os.mkfifo(data / "000003.npy")
+    (data / "000004_emptyfiltered.npy").symlink_to(data / "000004_emptyfiltered.npy")
+    (data / "000005.npy").rename(tmp_path / "elsewhere.npy")
+    (data / "000005.npy").symlink_to(tmp_path / "elsewhere.npy")
+    description = describe(radar)
+    assert description.problems == (
+        "raw frames that are links to nothing: 0",
+        "raw frames that are no regular file: 2-3",
+        "emptyfiltered frames that are links to nothing: 4",
+    )
+    assert description.values["frequencies"]["count"] == 2  # of frame 1, which can be read
+    assert len(check_file(radar).problems) == 4  # one for each
+
+
+ODD_FRAMES = {
+    "none": (1, {}, []),
+    "no total": (0, {"number_of_measurements": None}, ["raw frame 0 does not say number_of_meas"]),
+    "later": (1, {"number_of_measurements": None}, []),
+    "total": (
+        2,
+        {"number_of_measurements": 9},
+        ["number_of_measurements 9 where the others have 4: 2"],
+    ),
+    "first total": (
+        0,
+        {"number_of_measurements": 3},
+        ["number_of_measurements 3 where the others have 4: 0", "has 3 frames, 4 are there"],
+    ),
+    "zero": (
+        3,
+        {"xr": np.zeros((96, 96, 2), np.complex64)},
+        ["raw frames that are zero everywhere: 3"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ODD_FRAMES)
+def test_odd_frames(tmp_path, name):
+    radar = files.write_recording(tmp_path / "30", n_frames=4)
+    number, changes, parts = ODD_FRAMES[name]
+    stamp = np.array([FIRST + number * STEP])
+    frame = files.random_frame() | {"number_of_measurements": 4, "timestamp_us": stamp} | changes
+    frame = {key: value for key, value in frame.items() if value is not None}
+    files.write_frame(radar / "calibrated_data" / f"{number:06d}.npy", frame)
+    problems = check_file(radar).problems
+    assert len(problems) == len(parts), problems
+    for part, problem in zip(parts, problems, strict=True):
+        assert part in problem
+
+
+def test_a_cloud_without_points(tmp_path):
+    radar = whole_recording(tmp_path / "30")
+    header = (radar / "xyz" / "000001.ply").read_bytes().split(b"end_header")[0].splitlines()
+    lines = [b"element vertex 0" if h.startswith(b"element vertex") else h for h in header]
+    (radar / "xyz" / "000001.ply").write_bytes(b"\n".join([*lines, b"end_header", b""]))
+    assert check_file(radar).problems == ("xyz without a point, of the frames 1",)
 
 
 def edit(path: Path, **changes: object) -> None:
@@ -240,6 +318,81 @@ def test_every_product_is_read(tmp_path):
     assert len(report.problems) == 1
     assert "000001.ply" in report.problems[0]
     assert "2 of 3 cached xyz read" in report.checked
+
+
+@pytest.mark.parametrize("name", ["depth", "maxproj", "xyz", "photogrammetry"])
+def test_a_folder_that_cannot_be_read_hides_nothing_else(tmp_path, monkeypatch, name):
+    radar = whole_recording(tmp_path / "30")
+    before = describe(radar).words
+    real = Path.iterdir
+
+    def iterdir(folder: Path) -> Iterator[Path]:
+        if folder.name == name:  # tests that run as root can read any folder
+            raise PermissionError(13, "Permission denied", str(folder))
+        return real(folder)
+
+    monkeypatch.setattr(Path, "iterdir", iterdir)
+    description = describe(radar)
+    (problem,) = description.problems
+    assert f"{name}: expected a readable folder, got Permission denied" in problem
+    fact = "meshes" if name == "photogrammetry" else f"cached {name}"
+    assert description.words == before | {fact: "cannot be read"}
+    report = check_file(radar)
+    assert report.problems == description.problems
+    assert "3 of 3 cached volume read" in report.checked
+
+
+def entry_without(radar: Path, *numbers: int) -> None:
+    path = radar / "calibration.json"
+    content = json.loads(path.read_text())
+    files.write_json(
+        path, {k: v for k, v in content.items() if k not in map("{:06d}".format, numbers)}
+    )
+
+
+SAID_ONCE = {
+    "no transform": (
+        lambda radar: files.write_alignment(radar.parent, {"kinect2radar": KINECT}),
+        ["a way from 'photogrammetry' to 'radar'"],
+    ),
+    "no calibration": (
+        lambda radar: (radar / "calibration.json").unlink(),
+        ["no calibration.json, without which depth, maxproj and volume cannot be read"],
+    ),
+    "damaged calibration": (
+        lambda radar: (radar / "calibration.json").write_text("{"),
+        ["calibration.json"],
+    ),
+    "entries": (
+        lambda radar: entry_without(radar, 0, 2),
+        [
+            "not say its pixels for depth of the frames 0, 2",
+            "not say its pixels for maxproj of the frames 0, 2",
+            "not say its grid and its amplitudes for volume of the frames 0, 2",
+        ],
+    ),
+    "an entry": (
+        lambda radar: edit(radar / "calibration.json", **{"000001": {"volume": []}}),
+        ["expected a JSON object in '000001: volume'"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SAID_ONCE)
+def test_what_many_frames_have_in_common_is_said_once(tmp_path, name):
+    radar = whole_recording(tmp_path / "30")
+    change, parts = SAID_ONCE[name]
+    change(radar)
+    for problems in (describe(radar).problems, check_file(radar).problems):
+        assert len(problems) == len(parts), problems
+        for part, problem in zip(parts, problems, strict=True):
+            assert part in problem
+    counts = {"entries": 1, "an entry": 2, "no transform": 3}
+    said = any("cached volume read" in line for line in check_file(radar).checked)
+    assert said == (name in counts)
+    if said:
+        assert f"{counts[name]} of 3 cached volume read" in check_file(radar).checked
+    assert "3 of 3 cached xyz read" in check_file(radar).checked
 
 
 def test_numbers_that_are_not_finite_are_strict_json(tmp_path):

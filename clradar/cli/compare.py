@@ -29,11 +29,14 @@ from clradar.cli.options import (
     voxel_grid,
     wrong_usage,
 )
-from clradar.cli.output import check_outputs, print_line, print_table, write_json
+from clradar.cli.output import check_outputs, print_line, print_table, write_bytes, write_json
 from clradar.cli.provenance import provenance
+from clradar.errors import OutputError
 
 if TYPE_CHECKING:
     from clradar import Metrics, Volume
+
+REPORT_SUFFIXES = (".html", ".htm")
 
 METRIC_COLUMNS = (
     "simulated",
@@ -59,6 +62,13 @@ def command(
         Optional[Path],  # noqa: UP045
         typer.Option("--json", help="File for the metrics, in metres."),
     ] = None,
+    report: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--report",
+            help="Page to write: figure, 3-D view, metrics and settings in one .html file.",
+        ),
+    ] = None,
     x_mm: XOption = None,
     y_mm: YOption = None,
     z_mm: ZOption = None,
@@ -77,13 +87,16 @@ def command(
     from clradar import Volume, compare, open_device
     from clradar.model import checks
     from clradar.plot import comparison_figure, save_figure
+    from clradar.report import ReportImage, html_report
 
     checks.positive("--dynamic-range-db", dynamic_range_db)
     grid = voxel_grid(x_mm, y_mm, z_mm)
     paths = [measured, *simulated]
     if output is not None:
         check_figure_name(output)
-    check_outputs([output, json], force=force, inputs=paths)
+    if report is not None:
+        check_report_name(report)
+    check_outputs([output, json, report], force=force, inputs=paths)
     chosen = None if variant is None else variant.value
     recorded = open_image(measured, frame=frame, variant=chosen)
     loaded = [recorded, *(open_image(path) for path in simulated)]
@@ -115,22 +128,46 @@ def command(
         )
         save_figure(figure, output, force=force)
         print_line(f"{output}: the measurement and {len(metrics)} simulated")
+    if json is None and report is None:
+        return
+    files = [f for p, i in zip(paths, loaded, strict=True) for f in recording_files(p, i.meta)]
+    options = {
+        "method": method.value,
+        "window": window.value,
+        "grid": grid_text(grid),
+        "frame": frame,
+        "variant": chosen,
+    }
+    origin = provenance("compare", options, files)
     if json is not None:
-        files = [f for p, i in zip(paths, loaded, strict=True) for f in recording_files(p, i.meta)]
-        options = {
-            "method": method.value,
-            "window": window.value,
-            "grid": grid_text(grid),
-            "frame": frame,
-            "variant": chosen,
-        }
         record = {
             "measured": str(measured),
             "simulated": metrics_records(simulated, labels, metrics),
-            **provenance("compare", options, files),
+            **origin,
         }
         write_json(json, record, force=force)
         print_line(f"{json}: the metrics, in metres")
+    if report is not None:
+        named = zip(("Measurement", *labels), volumes, paths, strict=True)
+        images = [ReportImage(label, volume, str(path)) for label, volume, path in named]
+        page = html_report(
+            images[0],
+            images[1:],
+            metrics=metrics,
+            settings=origin,
+            dynamic_range_db=dynamic_range_db,
+        )
+        write_bytes(report, page.encode("utf-8"), force=force)
+        print_line(f"{report}: the comparison as a page, to be opened in a browser")
+
+
+def check_report_name(path: Path) -> None:
+    """Raise unless the name says that it is a page: a browser goes by it."""
+    if path.suffix.lower() not in REPORT_SUFFIXES:
+        raise OutputError(
+            f"{path}: expected a name that ends in {' or '.join(REPORT_SUFFIXES)}, "
+            f"got '{path.suffix}'"
+        )
 
 
 def print_metrics(labels: Sequence[str], metrics: Sequence[Metrics]) -> None:

@@ -9,6 +9,7 @@ from typing import Annotated, Optional
 import typer
 
 from clradar.cli.images import recording_files
+from clradar.cli.layout import LayoutOption, layout_files, skeleton_if_needed
 from clradar.cli.options import ForceOption, FrameOption, VariantOption, wrong_usage
 from clradar.cli.output import check_outputs, print_line
 from clradar.cli.simulate import save_with_provenance
@@ -26,8 +27,9 @@ def command(
         list[Path],
         typer.Argument(
             metavar="SOURCE",
-            help="Recorded .npy frame, radar folder, the folder that holds one, or a capture; "
-            "several frames or captures with --to maroon.",
+            help="Recorded .npy frame, radar folder, the folder that holds one, or a capture; with "
+            "--layout another program's .h5, .mat, .npz or .npy; several frames or captures with "
+            "--to maroon.",
         ),
     ],
     output: Annotated[
@@ -60,6 +62,7 @@ def command(
         Optional[Path],  # noqa: UP045
         typer.Option("--tx-file", help="Positions of the Tx antennas of a recorded frame."),
     ] = None,
+    layout: LayoutOption = None,
     force: ForceOption = False,
 ) -> None:
     """What a SOURCE is, its content decides, not its name. The data stays as recorded, bit by bit.
@@ -71,6 +74,8 @@ def command(
 
     antennas = (rx_file, tx_file)
     chosen = None if variant is None else variant.value
+    if layout is not None and (all_frames or to is Form.maroon):
+        raise wrong_usage("--layout", "goes with one capture to a native file only")
     if all_frames:
         if to is Form.maroon or frame is not None:
             raise wrong_usage("--all-frames", "goes with neither --to maroon nor --frame")
@@ -84,7 +89,7 @@ def command(
     if timestamp_us:
         raise wrong_usage("--timestamp-us", "goes with --to maroon only")
     check_one_source(sources, "--to native")
-    convert_one(sources[0], output, frame, chosen, antennas, force=force)
+    convert_one(sources[0], output, frame, chosen, antennas, layout, force=force)
 
 
 def check_one_source(sources: list[Path], option: str) -> None:
@@ -99,6 +104,7 @@ def convert_one(
     frame: int | None,
     variant: str | None,
     antennas: tuple[Path | None, Path | None],
+    layout: Path | None,
     *,
     force: bool,
 ) -> None:
@@ -106,11 +112,20 @@ def convert_one(
     from measurement_io import open_capture
 
     rx_file, tx_file = antennas
-    others = [path for path in antennas if path is not None]
+    others = [path for path in (*antennas, layout) if path is not None]
     check_outputs([output], force=force, inputs=[source, *others])
-    capture = open_capture(source, frame=frame, variant=variant, rx_file=rx_file, tx_file=tx_file)
-    options = {"source": str(source), "frame": frame, "variant": variant}
-    inputs = [*recording_files(source, capture.meta), *others]
+    with skeleton_if_needed():
+        capture = open_capture(
+            source, frame=frame, variant=variant, rx_file=rx_file, tx_file=tx_file, layout=layout
+        )
+    options = {
+        "source": str(source),
+        "frame": frame,
+        "variant": variant,
+        "layout": None if layout is None else str(layout),
+    }
+    inputs = [*recording_files(source, capture.meta), *(p for p in antennas if p is not None)]
+    inputs += layout_files(layout, capture.meta)
     save_with_provenance(output, capture, "convert", options, inputs, force=force)
     low, high = capture.waveform.frequencies_hz[[0, -1]] / 1e9
     shape = " x ".join(str(n) for n in capture.data.shape)

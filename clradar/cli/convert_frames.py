@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from clradar.cli.images import recording_files
-from clradar.cli.output import check_outputs, print_line, progress_bar
+from clradar.cli.output import check_outputs, print_line, print_warning, progress_bar
 from clradar.cli.simulate import save_with_provenance
-from clradar.errors import OutputError
+from clradar.errors import MeasurementError, OutputError
 
 if TYPE_CHECKING:
     from measurement_io import Recording
@@ -36,6 +36,11 @@ def write_captures(
         Files of the Rx and of the Tx antennas.
     force : bool
         Replace files that are there.
+
+    Raises
+    ------
+    MeasurementError
+        Some frames cannot be read. Each has been named in a warning, and the others are written.
     """
     recording = open_source(source, variant, antennas)
     variants = recording.variants if variant is None else (variant,)
@@ -46,21 +51,32 @@ def write_captures(
     make_folder(output)
     every = [output / name for of_view in names for name in of_view]
     check_outputs(every, force=force, inputs=[source, *others])
-    done = 0
+    tried = 0
+    written: list[str] = []
     with progress_bar("converting") as progress:
         for view, of_view in zip(views, names, strict=True):
-            for capture, name in zip(view, of_view, strict=True):
+            frames = iter(view)
+            for name in of_view:
+                tried += 1
+                try:
+                    capture = next(frames)
+                except MeasurementError as error:
+                    print_warning(error)
+                    continue
                 options = {"source": str(source), "frame": capture.meta["frame"]}
                 options["variant"] = view.variant
                 inputs = [*recording_files(source, capture.meta), *others]
                 save_with_provenance(
                     output / name, capture, "convert", options, inputs, force=force
                 )
-                done += 1
+                written.append(name)
+                del capture  # before the next one is read
                 if progress is not None:
-                    progress(done, len(every))
+                    progress(tried, len(every))
+    if len(written) < len(every):
+        raise MeasurementError(f"{source}: {len(written)} of {len(every)} frames converted")
     counts = ", ".join(f"{len(view)} {view.variant}" for view in views)
-    print_line(f"{output}: {counts} frames, {every[0].name} to {every[-1].name}")
+    print_line(f"{output}: {counts} frames, {written[0]} to {written[-1]}")
 
 
 def open_source(

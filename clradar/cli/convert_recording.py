@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,7 @@ from clradar.cli.images import recording_files
 from clradar.cli.options import wrong_usage
 from clradar.cli.output import print_line, progress_bar
 from clradar.cli.provenance import provenance
-from clradar.errors import ModelError, OutputError
+from clradar.errors import MeasurementError, ModelError, OutputError
 
 if TYPE_CHECKING:
     from clradar import Capture
@@ -56,20 +57,30 @@ def write_recording(sources: Sequence[Path], wanted: Wanted) -> None:
     Parameters
     ----------
     sources : sequence of Path
-        One folder with a recording; or captures and frames, one for each frame to write.
+        One folder, with a recording or with nothing but captures (.h5); or captures and frames,
+        one for each frame to write.
     wanted : Wanted
     """
     _check_new(wanted.output, force=wanted.force)
     folders = [path for path in sources if path.is_dir()]
     if folders and len(sources) > 1:
         raise wrong_usage("SOURCE", "expected one folder, or several captures; got both")
-    if folders:
+    captures = _captures_in(folders[0]) if folders else sources
+    if folders and not captures:
         radar, text = _of_folder(folders[0], wanted)
     else:
         if wanted.frame is not None:
             raise wrong_usage("--frame", "chooses a frame of a folder, which SOURCE is not")
-        radar, text = _of_files(sources, wanted)
+        radar, text = _of_files(captures, wanted)
     print_line(f"{radar}: {text}")
+
+
+def _captures_in(folder: Path) -> list[Path]:
+    """Return the files of a folder with nothing but .h5 files, by name; none of any other."""
+    from measurement_io.maroon.folders import entries
+
+    there = entries(folder)
+    return there if all(path.suffix == ".h5" and path.is_file() for path in there) else []
 
 
 def _check_new(output: Path, *, force: bool) -> None:
@@ -85,6 +96,7 @@ def _check_new(output: Path, *, force: bool) -> None:
 
 def _of_folder(source: Path, wanted: Wanted) -> tuple[Path, str]:
     from measurement_io import save_recording
+    from measurement_io.maroon.folders import ranges
 
     output, frame, variant = wanted.output, wanted.frame, wanted.variant
     recording = open_source(source, variant, wanted.antennas)
@@ -95,10 +107,11 @@ def _of_folder(source: Path, wanted: Wanted) -> tuple[Path, str]:
     if variant is None and len(recording.variants) > 1:
         filtered = recording.with_variant("emptyfiltered")
         recording = recording.with_variant("raw")
-        if frame is None and filtered.frame_numbers != recording.frame_numbers:
+        orphans = set(filtered.frame_numbers) - set(recording.frame_numbers)
+        if frame is None and orphans:
             raise ModelError(
-                f"{source}: expected the same frames of both variants, got {len(recording)} raw "
-                f"and {len(filtered)} emptyfiltered ones; choose with --variant"
+                f"{source}: expected a raw frame for every emptyfiltered one, got none for "
+                f"{ranges(orphans)}; choose with --variant"
             )
     if frame is not None:
         recording = _one_frame(recording, frame)
@@ -146,20 +159,50 @@ def _of_files(sources: Sequence[Path], wanted: Wanted) -> tuple[Path, str]:
             if output.resolve() == read.resolve().parent:
                 raise OutputError(f"{output}: holds a frame that is read; choose another folder")
             check_apart(output, read)
-    captures = _Files(sources, wanted.variant, wanted.antennas)
+    first, filtered = _by_variant(sources, wanted)
+    views = [view for view in (first, filtered) if view is not None]
     with progress_bar("converting") as progress:
         try:
             radar = save_recording(
                 output,
-                captures,
-                variant=captures.variant,
+                first,
+                variant=first.variant,
+                emptyfiltered=filtered,
                 timestamps_us=wanted.timestamps_us,
-                progress=_Counter(progress, len(captures)),
+                progress=_Counter(progress, len(sources)),
                 force=wanted.force,
             )
         except ModelError as error:
-            raise ModelError(f"{captures.latest}: {error}") from error
-    return radar, f"{len(captures)} {captures.variant} frame{'s' if len(captures) > 1 else ''}"
+            tried = [view.latest for view in views if view.latest is not None]
+            raise ModelError(f"{(tried or sources)[-1]}: {error}") from error
+    frames = "frame" if len(sources) == 1 else "frames"
+    return radar, ", ".join(f"{len(view)} {view.variant}" for view in views) + f" {frames}"
+
+
+def _by_variant(sources: Sequence[Path], wanted: Wanted) -> tuple[_Files, _Files | None]:
+    """Return the files of the variant to write, and the emptyfiltered ones that go beside them."""
+    from measurement_io.maroon.folders import VARIANTS
+
+    if wanted.variant is not None:
+        return _Files(sources, wanted.variant, wanted), None
+    paths: dict[str, list[Path]] = {variant: [] for variant in VARIANTS}
+    for path in sources:
+        paths[_variant_of(path)].append(path)
+    first, *others = (_Files(files, name, wanted) for name, files in paths.items() if files)
+    return first, others[0] if others else None
+
+
+def _variant_of(path: Path) -> str:
+    """Return which variant a frame is by its name, or a capture by what it came with; else raw."""
+    from measurement_io.maroon.folders import VARIANTS, frame_file
+    from measurement_io.native import read_header
+    from measurement_io.opening import kind_of
+
+    kind = kind_of(path)
+    if kind == "frame":
+        return frame_file(path).variant
+    found = read_header(path).meta.get("variant") if kind == "native" else None
+    return found if found in VARIANTS else "raw"
 
 
 class _Counter:
@@ -187,35 +230,37 @@ class _Described:
         return len(self._recording)
 
     def __iter__(self) -> Iterator[Capture]:
-        for capture in self._recording:
+        frames = iter(self._recording)
+        for _ in range(len(self._recording)):
+            try:
+                capture = next(frames)
+            except MeasurementError as error:
+                raise MeasurementError(
+                    f"{error}; a recording is written whole or not at all, --all-frames converts "
+                    "the frames that can be read"
+                ) from error
             inputs = [*recording_files(self._source, capture.meta), *self._antennas]
             yield described(capture, self._options, inputs)
 
 
 class _Files:
-    """Captures and frames in files of their own, opened one after the other."""
+    """Captures and frames of one variant in files of their own, opened one after the other."""
 
-    def __init__(self, paths: Sequence[Path], variant: str | None, antennas: Antennas) -> None:
+    def __init__(self, paths: Sequence[Path], variant: str, wanted: Wanted) -> None:
         self._paths = paths
-        self._antennas = antennas
-        self._given = variant
-        self.latest = paths[0]
-        self.variant = variant or self._variant_of(self._open(paths[0]))
+        self._wanted = wanted
+        self.variant = variant
+        self.latest: Path | None = None
 
     def __len__(self) -> int:
         return len(self._paths)
 
     def __iter__(self) -> Iterator[Capture]:
-        options = {"variant": self._given, "to": "maroon"}
-        antennas = [path for path in self._antennas if path is not None]
+        options = {"variant": self._wanted.variant, "to": "maroon"}
+        antennas = [path for path in self._wanted.antennas if path is not None]
         for path in self._paths:
             self.latest = path
             capture = self._open(path)
-            if self._given is None and self._variant_of(capture) != self.variant:
-                raise ModelError(
-                    f"expected a frame of the variant of the first, {self.variant}, got "
-                    f"{self._variant_of(capture)}; --variant says what to write them all as"
-                )
             yield described(capture, options | {"source": str(path)}, [path, *antennas])
 
     def _open(self, path: Path) -> Capture:
@@ -224,15 +269,8 @@ class _Files:
 
         if kind_of(path) != "frame":
             return open_capture(path)
-        rx_file, tx_file = self._antennas
+        rx_file, tx_file = self._wanted.antennas
         return open_capture(path, rx_file=rx_file, tx_file=tx_file)
-
-    @staticmethod
-    def _variant_of(capture: Capture) -> str:
-        from measurement_io.maroon.folders import VARIANTS
-
-        found = capture.meta.get("variant")
-        return found if found in VARIANTS else "raw"
 
 
 def described(capture: Capture, options: Mapping[str, Any], inputs: Sequence[Path]) -> Capture:
@@ -242,4 +280,7 @@ def described(capture: Capture, options: Mapping[str, Any], inputs: Sequence[Pat
     capture came with, and how it was converted.
     """
     record = {**capture.meta, **provenance("convert", options, inputs)}
+    with suppress(KeyError, TypeError, ValueError):
+        # An earlier conversion's is text; as text in text its escapes would double every time.
+        record["provenance"] = json.loads(record["provenance"])
     return replace(capture, meta={**capture.meta, "provenance": json.dumps(record)})

@@ -17,6 +17,7 @@ from clradar.cli.options import (
     FrameOption,
     Method,
     MethodOption,
+    ToleranceOption,
     VariantOption,
     Window,
     WindowOption,
@@ -45,6 +46,7 @@ def command(
     y_mm: YOption = None,
     z_mm: ZOption = None,
     method: MethodOption = Method.fast,
+    tolerance_db: ToleranceOption = None,
     window: WindowOption = Window.rect,
     dynamic_range_db: DynamicRangeOption = DEFAULT_DYNAMIC_RANGE_DB,
     frame: FrameOption = None,
@@ -66,7 +68,7 @@ def command(
     loaded = open_capture(capture, frame=frame, variant=None if variant is None else variant.value)
     opened = open_device(device)
     start_s = perf_counter()
-    volume = form_image(loaded, grid, method.value, window.value, opened, "imaging")
+    volume = form_image(loaded, grid, method.value, window.value, opened, "imaging", tolerance_db)
     took_s = perf_counter() - start_s
     options = {
         "method": method.value,

@@ -32,15 +32,22 @@ def open_image(
 
 
 def form_image(
-    capture: Capture, grid: VoxelGrid, method: str, window: str, device: Device, label: str
+    capture: Capture,
+    grid: VoxelGrid,
+    method: str,
+    window: str,
+    device: Device,
+    label: str,
+    tolerance_db: float | None = None,
 ) -> Volume:
     """Return the image of a capture, with a progress bar on a terminal."""
     from clradar import backproject
 
     with progress_bar(label) as progress:
         return backproject(
-            capture, grid, method=method, window=window, device=device, progress=progress
-        )
+            capture, grid, method=method, window=window, tolerance_db=tolerance_db, device=device,
+            progress=progress,
+        )  # fmt: skip
 
 
 def formed(

@@ -14,7 +14,9 @@ def command(
     file: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="Capture, volume, recorded .npy frame, or radar folder."
+            metavar="FILE",
+            help="Capture, volume, recorded .npy frame, radar folder, or the <object>/<distance> "
+            "folder that holds one.",
         ),
     ],
     check: Annotated[

@@ -86,6 +86,14 @@ MethodOption = Annotated[
         "-54 dB; exact: the plain sum.",
     ),
 ]
+ToleranceOption = Annotated[
+    Optional[float],  # noqa: UP045
+    typer.Option(
+        "--tolerance-db",
+        metavar="DB",
+        help="Error of fast, RMS over the image's RMS, -80 to -30. [default: -50]",
+    ),
+]
 WindowOption = Annotated[Window, typer.Option("--window", help="Weights over frequency.")]
 DynamicRangeOption = Annotated[
     float,

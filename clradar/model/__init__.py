@@ -2,7 +2,7 @@
 
 from clradar.model.array import AntennaArray
 from clradar.model.capture import Capture
-from clradar.model.channels import ChannelResponse
+from clradar.model.channels import ChannelCalibration, ChannelResponse
 from clradar.model.grid import VoxelGrid
 from clradar.model.paths import Paths, TraceStatistics
 from clradar.model.scene import Scene
@@ -12,6 +12,7 @@ from clradar.model.waveform import Waveform
 __all__ = [
     "AntennaArray",
     "Capture",
+    "ChannelCalibration",
     "ChannelResponse",
     "DepthMap",
     "Paths",

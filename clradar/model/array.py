@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.model import checks
+from clradar.model.record import reduced, summary
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AntennaArray:
     """Positions of the transmit and receive antennas in the antenna frame.
 
@@ -31,6 +32,9 @@ class AntennaArray:
     tx_m: np.ndarray
     rx_m: np.ndarray
     name: str = "array"
+
+    __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         for field in ("tx_m", "rx_m"):

@@ -10,10 +10,11 @@ import numpy as np
 
 from clradar.model import checks
 from clradar.model.array import AntennaArray
+from clradar.model.record import reduced, summary
 from clradar.model.waveform import Waveform
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Capture:
     """One frame: the complex response of every pair of antennas at every frequency.
 
@@ -36,6 +37,9 @@ class Capture:
     array: AntennaArray
     waveform: Waveform
     meta: Mapping[str, Any] = field(default_factory=dict)
+
+    __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         checks.instance("Capture.array", self.array, AntennaArray)

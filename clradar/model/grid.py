@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from clradar.model import checks
+from clradar.model.record import reduced, summary
 
 MAX_VOXELS = 2**31 - 1
 """Largest volume: its index has to fit a signed 32-bit integer on the device."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class VoxelGrid:
     """A regular grid of voxel centres in the antenna frame.
 
@@ -31,6 +32,9 @@ class VoxelGrid:
     origin_m: np.ndarray
     spacing_m: np.ndarray
     counts: tuple[int, int, int]
+
+    __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         origin = checks.read_only("VoxelGrid.origin_m", self.origin_m, np.float64, (3,))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.model import checks
+from clradar.model.record import reduced, summary
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,9 @@ class TraceStatistics:
     visible: int
     outgoing: int
     absorbed: int
+
+    __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         for name in ("samples", "visible", "outgoing", "absorbed"):
@@ -53,7 +57,7 @@ class TraceStatistics:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Paths:
     """One row per reception. Rows are sorted by pair, then by sample, ray and bounce.
 
@@ -86,6 +90,9 @@ class Paths:
     n_tx: int
     n_rx: int
     statistics: TraceStatistics | None = None
+
+    __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "n_tx", checks.whole("Paths.n_tx", self.n_tx, 1))

@@ -12,6 +12,7 @@ import numpy as np
 
 from clradar.errors import MeshError, ModelError
 from clradar.model import checks
+from clradar.model.record import reduced, summary
 
 UNITS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 """Units in which a mesh file may be written, in metres."""
@@ -20,7 +21,7 @@ PLAUSIBLE_SIZE_M = (1e-3, 20.0)
 """Longest side of a mesh's bounding box that a near-field radar can be meant to look at, metres."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Scene:
     """Triangles in the antenna frame, each with its mixture parameter alpha.
 
@@ -47,6 +48,9 @@ class Scene:
     alpha: np.ndarray | float = 0.5
     part: np.ndarray | int = 0
     part_names: tuple[str, ...] = ("mesh",)
+
+    __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         vertices = checks.read_only("Scene.vertices_m", self.vertices_m, np.float64, (None, 3))

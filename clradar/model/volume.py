@@ -11,9 +11,10 @@ import numpy as np
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.model import checks
 from clradar.model.grid import VoxelGrid
+from clradar.model.record import reduced, summary
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class DepthMap:
     """Depth of the strongest reflection along z, where there is one.
 
@@ -34,6 +35,9 @@ class DepthMap:
     x_m: np.ndarray
     y_m: np.ndarray
     dynamic_range_db: float = DYNAMIC_RANGE_DB
+
+    __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         x_m = checks.one_axis("DepthMap.x_m", self.x_m)
@@ -65,7 +69,7 @@ class DepthMap:
         return np.stack([self.x_m[column], self.y_m[row], self.depth_m[row, column]], axis=1)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Volume:
     """A complex image on a voxel grid.
 
@@ -80,6 +84,9 @@ class Volume:
     data: np.ndarray
     grid: VoxelGrid
     meta: Mapping[str, Any] = field(default_factory=dict)
+
+    __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         checks.instance("Volume.grid", self.grid, VoxelGrid)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.model import checks
+from clradar.model.record import reduced, summary
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Waveform:
     """The list of frequencies at which the radar measures.
 
@@ -25,6 +26,9 @@ class Waveform:
     """
 
     frequencies_hz: np.ndarray
+
+    __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         axis = checks.one_axis("Waveform.frequencies_hz", self.frequencies_hz)

@@ -79,7 +79,7 @@ class AmplitudeEntry:
     ----------
     filter_kernel_size : float or None
     filter_threshold_db : float or None
-        Pixels this far below the maximum have no depth.
+        Pixels this far below the maximum have no depth; as the file has it, of either sign.
     """
 
     filter_kernel_size: float | None = None

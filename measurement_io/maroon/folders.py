@@ -136,10 +136,10 @@ def frames(radar: Path) -> dict[str, dict[int, Path]]:
     return found
 
 
-def other_arrays(radar: Path) -> list[str]:
-    """Return the names of `.npy` files among the frames that are not named like one."""
+def ignored_files(radar: Path) -> list[str]:
+    """Return the names among the frames that are not named like one; hidden files apart."""
     names = [path.name for path in entries(radar / FRAMES_FOLDER)]
-    return [clean(name) for name in names if name.endswith(".npy") and not _FRAME.match(name)]
+    return [clean(n) for n in names if not n.startswith(".") and not _FRAME.match(n)]
 
 
 def find_frame(radar: Path, frame: int, variant: str) -> Path:

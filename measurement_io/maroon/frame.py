@@ -173,15 +173,29 @@ def _meta(place: FrameFile, frame: dict[str, Any]) -> dict[str, Any]:
     if "timestamp_us" in frame:
         meta["timestamp_us"] = _time_stamps(frame["timestamp_us"])
     if "number_of_measurements" in frame:
-        number = _plain(frame["number_of_measurements"])
-        if not isinstance(number, int | float) or number != int(number):
-            fail(place.path, "'number_of_measurements' to be a whole number", repr(number)[:60])
-        meta["number_of_measurements"] = int(number)
+        given = frame["number_of_measurements"]
+        number = _count(given)
+        if number is None:
+            got = clean(repr(given))[:60]
+            fail(place.path, "'number_of_measurements' to be a whole number >= 0", got)
+        meta["number_of_measurements"] = number
     for key, value in frame.items():
         plain = _plain(value)
         if key not in _OWN_KEYS and plain is not None:
             meta[key if key not in meta else f"file_{key}"] = plain
     return meta
+
+
+def _count(value: Any) -> int | None:
+    """Return a whole number, given as such, as a float, or as an array of one; None for others."""
+    if isinstance(value, np.ndarray):
+        value = value.ravel()[0] if value.size == 1 else None
+    elif isinstance(value, list | tuple):
+        value = value[0] if len(value) == 1 else None
+    number = _plain(value)
+    if isinstance(number, bool | str) or number is None or number < 0 or number != int(number):
+        return None
+    return int(number)
 
 
 def _time_stamps(value: Any) -> int | float | list[int | float] | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +11,8 @@ import numpy as np
 from measurement_io.failures import clean, fail, fail_from, read_bytes, reading
 from measurement_io.maroon.pickle_scan import UnsafePickle
 from measurement_io.maroon.restricted_pickle import PickledArray, load
+from measurement_io.npy_header import read_npy_header
 
-NPY_MAGIC = b"\x93NUMPY"
 MAX_FRAME_BYTES = 2**30
 """Largest frame file that is read: 96 x 96 channels at 7281 frequencies in complex128."""
 
@@ -57,24 +56,14 @@ def read_frame_dictionary(path: Path) -> dict[str, Any]:
 
 def _check_header(path: Path, content: bytes) -> int:
     """Check that the file is a 0-d object array and return where its pickle starts."""
-    stream = io.BytesIO(content)
-    version = np.lib.format.read_magic(stream)
-    if version not in ((1, 0), (2, 0)):
-        fail(path, "an .npy header of version 1.0 or 2.0", f"version {version[0]}.{version[1]}")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a damaged header can be odd Python that still parses
-        if version == (1, 0):
-            shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
-        else:
-            shape, _, dtype = np.lib.format.read_array_header_2_0(stream)
+    shape, _, dtype, offset = read_npy_header(path, io.BytesIO(content))
     if dtype != np.dtype(object) or shape != ():
         fail(
             path,
-            "a recorded frame (a pickled dictionary in a 0-d object array); plain arrays carry no "
-            "frequencies and no antennas and are not read",
-            f"an array of {dtype} and shape {shape}",
+            "a recorded frame (a pickled dictionary in a 0-d object array)",
+            clean(f"an array of {dtype} and shape {shape}"),
         )
-    return stream.tell()
+    return offset
 
 
 def _readable(raw: dict[Any, Any]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,10 +18,7 @@ from measurement_io.maroon.calibration_file import (
 from measurement_io.maroon.folders import RadarFolderName, ranges
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.placement import inspect_placement
-from measurement_io.maroon.products import PRODUCTS, product_files
-
-_NEEDS = {"depth": "its pixels", "maxproj": "its pixels", "volume": "its grid and its amplitudes"}
-"""What only `calibration.json` knows of a product."""
+from measurement_io.maroon.products import PLACED, PRODUCTS, product_files
 
 
 @dataclass(slots=True)
@@ -33,7 +31,7 @@ class Findings:
 
 
 def inspect_recording(folder: Path) -> Findings:
-    """Return what a recording holds, with the first raw frame; the other frames are not read.
+    """Return what a recording holds, with the first raw frame; the other frames are not opened.
 
     Raises
     ------
@@ -42,10 +40,13 @@ def inspect_recording(folder: Path) -> Findings:
     """
     radar = folders.find_radar_folder(folder)
     found = inspect_folders(radar)
-    raw = folders.frames(radar)["raw"]
-    if not raw:
+    frames = folders.frames(radar)
+    for variant, files in frames.items():
+        _note_irregular(found, variant, files)
+    raw = frames["raw"]
+    first = next((number for number in sorted(raw) if os.path.isfile(raw[number])), None)
+    if first is None:
         return found
-    first = min(raw)
     try:
         capture = read_frame_file(raw[first])
     except MeasurementError as error:
@@ -76,12 +77,18 @@ def inspect_folders(radar: Path) -> Findings:
     if orphans:
         found.problems.append(f"emptyfiltered frames without a raw one: {ranges(orphans)}")
     _note_missing(found, "emptyfiltered", filtered, raw)
-    others = folders.other_arrays(radar)
+    others = folders.ignored_files(radar)
     if others:
         words = clean(", ".join(others[:12])) + (", ..." if len(others) > 12 else "")
-        found.facts.append(Fact("arrays that are no frames", words, others))
-    products = {name: product_files(radar, name) for name in PRODUCTS}
-    for name, files in products.items():
+        found.facts.append(Fact(f"ignored in {folders.FRAMES_FOLDER}", words, others))
+    products = {}
+    for name in PRODUCTS:
+        try:
+            products[name] = files = product_files(radar, name)
+        except MeasurementError as error:  # the folder itself, such as one without permission
+            found.facts.append(Fact(f"cached {name}", "cannot be read", None))
+            found.problems.append(clean(error))
+            continue
         found.facts.append(_files_fact(f"cached {name}", files, f" .{PRODUCTS[name]}"))
         without = sorted(set(files) - set(raw))
         if without:
@@ -95,6 +102,17 @@ def inspect_folders(radar: Path) -> Findings:
 def _files_fact(name: str, files: dict[int, Path], kind: str = "") -> Fact:
     words = f"{len(files)}{kind} ({ranges(files)})" if files else "none"
     return Fact(name, words, {"count": len(files), "numbers": sorted(files)})
+
+
+def _note_irregular(found: Findings, variant: str, files: dict[int, Path]) -> None:
+    """Note frames that no reader would open; a check reads them and finds each by itself."""
+    irregular = [number for number, path in files.items() if not os.path.isfile(path)]
+    dangling = [n for n in irregular if os.path.islink(files[n]) and not os.path.exists(files[n])]
+    if dangling:
+        found.problems.append(f"{variant} frames that are links to nothing: {ranges(dangling)}")
+    others = set(irregular) - set(dangling)
+    if others:
+        found.problems.append(f"{variant} frames that are no regular file: {ranges(others)}")
 
 
 def _note_missing(found: Findings, name: str, files: dict[int, Path], raw: dict[int, Path]) -> None:
@@ -111,7 +129,9 @@ def _inspect_calibration(
     path = radar / CALIBRATION_FILE
     if not path.exists():
         found.facts.append(Fact(CALIBRATION_FILE, "none", None))
-        found.problems.append(f"no {CALIBRATION_FILE}")
+        blind = [name for name in PLACED if products.get(name)]
+        without = f", without which {_joined(blind)} cannot be read" if blind else ""
+        found.problems.append(f"no {CALIBRATION_FILE}{without}")
         return
     try:
         calibration = read_calibration_file(path)
@@ -134,13 +154,17 @@ def _inspect_calibration(
         found.problems.append(
             f"{CALIBRATION_FILE} names frames that are not there: {ranges(strangers)}"
         )
-    for name, needed in _NEEDS.items():
-        unplaced = sorted(set(products[name]) - set(entries))
+    for name, needed in PLACED.items():
+        unplaced = sorted(set(products.get(name, ())) - set(entries))
         if unplaced:
             found.problems.append(
                 f"{CALIBRATION_FILE} does not say {needed} for {name} of the frames "
                 f"{ranges(unplaced)}"
             )
+
+
+def _joined(names: list[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _compare_with_name(found: Findings, radar: Path, calibration: CalibrationFile) -> None:

@@ -23,6 +23,7 @@ from measurement_io.maroon.metadata import MaskBox, RecordingMetadata, read_meta
 from measurement_io.maroon.recording import (
     ALIGNMENT_FILE,
     MESH_FOLDER,
+    MESH_SOURCE,
     METADATA_FILE,
     mesh_files,
     placed_mesh,
@@ -48,11 +49,22 @@ def inspect_placement(
     """Add what lies in an `<object>/<distance>` folder to what has been found."""
     metadata = _metadata(distance, facts, problems, missing)
     alignment = _alignment(distance, facts, problems, missing)
-    meshes = mesh_files(distance)
+    try:
+        meshes = mesh_files(distance)
+    except MeasurementError as error:  # the folder itself, such as one without permission
+        facts.append(Fact("meshes", "cannot be read", None))
+        problems.append(clean(error))
+        return
     if not meshes:
         missing.append(f"{MESH_FOLDER}/*.obj")
         facts.append(Fact("meshes", "none", {}))
         return
+    if alignment is not None:
+        try:
+            alignment.to_antenna(MESH_SOURCE)
+        except MeasurementError as error:  # once, and not for every mesh
+            problems.append(clean(error))
+            alignment = None
     lines, values = [], {}
     for name in sorted(meshes):
         value: dict[str, Any] | None = None
@@ -62,7 +74,7 @@ def inspect_placement(
                 scene = placed_mesh(distance, name, alignment)
             except MeasurementError as error:
                 problems.append(clean(error))
-                words = "cannot be read or placed"
+                words = "cannot be read"
             else:
                 value = _mesh_value(scene, metadata)
                 words = _mesh_words(value)

@@ -62,7 +62,7 @@ def read_png16(path: Path) -> np.ndarray:
         if len(raw) != need:
             found = "more" if len(raw) > need else f"{len(raw)}"
             fail(path, f"{need} bytes of pixels", found)
-        with Image.open(io.BytesIO(_minimal(chunks[0][1], raw))) as image:
+        with Image.open(io.BytesIO(_minimal(chunks[0][1], raw)), formats=["PNG"]) as image:
             pixels = np.array(image)
         if pixels.shape != (height, width):
             fail(path, f"{height} rows of {width} pixels", f"an array of shape {pixels.shape}")

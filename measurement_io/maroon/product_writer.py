@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from measurement_io.maroon.calibration_file import (
     GridBox,
     Matrix,
     VolumeEntry,
+    frame_entry_json,
     put_frame_entry,
     read_calibration_file,
 )
@@ -36,7 +39,7 @@ _UNFILTERED = 1
 
 
 def write_products(
-    radar: Path,
+    radar: str | os.PathLike[str],
     number: int,
     volume: Volume,
     *,
@@ -48,7 +51,7 @@ def write_products(
 
     Parameters
     ----------
-    radar : Path
+    radar : path-like
         A radar folder with its `calibration.json`; the product folders are made where missing.
     number : int
         The frame, 0 to 999999.
@@ -85,6 +88,7 @@ def write_products(
     number = checks.whole("write_products: number", number, 0, 999_999)
     gain = checks.positive("write_products: gain", gain)
     checks.instance("write_products: volume", volume, Volume)
+    radar = Path(radar)
     calibration = radar / CALIBRATION_FILE
     points = read_calibration_file(calibration).frequency_points
     if points is None:
@@ -150,6 +154,17 @@ def radar_box(grid: VoxelGrid) -> GridBox:
         (-float(x_m[0]), float(y_m[-1]), float(z_m[-1])),
         grid.counts,
     )
+
+
+def default_grid() -> VoxelGrid:
+    """Return the grid that a frame without an image names: where objects of the dataset are."""
+    return VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.2, 0.6), (1e-3, 1e-3, 2e-3))
+
+
+def grid_entry(grid: VoxelGrid | None = None) -> dict[str, Any]:
+    """Return the entry of a frame without an image: a grid alone, `default_grid()` if not given."""
+    box = radar_box(default_grid() if grid is None else grid)
+    return frame_entry_json(FrameEntry(VolumeEntry(box)))
 
 
 def _intrinsics(box: GridBox) -> Matrix | None:

@@ -6,6 +6,7 @@ largest y to the smallest. What is returned has x and y of the antenna frame, bo
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,9 @@ from measurement_io.maroon.png16 import MAX_PIXELS, read_png16
 
 PRODUCTS = {"depth": "png", "maxproj": "png", "volume": "ply", "xyz": "ply"}
 """Folder of each product, and the extension of its files."""
+
+PLACED = {"depth": "its pixels", "maxproj": "its pixels", "volume": "its grid and its amplitudes"}
+"""What only `calibration.json` knows of a product; the points of `xyz` carry their positions."""
 
 MAX_VOXELS = 2**26
 """Largest volume: 406 x 406 x 406. It takes 0.5 GB to read."""
@@ -130,12 +134,12 @@ def product_files(radar: Path, product: str) -> dict[int, Path]:
     return {int(match[1]): path for match, path in matches if match is not None}
 
 
-def read_depth_map(radar: Path, number: int) -> DepthMap:
+def read_depth_map(radar: str | os.PathLike[str], number: int) -> DepthMap:
     """Return `depth/%06d.png` of a frame.
 
     Parameters
     ----------
-    radar : Path
+    radar : path-like
         A radar folder.
     number : int
         The frame.
@@ -145,8 +149,8 @@ def read_depth_map(radar: Path, number: int) -> DepthMap:
     DepthMap
         In the antenna frame. The file's depths are whole millimetres; 0 becomes NaN. The
         amplitude is that of `maxproj`, where there is one of the same shape, else 1 where there
-        is a depth and 0 elsewhere. `dynamic_range_db` is the threshold that `calibration.json`
-        names, else the default.
+        is a depth and 0 elsewhere. `dynamic_range_db` is the magnitude of the threshold that
+        `calibration.json` names, or the default where it names none, or 0.
 
     Raises
     ------
@@ -160,6 +164,7 @@ def read_depth_map(radar: Path, number: int) -> DepthMap:
     `bb_min`, `bb_max`, `grid_size`, both ends included); else by the same keys in `depth`; else by
     `depth: intrinsics`. An entry `depth: transform` means that the file's rows still run upwards.
     """
+    radar = Path(radar)
     path, entry = _product(radar, "depth", number)
     millimetres = read_png16(path)
     x_m, y_m = _pixel_axes(radar / CALIBRATION_FILE, path, number, entry, millimetres.shape)
@@ -172,14 +177,14 @@ def read_depth_map(radar: Path, number: int) -> DepthMap:
         pixels = read_png16(strength)
         if pixels.shape == depth_m.shape:
             amplitude = pixels[::-1, ::-1].astype(np.float32)
-    cut_db = None if entry.amplitude is None else entry.amplitude.filter_threshold_db
-    if cut_db is None or cut_db <= 0:
-        cut_db = DYNAMIC_RANGE_DB
+    threshold_db = None if entry.amplitude is None else entry.amplitude.filter_threshold_db
+    # Below the maximum, whichever sign says so.
+    cut_db = abs(threshold_db) if threshold_db else DYNAMIC_RANGE_DB
     with reading(path, "a depth map"):
         return DepthMap(depth_m, amplitude, x_m, y_m, cut_db)
 
 
-def read_max_projection(radar: Path, number: int) -> AmplitudeImage:
+def read_max_projection(radar: str | os.PathLike[str], number: int) -> AmplitudeImage:
     """Return `maxproj/%06d.png` of a frame.
 
     Returns
@@ -194,6 +199,7 @@ def read_max_projection(radar: Path, number: int) -> AmplitudeImage:
     MeasurementError
         As `read_depth_map`, which also says where the pixels are.
     """
+    radar = Path(radar)
     path, entry = _product(radar, "maxproj", number)
     pixels = read_png16(path)
     x_m, y_m = _pixel_axes(radar / CALIBRATION_FILE, path, number, entry, pixels.shape)
@@ -201,7 +207,7 @@ def read_max_projection(radar: Path, number: int) -> AmplitudeImage:
         return AmplitudeImage(pixels[::-1, ::-1].astype(np.float32), x_m, y_m)
 
 
-def read_amplitude_volume(radar: Path, number: int) -> AmplitudeVolume:
+def read_amplitude_volume(radar: str | os.PathLike[str], number: int) -> AmplitudeVolume:
     """Return `volume/%06d.ply` of a frame.
 
     Returns
@@ -222,6 +228,7 @@ def read_amplitude_volume(radar: Path, number: int) -> AmplitudeVolume:
     the points that carry them ascends, against the values, and is not used; their x and z are held
     against the grid.
     """
+    radar = Path(radar)
     path, entry = _product(radar, "volume", number)
     calibration = radar / CALIBRATION_FILE
     part = entry.volume
@@ -262,7 +269,7 @@ def read_amplitude_volume(radar: Path, number: int) -> AmplitudeVolume:
         return AmplitudeVolume(amplitude, grid)
 
 
-def read_points(radar: Path, number: int) -> PointCloud:
+def read_points(radar: str | os.PathLike[str], number: int) -> PointCloud:
     """Return `xyz/%06d.ply` of a frame.
 
     Returns
@@ -276,7 +283,7 @@ def read_points(radar: Path, number: int) -> PointCloud:
     MeasurementError
         The frame has no such file, it is damaged, or its points have no green.
     """
-    path = _product_file(radar, "xyz", number)
+    path = _product_file(Path(radar), "xyz", number)
     header = read_ply_header(path, MAX_PIXELS)
     require_properties(path, header, x="float", y="float", z="float", green="8-bit")
     points_m = np.empty((header.count, 3))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from clradar.errors import MeasurementError
 from clradar.model import Waveform
 from measurement_io.failures import clean
 from measurement_io.maroon import folders, products
+from measurement_io.maroon.calibration_file import CALIBRATION_FILE, read_calibration_file
 from measurement_io.maroon.frame import first_time_stamp, read_frame_file
 
 LONG_GAP = 1.8
@@ -29,11 +30,21 @@ _READERS: dict[str, Callable[[Path, int], object]] = {
 
 @dataclass(slots=True)
 class _Variant:
-    """What has been read of one variant: time stamps by frame, and the total that frame 0 names."""
+    """What has been read of one variant: by frame its time stamp and how many it says there are."""
 
-    stamps_us: dict[int, int | float]
-    total: int | None = None
-    good: int = 0
+    stamps_us: dict[int, int | float] = field(default_factory=dict)
+    totals: dict[int, int] = field(default_factory=dict)
+    zero: list[int] = field(default_factory=list)
+    read: list[int] = field(default_factory=list)
+
+    @property
+    def good(self) -> int:
+        return len(self.read)
+
+    @property
+    def total(self) -> int | None:
+        """What the first frame that says it says."""
+        return self.totals[min(self.totals)] if self.totals else None
 
 
 def check_frames(radar: Path, checked: list[str], problems: list[str]) -> None:
@@ -42,26 +53,33 @@ def check_frames(radar: Path, checked: list[str], problems: list[str]) -> None:
     waveform: Waveform | None = None
     read: dict[str, _Variant] = {}
     for variant, files in frames.items():
-        read[variant] = seen = _Variant({})
+        read[variant] = seen = _Variant()
         for number, path in sorted(files.items()):
             try:
                 capture = read_frame_file(path)
             except MeasurementError as error:
                 problems.append(str(error))
                 continue
-            seen.good += 1
+            seen.read.append(number)
             if waveform is None:
                 waveform = capture.waveform
             elif not waveform.same_frequencies(capture.waveform):
                 problems.append(f"{clean(path.name)}: other frequencies than the frames before")
-            if seen.total is None:
-                seen.total = capture.meta.get("number_of_measurements")
+            total = capture.meta.get("number_of_measurements")
+            if total is not None:
+                seen.totals[number] = total
+            if not capture.data.any():
+                seen.zero.append(number)
             stamp = first_time_stamp(capture)
             if stamp is not None:
                 seen.stamps_us[number] = stamp
             del capture  # before the next one is read
         if seen.good:
             checked.append(f"{seen.good} of {len(files)} {variant} frames read, values finite")
+            _check_totals(variant, min(files), seen, problems)
+            if seen.zero:
+                zero = folders.ranges(seen.zero)
+                problems.append(f"{variant} frames that are zero everywhere: {zero}")
             _check_stamps(variant, seen, checked, problems)
     raw, filtered = read["raw"], read["emptyfiltered"]
     if raw.total is not None and raw.total != len(frames["raw"]):
@@ -78,19 +96,62 @@ def check_frames(radar: Path, checked: list[str], problems: list[str]) -> None:
 
 
 def check_products(radar: Path, checked: list[str], problems: list[str]) -> None:
-    """Read every cached product; add what is right and what is wrong."""
+    """Read every cached product; add what is right and what is wrong.
+
+    What `inspect_folders` says, too, is not said again, nor what several products have in common.
+    """
+    placed = _placed_frames(radar)
     for name, read in _READERS.items():
-        files = products.product_files(radar, name)
+        try:
+            files = products.product_files(radar, name)
+        except MeasurementError:  # a problem of the folder
+            continue
         good = 0
+        empty = []
         for number in sorted(files):
+            if name in products.PLACED and placed is not None and number not in placed:
+                continue  # a problem of calibration.json
             try:
-                read(radar, number)
+                found = read(radar, number)
             except MeasurementError as error:
-                problems.append(str(error))
+                if str(error) not in problems:
+                    problems.append(str(error))
             else:
                 good += 1
+                if isinstance(found, products.PointCloud) and not len(found.points_m):
+                    empty.append(number)
+                del found  # before the next one is read
+        if empty:
+            problems.append(f"{name} without a point, of the frames {folders.ranges(empty)}")
         if good:
             checked.append(f"{good} of {len(files)} cached {name} read")
+
+
+def _placed_frames(radar: Path) -> set[int] | None:
+    """Return the frames that `calibration.json` has an entry of; None if one of them is wrong."""
+    path = radar / CALIBRATION_FILE
+    if not path.exists():
+        return set()
+    try:
+        return set(read_calibration_file(path).frames)
+    except MeasurementError:
+        return None
+
+
+def _check_totals(variant: str, first: int, seen: _Variant, problems: list[str]) -> None:
+    if first in seen.read and first not in seen.totals:
+        # The dataset's program asks this one how many there are.
+        problems.append(f"{variant} frame {first} does not say number_of_measurements")
+    by_number: dict[int, list[int]] = {}
+    for number, total in seen.totals.items():
+        by_number.setdefault(total, []).append(number)
+    usual = max(by_number, key=lambda total: len(by_number[total]), default=None)
+    for total, numbers in by_number.items():
+        if total != usual:
+            problems.append(
+                f"{variant} frames with number_of_measurements {total} where the others have "
+                f"{usual}: {folders.ranges(numbers)}"
+            )
 
 
 def _check_stamps(variant: str, seen: _Variant, checked: list[str], problems: list[str]) -> None:

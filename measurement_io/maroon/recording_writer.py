@@ -16,14 +16,17 @@ from measurement_io.failures import clean, regular_file_size, shown
 from measurement_io.json_file import read_json_object
 from measurement_io.maroon.calibration_file import (
     CALIBRATION_FILE,
-    FrameEntry,
-    VolumeEntry,
-    frame_entry_json,
     write_calibration_file,
 )
-from measurement_io.maroon.folders import FRAMES_FOLDER, VARIANTS, entries, find_radar_folder
+from measurement_io.maroon.folders import (
+    FRAMES_FOLDER,
+    VARIANTS,
+    entries,
+    find_radar_folder,
+    ranges,
+)
 from measurement_io.maroon.frame import read_frame_file
-from measurement_io.maroon.product_writer import radar_box, write_products
+from measurement_io.maroon.product_writer import grid_entry, write_products
 from measurement_io.maroon.products import PRODUCTS, product_files
 from measurement_io.maroon.recording import ALIGNMENT_FILE, MESH_FOLDER, METADATA_FILE
 from measurement_io.maroon.writer import (
@@ -42,11 +45,6 @@ MAX_FRAMES = 1_000_000
 
 _NAME = "save_recording"
 Progress = Callable[[int, int], object]
-
-
-def default_grid() -> VoxelGrid:
-    """Return the grid that a frame without an image names: where objects of the dataset are."""
-    return VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.2, 0.6), (1e-3, 1e-3, 2e-3))
 
 
 def save_recording(
@@ -81,7 +79,10 @@ def save_recording(
     variant : {"raw", "emptyfiltered"}
         What `captures` are.
     emptyfiltered : iterable of Capture, optional
-        The same frames with the empty room removed, to go beside raw ones; as many.
+        The same frames with the empty room removed, to go beside raw ones. Where each of
+        `captures` has a number of its own in `meta["frame"]`, as those of a recording have, one
+        that has such a number, too, goes beside the raw one of that number, and raw ones may be
+        left without. Otherwise they are taken in order, as many as raw ones.
     timestamps_us : sequence, microseconds, optional
         A number, or a sequence of them, per frame. If not given, `meta["timestamp_us"]` of each
         capture, else 0.
@@ -92,8 +93,8 @@ def save_recording(
     image : callable, optional
         From a capture to its image, whose products are then written (`write_products`).
     grid : VoxelGrid, optional
-        What `calibration.json` names as the grid of frames without an image; `default_grid()` if
-        not given.
+        What `calibration.json` names as the grid of frames without an image;
+        `product_writer.default_grid()` if not given.
     copy_from : path-like, optional
         A recording whose `metadata.json`, `alignment.json`, meshes, products and entries of
         `calibration.json` are copied byte by byte, as far as they are not given otherwise. Which
@@ -139,7 +140,7 @@ def save_recording(
         work = _FrameWriter(radar, first.waveform, timestamps_us, progress)
         numbers = work.write(_joined(first, frames), _length(captures), variant)
         if emptyfiltered is not None:
-            work.write(emptyfiltered, _length(emptyfiltered), "emptyfiltered")
+            work.write_beside(emptyfiltered, _length(emptyfiltered))
         _write_calibration(radar, folder, numbers, source, grid)
         if source is not None:
             _copy_products(source, radar, numbers)
@@ -172,32 +173,73 @@ class _FrameWriter:
         self._waveform = waveform
         self._timestamps_us = timestamps_us
         self._progress = progress
-        self._count: int | None = None if timestamps_us is None else len(timestamps_us)
+        self._places: dict[int, int] | None = {}
+        self._total = 0
 
     def write(self, captures: Iterable[Capture], length: int | None, variant: str) -> list[int]:
         """Write all frames of a variant; return the numbers that they had where they come from."""
         numbers: list[int] = []
         for capture in captures:
             i = len(numbers)
-            self._check(capture, i)
-            given = None if self._timestamps_us is None else self._timestamps_us[i]
-            stamp = time_stamp(f"{_NAME}: timestamps_us[{i}]", capture, given)
-            write_frame_file(self._file(i, variant), capture, length or 1, stamp)
-            number = capture.meta.get("frame")
-            numbers.append(number if isinstance(number, int) else i)
+            self._write(capture, i, i, length or 1, variant)
+            number = _number(capture)
+            numbers.append(i if number is None else number)
+            if self._places is not None:
+                if number is None or number in self._places:
+                    self._places = None  # numbers that tell the frames apart, or none
+                else:
+                    self._places[number] = i
             if self._progress is not None:
                 self._progress(i + 1, length or 0)
-        if self._count is not None and len(numbers) != self._count:
-            what = "time stamps" if variant == "raw" or self._timestamps_us else "raw frames"
-            checks.fail(
-                f"{_NAME}: {variant} captures",
-                f"{self._count}, one for each of the {what}",
-                f"{len(numbers)}",
-            )
+        stamps = None if self._timestamps_us is None else len(self._timestamps_us)
+        if stamps is not None and len(numbers) != stamps:
+            expected = f"{stamps}, one for each of the time stamps"
+            checks.fail(f"{_NAME}: {variant} captures", expected, f"{len(numbers)}")
         if length != len(numbers):
             self._write_again(len(numbers), variant)
-        self._count = len(numbers)
+        self._total = len(numbers)
         return numbers
+
+    def write_beside(self, captures: Iterable[Capture], length: int | None) -> None:
+        """Write the emptyfiltered frames, each beside the raw one that it belongs to."""
+        written: set[int] = set()
+        numbered = True
+        done = 0
+        for capture in captures:
+            number = None if self._places is None else _number(capture)
+            numbered = numbered and number is not None
+            place = done if number is None else self._place(number, done)
+            if place in written:
+                name = f"{_NAME}: emptyfiltered captures[{done}]"
+                checks.fail(name, "one for each raw frame", f"another one for frame {place}")
+            done += 1
+            if place >= self._total:
+                break  # more than there are raw frames, which is refused below
+            self._write(capture, done - 1, place, self._total, "emptyfiltered")
+            written.add(place)
+            if self._progress is not None:
+                self._progress(done, length or 0)
+        if not done or (done != self._total and not numbered) or done > self._total:
+            checks.fail(
+                f"{_NAME}: emptyfiltered captures",
+                f"{self._total}, one for each of the raw frames, or numbers in meta['frame'] of "
+                "both that say which belong together",
+                f"{done}" if done <= self._total else "more",
+            )
+
+    def _place(self, number: int, i: int) -> int:
+        assert self._places is not None
+        if number not in self._places:
+            there = ranges(self._places)
+            name = f"{_NAME}: emptyfiltered captures[{i}]"
+            checks.fail(name, f"one of the raw frames {there}", f"frame {number}")
+        return self._places[number]
+
+    def _write(self, capture: Capture, i: int, place: int, total: int, variant: str) -> None:
+        self._check(capture, i)
+        given = None if self._timestamps_us is None else self._timestamps_us[place]
+        stamp = time_stamp(f"{_NAME}: timestamps_us[{place}]", capture, given)
+        write_frame_file(self._file(place, variant), capture, total, stamp)
 
     def _write_again(self, total: int, variant: str) -> None:
         """Give every frame the number of frames, which only is known at the end."""
@@ -222,6 +264,12 @@ class _FrameWriter:
 
     def _file(self, number: int, variant: str) -> Path:
         return self._radar / FRAMES_FOLDER / frame_name(number, variant)
+
+
+def _number(capture: Any) -> int | None:
+    """Return the number that a frame had where it comes from."""
+    number = capture.meta.get("frame") if isinstance(capture, Capture) else None
+    return number if isinstance(number, int) and not isinstance(number, bool) else None
 
 
 def _joined(first: Capture, others: Iterator[Capture]) -> Iterator[Capture]:
@@ -249,8 +297,7 @@ def _write_calibration(
     there: dict[str, Any] = {}
     if source is not None and (source / CALIBRATION_FILE).exists():
         there = read_json_object(source / CALIBRATION_FILE)
-    box = radar_box(default_grid() if grid is None else grid)
-    new = frame_entry_json(FrameEntry(VolumeEntry(box)))
+    new = grid_entry(grid)
     frames = {i: there.get(f"{number:06d}", new) for i, number in enumerate(numbers)}
     path = radar / CALIBRATION_FILE
     write_calibration_file(path, folder.low_ghz, folder.high_ghz, folder.points, frames)

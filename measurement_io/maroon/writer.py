@@ -21,6 +21,7 @@ from measurement_io.atomic import replacing
 from measurement_io.failures import clean, shown
 from measurement_io.maroon.calibration_file import CALIBRATION_FILE, write_calibration_file
 from measurement_io.maroon.folders import FRAMES_FOLDER, VARIANTS, RadarFolderName
+from measurement_io.maroon.product_writer import grid_entry
 
 _OF_THE_FORM = frozenset(
     ("xr", "fvec", "number_of_measurements", "timestamp_us", "source", "format", "frame", "variant")
@@ -117,7 +118,7 @@ def save_maroon_frame(
     folder = RadarFolder.of(capture.waveform)
     radar = check_place(Path(path)) / folder.name
     _make_folders(radar, force=force)
-    _write_calibration(radar / CALIBRATION_FILE, folder)
+    _write_calibration(radar / CALIBRATION_FILE, folder, number)
     target = radar / FRAMES_FOLDER / frame_name(number, variant)
     write_frame_file(target, capture, total, stamp, channels=channels, force=force)
     return target
@@ -190,7 +191,24 @@ def write_frame_file(
     with replacing(target, force=force) as temporary, open(temporary, "xb") as file:
         header = {"descr": "|O", "fortran_order": False, "shape": ()}
         np.lib.format.write_array_header_1_0(file, header)
-        pickle.dump(holder, file, protocol=4)
+        _PortablePickler(file, protocol=3).dump(holder)
+
+
+_Pickler: Any = pickle._Pickler
+"""The one in Python, which can be told how to write a name."""
+
+
+class _PortablePickler(_Pickler):
+    """Writes what every numpy reads: numpy 2 knows the names of numpy 1, but not the reverse."""
+
+    def save_global(self, obj: Any, name: str | None = None) -> None:
+        module = getattr(obj, "__module__", None) or ""
+        if not module.startswith("numpy._core."):
+            super().save_global(obj, name)
+            return
+        old = module.replace("numpy._core.", "numpy.core.", 1)
+        self.write(f"c{old}\n{obj.__name__}\n".encode("ascii"))
+        self.memoize(obj)
 
 
 def _carried(meta: Mapping[str, Any]) -> dict[str, str | int | float]:
@@ -220,9 +238,11 @@ def _make_folders(radar: Path, *, force: bool) -> None:
         raise OutputError(f"{shown(radar)}: cannot be made: {clean(error)}") from error
 
 
-def _write_calibration(path: Path, folder: RadarFolder) -> None:
+def _write_calibration(path: Path, folder: RadarFolder, number: int) -> None:
     if not path.exists():
-        write_calibration_file(path, folder.low_ghz, folder.high_ghz, folder.points, {})
+        # The dataset's program asks for the grid of every frame.
+        frames = {number: grid_entry()}
+        write_calibration_file(path, folder.low_ghz, folder.high_ghz, folder.points, frames)
         return
     # A recording's own file holds more than these three entries, so it is never rewritten.
     try:

@@ -1,0 +1,325 @@
+"""Known calibration targets: closed forms of the one echo that each gives, in float64."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.model import AntennaArray, Waveform, checks
+
+AMPLITUDES = ("unit", "spreading")
+MAX_TILT_DEG = 60.0
+
+_NEWTON_STEPS = 60
+_NEWTON_TOLERANCE = 1e-14
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Echo:
+    """The one path of every pair of antennas by way of a target.
+
+    Attributes
+    ----------
+    length_m : ndarray, shape (n_tx, n_rx), float64, metres
+        Length of the path; finite where `seen` is False, too.
+    amplitude : ndarray, shape (n_tx, n_rx), float64
+    seen : ndarray, shape (n_tx, n_rx), bool
+        Whether the target has this path: the specular point lies on it and faces both antennas.
+    """
+
+    length_m: np.ndarray
+    amplitude: np.ndarray
+    seen: np.ndarray
+
+
+class Target(Protocol):
+    """What the estimate of channels asks of a target.
+
+    Attributes
+    ----------
+    kind : str
+    parameter_names : tuple of str
+        What places it; the name ends with the unit, "_m" or "_deg".
+    """
+
+    kind: ClassVar[str]
+    parameter_names: ClassVar[tuple[str, ...]]
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """Where it is, in the order and the units of `parameter_names`."""
+
+    def placed(self, parameters: np.ndarray) -> Target:
+        """Return the same target in another place; `ModelError` where none can stand."""
+
+    def echo(self, array: AntennaArray) -> Echo:
+        """Return the path of every pair."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CornerReflector:
+    """A trihedral corner reflector, or a point: all paths go by way of its apex.
+
+    A trihedral returns every ray by three reflections as if from the apex, |tx - p| + |p - rx|:
+    exactly in the direction it came from, and for antennas closer together than the opening.
+
+    Parameters
+    ----------
+    position_m : array_like, shape (3,), metres
+        The apex (phase centre), antenna frame.
+    amplitude : "unit" or "spreading"
+        1 for every pair, or 1 / (R1 R2), the legs in metres, as in `clradar.simulate`.
+    """
+
+    kind: ClassVar[str] = "corner"
+    parameter_names: ClassVar[tuple[str, ...]] = ("x_m", "y_m", "z_m")
+
+    position_m: np.ndarray
+    amplitude: str = field(default="unit", kw_only=True)
+
+    def __post_init__(self) -> None:
+        position = _position("CornerReflector.position_m", self.position_m)
+        object.__setattr__(self, "position_m", position)
+        checks.one_of("CornerReflector.amplitude", self.amplitude, AMPLITUDES)
+
+    @property
+    def parameters(self) -> np.ndarray:
+        return self.position_m
+
+    def placed(self, parameters: np.ndarray) -> CornerReflector:
+        return CornerReflector(parameters, amplitude=self.amplitude)
+
+    def echo(self, array: AntennaArray) -> Echo:
+        to_m = _distance(array.tx_m, self.position_m)[:, None]
+        back_m = _distance(array.rx_m, self.position_m)[None, :]
+        _outside("CornerReflector.position_m", "an antenna", min(to_m.min(), back_m.min()), 0.0)
+        seen = np.ones((array.n_tx, array.n_rx), dtype=bool)
+        return _echo(to_m, back_m, seen, self.amplitude)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sphere:
+    """A sphere: one specular path per pair, of the law of reflection (Alhazen's problem).
+
+    The point of reflection lies in the plane of centre, Tx and Rx. With a and b the distances of
+    the two from the centre, g the angle between them there and t the angle from Tx to the point,
+
+        L(t) = sqrt(a^2 + r^2 - 2 a r cos t) + sqrt(b^2 + r^2 - 2 b r cos(g - t)),
+
+    which is convex where the point faces both antennas; the path is its minimum (Fermat), found by
+    Newton's method on L'(t) = 0.
+
+    Parameters
+    ----------
+    position_m : array_like, shape (3,), metres
+        The centre, antenna frame.
+    radius_m : float, metres
+    amplitude : "unit" or "spreading"
+        1 for every pair, or 1 / (R1 R2), the legs in metres, as in `clradar.simulate`.
+    """
+
+    kind: ClassVar[str] = "sphere"
+    parameter_names: ClassVar[tuple[str, ...]] = ("x_m", "y_m", "z_m")
+
+    position_m: np.ndarray
+    radius_m: float
+    amplitude: str = field(default="unit", kw_only=True)
+
+    def __post_init__(self) -> None:
+        position = _position("Sphere.position_m", self.position_m)
+        object.__setattr__(self, "position_m", position)
+        radius = checks.positive("Sphere.radius_m", self.radius_m)
+        object.__setattr__(self, "radius_m", radius)
+        checks.one_of("Sphere.amplitude", self.amplitude, AMPLITUDES)
+
+    @property
+    def parameters(self) -> np.ndarray:
+        return self.position_m
+
+    def placed(self, parameters: np.ndarray) -> Sphere:
+        return Sphere(parameters, self.radius_m, amplitude=self.amplitude)
+
+    def echo(self, array: AntennaArray) -> Echo:
+        r = self.radius_m
+        tx, rx = array.tx_m - self.position_m, array.rx_m - self.position_m
+        a, b = np.linalg.norm(tx, axis=1)[:, None], np.linalg.norm(rx, axis=1)[None, :]
+        _outside("Sphere.position_m", "the nearest antenna", min(a.min(), b.min()), r)
+        across = np.linalg.norm(np.cross(tx[:, None], rx[None]), axis=2)
+        between = np.arctan2(across, tx @ rx.T)
+        t = _reflection_angle(a, b, between, r)
+        to_m = np.sqrt(a**2 + r**2 - 2 * a * r * np.cos(t))
+        back_m = np.sqrt(b**2 + r**2 - 2 * b * r * np.cos(between - t))
+        seen = (np.cos(t) > r / a) & (np.cos(between - t) > r / b)
+        return _echo(to_m, back_m, seen, self.amplitude)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlatPlate:
+    """A flat mirror: the path to an Rx is the straight line from the image of the Tx behind it.
+
+    The plane is z = distance_m + x tan(tilt_x) + y tan(tilt_y). With h the distances of the two
+    antennas from it, the length is sqrt(|tx - rx|^2 + 4 h_tx h_rx).
+
+    Parameters
+    ----------
+    distance_m : float, metres
+        Along z, from the origin to the plate.
+    tilt_x_deg, tilt_y_deg : float, degrees
+        Positive where the plate is farther away towards +x, +y.
+    size_m : (float, float), metres, optional
+        Width (along x) and height of the plate. A pair whose point of reflection is not on it has
+        no echo. None for a plate large enough for all pairs.
+    centre_m : (float, float), metres
+        x and y of the middle of the plate.
+    amplitude : "unit" or "spreading"
+        1 for every pair, or 1 / (R1 R2), the legs in metres, as in `clradar.simulate`.
+    """
+
+    kind: ClassVar[str] = "plate"
+    parameter_names: ClassVar[tuple[str, ...]] = ("distance_m", "tilt_x_deg", "tilt_y_deg")
+
+    distance_m: float
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+    size_m: tuple[float, float] | None = field(default=None, kw_only=True)
+    centre_m: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
+    amplitude: str = field(default="unit", kw_only=True)
+
+    def __post_init__(self) -> None:
+        distance = checks.positive("FlatPlate.distance_m", self.distance_m)
+        object.__setattr__(self, "distance_m", distance)
+        for name in ("tilt_x_deg", "tilt_y_deg"):
+            tilt = checks.real(f"FlatPlate.{name}", getattr(self, name))
+            if abs(tilt) > MAX_TILT_DEG:
+                limits = f"an angle within {MAX_TILT_DEG:g} degrees of upright"
+                checks.fail(f"FlatPlate.{name}", limits, f"{tilt:g}")
+            object.__setattr__(self, name, tilt)
+        if self.size_m is not None:
+            size = checks.read_only("FlatPlate.size_m", self.size_m, np.float64, (2,))
+            if (size <= 0).any():
+                checks.fail("FlatPlate.size_m", "positive lengths", f"{size.tolist()}")
+            object.__setattr__(self, "size_m", (float(size[0]), float(size[1])))
+        centre = checks.read_only("FlatPlate.centre_m", self.centre_m, np.float64, (2,))
+        object.__setattr__(self, "centre_m", (float(centre[0]), float(centre[1])))
+        checks.one_of("FlatPlate.amplitude", self.amplitude, AMPLITUDES)
+
+    @property
+    def parameters(self) -> np.ndarray:
+        return np.array([self.distance_m, self.tilt_x_deg, self.tilt_y_deg])
+
+    def placed(self, parameters: np.ndarray) -> FlatPlate:
+        distance, tilt_x, tilt_y = (float(p) for p in parameters)
+        return FlatPlate(
+            distance,
+            tilt_x,
+            tilt_y,
+            size_m=self.size_m,
+            centre_m=self.centre_m,
+            amplitude=self.amplitude,
+        )
+
+    def echo(self, array: AntennaArray) -> Echo:
+        slope = np.tan(np.radians([self.tilt_x_deg, self.tilt_y_deg]))
+        normal = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1.0 + slope @ slope)
+        offset = self.distance_m * normal[2]
+        h_tx = (offset - array.tx_m @ normal)[:, None]
+        h_rx = (offset - array.rx_m @ normal)[None, :]
+        _outside("FlatPlate", "an antenna", min(h_tx.min(), h_rx.min()), 0.0)
+        apart = np.linalg.norm(array.tx_m[:, None] - array.rx_m[None], axis=2)
+        length_m = np.sqrt(apart**2 + 4 * h_tx * h_rx)
+        share = h_tx / (h_tx + h_rx)  # of the path, up to the point of reflection
+        if self.size_m is None:
+            seen = np.ones(length_m.shape, dtype=bool)
+        else:
+            # From the image of the Tx in the plane straight on to the Rx.
+            image = array.tx_m + 2 * h_tx * normal
+            point = image[:, None] + share[:, :, None] * (array.rx_m[None] - image[:, None])
+            middle = np.array([*self.centre_m, self.distance_m + slope @ np.array(self.centre_m)])
+            along_x = np.array([1.0, 0.0, slope[0]]) / np.hypot(1.0, slope[0])
+            along_y = np.cross(normal, along_x)
+            u, v = (point - middle) @ along_x, (point - middle) @ along_y
+            seen = (np.abs(u) <= self.size_m[0] / 2) & (np.abs(v) <= self.size_m[1] / 2)
+        return _echo(share * length_m, (1 - share) * length_m, seen, self.amplitude)
+
+
+def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndarray:
+    """Return what ideal channels record of a target.
+
+    Parameters
+    ----------
+    target : CornerReflector, Sphere or FlatPlate
+    array : AntennaArray
+    waveform : Waveform
+
+    Returns
+    -------
+    ndarray, shape (n_tx, n_rx, n_freq), complex128
+        a exp(-j 2 pi f d / c), with d the length and a the amplitude of the pair's path; 0 for
+        pairs that the target gives no echo.
+
+    Raises
+    ------
+    ModelError
+        The target cannot stand where it is: an antenna is on, in or behind it.
+    """
+    echo = target.echo(array)
+    turns = echo.length_m[:, :, None] * (waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
+    phasor: np.ndarray = np.exp(-2j * np.pi * turns)
+    return phasor * (echo.amplitude * echo.seen)[:, :, None]
+
+
+def _position(name: str, value: Sequence[float] | np.ndarray) -> np.ndarray:
+    position = checks.read_only(name, value, np.float64, (3,))
+    if position[2] <= 0:
+        checks.fail(name, "a place in front of the antennas (z > 0)", f"z = {position[2]:g} m")
+    return position
+
+
+def _distance(points_m: np.ndarray, position_m: np.ndarray) -> np.ndarray:
+    distance: np.ndarray = np.linalg.norm(points_m - position_m, axis=1)
+    return distance
+
+
+def _outside(name: str, what: str, distance_m: float, least_m: float) -> None:
+    if not distance_m > least_m:
+        checks.fail(
+            name,
+            f"a target that no antenna touches, is inside of or behind ({what} more than "
+            f"{least_m:g} m away)",
+            f"{distance_m:g} m",
+        )
+
+
+def _echo(to_m: np.ndarray, back_m: np.ndarray, seen: np.ndarray, amplitude: str) -> Echo:
+    length_m = to_m + back_m
+    strength = np.ones(length_m.shape) if amplitude == "unit" else 1.0 / (to_m * back_m)
+    return Echo(length_m, strength, seen)
+
+
+def _reflection_angle(a: np.ndarray, b: np.ndarray, between: np.ndarray, r: float) -> np.ndarray:
+    """Return the angle at the sphere's centre from Tx to the point of reflection, radians."""
+    low, high = np.zeros_like(between), between.copy()
+    t = between * ((b - r) / (a + b - 2 * r))  # exact for a plane
+    for _ in range(_NEWTON_STEPS):
+        legs = [(a, t), (b, between - t)]
+        lengths = [np.sqrt(d**2 + r**2 - 2 * d * r * np.cos(u)) for d, u in legs]
+        pull = [d * r * np.sin(u) / n for (d, u), n in zip(legs, lengths, strict=True)]
+        curve = [
+            (d * r * np.cos(u) - p**2) / n for (d, u), n, p in zip(legs, lengths, pull, strict=True)
+        ]
+        slope, curvature = pull[0] - pull[1], curve[0] + curve[1]
+        # Bisection keeps the root between the two, whatever Newton's step would do.
+        low, high = np.where(slope < 0, t, low), np.where(slope > 0, t, high)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            newton = t - slope / curvature
+        inside = (curvature > 0) & (newton >= low) & (newton <= high)
+        new = np.where(inside, newton, (low + high) / 2)
+        moved = np.abs(new - t).max()
+        t = new
+        if moved < _NEWTON_TOLERANCE:
+            break
+    return t

@@ -1,0 +1,124 @@
+"""Depth points for the 3-D view of a page: few enough, packed, and with what the view draws."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.compare import clipped_db
+from clradar.model import DepthMap
+from clradar.plot import depth_limits_mm
+
+MAX_POINTS = 60_000
+"""In one page, over all its clouds: 17 bytes each, so 1 MB."""
+
+MEASURED_COLOUR = "#e08a00"
+SIMULATED_COLOURS = (
+    "#2f7fd6",
+    "#1f9e5a",
+    "#c23b80",
+    "#7a5cc7",
+    "#12a3a3",
+    "#b5543a",
+    "#6d8a1f",
+    "#5b7083",
+)
+"""All of a brightness that shows on white and on black; used again where there are more images."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cloud:
+    """The depth points of one image.
+
+    Attributes
+    ----------
+    points_mm : ndarray, shape (n, 3), float32, millimetres
+        x, y, z in the antenna frame.
+    level : ndarray, shape (n,), uint8
+        Amplitude: 0 at the lower end of the dynamic range, 255 at the image's maximum; in decibel.
+    total : int
+        How many depth points the image has.
+    colour : str
+        "#rrggbb".
+    """
+
+    points_mm: np.ndarray
+    level: np.ndarray
+    total: int
+    colour: str
+
+
+def clouds(images: Sequence[DepthMap], most: int = MAX_POINTS) -> list[Cloud]:
+    """Return one cloud for each image, the first of them the measured one.
+
+    Parameters
+    ----------
+    images : sequence of DepthMap
+    most : int
+        Of points in all clouds together. Where there are more, each image gets the same number
+        at most, and of an image that has more a random choice is kept, always the same one.
+    """
+    points = [image.points_m() for image in images]
+    share = _share([len(p) for p in points], most)
+    found = []
+    for i, (image, xyz_m) in enumerate(zip(images, points, strict=True)):
+        level = np.round(255 * (1 + clipped_db(image)[image.mask] / image.dynamic_range_db))
+        kept = np.arange(len(xyz_m))
+        if len(kept) > share:
+            # Random and not every n-th: a regular choice from a lattice draws stripes.
+            kept = np.sort(np.random.default_rng(0).choice(kept, share, replace=False))
+        found.append(
+            Cloud(
+                points_mm=(1e3 * xyz_m[kept]).astype(np.float32),
+                level=level[kept].astype(np.uint8),
+                total=len(xyz_m),
+                colour=_colour(i),
+            )
+        )
+    return found
+
+
+def view_data(images: Sequence[DepthMap], drawn: Sequence[Cloud]) -> dict[str, Any]:
+    """Return what the page's script needs, in types that JSON knows."""
+    import matplotlib
+
+    # The colours of the depth in the figure above the view.
+    scale = matplotlib.colormaps["viridis_r"](np.linspace(0.0, 1.0, 256))[:, :3]
+    steps_mm = [1e3 * np.diff(a).min() for i in images for a in (i.x_m, i.y_m) if len(a) > 1]
+    return {
+        "clouds": [
+            {
+                "colour": cloud.colour,
+                "points_mm": _base64(cloud.points_mm.astype("<f4")),
+                "level": _base64(cloud.level),
+            }
+            for cloud in drawn
+        ],
+        "pixel_mm": float(min(steps_mm, default=1.0)),
+        "depth_mm": list(depth_limits_mm(images)),
+        "depth_colours": _base64(np.round(255 * scale).astype(np.uint8)),
+    }
+
+
+def _share(counts: Sequence[int], most: int) -> int:
+    """Return the largest number per image with which the total is at most `most`."""
+    left, share = most, 0
+    ordered = sorted(counts)
+    for i, count in enumerate(ordered):
+        share = left // (len(ordered) - i)
+        if count > share:
+            return share
+        left -= count
+    return max(ordered)
+
+
+def _colour(i: int) -> str:
+    return MEASURED_COLOUR if i == 0 else SIMULATED_COLOURS[(i - 1) % len(SIMULATED_COLOURS)]
+
+
+def _base64(array: np.ndarray) -> str:
+    return base64.b64encode(array.tobytes()).decode("ascii")

@@ -1,0 +1,185 @@
+"""The page itself: figure, 3-D view, metrics and settings in one file that needs no other."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from string import Template
+from typing import Any
+
+from clradar.compare import Metrics, compare, depth_map_of
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.errors import CompareError
+from clradar.model import DepthMap, Volume, checks
+from clradar.plot import comparison_figure, png_bytes
+from clradar.report.clouds import Cloud, clouds, view_data
+from clradar.report.tables import image_facts, metrics_notes, metrics_table, settings_table
+from clradar.report.text import escaped, script_json
+
+FIGURE_DPI = 200
+"""Of the figure in the page: sharp at twice the width at which a wide screen shows it."""
+
+PANEL_PX = 150
+"""A panel of the figure is never narrower; where the screen is, the figure scrolls in its frame."""
+
+SHOWN_FIRST = 2
+"""Clouds in the 3-D view when the page opens: the measurement and the first simulation."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReportImage:
+    """An image of a report, and what the report says about it.
+
+    Parameters
+    ----------
+    label : str
+        Its name in figure, tables and view: plain text.
+    image : Volume or DepthMap
+    source : str
+        Where it comes from, such as a file's name: plain text.
+    meta : mapping, optional
+        Settings and provenance, in types that JSON knows. None is the volume's own `meta`; a depth
+        map has none.
+    """
+
+    label: str
+    image: Volume | DepthMap
+    source: str = ""
+    meta: Mapping[str, Any] | None = None
+
+
+def html_report(
+    measured: ReportImage,
+    simulated: Sequence[ReportImage],
+    *,
+    metrics: Sequence[Metrics] | None = None,
+    title: str = "Measurement against simulation",
+    notes: Sequence[str] = (),
+    settings: Mapping[str, Any] | None = None,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+) -> str:
+    """Return a self-contained HTML page that compares simulated images with a measured one.
+
+    Parameters
+    ----------
+    measured : ReportImage
+    simulated : sequence of ReportImage
+        At least one, each on the pixels of the measured one.
+    metrics : sequence of Metrics, optional
+        One for each simulated image. None computes them with `clradar.compare.compare`.
+    title : str
+        Plain text.
+    notes : sequence of str
+        Paragraphs of plain text below the title; line feeds are kept.
+    settings : mapping, optional
+        How the comparison was made, in types that JSON knows.
+    dynamic_range_db : float, decibel
+        What is further below an image's own maximum is background.
+
+    Returns
+    -------
+    str
+        To be written as UTF-8. The same arguments give the same text. It loads nothing: style,
+        script, figure and points are inside, and a content security policy keeps it that way.
+
+    Raises
+    ------
+    CompareError
+        No simulated image, metrics of another number or another dynamic range, or what
+        `clradar.compare.compare` refuses.
+    ModelError
+        `dynamic_range_db` is not a positive number.
+
+    Notes
+    -----
+    Labels, sources, notes and settings can come from files that somebody else wrote: all of it is
+    escaped, and the policy lets no script run but the page's own, which is named by its hash.
+    """
+    dynamic_range_db = checks.positive("html_report: dynamic_range_db", dynamic_range_db)
+    if not simulated:
+        raise CompareError("html_report: expected at least one simulated image, got none")
+    inputs = [measured, *simulated]
+    maps = [depth_map_of(i.image, dynamic_range_db, f"image '{i.label}'") for i in inputs]
+    if metrics is None:
+        metrics = [compare(maps[0], m, dynamic_range_db=dynamic_range_db) for m in maps[1:]]
+    if len(metrics) != len(simulated):
+        raise CompareError(
+            f"html_report: expected metrics for {len(simulated)} simulated images, "
+            f"got {len(metrics)}"
+        )
+    labels = [i.label for i in simulated]
+    figure = comparison_figure(
+        maps[0],
+        list(zip(labels, maps[1:], strict=True)),
+        metrics=metrics,
+        measured_label=measured.label,
+        dynamic_range_db=dynamic_range_db,
+    )
+    drawn = clouds(maps)
+    script = _part("viewer.js")
+    style = _part("page.css") + _own_style(drawn)
+    return Template(_part("page.html")).substitute(
+        title=escaped(title),
+        style=style,
+        style_hash=_policy_hash(style),
+        script=script,
+        script_hash=_policy_hash(script),
+        notes="".join(f'<p class="note">{_paragraph(note)}</p>' for note in notes),
+        dynamic_range=f"{dynamic_range_db:g}",
+        figure=base64.b64encode(png_bytes(figure, dpi=FIGURE_DPI)).decode("ascii"),
+        figure_text=escaped(f"{measured.label}; {'; '.join(labels)}"),
+        clouds="".join(_cloud_toggle(i, inputs[i].label, c) for i, c in enumerate(drawn)),
+        view_data=script_json(view_data(maps, drawn)),
+        metrics=metrics_table(labels, metrics),
+        meanings=metrics_notes(metrics),
+        inputs="".join(_input_details(i, m) for i, m in zip(inputs, maps, strict=True)),
+        settings=_details("This comparison", settings_table(settings)) if settings else "",
+    )
+
+
+def _part(name: str) -> str:
+    return (resources.files("clradar") / "report" / name).read_text(encoding="utf-8")
+
+
+def _policy_hash(content: str) -> str:
+    """Return how a content security policy names an inline script or style."""
+    digest = hashlib.sha256(content.encode("utf-8")).digest()
+    return f"sha256-{base64.b64encode(digest).decode('ascii')}"
+
+
+def _own_style(drawn: Sequence[Cloud]) -> str:
+    """Return what depends on the images: the policy allows no style attributes."""
+    swatches = "".join(f".cloud-{i}{{background:{c.colour}}}\n" for i, c in enumerate(drawn))
+    return f"@media screen{{.figure img{{min-width:{PANEL_PX * len(drawn)}px}}}}\n{swatches}"
+
+
+def _paragraph(note: str) -> str:
+    return "<br>".join(escaped(line) for line in note.splitlines())
+
+
+def _cloud_toggle(i: int, label: str, cloud: Cloud) -> str:
+    kept = len(cloud.points_mm)
+    count = f"{kept} points" if kept == cloud.total else f"{kept} of {cloud.total} points"
+    checked = " checked" if i < SHOWN_FIRST else ""
+    return (
+        f'<label><input type="checkbox" data-cloud="{i}"{checked}>'
+        f'<span class="swatch cloud-{i}"></span><span class="name">{escaped(label)}</span> '
+        f'<span class="count">{count}</span></label>'
+    )
+
+
+def _input_details(entry: ReportImage, shown: DepthMap) -> str:
+    meta = entry.meta
+    if meta is None:
+        meta = entry.image.meta if isinstance(entry.image, Volume) else {}
+    facts = settings_table(image_facts(entry.image, shown, entry.source))
+    known = settings_table(meta) if meta else "<p>The image says nothing about its origin.</p>"
+    return _details(entry.label, f"{facts}<h3>Settings and provenance</h3>{known}")
+
+
+def _details(summary: str, content: str) -> str:
+    """Return a folded section; `summary` is text, `content` is HTML."""
+    return f"<details><summary>{escaped(summary)}</summary>{content}</details>"

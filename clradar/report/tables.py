@@ -1,0 +1,205 @@
+"""The tables of a page: the metrics with what they mean, and the settings of every input."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.compare import UNDEFINED, Metrics
+from clradar.model import DepthMap, Volume
+from clradar.report.text import escaped, shortened
+
+MAX_ROWS = 200
+"""Of one record of settings; the page says how many it leaves out."""
+
+MAX_NAME, MAX_VALUE = 120, 400
+"""Characters of one row."""
+
+MAX_DEPTH = 16
+"""Of nested settings; what is nested deeper is left out, visibly."""
+
+
+@dataclass(frozen=True, slots=True)
+class MetricText:
+    """How a metric is called and explained, and which end of it is the good one."""
+
+    field: str
+    name: str
+    meaning: str
+    scale: float = 1.0
+    digits: int = 3
+    higher_is_better: bool = True
+
+
+METRIC_TEXTS = (
+    MetricText(
+        "db_correlation",
+        "dB correlation",
+        "Are the bright and the dark places the same? Pearson's correlation of the two images in "
+        "decibel over all pixels, from \N{MINUS SIGN}1 to 1; 1 is best.",
+    ),
+    MetricText(
+        "ssim",
+        "SSIM",
+        "Do small neighbourhoods have the same level, contrast and pattern? Mean structural "
+        "similarity of the two images in decibel; 1 is best.",
+    ),
+    MetricText(
+        "mask_iou",
+        "Mask IoU",
+        "Do both show something at the same pixels? Pixels that both show over pixels that either "
+        "shows, from 0 to 1; 1 is best.",
+    ),
+    MetricText(
+        "depth_rmse_m",
+        "Depth RMSE (mm)",
+        "How far apart are the depths where both have one? Root mean square difference in "
+        "millimetres; 0 is best. Read it beside the mask IoU: what only one shows does not count.",
+        1e3,
+        2,
+        False,
+    ),
+    MetricText(
+        "chamfer_simulated_to_measured_m",
+        "Chamfer, sim. to meas. (mm)",
+        "Does the simulation show something where the measurement has nothing? Mean distance in "
+        "millimetres from a simulated depth point to the nearest measured one; 0 is best.",
+        1e3,
+        2,
+        False,
+    ),
+    MetricText(
+        "chamfer_measured_to_simulated_m",
+        "Chamfer, meas. to sim. (mm)",
+        "Does the simulation lack something that the measurement shows? Mean distance in "
+        "millimetres from a measured depth point to the nearest simulated one; 0 is best.",
+        1e3,
+        2,
+        False,
+    ),
+)
+
+
+def metrics_table(labels: Sequence[str], metrics: Sequence[Metrics]) -> str:
+    """Return one row per simulated image; the best value of a column is bold where there are two.
+
+    On a narrow screen each row becomes a block, and `data-name` the name before each value.
+    """
+    head = "".join(f'<th scope="col">{escaped(m.name)}</th>' for m in METRIC_TEXTS)
+    best = [_best(text, metrics) for text in METRIC_TEXTS]
+    rows = []
+    for label, m in zip(labels, metrics, strict=True):
+        cells = [f'<th scope="row">{escaped(label)}</th>']
+        for text, best_text in zip(METRIC_TEXTS, best, strict=True):
+            shown = _value(text, m)
+            inner = f"<strong>{shown}</strong>" if shown == best_text else shown
+            cells.append(f'<td data-name="{escaped(text.name)}">{inner}</td>')
+        rows.append(f"<tr>{''.join(cells)}</tr>")
+    return (
+        f'<table class="metrics"><thead><tr><th scope="col">Simulated</th>{head}</tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table>"
+    )
+
+
+def metrics_notes(metrics: Sequence[Metrics]) -> str:
+    """Return the meaning of every metric, and why one that is n/a is."""
+    notes = "".join(
+        f"<dt>{escaped(text.name)}</dt><dd>{escaped(text.meaning)}{_why_undefined(text, metrics)}"
+        "</dd>"
+        for text in METRIC_TEXTS
+    )
+    return f'<dl class="meanings">{notes}</dl>'
+
+
+def _value(text: MetricText, metrics: Metrics) -> str:
+    value = getattr(metrics, text.field)
+    if math.isnan(value):
+        return "n/a"
+    return f"{text.scale * value:.{text.digits}f}".replace("-", "\N{MINUS SIGN}")
+
+
+def _best(text: MetricText, metrics: Sequence[Metrics]) -> str | None:
+    """Return the best value as it is shown, None where there is nothing to choose from."""
+    known = [m for m in metrics if not math.isnan(getattr(m, text.field))]
+    if len(known) < 2:
+        return None
+    choose = max if text.higher_is_better else min
+    return _value(text, choose(known, key=lambda m: getattr(m, text.field)))
+
+
+def _why_undefined(text: MetricText, metrics: Sequence[Metrics]) -> str:
+    if not any(math.isnan(getattr(m, text.field)) for m in metrics):
+        return ""
+    return f" n/a here: {escaped(UNDEFINED[text.field])}."
+
+
+def image_facts(image: Volume | DepthMap, shown: DepthMap, source: str) -> dict[str, str]:
+    """Return what can be said about an image without knowing where it comes from."""
+    facts = {"file": source} if source else {}
+    axes = [("x", shown.x_m), ("y", shown.y_m)]
+    if isinstance(image, Volume):
+        axes.append(("z", image.grid.z_m))
+    for name, axis_m in axes:
+        ends = f"{1e3 * axis_m[0]:.6g} to {1e3 * axis_m[-1]:.6g} mm in {len(axis_m)}"
+        step = f", every {1e3 * np.diff(axis_m).mean():.4g} mm" if len(axis_m) > 1 else ""
+        facts[name] = ends + step
+    depths_mm = 1e3 * shown.depth_m[shown.mask]
+    facts["depth points"] = (
+        f"{len(depths_mm)} within {shown.dynamic_range_db:g} dB of the maximum, "
+        f"{depths_mm.min():.1f} to {depths_mm.max():.1f} mm deep"
+    )
+    facts["maximum of the amplitude"] = f"{shown.amplitude.max():.4g}"
+    return facts
+
+
+def settings_table(record: Mapping[str, Any]) -> str:
+    """Return a record as rows of dotted names and values, cut where it is enormous."""
+    rows: list[str] = []
+    left_out = 0
+    for name, value in _flat(record, "", 0):
+        if len(rows) == MAX_ROWS:
+            left_out += 1
+            continue
+        shown_name = _breakable(escaped(shortened(name, MAX_NAME)))
+        shown_value = escaped(shortened(value, MAX_VALUE))
+        rows.append(f'<tr><th scope="row">{shown_name}</th><td>{shown_value}</td></tr>')
+    table = f'<table class="settings"><tbody>{"".join(rows)}</tbody></table>'
+    if left_out:
+        table += f"<p>{left_out} more rows are left out here; the file has them.</p>"
+    return table
+
+
+def _breakable(name: str) -> str:
+    """Return an escaped dotted name that a narrow screen breaks behind dots and underscores."""
+    return name.replace(".", ".<wbr>").replace("_", "_<wbr>")
+
+
+def _flat(value: Any, name: str, depth: int) -> Iterator[tuple[str, str]]:
+    """Yield (dotted name, text) for every value in nested mappings and lists."""
+    inner = isinstance(value, Mapping) or (
+        isinstance(value, list | tuple) and any(isinstance(v, Mapping | list) for v in value)
+    )
+    if not inner:
+        yield name, _plain(value)
+    elif depth == MAX_DEPTH:
+        yield name, "… (nested deeper)"
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _flat(item, f"{name}.{key}" if name else str(key), depth + 1)
+    else:
+        for i, item in enumerate(value):
+            yield from _flat(item, f"{name}[{i}]", depth + 1)
+
+
+def _plain(value: Any) -> str:
+    if value is None:
+        return "\N{EN DASH}"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_plain, value)) or "none"
+    return str(value)

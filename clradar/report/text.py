@@ -1,0 +1,31 @@
+"""Text from files on its way into a page: nothing in it is markup, and nothing is invisible."""
+
+from __future__ import annotations
+
+import html
+import json
+from typing import Any
+
+from clradar.plot import printable
+
+
+def escaped(value: object) -> str:
+    """Return `value` as HTML text that is also safe inside a quoted attribute.
+
+    What cannot be printed is written as an escape: a name then cannot pass for another one.
+    """
+    return html.escape(printable(value), quote=True)
+
+
+def script_json(value: Any) -> str:
+    """Return `value` as JSON for a <script> block: ASCII, without a character that could end it."""
+    text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def shortened(value: object, longest: int) -> str:
+    """Return `value` as text of at most `longest` characters and a note of how many are missing."""
+    text = str(value)
+    if len(text) <= longest:
+        return text
+    return f"{text[:longest]} … ({len(text) - longest} more characters)"

@@ -1,0 +1,59 @@
+"""A recording and a mesh in, one page out that shows how alike measurement and simulation are."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import trimesh
+
+import clradar
+from calibration import align
+from clradar.hand import hand_mesh
+from clradar.report import ReportImage, html_report
+from measurement_io import open_recording, save_recording
+
+GRID = clradar.VoxelGrid.from_extent((-0.08, 0.08), (-0.1, 0.1), (0.27, 0.33), 2e-3)
+
+
+def make_recording(folder: Path) -> Path:
+    """Write a noisy hand and its mesh, where none is at hand."""
+    hand = hand_mesh("F", edge_length_m=3e-3)
+    scene = clradar.Scene.from_mesh(hand, alpha=0.2)
+    array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 64)
+    clean = clradar.simulate(scene, array, waveform, samples_per_mm2=1, seed=1)
+    frame = clradar.impair(clean, snr_db=20, seed=1)
+    # A recording's own space is mirrored, and its mesh is never quite where the hand was.
+    trimesh.Trimesh(hand.vertices_m * (-1, 1, 1), hand.faces[:, ::-1]).export("mesh.obj")
+    place = [[1, 0, 0, -0.004], [0, 1, 0, 0.003], [0, 0, 1, 0], [0, 0, 0, 1]]
+    alignment = {"photogrammetry2radar": place}
+    return save_recording(folder, [frame], alignment=alignment, meshes=["mesh.obj"], force=True)
+
+
+def main(recording: Path | None, mesh: Path | None, alpha: float, page: Path) -> None:
+    frames = open_recording(recording or make_recording(Path("hand/30")))
+    # A mesh of one's own is in the antenna frame, metres; the recording's is brought there.
+    scene = (clradar.Scene.from_mesh(mesh) if mesh else frames.scene()).with_alpha(alpha)
+
+    def image(scene: clradar.Scene) -> clradar.Volume:
+        capture = clradar.simulate(scene, frames.array, frames.waveform, samples_per_mm2=1)
+        return clradar.backproject(capture, GRID)
+
+    measured, given = clradar.backproject(frames[0], GRID), image(scene)
+    found = align(measured, given)
+    aligned = image(scene.transformed(found.transform))
+    simulated = [ReportImage("As given", given), ReportImage("Aligned", aligned)]
+    first = ReportImage("Measurement", measured, str(frames.path))
+    page.write_text(html_report(first, simulated, notes=[found.report()]), encoding="utf-8")
+    print(f"shift: {', '.join(f'{1e3 * v:.1f}' for v in found.shift_m)} mm")
+    for s in simulated:
+        print(f"{s.label}: correlation {clradar.compare(measured, s.image).db_correlation:.2f}")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("recording", nargs="?", type=Path, help="a folder; without it one is made")
+    parser.add_argument("--mesh", type=Path, help="instead of the recording's own")
+    parser.add_argument("--alpha", type=float, default=0.2, help="0 specular ... 1 diffuse")
+    parser.add_argument("--page", type=Path, default="report.html", help="what to write")
+    main(**vars(parser.parse_args()))

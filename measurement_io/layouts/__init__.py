@@ -1,0 +1,1 @@
+"""Files of any lab, read through a small TOML description of what is where in them."""

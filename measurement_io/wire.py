@@ -1,0 +1,122 @@
+"""Send plain values and arrays from one process to another, and trust nothing of what arrives.
+
+A message is the length of a JSON header (8 bytes), the header, and the bytes of its arrays behind
+one another. It can stand for numbers, strings, None, lists, mappings with string keys and arrays
+of numbers or text, and for nothing else: unlike a pickle it cannot ask for anything.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import socket
+import struct
+from typing import Any
+
+import numpy as np
+
+MAX_HEADER_BYTES = 2**28
+_LENGTH = struct.Struct("<Q")
+_CODE = re.compile(r"[<>|](b1|[iuf][1248]|c8|c16|[SU][0-9]{1,9})\Z")
+
+
+class BrokenMessage(Exception):
+    """The message ends early, or is none."""
+
+
+def send(link: socket.socket, value: Any) -> None:
+    """Send `value`; raises TypeError for what a message cannot hold."""
+    arrays: list[np.ndarray] = []
+    header = json.dumps(_plain(value, arrays)).encode("ascii")
+    link.sendall(_LENGTH.pack(len(header)) + header)
+    for array in arrays:
+        if array.nbytes:
+            link.sendall(array.reshape(-1).view(np.uint8).data)
+
+
+def receive(link: socket.socket, most_bytes: int) -> Any:
+    """Return the next value, whose arrays may have `most_bytes` in all.
+
+    Raises
+    ------
+    BrokenMessage
+    """
+    length = _LENGTH.unpack(_exactly(link, _LENGTH.size))[0]
+    if length > MAX_HEADER_BYTES:
+        raise BrokenMessage(f"a header of {length} bytes")
+    try:
+        header = json.loads(_exactly(link, length))
+        return _value(header, link, [most_bytes])
+    except Exception as error:
+        raise BrokenMessage(f"{type(error).__name__}") from error
+
+
+def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
+    """Return `value` as JSON: lists, mappings and arrays carry a tag that says what they are."""
+    if isinstance(value, np.ndarray):
+        if value.dtype.names is not None:
+            fields = [[name, value.dtype[name].str] for name in value.dtype.names]
+            value = value.astype([(name, code) for name, code in fields])  # without padding
+            code: Any = fields
+        else:
+            code = value.dtype.str
+        if value.dtype.hasobject:
+            raise TypeError("an array of objects")
+        arrays.append(np.ascontiguousarray(value))
+        return ["array", code, list(value.shape)]
+    if isinstance(value, list):
+        return ["list", [_plain(item, arrays) for item in value]]
+    if isinstance(value, dict):
+        return ["mapping", {key: _plain(item, arrays) for key, item in value.items()}]
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise TypeError(f"{type(value).__name__} cannot be sent")
+
+
+def _value(plain: Any, link: socket.socket, left: list[int]) -> Any:
+    if not isinstance(plain, list):
+        return plain
+    tag, *content = plain
+    if tag == "list":
+        return [_value(item, link, left) for item in content[0]]
+    if tag == "mapping":
+        return {key: _value(item, link, left) for key, item in content[0].items()}
+    if tag != "array":
+        raise ValueError(tag)
+    return _array(_dtype(content[0]), content[1], link, left)
+
+
+def _dtype(code: Any) -> np.dtype[Any]:
+    if isinstance(code, list):
+        return np.dtype([(str(name), _dtype(part)) for name, part in code])
+    if not isinstance(code, str) or not _CODE.match(code):
+        raise ValueError(f"type {code!r:.40}")
+    return np.dtype(code)
+
+
+def _array(dtype: np.dtype[Any], shape: Any, link: socket.socket, left: list[int]) -> np.ndarray:
+    if not all(type(n) is int and n >= 0 for n in shape):
+        raise ValueError(f"shape {shape!r:.40}")
+    nbytes = math.prod(shape) * dtype.itemsize
+    left[0] -= nbytes
+    if left[0] < 0:
+        raise ValueError("more bytes than were asked for")
+    array = np.empty(shape, dtype)
+    if nbytes:
+        _fill(link, array.reshape(-1).view(np.uint8).data)
+    return array
+
+
+def _exactly(link: socket.socket, count: int) -> bytearray:
+    content = bytearray(count)
+    _fill(link, memoryview(content))
+    return content
+
+
+def _fill(link: socket.socket, target: memoryview) -> None:
+    while len(target):
+        count = link.recv_into(target)
+        if count == 0:
+            raise BrokenMessage("the other end is gone")
+        target = target[count:]

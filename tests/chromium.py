@@ -1,0 +1,189 @@
+"""A headless Chromium for tests, driven through a pipe: no network, no driver, no package."""
+
+from __future__ import annotations
+
+import base64
+import fcntl
+import json
+import os
+import select
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+DEADLINE_S = 60.0
+"""For one answer: a start on a busy machine takes some ten seconds."""
+
+
+def installed() -> str | None:
+    """Return the path of a Chromium, None where there is none."""
+    return next((found for name in NAMES if (found := shutil.which(name))), None)
+
+
+class Page:
+    """One tab; `call` speaks the DevTools protocol, which has a name for everything used here."""
+
+    def __init__(self, reading: int, writing: int) -> None:
+        self._reading, self._writing = reading, writing
+        self._buffer = b""
+        self._last = 0
+        self._session: str | None = None
+        self.events: list[dict[str, Any]] = []
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
+        self._session = attached["sessionId"]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Return the result of one command."""
+        self._last += 1
+        message: dict[str, Any] = {"id": self._last, "method": method, "params": parameters}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        left = json.dumps(message).encode() + b"\0"
+        while left:
+            left = left[os.write(self._writing, left) :]
+        while True:
+            answer = self._next()
+            if answer.get("id") == self._last:
+                assert "error" not in answer, (method, answer["error"])
+                result: dict[str, Any] = answer["result"]
+                return result
+            self.events.append(answer)
+
+    def _next(self) -> dict[str, Any]:
+        end = time.monotonic() + DEADLINE_S
+        while b"\0" not in self._buffer:
+            ready, _, _ = select.select([self._reading], [], [], max(0.0, end - time.monotonic()))
+            assert ready, f"Chromium said nothing for {DEADLINE_S:g} s"
+            block = os.read(self._reading, 2**20)
+            assert block, "Chromium ended"
+            self._buffer += block
+        message, self._buffer = self._buffer.split(b"\0", 1)
+        found: dict[str, Any] = json.loads(message)
+        return found
+
+    def resize(self, width: int, height: int, *, phone: bool = False, ratio: float = 1.0) -> None:
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=ratio,
+            mobile=phone,
+        )
+        self.call("Emulation.setTouchEmulationEnabled", enabled=phone)
+
+    def prefer(self, scheme: str) -> None:
+        """Ask for a "light" or a "dark" page."""
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        self.call("Emulation.setEmulatedMedia", features=features)
+
+    def open(self, path: Path) -> None:
+        """Load a file and wait until it is complete and has been drawn twice."""
+        self.events.clear()
+        self.call("Page.navigate", url=path.absolute().as_uri())
+        self.js(
+            "new Promise(done => document.readyState === 'complete' ? done()"
+            " : addEventListener('load', done))"
+        )
+        self.settle()
+
+    def settle(self) -> None:
+        """Wait until what was asked for is on the screen."""
+        self.js("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+    def js(self, expression: str) -> Any:
+        """Return the value of an expression, awaited."""
+        answer = self.call(
+            "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
+        )
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
+
+    def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
+
+    def drag(self, start: tuple[float, float], by: tuple[float, float], steps: int = 4) -> None:
+        self.mouse("mousePressed", *start, button="left", buttons=1, clickCount=1)
+        for i in range(1, steps + 1):
+            x, y = (s + b * i / steps for s, b in zip(start, by, strict=True))
+            self.mouse("mouseMoved", x, y, button="left", buttons=1)
+        self.mouse("mouseReleased", x, y, button="left", clickCount=1)
+        self.settle()
+
+    def touch(self, kind: str, *points: tuple[float, float]) -> None:
+        touches = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)]
+        self.call("Input.dispatchTouchEvent", type=kind, touchPoints=touches)
+
+    def key(self, key: str) -> None:
+        text = key if len(key) == 1 else ""
+        self.call("Input.dispatchKeyEvent", type="keyDown", key=key, text=text)
+        self.call("Input.dispatchKeyEvent", type="keyUp", key=key)
+        self.settle()
+
+    def screenshot(self, path: Path, *, whole: bool = False) -> None:
+        shot = self.call("Page.captureScreenshot", captureBeyondViewport=whole)
+        path.write_bytes(base64.b64decode(shot["data"]))
+
+    def complaints(self) -> list[str]:
+        """Return what was written to the console or the log, and uncaught errors."""
+        self.js("0")  # what came before this is here now
+        kinds = ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded")
+        return [json.dumps(e["params"]) for e in self.events if e.get("method") in kinds]
+
+    def requests(self) -> list[str]:
+        """Return the addresses that the page asked for."""
+        sent = [e for e in self.events if e.get("method") == "Network.requestWillBeSent"]
+        return [e["params"]["request"]["url"] for e in sent]
+
+
+@contextmanager
+def chromium(profile: Path) -> Iterator[Page]:
+    """Yield a tab of a headless Chromium whose files are all in `profile`."""
+    program = installed()
+    assert program is not None
+    pipes = [*os.pipe(), *os.pipe()]
+    # Chromium reads from descriptor 3 and writes to 4. Ours are moved out of the way of these.
+    ours = [fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 10) for fd in pipes]
+    for fd in pipes:
+        os.close(fd)
+    its_reading, writing, reading, its_writing = ours
+    command = [
+        program,
+        "--headless",
+        # In a container there is often no sandbox to be had, and the pages are our own.
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-dev-shm-usage",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--no-first-run",
+        "--hide-scrollbars",
+        "--remote-debugging-pipe",
+        f"--user-data-dir={profile}",
+    ]
+    redirected = f'exec "$@" 3<&{its_reading} 4>&{its_writing}'
+    with subprocess.Popen(
+        ["bash", "-c", redirected, "bash", *command],
+        pass_fds=(its_reading, its_writing),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "HOME": str(profile), "XDG_CONFIG_HOME": str(profile)},
+    ) as process:
+        os.close(its_reading)
+        os.close(its_writing)
+        try:
+            yield Page(reading, writing)
+        finally:
+            os.close(writing)  # it ends when its pipe does
+            os.close(reading)
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()

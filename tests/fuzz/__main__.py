@@ -1,0 +1,46 @@
+"""Run the readers on mutated files: `python -m fuzz --help`, with tests/ on PYTHONPATH."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from fuzz import campaign
+from fuzz.oracle import judge
+from fuzz.targets import TARGETS
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m fuzz", description=__doc__)
+    parser.add_argument("targets", nargs="*", metavar="TARGET", help=", ".join(TARGETS))
+    parser.add_argument("--runs", type=int, default=100_000, help="inputs per target (%(default)s)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--start", type=int, default=0, help="number of the first input")
+    parser.add_argument("--keep", type=Path, default=Path("fuzz-faults"), help="inputs at fault")
+    parser.add_argument(
+        "--read", type=Path, help="read this one file with TARGET and say what comes"
+    )
+    options = parser.parse_args()
+    unknown = [name for name in options.targets if name not in TARGETS]
+    if unknown:
+        parser.error(f"no target {', '.join(unknown)}; there are {', '.join(TARGETS)}")
+    if options.read is not None:
+        if len(options.targets) != 1:
+            parser.error("--read needs one TARGET")
+        target = TARGETS[options.targets[0]]
+        print(*judge(target, options.read))
+        print(target.read(options.read))
+        return 0
+    failed = False
+    for name in options.targets or TARGETS:
+        outcome = campaign.run(
+            name, options.runs, seed=options.seed, start=options.start, keep=options.keep
+        )
+        print(f"{name}: {outcome}", flush=True)
+        failed |= bool(outcome.faults)
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,174 @@
+"""Have a worker read many inputs, watch it, restart it when it dies, and say what was found."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from fuzz.oracle import TIME_LIMIT_S
+from fuzz.worker import Progress, shared_progress
+
+_POLL_S = 0.1
+_START_LIMIT_S = 120.0
+"""For a worker to import what it needs and to read the seeds, or to make an input."""
+
+_MOST_FAULTS = 20
+"""A run ends after so many: they have one cause, mostly."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One input that ended otherwise than allowed; `saved` is the file with its bytes."""
+
+    target: str
+    seed: int
+    index: int
+    what: str
+    saved: Path
+
+    def __str__(self) -> str:
+        return f"{self.target}, seed {self.seed}, input {self.index}: {self.what} [{self.saved}]"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of a run."""
+
+    results: int
+    errors: int
+    faults: tuple[Fault, ...]
+    slowest_s: float
+    peak_bytes: int
+    wall_s: float
+
+    def __str__(self) -> str:
+        counts = f"{self.results} results, {self.errors} errors, {len(self.faults)} faults"
+        cost = f"slowest {self.slowest_s:.2f} s, peak {self.peak_bytes / 1e6:.0f} MB"
+        return "\n".join([f"{counts}; {cost}; {self.wall_s:.0f} s", *map(str, self.faults)])
+
+
+def run(
+    target: str,
+    count: int,
+    *,
+    seed: int = 0,
+    start: int = 0,
+    keep: Path,
+    time_limit_s: float = TIME_LIMIT_S,
+) -> Outcome:
+    """Read inputs `start` to `start + count` of a target.
+
+    Parameters
+    ----------
+    target : str
+        A name in `fuzz.targets.TARGETS`, or `module:attribute`.
+    count, seed, start : int
+        Input `index` of a `seed` is always the same.
+    keep : Path
+        Folder for the inputs at fault; made when there is one.
+    time_limit_s : float
+        For one input; a worker that takes longer is killed.
+    """
+    began = time.monotonic()
+    # In memory where the system offers it: every input is written to a file.
+    base = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+    faults: list[Fault] = []
+    with TemporaryDirectory(prefix="clradar-fuzz-", dir=base) as name:
+        folder = Path(name)
+        at, stop = start, start + count
+        retried = -1
+        while at < stop and len(faults) < _MOST_FAULTS:
+            what, at = _watched(target, seed, at, stop, folder, time_limit_s)
+            if what is None:
+                continue
+            if "takes more than" in what and at != retried:
+                retried = at  # once more, in a fresh worker: the machine may have been busy
+                continue
+            fault = Fault(target, seed, at, what, _newest(folder / "files"))
+            faults.append(_kept(fault, keep))
+            at += 1
+        for line in _lines(folder / "faults.jsonl"):
+            fault = Fault(target, seed, line["index"], line["what"], Path(line["saved"]))
+            faults.append(_kept(fault, keep))
+        with shared_progress(folder) as shared:
+            done = Progress.load(shared)
+    return Outcome(
+        done.results,
+        done.errors,
+        tuple(faults),
+        done.slowest_s,
+        done.peak_bytes,
+        time.monotonic() - began,
+    )
+
+
+def _watched(
+    target: str, seed: int, start: int, stop: int, folder: Path, time_limit_s: float
+) -> tuple[str | None, int]:
+    """Run one worker; return what it died of (None: of nothing) and the input it had come to."""
+    here = Path(__file__).resolve().parent
+    paths = [str(here.parent), str(here.parents[1]), os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    command = [sys.executable, "-m", "fuzz.worker", target]
+    command += [str(seed), str(start), str(stop), str(folder)]
+    output = folder / "output"
+    with open(output, "wb") as sink, shared_progress(folder) as shared:
+        progress = Progress.load(shared)
+        progress.index, progress.reading = start, 0
+        progress.store(shared)
+        worker = subprocess.Popen(command, env=environment, stdout=sink, stderr=sink)
+        try:
+            last, since = progress, time.monotonic()
+            while worker.poll() is None:
+                time.sleep(_POLL_S)
+                progress = Progress.load(shared)
+                if progress != last:
+                    last, since = progress, time.monotonic()
+                limit = time_limit_s if progress.reading else _START_LIMIT_S
+                if time.monotonic() - since > limit:
+                    _require(bool(progress.reading), "the worker did not start", output)
+                    return f"takes more than {time_limit_s:g} s", progress.index
+        finally:
+            if worker.poll() is None:
+                worker.kill()
+                worker.wait()
+        progress = Progress.load(shared)
+    if worker.returncode == 0:
+        return None, progress.index
+    _require(bool(progress.reading), f"the worker ended with {worker.returncode}", output)
+    return f"ends the process with {worker.returncode}: {_tail(output)}", progress.index
+
+
+def _require(condition: bool, what: str, output: Path) -> None:
+    if not condition:
+        raise RuntimeError(f"fuzz: {what}: {_tail(output)}")
+
+
+def _tail(output: Path) -> str:
+    return " ".join(output.read_text(errors="replace")[-1500:].split())
+
+
+def _newest(folder: Path) -> Path:
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return max(files, key=lambda path: path.stat().st_mtime_ns)
+
+
+def _kept(fault: Fault, keep: Path) -> Fault:
+    keep.mkdir(parents=True, exist_ok=True)
+    name = fault.target.replace(":", ".").replace("/", ".")
+    target = keep / f"{name}-{fault.seed}-{fault.index}"
+    shutil.copy(fault.saved, target)
+    return Fault(fault.target, fault.seed, fault.index, fault.what, target)
+
+
+def _lines(path: Path) -> list[dict]:
+    if not path.exists():
+        return []
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]

@@ -1,0 +1,236 @@
+"""Small valid files of every kind that is read, always the same."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import h5py
+import layout_files
+import maroon_files
+import numpy as np
+
+import clradar
+from measurement_io import save_capture, save_channels, save_volume, write_products
+
+
+def frames() -> list[bytes]:
+    """Recorded frames: every protocol, both channel counts, the numpy of old and of today."""
+    frame = maroon_files.random_frame(1, channels=94)
+    rich = frame | {
+        "gain": np.float32(0.5),
+        "phase": 1 + 2j,
+        "note": "hand",
+        "flag": True,
+        "list": [1, 2.5, ("a", None)],
+        "objects": np.array([1, "a"], dtype=object),
+        "stamps": [1, 2, 3],
+    }
+    found = [
+        maroon_files.npy(maroon_files.pickled(content, protocol, spelling))
+        for content in (frame, rich)
+        for protocol in maroon_files.PROTOCOLS
+        for spelling in maroon_files.SPELLINGS
+    ]
+    found.append(maroon_files.npy(maroon_files.pickled_by_python_2(frame)))
+    found.append(maroon_files.npy(maroon_files.pickled(maroon_files.random_frame(1))))
+    frame = frame | {"xr": np.asfortranarray(frame["xr"]).astype(">c16")}
+    found.append(maroon_files.npy(maroon_files.pickled(frame, 5)))
+    return found
+
+
+def native_captures() -> list[bytes]:
+    """Native captures: as saved here, by another writer in every generation of HDF5, long text."""
+    rng = np.random.default_rng(0)
+    data = (rng.normal(size=(3, 2, 5)) + 1j * rng.normal(size=(3, 2, 5))).astype(np.complex64)
+    array = clradar.AntennaArray(rng.normal(size=(3, 3)), rng.normal(size=(2, 3)), "lab 1")
+    waveform = clradar.Waveform(60e9 + np.arange(5) * 1e9)
+    capture = clradar.Capture(data, array, waveform, {"seed": 1, "list": [1.5, None, {"a": "b"}]})
+    return [
+        _saved(save_capture, capture),
+        *(_by_hand(capture, options) for options in _GENERATIONS),
+        *(_by_hand(capture, options, crowd=30) for options in _GENERATIONS[:2]),
+    ]
+
+
+def native_volumes() -> list[bytes]:
+    """Native volumes, as saved here."""
+    grid = clradar.VoxelGrid([-0.1, 0.2, 0.3], [1e-3, 2e-3, 3e-3], (4, 3, 2))
+    rng = np.random.default_rng(0)
+    data = (rng.normal(size=grid.shape) + 1j * rng.normal(size=grid.shape)).astype(np.complex64)
+    return [_saved(save_volume, clradar.Volume(data, grid, {"method": "exact"}))]
+
+
+_GENERATIONS: tuple[dict[str, Any], ...] = (
+    {"libver": "earliest"},
+    {"libver": "latest"},
+    {"libver": ("earliest", "v108"), "track_order": True},
+)
+
+
+def _saved(save: Any, record: Any) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "file.h5"
+        save(path, record)
+        return path.read_bytes()
+
+
+def _by_hand(capture: clradar.Capture, options: dict[str, Any], crowd: int = 0) -> bytes:
+    """A capture with other storage: contiguous, chunked with every kind of index, many names."""
+    stream = io.BytesIO()
+    with h5py.File(stream, "w", **options) as file:
+        for name, value in {
+            "clradar_format": "capture",
+            "clradar_version": 1,
+            "created": "2024-05-06T07:08:09+00:00",
+            "provenance": json.dumps(dict(capture.meta)),
+        }.items():
+            file.attrs[name] = value
+        for i in range(crowd):  # so many that HDF5 stores them another way
+            file.attrs[f"attribute {i}"] = f"value {i}"
+        group = file.create_group("entry/data")
+        group.attrs["array_name"] = np.bytes_(capture.array.name)
+        for i in range(crowd):
+            group.create_group(f"group {i}")
+        group.create_dataset("data", data=capture.data, chunks=(1, 2, 5), shuffle=True)
+        group.create_dataset("tx_m", data=capture.array.tx_m, chunks=(1, 3), maxshape=(None, 3))
+        group.create_dataset("rx_m", data=capture.array.rx_m, maxshape=(None, None))
+        group["frequency_hz"] = capture.waveform.frequencies_hz
+    return stream.getvalue()
+
+
+def radar_folder(folder: Path) -> None:
+    """Put what lies around a calibration.json: a radar folder with an unreadable frame."""
+    frames_folder = folder / "radar_72.0_82.0_2" / "calibrated_data"
+    frames_folder.mkdir(parents=True, exist_ok=True)
+    (frames_folder / "000000.npy").write_bytes(b"no frame, so that reading it takes no time")
+
+
+def calibrations() -> list[bytes]:
+    """calibration.json of a recording, with the entries of one frame in both generations."""
+    box = {"bb_min": [-0.1, -0.1, 0.26], "bb_max": [0.1, 0.1, 0.34], "grid_size": [201, 201, 81]}
+    top = {"frequency_low_ghz": 72.0, "frequency_high_ghz": 82.0, "frequency_points": 2}
+    amplitude = {"amplitude_filter_kernel_size": 3, "amplitude_filter_threshold_dB": -15.0}
+    limits = {"min_abs": 0.0, "max_abs": 1.5, "min_amplitude": 0.0, "max_amplitude": 1.5}
+    matrix = np.eye(4).tolist()
+    new = {"volume": box | limits, "amplitude": amplitude, "depth": {"intrinsics": matrix}}
+    old = {"volume": box | limits, "amplitude": amplitude, "depth": {"transform": matrix}}
+    trees = [top, top | {"000000": new}, top | {"000000": old, "000001": new | {"depth": box}}]
+    return [json.dumps(tree, indent=1).encode() for tree in trees]
+
+
+def antenna_files() -> list[bytes]:
+    """Antenna files with 96 and with 94 rows."""
+    rows = np.zeros((96, 3))
+    rows[1:95] = clradar.arrays.qar50().rx_m
+    texts = [[f"{x},{y},{z}" for x, y, z in part] for part in (rows, rows[1:95])]
+    return ["\n".join(["x,y,z", *text, ""]).encode() for text in texts]
+
+
+def native_channels() -> list[bytes]:
+    """Calibrated channels, as saved here."""
+    array = clradar.AntennaArray(np.eye(3), np.eye(3)[:2], "lab")
+    channels = clradar.ChannelCalibration(
+        response=clradar.ChannelResponse([1, 1j, 0], [1, 2], [0, 1e-12, 0], [0, 0], 77e9),
+        array=array, waveform=clradar.Waveform([76e9, 77e9, 78e9]), target="corner",
+        target_position={"x_m": 0.0, "y_m": 0.1, "z_m": 0.3}, target_covariance=np.eye(3),
+        target_amplitude=1.0, dead_tx=[2], dead_rx=[], noisy_tx=[], noisy_rx=[1],
+        tx_noise=np.zeros(3), rx_noise=np.zeros(2), tx_phase_std_rad=np.zeros(3),
+        rx_phase_std_rad=np.zeros(2), tx_delay_std_s=np.zeros(3), rx_delay_std_s=np.zeros(2),
+        residual_db=-20.0, noise_residual_db=-21.0, meta={"seed": 1},
+    )  # fmt: skip
+    return [_saved(save_channels, channels)]
+
+
+def alignments() -> list[bytes]:
+    """alignment.json with transforms in both directions, scales, and a key that is none."""
+    turned = [[0, -1, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 0.3], [0, 0, 0, 1]]
+    scaled = (np.diag([1e-3, 1e-3, 1e-3, 1.0])).tolist()
+    trees = [
+        {"photogrammetry2radar": turned, "kinect2radar": scaled},
+        {"radar2photogrammetry": turned, "zed2photogrammetry": np.eye(4).tolist(), "note": "x"},
+    ]
+    return [json.dumps(tree).encode() for tree in trees]
+
+
+def metadata() -> list[bytes]:
+    """metadata.json, full and with a box that lacks bounds and has two in the wrong order."""
+    full = {
+        "calibration": "c", "calibration_fine": 1, "distance_meters": 0.3, "mask_erosion": 2,
+        "labels": ["a"], "mask_bb": {"xmin": -0.1, "xmax": 0.1, "zmin": 0.5, "zmax": 0.2},
+        "empty_measurement": "empty",
+    }  # fmt: skip
+    return [json.dumps(tree).encode() for tree in (full, {"mask_bb": {"ymin": 0}}, {})]
+
+
+def _product_folder(folder: Path) -> Path:
+    """Write the four products of one small image; return the radar folder."""
+    grid = clradar.VoxelGrid([-0.1, 0.2, 0.3], [1e-2, 2e-2, 1e-2], (4, 3, 5))
+    rng = np.random.default_rng(0)
+    data = (rng.normal(size=grid.shape) + 1j * rng.normal(size=grid.shape)).astype(np.complex64)
+    radar = maroon_files.write_recording(folder, n_frames=1, n_freq=2)
+    write_products(radar, 0, clradar.Volume(1e3 * data, grid))
+    return radar
+
+
+def products_folder(folder: Path) -> None:
+    """Put the recording there that a product belongs to."""
+    if not (folder / "radar_72.0_82.0_2" / "calibration.json").exists():
+        _product_folder(folder)
+
+
+def product(name: str) -> list[bytes]:
+    """One cached product: depth/000000.png and the like."""
+    with TemporaryDirectory() as folder:
+        return [(_product_folder(Path(folder)) / name).read_bytes()]
+
+
+LAYOUT = b"""
+[data]
+key = "s"
+axes = ["tx", "rx", "freq"]
+
+[tx]
+key = "tx"
+
+[rx]
+key = "rx"
+
+[antennas]
+unit = "mm"
+
+[frequency]
+key = "f"
+unit = "GHz"
+
+[meta]
+keys = ["note"]
+"""
+
+
+def layout_file(folder: Path) -> None:
+    """Put the layout there that a lab's file is read with."""
+    (folder / "lab.toml").write_bytes(LAYOUT)
+
+
+def containers(*kinds: str) -> list[bytes]:
+    """A lab's capture in files of these kinds."""
+    capture = layout_files.random_capture()
+    tree = {
+        "s": capture.data, "tx": 1e3 * capture.array.tx_m, "rx": 1e3 * capture.array.rx_m,
+        "f": capture.waveform.frequencies_hz / 1e9, "note": "a note",
+    }  # fmt: skip
+    found = []
+    with TemporaryDirectory() as folder:
+        for i, kind in enumerate(kinds):
+            found.append(layout_files.write(kind, Path(folder) / f"{i}", tree).read_bytes())
+    return found
+
+
+def layouts() -> list[bytes]:
+    """Layouts: the small one above, and those that are shipped."""
+    shipped = Path(__file__).resolve().parents[2] / "examples" / "layouts"
+    return [LAYOUT, *(path.read_bytes() for path in sorted(shipped.glob("*.toml")))]

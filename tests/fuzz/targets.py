@@ -1,0 +1,301 @@
+"""The readers that are tried, and what each of them may return. A new reader is one entry here."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from clradar.errors import MeasurementError
+from clradar.model import Capture, ChannelCalibration, DepthMap, Volume
+from fuzz import (
+    mutate_bytes,
+    mutate_hdf5,
+    mutate_json,
+    mutate_pickle,
+    mutate_png,
+    mutate_text,
+    mutate_zip,
+    seeds,
+)
+from measurement_io import (
+    Description,
+    Layout,
+    LayoutNeeded,
+    RecordingMetadata,
+    SensorAlignment,
+    check_file,
+    describe,
+    open_capture,
+    open_channels,
+    open_volume,
+    open_with_layout,
+    read_alignment,
+    read_layout,
+    read_metadata,
+)
+from measurement_io.antenna_file import read_antenna_file
+from measurement_io.maroon.products import (
+    AmplitudeImage,
+    AmplitudeVolume,
+    PointCloud,
+    read_amplitude_volume,
+    read_depth_map,
+    read_max_projection,
+    read_points,
+)
+
+Mutator = Callable[[bytes, random.Random], bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """One reader under trial.
+
+    Attributes
+    ----------
+    name : str
+    seeds : callable
+        Makes valid files, small ones, always the same. Reading each has to give a result.
+    read : callable
+        Reads the file at a path.
+    results : tuple of type
+        What reading may return.
+    structured : tuple of callable
+        Mutators that know the format: `(data, random) -> data`. Those of `mutate_bytes` apply too.
+    dictionary : tuple of bytes
+        Tokens of the format, for the byte mutators.
+    file_name : str
+        Where the file lies, relative to an empty folder; a reader may look at its name.
+    around : callable, optional
+        Called once with that empty folder, to put there what has to lie around the file.
+    repair : callable, optional
+        Applied last to most inputs: makes checksums right again, so that mutants get past them.
+    errors : tuple of type
+        What reading may raise.
+    """
+
+    name: str
+    seeds: Callable[[], list[bytes]]
+    read: Callable[[Path], object]
+    results: tuple[type, ...]
+    structured: tuple[Mutator, ...] = ()
+    dictionary: tuple[bytes, ...] = ()
+    file_name: str = "input"
+    around: Callable[[Path], None] | None = None
+    repair: Callable[[bytes], bytes] | None = None
+    errors: tuple[type[Exception], ...] = (MeasurementError, LayoutNeeded)
+
+    def place(self, folder: Path) -> Path:
+        """Make what lies around the input and return where the input goes."""
+        path = folder / self.file_name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if self.around is not None:
+            self.around(folder)
+        return path
+
+    def mutated(self, seed: int, index: int) -> bytes:
+        """Return input number `index` of the run `seed`: the same bytes every time."""
+        rng = random.Random(f"{self.name}/{seed}/{index}")
+        return self.mutate(rng.choice(_corpus(self)), rng)
+
+    def mutate(self, data: bytes, rng: random.Random) -> bytes:
+        """Return `data` with one to a few changes, at times spliced with another seed."""
+        others = _corpus(self)
+        for _ in range(rng.choice((1, 1, 1, 2, 2, 3, 5, 8))):
+            if self.structured and rng.random() < 0.6:
+                data = rng.choice(self.structured)(data, rng)
+            else:
+                data = mutate_bytes.mutate(data, rng, self.dictionary, others)
+        if self.repair is not None and rng.random() < 0.8:
+            data = self.repair(data)
+        return data
+
+
+@cache
+def _corpus(target: Target) -> tuple[bytes, ...]:
+    return tuple(target.seeds())
+
+
+def _open_and_check(opener: Callable[[Path], object]) -> Callable[[Path], object]:
+    def read(path: Path) -> object:
+        found = opener(path)
+        check_file(path)  # looks at more than opening does
+        return found
+
+    return read
+
+
+def _describe_folder(path: Path) -> object:
+    return describe(path.parent)
+
+
+def _product(read: Callable[[Path, int], object]) -> Callable[[Path], object]:
+    return lambda path: read(path.parents[1], 0)
+
+
+def _with_layout(path: Path) -> object:
+    return open_with_layout(path, path.with_name("lab.toml"))
+
+
+def _png(name: str, read: Callable[[Path, int], object], result: type) -> Target:
+    file = f"{name}/000000.png"
+    return Target(
+        f"{name}_png",
+        lambda: seeds.product(file),
+        _product(read),
+        (result,),
+        (mutate_png.mutate_chunks,),
+        mutate_png.DICTIONARY,
+        file_name=f"radar_72.0_82.0_2/{file}",
+        around=seeds.products_folder,
+        repair=mutate_png.with_right_checksums,
+    )
+
+
+def _ply(name: str, read: Callable[[Path, int], object], result: type) -> Target:
+    file = f"{name}/000000.ply"
+    return Target(
+        f"{name}_ply",
+        lambda: seeds.product(file),
+        _product(read),
+        (result,),
+        (mutate_text.mutate_lines,),
+        (b"element vertex 99999999999", b"property list uchar int x", b"end_header", b"ascii"),
+        file_name=f"radar_72.0_82.0_2/{file}",
+        around=seeds.products_folder,
+    )
+
+
+def _lab(
+    name: str,
+    kinds: tuple[str, ...],
+    structured: tuple[Mutator, ...] = (),
+    dictionary: tuple[bytes, ...] = (),
+    repair: Callable[[bytes], bytes] | None = None,
+) -> Target:
+    return Target(
+        name,
+        lambda: seeds.containers(*kinds),
+        _with_layout,
+        (Capture,),
+        structured,
+        dictionary,
+        file_name="lab.bin",
+        around=seeds.layout_file,
+        repair=repair,
+    )
+
+
+TARGETS = {
+    target.name: target
+    for target in (
+        Target(
+            "frame",
+            seeds.frames,
+            open_capture,
+            (Capture,),
+            (mutate_pickle.mutate_npy, mutate_pickle.mutate_operations),
+            mutate_pickle.DICTIONARY,
+            file_name="000000.npy",
+        ),
+        Target(
+            "native_capture",
+            seeds.native_captures,
+            _open_and_check(open_capture),
+            (Capture,),
+            mutate_hdf5.MUTATORS,
+            mutate_hdf5.DICTIONARY,
+            file_name="capture.h5",
+            repair=mutate_hdf5.with_right_checksums,
+        ),
+        Target(
+            "native_volume",
+            seeds.native_volumes,
+            _open_and_check(open_volume),
+            (Volume,),
+            mutate_hdf5.MUTATORS,
+            mutate_hdf5.DICTIONARY,
+            file_name="volume.h5",
+            repair=mutate_hdf5.with_right_checksums,
+        ),
+        Target(
+            "calibration_json",
+            seeds.calibrations,
+            _describe_folder,
+            (Description,),
+            (mutate_json.mutate,),
+            mutate_json.DICTIONARY,
+            file_name="radar_72.0_82.0_2/calibration.json",
+            around=seeds.radar_folder,
+        ),
+        Target(
+            "antennas",
+            seeds.antenna_files,
+            read_antenna_file,
+            (np.ndarray,),
+            (mutate_text.mutate_lines,),
+            mutate_text.DICTIONARY,
+            file_name="Rx.dat",
+        ),
+        Target(
+            "native_channels",
+            seeds.native_channels,
+            _open_and_check(open_channels),
+            (ChannelCalibration,),
+            mutate_hdf5.MUTATORS,
+            mutate_hdf5.DICTIONARY,
+            file_name="channels.h5",
+            repair=mutate_hdf5.with_right_checksums,
+        ),
+        Target(
+            "alignment_json",
+            seeds.alignments,
+            read_alignment,
+            (SensorAlignment,),
+            (mutate_json.mutate,),
+            mutate_json.DICTIONARY,
+            file_name="alignment.json",
+        ),
+        Target(
+            "metadata_json",
+            seeds.metadata,
+            read_metadata,
+            (RecordingMetadata,),
+            (mutate_json.mutate,),
+            mutate_json.DICTIONARY,
+            file_name="metadata.json",
+        ),
+        _png("depth", read_depth_map, DepthMap),
+        _png("maxproj", read_max_projection, AmplitudeImage),
+        _ply("volume", read_amplitude_volume, AmplitudeVolume),
+        _ply("xyz", read_points, PointCloud),
+        _lab(
+            "lab_npz",
+            ("npz", "npz deflated"),
+            (mutate_zip.mutate_members,),
+            mutate_zip.DICTIONARY,
+        ),
+        _lab(
+            "lab_hdf5",
+            ("hdf5", "hdf5 gzip", "hdf5 lzf", "mat v7.3"),
+            mutate_hdf5.MUTATORS,
+            mutate_hdf5.DICTIONARY,
+            mutate_hdf5.with_right_checksums,
+        ),
+        _lab("lab_mat", ("mat v5", "mat v5 deflated")),
+        Target(
+            "layout_toml",
+            seeds.layouts,
+            read_layout,
+            (Layout,),
+            (mutate_text.mutate_lines,),
+            (b"[data]", b"axes", b'"tx"', b"= 1e999", b"[[", b'"""', b"\\u0000", b"inf", b"nan"),
+            file_name="lab.toml",
+        ),
+    )
+}

@@ -1,0 +1,123 @@
+"""Mutated inputs for every reader: some hundred with all the tests, 100 000 in `make fuzz`."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fuzz import campaign
+from fuzz.mutate_hdf5 import lookup3, with_right_checksums
+from fuzz.targets import TARGETS
+
+ROOT = Path(__file__).resolve().parents[2]
+SHORT_RUN = 250
+LONG_RUN = 100_000
+GUIDED_RUN = 20_000
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_short_run(name, tmp_path):
+    outcome = campaign.run(name, SHORT_RUN, keep=tmp_path)
+    assert not outcome.faults, str(outcome)
+    assert outcome.results + outcome.errors == SHORT_RUN
+    # Mutants that are all refused at the first byte, or all accepted, try nothing.
+    assert outcome.results > 0, str(outcome)
+    assert outcome.errors > 0 or name == "calibration_json", str(outcome)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(4 * 3600)
+@pytest.mark.parametrize("name", TARGETS)
+def test_long_run(name):
+    keep = ROOT / "fuzz-faults"  # stays, to be looked at
+    outcome = campaign.run(name, LONG_RUN, seed=1, keep=keep)
+    assert not outcome.faults, str(outcome)
+    assert outcome.results + outcome.errors == LONG_RUN
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("name", TARGETS)
+def test_guided_run(name, tmp_path):
+    if importlib.util.find_spec("atheris") is None:
+        pytest.skip("atheris is not installed: pip install '.[fuzz]' (Linux on x86-64 only)")
+    paths = [str(ROOT), str(ROOT / "tests")]
+    command = [sys.executable, "-m", "fuzz.guided", name, "--runs", str(GUIDED_RUN)]
+    done = subprocess.run(
+        [*command, "--keep", str(tmp_path)],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert f"Done {GUIDED_RUN} runs" in done.stderr
+
+
+# ---- the harness itself
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("other_exception", "raises KeyError"),
+        ("two_lines", "says"),
+        ("no_name", "does not name the file"),
+        ("subclass", "a subclass"),
+        ("run_a_command", "os.system"),
+        ("start_a_program", "subprocess.Popen"),
+        ("run_code", "executes"),
+        ("import_a_module", "imports this"),
+        ("write", "for writing"),
+        ("open_another", "/etc/hostname"),
+        ("take_memory", "MB of memory"),
+        ("hang", "takes more than 1 s"),
+        ("die", "ends the process with -11"),
+    ],
+)
+def test_what_a_reader_must_not_do_is_noticed(name, found, tmp_path):
+    target = f"fuzz.broken_readers:{name}"
+    limit_s = 1 if name == "hang" else campaign.TIME_LIMIT_S
+    outcome = campaign.run(target, 12, keep=tmp_path / "kept", time_limit_s=limit_s)
+    assert outcome.faults
+    for fault in outcome.faults:
+        assert found in fault.what
+        assert len(fault.saved.read_bytes()) % 7 == 3
+        assert str(fault.saved) in str(outcome)
+    # The others were read all the same, each once.
+    assert outcome.errors + outcome.results + len(outcome.faults) == 12
+    assert outcome.errors > 0
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_inputs_can_be_made_again(name):
+    target = TARGETS[name]
+    made = [target.mutated(3, index) for index in range(20)]
+    assert made == [target.mutated(3, index) for index in range(20)]
+    assert len(set(made)) > 10
+    assert made != [target.mutated(4, index) for index in range(20)]
+
+
+@pytest.mark.parametrize("name", ["native_capture", "native_volume"])
+def test_checksums_of_hdf5(name):
+    # Right ones stay, wrong ones become right: the hash is HDF5's.
+    for content in TARGETS[name].seeds():
+        assert with_right_checksums(content) == content
+    content = TARGETS[name].seeds()[0]
+    for place in (10, 40, content.index(b"OHDR") + 20):  # the superblock and the first header
+        damaged = bytearray(content)
+        damaged[place] ^= 1
+        repaired = with_right_checksums(bytes(damaged))
+        assert repaired != bytes(damaged)
+        assert with_right_checksums(repaired) == repaired
+
+
+def test_lookup3():
+    # From the comments of the hash's source, lookup3.c.
+    assert lookup3(b"") == 0xDEADBEEF
+    assert lookup3(b"Four score and seven years ago") == 0x17770551

@@ -1,0 +1,62 @@
+"""Captures of calibration targets by an instrument with errors that are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+import clradar
+from calibration import Target, response
+from clradar import AntennaArray, Capture, ChannelResponse, Waveform
+
+SNR_DB = 20.0
+DEAD_TX, DEAD_RX = (3, 50), (17,)
+
+QAR50 = clradar.arrays.qar50()
+SMALL = AntennaArray(QAR50.tx_m[::4], QAR50.rx_m[::4], "every fourth")
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """Channels with errors, and a source of noise."""
+
+    array: AntennaArray
+    waveform: Waveform
+    channels: ChannelResponse
+    rng: np.random.Generator
+
+    def record(self, ideal: np.ndarray, snr_db: float = SNR_DB) -> Capture:
+        """Return a capture of what ideal channels would record; the ratio is that of samples."""
+        frequencies_hz = self.waveform.frequencies_hz
+        tx = self.channels.tx_response(frequencies_hz)
+        data = ideal * tx[:, None] * self.channels.rx_response(frequencies_hz)
+        level = np.sqrt(np.mean(np.abs(ideal) ** 2)) * 10 ** (-snr_db / 20)
+        return Capture(data + level * self.noise(data.shape), self.array, self.waveform)
+
+    def noise(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Return complex white noise of power 1."""
+        re, im = self.rng.normal(scale=np.sqrt(0.5), size=(2, *shape))
+        return re + 1j * im
+
+    def record_target(self, target: Target, snr_db: float = SNR_DB) -> Capture:
+        return self.record(response(target, self.array, self.waveform), snr_db)
+
+
+def instrument(
+    seed: int,
+    array: AntennaArray = QAR50,
+    n_freq: int = 32,
+    dead_tx: tuple[int, ...] = (),
+    dead_rx: tuple[int, ...] = (),
+    common_delay_s: float = 0.0,
+) -> Instrument:
+    """Return an instrument: gains +-3 dB, any phase, delays +-20 ps, all uniform."""
+    waveform = Waveform.sfcw(72e9, 82e9, n_freq)
+    drawn = clradar.draw_channels(array, waveform, seed=seed, dead_tx=dead_tx, dead_rx=dead_rx)
+    channels = replace(
+        drawn,
+        tx_delay_s=drawn.tx_delay_s + common_delay_s / 2,
+        rx_delay_s=drawn.rx_delay_s + common_delay_s / 2,
+    )
+    return Instrument(array, waveform, channels, np.random.default_rng(seed))
