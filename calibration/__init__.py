@@ -6,11 +6,12 @@ from calibration.align_mesh import align_mesh
 from calibration.alignment import Alignment
 from calibration.background import average_frames, subtract_background
 from calibration.channels import estimate_channels
+from calibration.closed_loop import Round
 from calibration.conventions import HYPOTHESES, Hypothesis, apply_convention
 from calibration.correction import correct
 from calibration.diagnose import Diagnosis, Score, diagnose
 from calibration.gating import Gate, gate, range_gate
-from calibration.register import Registration, Round, register
+from calibration.register import Registration, register
 from calibration.targets import CornerReflector, Echo, FlatPlate, Sphere, Target, response
 
 __all__ = [
