@@ -1,13 +1,17 @@
 """What a recording needs before it is imaged, and what lines a simulation up with it."""
 
 # Functions take the names of their modules: `from calibration import align` gives the function.
-from calibration.align import Alignment, align
-from calibration.background import average_frames, subtract_background
-from calibration.channels import estimate_channels
+from calibration.align_images import align
+from calibration.align_mesh import align_mesh
+from calibration.alignment import Alignment
+from calibration.closed_loop import Round
 from calibration.conventions import HYPOTHESES, Hypothesis, apply_convention
 from calibration.correction import correct
 from calibration.diagnose import Diagnosis, Score, diagnose
+from calibration.estimate_channels import estimate_channels
 from calibration.gating import Gate, gate, range_gate
+from calibration.register import Registration, register
+from calibration.subtraction import average_frames, subtract_background
 from calibration.targets import CornerReflector, Echo, FlatPlate, Sphere, Target, response
 
 __all__ = [
@@ -19,10 +23,13 @@ __all__ = [
     "FlatPlate",
     "Gate",
     "Hypothesis",
+    "Registration",
+    "Round",
     "Score",
     "Sphere",
     "Target",
     "align",
+    "align_mesh",
     "apply_convention",
     "average_frames",
     "correct",
@@ -30,6 +37,7 @@ __all__ = [
     "estimate_channels",
     "gate",
     "range_gate",
+    "register",
     "response",
     "subtract_background",
 ]

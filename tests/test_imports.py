@@ -20,7 +20,7 @@ LAYERS = (
     ("clradar.channel_errors", "clradar.block_tree"),
     ("clradar.impair",),
     ("clradar.trace",),
-    ("clradar.synthesize", "clradar.formers"),
+    ("clradar.synthesize", "clradar.formers", "clradar.visible"),
     ("clradar.backproject",),
     ("clradar.overlap",),
     ("clradar.compare",),

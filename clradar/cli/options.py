@@ -99,6 +99,10 @@ DynamicRangeOption = Annotated[
     float,
     typer.Option("--dynamic-range-db", metavar="DB", help="Cut this far below an image's maximum."),
 ]
+SearchOption = Annotated[
+    float,
+    typer.Option("--search-deg", metavar="DEG", help="Rotations about boresight that are tried."),
+]
 FrameOption = Annotated[
     Optional[int],  # noqa: UP045
     typer.Option("--frame", metavar="N", help="Frame of a recording. [default: 0]"),
