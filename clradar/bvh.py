@@ -18,10 +18,19 @@ import numpy as np
 
 from clradar.model import checks
 
+WIDTH = 8
+"""Children per node in the kernels."""
+
+BLOCK = 8
+"""Triangles per leaf in the kernels."""
+
+EMPTY_M = 1e30
+"""Bound of a box that holds nothing."""
+
 BINS = 16
 """Candidate planes per axis and node."""
 
-LEAF_ALWAYS = 2
+LEAF_ALWAYS = 8
 """A node with so few triangles is a leaf."""
 
 LEAF_MOST = 8
@@ -109,34 +118,91 @@ def error_bound_m(*points_m: np.ndarray) -> float:
     return ERROR_ULPS * 2.0**-24 * farthest
 
 
-def flatten(bvh: Bvh, triangles_m: np.ndarray, delta_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the kernels read: padded nodes and triangles in leaf order.
+def flatten(
+    bvh: Bvh, triangles_m: np.ndarray, delta_m: float
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return what the kernels read: padded nodes of eight children and blocks of triangles.
 
     Returns
     -------
-    nodes : ndarray, shape (n_nodes, 16), float32
-    triangles : ndarray, shape (max(n_kept, 1), 16), float32
+    nodes : ndarray, shape (n_nodes, 64), float32
+    triangles : ndarray, shape (n_blocks, 16, 8), float32
+    stack : int
+        Entries of the stack of a traversal that keeps all children that it still has to visit, in
+        steps, so that scenes of similar depth share their programs.
     """
-    nodes = bvh.nodes.copy()
+    low = np.concatenate([bvh.nodes[:, 0:3], bvh.nodes[:, 8:11]], axis=1).reshape(-1, 3)
+    high = np.concatenate([bvh.nodes[:, 4:7], bvh.nodes[:, 12:15]], axis=1).reshape(-1, 3)
+    refs = np.ascontiguousarray(bvh.nodes).view(np.int32)[:, [3, 7]].ravel()
+    levels, most_kept = _widened(refs, _area(low.T, high.T))
+    box = np.concatenate(levels)  # (n_nodes, WIDTH) indices into low, high and refs; -1: none
+    inner = (box >= 0) & (refs[box] >= 0)
+    filled = (box >= 0) & (refs[box] < -1)
+    children = np.full(box.shape, _leaf(0, 0), dtype=np.int32)
+    # Level by level, the inner children are the next nodes in the order in which they are met.
+    children[inner] = np.arange(1, inner.sum() + 1)
+    children[filled] = -1 - np.arange(filled.sum())
+    leaf = -(refs[box[filled]] + 1)
+    records = _records(bvh, leaf >> 4, leaf & 15, triangles_m)
     pad = np.float32(delta_m * (1 + 2.0**-10))
-    for lo, hi in ((0, 4), (8, 12)):
-        nodes[:, lo : lo + 3] -= pad
-        nodes[:, hi : hi + 3] += pad
-    triangles = np.zeros((max(len(bvh.order), 1), 16), dtype=np.float32)
-    corners = np.asarray(triangles_m, dtype=np.float32)[bvh.order].astype(np.float64)
-    n = len(bvh.order)
+    far = np.float32(EMPTY_M)
+    nodes = np.zeros((len(box), 8, WIDTH), dtype=np.float32)
+    for axis in range(3):
+        nodes[:, axis] = np.where(box >= 0, low[box, axis] - pad, far)
+        nodes[:, 3 + axis] = np.where(box >= 0, high[box, axis] + pad, -far)
+    nodes.view(np.int32)[:, 6] = children
+    return nodes.reshape(-1, 8 * WIDTH), records, -(-most_kept // 16) * 16
+
+
+def _widened(refs: np.ndarray, area: np.ndarray) -> tuple[list[np.ndarray], int]:
+    """Merge binary nodes into nodes of `WIDTH` children, the largest child opened first.
+
+    Returns the children of every wide node, level by level, as indices of boxes (2 node + side, -1:
+    none), and how many children a traversal may have to keep at a time.
+    """
+    cost = np.where(refs >= 0, area, -1.0)
+    parents = np.zeros(1, dtype=np.int64)
+    kept = np.zeros(1, dtype=np.int64)  # children that wait when a traversal comes to a node
+    levels, stack = [], 0
+    while len(parents):
+        box = np.full((len(parents), WIDTH), -1)
+        box[:, 0], box[:, 1] = 2 * parents, 2 * parents + 1
+        rows = np.arange(len(parents))
+        count = np.full(len(parents), 2)
+        for used in range(2, WIDTH):
+            costs = np.where(box[rows, :used] >= 0, cost[box[rows, :used]], -1.0)
+            which = costs.argmax(axis=1)
+            can = costs[np.arange(len(rows)), which] >= 0
+            rows, which = rows[can], which[can]
+            opened = refs[box[rows, which]]
+            box[rows, which], box[rows, used] = 2 * opened, 2 * opened + 1
+            count[rows] += 1
+        levels.append(box)
+        stack = max(stack, int((kept + count).max()))
+        inner = (box >= 0) & (refs[box] >= 0)
+        parents = refs[box[inner]]
+        kept = np.repeat(kept + count - 1, inner.sum(axis=1))
+    return levels, stack
+
+
+def _records(bvh: Bvh, first: np.ndarray, count: np.ndarray, triangles_m: np.ndarray) -> np.ndarray:
+    """Return the triangles of the leaves in blocks, as ``kernels/common/bvh.h`` lays them out."""
+    out = np.zeros((max(len(first), 1), 16, BLOCK), dtype=np.float32)
+    out[:, 14] = 1.0  # columns that are not used
+    block = np.repeat(np.arange(len(first)), count)
+    column = _places(np.zeros_like(first), count)
+    faces = bvh.order[_places(first, count)]
+    corners = np.asarray(triangles_m, dtype=np.float32)[faces].astype(np.float64)
     e1 = corners[:, 1] - corners[:, 0]
     e2 = corners[:, 2] - corners[:, 0]
     normal = np.cross(e1, e2)
-    triangles[:n, 0:3] = corners[:, 0]
-    triangles[:n, 3] = bvh.order.view(np.float32)
-    triangles[:n, 4:7] = e1
-    triangles[:n, 7] = np.linalg.norm(e1, axis=1)
-    triangles[:n, 8:11] = e2
-    triangles[:n, 11] = np.linalg.norm(e2, axis=1)
-    triangles[:n, 12:15] = normal
-    triangles[:n, 15] = np.linalg.norm(normal, axis=1) * 2.0**-21
-    return nodes, triangles
+    rows = np.empty((len(faces), 16), dtype=np.float32)
+    rows[:, 0:3], rows[:, 3:6], rows[:, 6:9], rows[:, 9:12] = corners[:, 0], e1, e2, normal
+    rows[:, 12], rows[:, 13] = np.linalg.norm(e1, axis=1), np.linalg.norm(e2, axis=1)
+    rows[:, 14] = np.linalg.norm(normal, axis=1) * 2.0**-21
+    rows[:, 15] = faces.view(np.float32)
+    out[block, :, column] = rows
+    return out
 
 
 class _Builder:
@@ -316,7 +382,7 @@ def _area(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def _empty_box() -> np.ndarray:
-    far = np.float32(1e30)
+    far = np.float32(EMPTY_M)
     return np.array([[far, far, far, -far, -far, -far]], dtype=np.float32)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from clradar.bvh import build_bvh, error_bound_m, face_normals, flatten
+from clradar.bundles import GROUP, bundled, grouped, items
 from clradar.errors import MeshError
 from clradar.model import AntennaArray, Paths, Scene, TraceStatistics, checks
 from clradar.normals import CREASE_DEG, corner_normals
@@ -22,9 +23,6 @@ from clradar.packing import hi_lo
 RECEPTION_RADIUS_M = 0.010
 SAMPLES_PER_MM2 = 10.0
 RAYS_PER_SAMPLE = 4
-
-GROUP = 8
-"""Antennas per group in the kernels."""
 
 TILE_SAMPLES = 16384
 """Samples per tile, fewer where memory is short. No result depends on it."""
@@ -301,11 +299,9 @@ class Tracer:
         triangles = scene.triangles_m
         bvh = build_bvh(triangles)
         self._delta = np.float32(error_bound_m(triangles, array.tx_m, array.rx_m))
-        nodes, records = flatten(bvh, triangles, float(self._delta))
+        nodes, records, stack = flatten(bvh, triangles, float(self._delta))
         corners, faces = corner_normals(scene, self.settings.normals, self.settings.crease_deg)
         alpha = np.asarray(scene.alpha, dtype=np.float32)
-        slots = bvh.order
-        # What faces need: sampling goes by face, bounces by slot in the tree.
         self._sampling = [
             up(self._face_start),
             up(triangles.astype(np.float32)),
@@ -313,18 +309,16 @@ class Tracer:
             up(faces.astype(np.float32)),
         ]
         self._tree = [up(nodes), up(records)]
-        self._surface = [up(corners[slots].astype(np.float32)), up(alpha[slots])]
+        self._surface = [self._sampling[2], up(alpha)]
         self._face_alpha = alpha
         self._n_tx_groups = -(-array.n_tx // GROUP)
         self._n_rx_groups = -(-array.n_rx // GROUP)
-        self._tx_soa = up(_grouped(array.tx_m, self._n_tx_groups, array.tx_m[-1]))
+        self._tx_soa = up(bundled(array.tx_m))
         self._antennas = [up(part) for a in (array.tx_m, array.rx_m) for part in hi_lo(a)]
         out_of_reach = array.rx_m.max(axis=0) + 1e3 + self.settings.reception_radius_m * 10
-        self._rx_soa = up(_grouped(array.rx_m, self._n_rx_groups, out_of_reach))
+        self._rx_soa = up(grouped(array.rx_m, out_of_reach))
         self._box = self._reception_box()
         self._counter = self._buffers.zeros(12)
-        # In steps, so that scenes of similar depth share their programs.
-        stack = -(-bvh.depth // 8) * 8
         self._sample = build(device, "sample.cl", _SampleOptions(1))
         self._visibility = build(device, "visibility.cl", _VisibilityOptions(device.width, stack))
         spreading = self.settings.amplitude == "spreading"
@@ -395,7 +389,7 @@ class Tracer:
         faces = self._buffers.read(face, count, np.int32)
         self._buffers.write(alpha, self._face_alpha[faces])
         self._visibility.launch(
-            "visible_antennas", (count, self._n_tx_groups), u(count), u(array.n_tx),
+            "visible_antennas", items(self.device, count, self._n_tx_groups), u(count), u(array.n_tx),
             u(self._n_tx_groups), self._delta, *self._tree, self._tx_soa, points, geometric,
             visible,
         )  # fmt: skip
@@ -430,11 +424,3 @@ class Tracer:
         return Receptions(
             (keys >> 32).astype(np.uint32), paths[place], bounces.astype(np.uint8), statistics
         )
-
-
-def _grouped(positions_m: np.ndarray, n_groups: int, filler: np.ndarray) -> np.ndarray:
-    """Return positions as (3, n_groups * GROUP) float32, the last group filled up."""
-    out = np.empty((3, n_groups * GROUP), dtype=np.float32)
-    out[:] = np.asarray(filler, dtype=np.float32)[:, None]
-    out[:, : len(positions_m)] = positions_m.T
-    return out

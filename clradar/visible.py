@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from clradar.bundles import GROUP, bundled, items
 from clradar.bvh import build_bvh, error_bound_m, flatten
 from clradar.model import Scene, checks
 from clradar.normals import corner_normals
 from clradar.opencl import Buffers, Device, build
 from clradar.trace import (
-    GROUP,
-    _grouped,
     _SampleOptions,
     _VisibilityOptions,
     resolve_settings,
@@ -68,14 +67,13 @@ class VisibleSurface:
         triangles = self._scene.triangles_m
         bvh = build_bvh(triangles)
         self._delta = np.float32(error_bound_m(triangles, np.array([[self._reach_m, 0.0, 0.0]])))
-        nodes, records = flatten(bvh, triangles, float(self._delta))
+        nodes, records, stack = flatten(bvh, triangles, float(self._delta))
         corners, faces = corner_normals(self._scene)
         counts = samples_per_face(self._scene, self._settings)
         n = int(counts.sum())
         start = np.concatenate([[0], np.cumsum(counts)]).astype(np.uint32)
         self._tree = [up(nodes), up(records)]
         self._points, shading, self._geometric = (self._buffers.empty(12 * n) for _ in range(3))
-        stack = -(-bvh.depth // 8) * 8
         u = np.uint32
         build(device, "sample.cl", _SampleOptions(1)).launch(
             "sample_surface", (n,), u(len(counts)), u(0), u(n), u(0), u(0), up(start),
@@ -103,8 +101,8 @@ class VisibleSurface:
         with Buffers(self._device) as buffers:
             bits = buffers.empty(n * groups)
             self._program.launch(
-                "visible_antennas", (n, groups), u(n), u(len(at)), u(groups), self._delta,
-                *self._tree, buffers.upload(_grouped(at, groups, at[-1])), self._points,
+                "visible_antennas", items(self._device, n, groups), u(n), u(len(at)), u(groups),
+                self._delta, *self._tree, buffers.upload(bundled(at)), self._points,
                 self._geometric, bits,
             )  # fmt: skip
             packed = buffers.read(bits, (n, groups), np.uint8)

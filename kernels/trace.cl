@@ -29,95 +29,10 @@ static inline dual dual_distance(float3 p, float3 a_hi, float3 a_lo) {
                        dual_difference(p.z, 0.0f, a_hi.z, a_lo.z));
 }
 
-typedef struct {
-    float distance; /* negative: nothing within reach */
-    int triangle;
-    float u, v;
-} hit_record;
-
 /* Nearest triangle along o + t d, 0 < t < reach. */
 static hit_record closest_hit(__global const float *nodes, __global const float *triangles,
-                              const float3 o, const float3 d, float reach) {
-    const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
-    hit_record best;
-    best.distance = -1.0f;
-    best.triangle = -1;
-    best.u = best.v = 0.0f;
-    int stack[CLR_STACK];
-    int top = 0;
-    int child = 0;
-    for (;;) {
-        if (child >= 0) {
-            __global const float *node = nodes + (size_t)child * NODE_FLOATS;
-            float entry[2];
-            int hit[2];
-            for (int side = 0; side < 2; ++side) {
-                const float3 a = (load3(node + 8 * side) - o) * inverse;
-                const float3 b = (load3(node + 8 * side + 4) - o) * inverse;
-                float near = 0.0f, far = reach;
-                float n = a.x < b.x ? a.x : b.x, f = a.x < b.x ? b.x : a.x;
-                near = near > n ? near : n;
-                far = far < f ? far : f;
-                n = a.y < b.y ? a.y : b.y;
-                f = a.y < b.y ? b.y : a.y;
-                near = near > n ? near : n;
-                far = far < f ? far : f;
-                n = a.z < b.z ? a.z : b.z;
-                f = a.z < b.z ? b.z : a.z;
-                near = near > n ? near : n;
-                far = far < f ? far : f;
-                entry[side] = near;
-                hit[side] = near <= far;
-            }
-            const int left = as_int(node[3]), right = as_int(node[7]);
-            if (hit[0] && hit[1]) {
-                const bool left_first = entry[0] <= entry[1];
-                stack[top++] = left_first ? right : left;
-                child = left_first ? left : right;
-                continue;
-            }
-            if (hit[0]) {
-                child = left;
-                continue;
-            }
-            if (hit[1]) {
-                child = right;
-                continue;
-            }
-        } else {
-            const int leaf = -(child + 1);
-            const int first = leaf >> 4, count = leaf & 15;
-            for (int i = first; i < first + count; ++i) {
-                __global const float *t = triangles + (size_t)i * TRIANGLE_FLOATS;
-                const float3 e1 = load3(t + 4), e2 = load3(t + 8), normal = load3(t + 12);
-                const float3 to = load3(t) - o;
-                const float dn = dot3(d, normal);
-                const float sign = dn < 0.0f ? -1.0f : 1.0f;
-                const float size = dn * sign;
-                const float u = dot3(d, cross3(e2, to)) * sign;
-                const float v = dot3(d, cross3(to, e1)) * sign;
-                const float distance = dot3(to, normal) * sign;
-                const float error = edge_error(to), eu = error * t[11], ev = error * t[7];
-                const float ew = eu + ev + t[15];
-                if (u >= -eu && v >= -ev && u + v <= size + ew && size > t[15] &&
-                    distance > 0.0f && distance < reach * size) {
-                    const bool sure = u > eu && v > ev && u + v < size - ew;
-                    if (!sure && !inside_triangle(t, o, d.x, d.y, d.z)) continue;
-                    const float at = distance / size;
-                    /* Of two at the same distance the one with the lower slot stays. */
-                    if (at < reach || best.triangle < 0) {
-                        reach = at;
-                        best.distance = at;
-                        best.triangle = i;
-                        best.u = u / size;
-                        best.v = v / size;
-                    }
-                }
-            }
-        }
-        if (top == 0) return best;
-        child = stack[--top];
-    }
+                              const float3 o, const float3 d, const float reach) {
+    return traced(nodes, triangles, o, d, reach, false);
 }
 
 /* Distance along the ray at which it enters each sphere of a group of 8 receivers; negative where it
@@ -147,8 +62,8 @@ static inline bool meets_box(const float3 o, const float3 d, const float4 low, c
 }
 
 /* nodes, triangles  see common/bvh.h
- * normal    float (n_triangles, 3, 3)  unit normals at the corners, in leaf order
- * alpha     float (n_triangles)        in leaf order
+ * normal    float (n_faces, 3, 3)      unit normals at the corners
+ * alpha     float (n_faces)
  * tx_hi, tx_lo, rx_hi, rx_lo  float (n, 3)  antennas, metres, as hi + lo
  * rx_soa    float (3, n_rx_groups * 8) receivers once more, padded with positions out of reach
  * point, shading, geometric  float (n_samples, 3)   sample_alpha float (n_samples)
@@ -275,22 +190,23 @@ __kernel void trace_rays(
                 if (last || hit.triangle < 0) break;
 
                 /* On to the next bounce. */
-                __global const float *t = triangles + (size_t)hit.triangle * TRIANGLE_FLOATS;
+                __global const float *t = slot_of(triangles, hit.triangle);
+                const int hit_face = as_int(t[ROW_FACE]);
                 const float u = limited(hit.u, 0.0f, 1.0f);
                 const float v = limited(hit.v, 0.0f, 1.0f - u);
-                const float3 next = load3(t) + u * load3(t + 4) + v * load3(t + 8);
+                const float3 next = rows3(t) + u * rows3(t + ROW_E1) + v * rows3(t + ROW_E2);
                 const dual leg = dual_distance(p, next, (float3)(0.0f));
                 travelled = dual_add(travelled, leg);
                 /* Not (next - p) / |next - p|: the ray started above p, which would turn short legs. */
                 t_i = t_c;
                 p = next;
-                face = unit(load3(t + 12));
-                __global const float *corners = normal + 9 * (size_t)hit.triangle;
+                face = unit(rows3(t + ROW_N));
+                __global const float *corners = normal + 9 * (size_t)hit_face;
                 const float3 blend = (1.0f - u - v) * load3(corners) + u * load3(corners + 3) +
                                      v * load3(corners + 6);
                 const float norm = length3(blend);
                 n = norm > 1e-6f ? blend / norm : face;
-                a = alpha[hit.triangle];
+                a = alpha[hit_face];
             }
         }
     }

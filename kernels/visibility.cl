@@ -1,8 +1,15 @@
 /* Which transmit antennas does each surface point see?
  *
  * Step 1 of the model: the ray Tx -> p counts if p is what it hits first. It is asked from the point's
- * side, since one origin with many directions shares most of the triangle test: item = one point and
- * 8 antennas, any hit, 8 directions at a time on a CPU and one after the other on a GPU.
+ * side, since one origin with many directions shares most of the work: any hit ends a ray.
+ *
+ * On a CPU, item = one point. The antennas come in bundles of up to 8 groups of up to 8 that are close to
+ * each other. One pass through the tree serves a bundle: the shaft from the point around all its
+ * antennas is held against the boxes of 8 children at a time. A triangle that it reaches is held
+ * against the shafts of the 8 groups at a time, and against the 8 rays of the groups that are left. The
+ * shafts only save work: what blocks a ray is decided for each ray by itself.
+ *
+ * On a GPU, item = one point and 8 antennas, one ray after the other.
  *
  * The origin is lifted off its face by `offset` = 2 delta towards the antenna (see common/bvh.h), so that
  * its own face and coincident ones are never hit. */
@@ -11,85 +18,165 @@
 
 #define GROUP 8
 
-/* Clear the lanes of `reach` (distance to each antenna; negative = done) that anything blocks. */
-static inline realw blocked(__global const float *nodes, __global const float *triangles,
-                            const float3 o, const realw dx, const realw dy, const realw dz,
-                            realw reach) {
-    const realw tiny = 1e-18f; /* keeps the inverses finite: no product with them is NaN */
-    const realw ix = 1.0f / (((dx < tiny) & (dx > -tiny)) ? tiny : dx);
-    const realw iy = 1.0f / (((dy < tiny) & (dy > -tiny)) ? tiny : dy);
-    const realw iz = 1.0f / (((dz < tiny) & (dz > -tiny)) ? tiny : dz);
+#if CLR_WIDTH == 8
+
+#define GROUPS 8
+#define SLOTS (GROUPS * GROUP)
+
+/* A bundle in the buffer of antennas: */
+#define BUNDLE_GROUPS 0   /* int: groups in use */
+#define BUNDLE_FIRST 8    /* int (8): first antenna of each group, in ascending order */
+#define BUNDLE_LOW 16     /* (3, 8): low corner of each group's box, metres */
+#define BUNDLE_HIGH 40    /* (3, 8) */
+#define BUNDLE_AT 64      /* (3, 64): antennas, metres; the last of a group is repeated */
+#define BUNDLE_ANTENNA 256 /* int (64): which antenna; -1: padding */
+#define BUNDLE_FLOATS 320
+
+/* Slopes of the rays of 8 groups to the two other axes, per metre along the main axis. */
+typedef struct {
+    float8 a_middle, a_half, b_middle, b_half;
+    float a_low, a_high, b_low, b_high; /* of all groups together */
+    float a_centre, a_extent, b_centre, b_extent; /* the same */
+} shafts;
+
+static inline float most8(float8 v) {
+    return -least8(-v);
+}
+
+/* A block of triangles as seen from the origin: for each of the three edges the q of d.q >= -error. */
+typedef struct {
+    float8 x, y, z;         /* q */
+    float8 x_size, y_size;  /* |x|, |y| */
+    float8 along;           /* +-z + slack: what d.q is more than, along the main axis */
+} edge8;
+
+static inline edge8 edge_of(const float8 x, const float8 y, const float8 z, const float8 slack,
+                            const float sense) {
+    edge8 e;
+    e.x = x;
+    e.y = y;
+    e.z = z;
+    e.x_size = absolute8(x);
+    e.y_size = absolute8(y);
+    e.along = fused8(z, (float8)(sense), slack);
+    return e;
+}
+
+/* The most that d.q + slack reaches for any direction of the shaft, for each of 8 vectors q. */
+static inline float8 most_of(const edge8 e, const shafts *shaft) {
+    return fused8(e.x_size, shaft->a_extent,
+                  fused8(e.y_size, shaft->b_extent,
+                         fused8(e.x, shaft->a_centre, fused8(e.y, shaft->b_centre, e.along))));
+}
+
+/* The same for one of the vectors and the shafts of 8 groups. */
+static inline float8 most_in(const edge8 *edge, const int lane, const shafts *shaft) {
+    const float *e = (const float *)edge + lane;
+    return fused8(shaft->a_half, e[24],
+                  fused8(shaft->b_half, e[32],
+                         fused8(shaft->a_middle, e[0], fused8(shaft->b_middle, e[8], e[40]))));
+}
+
+/* Clear the lanes of `reach` (distance to each antenna; negative = done) that anything blocks.
+ *
+ * axes = (main, second, third), cyclic; `sense` is the sign of the rays along the main one.
+ * direction (3, 8): unit directions by axis and group. `alive`: groups with a ray to be decided. */
+static void block(__global const float *nodes, __global const float *triangles, const float3 from,
+                  const int main, const float sense, const shafts shaft, const float farthest,
+                  const float slant, const float8 *direction, float8 *reach, uint alive) {
+    const int second = main == 2 ? 0 : main + 1, third = main == 0 ? 2 : main - 1;
+    const float origin[3] = {from.x, from.y, from.z};
+    const float3 o = (float3)(origin[second], origin[third], origin[main]);
+    const int near_row = 8 * main + (sense > 0.0f ? 0 : NODE_HIGH);
+    const int far_row = 8 * main + (sense > 0.0f ? NODE_HIGH : 0);
     int stack[CLR_STACK];
     int top = 0;
     int child = 0;
     for (;;) {
         if (child >= 0) {
             __global const float *node = nodes + (size_t)child * NODE_FLOATS;
-            int hit[2];
-            for (int side = 0; side < 2; ++side) {
-                __global const float *box = node + 8 * side;
-                realw a = (box[0] - o.x) * ix, b = (box[4] - o.x) * ix;
-                realw near = a < b ? a : b, far = a < b ? b : a;
-                a = (box[1] - o.y) * iy;
-                b = (box[5] - o.y) * iy;
-                realw n = a < b ? a : b, f = a < b ? b : a;
-                near = near > n ? near : n;
-                far = far < f ? far : f;
-                a = (box[2] - o.z) * iz;
-                b = (box[6] - o.z) * iz;
-                n = a < b ? a : b;
-                f = a < b ? b : a;
-                near = near > n ? near : n;
-                far = far < f ? far : f;
-                near = near > 0.0f ? near : (realw)(0.0f);
-                far = far < reach ? far : reach;
-                hit[side] = ANYW(near <= far);
-            }
-            const int left = as_int(node[3]), right = as_int(node[7]);
-            if (hit[0]) {
-                if (hit[1]) stack[top++] = right;
-                child = left;
-                continue;
-            }
-            if (hit[1]) {
-                child = right;
-                continue;
+            const float8 start = larger8((LOAD8(node + near_row) - o.z) * sense, (float8)(0.0f));
+            const float8 end = smaller8((LOAD8(node + far_row) - o.z) * sense, (float8)(farthest));
+            const float8 a_low = smaller8(start * shaft.a_low, end * shaft.a_low);
+            const float8 a_high = larger8(start * shaft.a_high, end * shaft.a_high);
+            const float8 b_low = smaller8(start * shaft.b_low, end * shaft.b_low);
+            const float8 b_high = larger8(start * shaft.b_high, end * shaft.b_high);
+            uint hit = lanes8((start <= end) & (a_low <= LOAD8(node + 8 * second + NODE_HIGH) - o.x) &
+                              (a_high >= LOAD8(node + 8 * second) - o.x) &
+                              (b_low <= LOAD8(node + 8 * third + NODE_HIGH) - o.y) &
+                              (b_high >= LOAD8(node + 8 * third) - o.y));
+            __global const int *children = (__global const int *)(node + NODE_CHILDREN);
+            while (hit) {
+                const int lane = lowest(hit);
+                hit &= hit - 1;
+                stack[top++] = children[lane];
             }
         } else {
-            const int leaf = -(child + 1);
-            const int first = leaf >> 4, count = leaf & 15;
-            for (int i = first; i < first + count; ++i) {
-                __global const float *t = triangles + (size_t)i * TRIANGLE_FLOATS;
-                const float3 e1 = load3(t + 4), e2 = load3(t + 8), n = load3(t + 12);
-                const float3 to = load3(t) - o;
-                const float3 q2 = cross3(e2, to), q1 = cross3(to, e1);
-                const float tn = dot3(to, n);
-                const realw dn = dx * n.x + dy * n.y + dz * n.z;
-                const realw sign = dn < 0.0f ? (realw)(-1.0f) : (realw)(1.0f);
-                const realw size = dn * sign;
-                const realw u = (dx * q2.x + dy * q2.y + dz * q2.z) * sign;
-                const realw v = (dx * q1.x + dy * q1.y + dz * q1.z) * sign;
-                const realw distance = tn * sign;
-                const float error = edge_error(to), eu = error * t[11], ev = error * t[7];
-                const float ew = eu + ev + t[15];
-                intw hit = (u >= -eu) & (v >= -ev) & (u + v <= size + ew) & (size > t[15]) &
-                           (distance > 0.0f) & (distance < reach * size);
-                const intw unsure = hit & ((u <= eu) | (v <= ev) | (u + v >= size - ew));
-                if (ANYW(unsure)) {
-                    const intw inside = inside_triangle(t, o, dx, dy, dz);
-                    hit = unsure ? inside : hit;
-                }
-                reach = hit ? (realw)(-1.0f) : reach;
+            __global const float *rows = triangles + (size_t)-(child + 1) * BLOCK_FLOATS;
+            const seen_block s = block_from(rows, o, second, third, main);
+            const edge8 eu = edge_of(s.q2x, s.q2y, s.q2z, slant * s.eu, sense);
+            const edge8 ev = edge_of(s.q1x, s.q1y, s.q1z, slant * s.ev, sense);
+            const edge8 ew = edge_of(s.nx - s.q2x - s.q1x, s.ny - s.q2y - s.q1y,
+                                     s.nz - s.q2z - s.q1z, slant * s.ew, sense);
+            const edge8 facing = edge_of(s.nx, s.ny, s.nz, (float8)(0.0f), sense);
+            uint hit = lanes8((most_of(eu, &shaft) >= 0.0f) & (most_of(ev, &shaft) >= 0.0f) &
+                              (most_of(ew, &shaft) >= 0.0f) & (most_of(facing, &shaft) > 0.0f) &
+                              (s.height > 0.0f));
+            if (hit) {
+                const float *t = (const float *)&s;
+                do {
+                    const int lane = lowest(hit);
+                    hit &= hit - 1;
+                    uint groups = alive & lanes8((most_in(&eu, lane, &shaft) >= 0.0f) &
+                                                 (most_in(&ev, lane, &shaft) >= 0.0f) &
+                                                 (most_in(&ew, lane, &shaft) >= 0.0f));
+                    for (; groups; groups &= groups - 1) {
+                        const int g = lowest(groups);
+                        const float8 d1 = direction[8 * second + g], d2 = direction[8 * third + g],
+                                     d0 = direction[8 * main + g];
+                        const float8 u = fused8(d1, t[lane], fused8(d2, t[8 + lane], d0 * t[16 + lane]));
+                        const float8 v = fused8(d1, t[24 + lane], fused8(d2, t[32 + lane], d0 * t[40 + lane]));
+                        const float8 size = fused8(d1, t[48 + lane], fused8(d2, t[56 + lane], d0 * t[64 + lane]));
+                        const float eu1 = t[80 + lane], ev1 = t[88 + lane], ew1 = t[96 + lane];
+                        int8 blocked = (u >= -eu1) & (v >= -ev1) & (u + v <= size + ew1) &
+                                       (size > t[104 + lane]) & (t[72 + lane] < reach[g] * size);
+                        if (!any8(blocked)) continue;
+                        const int8 unsure =
+                            blocked & ((u <= eu1) | (v <= ev1) | (u + v >= size - ew1));
+                        if (any8(unsure)) {
+                            const int8 inside =
+                                inside_triangle(rows + lane, from, direction[g], direction[8 + g],
+                                                direction[16 + g]);
+                            blocked = unsure ? inside : blocked;
+                        }
+                        reach[g] = blocked ? (float8)(-1.0f) : reach[g];
+                        if (!any8(reach[g] > 0.0f)) alive &= ~(1u << g);
+                    }
+                } while (hit);
+                if (!alive) return;
             }
-            if (!ANYW(reach > 0.0f)) return reach;
         }
-        if (top == 0) return reach;
+        if (top == 0) return;
         child = stack[--top];
     }
 }
 
+/* Product of intervals' bounds: the least and the most of [low, high] x [c, d], c, d > 0. */
+static inline void stretch(const float8 low, const float8 high, const float8 c, const float8 d,
+                           float8 *middle, float8 *spread, float *least, float *most) {
+    /* Wider by what rounding may take. */
+    const float8 least_8 = smaller8(low * c, low * d), most_8 = larger8(high * c, high * d);
+    const float8 size = larger8(larger8(least_8, -least_8), larger8(most_8, -most_8));
+    *middle = 0.5f * (least_8 + most_8);
+    *spread = 0.5f * (most_8 - least_8) + 0x1p-20f * size;
+    const float margin = 0x1p-20f * most8(size);
+    *least = least8(least_8) - margin;
+    *most = most8(most_8) + margin;
+}
+
 /* nodes, triangles  see common/bvh.h
- * tx        float (3, n_groups * 8)  antennas, metres; padded with copies of the last
+ * tx        float (3, n_groups * 8)  antennas, metres; padded with copies of the last; then an int, the
+ *           number of bundles, 7 unused, and the bundles
  * point     float (n_samples, 3)     metres
  * geometric float (n_samples, 3)     unit face normals
  * visible   uchar (n_samples, n_groups)  out: bit b of group g is set if antenna 8 g + b is seen */
@@ -98,41 +185,142 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
                                __global const float *triangles, __global const float *tx,
                                __global const float *point, __global const float *geometric,
                                __global uchar *visible) {
+    const uint i = (uint)get_global_id(0);
+    if (i >= n_samples) return;
+    const float3 p = load3(point + 3 * (size_t)i), normal = load3(geometric + 3 * (size_t)i);
+    __global uchar *out = visible + (size_t)i * n_groups;
+    for (uint g = 0; g < n_groups; ++g) out[g] = 0;
+    __global const float *bundle = tx + 3 * n_groups * GROUP;
+    const int n_bundles = as_int(bundle[0]);
+    bundle += 8;
+    for (int b = 0; b < n_bundles; ++b, bundle += BUNDLE_FLOATS) {
+        const int n_used = as_int(bundle[BUNDLE_GROUPS]);
+        float8 direction[3 * GROUPS], reach[GROUPS];
+        const float8 lx = LOAD8(bundle + BUNDLE_LOW), hx = LOAD8(bundle + BUNDLE_HIGH),
+                     ly = LOAD8(bundle + BUNDLE_LOW + 8), hy = LOAD8(bundle + BUNDLE_HIGH + 8),
+                     lz = LOAD8(bundle + BUNDLE_LOW + 16), hz = LOAD8(bundle + BUNDLE_HIGH + 16);
+        /* Twice the height above the face of the middle of each box, and by how much its corners differ. */
+        const float8 middle = (lx + hx - 2.0f * p.x) * normal.x + (ly + hy - 2.0f * p.y) * normal.y +
+                              (lz + hz - 2.0f * p.z) * normal.z;
+        const float8 spread = (hx - lx) * absolute(normal.x) + (hy - ly) * absolute(normal.y) +
+                              (hz - lz) * absolute(normal.z) + delta;
+        /* The face is two-sided; antennas on either side of its plane need their own origin. */
+        for (int side = -1; side <= 1; side += 2) {
+            uint possible = lanes8(middle * (float)side > -spread) & ((1u << n_used) - 1u);
+            if (!possible) continue;
+            const float3 o = p + normal * ((float)side * 2.0f * delta);
+            uint alive = 0;
+            float8 most_reach = (float8)(0.0f);
+            for (int g = 0; g < n_used; ++g) {
+                if (!(possible & 1u << g)) continue;
+                __global const float *at = bundle + BUNDLE_AT + g * GROUP;
+                const float8 ax = LOAD8(at), ay = LOAD8(at + SLOTS), az = LOAD8(at + 2 * SLOTS);
+                const int8 antenna = LOAD8I(bundle + BUNDLE_ANTENNA + g * GROUP);
+                const float8 height =
+                    (ax - p.x) * normal.x + (ay - p.y) * normal.y + (az - p.z) * normal.z;
+                const int8 wanted = (height * (float)side > 0.0f) & (antenna >= 0);
+                if (!any8(wanted)) continue;
+                alive |= 1u << g;
+                const float8 dx = ax - o.x, dy = ay - o.y, dz = az - o.z;
+                const float8 distance = sqrt(dx * dx + dy * dy + dz * dz);
+                const float8 inverse = 1.0f / distance;
+                direction[g] = dx * inverse;
+                direction[8 + g] = dy * inverse;
+                direction[16 + g] = dz * inverse;
+                reach[g] = wanted ? distance : (float8)(-1.0f);
+                most_reach = larger8(most_reach, reach[g]);
+            }
+            if (!alive) continue;
+            const uint asked = alive;
+
+            /* The main axis is that along which the middle of the bundle is farthest. */
+            const float8 low[3] = {lx - o.x, ly - o.y, lz - o.z};
+            const float8 high[3] = {hx - o.x, hy - o.y, hz - o.z};
+            int main = 0;
+            float best = -1.0f, sense = 1.0f;
+            for (int k = 0; k < 3; ++k) {
+                const float c = low[k].s0 + high[k].s0;
+                if (absolute(c) > best) {
+                    best = absolute(c);
+                    main = k;
+                    sense = c < 0.0f ? -1.0f : 1.0f;
+                }
+            }
+            const int second = main == 2 ? 0 : main + 1, third = main == 0 ? 2 : main - 1;
+            const float8 nearest = sense > 0.0f ? low[main] : -high[main];
+            const float8 farthest = sense > 0.0f ? high[main] : -low[main];
+            const float shortest = least8(nearest), longest = most8(farthest);
+            if (shortest * 8.0f > most8(most_reach)) {
+                const float8 c = 1.0f / farthest, d = 1.0f / nearest;
+                shafts shaft;
+                stretch(low[second], high[second], c, d, &shaft.a_middle, &shaft.a_half, &shaft.a_low,
+                        &shaft.a_high);
+                stretch(low[third], high[third], c, d, &shaft.b_middle, &shaft.b_half, &shaft.b_low,
+                        &shaft.b_high);
+                shaft.a_centre = 0.5f * (shaft.a_low + shaft.a_high);
+                shaft.a_extent = 0.5f * (shaft.a_high - shaft.a_low);
+                shaft.b_centre = 0.5f * (shaft.b_low + shaft.b_high);
+                shaft.b_extent = 0.5f * (shaft.b_high - shaft.b_low);
+                block(nodes, triangles, o, main, sense, shaft, longest * (1.0f + 0x1p-20f), 32.0f,
+                      direction, reach, alive);
+            } else {
+                for (int g = 0; g < n_used; ++g) {
+                    if (!(alive & 1u << g)) continue;
+                    const float *x = (const float *)(direction + g), *far = (const float *)(reach + g);
+                    float *r = (float *)(reach + g);
+                    for (int lane = 0; lane < GROUP; ++lane) {
+                        if (r[lane] <= 0.0f) continue;
+                        const float3 d = (float3)(x[lane], x[64 + lane], x[128 + lane]);
+                        if (traced(nodes, triangles, o, d, far[lane], true).triangle >= 0) r[lane] = -1.0f;
+                    }
+                }
+            }
+            for (int g = 0; g < n_used; ++g) {
+                if (!(asked & 1u << g)) continue;
+                uint seen = lanes8(reach[g] > 0.0f);
+                if (!seen) continue;
+                const int first = as_int(bundle[BUNDLE_FIRST + g]);
+                if (first >= 0) {
+                    seen <<= first & 7;
+                    out[first >> 3] |= (uchar)seen;
+                    if (seen >> 8) out[(first >> 3) + 1] |= (uchar)(seen >> 8);
+                } else {
+                    for (int lane = 0; lane < GROUP; ++lane) {
+                        if (!(seen & 1u << lane)) continue;
+                        const int antenna = as_int(bundle[BUNDLE_ANTENNA + g * GROUP + lane]);
+                        out[antenna >> 3] |= (uchar)(1 << (antenna & 7));
+                    }
+                }
+            }
+        }
+    }
+}
+
+#else
+
+/* As above. */
+__kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint n_groups,
+                               const float delta, __global const float *nodes,
+                               __global const float *triangles, __global const float *tx,
+                               __global const float *point, __global const float *geometric,
+                               __global uchar *visible) {
     const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
     if (i >= n_samples || group >= n_groups) return;
     const float3 p = load3(point + 3 * (size_t)i), normal = load3(geometric + 3 * (size_t)i);
-    const uint stride = n_groups * GROUP;
-    const float offset = 2.0f * delta;
     uint bits = 0;
-    for (uint start = 0; start < GROUP; start += CLR_WIDTH) {
-        __global const float *at = tx + group * GROUP + start;
-        const realw ax = LOADW(at), ay = LOADW(at + stride), az = LOADW(at + 2 * stride);
-        const realw height = (ax - p.x) * normal.x + (ay - p.y) * normal.y + (az - p.z) * normal.z;
-        const realw lane = LANE_INDEX + (float)(group * GROUP + start);
-        const intw real_antenna = lane < (float)n_tx;
-        /* The face is two-sided; antennas on either side of its plane need their own origin. */
-        for (int side = -1; side <= 1; side += 2) {
-            const intw wanted = (height * (float)side > 0.0f) & real_antenna;
-            if (!ANYW(wanted)) continue;
-            const float3 o = p + normal * ((float)side * offset);
-            realw dx = ax - o.x, dy = ay - o.y, dz = az - o.z;
-            const realw distance = sqrt(dx * dx + dy * dy + dz * dz);
-            dx /= distance;
-            dy /= distance;
-            dz /= distance;
-            realw reach = wanted ? distance : (realw)(-1.0f);
-            reach = blocked(nodes, triangles, o, dx, dy, dz, reach);
-            const intw seen = reach > 0.0f;
-#if CLR_WIDTH == 8
-            const int8 weights = (int8)(1, 2, 4, 8, 16, 32, 64, 128);
-            const int8 set = seen ? weights : (int8)(0);
-            const int4 four = set.lo | set.hi;
-            const int2 two = four.lo | four.hi;
-            bits |= (uint)(two.x | two.y);
-#else
-            bits |= seen ? 1u << start : 0u;
-#endif
-        }
+    for (uint b = 0; b < GROUP && group * GROUP + b < n_tx; ++b) {
+        __global const float *at = tx + group * GROUP + b;
+        const uint stride = n_groups * GROUP;
+        const float3 antenna = (float3)(at[0], at[stride], at[2 * stride]);
+        const float height = dot3(antenna - p, normal);
+        if (height == 0.0f) continue;
+        const float3 o = p + normal * (height > 0.0f ? 2.0f * delta : -2.0f * delta);
+        const float3 d = antenna - o;
+        const float distance = length3(d);
+        if (traced(nodes, triangles, o, d * (1.0f / distance), distance, true).triangle < 0)
+            bits |= 1u << b;
     }
     visible[(size_t)i * n_groups + group] = (uchar)bits;
 }
+
+#endif

@@ -10,13 +10,14 @@ import pytest
 from shapes import bowl, box, plate, random_soup, sphere, with_degenerate
 
 from clradar import reference
+from clradar.bundles import GROUP, bundled, items
 from clradar.bvh import build_bvh, error_bound_m, flatten
 from clradar.hand import hand_mesh, pose_by_name
 from clradar.opencl import Buffers, build
 from clradar.opencl.sources import source
-from clradar.trace import GROUP, _VisibilityOptions
+from clradar.trace import _VisibilityOptions
 
-STACK = 64
+STACK = 128
 """One stack size for all trees here, so that each kernel is built once."""
 
 DISTANCE_TOLERANCE = 1e-5
@@ -45,7 +46,7 @@ __kernel void nearest(const uint n_rays, __global const float *nodes,
                                        load3(direction + 3 * (size_t)i), FLT_MAX);
     distance[i] = hit.distance;
     face[i] = hit.triangle < 0 ? -1
-                               : as_int(triangles[(size_t)hit.triangle * TRIANGLE_FLOATS + 3]);
+                               : as_int(slot_of(triangles, hit.triangle)[ROW_FACE]);
     uv[2 * (size_t)i] = hit.u;
     uv[2 * (size_t)i + 1] = hit.v;
 }
@@ -69,8 +70,8 @@ class Rays:
     def nearest(self, device):
         """Distance (-1: none), face (-1: none) and (u, v) from the kernel's function."""
         bvh = build_bvh(self.triangles)
-        assert bvh.depth <= STACK
-        nodes, records = flatten(bvh, self.triangles, self.delta_m)
+        nodes, records, stack = flatten(bvh, self.triangles, self.delta_m)
+        assert stack <= STACK
         flags = ["-cl-std=CL1.2", "-DCLR_WIDTH=1", f"-DCLR_STACK={STACK}", "-DCLR_SPREADING=0"]
         key = "nearest"
         if key not in device.programs:
@@ -243,21 +244,18 @@ def seen(mesh, point, normal, tx, device) -> np.ndarray:
     triangles = vertices[faces]
     delta_m = error_bound_m(triangles, tx, point)
     bvh = build_bvh(triangles)
-    assert bvh.depth <= STACK
-    nodes, records = flatten(bvh, triangles, delta_m)
+    nodes, records, stack = flatten(bvh, triangles, delta_m)
+    assert stack <= STACK
     n_groups = -(-len(tx) // GROUP)
-    soa = np.empty((3, n_groups * GROUP), dtype=np.float32)
-    soa[:] = tx[-1][:, None]
-    soa[:, : len(tx)] = tx.T
     program = build(device, "visibility.cl", _VisibilityOptions(device.width, STACK))
     with Buffers(device) as buffers:
-        arrays = (nodes, records, soa, point.astype(np.float32), normal.astype(np.float32))
+        arrays = (nodes, records, bundled(tx), point.astype(np.float32), normal.astype(np.float32))
         put = [buffers.upload(a) for a in arrays]
         out = buffers.zeros(len(point) * n_groups)
         u = np.uint32
         program.launch(
-            "visible_antennas", (len(point), n_groups), u(len(point)), u(len(tx)), u(n_groups),
-            np.float32(delta_m), *put, out,
+            "visible_antennas", items(device, len(point), n_groups), u(len(point)), u(len(tx)),
+            u(n_groups), np.float32(delta_m), *put, out,
         )  # fmt: skip
         bits = buffers.read(out, (len(point), n_groups), np.uint8)
     flags = np.unpackbits(bits, axis=1, bitorder="little").astype(bool)

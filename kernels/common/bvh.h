@@ -1,18 +1,17 @@
 /* Bounding volume hierarchy: layout shared by all traversals.
  *
- * nodes: float (n_nodes, 16). A node holds the boxes of its two children, each padded by the host by
+ * nodes: float (n_nodes, 64). A node holds the boxes of up to eight children, each padded by the host by
  * the error bound delta below, so that no box test misses what an exact one finds:
- *     [0..2] left lo   [3] left child, int bits
- *     [4..6] left hi   [7] right child, int bits
- *     [8..10] right lo  [11] unused
- *     [12..14] right hi [15] unused
- * A child >= 0 is a node; a child < 0 is a leaf: -(child + 1) = first * 16 + count.
+ *     [0..7] lo x   [8..15] lo y   [16..23] lo z   [24..31] hi x   [32..39] hi y   [40..47] hi z
+ *     [48..55] children, int bits   [56..63] unused
+ * A child >= 0 is a node; a child < 0 is a leaf, the block -(child + 1) of triangles. Where there are fewer
+ * children, the other boxes are empty (lo > hi).
  *
- * triangles: float (n_triangles, 16), in leaf order, metres:
- *     [0..2] v0         [3] face, int bits
- *     [4..6] e1 = v1-v0 [7] |e1|
- *     [8..10] e2 = v2-v0 [11] |e2|
- *     [12..14] N = e1 x e2 (from float64) [15] 2^-21 |N|
+ * triangles: float (n_blocks, 16, 8), metres. A block holds the up to eight triangles of a leaf in its columns; slot =
+ * 8 block + column. Its rows:
+ *     [0..2] v0   [3..5] e1 = v1-v0   [6..8] e2 = v2-v0   [9..11] N = e1 x e2 (from float64)
+ *     [12] |e1|   [13] |e2|   [14] 2^-21 |N|   [15] face, int bits
+ * In a column that is not used, N is 0 and row 14 is not: nothing hits it.
  *
  * Triangle test (Moeller and Trumbore 1997, written for many directions from one origin o): with
  * T = v0 - o, u |d.N| = +-d.(e2 x T), v |d.N| = +-d.(T x e1), t = T.N / d.N. In float32, with unit
@@ -29,18 +28,33 @@
  * this and the rounding of points on the surface. Boxes are padded by it, and rays leave a face from
  * 2 delta above it. */
 #ifndef CLR_STACK
-#error "CLR_STACK (entries of the traversal stack: the depth of the tree, from the host) is missing"
+#error "CLR_STACK (entries of the traversal stack, counted by the host) is missing"
 #endif
 
 #include "common/dual.h"
 #include "common/vector.h"
 
-#define NODE_FLOATS 16
-#define TRIANGLE_FLOATS 16
+#define NODE_FLOATS 64
+#define NODE_HIGH 24
+#define NODE_CHILDREN 48
+#define BLOCK 8
+#define BLOCK_FLOATS (16 * BLOCK)
+#define ROW_E1 (3 * BLOCK)
+#define ROW_E2 (6 * BLOCK)
+#define ROW_N (9 * BLOCK)
+#define ROW_E1_LENGTH (12 * BLOCK)
+#define ROW_E2_LENGTH (13 * BLOCK)
+#define ROW_EDGE_ON (14 * BLOCK)
+#define ROW_FACE (15 * BLOCK)
 
-/* Error bound of the triangle test relative to an edge's length: 12 w |T|_1. */
-static inline float edge_error(const float3 to) {
-    return 0x1.8p-21f * (absolute(to.x) + absolute(to.y) + absolute(to.z));
+/* Where the rows of a slot begin. */
+static inline __global const float *slot_of(__global const float *triangles, const int slot) {
+    return triangles + (size_t)(slot >> 3) * BLOCK_FLOATS + (slot & 7);
+}
+
+/* The vector in three rows of a slot. */
+static inline float3 rows3(__global const float *slot) {
+    return (float3)(slot[0], slot[BLOCK], slot[2 * BLOCK]);
 }
 
 /* Component of the cross product of (ay, az) and (by, bz). */
@@ -54,10 +68,10 @@ static inline dual dual_dot(dual ax, dual ay, dual az, dual bx, dual by, dual bz
 
 /* Whether the line o + t d passes through the triangle, decided in doubled precision:
  * u |d.N| = +-T.(d x e2), v |d.N| = +-T.(e1 x d). */
-static inline intw inside_triangle(__global const float *triangle, const float3 o, const realw dx,
+static inline intw inside_triangle(__global const float *slot, const float3 o, const realw dx,
                                    const realw dy, const realw dz) {
-    const float3 v0 = load3(triangle), e1 = load3(triangle + 4), e2 = load3(triangle + 8);
-    const float3 n = load3(triangle + 12);
+    const float3 v0 = rows3(slot), e1 = rows3(slot + ROW_E1), e2 = rows3(slot + ROW_E2);
+    const float3 n = rows3(slot + ROW_N);
     const dual tx = two_sum((realw)(v0.x), (realw)(-o.x));
     const dual ty = two_sum((realw)(v0.y), (realw)(-o.y));
     const dual tz = two_sum((realw)(v0.z), (realw)(-o.z));
@@ -74,7 +88,7 @@ static inline intw inside_triangle(__global const float *triangle, const float3 
                                exact_product(dz, (realw)(n.z)));
     const dual rest = dual_add(size, dual_negative(dual_add(u, v)));
     const realw sign = size.hi < 0.0f ? (realw)(-1.0f) : (realw)(1.0f);
-    const float longest = larger(triangle[7], triangle[11]);
+    const float longest = larger(slot[ROW_E1_LENGTH], slot[ROW_E2_LENGTH]);
     const float slack = 0x1p-22f * longest * longest;
     return (u.hi * sign >= -slack) & (v.hi * sign >= -slack) & (rest.hi * sign >= -slack);
 }
@@ -82,4 +96,189 @@ static inline intw inside_triangle(__global const float *triangle, const float3 
 /* 1 / d, kept finite so that no product with it is NaN. */
 static inline float safe_inverse(float d) {
     return 1.0f / (d < 1e-18f && d > -1e-18f ? 1e-18f : d);
+}
+
+/* Which lanes of a comparison hold, as bits. */
+static inline uint lanes8(int8 v) {
+#ifdef __AVX__
+    return (uint)__builtin_ia32_movmskps256(as_float8(v));
+#endif
+    const int8 weighted = v & (int8)(1, 2, 4, 8, 16, 32, 64, 128);
+    const int4 four = weighted.lo | weighted.hi;
+    const int2 two = four.lo | four.hi;
+    return (uint)(two.x | two.y);
+}
+
+static inline float8 smaller8(float8 a, float8 b) {
+    return a < b ? a : b;
+}
+
+static inline float8 larger8(float8 a, float8 b) {
+    return a > b ? a : b;
+}
+
+static inline float8 absolute8(float8 v) {
+    return as_float8(as_int8(v) & 0x7fffffff);
+}
+
+static inline float least8(float8 v) {
+    const float4 four = v.lo < v.hi ? v.lo : v.hi;
+    const float2 two = four.lo < four.hi ? four.lo : four.hi;
+    return smaller(two.x, two.y);
+}
+
+/* a b + c, and a b - c d, each with the fewest roundings that the device has to offer. */
+static inline float8 fused8(float8 a, float8 b, float8 c) {
+#pragma OPENCL FP_CONTRACT ON
+    return a * b + c;
+}
+
+static inline float8 cross8(float8 a, float8 b, float8 c, float8 d) {
+#pragma OPENCL FP_CONTRACT ON
+    return a * b - c * d;
+}
+
+/* What the test of a block of triangles needs of them, as seen from one origin: turned so that T.N >= 0. */
+typedef struct {
+    float8 q2x, q2y, q2z; /* e2 x T */
+    float8 q1x, q1y, q1z; /* T x e1 */
+    float8 nx, ny, nz;    /* N */
+    float8 height;        /* T.N */
+    float8 eu, ev, ew;    /* error bounds at the three edges */
+    float8 edge_on;       /* and of |d.N| */
+} seen_block;
+
+/* `x`, `y`, `z` are three axes, cyclic; `o` is given along them. */
+static inline seen_block block_from(__global const float *block, const float3 o, const int x,
+                                    const int y, const int z) {
+    seen_block s;
+    const float8 tx = LOAD8(block + BLOCK * x) - o.x, ty = LOAD8(block + BLOCK * y) - o.y,
+                 tz = LOAD8(block + BLOCK * z) - o.z;
+    float8 ex = LOAD8(block + ROW_E2 + BLOCK * x), ey = LOAD8(block + ROW_E2 + BLOCK * y),
+           ez = LOAD8(block + ROW_E2 + BLOCK * z);
+    s.q2x = cross8(ey, tz, ez, ty);
+    s.q2y = cross8(ez, tx, ex, tz);
+    s.q2z = cross8(ex, ty, ey, tx);
+    ex = LOAD8(block + ROW_E1 + BLOCK * x);
+    ey = LOAD8(block + ROW_E1 + BLOCK * y);
+    ez = LOAD8(block + ROW_E1 + BLOCK * z);
+    s.q1x = cross8(ty, ez, tz, ey);
+    s.q1y = cross8(tz, ex, tx, ez);
+    s.q1z = cross8(tx, ey, ty, ex);
+    s.nx = LOAD8(block + ROW_N + BLOCK * x);
+    s.ny = LOAD8(block + ROW_N + BLOCK * y);
+    s.nz = LOAD8(block + ROW_N + BLOCK * z);
+    s.height = fused8(tx, s.nx, fused8(ty, s.ny, tz * s.nz));
+    const int8 sign = as_int8(s.height) & (int)0x80000000;
+    s.q2x = as_float8(as_int8(s.q2x) ^ sign);
+    s.q2y = as_float8(as_int8(s.q2y) ^ sign);
+    s.q2z = as_float8(as_int8(s.q2z) ^ sign);
+    s.q1x = as_float8(as_int8(s.q1x) ^ sign);
+    s.q1y = as_float8(as_int8(s.q1y) ^ sign);
+    s.q1z = as_float8(as_int8(s.q1z) ^ sign);
+    s.nx = as_float8(as_int8(s.nx) ^ sign);
+    s.ny = as_float8(as_int8(s.ny) ^ sign);
+    s.nz = as_float8(as_int8(s.nz) ^ sign);
+    s.height = absolute8(s.height);
+    const float8 error = 0x1.8p-21f * (absolute8(tx) + absolute8(ty) + absolute8(tz));
+    s.eu = error * LOAD8(block + ROW_E2_LENGTH);
+    s.ev = error * LOAD8(block + ROW_E1_LENGTH);
+    s.edge_on = LOAD8(block + ROW_EDGE_ON);
+    s.ew = s.eu + s.ev + s.edge_on;
+    return s;
+}
+
+typedef struct {
+    float distance; /* negative: nothing within reach */
+    int triangle;   /* its slot */
+    float u, v;
+} hit_record;
+
+/* Nearest triangle along o + t d, 0 < t < reach; with `any`, whichever is found first. */
+static inline hit_record traced(__global const float *nodes, __global const float *triangles,
+                                const float3 o, const float3 d, float reach, const bool any) {
+    const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
+    /* Where in a node the sides are that the ray enters a box by; it leaves by the others. */
+    const int x = inverse.x < 0.0f ? NODE_HIGH : 0, y = inverse.y < 0.0f ? NODE_HIGH + 8 : 8,
+              z = inverse.z < 0.0f ? NODE_HIGH + 16 : 16;
+    hit_record best;
+    best.distance = -1.0f;
+    best.triangle = -1;
+    best.u = best.v = 0.0f;
+    int stack[CLR_STACK];
+    float entry[CLR_STACK];
+    int top = 0;
+    int child = 0;
+    for (;;) {
+        if (child >= 0) {
+            __global const float *node = nodes + (size_t)child * NODE_FLOATS;
+            const float8 near =
+                larger8(larger8((LOAD8(node + x) - o.x) * inverse.x,
+                                (LOAD8(node + y) - o.y) * inverse.y),
+                        larger8((LOAD8(node + z) - o.z) * inverse.z, (float8)(0.0f)));
+            const float8 far =
+                smaller8(smaller8((LOAD8(node + NODE_HIGH - x) - o.x) * inverse.x,
+                                  (LOAD8(node + NODE_HIGH + 16 - y) - o.y) * inverse.y),
+                         smaller8((LOAD8(node + NODE_HIGH + 32 - z) - o.z) * inverse.z,
+                                  (float8)(reach)));
+            uint hit = lanes8(near <= far);
+            if (hit) {
+                __global const int *children = (__global const int *)(node + NODE_CHILDREN);
+                float at[8];
+                ((loose8 *)at)->v = near;
+                const int base = top;
+                do {
+                    const int lane = lowest(hit);
+                    hit &= hit - 1;
+                    int place = top++;
+                    /* The nearest on top. */
+                    for (; place > base && entry[place - 1] < at[lane]; --place) {
+                        entry[place] = entry[place - 1];
+                        stack[place] = stack[place - 1];
+                    }
+                    entry[place] = at[lane];
+                    stack[place] = children[lane];
+                } while (hit);
+            }
+        } else {
+            const int block = -(child + 1);
+            __global const float *rows = triangles + (size_t)block * BLOCK_FLOATS;
+            const seen_block s = block_from(rows, o, 0, 1, 2);
+            const float8 size = fused8(s.nx, d.x, fused8(s.ny, d.y, s.nz * d.z));
+            const float8 u = fused8(s.q2x, d.x, fused8(s.q2y, d.y, s.q2z * d.z));
+            const float8 v = fused8(s.q1x, d.x, fused8(s.q1y, d.y, s.q1z * d.z));
+            int8 hit = (u >= -s.eu) & (v >= -s.ev) & (u + v <= size + s.ew) & (size > s.edge_on) &
+                       (s.height > 0.0f) & (s.height < reach * size);
+            if (any8(hit)) {
+                uint unsure = lanes8(hit & ((u <= s.eu) | (v <= s.ev) | (u + v >= size - s.ew)));
+                int no[8] = {0, 0, 0, 0, 0, 0, 0, 0};
+                for (; unsure; unsure &= unsure - 1) {
+                    const int lane = lowest(unsure);
+                    no[lane] = !FIRSTW(inside_triangle(rows + lane, o, (realw)(d.x), (realw)(d.y),
+                                                       (realw)(d.z)));
+                }
+                hit &= ((loose8i *)no)->v == 0;
+                const float8 at = hit ? s.height / size : (float8)(FLT_MAX);
+                const float nearest = least8(at);
+                /* Of two at the same distance the first stays. */
+                if (nearest < reach || (best.triangle < 0 && any8(hit))) {
+                    const int lane = lowest(lanes8(hit & (at == nearest)));
+                    float weights[24];
+                    ((loose8 *)weights)->v = u;
+                    ((loose8 *)(weights + 8))->v = v;
+                    ((loose8 *)(weights + 16))->v = size;
+                    reach = nearest;
+                    best.distance = nearest;
+                    best.triangle = block * BLOCK + lane;
+                    best.u = weights[lane] / weights[16 + lane];
+                    best.v = weights[8 + lane] / weights[16 + lane];
+                    if (any) return best;
+                }
+            }
+        }
+        do {
+            if (top == 0) return best;
+            child = stack[--top];
+        } while (entry[top] > reach);
+    }
 }

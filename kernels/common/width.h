@@ -16,8 +16,12 @@ typedef struct __attribute__((packed)) {
 typedef struct __attribute__((packed)) {
     float8 v;
 } loose8;
+typedef struct __attribute__((packed)) {
+    int8 v;
+} loose8i;
 #define LOAD4(p) (((__global const loose4 *)(p))->v)
 #define LOAD8(p) (((__global const loose8 *)(p))->v)
+#define LOAD8I(p) (((__global const loose8i *)(p))->v)
 
 /* Whether any lane of a comparison holds; any() is a library call too. */
 static inline int any8(int8 v) {
@@ -26,12 +30,22 @@ static inline int any8(int8 v) {
     return two.x | two.y;
 }
 
+/* Index of the lowest bit that is set; clz() is a library call, too. */
+static inline int lowest(uint bits) {
+#ifdef __clang__
+    return __builtin_ctz(bits);
+#else
+    return 31 - (int)clz(bits & -bits);
+#endif
+}
+
 #if CLR_WIDTH == 8
 typedef float8 realw;
 typedef int8 intw;
 #define LOADW(p) LOAD8(p)
 #define STOREW(x, p) (((__global loose8 *)(p))->v = (x))
 #define ANYW(v) any8(v)
+#define FIRSTW(v) ((v).s0)
 #define AS_INTW(v) as_int8(v)
 #define AS_REALW(v) as_float8(v)
 #define LANE_INDEX ((realw)(0.0f, 1.0f, 2.0f, 3.0f, 4.0f, 5.0f, 6.0f, 7.0f))
@@ -41,6 +55,7 @@ typedef int intw;
 #define LOADW(p) (*(p))
 #define STOREW(x, p) (*(p) = (x))
 #define ANYW(v) (v)
+#define FIRSTW(v) (v)
 #define AS_INTW(v) as_int(v)
 #define AS_REALW(v) as_float(v)
 #define LANE_INDEX (0.0f)
