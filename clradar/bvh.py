@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from clradar.model import checks
+from clradar.opencl import Buffers, Device, build
 
 WIDTH = 8
 """Children per node in the kernels."""
@@ -27,14 +28,8 @@ BLOCK = 8
 EMPTY_M = 1e30
 """Bound of a box that holds nothing."""
 
-BINS = 16
-"""Candidate planes per axis and node."""
-
-LEAF_ALWAYS = 8
-"""A node with so few triangles is a leaf."""
-
-LEAF_MOST = 8
-"""A leaf has at most this many triangles; the layout allows 15."""
+EMPTY = np.full((1, 2, 4), -EMPTY_M, dtype=np.float32)
+"""That box, as (-low, high)."""
 
 MEDIAN_BELOW_LEVEL = 40
 """From this depth on nodes are halved by count, which bounds the depth of any tree to this plus
@@ -63,13 +58,19 @@ class Bvh:
     depth: int
 
 
-def build_bvh(triangles_m: np.ndarray) -> Bvh:
-    """Build the tree.
+@dataclass(frozen=True, slots=True)
+class _BuildOptions:
+    width: int
+
+
+def build_bvh(triangles_m: np.ndarray, device: Device) -> Bvh:
+    """Build the tree; it is the same on every device.
 
     Parameters
     ----------
     triangles_m : array_like, shape (n_faces, 3, 3), float32 or float64, metres
         Corners of every face. Degenerate and duplicate faces are allowed.
+    device : Device
 
     Returns
     -------
@@ -81,11 +82,57 @@ def build_bvh(triangles_m: np.ndarray) -> Bvh:
         Wrong shape, empty or NaN.
     """
     corners = checks.read_only("build_bvh: triangles_m", triangles_m, np.float32, (None, 3, 3))
-    area = face_normals(corners)[1]
-    kept = np.flatnonzero(area > 0).astype(np.int32)
-    low = np.ascontiguousarray(corners[kept].min(axis=1).T)  # (3, n): each axis contiguous
-    high = np.ascontiguousarray(corners[kept].max(axis=1).T)
-    return _Builder(low, high).run(kept)
+    kept = np.flatnonzero(face_normals(corners)[1] > 0).astype(np.int32)
+    n = len(kept)
+    boxes = np.zeros((n, 2, 4), dtype=np.float32)
+    boxes[:, 0, :3] = -np.minimum(np.minimum(corners[:, 0], corners[:, 1]), corners[:, 2])[kept]
+    boxes[:, 1, :3] = np.maximum(np.maximum(corners[:, 0], corners[:, 1]), corners[:, 2])[kept]
+    if n <= BLOCK:
+        root = np.zeros((1, 16), dtype=np.float32)
+        _set_child(root, 0, boxes.max(axis=0, keepdims=True) if n else EMPTY, np.array(_leaf(0, n)))
+        _set_child(root, 1, EMPTY, np.array(_leaf(0, 0)))
+        return Bvh(root, kept, 1)
+    with Buffers(device) as buffers:
+        nodes, order = _split_all(boxes.reshape(n, 8), device, buffers)
+    return Bvh(np.concatenate(nodes), kept[order], len(nodes))
+
+
+def _split_all(
+    boxes: np.ndarray, device: Device, buffers: Buffers
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the nodes of every level, and the triangles in the order of the leaves."""
+    program = build(device, "build.cl", _BuildOptions(1))
+    n = len(boxes)
+    most = n // BLOCK + 1  # nodes of a level have more than a block each
+    put = buffers.upload(boxes)
+    order, scratch = buffers.upload(np.arange(n, dtype=np.int32)), buffers.empty(4 * n)
+    start_at, count_at, left_at = (buffers.empty(4 * most) for _ in range(3))
+    children_at = buffers.empty(64 * most)
+    start, count = np.zeros(1, dtype=np.int32), np.full(1, n, dtype=np.int32)
+    levels: list[np.ndarray] = []
+    n_nodes = 1
+    while len(start):
+        m = len(start)
+        buffers.write(start_at, start)
+        buffers.write(count_at, count)
+        program.launch(
+            "split_nodes", (m,), np.uint32(m), np.uint32(len(levels) >= MEDIAN_BELOW_LEVEL), put,
+            start_at, count_at, order, scratch, left_at, children_at,
+        )  # fmt: skip
+        n_left = buffers.read(left_at, m, np.int32)
+        children = buffers.read(children_at, (m, 2, 2, 4), np.float32)
+        starts = np.stack([start, start + n_left], axis=1)
+        counts = np.stack([n_left, count - n_left], axis=1)
+        inner = counts > BLOCK
+        refs = _leaf(starts, counts)
+        refs[inner] = n_nodes + np.arange(inner.sum())
+        nodes = np.zeros((m, 16), dtype=np.float32)
+        for side in (0, 1):
+            _set_child(nodes, side, children[:, side], refs[:, side])
+        levels.append(nodes)
+        n_nodes += int(inner.sum())
+        start, count = starts[inner], counts[inner]
+    return levels, buffers.read(order, n, np.int32)
 
 
 def face_normals(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -205,170 +252,6 @@ def _records(bvh: Bvh, first: np.ndarray, count: np.ndarray, triangles_m: np.nda
     return out
 
 
-class _Builder:
-    """State of one build: for each axis, the primitives sorted along it, grouped by open node."""
-
-    def __init__(self, low: np.ndarray, high: np.ndarray) -> None:
-        self.low, self.high = low, high
-        self.centroid = 0.5 * (low + high)
-        self.side = np.zeros(low.shape[1], dtype=bool)
-        self.slots: list[np.ndarray] = []
-        self.n_slots = 0
-
-    def run(self, kept: np.ndarray) -> Bvh:
-        n = len(kept)
-        empty = _empty_box()
-        root = np.zeros((1, 16), dtype=np.float32)
-        _set_child(root, np.array([0]), 1, empty, np.array([_leaf(0, 0)]))
-        if n <= LEAF_ALWAYS:
-            box = _box(self.low.min(axis=1), self.high.max(axis=1)) if n else empty
-            _set_child(root, np.array([0]), 0, box, np.array([_leaf(0, n)]))
-            return Bvh(root, kept, 1)
-
-        orders = [np.argsort(self.centroid[axis], kind="stable") for axis in range(3)]
-        starts, counts = np.array([0]), np.array([n])
-        levels: list[np.ndarray] = []
-        n_nodes, depth = 1, 0
-        while len(starts):
-            depth += 1
-            nodes = np.zeros((len(starts), 16), dtype=np.float32)
-            n_left = self._split(orders, starts, counts, median=depth > MEDIAN_BELOW_LEVEL)
-            child_starts = np.stack([starts, starts + n_left], axis=1).ravel()
-            child_counts = np.stack([n_left, counts - n_left], axis=1).ravel()
-            boxes = np.concatenate(self._bounds(orders[0], child_starts)).T
-            is_leaf = child_counts <= LEAF_ALWAYS
-            maybe = np.flatnonzero(~is_leaf & (child_counts <= LEAF_MOST))
-            is_leaf[maybe] = self._cheaper_as_leaf(orders[0], child_starts, child_counts, maybe)
-            refs = np.empty(len(child_starts), dtype=np.int32)
-            inner = np.flatnonzero(~is_leaf)
-            refs[inner] = n_nodes + np.arange(len(inner))
-            leaves = np.flatnonzero(is_leaf)
-            firsts = self.n_slots + np.cumsum(child_counts[leaves]) - child_counts[leaves]
-            refs[leaves] = _leaf(firsts, child_counts[leaves])
-            self._emit(orders[0], child_starts[leaves], child_counts[leaves])
-            rows = np.arange(len(starts))
-            for child in (0, 1):
-                _set_child(nodes, rows, child, boxes[child::2], refs[child::2])
-            levels.append(nodes)
-            n_nodes += len(inner)
-            starts, counts = self._compact(orders, child_starts[inner], child_counts[inner])
-        return Bvh(np.concatenate(levels), kept[np.concatenate(self.slots)], depth)
-
-    def _split(
-        self, orders: list[np.ndarray], starts: np.ndarray, counts: np.ndarray, median: bool
-    ) -> np.ndarray:
-        """Partition every segment of `orders` in two; return the size of the first parts."""
-        m = len(starts)
-        segment = np.repeat(np.arange(m), counts)
-        best_cost = np.full(m, np.inf)
-        best_axis = np.zeros(m, dtype=np.int64)
-        best_left = counts // 2  # by count along x, where no plane separates the centroids
-        if not median:
-            for axis in range(3):
-                cost, n_left = self._best_plane(orders[axis], axis, starts, counts, segment)
-                better = cost < best_cost
-                best_cost = np.where(better, cost, best_cost)
-                best_axis = np.where(better, axis, best_axis)
-                best_left = np.where(better, n_left, best_left)
-        rank = np.arange(len(segment)) - starts[segment]
-        for axis in range(3):
-            mine = (best_axis == axis)[segment]
-            self.side[orders[axis][mine]] = (rank >= best_left[segment])[mine]
-        for axis in range(3):
-            right = self.side[orders[axis]]
-            before = np.cumsum(~right) - ~right  # how many go left before this one, overall
-            left_rank = before - before[starts][segment]
-            target = starts[segment] + np.where(
-                right, best_left[segment] + rank - left_rank, left_rank
-            )
-            moved = np.empty_like(orders[axis])
-            moved[target] = orders[axis]
-            orders[axis] = moved
-        return best_left
-
-    def _best_plane(
-        self,
-        order: np.ndarray,
-        axis: int,
-        starts: np.ndarray,
-        counts: np.ndarray,
-        segment: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the cost of the best of the binned planes of every segment and its left count."""
-        m = len(starts)
-        position = self.centroid[axis][order]
-        first, last = position[starts], position[starts + counts - 1]
-        extent = last - first
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            scale = np.where(extent > 0, BINS / extent, 0.0)
-            bins = ((position - first[segment]) * scale[segment]).astype(np.int64)
-        np.clip(bins, 0, BINS - 1, out=bins)
-        key = segment * BINS + bins
-        runs = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
-        filled = key[runs]
-        amount = np.zeros((m, BINS), dtype=np.int64)
-        amount.reshape(-1)[filled] = np.diff(np.append(runs, len(key)))
-        lows = np.full((3, m, BINS), np.inf, dtype=np.float32)
-        highs = np.full((3, m, BINS), -np.inf, dtype=np.float32)
-        for k in range(3):
-            lows[k].reshape(-1)[filled] = np.minimum.reduceat(self.low[k][order], runs)
-            highs[k].reshape(-1)[filled] = np.maximum.reduceat(self.high[k][order], runs)
-        left_area = _area(
-            np.minimum.accumulate(lows, axis=2), np.maximum.accumulate(highs, axis=2)
-        )[:, :-1]
-        right_area = _area(
-            np.minimum.accumulate(lows[:, :, ::-1], axis=2),
-            np.maximum.accumulate(highs[:, :, ::-1], axis=2),
-        )[:, ::-1][:, 1:]
-        n_left = np.cumsum(amount, axis=1)[:, :-1]
-        n_right = counts[:, None] - n_left
-        cost = np.where(
-            (n_left > 0) & (n_right > 0), left_area * n_left + right_area * n_right, np.inf
-        )
-        best = cost.argmin(axis=1)
-        rows = np.arange(m)
-        return cost[rows, best], n_left[rows, best]
-
-    def _cheaper_as_leaf(
-        self, order: np.ndarray, starts: np.ndarray, counts: np.ndarray, which: np.ndarray
-    ) -> np.ndarray:
-        """Whether testing all triangles of a small segment costs no more than one more split."""
-        if not len(which):
-            return np.zeros(0, dtype=bool)
-        count = counts[which]
-        members = order[_places(starts[which], count)]
-        begins = np.cumsum(count) - count
-        whole = _area(*self._bounds(members, begins))
-        both = np.stack([begins, begins + count // 2], axis=1).ravel()
-        halves = _area(*self._bounds(members, both)).reshape(-1, 2)
-        amounts = np.stack([count // 2, count - count // 2], axis=1)
-        # One node visit costs about as much as one triangle.
-        return whole * count <= whole + (halves * amounts).sum(axis=1)
-
-    def _bounds(self, order: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the low and the high corner of every segment's box, shape (3, n_segments) each."""
-        low = np.stack([np.minimum.reduceat(self.low[k][order], starts) for k in range(3)])
-        high = np.stack([np.maximum.reduceat(self.high[k][order], starts) for k in range(3)])
-        return low, high
-
-    def _emit(self, order: np.ndarray, starts: np.ndarray, counts: np.ndarray) -> None:
-        if not len(starts):
-            return
-        self.slots.append(order[_places(starts, counts)])
-        self.n_slots += int(counts.sum())
-
-    def _compact(
-        self, orders: list[np.ndarray], starts: np.ndarray, counts: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Keep only the open segments in `orders`; return their new places."""
-        if not len(starts):
-            return starts, counts
-        picked = _places(starts, counts)
-        for axis in range(3):
-            orders[axis] = orders[axis][picked]
-        return np.cumsum(counts) - counts, counts
-
-
 def _places(starts: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Return the indices of all members of the segments, one segment after the other."""
     first = np.cumsum(counts) - counts
@@ -386,18 +269,13 @@ def _empty_box() -> np.ndarray:
     return np.array([[far, far, far, -far, -far, -far]], dtype=np.float32)
 
 
-def _box(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    return np.concatenate([low, high])[None].astype(np.float32)
-
-
 def _leaf(first: Any, count: Any) -> Any:
     return -(first * 16 + count) - 1
 
 
-def _set_child(
-    nodes: np.ndarray, rows: np.ndarray, child: int, boxes: np.ndarray, refs: np.ndarray
-) -> None:
-    at = 8 * child
-    nodes[rows, at : at + 3] = boxes[:, :3]
-    nodes[rows, at + 4 : at + 7] = boxes[:, 3:]
-    nodes.view(np.int32)[rows, (3, 7)[child]] = refs
+def _set_child(nodes: np.ndarray, side: int, boxes: np.ndarray, refs: np.ndarray) -> None:
+    """Write one child of each node: its box, given as (-low, high), and what it is."""
+    at = 8 * side
+    nodes[:, at : at + 3] = -boxes[:, 0, :3]
+    nodes[:, at + 4 : at + 7] = boxes[:, 1, :3]
+    nodes.view(np.int32)[:, (3, 7)[side]] = refs

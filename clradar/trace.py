@@ -297,7 +297,7 @@ class Tracer:
     def _prepare(self) -> None:
         scene, array, device, up = self._scene, self.array, self.device, self._buffers.upload
         triangles = scene.triangles_m
-        bvh = build_bvh(triangles)
+        bvh = build_bvh(triangles, device)
         self._delta = np.float32(error_bound_m(triangles, array.tx_m, array.rx_m))
         nodes, records, stack = flatten(bvh, triangles, float(self._delta))
         corners, faces = corner_normals(scene, self.settings.normals, self.settings.crease_deg)

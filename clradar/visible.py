@@ -65,7 +65,7 @@ class VisibleSurface:
     def _prepare(self) -> None:
         up, device = self._buffers.upload, self._device
         triangles = self._scene.triangles_m
-        bvh = build_bvh(triangles)
+        bvh = build_bvh(triangles, device)
         self._delta = np.float32(error_bound_m(triangles, np.array([[self._reach_m, 0.0, 0.0]])))
         nodes, records, stack = flatten(bvh, triangles, float(self._delta))
         corners, faces = corner_normals(self._scene)

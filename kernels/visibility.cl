@@ -69,12 +69,11 @@ static inline float8 most_of(const edge8 e, const shafts *shaft) {
                          fused8(e.x, shaft->a_centre, fused8(e.y, shaft->b_centre, e.along))));
 }
 
-/* The same for one of the vectors and the shafts of 8 groups. */
-static inline float8 most_in(const edge8 *edge, const int lane, const shafts *shaft) {
-    const float *e = (const float *)edge + lane;
-    return fused8(shaft->a_half, e[24],
-                  fused8(shaft->b_half, e[32],
-                         fused8(shaft->a_middle, e[0], fused8(shaft->b_middle, e[8], e[40]))));
+/* The same for the shaft of one group. */
+static inline float8 most_in(const edge8 e, const float *group) {
+    return fused8(e.x_size, group[8],
+                  fused8(e.y_size, group[24],
+                         fused8(e.x, group[0], fused8(e.y, group[16], e.along))));
 }
 
 /* Clear the lanes of `reach` (distance to each antenna; negative = done) that anything blocks.
@@ -83,13 +82,17 @@ static inline float8 most_in(const edge8 *edge, const int lane, const shafts *sh
  * direction (3, 8): unit directions by axis and group. `alive`: groups with a ray to be decided. */
 static void block(__global const float *nodes, __global const float *triangles, const float3 from,
                   const int main, const float sense, const shafts shaft, const float farthest,
-                  const float slant, const float8 *direction, float8 *reach, uint alive) {
+                  const float slant, const float8 *direction, float8 *reach, const int n_used,
+                  ulong alive) {
     const int second = main == 2 ? 0 : main + 1, third = main == 0 ? 2 : main - 1;
     const float origin[3] = {from.x, from.y, from.z};
     const float3 o = (float3)(origin[second], origin[third], origin[main]);
     const int near_row = 8 * main + (sense > 0.0f ? 0 : NODE_HIGH);
     const int far_row = 8 * main + (sense > 0.0f ? NODE_HIGH : 0);
+    const float *groups = (const float *)&shaft;
+    /* Nodes, and which of their children are still to be visited. */
     int stack[CLR_STACK];
+    uint waiting[CLR_STACK];
     int top = 0;
     int child = 0;
     for (;;) {
@@ -101,16 +104,14 @@ static void block(__global const float *nodes, __global const float *triangles, 
             const float8 a_high = larger8(start * shaft.a_high, end * shaft.a_high);
             const float8 b_low = smaller8(start * shaft.b_low, end * shaft.b_low);
             const float8 b_high = larger8(start * shaft.b_high, end * shaft.b_high);
-            uint hit = lanes8((start <= end) & (a_low <= LOAD8(node + 8 * second + NODE_HIGH) - o.x) &
-                              (a_high >= LOAD8(node + 8 * second) - o.x) &
-                              (b_low <= LOAD8(node + 8 * third + NODE_HIGH) - o.y) &
-                              (b_high >= LOAD8(node + 8 * third) - o.y));
-            __global const int *children = (__global const int *)(node + NODE_CHILDREN);
-            while (hit) {
-                const int lane = lowest(hit);
-                hit &= hit - 1;
-                stack[top++] = children[lane];
-            }
+            const uint hit = lanes8(
+                (start <= end) & (a_low <= LOAD8(node + 8 * second + NODE_HIGH) - o.x) &
+                (a_high >= LOAD8(node + 8 * second) - o.x) &
+                (b_low <= LOAD8(node + 8 * third + NODE_HIGH) - o.y) &
+                (b_high >= LOAD8(node + 8 * third) - o.y));
+            stack[top] = child;
+            waiting[top] = hit;
+            top += hit != 0;
         } else {
             __global const float *rows = triangles + (size_t)-(child + 1) * BLOCK_FLOATS;
             const seen_block s = block_from(rows, o, second, third, main);
@@ -119,45 +120,50 @@ static void block(__global const float *nodes, __global const float *triangles, 
             const edge8 ew = edge_of(s.nx - s.q2x - s.q1x, s.ny - s.q2y - s.q1y,
                                      s.nz - s.q2z - s.q1z, slant * s.ew, sense);
             const edge8 facing = edge_of(s.nx, s.ny, s.nz, (float8)(0.0f), sense);
-            uint hit = lanes8((most_of(eu, &shaft) >= 0.0f) & (most_of(ev, &shaft) >= 0.0f) &
-                              (most_of(ew, &shaft) >= 0.0f) & (most_of(facing, &shaft) > 0.0f) &
-                              (s.height > 0.0f));
-            if (hit) {
+            const int8 hit = (most_of(eu, &shaft) >= 0.0f) & (most_of(ev, &shaft) >= 0.0f) &
+                             (most_of(ew, &shaft) >= 0.0f) & (most_of(facing, &shaft) > 0.0f) &
+                             (s.height > 0.0f);
+            if (any8(hit)) {
+                /* Bit 8 g + t: group g may be blocked by triangle t. */
+                ulong pairs = 0;
+                for (int g = 0; g < n_used; ++g) {
+                    pairs |= (ulong)lanes8(hit & (most_in(eu, groups + g) >= 0.0f) &
+                                           (most_in(ev, groups + g) >= 0.0f) &
+                                           (most_in(ew, groups + g) >= 0.0f))
+                             << 8 * g;
+                }
+                pairs &= alive;
                 const float *t = (const float *)&s;
-                do {
-                    const int lane = lowest(hit);
-                    hit &= hit - 1;
-                    uint groups = alive & lanes8((most_in(&eu, lane, &shaft) >= 0.0f) &
-                                                 (most_in(&ev, lane, &shaft) >= 0.0f) &
-                                                 (most_in(&ew, lane, &shaft) >= 0.0f));
-                    for (; groups; groups &= groups - 1) {
-                        const int g = lowest(groups);
-                        const float8 d1 = direction[8 * second + g], d2 = direction[8 * third + g],
-                                     d0 = direction[8 * main + g];
-                        const float8 u = fused8(d1, t[lane], fused8(d2, t[8 + lane], d0 * t[16 + lane]));
-                        const float8 v = fused8(d1, t[24 + lane], fused8(d2, t[32 + lane], d0 * t[40 + lane]));
-                        const float8 size = fused8(d1, t[48 + lane], fused8(d2, t[56 + lane], d0 * t[64 + lane]));
-                        const float eu1 = t[80 + lane], ev1 = t[88 + lane], ew1 = t[96 + lane];
-                        int8 blocked = (u >= -eu1) & (v >= -ev1) & (u + v <= size + ew1) &
-                                       (size > t[104 + lane]) & (t[72 + lane] < reach[g] * size);
-                        if (!any8(blocked)) continue;
-                        const int8 unsure =
-                            blocked & ((u <= eu1) | (v <= ev1) | (u + v >= size - ew1));
-                        if (any8(unsure)) {
-                            const int8 inside =
-                                inside_triangle(rows + lane, from, direction[g], direction[8 + g],
-                                                direction[16 + g]);
-                            blocked = unsure ? inside : blocked;
-                        }
-                        reach[g] = blocked ? (float8)(-1.0f) : reach[g];
-                        if (!any8(reach[g] > 0.0f)) alive &= ~(1u << g);
+                for (; pairs; pairs &= pairs - 1) {
+                    const int pair = lowest_long(pairs), g = pair >> 3, lane = pair & 7;
+                    const float8 d1 = direction[8 * second + g], d2 = direction[8 * third + g],
+                                 d0 = direction[8 * main + g];
+                    const float8 u = fused8(d1, t[lane], fused8(d2, t[8 + lane], d0 * t[16 + lane]));
+                    const float8 v = fused8(d1, t[24 + lane], fused8(d2, t[32 + lane], d0 * t[40 + lane]));
+                    const float8 size = fused8(d1, t[48 + lane], fused8(d2, t[56 + lane], d0 * t[64 + lane]));
+                    const float eu1 = t[80 + lane], ev1 = t[88 + lane], ew1 = t[96 + lane];
+                    int8 blocked = (u >= -eu1) & (v >= -ev1) & (u + v <= size + ew1) &
+                                   (size > t[104 + lane]) & (t[72 + lane] < reach[g] * size);
+                    const int8 unsure = blocked & ((u <= eu1) | (v <= ev1) | (u + v >= size - ew1));
+                    if (any8(unsure)) {
+                        const int8 inside =
+                            inside_triangle(rows + lane, from, direction[g], direction[8 + g],
+                                            direction[16 + g]);
+                        blocked = unsure ? inside : blocked;
                     }
-                } while (hit);
+                    reach[g] = blocked ? (float8)(-1.0f) : reach[g];
+                    if (!any8(reach[g] > 0.0f)) alive &= ~(0xfful << 8 * g);
+                }
                 if (!alive) return;
             }
         }
         if (top == 0) return;
-        child = stack[--top];
+        const uint left = waiting[top - 1], rest = left & (left - 1);
+        __global const float *family = nodes + (size_t)stack[top - 1] * NODE_FLOATS + NODE_CHILDREN;
+        child = as_int(family[lowest(left)]);
+        if (rest) fetch_child(nodes, triangles, as_int(family[lowest(rest)]));
+        waiting[top - 1] = rest;
+        top -= rest == 0;
     }
 }
 
@@ -209,7 +215,7 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
             uint possible = lanes8(middle * (float)side > -spread) & ((1u << n_used) - 1u);
             if (!possible) continue;
             const float3 o = p + normal * ((float)side * 2.0f * delta);
-            uint alive = 0;
+            ulong alive = 0;
             float8 most_reach = (float8)(0.0f);
             for (int g = 0; g < n_used; ++g) {
                 if (!(possible & 1u << g)) continue;
@@ -220,7 +226,7 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
                     (ax - p.x) * normal.x + (ay - p.y) * normal.y + (az - p.z) * normal.z;
                 const int8 wanted = (height * (float)side > 0.0f) & (antenna >= 0);
                 if (!any8(wanted)) continue;
-                alive |= 1u << g;
+                alive |= 0xfful << 8 * g;
                 const float8 dx = ax - o.x, dy = ay - o.y, dz = az - o.z;
                 const float8 distance = sqrt(dx * dx + dy * dy + dz * dz);
                 const float8 inverse = 1.0f / distance;
@@ -231,7 +237,7 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
                 most_reach = larger8(most_reach, reach[g]);
             }
             if (!alive) continue;
-            const uint asked = alive;
+            const ulong asked = alive;
 
             /* The main axis is that along which the middle of the bundle is farthest. */
             const float8 low[3] = {lx - o.x, ly - o.y, lz - o.z};
@@ -262,10 +268,10 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
                 shaft.b_centre = 0.5f * (shaft.b_low + shaft.b_high);
                 shaft.b_extent = 0.5f * (shaft.b_high - shaft.b_low);
                 block(nodes, triangles, o, main, sense, shaft, longest * (1.0f + 0x1p-20f), 32.0f,
-                      direction, reach, alive);
+                      direction, reach, n_used, alive);
             } else {
                 for (int g = 0; g < n_used; ++g) {
-                    if (!(alive & 1u << g)) continue;
+                    if (!(alive >> 8 * g & 1)) continue;
                     const float *x = (const float *)(direction + g), *far = (const float *)(reach + g);
                     float *r = (float *)(reach + g);
                     for (int lane = 0; lane < GROUP; ++lane) {
@@ -276,7 +282,7 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
                 }
             }
             for (int g = 0; g < n_used; ++g) {
-                if (!(asked & 1u << g)) continue;
+                if (!(asked >> 8 * g & 1)) continue;
                 uint seen = lanes8(reach[g] > 0.0f);
                 if (!seen) continue;
                 const int first = as_int(bundle[BUNDLE_FIRST + g]);

@@ -7,7 +7,7 @@ import pytest
 from shapes import bowl, box, plate, random_soup, sphere, with_degenerate
 
 from clradar import bvh as module
-from clradar.bvh import Bvh, build_bvh, error_bound_m, face_normals, flatten
+from clradar.bvh import Bvh, build_bvh, face_normals, flatten
 from clradar.errors import ModelError
 from clradar.hand import hand_mesh, pose_by_name
 
@@ -34,7 +34,7 @@ def check_tree(bvh: Bvh, triangles_m: np.ndarray) -> None:
     first, count = leaf >> 4, leaf & 15
     filled = np.argsort(first[count > 0])
     first, count = first[count > 0][filled], count[count > 0][filled]
-    assert (count <= module.LEAF_MOST).all()
+    assert (count <= module.BLOCK).all()
     np.testing.assert_array_equal(first, np.cumsum(count) - count)  # no gap, no overlap
     assert count.sum() == len(kept)
 
@@ -56,6 +56,58 @@ def check_tree(bvh: Bvh, triangles_m: np.ndarray) -> None:
     assert bvh.depth == depth
 
 
+DELTA_M = 1e-6
+"""Padding of the boxes here; small against the meshes, large against the rounding of their boxes."""
+
+
+def check_flat(bvh: Bvh, triangles_m: np.ndarray) -> None:
+    """Walk what the kernels read, as they do, and hold it against ``kernels/common/bvh.h``."""
+    corners = np.asarray(triangles_m, dtype=np.float32)
+    nodes, blocks, stack = flatten(bvh, triangles_m, DELTA_M)
+    assert nodes.dtype == blocks.dtype == np.float32
+    assert nodes.shape[1:] == (64,)
+    assert blocks.shape[1:] == (16, 8)
+    rows = nodes.reshape(-1, 8, 8)
+    low, high = rows[:, 0:3].transpose(0, 2, 1), rows[:, 3:6].transpose(0, 2, 1)
+    child = rows.view(np.int32)[:, 6]
+    used = low[:, :, 0] <= high[:, :, 0]
+    parents = np.bincount(child[used & (child >= 0)], minlength=len(nodes))
+    assert parents[0] == 0
+    assert (parents[1:] == 1).all()
+
+    # The kernels' walk: all children of a node are put on the stack, and the last is taken next.
+    most = 0
+    waiting = [0]
+    while waiting and len(nodes) < 1000:
+        most = max(most, len(waiting))
+        node = waiting.pop()
+        if node >= 0:
+            waiting += child[node][used[node]].tolist()
+    assert most <= stack
+
+    faces = np.ascontiguousarray(blocks).view(np.int32)[:, 15]
+    filled = np.abs(blocks[:, 9:12]).max(axis=1) > 0
+    assert (blocks[:, 14] > 0).all()  # so that a column that is not used is never hit
+    np.testing.assert_array_equal(np.sort(faces[filled]), np.sort(bvh.order))
+    of_leaf = -1 - child[used & (child < 0)]
+    np.testing.assert_array_equal(np.sort(of_leaf), np.arange(len(of_leaf)))
+    if not len(bvh.order):
+        return
+    assert len(of_leaf) == len(blocks)
+    # Every box holds what is below it with DELTA_M to spare; a bound is rounded to nearest.
+    spare_m = DELTA_M - 2.0**-24 * float(np.abs(corners).max() + DELTA_M)
+    mine = np.where(filled[:, :, None, None], corners[faces], np.nan)
+    block_low, block_high = np.nanmin(mine, axis=(1, 2)), np.nanmax(mine, axis=(1, 2))
+    leaf = used & (child < 0)
+    assert (low[leaf] <= block_low[of_leaf] - spare_m).all()
+    assert (high[leaf] >= block_high[of_leaf] + spare_m).all()
+    whole_low = np.where(used[:, :, None], low, np.inf).min(axis=1)
+    whole_high = np.where(used[:, :, None], high, -np.inf).max(axis=1)
+    inner = used & (child >= 0)
+    assert (low[inner] <= whole_low[child[inner]]).all()
+    assert (high[inner] >= whole_high[child[inner]]).all()
+
+
 RNG = np.random.default_rng(20)
 MESHES = {
     "one face": triangles_of(plate(0.1, 0.3))[:1],
@@ -72,39 +124,41 @@ MESHES = {
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_every_face_is_in_one_leaf_and_in_its_boxes(name):
-    check_tree(build_bvh(MESHES[name]), MESHES[name])
+def test_every_face_is_in_one_leaf_and_in_its_boxes(name, device):
+    bvh = build_bvh(MESHES[name], device)
+    check_tree(bvh, MESHES[name])
+    check_flat(bvh, MESHES[name])
 
 
 @pytest.mark.parametrize("n_faces", [1, 2, 3, 4, 5, 8, 9, 13, 16, 17, 31, 97])
-def test_small_sizes(n_faces):
+def test_small_sizes(n_faces, device):
     triangles = triangles_of(random_soup(np.random.default_rng(n_faces), n_faces, 0.05))
-    check_tree(build_bvh(triangles), triangles)
+    bvh = build_bvh(triangles, device)
+    check_tree(bvh, triangles)
+    check_flat(bvh, triangles)
 
 
-def test_faces_without_area_are_left_out():
+def test_faces_without_area_are_left_out(device):
     point = np.full((1, 3, 3), 0.3)
     line = np.array([[[0, 0, 0.3], [0.1, 0, 0.3], [0.2, 0, 0.3]]])
     real = triangles_of(plate(0.1, 0.3))
-    bvh = build_bvh(np.concatenate([point, real[:1], line, real[1:]]))
+    bvh = build_bvh(np.concatenate([point, real[:1], line, real[1:]]), device)
     np.testing.assert_array_equal(np.sort(bvh.order), [1, 3])
     check_tree(bvh, np.concatenate([point, real[:1], line, real[1:]]))
 
 
-def test_only_faces_without_area_make_an_empty_tree():
+def test_only_faces_without_area_make_an_empty_tree(device):
     triangles = np.full((5, 3, 3), 0.1)
-    bvh = build_bvh(triangles)
+    bvh = build_bvh(triangles, device)
     assert len(bvh.order) == 0
     assert bvh.depth == 1
     check_tree(bvh, triangles)
-    nodes, records = flatten(bvh, triangles, 1e-6)
-    assert nodes.shape == (1, 16)
-    assert records.shape == (1, 16)
+    check_flat(bvh, triangles)
 
 
 @pytest.mark.parametrize("n_faces", [3, 100, 4099])
 @pytest.mark.parametrize("kind", ["identical", "concentric"])
-def test_equal_centroids_are_halved_by_count(kind, n_faces):
+def test_equal_centroids_are_halved_by_count(kind, n_faces, device):
     one = np.array([[-1.0, -0.5, 0.0], [1.0, -0.5, 0.0], [0.0, 1.0, 0.0]])
     size = np.full(n_faces, 0.1)
     if kind == "concentric":
@@ -112,7 +166,7 @@ def test_equal_centroids_are_halved_by_count(kind, n_faces):
         one = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
         size = np.linspace(0.001, 0.1, n_faces)
     triangles = size[:, None, None] * one
-    bvh = build_bvh(triangles)
+    bvh = build_bvh(triangles, device)
     check_tree(bvh, triangles)
     assert bvh.depth <= np.ceil(np.log2(n_faces)) + 1
 
@@ -125,44 +179,26 @@ def exponential(n_faces: int, octaves: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("n_faces", "octaves"), [(60, 60), (120, 120), (2000, 120), (3000, 20)])
-def test_exponential_spacing_stays_within_the_depth_bound(n_faces, octaves):
+def test_exponential_spacing_stays_within_the_depth_bound(n_faces, octaves, device):
     triangles = exponential(n_faces, octaves)
-    bvh = build_bvh(triangles)
+    bvh = build_bvh(triangles, device)
     check_tree(bvh, triangles)
     assert bvh.depth <= module.MEDIAN_BELOW_LEVEL + np.ceil(np.log2(n_faces)) + 1
 
 
-def test_splits_by_count_bound_the_depth_of_an_unbalanced_tree(monkeypatch):
+def test_splits_by_count_bound_the_depth_of_an_unbalanced_tree(monkeypatch, device):
     triangles = exponential(2000, 120)
-    assert build_bvh(triangles).depth > 20
+    assert build_bvh(triangles, device).depth > 20
     monkeypatch.setattr(module, "MEDIAN_BELOW_LEVEL", 3)
-    bvh = build_bvh(triangles)
+    bvh = build_bvh(triangles, device)
     check_tree(bvh, triangles)
     assert bvh.depth <= 3 + np.ceil(np.log2(len(triangles)))
 
 
-def test_same_tree_for_the_same_triangles():
-    first, second = build_bvh(MESHES["soup"]), build_bvh(MESHES["soup"])
+def test_same_tree_for_the_same_triangles(device):
+    first, second = (build_bvh(MESHES["soup"], device) for _ in range(2))
     np.testing.assert_array_equal(first.nodes.view(np.int32), second.nodes.view(np.int32))
     np.testing.assert_array_equal(first.order, second.order)
-
-
-def test_padding_is_at_least_the_error_bound():
-    triangles = MESHES["soup"]
-    bvh = build_bvh(triangles)
-    delta_m = error_bound_m(triangles)
-    nodes, records = flatten(bvh, triangles, delta_m)
-    # A padded bound is a float32 that may have been rounded to nearest: half an ulp of 0.5 m.
-    rounding_m = 2.0**-25
-    for lo, hi in ((0, 4), (8, 12)):
-        inward_m = bvh.nodes[:, lo : lo + 3].astype(float) - nodes[:, lo : lo + 3]
-        outward_m = nodes[:, hi : hi + 3] - bvh.nodes[:, hi : hi + 3].astype(float)
-        assert (inward_m >= delta_m - rounding_m).all()
-        assert (outward_m >= delta_m - rounding_m).all()
-    np.testing.assert_array_equal(
-        nodes.view(np.int32)[:, [3, 7]], bvh.nodes.view(np.int32)[:, [3, 7]]
-    )
-    np.testing.assert_array_equal(records.view(np.int32)[:, 3], bvh.order)
 
 
 def test_normals_and_areas_of_faces():
@@ -190,23 +226,23 @@ def test_normals_and_areas_of_faces():
         (1e39, "overflow"),
     ],
 )
-def test_numbers_that_are_none_are_refused(value, message):
+def test_numbers_that_are_none_are_refused(value, message, device):
     triangles = triangles_of(plate(0.1, 0.3))
     triangles[1, 2, 0] = value
     with pytest.raises(ModelError, match=message):
-        build_bvh(triangles)
+        build_bvh(triangles, device)
 
 
 @pytest.mark.parametrize("shape", [(0, 3, 3), (3, 3), (2, 4, 3), (2, 3, 2)])
-def test_wrong_shapes_are_refused(shape):
+def test_wrong_shapes_are_refused(shape, device):
     with pytest.raises(ModelError, match="triangles_m: expected"):
-        build_bvh(np.zeros(shape))
+        build_bvh(np.zeros(shape), device)
 
 
-def test_a_hand():
+def test_a_hand(device):
     mesh = hand_mesh(pose_by_name("F"))
     triangles = mesh.vertices_m[mesh.faces]
-    bvh = build_bvh(triangles)
+    bvh = build_bvh(triangles, device)
     check_tree(bvh, triangles)
     # A tree as good as a balanced one has log2(n / 2) = 14 levels; twice that is far from any
     # trouble.
@@ -214,7 +250,9 @@ def test_a_hand():
 
 
 @pytest.mark.slow
-def test_a_million_faces():
+def test_a_million_faces(device):
     triangles = triangles_of(plate(0.4, 0.3, 708, wavy_m=0.01))
     assert len(triangles) >= 10**6
-    check_tree(build_bvh(triangles), triangles)
+    bvh = build_bvh(triangles, device)
+    check_tree(bvh, triangles)
+    check_flat(bvh, triangles)

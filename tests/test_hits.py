@@ -69,7 +69,7 @@ class Rays:
 
     def nearest(self, device):
         """Distance (-1: none), face (-1: none) and (u, v) from the kernel's function."""
-        bvh = build_bvh(self.triangles)
+        bvh = build_bvh(self.triangles, device)
         nodes, records, stack = flatten(bvh, self.triangles, self.delta_m)
         assert stack <= STACK
         flags = ["-cl-std=CL1.2", "-DCLR_WIDTH=1", f"-DCLR_STACK={STACK}", "-DCLR_SPREADING=0"]
@@ -243,7 +243,7 @@ def seen(mesh, point, normal, tx, device) -> np.ndarray:
     vertices, faces = mesh
     triangles = vertices[faces]
     delta_m = error_bound_m(triangles, tx, point)
-    bvh = build_bvh(triangles)
+    bvh = build_bvh(triangles, device)
     nodes, records, stack = flatten(bvh, triangles, delta_m)
     assert stack <= STACK
     n_groups = -(-len(tx) // GROUP)

@@ -57,6 +57,13 @@ static inline float3 rows3(__global const float *slot) {
     return (float3)(slot[0], slot[BLOCK], slot[2 * BLOCK]);
 }
 
+/* Ask for a child that is going to be visited. */
+static inline void fetch_child(__global const float *nodes, __global const float *triangles,
+                               const int child) {
+    fetch512(child >= 0 ? nodes + (size_t)child * NODE_FLOATS
+                        : triangles + (size_t)-(child + 1) * BLOCK_FLOATS);
+}
+
 /* Component of the cross product of (ay, az) and (by, bz). */
 static inline dual cross_component(realw ay, realw az, realw by, realw bz) {
     return dual_add(exact_product(ay, bz), dual_negative(exact_product(az, by)));

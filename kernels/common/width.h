@@ -30,12 +30,27 @@ static inline int any8(int8 v) {
     return two.x | two.y;
 }
 
+/* Begin to load 512 bytes. */
+static inline void fetch512(__global const float *p) {
+#if defined(__clang__) && CLR_WIDTH == 8
+    for (int line = 0; line < 8; ++line) __builtin_prefetch((const void *)(size_t)(p + 16 * line));
+#endif
+}
+
 /* Index of the lowest bit that is set; clz() is a library call, too. */
 static inline int lowest(uint bits) {
 #ifdef __clang__
     return __builtin_ctz(bits);
 #else
     return 31 - (int)clz(bits & -bits);
+#endif
+}
+
+static inline int lowest_long(ulong bits) {
+#ifdef __clang__
+    return __builtin_ctzl(bits);
+#else
+    return 63 - (int)clz(bits & -bits);
 #endif
 }
 
