@@ -205,6 +205,7 @@ typedef struct {
 static inline hit_record traced(__global const float *nodes, __global const float *triangles,
                                 const float3 o, const float3 d, float reach, const bool any) {
     const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
+    const float3 moved = -o * inverse;
     /* Where in a node the sides are that the ray enters a box by; it leaves by the others. */
     const int x = inverse.x < 0.0f ? NODE_HIGH : 0, y = inverse.y < 0.0f ? NODE_HIGH + 8 : 8,
               z = inverse.z < 0.0f ? NODE_HIGH + 16 : 16;
@@ -219,33 +220,44 @@ static inline hit_record traced(__global const float *nodes, __global const floa
     for (;;) {
         if (child >= 0) {
             __global const float *node = nodes + (size_t)child * NODE_FLOATS;
-            const float8 near =
-                larger8(larger8((LOAD8(node + x) - o.x) * inverse.x,
-                                (LOAD8(node + y) - o.y) * inverse.y),
-                        larger8((LOAD8(node + z) - o.z) * inverse.z, (float8)(0.0f)));
-            const float8 far =
-                smaller8(smaller8((LOAD8(node + NODE_HIGH - x) - o.x) * inverse.x,
-                                  (LOAD8(node + NODE_HIGH + 16 - y) - o.y) * inverse.y),
-                         smaller8((LOAD8(node + NODE_HIGH + 32 - z) - o.z) * inverse.z,
-                                  (float8)(reach)));
+            const float8 near = larger8(
+                larger8(fused8(LOAD8(node + x), (float8)(inverse.x), (float8)(moved.x)),
+                        fused8(LOAD8(node + y), (float8)(inverse.y), (float8)(moved.y))),
+                larger8(fused8(LOAD8(node + z), (float8)(inverse.z), (float8)(moved.z)), (float8)(0.0f)));
+            const float8 far = smaller8(
+                smaller8(fused8(LOAD8(node + NODE_HIGH - x), (float8)(inverse.x), (float8)(moved.x)),
+                         fused8(LOAD8(node + NODE_HIGH + 16 - y), (float8)(inverse.y), (float8)(moved.y))),
+                smaller8(fused8(LOAD8(node + NODE_HIGH + 32 - z), (float8)(inverse.z), (float8)(moved.z)), (float8)(reach)));
             uint hit = lanes8(near <= far);
             if (hit) {
                 __global const int *children = (__global const int *)(node + NODE_CHILDREN);
+                const int one = lowest(hit);
+                hit &= hit - 1;
+                child = children[one];
+                if (!hit) continue;
                 float at[8];
                 ((loose8 *)at)->v = near;
+                float d0 = at[one];
                 const int base = top;
                 do {
                     const int lane = lowest(hit);
                     hit &= hit - 1;
+                    int next = children[lane];
+                    float dn = at[lane];
+                    if (dn < d0) {
+                        const int c = child; child = next; next = c;
+                        const float q = d0; d0 = dn; dn = q;
+                    }
                     int place = top++;
-                    /* The nearest on top. */
-                    for (; place > base && entry[place - 1] < at[lane]; --place) {
+                    for (; place > base && entry[place - 1] < dn; --place) {
                         entry[place] = entry[place - 1];
                         stack[place] = stack[place - 1];
                     }
-                    entry[place] = at[lane];
-                    stack[place] = children[lane];
+                    entry[place] = dn;
+                    stack[place] = next;
+                    fetch_child(nodes, triangles, next);
                 } while (hit);
+                continue;
             }
         } else {
             const int block = -(child + 1);

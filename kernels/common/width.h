@@ -32,7 +32,7 @@ static inline int any8(int8 v) {
 
 /* Begin to load 512 bytes. */
 static inline void fetch512(__global const float *p) {
-#if defined(__clang__) && CLR_WIDTH == 8
+#if defined(__x86_64__) || defined(__aarch64__)
     for (int line = 0; line < 8; ++line) __builtin_prefetch((const void *)(size_t)(p + 16 * line));
 #endif
 }
