@@ -1,12 +1,11 @@
-"""Bounding volume hierarchy: binned-SAH build, level by level in numpy, and its flat layout.
-
-Every level of the tree is split at once with segmented numpy operations, so the work in Python is
-proportional to the depth of the tree and not to its number of nodes.
+"""Bounding volume hierarchy: binned-SAH build [1]_, level by level on a device, and its flat layout.
 
 References
 ----------
 .. [1] I. Wald, "On fast construction of SAH-based bounding volume hierarchies", IEEE Symposium on
    Interactive Ray Tracing 2007.
+.. [2] I. Wald, C. Benthin and S. Boulos, "Getting rid of packets: efficient SIMD single-ray
+   traversal using multi-branching BVHs", IEEE Symposium on Interactive Ray Tracing 2008.
 """
 
 from __future__ import annotations
@@ -202,34 +201,78 @@ def flatten(
 
 
 def _widened(refs: np.ndarray, area: np.ndarray) -> tuple[list[np.ndarray], int]:
-    """Merge binary nodes into nodes of `WIDTH` children, the largest child opened first.
+    """Merge binary nodes into nodes of up to `WIDTH` children so that their areas add up to least.
 
-    Returns the children of every wide node, level by level, as indices of boxes (2 node + side, -1:
-    none), and how many children a traversal may have to keep at a time.
+    Parameters
+    ----------
+    refs : ndarray, shape (2 n_nodes,), int32
+        What each child is, in the order of `Bvh.nodes`.
+    area : ndarray, shape (2 n_nodes,)
+        Of its box.
+
+    Returns
+    -------
+    levels : list of ndarray, shape (n, WIDTH)
+        The children of every wide node, level by level, as indices into `refs`; -1: none.
+    most : int
+        How many children a traversal may have to keep at a time.
     """
-    cost = np.where(refs >= 0, area, -1.0)
+    shares = _best_shares(refs, area)
     parents = np.zeros(1, dtype=np.int64)
-    kept = np.zeros(1, dtype=np.int64)  # children that wait when a traversal comes to a node
-    levels, stack = [], 0
+    waiting = np.zeros(1, dtype=np.int64)  # children that wait when a traversal comes to a node
+    levels, most = [], 0
     while len(parents):
-        box = np.full((len(parents), WIDTH), -1)
-        box[:, 0], box[:, 1] = 2 * parents, 2 * parents + 1
-        rows = np.arange(len(parents))
-        count = np.full(len(parents), 2)
-        for used in range(2, WIDTH):
-            costs = np.where(box[rows, :used] >= 0, cost[box[rows, :used]], -1.0)
-            which = costs.argmax(axis=1)
-            can = costs[np.arange(len(rows)), which] >= 0
-            rows, which = rows[can], which[can]
-            opened = refs[box[rows, which]]
-            box[rows, which], box[rows, used] = 2 * opened, 2 * opened + 1
-            count[rows] += 1
-        levels.append(box)
-        stack = max(stack, int((kept + count).max()))
-        inner = (box >= 0) & (refs[box] >= 0)
-        parents = refs[box[inner]]
-        kept = np.repeat(kept + count - 1, inner.sum(axis=1))
-    return levels, stack
+        # A child, and how many columns it may still be opened into, beginning at its own.
+        child = np.full((len(parents), WIDTH), -1)
+        columns = np.zeros((len(parents), WIDTH), dtype=np.int64)
+        row, column = np.arange(len(parents)), np.zeros(len(parents), dtype=np.int64)
+        node, width = parents, np.full(len(parents), WIDTH)
+        while len(row):
+            left = shares[width, node]
+            row, column, node, width, left = (
+                a[left > 0] for a in (row, column, node, width, left)
+            )
+            for side, at, share in ((0, column, left), (1, column + left, width - left)):
+                child[row, at], columns[row, at] = 2 * node + side, share
+            row, column = np.nonzero((columns > 1) & (refs[child] >= 0))
+            node, width = refs[child[row, column]], columns[row, column]
+            columns[row, column] = 0
+        levels.append(child)
+        count = (child >= 0).sum(axis=1)
+        most = max(most, int((waiting + count).max()))
+        inner = (child >= 0) & (refs[child] >= 0)
+        parents = refs[child[inner]]
+        waiting = np.repeat(waiting + count - 1, inner.sum(axis=1))
+    return levels, most
+
+
+def _best_shares(refs: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """Return what is best for every binary node that may take 2 to `WIDTH` columns.
+
+    Shape (WIDTH + 1, n_nodes): how many of that many columns go to its left child; 0: it takes one,
+    as a wide node of its own. Found from the leaves up [2]_.
+    """
+    inner = np.flatnonzero(refs >= 0)
+    above = np.zeros(len(refs) // 2, dtype=np.int64)  # which child a node is
+    above[refs[inner]] = inner
+    starts = [0, 1]  # of the levels: a node's children come in the next one
+    while starts[-1] < len(above):
+        starts.append(starts[-1] + int((refs[2 * starts[-2] : 2 * starts[-1]] >= 0).sum()))
+    cost = np.tile(area, (WIDTH + 1, 1))  # of a child by its columns; a leaf takes one
+    shares = np.zeros((WIDTH + 1, len(above)), dtype=np.int8)
+    for start, stop in zip(starts[-2::-1], starts[:0:-1], strict=True):
+        left, right = cost[:, 2 * start : 2 * stop : 2], cost[:, 2 * start + 1 : 2 * stop : 2]
+        opened = np.full((WIDTH + 1, stop - start), np.inf, dtype=cost.dtype)
+        for width in range(2, WIDTH + 1):
+            for share in range(1, width):
+                sum_ = left[share] + right[width - share]
+                better = sum_ < opened[width]
+                opened[width][better] = sum_[better]
+                shares[width, start:stop][better] = share
+        alone = area[above[start:stop]] + opened[WIDTH]
+        shares[2:WIDTH, start:stop][alone <= opened[2:WIDTH]] = 0
+        cost[1:, above[start:stop]] = np.minimum(alone, opened[1:])
+    return shares
 
 
 def _records(bvh: Bvh, first: np.ndarray, count: np.ndarray, triangles_m: np.ndarray) -> np.ndarray:
