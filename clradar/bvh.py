@@ -194,9 +194,9 @@ def flatten(
     far = np.float32(EMPTY_M)
     nodes = np.zeros((len(box), 8, WIDTH), dtype=np.float32)
     for axis in range(3):
-        nodes[:, axis] = np.where(box >= 0, low[box, axis] - pad, far)
-        nodes[:, 3 + axis] = np.where(box >= 0, high[box, axis] + pad, -far)
-    nodes.view(np.int32)[:, 6] = children
+        nodes[:, 1 + axis] = np.where(box >= 0, low[box, axis] - pad, far)
+        nodes[:, 4 + axis] = np.where(box >= 0, high[box, axis] + pad, -far)
+    nodes.view(np.int32)[:, 0] = children
     return nodes.reshape(-1, 8 * WIDTH), records, -(-most_kept // 16) * 16
 
 

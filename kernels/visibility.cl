@@ -87,8 +87,8 @@ static void block(__global const float *nodes, __global const float *triangles, 
     const int second = main == 2 ? 0 : main + 1, third = main == 0 ? 2 : main - 1;
     const float origin[3] = {from.x, from.y, from.z};
     const float3 o = (float3)(origin[second], origin[third], origin[main]);
-    const int near_row = 8 * main + (sense > 0.0f ? 0 : NODE_HIGH);
-    const int far_row = 8 * main + (sense > 0.0f ? NODE_HIGH : 0);
+    const int near_row = 8 * main + (sense > 0.0f ? NODE_LOW : NODE_HIGH);
+    const int far_row = 8 * main + (sense > 0.0f ? NODE_HIGH : NODE_LOW);
     const float *groups = (const float *)&shaft;
     /* Nodes, and which of their children are still to be visited. */
     int stack[CLR_STACK];
@@ -106,9 +106,9 @@ static void block(__global const float *nodes, __global const float *triangles, 
             const float8 b_high = larger8(start * shaft.b_high, end * shaft.b_high);
             const uint hit = lanes8(
                 (start <= end) & (a_low <= LOAD8(node + 8 * second + NODE_HIGH) - o.x) &
-                (a_high >= LOAD8(node + 8 * second) - o.x) &
+                (a_high >= LOAD8(node + 8 * second + NODE_LOW) - o.x) &
                 (b_low <= LOAD8(node + 8 * third + NODE_HIGH) - o.y) &
-                (b_high >= LOAD8(node + 8 * third) - o.y));
+                (b_high >= LOAD8(node + 8 * third + NODE_LOW) - o.y));
             stack[top] = child;
             waiting[top] = hit;
             top += hit != 0;
@@ -159,7 +159,7 @@ static void block(__global const float *nodes, __global const float *triangles, 
         }
         if (top == 0) return;
         const uint left = waiting[top - 1], rest = left & (left - 1);
-        __global const float *family = nodes + (size_t)stack[top - 1] * NODE_FLOATS + NODE_CHILDREN;
+        __global const float *family = nodes + (size_t)stack[top - 1] * NODE_FLOATS;
         child = as_int(family[lowest(left)]);
         if (rest) fetch_child(nodes, triangles, as_int(family[lowest(rest)]));
         waiting[top - 1] = rest;

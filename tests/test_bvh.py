@@ -68,8 +68,8 @@ def check_flat(bvh: Bvh, triangles_m: np.ndarray) -> None:
     assert nodes.shape[1:] == (64,)
     assert blocks.shape[1:] == (16, 8)
     rows = nodes.reshape(-1, 8, 8)
-    low, high = rows[:, 0:3].transpose(0, 2, 1), rows[:, 3:6].transpose(0, 2, 1)
-    child = rows.view(np.int32)[:, 6]
+    low, high = rows[:, 1:4].transpose(0, 2, 1), rows[:, 4:7].transpose(0, 2, 1)
+    child = rows.view(np.int32)[:, 0]
     used = low[:, :, 0] <= high[:, :, 0]
     parents = np.bincount(child[used & (child >= 0)], minlength=len(nodes))
     assert parents[0] == 0

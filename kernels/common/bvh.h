@@ -2,8 +2,8 @@
  *
  * nodes: float (n_nodes, 64). A node holds the boxes of up to eight children, each padded by the host by
  * the error bound delta below, so that no box test misses what an exact one finds:
- *     [0..7] lo x   [8..15] lo y   [16..23] lo z   [24..31] hi x   [32..39] hi y   [40..47] hi z
- *     [48..55] children, int bits   [56..63] unused
+ *     [0..7] children, int bits   [8..15] lo x   [16..23] lo y   [24..31] lo z
+ *     [32..39] hi x   [40..47] hi y   [48..55] hi z   [56..63] unused
  * A child >= 0 is a node; a child < 0 is a leaf, the block -(child + 1) of triangles. Where there are fewer
  * children, the other boxes are empty (lo > hi).
  *
@@ -35,8 +35,8 @@
 #include "common/vector.h"
 
 #define NODE_FLOATS 64
-#define NODE_HIGH 24
-#define NODE_CHILDREN 48
+#define NODE_LOW 8
+#define NODE_HIGH 32
 #define BLOCK 8
 #define BLOCK_FLOATS (16 * BLOCK)
 #define ROW_E1 (3 * BLOCK)
@@ -207,8 +207,10 @@ static inline hit_record traced(__global const float *nodes, __global const floa
     const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
     const float3 moved = -o * inverse;
     /* Where in a node the sides are that the ray enters a box by; it leaves by the others. */
-    const int x = inverse.x < 0.0f ? NODE_HIGH : 0, y = inverse.y < 0.0f ? NODE_HIGH + 8 : 8,
-              z = inverse.z < 0.0f ? NODE_HIGH + 16 : 16;
+    const int x = inverse.x < 0.0f ? NODE_HIGH : NODE_LOW;
+    const int y = (inverse.y < 0.0f ? NODE_HIGH : NODE_LOW) + 8;
+    const int z = (inverse.z < 0.0f ? NODE_HIGH : NODE_LOW) + 16;
+    const int both = NODE_LOW + NODE_HIGH;
     hit_record best;
     best.distance = -1.0f;
     best.triangle = -1;
@@ -225,12 +227,12 @@ static inline hit_record traced(__global const float *nodes, __global const floa
                         fused8(LOAD8(node + y), (float8)(inverse.y), (float8)(moved.y))),
                 larger8(fused8(LOAD8(node + z), (float8)(inverse.z), (float8)(moved.z)), (float8)(0.0f)));
             const float8 far = smaller8(
-                smaller8(fused8(LOAD8(node + NODE_HIGH - x), (float8)(inverse.x), (float8)(moved.x)),
-                         fused8(LOAD8(node + NODE_HIGH + 16 - y), (float8)(inverse.y), (float8)(moved.y))),
-                smaller8(fused8(LOAD8(node + NODE_HIGH + 32 - z), (float8)(inverse.z), (float8)(moved.z)), (float8)(reach)));
+                smaller8(fused8(LOAD8(node + both - x), (float8)(inverse.x), (float8)(moved.x)),
+                         fused8(LOAD8(node + both + 16 - y), (float8)(inverse.y), (float8)(moved.y))),
+                smaller8(fused8(LOAD8(node + both + 32 - z), (float8)(inverse.z), (float8)(moved.z)), (float8)(reach)));
             uint hit = lanes8(near <= far);
             if (hit) {
-                __global const int *children = (__global const int *)(node + NODE_CHILDREN);
+                __global const int *children = (__global const int *)node;
                 const int one = lowest(hit);
                 hit &= hit - 1;
                 child = children[one];
