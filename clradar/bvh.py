@@ -24,6 +24,9 @@ WIDTH = 8
 BLOCK = 8
 """Triangles per leaf in the kernels."""
 
+ROWS = 12
+"""Floats per triangle in a block."""
+
 EMPTY_M = 1e30
 """Bound of a box that holds nothing."""
 
@@ -172,7 +175,7 @@ def flatten(
     Returns
     -------
     nodes : ndarray, shape (n_nodes, 64), float32
-    triangles : ndarray, shape (n_blocks, 16, 8), float32
+    triangles : ndarray, shape (n_blocks * 104,), float32
     stack : int
         Entries of the stack of a traversal that keeps all children that it still has to visit, in
         steps, so that scenes of similar depth share their programs.
@@ -184,6 +187,8 @@ def flatten(
     box = np.concatenate(levels)  # (n_nodes, WIDTH) indices into low, high and refs; -1: none
     inner = (box >= 0) & (refs[box] >= 0)
     filled = (box >= 0) & (refs[box] < -1)
+    if not filled.any():
+        filled[0, 0] = True  # a block of nothing, so that there is something to point to
     children = np.full(box.shape, _leaf(0, 0), dtype=np.int32)
     # Level by level, the inner children are the next nodes in the order in which they are met.
     children[inner] = np.arange(1, inner.sum() + 1)
@@ -192,11 +197,12 @@ def flatten(
     records = _records(bvh, leaf >> 4, leaf & 15, triangles_m)
     pad = np.float32(delta_m * (1 + 2.0**-10))
     far = np.float32(EMPTY_M)
-    nodes = np.zeros((len(box), 8, WIDTH), dtype=np.float32)
+    nodes = _aligned((len(box), 8, WIDTH))
     for axis in range(3):
         nodes[:, 1 + axis] = np.where(box >= 0, low[box, axis] - pad, far)
         nodes[:, 4 + axis] = np.where(box >= 0, high[box, axis] + pad, -far)
     nodes.view(np.int32)[:, 0] = children
+    nodes.view(np.int32)[0, 7, 0] = len(leaf)
     return nodes.reshape(-1, 8 * WIDTH), records, -(-most_kept // 16) * 16
 
 
@@ -276,29 +282,33 @@ def _best_shares(refs: np.ndarray, area: np.ndarray) -> np.ndarray:
 
 
 def _records(bvh: Bvh, first: np.ndarray, count: np.ndarray, triangles_m: np.ndarray) -> np.ndarray:
-    """Return the triangles of the leaves in blocks, as ``kernels/common/bvh.h`` lays them out."""
-    out = np.zeros((max(len(first), 1), 16, BLOCK), dtype=np.float32)
-    out[:, 14] = 1.0  # columns that are not used
-    block = np.repeat(np.arange(len(first)), count)
-    column = _places(np.zeros_like(first), count)
-    faces = bvh.order[_places(first, count)]
-    corners = np.asarray(triangles_m, dtype=np.float32)[faces].astype(np.float64)
-    e1 = corners[:, 1] - corners[:, 0]
-    e2 = corners[:, 2] - corners[:, 0]
-    normal = np.cross(e1, e2)
-    rows = np.empty((len(faces), 16), dtype=np.float32)
-    rows[:, 0:3], rows[:, 3:6], rows[:, 6:9], rows[:, 9:12] = corners[:, 0], e1, e2, normal
-    rows[:, 12], rows[:, 13] = np.linalg.norm(e1, axis=1), np.linalg.norm(e2, axis=1)
-    rows[:, 14] = np.linalg.norm(normal, axis=1) * 2.0**-21
-    rows[:, 15] = faces.view(np.float32)
-    out[block, :, column] = rows
+    """Return the triangles of the leaves in blocks, and their faces after all blocks."""
+    column = np.arange(BLOCK)
+    used = column < count[:, None]
+    order = bvh.order if len(bvh.order) else np.zeros(1, dtype=np.int32)
+    faces = np.where(used, order[np.where(used, first[:, None] + column, 0)], -1)
+    corners = np.asarray(triangles_m, dtype=np.float32)[faces].transpose(2, 3, 0, 1)
+    v0, v1, v2 = np.where(used, corners, np.float32(0)).astype(np.float64)
+    e1, e2 = v1 - v0, v2 - v0
+    out = _aligned((len(first) * (ROWS + 1) * BLOCK,))
+    blocks = out[: len(first) * ROWS * BLOCK].reshape(-1, ROWS, BLOCK)
+    for axis in range(3):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        for row, value in ((0, v0), (3, e1), (6, e2)):
+            blocks[:, row + axis] = value[axis]
+        blocks[:, 9 + axis] = e1[i] * e2[j] - e1[j] * e2[i]
+    out[len(first) * ROWS * BLOCK :] = faces.astype(np.int32).view(np.float32).ravel()
     return out
 
 
-def _places(starts: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Return the indices of all members of the segments, one segment after the other."""
-    first = np.cumsum(counts) - counts
-    return np.repeat(starts - first, counts) + np.arange(counts.sum())
+def _aligned(shape: tuple[int, ...]) -> np.ndarray:
+    """Return zeros, float32, that begin at a page, so that a CPU may use them where they are."""
+    n_bytes = 4 * int(np.prod(shape))
+    raw = np.empty(n_bytes + 4096, dtype=np.uint8)  # numpy asks for huge pages here, not for zeros
+    begin = -raw.ctypes.data % 4096
+    out = raw[begin : begin + n_bytes].view(np.float32).reshape(shape)
+    out[...] = 0.0
+    return out
 
 
 def _area(low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -308,7 +308,7 @@ class Tracer:
             up(corners.astype(np.float32)),
             up(faces.astype(np.float32)),
         ]
-        self._tree = [up(nodes), up(records)]
+        self._tree = [self._buffers.share(nodes), self._buffers.share(records)]
         self._surface = [self._sampling[2], up(alpha)]
         self._face_alpha = alpha
         self._n_tx_groups = -(-array.n_tx // GROUP)

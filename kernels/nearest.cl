@@ -16,7 +16,7 @@ __kernel void nearest_hits(const uint n_rays, __global const float *nodes,
     const hit_record hit = traced(nodes, triangles, load3(origin + 3 * (size_t)i),
                                   load3(direction + 3 * (size_t)i), FLT_MAX, false);
     distance[i] = hit.distance;
-    face[i] = hit.triangle < 0 ? -1 : as_int(slot_of(triangles, hit.triangle)[ROW_FACE]);
+    face[i] = hit.triangle < 0 ? -1 : face_at(nodes, triangles, hit.triangle);
     weights[2 * (size_t)i] = hit.u;
     weights[2 * (size_t)i + 1] = hit.v;
 }

@@ -191,7 +191,7 @@ __kernel void trace_rays(
 
                 /* On to the next bounce. */
                 __global const float *t = slot_of(triangles, hit.triangle);
-                const int hit_face = as_int(t[ROW_FACE]);
+                const int hit_face = face_at(nodes, triangles, hit.triangle);
                 const float u = limited(hit.u, 0.0f, 1.0f);
                 const float v = limited(hit.v, 0.0f, 1.0f - u);
                 const float3 next = rows3(t) + u * rows3(t + ROW_E1) + v * rows3(t + ROW_E2);

@@ -63,10 +63,13 @@ DELTA_M = 1e-6
 def check_flat(bvh: Bvh, triangles_m: np.ndarray) -> None:
     """Walk what the kernels read, as they do, and hold it against ``kernels/common/bvh.h``."""
     corners = np.asarray(triangles_m, dtype=np.float32)
-    nodes, blocks, stack = flatten(bvh, triangles_m, DELTA_M)
-    assert nodes.dtype == blocks.dtype == np.float32
+    nodes, records, stack = flatten(bvh, triangles_m, DELTA_M)
+    assert nodes.dtype == records.dtype == np.float32
     assert nodes.shape[1:] == (64,)
-    assert blocks.shape[1:] == (16, 8)
+    n_blocks = int(nodes.view(np.int32)[0, 56])
+    assert records.shape == (n_blocks * 104,)
+    blocks, faces = np.split(records, [n_blocks * 96])
+    blocks, faces = blocks.reshape(n_blocks, 12, 8), faces.view(np.int32).reshape(n_blocks, 8)
     rows = nodes.reshape(-1, 8, 8)
     low, high = rows[:, 1:4].transpose(0, 2, 1), rows[:, 4:7].transpose(0, 2, 1)
     child = rows.view(np.int32)[:, 0]
@@ -85,9 +88,8 @@ def check_flat(bvh: Bvh, triangles_m: np.ndarray) -> None:
             waiting += child[node][used[node]].tolist()
     assert most <= stack
 
-    faces = np.ascontiguousarray(blocks).view(np.int32)[:, 15]
-    filled = np.abs(blocks[:, 9:12]).max(axis=1) > 0
-    assert (blocks[:, 14] > 0).all()  # so that a column that is not used is never hit
+    filled = faces >= 0
+    assert (blocks.transpose(0, 2, 1)[~filled] == 0).all()
     np.testing.assert_array_equal(np.sort(faces[filled]), np.sort(bvh.order))
     of_leaf = -1 - child[used & (child < 0)]
     np.testing.assert_array_equal(np.sort(of_leaf), np.arange(len(of_leaf)))

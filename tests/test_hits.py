@@ -46,7 +46,7 @@ __kernel void nearest(const uint n_rays, __global const float *nodes,
                                        load3(direction + 3 * (size_t)i), FLT_MAX);
     distance[i] = hit.distance;
     face[i] = hit.triangle < 0 ? -1
-                               : as_int(slot_of(triangles, hit.triangle)[ROW_FACE]);
+                               : face_at(nodes, triangles, hit.triangle);
     uv[2 * (size_t)i] = hit.u;
     uv[2 * (size_t)i + 1] = hit.v;
 }

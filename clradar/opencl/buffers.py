@@ -53,6 +53,19 @@ class Buffers:
 
     def empty(self, n_bytes: int) -> Any:
         """Return a buffer of at least `n_bytes`, contents undefined."""
+        return self._new(n_bytes, cl.mem_flags.READ_WRITE)
+
+    def share(self, array: np.ndarray) -> Any:
+        """Return a buffer that holds `array`, which nobody may change while it is in use.
+
+        On a CPU it is the array's own memory, with its alignment and huge pages.
+        """
+        if self.device.info.kind != "cpu" or array.nbytes < 16:
+            return self.upload(array)
+        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
+        return self._new(array.nbytes, flags, np.ascontiguousarray(array))
+
+    def _new(self, n_bytes: int, flags: int, host: np.ndarray | None = None) -> Any:
         if self._closed:
             raise DeviceError(
                 "buffers: expected an allocation inside the `with` block, got one after"
@@ -67,7 +80,7 @@ class Buffers:
                 f"choose another device with CLRADAR_DEVICE=..."
             )
         try:
-            buffer = cl.Buffer(self.device.context, cl.mem_flags.READ_WRITE, size)
+            buffer = cl.Buffer(self.device.context, flags, 0 if host is not None else size, host)
         except cl.Error as error:
             raise self._no_memory(size, error) from error
         self._held[id(buffer)] = (buffer, size)

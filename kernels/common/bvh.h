@@ -7,22 +7,22 @@
  * A child >= 0 is a node; a child < 0 is a leaf, the block -(child + 1) of triangles. Where there are fewer
  * children, the other boxes are empty (lo > hi).
  *
- * triangles: float (n_blocks, 16, 8), metres. A block holds the up to eight triangles of a leaf in its columns; slot =
+ * triangles: float (n_blocks, 12, 8), metres. A block holds the up to eight triangles of a leaf in its columns; slot =
  * 8 block + column. Its rows:
  *     [0..2] v0   [3..5] e1 = v1-v0   [6..8] e2 = v2-v0   [9..11] N = e1 x e2 (from float64)
- *     [12] |e1|   [13] |e2|   [14] 2^-21 |N|   [15] face, int bits
- * In a column that is not used, N is 0 and row 14 is not: nothing hits it.
+ * In a column that is not used all are 0, and nothing hits it. After the last block: int (n_blocks, 8), the face at
+ * each slot. Word 56 of the first node is n_blocks.
  *
  * Triangle test (Moeller and Trumbore 1997, written for many directions from one origin o): with
  * T = v0 - o, u |d.N| = +-d.(e2 x T), v |d.N| = +-d.(T x e1), t = T.N / d.N. In float32, with unit
  * roundoff w = 2^-24, the first two are wrong by at most 8 w |T| |e2| and 8 w |T| |e1| (2 w from the
  * roundings of T and e2, 2 w in each component of the cross product, 1.16 times as long as the product
- * of the lengths, and 3 w in the dot product), d by 3 w, and |d.N| by 4 w |N|. Within 12 w |T|_1 |e2|,
- * 12 w |T|_1 |e1| and, at the third edge, their sum and 8 w |N|, about one hit in a thousand,
+ * of the lengths, and 3 w in the dot product), d by 3 w, and |d.N| by 4 w |N|. Within 12 w |T|_1 |e2|_1,
+ * 12 w |T|_1 |e1|_1 and, at the third edge, their sum and 8 w |N|_1, about one hit in a thousand,
  * float32 cannot tell the side of an edge: inside_triangle() does, in doubled precision. There only
  * the roundings of e1 and e2 count, which move an edge by less than 2 w of its length: neighbours
  * overlap by about 1e-10 m instead of leaving a gap. A triangle that is seen edge on within rounding
- * (|d.N| <= 2^-21 |N|) is no hit; its neighbours are.
+ * (|d.N| <= 2^-21 |N|_1) is no hit; its neighbours are.
  *
  * delta = 32 w M, with M the largest distance of any vertex or antenna from the origin, bounds all of
  * this and the rounding of points on the surface. Boxes are padded by it, and rays leave a face from
@@ -38,14 +38,15 @@
 #define NODE_LOW 8
 #define NODE_HIGH 32
 #define BLOCK 8
-#define BLOCK_FLOATS (16 * BLOCK)
+#define BLOCK_FLOATS (12 * BLOCK)
 #define ROW_E1 (3 * BLOCK)
 #define ROW_E2 (6 * BLOCK)
 #define ROW_N (9 * BLOCK)
-#define ROW_E1_LENGTH (12 * BLOCK)
-#define ROW_E2_LENGTH (13 * BLOCK)
-#define ROW_EDGE_ON (14 * BLOCK)
-#define ROW_FACE (15 * BLOCK)
+
+static inline int face_at(__global const float *nodes, __global const float *triangles,
+                          const int slot) {
+    return as_int(triangles[(size_t)as_int(nodes[56]) * BLOCK_FLOATS + slot]);
+}
 
 /* Where the rows of a slot begin. */
 static inline __global const float *slot_of(__global const float *triangles, const int slot) {
@@ -95,8 +96,7 @@ static inline intw inside_triangle(__global const float *slot, const float3 o, c
                                exact_product(dz, (realw)(n.z)));
     const dual rest = dual_add(size, dual_negative(dual_add(u, v)));
     const realw sign = size.hi < 0.0f ? (realw)(-1.0f) : (realw)(1.0f);
-    const float longest = larger(slot[ROW_E1_LENGTH], slot[ROW_E2_LENGTH]);
-    const float slack = 0x1p-22f * longest * longest;
+    const float slack = 0x1p-22f * larger(dot3(e1, e1), dot3(e2, e2));
     return (u.hi * sign >= -slack) & (v.hi * sign >= -slack) & (rest.hi * sign >= -slack);
 }
 
@@ -166,6 +166,7 @@ static inline seen_block block_from(__global const float *block, const float3 o,
     s.q2x = cross8(ey, tz, ez, ty);
     s.q2y = cross8(ez, tx, ex, tz);
     s.q2z = cross8(ex, ty, ey, tx);
+    const float8 e2_size = absolute8(ex) + absolute8(ey) + absolute8(ez);
     ex = LOAD8(block + ROW_E1 + BLOCK * x);
     ey = LOAD8(block + ROW_E1 + BLOCK * y);
     ez = LOAD8(block + ROW_E1 + BLOCK * z);
@@ -188,9 +189,9 @@ static inline seen_block block_from(__global const float *block, const float3 o,
     s.nz = as_float8(as_int8(s.nz) ^ sign);
     s.height = absolute8(s.height);
     const float8 error = 0x1.8p-21f * (absolute8(tx) + absolute8(ty) + absolute8(tz));
-    s.eu = error * LOAD8(block + ROW_E2_LENGTH);
-    s.ev = error * LOAD8(block + ROW_E1_LENGTH);
-    s.edge_on = LOAD8(block + ROW_EDGE_ON);
+    s.eu = error * e2_size;
+    s.ev = error * (absolute8(ex) + absolute8(ey) + absolute8(ez));
+    s.edge_on = 0x1p-21f * (absolute8(s.nx) + absolute8(s.ny) + absolute8(s.nz));
     s.ew = s.eu + s.ev + s.edge_on;
     return s;
 }
