@@ -76,19 +76,21 @@ static inline float8 most_in(const edge8 e, const float *group) {
                          fused8(e.x, group[0], fused8(e.y, group[16], e.along))));
 }
 
-/* Clear the lanes of `reach` (distance to each antenna; negative = done) that anything blocks.
+/* Which of the rays that are `open` (bit 8 g + lane) nothing blocks.
  *
- * axes = (main, second, third), cyclic; `sense` is the sign of the rays along the main one.
- * direction (3, 8): unit directions by axis and group. `alive`: groups with a ray to be decided. */
-static void block(__global const float *nodes, __global const float *triangles, const float3 from,
-                  const int main, const float sense, const shafts shaft, const float farthest,
-                  const float slant, const float8 *direction, float8 *reach, const int n_used,
-                  ulong alive) {
+ * `main` is the axis that all rays go along, and `sense` its sign. direction (3, 8): unit directions by axis and group;
+ * distance (8): to the antennas. */
+static ulong unblocked(__global const float *nodes, __global const float *triangles,
+                       const float3 from, const int main, const float sense, const shafts shaft,
+                       const float farthest, const float slant, const float8 *direction,
+                       const float8 *distance, const int n_used, ulong open) {
     const int second = main == 2 ? 0 : main + 1, third = main == 0 ? 2 : main - 1;
     const float origin[3] = {from.x, from.y, from.z};
     const float3 o = (float3)(origin[second], origin[third], origin[main]);
     const int near_row = 8 * main + (sense > 0.0f ? NODE_LOW : NODE_HIGH);
     const int far_row = 8 * main + (sense > 0.0f ? NODE_HIGH : NODE_LOW);
+    const float8 *along0 = direction + 8 * main, *along1 = direction + 8 * second,
+                 *along2 = direction + 8 * third;
     const float *groups = (const float *)&shaft;
     /* Nodes, and which of their children are still to be visited. */
     int stack[CLR_STACK];
@@ -127,37 +129,37 @@ static void block(__global const float *nodes, __global const float *triangles, 
                 /* Bit 8 g + t: group g may be blocked by triangle t. */
                 ulong pairs = 0;
                 for (int g = 0; g < n_used; ++g) {
+                    if (!(open >> 8 * g & 0xff)) continue;
                     pairs |= (ulong)lanes8(hit & (most_in(eu, groups + g) >= 0.0f) &
                                            (most_in(ev, groups + g) >= 0.0f) &
                                            (most_in(ew, groups + g) >= 0.0f))
                              << 8 * g;
                 }
-                pairs &= alive;
-                const float *t = (const float *)&s;
+                const float8 errors[4] = {2.0f * s.eu, 2.0f * s.ev, s.edge_on + 2.0f * (s.eu + s.ev), 2.0f * s.ew};
                 for (; pairs; pairs &= pairs - 1) {
                     const int pair = lowest_long(pairs), g = pair >> 3, lane = pair & 7;
-                    const float8 d1 = direction[8 * second + g], d2 = direction[8 * third + g],
-                                 d0 = direction[8 * main + g];
-                    const float8 u = fused8(d1, t[lane], fused8(d2, t[8 + lane], d0 * t[16 + lane]));
-                    const float8 v = fused8(d1, t[24 + lane], fused8(d2, t[32 + lane], d0 * t[40 + lane]));
-                    const float8 size = fused8(d1, t[48 + lane], fused8(d2, t[56 + lane], d0 * t[64 + lane]));
-                    const float eu1 = t[80 + lane], ev1 = t[88 + lane], ew1 = t[96 + lane];
-                    int8 blocked = (u >= -eu1) & (v >= -ev1) & (u + v <= size + ew1) &
-                                   (size > t[104 + lane]) & (t[72 + lane] < reach[g] * size);
-                    const int8 unsure = blocked & ((u <= eu1) | (v <= ev1) | (u + v >= size - ew1));
+                    const float *t = (const float *)&s + lane;
+                    const float8 d1 = along1[g], d2 = along2[g], d0 = along0[g];
+                    const float *e = (const float *)errors + lane;
+                    const float8 u = fused8(d1, t[0], fused8(d2, t[8], fused8(d0, t[16], t[80])));
+                    const float8 v = fused8(d1, t[24], fused8(d2, t[32], fused8(d0, t[40], t[88])));
+                    const float8 size = fused8(d1, t[48], fused8(d2, t[56], d0 * t[64]));
+                    const float8 w = size + e[16] - (u + v);
+                    int8 blocked = (u >= 0.0f) & (v >= 0.0f) & (w >= 0.0f) &
+                                   (size > t[104]) & (t[72] < distance[g] * size);
+                    const int8 unsure = blocked & ((u <= e[0]) | (v <= e[8]) | (w <= e[24]));
                     if (any8(unsure)) {
                         const int8 inside =
                             inside_triangle(rows + lane, from, direction[g], direction[8 + g],
                                             direction[16 + g]);
                         blocked = unsure ? inside : blocked;
                     }
-                    reach[g] = blocked ? (float8)(-1.0f) : reach[g];
-                    if (!any8(reach[g] > 0.0f)) alive &= ~(0xfful << 8 * g);
+                    open &= ~((ulong)lanes8(blocked) << 8 * g);
                 }
-                if (!alive) return;
+                if (!open) return 0;
             }
         }
-        if (top == 0) return;
+        if (top == 0) return open;
         const uint left = waiting[top - 1], rest = left & (left - 1);
         __global const float *family = nodes + (size_t)stack[top - 1] * NODE_FLOATS;
         child = as_int(family[lowest(left)]);
@@ -201,7 +203,7 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
     bundle += 8;
     for (int b = 0; b < n_bundles; ++b, bundle += BUNDLE_FLOATS) {
         const int n_used = as_int(bundle[BUNDLE_GROUPS]);
-        float8 direction[3 * GROUPS], reach[GROUPS];
+        float8 direction[3 * GROUPS], distance[GROUPS];
         const float8 lx = LOAD8(bundle + BUNDLE_LOW), hx = LOAD8(bundle + BUNDLE_HIGH),
                      ly = LOAD8(bundle + BUNDLE_LOW + 8), hy = LOAD8(bundle + BUNDLE_HIGH + 8),
                      lz = LOAD8(bundle + BUNDLE_LOW + 16), hz = LOAD8(bundle + BUNDLE_HIGH + 16);
@@ -215,8 +217,8 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
             uint possible = lanes8(middle * (float)side > -spread) & ((1u << n_used) - 1u);
             if (!possible) continue;
             const float3 o = p + normal * ((float)side * 2.0f * delta);
-            ulong alive = 0;
-            float8 most_reach = (float8)(0.0f);
+            ulong open = 0;
+            float8 most_distance = (float8)(0.0f);
             for (int g = 0; g < n_used; ++g) {
                 if (!(possible & 1u << g)) continue;
                 __global const float *at = bundle + BUNDLE_AT + g * GROUP;
@@ -224,20 +226,16 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
                 const int8 antenna = LOAD8I(bundle + BUNDLE_ANTENNA + g * GROUP);
                 const float8 height =
                     (ax - p.x) * normal.x + (ay - p.y) * normal.y + (az - p.z) * normal.z;
-                const int8 wanted = (height * (float)side > 0.0f) & (antenna >= 0);
-                if (!any8(wanted)) continue;
-                alive |= 0xfful << 8 * g;
+                open |= (ulong)lanes8((height * (float)side > 0.0f) & (antenna >= 0)) << 8 * g;
                 const float8 dx = ax - o.x, dy = ay - o.y, dz = az - o.z;
-                const float8 distance = sqrt(dx * dx + dy * dy + dz * dz);
-                const float8 inverse = 1.0f / distance;
+                distance[g] = sqrt(dx * dx + dy * dy + dz * dz);
+                const float8 inverse = 1.0f / distance[g];
                 direction[g] = dx * inverse;
                 direction[8 + g] = dy * inverse;
                 direction[16 + g] = dz * inverse;
-                reach[g] = wanted ? distance : (float8)(-1.0f);
-                most_reach = larger8(most_reach, reach[g]);
+                most_distance = larger8(most_distance, distance[g]);
             }
-            if (!alive) continue;
-            const ulong asked = alive;
+            if (!open) continue;
 
             /* The main axis is that along which the middle of the bundle is farthest. */
             const float8 low[3] = {lx - o.x, ly - o.y, lz - o.z};
@@ -256,7 +254,7 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
             const float8 nearest = sense > 0.0f ? low[main] : -high[main];
             const float8 farthest = sense > 0.0f ? high[main] : -low[main];
             const float shortest = least8(nearest), longest = most8(farthest);
-            if (shortest * 8.0f > most8(most_reach)) {
+            if (shortest * 8.0f > most8(most_distance)) {
                 const float8 c = 1.0f / farthest, d = 1.0f / nearest;
                 shafts shaft;
                 stretch(low[second], high[second], c, d, &shaft.a_middle, &shaft.a_half, &shaft.a_low,
@@ -267,23 +265,21 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
                 shaft.a_extent = 0.5f * (shaft.a_high - shaft.a_low);
                 shaft.b_centre = 0.5f * (shaft.b_low + shaft.b_high);
                 shaft.b_extent = 0.5f * (shaft.b_high - shaft.b_low);
-                block(nodes, triangles, o, main, sense, shaft, longest * (1.0f + 0x1p-20f), 32.0f,
-                      direction, reach, n_used, alive);
+                open = unblocked(nodes, triangles, o, main, sense, shaft,
+                                 longest * (1.0f + 0x1p-20f), 32.0f, direction, distance, n_used,
+                                 open);
             } else {
-                for (int g = 0; g < n_used; ++g) {
-                    if (!(alive >> 8 * g & 1)) continue;
-                    const float *x = (const float *)(direction + g), *far = (const float *)(reach + g);
-                    float *r = (float *)(reach + g);
-                    for (int lane = 0; lane < GROUP; ++lane) {
-                        if (r[lane] <= 0.0f) continue;
-                        const float3 d = (float3)(x[lane], x[64 + lane], x[128 + lane]);
-                        if (traced(nodes, triangles, o, d, far[lane], true).triangle >= 0) r[lane] = -1.0f;
-                    }
+                for (ulong rest = open; rest; rest &= rest - 1) {
+                    const int ray = lowest_long(rest), g = ray >> 3, lane = ray & 7;
+                    const float *x = (const float *)(direction + g) + lane;
+                    const float3 d = (float3)(x[0], x[64], x[128]);
+                    const float far = ((const float *)(distance + g))[lane];
+                    if (traced(nodes, triangles, o, d, far, true).triangle >= 0)
+                        open &= ~(1ul << ray);
                 }
             }
             for (int g = 0; g < n_used; ++g) {
-                if (!(asked >> 8 * g & 1)) continue;
-                uint seen = lanes8(reach[g] > 0.0f);
+                uint seen = (uint)(open >> 8 * g & 0xff);
                 if (!seen) continue;
                 const int first = as_int(bundle[BUNDLE_FIRST + g]);
                 if (first >= 0) {

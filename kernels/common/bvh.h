@@ -61,7 +61,7 @@ static inline float3 rows3(__global const float *slot) {
 /* Ask for a child that is going to be visited. */
 static inline void fetch_child(__global const float *nodes, __global const float *triangles,
                                const int child) {
-    fetch512(child >= 0 ? nodes + (size_t)child * NODE_FLOATS
+    fetch384(child >= 0 ? nodes + (size_t)child * NODE_FLOATS
                         : triangles + (size_t)-(child + 1) * BLOCK_FLOATS);
 }
 

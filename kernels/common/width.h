@@ -30,10 +30,11 @@ static inline int any8(int8 v) {
     return two.x | two.y;
 }
 
-/* Begin to load 512 bytes. */
-static inline void fetch512(__global const float *p) {
+/* Begin to load 384 bytes. */
+static inline void fetch384(__global const float *p) {
 #if defined(__x86_64__) || defined(__aarch64__)
-    for (int line = 0; line < 8; ++line) __builtin_prefetch((const void *)(size_t)(p + 16 * line));
+#pragma unroll
+    for (int line = 0; line < 6; ++line) __builtin_prefetch((const void *)(size_t)(p + 16 * line));
 #endif
 }
 
