@@ -43,7 +43,7 @@ def nearest_hits(
     towards = checks.read_only("nearest_hits: directions", directions, np.float32, at.shape)
     delta_m = error_bound_m(np.asarray(triangles_m, dtype=np.float64), at.astype(np.float64))
     nodes, blocks, stack = flatten(build_bvh(triangles_m, device), triangles_m, delta_m)
-    program = build(device, "nearest.cl", _NearestOptions(1, stack))
+    program = build(device, "nearest.cl", _NearestOptions(device.width, stack))
     n = len(at)
     with Buffers(device) as buffers:
         put = [buffers.share(a) for a in (nodes, blocks, at, towards)]

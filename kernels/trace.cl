@@ -29,12 +29,6 @@ static inline dual dual_distance(float3 p, float3 a_hi, float3 a_lo) {
                        dual_difference(p.z, 0.0f, a_hi.z, a_lo.z));
 }
 
-/* Nearest triangle along o + t d, 0 < t < reach. */
-static hit_record closest_hit(__global const float *nodes, __global const float *triangles,
-                              const float3 o, const float3 d, const float reach) {
-    return traced(nodes, triangles, o, d, reach, false);
-}
-
 /* Distance along the ray at which it enters each sphere of a group of 8 receivers; negative where it
  * does not. A ray that starts inside enters at 0. */
 static inline float8 sphere_entry(__global const float *rx, const uint stride, const float3 o,
@@ -140,7 +134,7 @@ __kernel void trace_rays(
                 if (last && farthest < 0.0f) break;
 
                 const float reach = last ? farthest : FLT_MAX;
-                const hit_record hit = closest_hit(nodes, triangles, o, t_c, reach);
+                const hit_record hit = traced(nodes, triangles, o, t_c, reach, false);
                 const float limit = hit.triangle < 0 ? FLT_MAX : hit.distance;
 
                 if (farthest >= 0.0f) {

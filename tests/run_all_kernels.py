@@ -12,6 +12,7 @@ import numpy as np
 import pyopencl as cl
 
 import clradar
+from clradar.nearest import nearest_hits
 from clradar.opencl import Buffers, open_device
 from clradar.opencl.program import Program
 
@@ -78,6 +79,17 @@ def everything(width: int) -> None:
             scene, array, waveform, reception_radius_m=0.02, device=device, **options
         )
         assert np.abs(capture.data).max() > 0
+    # Two levels of wide nodes, also by rays that are parallel to an axis.
+    rng = np.random.default_rng(1)
+    soup = rng.uniform(-0.1, 0.1, (101, 1, 3)) + rng.uniform(-0.02, 0.02, (101, 3, 3))
+    away = rng.normal(size=(13, 3))
+    away[:3] = np.eye(3)
+    away /= np.linalg.norm(away, axis=1)[:, None]
+    face = nearest_hits(soup, rng.uniform(-0.1, 0.1, (13, 3)), away, device)[1]
+    assert (face >= 0).any()
+    soup[:, :, 2] += 0.3
+    blocky = clradar.Scene(soup.reshape(-1, 3), np.arange(303).reshape(-1, 3), alpha=0.5)
+    clradar.trace(blocky, array, rays_per_face=1, reception_radius_m=0.05, device=device)
     one_face = clradar.Scene(vertices[:3], [[0, 1, 2]], alpha=0.5)
     paths = clradar.trace(one_face, array, rays_per_face=7, reception_radius_m=0.05, device=device)
     capture = clradar.synthesize(paths, array, waveform, device=device)

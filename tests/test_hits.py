@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
-import pyopencl as cl
 import pytest
 from shapes import bowl, box, plate, random_soup, sphere, with_degenerate
 
@@ -13,8 +10,8 @@ from clradar import reference
 from clradar.bundles import GROUP, bundled, items
 from clradar.bvh import build_bvh, error_bound_m, flatten
 from clradar.hand import hand_mesh, pose_by_name
+from clradar.nearest import nearest_hits
 from clradar.opencl import Buffers, build
-from clradar.opencl.sources import source
 from clradar.trace import _VisibilityOptions
 
 STACK = 128
@@ -35,24 +32,6 @@ computed to 8 of them; 3 more for the direction, which is a float32 too."""
 THIRD_EDGE_ROUNDINGS = 12 * 2.0**-24
 """At the third edge, relative to |N|: 8 accepted, 4 computed."""
 
-NEAREST_KERNEL = """
-__kernel void nearest(const uint n_rays, __global const float *nodes,
-                      __global const float *triangles, __global const float *origin,
-                      __global const float *direction, __global float *distance, __global int *face,
-                      __global float *uv) {
-    const uint i = (uint)get_global_id(0);
-    if (i >= n_rays) return;
-    const hit_record hit = closest_hit(nodes, triangles, load3(origin + 3 * (size_t)i),
-                                       load3(direction + 3 * (size_t)i), FLT_MAX);
-    distance[i] = hit.distance;
-    face[i] = hit.triangle < 0 ? -1
-                               : face_at(nodes, triangles, hit.triangle);
-    uv[2 * (size_t)i] = hit.u;
-    uv[2 * (size_t)i + 1] = hit.v;
-}
-"""
-
-
 def unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
@@ -65,33 +44,10 @@ class Rays:
         self.triangles = vertices[faces].astype(np.float32)
         self.origin = np.ascontiguousarray(origin, dtype=np.float32)
         self.direction = unit(np.asarray(direction, dtype=np.float64)).astype(np.float32)
-        self.delta_m = error_bound_m(self.triangles.astype(float), self.origin.astype(float))
 
     def nearest(self, device):
-        """Distance (-1: none), face (-1: none) and (u, v) from the kernel's function."""
-        bvh = build_bvh(self.triangles, device)
-        nodes, records, stack = flatten(bvh, self.triangles, self.delta_m)
-        assert stack <= STACK
-        flags = ["-cl-std=CL1.2", "-DCLR_WIDTH=1", f"-DCLR_STACK={STACK}", "-DCLR_SPREADING=0"]
-        key = "nearest"
-        if key not in device.programs:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # remarks of the driver
-                text = source("trace.cl") + NEAREST_KERNEL
-                device.programs[key] = cl.Program(device.context, text).build(flags).nearest
-        n = len(self.origin)
-        with Buffers(device) as buffers:
-            put = [buffers.upload(a) for a in (nodes, records, self.origin, self.direction)]
-            out = [buffers.empty(4 * n), buffers.empty(4 * n), buffers.empty(8 * n)]
-            device.programs[key].set_args(np.uint32(n), *put, *out)
-            # One item per work-group, as `Program.launch` does, where that is what PoCL likes.
-            local = None if device.info.kind == "gpu" else (1,)
-            cl.enqueue_nd_range_kernel(device.queue, device.programs[key], (n,), local).wait()
-            return (
-                buffers.read(out[0], n, np.float32),
-                buffers.read(out[1], n, np.int32),
-                buffers.read(out[2], (n, 2), np.float32),
-            )
+        """Distance (-1: none), face (-1: none) and (u, v) from the kernel."""
+        return nearest_hits(self.triangles, self.origin, self.direction, device)
 
     def brute_force(self):
         """Distance (inf: none) and face (-1: none) of the same rays in float64."""
@@ -374,7 +330,7 @@ def test_nearest_hit_against_embree(n_rays, seed, device):
 
     # Of those, each one is decided by the exact test: neither answer is off by more than the bound.
     some = Rays.__new__(Rays)
-    some.triangles, some.delta_m = rays.triangles, rays.delta_m
+    some.triangles = rays.triangles
     some.origin, some.direction = rays.origin[rows], rays.direction[rows]
     exact_t, exact = some.brute_force() if len(rows) else (np.zeros(0), np.zeros(0, int))
     assert not ((exact >= 0) & (got[rows] < 0)).any()
