@@ -40,7 +40,7 @@ static inline void fetch384(__global const float *p) {
 
 /* Index of the lowest bit that is set; clz() is a library call, too. */
 static inline int lowest(uint bits) {
-#ifdef __clang__
+#if defined(__clang__) && !defined(CLR_CHECKED)
     return __builtin_ctz(bits);
 #else
     return 31 - (int)clz(bits & -bits);
@@ -48,7 +48,7 @@ static inline int lowest(uint bits) {
 }
 
 static inline int lowest_long(ulong bits) {
-#ifdef __clang__
+#if defined(__clang__) && !defined(CLR_CHECKED)
     return __builtin_ctzl(bits);
 #else
     return 63 - (int)clz(bits & -bits);
