@@ -20,6 +20,12 @@ SSIM_SIGMA = 1.5
 SAME_PIXEL_TOLERANCE_M = 1e-7
 """Pixel centres closer than this are the same, as in `VoxelGrid.same_voxels`."""
 
+HEADLINE_METRIC = "db_correlation"
+"""The field of `Metrics` to go by where one number has to do; `docs/metrics.md` says why."""
+
+HIGHER_IS_BETTER = frozenset({"db_correlation", "ssim", "mask_iou"})
+"""The metrics whose best value is their largest; of the others it is the smallest."""
+
 UNDEFINED = {
     "db_correlation": "one of the two dB images is the same everywhere, so it has no variance",
     "depth_rmse_m": "the two masks have no pixel in common",

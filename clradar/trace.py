@@ -6,7 +6,7 @@ The model and its equations are in ``docs/equations.md``, the kernels in ``sampl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,12 +83,15 @@ class Receptions:
     path : ndarray, shape (n, 4), float32
         Length as hi + lo, metres; amplitude; unused.
     bounces : ndarray, shape (n,), uint8
+    face : ndarray, shape (n,), int32
+        Where the path was reflected first.
     statistics : TraceStatistics
     """
 
     pair: np.ndarray
     path: np.ndarray
     bounces: np.ndarray
+    face: np.ndarray
     statistics: TraceStatistics
 
 
@@ -314,7 +317,7 @@ class Tracer:
         ]
         self._tree = [up(nodes), up(records)]
         self._surface = [up(corners[slots].astype(np.float32)), up(alpha[slots])]
-        self._face_alpha = alpha
+        self._face_alpha, self._slots = alpha, slots
         self._n_tx_groups = -(-array.n_tx // GROUP)
         self._n_rx_groups = -(-array.n_rx // GROUP)
         self._tx_soa = up(_grouped(array.tx_m, self._n_tx_groups, array.tx_m[-1]))
@@ -364,54 +367,82 @@ class Tracer:
 
     def tiles(self, progress: Progress | None = None) -> Iterator[Receptions]:
         """Yield the receptions of all samples, tile by tile, in the order of samples."""
+        for _, tile in self.tiles_of([self._face_alpha], progress):
+            yield tile
+
+    def tiles_of(
+        self, alphas: Sequence[np.ndarray], progress: Progress | None = None
+    ) -> Iterator[tuple[int, Receptions]]:
+        """Yield what `tiles` would for several alphas: which of them, and its receptions.
+
+        Samples and which Tx they see are found once for all. Each of `alphas` has shape (n_faces,),
+        float32; the receptions of each come in the order of samples.
+        """
         first = 0
-        size = self._tile_samples
         while first < self.n_samples:
-            count = min(size, self.n_samples - first)
-            found, statistics = self._run(first, count)
-            if found > self._capacity:
-                if found <= self._most_receptions():
-                    self._grow(found)
-                elif count > 1:
-                    size = max(1, count // 2)
-                else:
-                    self._grow(found)  # raises: one sample alone does not fit
-                continue
-            yield self._collect(found, statistics)
+            count = min(self._tile_samples, self.n_samples - first)
+            yield from self._tile_of(first, count, list(enumerate(alphas)))
             first += count
             if progress is not None:
                 progress(first, self.n_samples)
 
-    def _run(self, first: int, count: int) -> tuple[int, TraceStatistics]:
-        s, array = self.settings, self.array
+    def _tile_of(
+        self, first: int, count: int, alphas: list[tuple[int, np.ndarray]]
+    ) -> Iterator[tuple[int, Receptions]]:
+        faces, seen = self._see(first, count)
+        for at, (index, alpha) in enumerate(alphas):
+            received, outgoing, absorbed = self._send(first, count, faces, alpha)
+            if received > self._capacity:
+                if received > self._most_receptions() and count > 1:
+                    half = self._tile_samples = count // 2
+                    yield from self._tile_of(first, half, alphas[at:])
+                    yield from self._tile_of(first + half, count - half, alphas[at:])
+                    return
+                self._grow(received)  # raises where one sample alone does not fit
+                received, outgoing, absorbed = self._send(first, count, faces, alpha)
+            statistics = TraceStatistics(count, seen, outgoing, absorbed)
+            yield index, self._collect(received, faces, statistics)
+
+    def _see(self, first: int, count: int) -> tuple[np.ndarray, int]:
+        """Make the samples and ask which Tx see them; return their faces, and how many do."""
         u = np.uint32
-        low, high = u(s.seed & 0xFFFFFFFF), u(s.seed >> 32)
-        points, shading, geometric, face, alpha, visible = self._tile
-        n_faces = len(self._face_start) - 1
+        points, shading, geometric, face, _, visible = self._tile
         self._sample.launch(
-            "sample_surface", (count,), u(n_faces), u(first), u(count), low, high,
-            *self._sampling, points, shading, geometric, face,
+            "sample_surface", (count,), u(len(self._face_start) - 1), u(first), u(count),
+            *self._seed_words(), *self._sampling, points, shading, geometric, face,
         )  # fmt: skip
-        faces = self._buffers.read(face, count, np.int32)
-        self._buffers.write(alpha, self._face_alpha[faces])
         self._visibility.launch(
-            "visible_antennas", (count, self._n_tx_groups), u(count), u(array.n_tx),
+            "visible_antennas", (count, self._n_tx_groups), u(count), u(self.array.n_tx),
             u(self._n_tx_groups), self._delta, *self._tree, self._tx_soa, points, geometric,
             visible,
         )  # fmt: skip
+        bits = self._buffers.read(visible, count * self._n_tx_groups, np.uint8)
+        return self._buffers.read(face, count, np.int32), int(np.unpackbits(bits).sum())
+
+    def _send(
+        self, first: int, count: int, faces: np.ndarray, face_alpha: np.ndarray
+    ) -> tuple[int, int, int]:
+        """Trace the rays of what `_see` made; return receptions, outgoing and absorbed draws."""
+        s, array = self.settings, self.array
+        u = np.uint32
+        points, shading, geometric, _, alpha, visible = self._tile
+        self._buffers.write(alpha, face_alpha[faces])
+        self._buffers.write(self._surface[1], face_alpha[self._slots])
         self._buffers.write(self._counter, np.zeros(3, np.uint32))
         self._trace.launch(
             "trace_rays", (count, self._n_tx_groups), u(count), u(array.n_tx), u(array.n_rx),
             u(self._n_tx_groups), u(self._n_rx_groups), u(s.rays_per_sample), u(s.max_bounces),
-            u(first), low, high, np.float32(s.reception_radius_m), np.float32(s.pattern_exponent),
-            self._delta, *self._box, u(self._capacity), *self._tree, *self._surface,
-            *self._antennas, self._rx_soa, points, shading, geometric, alpha, visible,
-            self._counter, self._keys, self._paths,
+            u(first), *self._seed_words(), np.float32(s.reception_radius_m),
+            np.float32(s.pattern_exponent), self._delta, *self._box, u(self._capacity),
+            *self._tree, *self._surface, *self._antennas, self._rx_soa, points, shading, geometric,
+            alpha, visible, self._counter, self._keys, self._paths,
         )  # fmt: skip
         received, outgoing, absorbed = self._buffers.read(self._counter, 3, np.uint32)
-        bits = self._buffers.read(visible, count * self._n_tx_groups, np.uint8)
-        seen = int(np.unpackbits(bits).sum())
-        return int(received), TraceStatistics(count, seen, int(outgoing), int(absorbed))
+        return int(received), int(outgoing), int(absorbed)
+
+    def _seed_words(self) -> tuple[np.uint32, np.uint32]:
+        seed = self.settings.seed
+        return np.uint32(seed & 0xFFFFFFFF), np.uint32(seed >> 32)
 
     def _reception_box(self) -> list[np.ndarray]:
         """Box around all receivers' spheres as two float4, a little larger for the rounding."""
@@ -421,14 +452,21 @@ class Tracer:
             corners.append(np.append(corner, 0.0).astype(np.float32))
         return corners
 
-    def _collect(self, found: int, statistics: TraceStatistics) -> Receptions:
+    def _collect(
+        self, found: int, faces: np.ndarray, statistics: TraceStatistics
+    ) -> Receptions:
         keys = self._buffers.read(self._keys, found, np.uint64)
         paths = self._buffers.read(self._paths, (found, 4), np.float32)
         place = np.argsort(keys)  # keys are unique, so any sort gives the same order
         keys = keys[place]
-        bounces = (keys & 0xFFFFFFFF) % self.settings.max_bounces + 1
+        within = keys & 0xFFFFFFFF
+        most = self.settings.max_bounces
         return Receptions(
-            (keys >> 32).astype(np.uint32), paths[place], bounces.astype(np.uint8), statistics
+            pair=(keys >> 32).astype(np.uint32),
+            path=paths[place],
+            bounces=(within % most + 1).astype(np.uint8),
+            face=faces[within // (self.settings.rays_per_sample * most)],
+            statistics=statistics,
         )
 
 

@@ -21,7 +21,7 @@ LAYERS = (
     ("clradar.impair",),
     ("clradar.trace",),
     ("clradar.synthesize", "clradar.formers", "clradar.visible"),
-    ("clradar.backproject",),
+    ("clradar.backproject", "clradar.several_alphas"),
     ("clradar.compare",),
     ("clradar.plot",),
     ("clradar.report",),
