@@ -4,28 +4,36 @@
 from calibration.align import align
 from calibration.align_mesh import align_mesh
 from calibration.alignment import Alignment
+from calibration.alpha_estimate import AlphaEstimate
+from calibration.alpha_regions import RegionSweep
+from calibration.alpha_sweep import Sweep, sweep
 from calibration.background import average_frames, subtract_background
 from calibration.channels import estimate_channels
 from calibration.conventions import HYPOTHESES, Hypothesis, apply_convention
 from calibration.correction import correct
 from calibration.diagnose import Diagnosis, Score, diagnose
 from calibration.gating import Gate, gate, range_gate
+from calibration.regions import Regions
 from calibration.register import Registration, Round, register
 from calibration.targets import CornerReflector, Echo, FlatPlate, Sphere, Target, response
 
 __all__ = [
     "HYPOTHESES",
     "Alignment",
+    "AlphaEstimate",
     "CornerReflector",
     "Diagnosis",
     "Echo",
     "FlatPlate",
     "Gate",
     "Hypothesis",
+    "RegionSweep",
+    "Regions",
     "Registration",
     "Round",
     "Score",
     "Sphere",
+    "Sweep",
     "Target",
     "align",
     "align_mesh",
@@ -39,4 +47,5 @@ __all__ = [
     "register",
     "response",
     "subtract_background",
+    "sweep",
 ]

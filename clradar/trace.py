@@ -452,9 +452,7 @@ class Tracer:
             corners.append(np.append(corner, 0.0).astype(np.float32))
         return corners
 
-    def _collect(
-        self, found: int, faces: np.ndarray, statistics: TraceStatistics
-    ) -> Receptions:
+    def _collect(self, found: int, faces: np.ndarray, statistics: TraceStatistics) -> Receptions:
         keys = self._buffers.read(self._keys, found, np.uint64)
         paths = self._buffers.read(self._paths, (found, 4), np.float32)
         place = np.argsort(keys)  # keys are unique, so any sort gives the same order
