@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -89,6 +90,50 @@ class AlphaEstimate:
     def flat(self) -> bool:
         """Whether the score hardly depends on alpha, as far as the seeds can tell."""
         return bool(np.count_nonzero(self.alike) >= max(3, FLAT_SHARE * self.alike.size))
+
+    def text(self) -> str:
+        """Return the alpha and its uncertainty."""
+        if math.isnan(self.uncertainty):
+            return f"{self.alpha:.3f} (one seed: uncertainty unknown)"
+        return f"{self.alpha:.3f} \N{PLUS-MINUS SIGN} {self.uncertainty:.3f}"
+
+    def remarks(self, alphas: np.ndarray) -> list[str]:
+        """Return in words what a reader of the alpha has to know."""
+        found = []
+        if self.on_edge:
+            found.append(
+                "the best score is at an end of the range of alphas for some seed; the truth may "
+                "lie beyond"
+            )
+        if self.flat:
+            found.append(
+                f"the curve is flat: the seeds cannot tell {int(self.alike.sum())} of "
+                f"{self.alike.size} alphas from the best"
+            )
+        if len(self.values) == 1:
+            found.append("one seed: no uncertainty, and rough surfaces come out too smooth")
+        if self.metric not in HIGHER_IS_BETTER:
+            found.append(f"{self.metric} favours small alphas where surfaces are rough")
+        if self.alike.sum() > 1:
+            listed = ", ".join(f"{alpha:g}" for alpha in alphas[self.alike])
+            found.append(f"not told apart by {len(self.values)} seeds: {listed}")
+        return found
+
+    def to_dict(self, alphas: np.ndarray) -> dict[str, Any]:
+        """Return all numbers in types that strict JSON knows: None stands for NaN."""
+        record = {field.name: getattr(self, field.name) for field in fields(self)}
+        record["grid_best"] = float(alphas[self.grid_best])
+        record["flat"] = self.flat
+        return {name: plain(value) for name, value in record.items()}
+
+
+def plain(value: Any) -> Any:
+    """Return numbers and arrays as JSON has them: None stands for NaN."""
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def estimate_alpha(

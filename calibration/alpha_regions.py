@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from calibration.alpha_estimate import AlphaEstimate, Images, estimate_alpha, mean_score
+from calibration.alpha_estimate import AlphaEstimate, Images, estimate_alpha, mean_score, plain
 from calibration.regions import Regions
 from clradar.model import DepthMap
 
@@ -49,6 +50,20 @@ class RegionSweep:
     grid: np.ndarray | None
     converged: bool
     image: DepthMap | None
+
+    def to_dict(self, alphas: np.ndarray) -> dict[str, Any]:
+        """Return all numbers in types that strict JSON knows."""
+        return {
+            "names": list(self.names),
+            "best": {n: float(alphas[i]) for n, i in zip(self.names, self.best, strict=True)},
+            "score": plain(self.score),
+            "uniform_score": plain(self.uniform_score),
+            "converged": self.converged,
+            "grid": None if self.grid is None else plain(self.grid),
+            "estimates": {
+                n: e.to_dict(alphas) for n, e in zip(self.names, self.estimates, strict=True)
+            },
+        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)

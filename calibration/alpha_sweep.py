@@ -69,6 +69,41 @@ class Sweep:
     images: tuple[DepthMap | None, ...]
     regions: RegionSweep | None
 
+    def of(self, metric: str) -> np.ndarray:
+        """Return one metric of all simulations, shape (K, A)."""
+        return np.array([[getattr(m, metric) for m in row] for row in self.metrics])
+
+    def report(self) -> str:
+        """Return what was found, in words."""
+        found = self.estimate
+        seeds = ", ".join(f"{alpha:.3f}" for alpha in found.per_seed)
+        lines = [
+            f"best alpha {found.text()} by {found.metric}, speckle taken out",
+            f"  per seed {seeds}; the metric itself peaks at {found.metric_peak:.3f}",
+            *(f"  {remark}" for remark in found.remarks(self.alphas)),
+        ]
+        if self.regions is not None:
+            for name, one in zip(self.regions.names, self.regions.estimates, strict=True):
+                lines.append(f"best alpha of {name} {one.text()}, the others held at theirs")
+                lines += [f"  {remark}" for remark in one.remarks(self.alphas)]
+            lines.append(
+                f"score {self.regions.score:.4f} with an alpha for each region, "
+                f"{self.regions.uniform_score:.4f} with one for all"
+            )
+            if not self.regions.converged:
+                lines.append("  the search over the regions did not come to rest")
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all numbers in types that strict JSON knows: None stands for NaN."""
+        return {
+            "alphas": self.alphas.tolist(),
+            "seeds": list(self.seeds),
+            "estimate": self.estimate.to_dict(self.alphas),
+            "metrics": [[m.to_dict() for m in row] for row in self.metrics],
+            "regions": None if self.regions is None else self.regions.to_dict(self.alphas),
+        }
+
 
 def sweep(
     measured: Volume,

@@ -110,7 +110,7 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
     listed = outcome.out.split("Commands:")[1]
     for name in COMMANDS:
         assert f"  {name}" in listed
-    assert not {"sweep", "bench"} & set(listed.split())
+    assert not {"bench"} & set(listed.split())
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
     [
         ("devices", ("CLRADAR_DEVICE",)),
         ("demo", ("--full", "--force", "--device", "SNR", "variance of the noise")),
-        ("hand", ("--edge-mm", "--left", "--list", "metres")),
+        ("hand", ("--edge-mm", "--left", "--list", "--joints", "metres")),
         (
             "simulate",
             ("--alpha", "--unit", "--transform", "--samples-per-mm2", "--rays-per-sample",
@@ -153,6 +153,12 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
         ("align", ("MEASURED", "[SIMULATED]", "--mesh", "--unit", "-o", "--search-deg")),
         ("register", ("MEASURED", "MESH", "-o", "--alpha", "fit", "--max-rounds", "--force")),
         ("compare", ("--frame", "--variant", "--report")),
+        (
+            "sweep",
+            ("MEASURED", "MESH", "--alpha", "FIRST:LAST:STEP", "--seeds", "--metric", "--regions",
+             "parts|fingers|FILE", "--joints", "--transform", "--align", "--samples-per-mm2",
+             "--max-bounces", "--x-mm", "--device", "--force", "docs/sweep.md"),
+        ),
     ],
 )  # fmt: skip
 def test_help_of_each_command(run: Run, name: str, words: tuple[str, ...]) -> None:

@@ -55,7 +55,8 @@ class FolderStore(MutableMapping[str, dict[str, np.ndarray]]):
 
     def __setitem__(self, name: str, arrays: dict[str, np.ndarray]) -> None:
         with replacing(self._path(name), force=True) as temporary, open(temporary, "xb") as file:
-            np.savez(file, **arrays)
+            values: dict[str, Any] = dict(arrays)
+            np.savez(file, **values)
 
     def __delitem__(self, name: str) -> None:
         self._path(name).unlink()
