@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from itertools import permutations
+from itertools import combinations, permutations
 from typing import Any
 
 import numpy as np
@@ -214,9 +214,10 @@ def _scores(
     )
     own = np.full(values.shape[1], math.nan)
     if len(images) > 1:
+        symmetric = metric in HIGHER_IS_BETTER
         between = [
             [_value(metric, *both, dynamic_range_db) for both in zip(one, other, strict=True)]
-            for one, other in permutations(images, 2)
+            for one, other in (combinations if symmetric else permutations)(images, 2)
         ]
         own = np.mean(between, axis=0)
     return scored(values, own, metric), values, own

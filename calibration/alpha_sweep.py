@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from calibration.alpha_estimate import AlphaEstimate, estimate_alpha
-from calibration.alpha_regions import RegionSweep, sweep_regions
+from calibration.alpha_regions import RegionImages, RegionSweep, sweep_regions
+from calibration.region_pixels import EVERYTHING_DB, region_pixels
 from calibration.regions import Regions
 from clradar import arrays
 from clradar.backproject import backproject
@@ -84,10 +85,10 @@ class Sweep:
         ]
         if self.regions is not None:
             for name, one in zip(self.regions.names, self.regions.estimates, strict=True):
-                lines.append(f"best alpha of {name} {one.text()}, the others held at theirs")
+                lines.append(f"best alpha of {name} {one.text()}, in its own pixels")
                 lines += [f"  {remark}" for remark in one.remarks(self.alphas)]
             lines.append(
-                f"score {self.regions.score:.4f} with an alpha for each region, "
+                f"mean score of the regions {self.regions.score:.4f} with an alpha for each, "
                 f"{self.regions.uniform_score:.4f} with one for all"
             )
             if not self.regions.converged:
@@ -206,16 +207,27 @@ def sweep(
         store={} if store is None else store,
         simulation=simulation,
     )
+    pixels = np.zeros((0, 0))
+    if regions is not None:  # before the long work: a region may be out of sight
+        centre_m = made.array.tx_m.mean(axis=0)
+        pixels = region_pixels(scene, regions, measured.grid, centre_m, made.device)
     made.make(progress)
     images = made.whole()
     found = estimate_alpha(measured_map, images, values, metric, dynamic_range_db)
     by_region = None
     if regions is not None:
-        start = [found.grid_best] * len(regions.names)
-        by_region = sweep_regions(
-            measured_map, made.volume_of, made.depth_map, len(made.seeds), regions, values, start,
-            metric, dynamic_range_db,
-        )  # fmt: skip
+        parts = RegionImages(
+            measured=measured.depth_map(EVERYTHING_DB),
+            grid=measured.grid,
+            names=regions.names,
+            pixels=pixels,
+            volume_of=made.volume_of,
+            n_seeds=n_seeds,
+            n_alphas=len(values),
+            metric=metric,
+            dynamic_range_db=dynamic_range_db,
+        )
+        by_region = sweep_regions(parts, values, found.grid_best)
     return Sweep(
         alphas=values,
         seeds=made.seeds,

@@ -64,7 +64,7 @@ def sweep_figure(sweep: Sweep, measured_label: str = "Measurement") -> Figure:
     ]
     metrics = [sweep.metrics[0][i] for i in chosen if sweep.images[i] is not None]
     regions = sweep.regions
-    if regions is not None and regions.image is not None:
+    if regions is not None:
         columns.append(("Regions", regions.image))
     figure = comparison_figure(
         sweep.measured,
