@@ -21,6 +21,10 @@ Images = Sequence[Sequence[DepthMap | None]]
 PAIRED_CONFIDENCE = 0.95
 """An alpha counts as worse than the best if the seeds say so with this confidence, one-sided."""
 
+MIN_SELF_AGREEMENT = 0.1
+"""Of a similarity: simulations that agree by less among themselves are noise rather than images,
+and dividing by the root of what is left would make it the best score."""
+
 GRID = 12**-0.5
 """Standard deviation of rounding to a grid, in steps: what is allowed for the parabola."""
 
@@ -40,7 +44,8 @@ class AlphaEstimate:
         Mean of `per_seed`.
     uncertainty : float
         One standard deviation: scatter over the seeds or `self_check_error`, whichever is more, and
-        the rounding to the grid, which is a whole step on an edge. NaN with a single seed.
+        the rounding to the grid, which is a whole step on an edge. NaN where it is unknown: with
+        a single seed, or simulations that are all noise.
     standard_error : float
         Standard deviation of `per_seed` over the square root of K: what other seeds of the
         simulation would change, and not the scatter of the measurement's own speckle. NaN with a
@@ -59,7 +64,8 @@ class AlphaEstimate:
     self_agreement : ndarray, shape (A,)
         The metric of simulations against those with another seed; NaN with a single seed.
     score : ndarray, shape (K, A)
-        The metric with the simulations' own speckle taken out; the higher the better.
+        The metric with the simulations' own speckle taken out; the higher the better. NaN where
+        the metric is undefined, or simulations hardly agree among themselves.
     metric_peak : float
         Where the mean of the metric itself peaks: biased by speckle.
     deficit, deficit_error : ndarray, shape (A,)
@@ -94,7 +100,7 @@ class AlphaEstimate:
     def text(self) -> str:
         """Return the alpha and its uncertainty."""
         if math.isnan(self.uncertainty):
-            return f"{self.alpha:.3f} (one seed: uncertainty unknown)"
+            return f"{self.alpha:.3f} (uncertainty unknown)"
         return f"{self.alpha:.3f} \N{PLUS-MINUS SIGN} {self.uncertainty:.3f}"
 
     def remarks(self, alphas: np.ndarray) -> list[str]:
@@ -109,6 +115,15 @@ class AlphaEstimate:
             found.append(
                 f"the curve is flat: the seeds cannot tell {int(self.alike.sum())} of "
                 f"{self.alike.size} alphas from the best"
+            )
+        noise = alphas[self.self_agreement < MIN_SELF_AGREEMENT]
+        if self.metric in HIGHER_IS_BETTER and noise.size:
+            where = ", ".join(f"{alpha:g}" for alpha in noise)
+            if noise.size == alphas.size:
+                where = "every alpha, so that the metric is taken as it is: this alpha says little"
+            found.append(
+                f"two seeds agree by less than {MIN_SELF_AGREEMENT:g} at {where}; more samples or "
+                "rays help"
             )
         if len(self.values) == 1:
             found.append("one seed: no uncertainty, and rough surfaces come out too smooth")
@@ -178,9 +193,12 @@ def estimate_alpha(
     scatter = float(per_seed.std(ddof=1)) if n_seeds > 1 else math.nan
     self_check = float(np.sqrt(np.mean(np.square(errors)))) if errors.size else math.nan
     step = float(np.diff(alphas).max())
+    uncertainty = _uncertainty(scatter, n_seeds, self_check, step if on_edge else GRID * step)
+    if not _is_corrected(own, metric):
+        uncertainty = math.nan
     return AlphaEstimate(
         alpha=alpha,
-        uncertainty=_uncertainty(scatter, n_seeds, self_check, step if on_edge else GRID * step),
+        uncertainty=uncertainty,
         standard_error=scatter / math.sqrt(n_seeds),
         per_seed=per_seed,
         on_edge=on_edge,
@@ -256,16 +274,21 @@ def scored(values: np.ndarray, own: np.ndarray, metric: str) -> np.ndarray:
     ----------
     values : ndarray, shape (..., A)
     own : ndarray, shape (A,)
-        Of simulations against those with another seed; NaN throughout if there is one seed only,
-        and the values are then taken as they are.
+        Of simulations against those with another seed; NaN throughout if there is one seed only.
+        Then, and where it is too small at every alpha, the values are taken as they are.
     metric : str
     """
-    if np.isnan(own).all():
+    if not _is_corrected(own, metric):
         return _signed(values, metric)
     if metric in HIGHER_IS_BETTER:
         # Spearman's correction for attenuation: what is left of a similarity of 1 is sqrt(own).
-        return values / np.sqrt(np.where(own > 0, own, math.nan))
+        return values / np.sqrt(np.where(own >= MIN_SELF_AGREEMENT, own, math.nan))
     return -(values - 0.5 * own)
+
+
+def _is_corrected(own: np.ndarray, metric: str) -> bool:
+    least = MIN_SELF_AGREEMENT if metric in HIGHER_IS_BETTER else -math.inf
+    return bool((own >= least).any())  # no NaN is
 
 
 def _signed(values: np.ndarray, metric: str) -> np.ndarray:

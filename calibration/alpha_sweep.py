@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import MutableMapping, Sequence
+from collections.abc import Callable, MutableMapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -305,20 +305,26 @@ class _Images:
             [i for i in range(len(self.alphas)) if not self._is_done(k, i)]
             for k in range(len(self.seeds))
         ]
-        done = float(total - sum(map(len, missing)))
+        ready = total - sum(map(len, missing))
 
         def show(images: float) -> None:
             if progress is not None:
                 progress(round(_STEPS * images), _STEPS * total)
 
-        show(done)
+        show(ready)
         for k, which in enumerate(missing):
             if not which:
                 continue
-            at = done
+            state = [0.0, 0]  # of this seed: share that is traced, images that are ready
 
-            def traced(now: int, all_of: int, at: float = at, n: int = len(which)) -> None:
-                show(at + TRACING_SHARE * n * now / all_of)
+            def tell(at: int = ready, n: int = len(which), state: list[float] = state) -> None:
+                show(at + TRACING_SHARE * n * state[0] + (1 - TRACING_SHARE) * state[1])
+
+            def traced(
+                now: int, of: int, state: list[float] = state, tell: Callable[[], None] = tell
+            ) -> None:
+                state[0] = now / of
+                tell()
 
             captures = simulate_alphas(
                 self.scene,
@@ -332,8 +338,9 @@ class _Images:
             )
             for i, made in zip(which, captures, strict=True):
                 self._keep(k, i, made)
-                done += 1
-                show(done)
+                state[1] += 1
+                tell()
+            ready += len(which)
 
     def whole(self) -> list[list[DepthMap | None]]:
         """Return the depth maps of the whole mesh, [seed][alpha]."""
