@@ -247,18 +247,15 @@ def command(
         inputs.append(Path(str(regions)))
     origin = provenance("sweep", record, inputs)
     with folder.held(output):
-        folder.begin(output, {"settings": record, "clradar": origin["clradar"]}, force=force)
+        folder.begin(output, {**record, "clradar": origin["clradar"]}, force=force)
         if folder.is_finished(output):
             folder.finish(output)
             print_line(f"{output}: finished before with these settings; nothing to do")
             return
         volume = formed(measured, recorded, grid, method.value, window.value, opened)
         if align:
-            placed = scene.transformed(
-                aligned(
-                    output / folder.TRANSFORM, volume, recorded, scene, search_deg, opened, origin
-                )
-            )
+            place = output / folder.TRANSFORM
+            matrix = aligned(place, volume, recorded, scene, search_deg, opened, origin)
         placed = scene if matrix is None else scene.transformed(matrix)
         store = folder.FolderStore(output / folder.WORK)
         if len(store):
