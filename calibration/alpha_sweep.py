@@ -191,7 +191,7 @@ def sweep(
         if resolved.max_bounces > 1:
             checks.fail("sweep: max_bounces", "1 where there are regions", resolved.max_bounces)
     measured_map = depth_map_of(measured, dynamic_range_db, "measured image")
-    _check_place(scene, measured.grid)
+    check_place(scene, measured.grid)
     made = _Images(
         scene=scene,
         alphas=values,
@@ -251,8 +251,8 @@ def _alphas(alphas: Any) -> np.ndarray:
     return values
 
 
-def _check_place(scene: Scene, grid: VoxelGrid) -> None:
-    """Raise unless the mesh's box and the volume's overlap."""
+def check_place(scene: Scene, grid: VoxelGrid) -> None:
+    """Raise `CompareError` unless the mesh's box and the volume's overlap."""
     corners_m = scene.vertices_m[np.unique(scene.faces)]
     axes_m = (grid.x_m, grid.y_m, grid.z_m)
     apart = [

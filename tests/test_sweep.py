@@ -629,6 +629,19 @@ def test_wrong_usage_leaves_nothing(files, capsys, more, status, words):
     assert not (files / "out").exists()
 
 
+def test_what_cannot_be_swept_leaves_nothing(files, capsys):
+    empty = clradar.Capture(np.zeros((20, 20, 16)), ARRAY, WAVEFORM)
+    save_capture("empty.h5", empty)
+    assert run("sweep", "empty.h5", *COMMAND[2:], "-o", "out") == 1
+    assert "got 0 everywhere" in capsys.readouterr().err
+    away = np.eye(4)
+    away[2, 3] = 1.0
+    (files / "away.json").write_text(json.dumps(away.tolist()))
+    assert run(*COMMAND, "--transform", "away.json", "-o", "out") == 1
+    assert "within the measured volume" in capsys.readouterr().err
+    assert not (files / "out").exists()
+
+
 def test_alphas_are_those_that_simulate_has():
     assert command.read_alphas("0:1:0.1").tolist() == [round(i / 10, 1) for i in range(11)]
     assert command.read_alphas("0.1,0.25,1").tolist() == [0.1, 0.25, 1.0]

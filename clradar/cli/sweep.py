@@ -63,6 +63,7 @@ from clradar.cli.simulation_options import (
     SamplesOption,
     TransformOption,
 )
+from clradar.compare import HEADLINE_METRIC
 from clradar.normals import CREASE_DEG
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def command(
             metavar="NAME",
             help="What the best alpha is chosen by; see docs/metrics.md.",
         ),
-    ] = "db_correlation",
+    ] = HEADLINE_METRIC,
     regions: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
@@ -169,9 +170,10 @@ def command(
     --force begins anew. What is found and how sure it is: docs/sweep.md.
     """
     from calibration import sweep
+    from calibration.alpha_sweep import check_place
     from clradar import Scene, Volume, open_device
     from clradar.cli import sweep_folder as folder
-    from clradar.compare import METRICS
+    from clradar.compare import METRICS, depth_map_of
     from clradar.model import checks
     from clradar.trace import resolve_settings
 
@@ -246,17 +248,23 @@ def command(
     if regions not in (None, PARTS, FINGERS):
         inputs.append(Path(str(regions)))
     origin = provenance("sweep", record, inputs)
+    volume = formed(measured, recorded, grid, method.value, window.value, opened)
+    # What cannot be swept should leave no folder behind.
+    depth_map_of(volume, dynamic_range_db, str(measured))
+    placed = scene if matrix is None else scene.transformed(matrix)
+    if not align:
+        check_place(placed, volume.grid)
     with folder.held(output):
         folder.begin(output, {**record, "clradar": origin["clradar"]}, force=force)
         if folder.is_finished(output):
             folder.finish(output)
             print_line(f"{output}: finished before with these settings; nothing to do")
             return
-        volume = formed(measured, recorded, grid, method.value, window.value, opened)
         if align:
             place = output / folder.TRANSFORM
-            matrix = aligned(place, volume, recorded, scene, search_deg, opened, origin)
-        placed = scene if matrix is None else scene.transformed(matrix)
+            placed = scene.transformed(
+                aligned(place, volume, recorded, scene, search_deg, opened, origin)
+            )
         store = folder.FolderStore(output / folder.WORK)
         if len(store):
             print_line(f"{output}: goes on with {len(store)} images that are there")
