@@ -97,6 +97,11 @@ class AlphaEstimate:
         """Whether the score hardly depends on alpha, as far as the seeds can tell."""
         return bool(np.count_nonzero(self.alike) >= max(3, FLAT_SHARE * self.alike.size))
 
+    @property
+    def corrected(self) -> bool:
+        """Whether speckle is taken out of the score: not with one seed, nor of noise alone."""
+        return _is_corrected(self.self_agreement, self.metric)
+
     def text(self) -> str:
         """Return the alpha and its uncertainty."""
         if math.isnan(self.uncertainty):

@@ -79,7 +79,8 @@ class Sweep:
         found = self.estimate
         seeds = ", ".join(f"{alpha:.3f}" for alpha in found.per_seed)
         lines = [
-            f"best alpha {found.text()} by {found.metric}, speckle taken out",
+            f"best alpha {found.text()} by {found.metric}"
+            + (", speckle taken out" if found.corrected else ""),
             f"  per seed {seeds}; the metric itself peaks at {found.metric_peak:.3f}",
             *(f"  {remark}" for remark in found.remarks(self.alphas)),
         ]
@@ -190,6 +191,10 @@ def sweep(
             checks.fail("sweep: regions", f"{scene.n_faces} faces", f"{len(regions.face)}")
         if resolved.max_bounces > 1:
             checks.fail("sweep: max_bounces", "1 where there are regions", resolved.max_bounces)
+    radar = arrays.qar50() if array is None else array
+    frequencies = Waveform.sfcw(72e9, 82e9, 128) if waveform is None else waveform
+    checks.instance("sweep: array", radar, AntennaArray)
+    checks.instance("sweep: waveform", frequencies, Waveform)
     measured_map = depth_map_of(measured, dynamic_range_db, "measured image")
     check_place(scene, measured.grid)
     made = _Images(
@@ -197,8 +202,8 @@ def sweep(
         alphas=values,
         seeds=tuple(range(first, first + n_seeds)),
         regions=regions,
-        array=arrays.qar50() if array is None else array,
-        waveform=Waveform.sfcw(72e9, 82e9, 128) if waveform is None else waveform,
+        array=radar,
+        waveform=frequencies,
         grid=measured.grid,
         method=method,
         window=window,
@@ -209,7 +214,7 @@ def sweep(
     )
     pixels = np.zeros((0, 0))
     if regions is not None:  # before the long work: a region may be out of sight
-        centre_m = made.array.tx_m.mean(axis=0)
+        centre_m = radar.tx_m.mean(axis=0)
         pixels = region_pixels(scene, regions, measured.grid, centre_m, made.device)
     made.make(progress)
     images = made.whole()

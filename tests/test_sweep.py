@@ -232,6 +232,7 @@ def test_one_seed_has_no_uncertainty():
     assert np.isnan(result.estimate.uncertainty)
     assert np.array_equal(result.estimate.score, result.estimate.values)
     assert "one seed" in result.report()
+    assert "speckle taken out" not in result.report()
     json.dumps(result.to_dict(), allow_nan=False)
 
 
@@ -572,6 +573,7 @@ def somewhere() -> clradar.Volume:
          ModelError, "max_bounces"),
         ((somewhere(), SCENE, ALPHAS), {"regions": Regions.of_labels([0, 1])}, ModelError, "faces"),
         (("volume.h5", SCENE, ALPHAS), {}, ModelError, "measured"),
+        ((somewhere(), SCENE, ALPHAS), {"waveform": 77e9}, ModelError, "waveform"),
     ],
 )  # fmt: skip
 def test_wrong_arguments_are_refused_before_any_work(arguments, options, error, words):
