@@ -26,9 +26,9 @@ from alignment_pairs import (
     image,
     mesh,
     middle_m,
-    poses,
     random_motion,
 )
+from hand_poses import poses
 from scipy.spatial.transform import Rotation
 
 import clradar
