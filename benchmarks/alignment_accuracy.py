@@ -65,6 +65,7 @@ def run_case(case: int, names: list[str], methods: list[str]) -> list[dict[str, 
                 "ratio": ratios(found, truth),
                 "inlier_share": found.inlier_share,
                 "likeness": found.likeness,
+                "overlap": found.overlap,
                 "rms_mm": 1e3 * found.rms_m,
                 "converged": found.converged,
                 "degenerate": list(found.degenerate_directions),
@@ -113,6 +114,8 @@ def row_text(row: dict[str, Any]) -> str:
         return f"{head} {row['failure']}"
     tail = "" if row["converged"] else " NOT converged"
     like = "" if row["likeness"] is None else f", likeness {row['likeness']:.2f}"
+    if row["overlap"] is not None:
+        like += f", overlap {row['overlap']:.2f}"
     return (
         f"{head} {row['position_mm']:6.2f} mm {row['rotation_deg']:6.2f} deg, inliers "
         f"{row['inlier_share']:.2f}{like}, {row['time_s']:.0f} s{tail}"

@@ -22,8 +22,11 @@ from calibration.rigid import moved, orthonormal
 from calibration.roughness import look_of, next_alpha, settled
 from calibration.surface import failure
 from clradar.backproject import backproject
-from clradar.model import AntennaArray, Capture, Scene, Volume, VoxelGrid, Waveform
+from clradar.compare import depth_map_of
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.model import AntennaArray, Capture, DepthMap, Scene, Volume, VoxelGrid, Waveform
 from clradar.opencl import Device
+from clradar.overlap import overlap
 from clradar.synthesize import simulate
 
 TOLERANCE_M = 1e-4
@@ -36,6 +39,9 @@ SAME_ALPHA, SAME_PLACE_M = 0.05, 2e-3
 
 REGISTERED_RATIO = 1.2
 """As `locate.COVARIANCE_RATIO`, after the correction (docs/calibration.md)."""
+
+MIN_OVERLAP = 0.5
+"""Of the last simulation with the measurement: less is another object (docs/calibration.md)."""
 
 LARGEST_CORRECTION_M = 10e-3
 """A simulation that is found this far from where it was put says that the fit is none."""
@@ -95,6 +101,7 @@ Callback = Callable[[Round], None]
 
 
 def close_loop(
+    measured: DepthMap,
     mesh: Scene,
     located: Located,
     settings: LoopSettings,
@@ -103,10 +110,13 @@ def close_loop(
 ) -> ClosedLoop:
     """Correct where `mesh` was `located` until a round moves it by less than the tolerance.
 
+    `measured` is what it was located on, on the pixels of the grid.
+
     Raises
     ------
     CompareError
-        No ray of a simulation reaches a receiver, or a simulation does not look like the mesh.
+        No ray of a simulation reaches a receiver, a simulation does not look like the mesh, or the
+        last one does not look like the measurement.
     """
     s = settings
     aperture = Aperture(s.array, float(np.mean(s.waveform.frequencies_hz)))
@@ -159,14 +169,28 @@ def close_loop(
             callback(rounds[-1])
         last = transform
         transform = following
+    share = _overlap(measured, volume)
+    if share < MIN_OVERLAP:
+        raise failure(
+            f"the mesh, simulated in its place, overlaps with the measurement by {share:.2f}, and "
+            f"{MIN_OVERLAP:.2f} is the least: it is another object, or stands elsewhere"
+        )
     alignment = replace(
         located.alignment,
         transform=last,
+        overlap=share,
         covariance=_narrowed(located),
         converged=converged,
         iterations=len(rounds),
     )
     return ClosedLoop(alignment, scene, capture, volume, tuple(rounds))
+
+
+def _overlap(measured: DepthMap, simulated: Volume) -> float:
+    """Return the headline metric of the two, at what both depth maps reach down to."""
+    range_db = min(DYNAMIC_RANGE_DB, measured.dynamic_range_db)
+    one, other = (depth_map_of(image, range_db, "image") for image in (measured, simulated))
+    return overlap(one, other)
 
 
 def _radius_m(mesh: Scene, fit: MeshFit) -> float:
