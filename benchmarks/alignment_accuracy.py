@@ -4,8 +4,9 @@
 
 Ten poses of the hand, moved by up to 20 mm and 15 degrees; alpha 0 to 0.6, drawn for the
 measurement and for the simulation apart; 20 dB of signal to noise; another seed for everything.
-`mesh` is `align_mesh`, `register` is `register` with alpha fitted, `same-alpha` is `register` with
-the measurement's alpha, and `volume` is `align` of a volume simulated where the mesh was given.
+`quick` is `align_mesh` without the correction of its bias, `mesh` is `align_mesh`, `register` is
+`register` with alpha fitted, `same-alpha` is `register` with the measurement's alpha, and `volume`
+is `align` of a volume simulated where the mesh was given.
 Prints a table and writes ``benchmarks/alignment_accuracy.json``.
 """
 
@@ -25,16 +26,16 @@ from alignment_pairs import (
     image,
     mesh,
     middle_m,
-    poses,
     random_motion,
 )
+from hand_poses import poses
 from scipy.spatial.transform import Rotation
 
 import clradar
 from calibration import Alignment, align, align_mesh, register
 from clradar.errors import CompareError
 
-METHODS = ("mesh", "register", "same-alpha", "volume")
+METHODS = ("quick", "mesh", "register", "same-alpha", "volume")
 OTHERS = ("box", "sphere", "left")
 SPACING_M = 2e-3
 FIRST_SEED = 10_000
@@ -64,6 +65,7 @@ def run_case(case: int, names: list[str], methods: list[str]) -> list[dict[str, 
                 "ratio": ratios(found, truth),
                 "inlier_share": found.inlier_share,
                 "likeness": found.likeness,
+                "overlap": found.overlap,
                 "rms_mm": 1e3 * found.rms_m,
                 "converged": found.converged,
                 "degenerate": list(found.degenerate_directions),
@@ -83,8 +85,8 @@ def aligned(
     case: int,
 ) -> Alignment:
     seed = 2 * FIRST_SEED + 100 * case
-    if method == "mesh":
-        return align_mesh(measured, scene)
+    if method in ("quick", "mesh"):
+        return align_mesh(measured, scene, correct_bias=method == "mesh", seed=seed)
     if method == "volume":
         simulated = image(scene.with_alpha(other_alpha), seed, SPACING_M, None)
         return align(measured, simulated)
@@ -112,6 +114,8 @@ def row_text(row: dict[str, Any]) -> str:
         return f"{head} {row['failure']}"
     tail = "" if row["converged"] else " NOT converged"
     like = "" if row["likeness"] is None else f", likeness {row['likeness']:.2f}"
+    if row["overlap"] is not None:
+        like += f", overlap {row['overlap']:.2f}"
     return (
         f"{head} {row['position_mm']:6.2f} mm {row['rotation_deg']:6.2f} deg, inliers "
         f"{row['inlier_share']:.2f}{like}, {row['time_s']:.0f} s{tail}"

@@ -2,76 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from calibration.alignment import MESH, UNKNOWN_STD_M, Alignment
-from calibration.freedom import Lever, came_from, complement, named, without_free_motion
-from calibration.mesh_fit import (
-    FLOOR,
-    MeshFit,
-    first_brightness,
-    fit_mesh,
-    misfit,
-    shared_information,
-)
-from calibration.mesh_image import Aperture, MeshImage, Picture
-from calibration.mesh_search import COARSE_SAMPLES_PER_MM2, COARSE_STEP_M, search
-from calibration.rigid import moved
-from calibration.surface import failure, measured_depth_map
+from calibration.alignment import Alignment
+from calibration.closed_loop import MAX_ROUNDS, TOLERANCE_M, LoopSettings, Round, close_loop
+from calibration.locate import FINE_STEP_M, depth_for_mesh, locate
+from calibration.mesh_image import thinned
 from clradar import arrays
-from clradar.model import AntennaArray, DepthMap, Scene, Volume, checks
+from clradar.model import AntennaArray, DepthMap, Scene, Volume, VoxelGrid, Waveform, checks
 from clradar.opencl import Device, open_device
-from clradar.visible import VisibleSurface
 
-CENTRE_FREQUENCY_HZ = 77e9
+SAMPLES_PER_MM2, RAYS_PER_SAMPLE = 3.0, 3
+"""Of the simulations that find the bias. The speckle of the image is what limits a round, not the
+shot noise of so few rays."""
 
-DEEPEST_DB = 20.0
-"""Depth points are taken down to here where the caller does not say."""
-
-FINE_STEP_M = 2e-3
-"""Pixels of the fit: half a resolution cell."""
-
-FINE_SAMPLES_PER_MM2 = 1.0
-MOST_SAMPLES = 200_000
-
-COVARIANCE_RATIO = 1.8
-"""Errors that were seen over the standard deviations that the information promises: the picture
-knows neither interference nor the curvature of a glint (docs/calibration.md)."""
-
-UNSEEN_STD_M = 5e-3
-"""A direction whose standard deviation is larger, at the object's radius, counts as not seen: it
-would be found to no better than the resolution cell."""
-
-SIZE_RATIO = 20.0
-"""A mesh so many times larger or smaller than what is measured has the wrong unit."""
-
-INLIER_STD = 3.0
-
-MIN_LIKENESS = 0.6
-"""Pictures that correlate by less are of different objects (docs/calibration.md)."""
-
-_FINE_STARTS = 3
-_SAME_PLACE_M, _SAME_TURN_RAD = 2e-3, 0.04
+ROOM_M = 20e-3
+"""Depth before and behind what a depth map shows, where the mesh is imaged."""
 
 Progress = Callable[[int, int], None]
-"""Called with (done, total) steps of the search."""
+"""Called with (done, total) steps of the search, then of the correction."""
 
 
 def align_mesh(
     measured: Volume | DepthMap,
     mesh: Scene,
     *,
+    correct_bias: bool = True,
     array: AntennaArray | None = None,
-    centre_frequency_hz: float = CENTRE_FREQUENCY_HZ,
+    waveform: Waveform | None = None,
     dynamic_range_db: float | None = None,
     search_deg: float = 45.0,
     min_inlier_share: float = 0.5,
     max_iterations: int = 50,
+    seed: int = 0,
     device: Device | str | None = None,
     progress: Progress | None = None,
 ) -> Alignment:
@@ -83,10 +48,14 @@ def align_mesh(
         In the antenna frame, on pixels that are evenly spaced.
     mesh : Scene
         Anywhere: it need not be in front of the radar. Its alpha has no influence.
+    correct_bias : bool
+        Simulate the mesh where it was found, a few times and on pixels of 2 mm, and take back what
+        the fit is off there. Without, it takes a fraction of the time and is off by up to some
+        millimetres where the surface is specular (docs/calibration.md).
     array : AntennaArray, optional
-        What `measured` was recorded with; `arrays.qar50()` if not given.
-    centre_frequency_hz : float, hertz
-        Of the waveform; together with `array` it says how a point is blurred.
+    waveform : Waveform, optional
+        What `measured` was recorded with: the 94 x 94 imager and 72 to 82 GHz in 128 steps if not
+        given. They say how a point is blurred.
     dynamic_range_db : float, decibel, optional
         Depth points are the pixels within this of the maximum. If not given 20, or what a
         `DepthMap` was cut at if that is less.
@@ -97,21 +66,25 @@ def align_mesh(
         Less of the measured amplitude than this on the mesh is a failure.
     max_iterations : int
         Steps of the fit before it stops unconverged.
+    seed : int
+        Of the first simulation; each has one of its own, counted up from there.
     device : Device, str or None
-        For the visibility of the mesh; see `clradar.open_device`.
+        See `clradar.open_device`.
     progress : callable, optional
-        Called with (done, total) steps of the search.
+        Called with (done, total): first the rotations of the search, then the simulations.
 
     Returns
     -------
     Alignment
-        measured = transform . mesh. `inlier_share` is that of the measured amplitude.
+        measured = transform . mesh. `inlier_share` is that of the measured amplitude; `iterations`
+        counts the simulations, or the steps of the fit without.
 
     Raises
     ------
     CompareError
         "could not align, because …": no image, an empty one or one with too few depth points; a
-        mesh whose size does not fit what was measured; or too little of it on the mesh.
+        mesh whose size does not fit what was measured; too little of it on the mesh; or a
+        simulation of the mesh in its place that does not look like the measurement.
     ModelError
         An option is out of its range.
 
@@ -123,211 +96,67 @@ def align_mesh(
     `docs/calibration.md` has the equations. The result depends on the arguments and the device
     alone.
     """
-    return locate(
-        measured,
+    seed = checks.whole("align_mesh: seed", seed, 0)
+    radar, sweep = radar_of("align_mesh", array, waveform)
+    opened = open_device(device)
+    depth = depth_for_mesh(measured, dynamic_range_db)
+    located = locate(
+        depth,
         mesh,
-        array=array,
-        centre_frequency_hz=centre_frequency_hz,
-        dynamic_range_db=dynamic_range_db,
+        array=radar,
+        centre_frequency_hz=float(np.mean(sweep.frequencies_hz)),
         search_deg=search_deg,
         min_inlier_share=min_inlier_share,
         max_iterations=max_iterations,
-        device=device,
+        device=opened,
         progress=progress,
-    ).alignment
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Located:
-    """An alignment, the fit that it rests on, and the twists that were held, shape (6, k)."""
-
-    alignment: Alignment
-    fit: MeshFit
-    held: np.ndarray
-
-
-def locate(
-    measured: Volume | DepthMap,
-    mesh: Scene,
-    *,
-    array: AntennaArray | None,
-    centre_frequency_hz: float,
-    dynamic_range_db: float | None,
-    search_deg: float,
-    min_inlier_share: float,
-    max_iterations: int,
-    device: Device | str | None,
-    progress: Progress | None,
-) -> Located:
-    """Do the work of `align_mesh`, whose arguments these are."""
-    checks.instance("align_mesh: mesh", mesh, Scene)
-    search_deg = checks.positive("align_mesh: search_deg", search_deg)
-    if search_deg > 180:
-        checks.fail("align_mesh: search_deg", "an angle in (0, 180]", repr(search_deg))
-    min_inlier_share = checks.positive("align_mesh: min_inlier_share", min_inlier_share)
-    if min_inlier_share > 1:
-        checks.fail("align_mesh: min_inlier_share", "a share in (0, 1]", repr(min_inlier_share))
-    max_iterations = checks.whole("align_mesh: max_iterations", max_iterations, 1)
-    aperture = aperture_of(array, centre_frequency_hz)
-    depth = depth_for_mesh(measured, dynamic_range_db)
-    check_size(mesh, depth)
-    opened = open_device(device)
-    picture = Picture.of(depth, COARSE_STEP_M, aperture.centre_m)
-    density = _density(mesh, COARSE_SAMPLES_PER_MM2)
-    with VisibleSurface(mesh, density, _reach_m(mesh), opened) as surface:
-        starts = _distinct(search(surface, picture, aperture, search_deg, progress))
-    with fine_image(mesh, depth, aperture, opened) as image:
-        fits = [
-            fit_mesh(image, start.transform, first_brightness(), max_iterations) for start in starts
-        ]
-        if not fits:
-            raise failure("no part of the mesh is in sight wherever it is put")
-        return judged(image, min(fits, key=lambda fit: fit.loss), max_iterations, min_inlier_share)
-
-
-def aperture_of(array: AntennaArray | None, centre_frequency_hz: float) -> Aperture:
-    """Return the radar as the fit sees it, the 94 x 94 imager if `array` is None."""
-    if array is not None:
-        checks.instance("align_mesh: array", array, AntennaArray)
-    frequency_hz = checks.positive("align_mesh: centre_frequency_hz", centre_frequency_hz)
-    return Aperture(arrays.qar50() if array is None else array, frequency_hz)
-
-
-def depth_for_mesh(measured: Volume | DepthMap, dynamic_range_db: float | None) -> DepthMap:
-    """Return the depth map that a mesh is fitted to, or raise because there is none."""
-    if dynamic_range_db is None:
-        dynamic_range_db = DEEPEST_DB
-        if isinstance(measured, DepthMap):
-            dynamic_range_db = min(dynamic_range_db, measured.dynamic_range_db)
-    dynamic_range_db = checks.positive("align_mesh: dynamic_range_db", dynamic_range_db)
-    depth = measured_depth_map(measured, dynamic_range_db, "measured image")
-    for name, axis_m in (("x", depth.x_m), ("y", depth.y_m)):
-        steps_m = np.diff(axis_m)
-        if len(axis_m) < 3 or np.ptp(steps_m) > 1e-3 * steps_m.mean():
-            raise failure(
-                f"the measured image has {len(axis_m)} pixels along {name}, and at least three "
-                "that are evenly spaced are needed"
-            )
-    return depth
-
-
-def check_size(mesh: Scene, depth: DepthMap) -> None:
-    """Raise unless mesh and measurement are of one order of magnitude."""
-    corners_m = mesh.vertices_m[np.unique(mesh.faces)]
-    mesh_m = float(np.ptp(corners_m, axis=0).max())
-    measured_m = float(np.ptp(depth.points_m(), axis=0).max())
-    if measured_m / SIZE_RATIO <= mesh_m <= measured_m * SIZE_RATIO:
-        return
-    size = "large" if mesh_m > measured_m else "small"
-    raise failure(
-        f"the mesh is too {size}: it measures {1e3 * mesh_m:.3g} mm, and what the radar saw "
-        f"{1e3 * measured_m:.3g} mm; check the unit in which it was read (--unit, or unit= of "
-        "Scene.from_mesh)"
     )
-
-
-def _density(mesh: Scene, wanted_per_mm2: float) -> float:
-    triangles = mesh.triangles_m
-    sides = triangles[:, 1:] - triangles[:, :1]
-    area_mm2 = 0.5e6 * float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum())
-    return min(wanted_per_mm2, MOST_SAMPLES / area_mm2) if area_mm2 > 0 else wanted_per_mm2
-
-
-def _reach_m(mesh: Scene) -> float:
-    """Return how far from the mesh's origin the radar may be: 2 m in front of it, and its size."""
-    return 2.0 + 2.0 * float(np.linalg.norm(mesh.vertices_m, axis=1).max())
-
-
-@contextmanager
-def fine_image(
-    mesh: Scene, depth: DepthMap, aperture: Aperture, device: Device
-) -> Iterator[MeshImage]:
-    """Yield the mesh's picture on the pixels of the fit, ready on the device."""
-    picture = Picture.of(depth, FINE_STEP_M, aperture.centre_m)
-    density = _density(mesh, FINE_SAMPLES_PER_MM2)
-    with VisibleSurface(mesh, density, _reach_m(mesh), device) as surface:
-        yield MeshImage(surface, picture, aperture)
-
-
-def _distinct(fits: list[MeshFit]) -> list[MeshFit]:
-    """Return the best fits that are at different places, best first."""
-    kept: list[MeshFit] = []
-    for fit in fits:
-        if all(_apart(fit, other) for other in kept):
-            kept.append(fit)
-    return kept[:_FINE_STARTS]
-
-
-def _apart(fit: MeshFit, other: MeshFit) -> bool:
-    turn = Rotation.from_matrix(fit.transform[:3, :3] @ other.transform[:3, :3].T)
-    shift_m = fit.centre_m - moved(
-        other.transform, came_from(fit.transform, fit.centre_m)[None]
-    ).reshape(3)
-    return bool(turn.magnitude() > _SAME_TURN_RAD or np.linalg.norm(shift_m) > _SAME_PLACE_M)
-
-
-def judged(image: MeshImage, fit: MeshFit, max_iterations: int, min_inlier_share: float) -> Located:
-    """Take back what cannot be told, measure how good the rest is, and raise where it is none."""
-    lever = _lever(image, fit)
-    information = shared_information(image, fit) / np.outer(lever.unit, lever.unit)
-    values, vectors = np.linalg.eigh(information)
-    free = vectors[:, values < (COVARIANCE_RATIO / UNSEEN_STD_M) ** 2]
-    iterations = fit.iterations
-    held = free / lever.unit[:, None]
-    held = held / np.maximum(np.linalg.norm(held, axis=0), 1e-12)
-    if free.shape[1]:
-        start = without_free_motion(fit.transform, free, lever)
-        fit = fit_mesh(image, start, fit.log_brightness, max_iterations, held)
-        iterations += fit.iterations
-    rms_m, share, likeness = _quality(image, fit)
-    if share < min_inlier_share:
-        raise failure(
-            f"only {share:.0%} of the measured amplitude lies on the mesh, and "
-            f"{min_inlier_share:.0%} is the least"
-        )
-    if likeness < MIN_LIKENESS:
-        raise failure(
-            f"the measurement does not look like the mesh: their pictures correlate by "
-            f"{likeness:.2f}, and {MIN_LIKENESS:.2f} is the least"
-        )
-    seen = complement(free)
-    values, vectors = np.linalg.eigh(seen.T @ information @ seen)
-    inverse = (vectors / np.maximum(values, (COVARIANCE_RATIO / UNSEEN_STD_M) ** 2)) @ vectors.T
-    scaled = COVARIANCE_RATIO**2 * seen @ inverse @ seen.T + UNKNOWN_STD_M**2 * free @ free.T
-    alignment = Alignment(
-        transform=fit.transform,
-        rms_m=rms_m,
-        inlier_share=share,
-        iterations=iterations,
-        converged=fit.converged,
-        covariance=scaled / np.outer(lever.unit, lever.unit),
-        degenerate_directions=named(free, lever),
-        centre_m=lever.centre_m,
-        moved=MESH,
-        likeness=likeness,
+    if not correct_bias:
+        return located.alignment
+    coarse = thinned(depth, FINE_STEP_M)
+    settings = LoopSettings(
+        array=radar,
+        waveform=sweep,
+        grid=_coarse_grid(measured, coarse),
+        fit_alpha=True,
+        samples_per_mm2=SAMPLES_PER_MM2,
+        rays_per_sample=RAYS_PER_SAMPLE,
+        seed=seed,
+        dynamic_range_db=depth.dynamic_range_db,
+        tolerance_m=TOLERANCE_M,
+        max_rounds=MAX_ROUNDS,
     )
-    return Located(alignment, fit, held)
+    done: list[Round] = []
+
+    def count(turn: Round) -> None:
+        done.append(turn)
+        if progress is not None:
+            progress(len(done), MAX_ROUNDS)
+
+    return close_loop(coarse, mesh, located, settings, opened, count).alignment
 
 
-def _lever(image: MeshImage, fit: MeshFit) -> Lever:
-    distance_m = np.linalg.norm(image.seen_points_m(fit.transform) - fit.centre_m, axis=1)
-    return Lever(fit.centre_m, float(np.median(distance_m)))
+def radar_of(
+    function: str, array: AntennaArray | None, waveform: Waveform | None
+) -> tuple[AntennaArray, Waveform]:
+    """Return the instrument, the 94 x 94 imager where none is given, checked."""
+    radar = arrays.qar50() if array is None else array
+    sweep = Waveform.sfcw(72e9, 82e9, 128) if waveform is None else waveform
+    checks.instance(f"{function}: array", radar, AntennaArray)
+    checks.instance(f"{function}: waveform", sweep, Waveform)
+    return radar, sweep
 
 
-def _quality(image: MeshImage, fit: MeshFit) -> tuple[float, float, float]:
-    """Return how good a fit is.
-
-    The rms of the inliers' ranges, metres, their share of the measured amplitude, and how the two
-    pictures correlate in decibels.
-    """
-    image.look(fit.transform)
-    power, range_m = image.of(fit.transform, fit.log_brightness)
-    found = misfit(image, power, range_m)
-    near = found.measured & (np.abs(found.range_m) < INLIER_STD * found.range_std_m)
-    amplitude = np.sqrt(image.power)
-    on_mesh = amplitude * found.covered * near
-    rms_m = np.sqrt((on_mesh * found.range_m**2).sum() / max(on_mesh.sum(), 1e-12))
-    share = on_mesh.sum() / (amplitude * found.measured).sum()
-    one, other = (np.log1p(p / FLOOR).ravel() for p in (image.power, power))
-    alike = 0.0 if min(np.ptp(one), np.ptp(other)) == 0.0 else np.corrcoef(one, other)[0, 1]
-    return float(rms_m), float(share), float(alike)
+def _coarse_grid(measured: Volume | DepthMap, depth: DepthMap) -> VoxelGrid:
+    """Return a grid over what was measured, on pixels of the fit and of `depth`."""
+    if isinstance(measured, Volume):
+        # The same ends: where they cut the object off, they cut the simulation off, too.
+        low_m, high_m = float(measured.grid.z_m[0]), float(measured.grid.z_m[-1])
+    else:
+        low_m = float(np.nanmin(depth.depth_m)) - ROOM_M
+        high_m = float(np.nanmax(depth.depth_m)) + ROOM_M
+    n_z = max(3, round((high_m - low_m) / FINE_STEP_M) + 1)
+    axes_m = (depth.x_m, depth.y_m, np.linspace(low_m, high_m, n_z))
+    spacing_m = [(axis_m[-1] - axis_m[0]) / (len(axis_m) - 1) for axis_m in axes_m]
+    origin_m = [axis_m[0] for axis_m in axes_m]
+    return VoxelGrid(np.array(origin_m), np.array(spacing_m), (*depth.depth_m.shape[::-1], n_z))

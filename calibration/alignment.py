@@ -50,6 +50,9 @@ class Alignment:
         What `transform` moves.
     likeness : float or None
         Of a mesh: correlation of its picture with the measured one, in decibels, at most 1.
+    overlap : float or None
+        Of a mesh that was simulated in its place: the overlap (docs/metrics.md) with the
+        measurement, 0 to 1.
     """
 
     transform: np.ndarray
@@ -62,6 +65,7 @@ class Alignment:
     centre_m: np.ndarray
     moved: str = IMAGE
     likeness: float | None = None
+    overlap: float | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (("transform", (4, 4)), ("covariance", (6, 6)), ("centre_m", (3,))):
@@ -97,6 +101,7 @@ class Alignment:
             "rms_m": self.rms_m,
             "inlier_share": self.inlier_share,
             "likeness": self.likeness,
+            "overlap": self.overlap,
             "iterations": self.iterations,
             "converged": self.converged,
             "covariance": self.covariance.tolist(),
@@ -122,6 +127,8 @@ class Alignment:
         ]
         if self.likeness is not None:
             lines[-1] += f" The pictures correlate by {self.likeness:.2f}."
+        if self.overlap is not None:
+            lines[-1] += f" Simulated there, the overlap is {self.overlap:.2f}."
         if self.degenerate_directions:
             lines.append(
                 "These images cannot tell, and no motion is assumed for: "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,10 @@ class RegionSweep:
         The same with one alpha for all: the highest of the grid for two regions, that at the best
         alpha of the whole mesh for more.
     estimates : tuple of AlphaEstimate
-        One per region, in its own pixels, with the others held at `best`.
+        One per region, in its own pixels, with the others held at `best`. What the others'
+        uncertainty adds is part of `uncertainty`.
+    coupling : ndarray, shape (n, n)
+        By how much the alpha of the region of the row moves with that of the column.
     grid : ndarray, shape (A, A), or None
         The score of all combinations (first region, second region), of two regions.
     converged : bool
@@ -55,6 +58,7 @@ class RegionSweep:
     score: float
     uniform_score: float
     estimates: tuple[AlphaEstimate, ...]
+    coupling: np.ndarray
     grid: np.ndarray | None
     converged: bool
     image: DepthMap
@@ -68,6 +72,7 @@ class RegionSweep:
             "score": plain(self.score),
             "uniform_score": plain(self.uniform_score),
             "converged": self.converged,
+            "coupling": plain(self.coupling),
             "grid": None if self.grid is None else plain(self.grid),
             "estimates": {
                 n: e.to_dict(alphas) for n, e in zip(self.names, self.estimates, strict=True)
@@ -188,17 +193,44 @@ def sweep_regions(images: RegionImages, alphas: np.ndarray, start: int) -> Regio
             converged = best == before
             if converged:
                 break
+    estimates = [images.estimate(best, region, alphas) for region in range(n)]
+    coupling = _coupling(images, best, alphas)
     return RegionSweep(
         names=images.names,
         pixels=images.pixels,
         best=tuple(best),
         score=score,
         uniform_score=uniform,
-        estimates=tuple(images.estimate(best, region, alphas) for region in range(n)),
+        estimates=_with_the_others(estimates, coupling),
+        coupling=coupling,
         grid=grid,
         converged=converged,
         image=images.at(best),
     )
+
+
+def _coupling(images: RegionImages, best: Sequence[int], alphas: np.ndarray) -> np.ndarray:
+    """Return d alpha_r / d alpha_q from the best combination and its neighbours on the grid."""
+    n = len(best)
+    slope = np.zeros((n, n))
+    for q, i in enumerate(best):
+        ends = (max(i - 1, 0), min(i + 1, len(alphas) - 1))
+        for r in range(n):
+            if r != q:
+                low, high = (
+                    images.estimate([*best[:q], end, *best[q + 1 :]], r, alphas).alpha
+                    for end in ends
+                )
+                slope[r, q] = (high - low) / (alphas[ends[1]] - alphas[ends[0]])
+    return slope
+
+
+def _with_the_others(
+    estimates: Sequence[AlphaEstimate], coupling: np.ndarray
+) -> tuple[AlphaEstimate, ...]:
+    own = np.array([estimate.uncertainty for estimate in estimates])
+    total = np.sqrt(own**2 + coupling**2 @ own**2)
+    return tuple(replace(e, uncertainty=float(u)) for e, u in zip(estimates, total, strict=True))
 
 
 def _undefined(metric: str) -> CompareError:

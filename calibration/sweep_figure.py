@@ -20,7 +20,12 @@ MOST_IMAGES = 6
 
 ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
 
-SHARES = (("db_correlation", "dB correlation"), ("ssim", "SSIM"), ("mask_iou", "mask IoU"))
+SHARES = (
+    ("overlap", "overlap"),
+    ("db_correlation", "dB correlation"),
+    ("ssim", "SSIM"),
+    ("mask_iou", "mask IoU"),
+)
 LENGTHS = (
     ("depth_rmse_m", "depth RMSE"),
     ("chamfer_simulated_to_measured_m", "Chamfer sim. to meas."),

@@ -11,6 +11,7 @@ import numpy as np
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
+from clradar.overlap import overlap
 
 SSIM_WINDOW = 11
 """Side of the SSIM window in pixels: skimage cuts its Gaussian off at 3.5 standard deviations."""
@@ -21,10 +22,10 @@ SSIM_SIGMA = 1.5
 SAME_PIXEL_TOLERANCE_M = 1e-7
 """Pixel centres closer than this are the same, as in `VoxelGrid.same_voxels`."""
 
-HEADLINE_METRIC = "db_correlation"
+HEADLINE_METRIC = "overlap"
 """The field of `Metrics` to go by where one number has to do; `docs/metrics.md` says why."""
 
-HIGHER_IS_BETTER = frozenset({"db_correlation", "ssim", "mask_iou"})
+HIGHER_IS_BETTER = frozenset({"overlap", "db_correlation", "ssim", "mask_iou"})
 """The metrics whose best value is their largest; of the others it is the smallest."""
 
 UNDEFINED = {
@@ -42,6 +43,8 @@ class Metrics:
 
     Attributes
     ----------
+    overlap : float
+        Cosine between the two depth maps as blurred points in space, in [0, 1]; 1 is best.
     db_correlation : float
         Pearson correlation of the clipped dB images, in [-1, 1]; 1 is best. NaN where one of them
         is the same everywhere.
@@ -60,6 +63,7 @@ class Metrics:
         Where the images were clipped and the masks cut, below each image's own maximum.
     """
 
+    overlap: float
     db_correlation: float
     ssim: float
     mask_iou: float
@@ -279,6 +283,7 @@ def _mean_nearest_m(from_m: np.ndarray, to_m: np.ndarray) -> float:
 
 
 _VALUES: dict[str, Callable[[DepthMap, DepthMap], float]] = {
+    "overlap": overlap,
     "db_correlation": lambda a, b: _correlation(clipped_db(a), clipped_db(b)),
     "ssim": lambda a, b: _ssim(_scaled(a), _scaled(b)),
     "mask_iou": lambda a, b: _iou(a.mask, b.mask),

@@ -22,6 +22,7 @@ LAYERS = (
     ("clradar.trace",),
     ("clradar.synthesize", "clradar.formers", "clradar.visible"),
     ("clradar.backproject", "clradar.several_alphas"),
+    ("clradar.overlap",),
     ("clradar.compare",),
     ("clradar.plot",),
     ("clradar.report",),

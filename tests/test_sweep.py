@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import signal
 import subprocess
@@ -121,7 +122,7 @@ def assert_equal(done: int, total: int) -> None:
 # --- what is found
 
 
-@pytest.mark.parametrize("metric", ["db_correlation", "mask_iou"])
+@pytest.mark.parametrize("metric", ["db_correlation", "overlap"])
 def test_a_known_alpha_is_found_within_its_uncertainty(in_halves, metric):
     """One that is not on the grid."""
     measured = image_of(SCENE.with_alpha(0.25), 9, **RAYS)
@@ -144,6 +145,20 @@ def test_regions_are_told_apart(regional):
     a, b = regional.regions.best
     assert regional.regions.grid[a, b] == np.nanmax(regional.regions.grid)
     assert regional.regions.converged
+
+
+def test_the_uncertainty_of_one_region_is_part_of_the_others(in_thirds):
+    """u^2 = own^2 + sum of (slope * that of the other)^2, and nothing couples with itself."""
+    found = in_thirds[0].regions
+    assert found.coupling.shape == (3, 3)
+    assert (np.diagonal(found.coupling) == 0).all()
+    own = []
+    for e in found.estimates:
+        scatter = e.per_seed.std(ddof=1) * np.sqrt(1 + 1 / 3)
+        grid = 0.2 if e.on_edge else 0.2 / np.sqrt(12)
+        own.append(np.hypot(max(scatter, e.self_check_error), grid))
+    total = np.sqrt(np.square(own) + found.coupling**2 @ np.square(own))
+    np.testing.assert_allclose([e.uncertainty for e in found.estimates], total)
 
 
 def test_descent_over_three_regions(in_thirds):
@@ -434,7 +449,7 @@ def test_a_killed_command_goes_on_to_the_same_files(files, capsys):
     assert record["alphas"] == [0.0, 0.2, 0.4]
     assert len(record["metrics"]) == 2
     lines = (files / "whole" / folder.TABLE).read_text().splitlines()
-    assert lines[0].startswith("alpha,seed,db_correlation,")
+    assert lines[0].startswith("alpha,seed,overlap,")
     assert len(lines) == 1 + 3 * 2
 
     # Other settings are refused by name, and --force begins anew.
@@ -641,6 +656,12 @@ def test_what_cannot_be_swept_leaves_nothing(files, capsys):
     assert run(*COMMAND, "--transform", "away.json", "-o", "out") == 1
     assert "within the measured volume" in capsys.readouterr().err
     assert not (files / "out").exists()
+
+
+def test_the_command_has_the_defaults_of_the_function():
+    ours, its = (inspect.signature(f).parameters for f in (command.command, sweep))
+    for name in ("metric", "seeds", "seed", "method", "window", "dynamic_range_db"):
+        assert ours[name].default == its[name].default
 
 
 def test_alphas_are_those_that_simulate_has():

@@ -47,6 +47,14 @@ def command(
         typer.Option("--mesh", metavar="MESH", help="Align this mesh instead of an image."),
     ] = None,
     unit: Annotated[Unit, typer.Option("--unit", help="Unit of the mesh file.")] = Unit.m,
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick",
+            help="Without the simulations that correct the bias of a mesh: up to some millimetres "
+            "off where it is specular.",
+        ),
+    ] = False,
     search_deg: SearchOption = 45.0,
     dynamic_range_db: Annotated[
         Optional[float],  # noqa: UP045
@@ -85,6 +93,8 @@ def command(
         settings["dynamic_range_db"] = checks.positive("--dynamic-range-db", dynamic_range_db)
     other = mesh if simulated is None else simulated
     assert other is not None
+    if quick and mesh is None:
+        raise wrong_usage("--quick", "expected --mesh with it")
     check_outputs([output], force=force, inputs=[measured, other])
     chosen = None if variant is None else variant.value
     grid = voxel_grid(x_mm, y_mm, z_mm)
@@ -100,9 +110,11 @@ def command(
     if scene is not None:
         if isinstance(recorded, Capture):
             settings["array"] = recorded.array
-            settings["centre_frequency_hz"] = float(recorded.waveform.frequencies_hz.mean())
-        with progress_bar("searching") as progress:
-            result = align_mesh(volume, scene, device=opened, progress=progress, **settings)
+            settings["waveform"] = recorded.waveform
+        with progress_bar("aligning") as progress:
+            result = align_mesh(
+                volume, scene, correct_bias=not quick, device=opened, progress=progress, **settings
+            )
     else:
         assert simulated is not None
         assert image is not None
@@ -113,6 +125,7 @@ def command(
         "simulated": None if simulated is None else str(simulated),
         "mesh": None if mesh is None else str(mesh),
         "unit": unit.value,
+        "quick": quick,
         "search_deg": search_deg,
         "dynamic_range_db": dynamic_range_db,
         "method": method.value,

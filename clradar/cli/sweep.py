@@ -63,7 +63,6 @@ from clradar.cli.simulation_options import (
     SamplesOption,
     TransformOption,
 )
-from clradar.compare import HEADLINE_METRIC
 from clradar.normals import CREASE_DEG
 
 if TYPE_CHECKING:
@@ -79,6 +78,9 @@ DECIMALS = 9
 """Of an alpha: 3 * 0.1 is then 0.3, as `clradar simulate --alpha 0.3` has it."""
 
 MOST_ALPHAS = 1001
+
+METRIC = "db_correlation"
+"""As in `calibration.sweep`, whose module would make the help slow."""
 
 
 def command(
@@ -103,7 +105,7 @@ def command(
             metavar="NAME",
             help="What the best alpha is chosen by; see docs/metrics.md.",
         ),
-    ] = HEADLINE_METRIC,
+    ] = METRIC,
     regions: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
@@ -455,6 +457,7 @@ def print_result(result: Sweep) -> None:
     import numpy as np
 
     columns = {
+        "overlap": ("overlap", 1.0, 3),
         "dB correlation": ("db_correlation", 1.0, 3),
         "SSIM": ("ssim", 1.0, 3),
         "mask IoU": ("mask_iou", 1.0, 3),
