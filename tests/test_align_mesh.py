@@ -308,7 +308,7 @@ def test_options_are_checked(measured, hand, option):
 def test_command_writes_what_simulate_reads(measured, hand, found, tmp_path, capsys):
     import trimesh
 
-    from clradar.cli.options import read_transform
+    from measurement_io import read_transform
 
     save_volume(tmp_path / "measured.h5", measured)
     mesh = trimesh.Trimesh(1e3 * hand.vertices_m, hand.faces, process=False)

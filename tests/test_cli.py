@@ -20,7 +20,14 @@ from clradar.cli import images, main, options, output, provenance
 from clradar.cli import simulate as simulate_command
 from clradar.cli.launcher import COMMANDS
 from clradar.errors import DeviceError, MeshError, ModelError, OutputError
-from measurement_io import open_capture, open_volume, save_capture, save_maroon_frame, save_volume
+from measurement_io import (
+    open_capture,
+    open_volume,
+    read_transform,
+    save_capture,
+    save_maroon_frame,
+    save_volume,
+)
 
 EDGE_MM = "4"
 DENSITY = "0.2"
@@ -578,7 +585,7 @@ def test_transform_moves_the_mesh(made: Path, tmp_path: Path, form: str) -> None
     }
     path = tmp_path / "t.json"
     path.write_text(json.dumps(forms[form]))
-    read = options.read_transform(path)
+    read = read_transform(path)
     assert np.array_equal(read, matrix)
     named = [(made / "hand.ply", None)]
     moved = simulate_command.load_scene(named, 0.5, {}, "m", read)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from clradar.cli.options import DeviceOption, ForceOption, Unit, read_transform, wrong_usage
+from clradar.cli.options import DeviceOption, ForceOption, Unit, wrong_usage
 from clradar.cli.output import check_outputs, print_line, print_warning, progress_bar
 from clradar.cli.provenance import provenance
 from clradar.cli.simulation_options import (
@@ -91,6 +91,7 @@ def command(
     The parts that --alpha can name are the geometries of the files; a wrong name lists them.
     """
     import clradar
+    from measurement_io import read_transform
 
     named = [split_alpha(text) for text in meshes]
     default, by_part = read_alphas(alpha or [])

@@ -31,7 +31,6 @@ from clradar.cli.options import (
     YOption,
     ZOption,
     grid_text,
-    read_transform,
     voxel_grid,
     wrong_usage,
 )
@@ -178,6 +177,7 @@ def command(
     from clradar.compare import METRICS, depth_map_of
     from clradar.model import checks
     from clradar.trace import resolve_settings
+    from measurement_io import read_transform
 
     alphas = read_alphas(alpha)
     if metric not in METRICS:
@@ -366,6 +366,7 @@ def aligned(
     """Return where the mesh is, from the file that an earlier run wrote, or found and written."""
     from calibration import align_mesh
     from clradar import Capture
+    from measurement_io import read_transform
 
     if path.is_file():
         return read_transform(path)
