@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.expected import ExpectedTracer
 from clradar.model import AntennaArray, Capture, Paths, Scene, TraceStatistics, Waveform, checks
 from clradar.normals import CREASE_DEG
 from clradar.opencl import Buffers, Device, build, open_device
@@ -97,6 +98,7 @@ def simulate(
     amplitude: str = "unit",
     pattern_exponent: float = 0.0,
     seed: int = 0,
+    estimator: str = "stochastic",
     device: Device | str | None = None,
     progress: Progress | None = None,
 ) -> Capture:
@@ -125,13 +127,15 @@ def simulate(
         amplitude=amplitude,
         pattern_exponent=pattern_exponent,
         seed=seed,
+        estimator=estimator,
     )
     opened = open_device(device)
     statistics = TraceStatistics(0, 0, 0, 0)
     n_paths = 0
+    tracer_type = ExpectedTracer if settings.estimator == "expected" else Tracer
     with (
         PhasorSum(array, waveform, opened) as total,
-        Tracer(scene, array, settings, opened) as tracer,
+        tracer_type(scene, array, settings, opened) as tracer,
     ):
         for tile in tracer.tiles(progress):
             total.add(tile.pair, tile.path)

@@ -53,6 +53,7 @@ class TraceSettings:
     amplitude: str
     pattern_exponent: float
     seed: int
+    estimator: str = "stochastic"
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +105,9 @@ def resolve_settings(
     amplitude: str = "unit",
     pattern_exponent: float = 0.0,
     seed: int = 0,
+    estimator: str = "stochastic",
 ) -> TraceSettings:
-    """Check the arguments of `trace` and fill in what depends on others."""
+    """Check the arguments of `trace` and `simulate` and fill in what depends on others."""
     if samples_per_mm2 is not None and rays_per_face is not None:
         checks.fail(
             "samples_per_mm2, rays_per_face",
@@ -125,17 +127,22 @@ def resolve_settings(
             "pattern_exponent", "0, or a positive number with amplitude='spreading'", exponent
         )
     crease = checks.real("crease_deg", crease_deg)
+    max_bounces = checks.whole("max_bounces", max_bounces, 1, 255)
+    estimator = checks.one_of("estimator", estimator, ("stochastic", "expected"))
+    if estimator == "expected" and max_bounces > 1:
+        checks.fail("max_bounces", "1 with estimator='expected'", max_bounces)
     return TraceSettings(
         samples_per_mm2=samples_per_mm2,
         rays_per_face=rays_per_face,
         rays_per_sample=checks.whole("rays_per_sample", rays_per_sample, 1, 2**16),
         reception_radius_m=checks.positive("reception_radius_m", reception_radius_m),
-        max_bounces=checks.whole("max_bounces", max_bounces, 1, 255),
+        max_bounces=max_bounces,
         normals=checks.one_of("normals", normals, ("smooth", "face")),
         crease_deg=crease,
         amplitude=checks.one_of("amplitude", amplitude, ("unit", "spreading")),
         pattern_exponent=exponent,
         seed=checks.whole("seed", seed, 0, 2**64 - 1),
+        estimator=estimator,
     )
 
 
@@ -304,7 +311,6 @@ class Tracer:
         nodes, records = flatten(bvh, triangles, float(self._delta))
         corners, faces = corner_normals(scene, self.settings.normals, self.settings.crease_deg)
         alpha = np.asarray(scene.alpha, dtype=np.float32)
-        slots = bvh.order
         # What faces need: sampling goes by face, bounces by slot in the tree.
         self._sampling = [
             up(self._face_start),
@@ -313,23 +319,28 @@ class Tracer:
             up(faces.astype(np.float32)),
         ]
         self._tree = [up(nodes), up(records)]
-        self._surface = [up(corners[slots].astype(np.float32)), up(alpha[slots])]
         self._face_alpha = alpha
         self._n_tx_groups = -(-array.n_tx // GROUP)
         self._n_rx_groups = -(-array.n_rx // GROUP)
         self._tx_soa = up(_grouped(array.tx_m, self._n_tx_groups, array.tx_m[-1]))
-        self._antennas = [up(part) for a in (array.tx_m, array.rx_m) for part in hi_lo(a)]
         out_of_reach = array.rx_m.max(axis=0) + 1e3 + self.settings.reception_radius_m * 10
         self._rx_soa = up(_grouped(array.rx_m, self._n_rx_groups, out_of_reach))
-        self._box = self._reception_box()
-        self._counter = self._buffers.zeros(12)
         # In steps, so that scenes of similar depth share their programs.
         stack = -(-bvh.depth // 8) * 8
         self._sample = build(device, "sample.cl", _SampleOptions(1))
         self._visibility = build(device, "visibility.cl", _VisibilityOptions(device.width, stack))
-        spreading = self.settings.amplitude == "spreading"
-        self._trace = build(device, "trace.cl", _TraceOptions(1, stack, spreading))
+        self._prepare_rays(corners[bvh.order], alpha[bvh.order], stack)
         self._size_tiles()
+
+    def _prepare_rays(self, corners: np.ndarray, alpha: np.ndarray, stack: int) -> None:
+        """Upload what outgoing rays need; `corners` and `alpha` are in the order of the tree."""
+        array, up = self.array, self._buffers.upload
+        self._surface = [up(corners.astype(np.float32)), up(alpha)]
+        self._antennas = [up(part) for a in (array.tx_m, array.rx_m) for part in hi_lo(a)]
+        self._box = self._reception_box()
+        self._counter = self._buffers.zeros(12)
+        spreading = self.settings.amplitude == "spreading"
+        self._trace = build(self.device, "trace.cl", _TraceOptions(1, stack, spreading))
 
     def _size_tiles(self) -> None:
         """Share what memory is left between samples and receptions."""
@@ -340,11 +351,15 @@ class Tracer:
         most = max(1, (2**32 - 1) // (rays * self.array.n_tx * self.array.n_rx))
         wanted = min(TILE_SAMPLES, self.n_samples, most, max(1, free // 4 // per_sample))
         self._tile_samples = int(wanted)
-        self._tile = [self._buffers.empty(12 * wanted) for _ in range(3)]
-        self._tile += [self._buffers.empty(4 * wanted) for _ in range(2)]
-        self._tile += [self._buffers.empty(self._n_tx_groups * wanted)]
+        self._tile = self._sample_buffers(self._tile_samples)
         self._keys = self._paths = None
         self._grow(max(1, min(64 * wanted, self._most_receptions())))
+
+    def _sample_buffers(self, count: int) -> list[Any]:
+        """Buffers for points, shading and face normals, faces, alpha and visible Tx."""
+        empty = self._buffers.empty
+        lengths = (12, 12, 12, 4, 4, self._n_tx_groups)
+        return [empty(length * count) for length in lengths]
 
     def _most_receptions(self) -> int:
         """How many receptions fit the memory that is left, counting what they hold already."""
@@ -383,35 +398,42 @@ class Tracer:
                 progress(first, self.n_samples)
 
     def _run(self, first: int, count: int) -> tuple[int, TraceStatistics]:
+        faces, seen = self._see(first, count)
         s, array = self.settings, self.array
         u = np.uint32
-        low, high = u(s.seed & 0xFFFFFFFF), u(s.seed >> 32)
-        points, shading, geometric, face, alpha, visible = self._tile
-        n_faces = len(self._face_start) - 1
-        self._sample.launch(
-            "sample_surface", (count,), u(n_faces), u(first), u(count), low, high,
-            *self._sampling, points, shading, geometric, face,
-        )  # fmt: skip
-        faces = self._buffers.read(face, count, np.int32)
+        points, shading, geometric, _, alpha, visible = self._tile
         self._buffers.write(alpha, self._face_alpha[faces])
-        self._visibility.launch(
-            "visible_antennas", (count, self._n_tx_groups), u(count), u(array.n_tx),
-            u(self._n_tx_groups), self._delta, *self._tree, self._tx_soa, points, geometric,
-            visible,
-        )  # fmt: skip
         self._buffers.write(self._counter, np.zeros(3, np.uint32))
         self._trace.launch(
             "trace_rays", (count, self._n_tx_groups), u(count), u(array.n_tx), u(array.n_rx),
             u(self._n_tx_groups), u(self._n_rx_groups), u(s.rays_per_sample), u(s.max_bounces),
-            u(first), low, high, np.float32(s.reception_radius_m), np.float32(s.pattern_exponent),
-            self._delta, *self._box, u(self._capacity), *self._tree, *self._surface,
-            *self._antennas, self._rx_soa, points, shading, geometric, alpha, visible,
-            self._counter, self._keys, self._paths,
+            u(first), *self._seed_words(), np.float32(s.reception_radius_m),
+            np.float32(s.pattern_exponent), self._delta, *self._box, u(self._capacity),
+            *self._tree, *self._surface, *self._antennas, self._rx_soa, points, shading, geometric,
+            alpha, visible, self._counter, self._keys, self._paths,
         )  # fmt: skip
         received, outgoing, absorbed = self._buffers.read(self._counter, 3, np.uint32)
-        bits = self._buffers.read(visible, count * self._n_tx_groups, np.uint8)
-        seen = int(np.unpackbits(bits).sum())
         return int(received), TraceStatistics(count, seen, int(outgoing), int(absorbed))
+
+    def _see(self, first: int, count: int) -> tuple[np.ndarray, int]:
+        """Make the samples and ask which Tx see them; return their faces, and how many do."""
+        u = np.uint32
+        points, shading, geometric, face, _, visible = self._tile
+        self._sample.launch(
+            "sample_surface", (count,), u(len(self._face_start) - 1), u(first), u(count),
+            *self._seed_words(), *self._sampling, points, shading, geometric, face,
+        )  # fmt: skip
+        self._visibility.launch(
+            "visible_antennas", (count, self._n_tx_groups), u(count), u(self.array.n_tx),
+            u(self._n_tx_groups), self._delta, np.float32(0.0), *self._tree, self._tx_soa, points,
+            geometric, visible,
+        )  # fmt: skip
+        bits = self._buffers.read(visible, count * self._n_tx_groups, np.uint8)
+        return self._buffers.read(face, count, np.int32), int(np.unpackbits(bits).sum())
+
+    def _seed_words(self) -> tuple[np.uint32, np.uint32]:
+        seed = self.settings.seed
+        return np.uint32(seed & 0xFFFFFFFF), np.uint32(seed >> 32)
 
     def _reception_box(self) -> list[np.ndarray]:
         """Box around all receivers' spheres as two float4, a little larger for the rounding."""

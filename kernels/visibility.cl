@@ -88,14 +88,18 @@ static inline realw blocked(__global const float *nodes, __global const float *t
     }
 }
 
-/* nodes, triangles  see common/bvh.h
+/* A receiver is a sphere of radius `radius`, 0 for a point. Where the plane of the point's face cuts it, each
+ * side asks for the middle of its own part, in the height above the face: the centre may lie below.
+ *
+ * nodes, triangles  see common/bvh.h
  * tx        float (3, n_groups * 8)  antennas, metres; padded with copies of the last
  * point     float (n_samples, 3)     metres
  * geometric float (n_samples, 3)     unit face normals
  * visible   uchar (n_samples, n_groups)  out: bit b of group g is set if antenna 8 g + b is seen */
 __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint n_groups,
-                               const float delta, __global const float *nodes,
-                               __global const float *triangles, __global const float *tx,
+                               const float delta, const float radius,
+                               __global const float *nodes, __global const float *triangles,
+                               __global const float *tx,
                                __global const float *point, __global const float *geometric,
                                __global uchar *visible) {
     const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
@@ -112,10 +116,13 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
         const intw real_antenna = lane < (float)n_tx;
         /* The face is two-sided; antennas on either side of its plane need their own origin. */
         for (int side = -1; side <= 1; side += 2) {
-            const intw wanted = (height * (float)side > 0.0f) & real_antenna;
+            const realw above = height * (float)side;
+            const intw wanted = (above > -radius) & real_antenna;
             if (!ANYW(wanted)) continue;
             const float3 o = p + normal * ((float)side * offset);
-            realw dx = ax - o.x, dy = ay - o.y, dz = az - o.z;
+            const realw lift = above < radius ? (0.5f * (float)side) * (radius - above) : (realw)(0.0f);
+            realw dx = ax - o.x + lift * normal.x, dy = ay - o.y + lift * normal.y;
+            realw dz = az - o.z + lift * normal.z;
             const realw distance = sqrt(dx * dx + dy * dy + dz * dz);
             dx /= distance;
             dy /= distance;
