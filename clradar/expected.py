@@ -17,8 +17,8 @@ from clradar.opencl import build
 from clradar.packing import antenna_rows
 from clradar.trace import GROUP, TILE_SAMPLES, Progress, Receptions, Tracer
 
-COARSE_NODES, FINE_NODES = 6, 12
-"""Nodes per piece of a disc, and for alpha below 0.1, where discs are wider than lobes."""
+PLAIN_NODES, EDGE_NODES, FINE_NODES = 4, 6, 12
+"""Slices of a disc, of a piece of one that the lobe's edge cuts, and of both for alpha below 0.1."""
 
 BATCH_SAMPLES = 256
 """Seen samples whose probabilities are held at a time; fewer where memory is short or the array
@@ -41,7 +41,8 @@ class _LobeOptions:
 class _ExpectedOptions:
     width: int
     spreading: bool
-    coarse: int
+    plain: int
+    edge: int
     fine: int
 
 
@@ -63,10 +64,12 @@ class ExpectedTracer(Tracer):
         )
         self._rx_columns = up(np.ascontiguousarray(antenna_rows(rx).T))
         self._tx_rows = up(antenna_rows(array.tx_m))
-        rules = np.concatenate([_rule(COARSE_NODES), _rule(FINE_NODES)])
+        rules = np.concatenate([_rule(EDGE_NODES), _rule(FINE_NODES)])
         self._rule = up(rules.astype(np.float32))
         self._lobes = build(self.device, "lobes.cl", _LobeOptions(1, spreading))
-        options = _ExpectedOptions(self.device.width, spreading, COARSE_NODES, FINE_NODES)
+        options = _ExpectedOptions(
+            self.device.width, spreading, PLAIN_NODES, EDGE_NODES, FINE_NODES
+        )
         self._expected = build(self.device, "expected.cl", options)
 
     def _size_tiles(self) -> None:
@@ -76,7 +79,7 @@ class ExpectedTracer(Tracer):
         per_sample = 44 + self._n_tx_groups
         free = min(self._buffers.free_bytes, 4 * self.device.max_buffer_bytes) - 8 * n_pairs
         room = min(BATCH_BYTES, max(0, free) // 2)
-        fits = room // (shares + legs + 16 * n_pairs + per_sample + self._n_rx_groups)
+        fits = room // (2 * shares + legs + 16 * n_pairs + per_sample + self._n_rx_groups)
         largest = self.device.max_buffer_bytes // max(shares, 16 * n_pairs)
         batch = int(max(1, min(BATCH_SAMPLES, self.n_samples, fits, largest)))
         tile = int(max(1, min(TILE_SAMPLES, self.n_samples, max(0, free) // 4 // per_sample)))
@@ -88,6 +91,7 @@ class ExpectedTracer(Tracer):
         self._discs = empty(4 * RX_FIELDS * self._padded * batch)
         self._tx_lobes = empty(4 * TX_FIELDS * self.array.n_tx * batch)
         self._shares = empty(shares * batch)
+        self._pending = empty(shares * batch)
         self._counts = empty(4 * self.array.n_tx * self._padded)
         self._starts = empty(4 * n_pairs)
         self._paths = empty(16 * n_pairs * batch)
@@ -149,7 +153,8 @@ class ExpectedTracer(Tracer):
         )  # fmt: skip
         self._expected.launch(
             "expected_shares", (blocks, array.n_tx), u(count), u(array.n_tx), u(self._padded),
-            self._discs, self._tx_lobes, alpha, self._rule, self._shares, self._counts,
+            self._discs, self._tx_lobes, alpha, self._rule, self._shares,
+            self._pending, self._counts,
         )  # fmt: skip
         counts = self._buffers.read(self._counts, (array.n_tx, self._padded), np.float32)
         return counts[:, : array.n_rx].ravel().astype(np.int64)
