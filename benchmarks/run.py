@@ -67,7 +67,7 @@ def visibility(device: clradar.Device, repeats: int) -> dict[str, Any]:
             groups = tracer._n_tx_groups
             tracer._visibility.launch(
                 "visible_antennas", (count, groups), u(count), u(ARRAY.n_tx), u(groups),
-                tracer._delta, np.float32(0.0), *tracer._tree, tracer._tx_soa, tracer._tile[0], tracer._tile[2],
+                tracer._delta, *tracer._tree, tracer._tx_soa, tracer._tile[0], tracer._tile[2],
                 tracer._tile[5],
             )  # fmt: skip
             bits = read(tracer._tile[5], (count, groups), np.uint8)

@@ -138,7 +138,7 @@ class ExpectedTracer(Tracer):
             self._buffers.write(buffer, column)
         radius, exponent = np.float32(s.reception_radius_m), np.float32(s.pattern_exponent)
         self._visibility.launch(
-            "visible_antennas", (count, self._n_rx_groups), u(count), u(array.n_rx),
+            "visible_spheres", (count, self._n_rx_groups), u(count), u(array.n_rx),
             u(self._n_rx_groups), self._delta, radius, *self._tree, self._rx_soa, points,
             geometric, self._rx_visible,
         )  # fmt: skip

@@ -104,9 +104,19 @@ def simulate(
 ) -> Capture:
     """Trace and synthesize tile by tile; the paths are never held whole.
 
-    The arguments are those of `clradar.trace` and `clradar.synthesize`, and the result has the bits
-    of ``synthesize(trace(...))``: the memory needed depends on neither the number of samples nor
-    that of paths.
+    The other arguments are those of `clradar.trace` and `clradar.synthesize`. The memory needed
+    depends on neither the number of samples nor that of paths.
+
+    Parameters
+    ----------
+    estimator : "stochastic" or "expected"
+        With "stochastic" the result has the bits of ``synthesize(trace(...))``. "expected" is its
+        mean over the random outgoing directions, for the same samples: each of them, Tx and Rx
+        adds one path whose amplitude is `rays_per_sample` times the probability that the outgoing
+        ray enters the Rx sphere. There is no shot noise, so fewer samples do: unless a density or
+        `rays_per_face` is given it takes 1 per mm^2 and ten times the rays per sample, which keeps
+        the scale. It stops at the first bounce, and an Rx counts as hidden if the centre of its
+        sphere is. See ``docs/estimators.md``.
 
     Returns
     -------

@@ -23,6 +23,9 @@ RECEPTION_RADIUS_M = 0.010
 SAMPLES_PER_MM2 = 10.0
 RAYS_PER_SAMPLE = 4
 
+EXPECTED_SAMPLES_PER_MM2 = 1.0
+"""For ``estimator="expected"``, which needs fewer samples; each then stands for as many more rays."""
+
 GROUP = 8
 """Antennas per group in the kernels."""
 
@@ -38,7 +41,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class TraceSettings:
-    """How rays are launched, bounced and received; the arguments of `trace`, resolved.
+    """How rays are launched, bounced and received; the arguments of `simulate`, resolved.
 
     Exactly one of `samples_per_mm2` and `rays_per_face` is not None.
     """
@@ -114,13 +117,19 @@ def resolve_settings(
             "one of the two",
             f"both ({samples_per_mm2}, {rays_per_face})",
         )
+    estimator = checks.one_of("estimator", estimator, ("stochastic", "expected"))
+    if rays_per_sample is None:
+        rays_per_sample = RAYS_PER_SAMPLE if rays_per_face is None else 1
+    rays_per_sample = checks.whole("rays_per_sample", rays_per_sample, 1, 2**16)
     if rays_per_face is not None:
         rays_per_face = checks.whole("rays_per_face", rays_per_face, 1, 2**20)
+    elif samples_per_mm2 is None and estimator == "expected":
+        # Fewer samples, of which each stands for more rays: the sum keeps its mean.
+        samples_per_mm2 = EXPECTED_SAMPLES_PER_MM2
+        rays_per_sample *= round(SAMPLES_PER_MM2 / EXPECTED_SAMPLES_PER_MM2)
     else:
         density = SAMPLES_PER_MM2 if samples_per_mm2 is None else samples_per_mm2
         samples_per_mm2 = checks.positive("samples_per_mm2", density)
-    if rays_per_sample is None:
-        rays_per_sample = RAYS_PER_SAMPLE if rays_per_face is None else 1
     exponent = checks.real("pattern_exponent", pattern_exponent)
     if exponent < 0 or (exponent > 0 and amplitude != "spreading"):
         checks.fail(
@@ -128,13 +137,12 @@ def resolve_settings(
         )
     crease = checks.real("crease_deg", crease_deg)
     max_bounces = checks.whole("max_bounces", max_bounces, 1, 255)
-    estimator = checks.one_of("estimator", estimator, ("stochastic", "expected"))
     if estimator == "expected" and max_bounces > 1:
         checks.fail("max_bounces", "1 with estimator='expected'", max_bounces)
     return TraceSettings(
         samples_per_mm2=samples_per_mm2,
         rays_per_face=rays_per_face,
-        rays_per_sample=checks.whole("rays_per_sample", rays_per_sample, 1, 2**16),
+        rays_per_sample=rays_per_sample,
         reception_radius_m=checks.positive("reception_radius_m", reception_radius_m),
         max_bounces=max_bounces,
         normals=checks.one_of("normals", normals, ("smooth", "face")),
@@ -425,8 +433,8 @@ class Tracer:
         )  # fmt: skip
         self._visibility.launch(
             "visible_antennas", (count, self._n_tx_groups), u(count), u(self.array.n_tx),
-            u(self._n_tx_groups), self._delta, np.float32(0.0), *self._tree, self._tx_soa, points,
-            geometric, visible,
+            u(self._n_tx_groups), self._delta, *self._tree, self._tx_soa, points, geometric,
+            visible,
         )  # fmt: skip
         bits = self._buffers.read(visible, count * self._n_tx_groups, np.uint8)
         return self._buffers.read(face, count, np.int32), int(np.unpackbits(bits).sum())

@@ -61,7 +61,7 @@ __kernel void receiver_discs(const uint n_samples, const uint n_rx, const uint n
     STOREW(x.hi * inverse, row);
     STOREW(y.hi * inverse, row + n_padded);
     STOREW(z.hi * inverse, row + 2 * n_padded);
-    STOREW(choose((seen & there) | (sine > 1.0f & there), sine, (realw)(0.0f)), row + 3 * n_padded);
+    STOREW(choose((seen & there) | ((sine > 1.0f) & there), sine, (realw)(0.0f)), row + 3 * n_padded);
     STOREW(leg.hi, row + 4 * n_padded);
     STOREW(leg.lo, row + 5 * n_padded);
     STOREW(weight, row + 6 * n_padded);

@@ -17,7 +17,12 @@ from clradar.cli.output import check_outputs, print_line, print_warning, progres
 from clradar.cli.provenance import provenance
 from clradar.errors import ModelError
 from clradar.normals import CREASE_DEG
-from clradar.trace import RAYS_PER_SAMPLE, RECEPTION_RADIUS_M, SAMPLES_PER_MM2
+from clradar.trace import (
+    EXPECTED_SAMPLES_PER_MM2,
+    RAYS_PER_SAMPLE,
+    RECEPTION_RADIUS_M,
+    SAMPLES_PER_MM2,
+)
 
 if TYPE_CHECKING:
     from clradar import Capture, Scene
@@ -33,6 +38,11 @@ class Normals(str, Enum):
 class Amplitude(str, Enum):
     unit = "unit"
     spreading = "spreading"
+
+
+class Estimator(str, Enum):
+    stochastic = "stochastic"
+    expected = "expected"
 
 
 def command(
@@ -67,7 +77,8 @@ def command(
         typer.Option(
             "--samples-per-mm2",
             metavar="N",
-            help=f"Surface samples per square millimetre. [default: {SAMPLES_PER_MM2:g}]",
+            help=f"Surface samples per square millimetre. [default: {SAMPLES_PER_MM2:g}; "
+            f"{EXPECTED_SAMPLES_PER_MM2:g} with --estimator expected]",
         ),
     ] = None,
     rays_per_face: Annotated[
@@ -111,6 +122,14 @@ def command(
             help="With --amplitude spreading: antennas have the pattern cos(angle)^P.",
         ),
     ] = 0.0,
+    estimator: Annotated[
+        Estimator,
+        typer.Option(
+            "--estimator",
+            help="stochastic: random outgoing rays; expected: their mean, without shot noise "
+            "(one bounce).",
+        ),
+    ] = Estimator.stochastic,
     start_ghz: Annotated[
         float, typer.Option("--start-ghz", metavar="GHZ", help="First frequency.")
     ] = 72.0,
@@ -163,6 +182,7 @@ def command(
             amplitude=amplitude.value,
             pattern_exponent=pattern_exponent,
             seed=seed,
+            estimator=estimator.value,
             device=opened,
             progress=progress,
         )
@@ -272,6 +292,8 @@ def summary(capture: Capture) -> str:
     """Return a simulated capture in words."""
     rays = capture.meta["rays"]
     shape = " x ".join(str(n) for n in capture.data.shape)
+    if capture.meta["settings"]["estimator"] == "expected":
+        return f"{shape}, {rays['samples']} samples, {rays['paths']} expected receptions"
     return (
         f"{shape}, {rays['samples']} samples, {rays['outgoing']} rays of which {rays['paths']} "
         f"reached an Rx, {100 * rays['absorbed_share']:.1f} % absorbed"
