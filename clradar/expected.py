@@ -18,7 +18,7 @@ from clradar.packing import antenna_rows
 from clradar.trace import GROUP, TILE_SAMPLES, Progress, Receptions, Tracer
 
 PLAIN_NODES, EDGE_NODES, FINE_NODES = 4, 6, 12
-"""Slices of a disc, of a piece of one that the lobe's edge cuts, and of both for alpha below 0.1."""
+"""Slices of a disc, of a piece of one that the lobe's edge cuts, and of both for large discs."""
 
 BATCH_SAMPLES = 256
 """Seen samples whose probabilities are held at a time; fewer where memory is short or the array
@@ -172,7 +172,7 @@ class ExpectedTracer(Tracer):
 
 
 def _rule(nodes: int) -> Any:
-    """Gauss and Legendre's rule in tau, 0 to pi, for x = -cos tau: nodes and weights, (nodes, 2)."""
+    """Return -cos tau and its weight at Gauss and Legendre's nodes tau in 0 to pi, (nodes, 2)."""
     x, weight = np.polynomial.legendre.leggauss(nodes)
     tau = (x + 1) * np.pi / 2
     return np.stack([-np.cos(tau), weight * np.pi / 2 * np.sin(tau)], axis=1)

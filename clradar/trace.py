@@ -24,7 +24,7 @@ SAMPLES_PER_MM2 = 10.0
 RAYS_PER_SAMPLE = 4
 
 EXPECTED_SAMPLES_PER_MM2 = 1.0
-"""For ``estimator="expected"``, which needs fewer samples; each then stands for as many more rays."""
+"""For ``estimator="expected"``, which needs fewer; each then stands for as many more rays."""
 
 GROUP = 8
 """Antennas per group in the kernels."""

@@ -170,8 +170,8 @@ static inline realw at_angle(const lobe l, const disc d, realw t, intw clipped) 
                           clipped);
 }
 
-/* Nodes of the quadratures: CLR_PLAIN of the midpoint rule, CLR_EDGE of Gauss and Legendre's, and CLR_FINE of both for
- * alpha < 0.1, where discs are wider than lobes. Lanes with fewer get weight 0 for the others, so that no lane
+/* Nodes of the quadratures: CLR_PLAIN of the midpoint rule, CLR_EDGE of Gauss and Legendre's, and CLR_FINE of both
+ * for discs that are large, or more than a quarter as wide as the lobe. Lanes with fewer get weight 0 for the others, so that no lane
  * depends on its neighbours. rule: (CLR_EDGE + CLR_FINE, 2), -cos tau and weight. */
 static inline realw piece(const lobe l, const disc d, realw from, realw to, intw clipped,
                           intw fine, __global const float *rule) {
@@ -259,7 +259,7 @@ static inline intw is_smooth(const lobe l, const disc d, realw height) {
 /* P of any discs by slices. */
 static inline realw sliced_share(const lobe l, const disc d, intw clipped,
                                  __global const float *rule) {
-    const intw fine = l.alpha < 0.1f;
+    const intw fine = (d.sine > 0.15f) | ((4.0f * d.sine > l.edge) & l.two);
     const realw whole = choose(d.around, (realw)(PI_F), (realw)(0.5f * PI_F));
     realw cut_at = whole;
     intw cut = whole < 0.0f; /* none */
