@@ -95,13 +95,13 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
             rays = [r["samples"] * r["rays_per_sample"] for r in chosen]
             axes[0].plot(rays, error, style, **settings)
     axes[0].set(
-        xscale="log", xlabel="rays per Tx: samples x rays per sample (expected: samples)",
+        xscale="log", xlabel="samples x rays per sample (expected: samples)",
         ylabel="error of the image, dB",
     )  # fmt: skip
     axes[1].set(xscale="log", xlabel="processor time of the simulation, s")
     for axis in axes:
         axis.grid(alpha=0.3)
-    axes[1].legend(fontsize=7)
+    figure.legend(handles=axes[1].get_lines(), fontsize=7, loc="outside upper center", ncols=3)
     figure.savefig(path, dpi=110)
 
 
