@@ -15,7 +15,7 @@ import numpy as np
 from clradar.model import TraceStatistics
 from clradar.opencl import build
 from clradar.packing import antenna_rows
-from clradar.trace import GROUP, TILE_SAMPLES, Progress, Receptions, Tracer
+from clradar.trace import GROUP, TILE_SAMPLES, LitSurface, Progress
 
 PLAIN_NODES, EDGE_NODES, FINE_NODES = 4, 6, 12
 """Slices of a disc, of a piece of one that the lobe's edge cuts, and of both for large discs."""
@@ -46,15 +46,33 @@ class _ExpectedOptions:
     fine: int
 
 
-class ExpectedTracer(Tracer):
-    """A `Tracer` whose tiles hold, for every sample, Tx and Rx, the expected reception.
+@dataclass(frozen=True, slots=True, eq=False)
+class Expectations:
+    """Expected receptions of some samples, sorted by pair, then sample.
+
+    Attributes
+    ----------
+    pair : ndarray, shape (n,), uint32
+    path : ndarray, shape (n, 4), float32
+        Length as hi + lo, metres; amplitude; unused.
+    statistics : TraceStatistics
+        Without outgoing and absorbed rays: none is drawn.
+    """
+
+    pair: np.ndarray
+    path: np.ndarray
+    statistics: TraceStatistics
+
+
+class ExpectedTracer(LitSurface):
+    """A scene and an array on a device, ready for the expected receptions.
 
     One path per sample, Tx and Rx instead of `rays_per_sample` random rays: its amplitude is the
     mean of what these would add up to. Nothing is drawn at random but the samples' positions, which
-    are those of the stochastic tracer.
+    are those of `Tracer`.
     """
 
-    def _prepare_rays(self, corners: np.ndarray, alpha: np.ndarray, stack: int) -> None:
+    def _prepare_rays(self, corners: np.ndarray, stack: int) -> None:
         array, up = self.array, self._buffers.upload
         spreading = self.settings.amplitude == "spreading"
         self._padded = self._n_rx_groups * GROUP
@@ -96,7 +114,7 @@ class ExpectedTracer(Tracer):
         self._starts = empty(4 * n_pairs)
         self._paths = empty(16 * n_pairs * batch)
 
-    def tiles(self, progress: Progress | None = None) -> Iterator[Receptions]:
+    def tiles(self, progress: Progress | None = None) -> Iterator[Expectations]:
         """Yield the expected receptions of all samples, batch by batch, sorted by pair."""
         n_groups = self._n_tx_groups
         for first in range(0, self.n_samples, self._tile_samples):
@@ -113,12 +131,12 @@ class ExpectedTracer(Tracer):
             for at in range(0, max(1, len(rows)), self._batch_samples):
                 part = rows[at : at + self._batch_samples]
                 columns = [*(v[part] for v in vectors), self._face_alpha[faces[part]], bits[part]]
-                yield self._receptions(columns, statistics)
+                yield self._expectations(columns, statistics)
                 statistics = TraceStatistics(0, 0, 0, 0)
             if progress is not None:
                 progress(first + count, self.n_samples)
 
-    def _receptions(self, columns: list[np.ndarray], statistics: TraceStatistics) -> Receptions:
+    def _expectations(self, columns: list[np.ndarray], statistics: TraceStatistics) -> Expectations:
         count = len(columns[0])
         counts = np.zeros(self.array.n_tx * self.array.n_rx, np.int64)
         if count:
@@ -128,7 +146,7 @@ class ExpectedTracer(Tracer):
         if total:
             paths = self._emit(counts, count, total)
         pair = np.repeat(np.arange(len(counts), dtype=np.uint32), counts)
-        return Receptions(pair, paths, np.ones(total, np.uint8), statistics)
+        return Expectations(pair, paths, statistics)
 
     def _find_shares(self, columns: list[np.ndarray], count: int) -> np.ndarray:
         s, array, u = self.settings, self.array, np.uint32

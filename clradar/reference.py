@@ -251,6 +251,7 @@ def expected(
     if normals == "smooth":
         corner = smooth_normals(scene, crease_deg)
     point, shading, geometric, face = sample_surface(scene, counts, corner, seed)
+    alpha_of = np.asarray(scene.alpha)
     share = np.zeros((len(point), array.n_tx, array.n_rx))
     to_rx = array.rx_m - point[:, None]
     distance = np.linalg.norm(to_rx, axis=2)
@@ -267,7 +268,7 @@ def expected(
                 t_i = (point[s] - tx_m) / np.linalg.norm(point[s] - tx_m)
                 n = shading[s] * -np.sign(shading[s] @ t_i)
                 t_m = t_i - 2 * (t_i @ n) * n
-                axis, alpha = to_rx[s, rx] / distance[s, rx], float(scene.alpha[face[s]])
+                axis, alpha = to_rx[s, rx] / distance[s, rx], float(alpha_of[face[s]])
                 half_angle = np.arcsin(reception_radius_m / distance[s, rx])
                 if alpha == 0:
                     inside = np.linalg.norm(np.cross(t_m, axis)) < np.sin(half_angle)

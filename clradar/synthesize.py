@@ -14,7 +14,7 @@ from clradar.model import AntennaArray, Capture, Paths, Scene, TraceStatistics, 
 from clradar.normals import CREASE_DEG
 from clradar.opencl import Buffers, Device, build, open_device
 from clradar.packing import hi_lo
-from clradar.trace import RECEPTION_RADIUS_M, Progress, Tracer, resolve_settings
+from clradar.trace import RECEPTION_RADIUS_M, Progress, Tracer, TraceSettings, resolve_settings
 
 CALL_PATHS = 2**20
 """Paths per kernel call; a smaller device makes it smaller. No result depends on it."""
@@ -152,7 +152,15 @@ def simulate(
             statistics = statistics + tile.statistics
             n_paths += len(tile.pair)
         data = total.result()
-    meta = {
+    meta = simulated_meta(scene, settings, statistics, n_paths, opened)
+    return Capture(data, array, waveform, meta)
+
+
+def simulated_meta(
+    scene: Scene, settings: TraceSettings, statistics: TraceStatistics, n_paths: int, device: Device
+) -> dict[str, Any]:
+    """Return what a simulated capture carries about how it came to be."""
+    return {
         "kind": "simulated",
         "settings": asdict(settings),
         "scene": {
@@ -167,9 +175,8 @@ def simulate(
             "absorbed_share": statistics.absorbed_share,
             "paths": n_paths,
         },
-        "device": dict(opened.describe()),
+        "device": dict(device.describe()),
     }
-    return Capture(data, array, waveform, meta)
 
 
 class PhasorSum:

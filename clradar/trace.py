@@ -6,9 +6,9 @@ The model and its equations are in ``docs/equations.md``, the kernels in ``sampl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -34,6 +34,8 @@ TILE_SAMPLES = 16384
 
 RECEPTION_BYTES = 8 + 16
 """Device memory per reception: key and path."""
+
+Lit = TypeVar("Lit", bound="LitSurface")
 
 Progress = Callable[[int, int], None]
 """Called with (done, total) samples."""
@@ -87,12 +89,15 @@ class Receptions:
     path : ndarray, shape (n, 4), float32
         Length as hi + lo, metres; amplitude; unused.
     bounces : ndarray, shape (n,), uint8
+    face : ndarray, shape (n,), int32
+        Where the path was reflected first.
     statistics : TraceStatistics
     """
 
     pair: np.ndarray
     path: np.ndarray
     bounces: np.ndarray
+    face: np.ndarray
     statistics: TraceStatistics
 
 
@@ -275,10 +280,11 @@ def samples_per_face(scene: Scene, settings: TraceSettings) -> np.ndarray:
     return counts
 
 
-class Tracer:
-    """A scene and an array on a device, ready to be traced tile by tile.
+class LitSurface:
+    """A scene and an array on a device: samples of the surface, and which Tx see them.
 
-    A context manager: its device memory is freed when the block ends.
+    A context manager: its device memory is freed when the block ends. What follows from the samples
+    is up to those that inherit.
     """
 
     def __init__(
@@ -297,10 +303,10 @@ class Tracer:
         self._scene = scene
         self._face_start = np.concatenate([[0], np.cumsum(counts)]).astype(np.uint32)
         self._buffers = Buffers(device)
-        self._capacity = 0
         self._tile_samples = 0
+        self._tile: list[Any] = []
 
-    def __enter__(self) -> Tracer:
+    def __enter__(self: Lit) -> Lit:
         try:
             self._prepare()
         except BaseException:
@@ -319,6 +325,7 @@ class Tracer:
         nodes, records = flatten(bvh, triangles, float(self._delta))
         corners, faces = corner_normals(scene, self.settings.normals, self.settings.crease_deg)
         alpha = np.asarray(scene.alpha, dtype=np.float32)
+        self._slots = bvh.order
         # What faces need: sampling goes by face, bounces by slot in the tree.
         self._sampling = [
             up(self._face_start),
@@ -337,91 +344,21 @@ class Tracer:
         stack = -(-bvh.depth // 8) * 8
         self._sample = build(device, "sample.cl", _SampleOptions(1))
         self._visibility = build(device, "visibility.cl", _VisibilityOptions(device.width, stack))
-        self._prepare_rays(corners[bvh.order], alpha[bvh.order], stack)
+        self._prepare_rays(corners[bvh.order], stack)
         self._size_tiles()
 
-    def _prepare_rays(self, corners: np.ndarray, alpha: np.ndarray, stack: int) -> None:
-        """Upload what outgoing rays need; `corners` and `alpha` are in the order of the tree."""
-        array, up = self.array, self._buffers.upload
-        self._surface = [up(corners.astype(np.float32)), up(alpha)]
-        self._antennas = [up(part) for a in (array.tx_m, array.rx_m) for part in hi_lo(a)]
-        self._box = self._reception_box()
-        self._counter = self._buffers.zeros(12)
-        spreading = self.settings.amplitude == "spreading"
-        self._trace = build(self.device, "trace.cl", _TraceOptions(1, stack, spreading))
+    def _prepare_rays(self, corners: np.ndarray, stack: int) -> None:
+        """Upload and build what comes after the samples; `corners` are normals in tree order."""
+        raise NotImplementedError
 
     def _size_tiles(self) -> None:
-        """Share what memory is left between samples and receptions."""
-        per_sample = 3 * 12 + 4 + 4 + self._n_tx_groups
-        free = min(self._buffers.free_bytes, 8 * self.device.max_buffer_bytes)
-        # Neither a ray's ordinal nor the count of receptions in a tile may exceed 32 bits.
-        rays = self.settings.rays_per_sample * self.settings.max_bounces
-        most = max(1, (2**32 - 1) // (rays * self.array.n_tx * self.array.n_rx))
-        wanted = min(TILE_SAMPLES, self.n_samples, most, max(1, free // 4 // per_sample))
-        self._tile_samples = int(wanted)
-        self._tile = self._sample_buffers(self._tile_samples)
-        self._keys = self._paths = None
-        self._grow(max(1, min(64 * wanted, self._most_receptions())))
+        """Set `_tile_samples` and `_tile`, and take what memory is needed per tile."""
+        raise NotImplementedError
 
     def _sample_buffers(self, count: int) -> list[Any]:
         """Buffers for points, shading and face normals, faces, alpha and visible Tx."""
-        empty = self._buffers.empty
         lengths = (12, 12, 12, 4, 4, self._n_tx_groups)
-        return [empty(length * count) for length in lengths]
-
-    def _most_receptions(self) -> int:
-        """How many receptions fit the memory that is left, counting what they hold already."""
-        held = self._capacity * RECEPTION_BYTES
-        room = (self._buffers.free_bytes + held) // RECEPTION_BYTES
-        return int(min(room, self.device.max_buffer_bytes // 16, 2**32 - 1))
-
-    def _grow(self, capacity: int) -> None:
-        for buffer in (self._keys, self._paths):
-            if buffer is not None:
-                self._buffers.release(buffer)
-        self._keys = self._paths = None
-        self._capacity = 0
-        self._keys = self._buffers.empty(8 * capacity)
-        self._paths = self._buffers.empty(16 * capacity)
-        self._capacity = capacity
-
-    def tiles(self, progress: Progress | None = None) -> Iterator[Receptions]:
-        """Yield the receptions of all samples, tile by tile, in the order of samples."""
-        first = 0
-        size = self._tile_samples
-        while first < self.n_samples:
-            count = min(size, self.n_samples - first)
-            found, statistics = self._run(first, count)
-            if found > self._capacity:
-                if found <= self._most_receptions():
-                    self._grow(found)
-                elif count > 1:
-                    size = max(1, count // 2)
-                else:
-                    self._grow(found)  # raises: one sample alone does not fit
-                continue
-            yield self._collect(found, statistics)
-            first += count
-            if progress is not None:
-                progress(first, self.n_samples)
-
-    def _run(self, first: int, count: int) -> tuple[int, TraceStatistics]:
-        faces, seen = self._see(first, count)
-        s, array = self.settings, self.array
-        u = np.uint32
-        points, shading, geometric, _, alpha, visible = self._tile
-        self._buffers.write(alpha, self._face_alpha[faces])
-        self._buffers.write(self._counter, np.zeros(3, np.uint32))
-        self._trace.launch(
-            "trace_rays", (count, self._n_tx_groups), u(count), u(array.n_tx), u(array.n_rx),
-            u(self._n_tx_groups), u(self._n_rx_groups), u(s.rays_per_sample), u(s.max_bounces),
-            u(first), *self._seed_words(), np.float32(s.reception_radius_m),
-            np.float32(s.pattern_exponent), self._delta, *self._box, u(self._capacity),
-            *self._tree, *self._surface, *self._antennas, self._rx_soa, points, shading, geometric,
-            alpha, visible, self._counter, self._keys, self._paths,
-        )  # fmt: skip
-        received, outgoing, absorbed = self._buffers.read(self._counter, 3, np.uint32)
-        return int(received), TraceStatistics(count, seen, int(outgoing), int(absorbed))
+        return [self._buffers.empty(length * count) for length in lengths]
 
     def _see(self, first: int, count: int) -> tuple[np.ndarray, int]:
         """Make the samples and ask which Tx see them; return their faces, and how many do."""
@@ -443,6 +380,108 @@ class Tracer:
         seed = self.settings.seed
         return np.uint32(seed & 0xFFFFFFFF), np.uint32(seed >> 32)
 
+
+class Tracer(LitSurface):
+    """A scene and an array on a device, ready to be traced tile by tile."""
+
+    def _prepare_rays(self, corners: np.ndarray, stack: int) -> None:
+        array, up = self.array, self._buffers.upload
+        self._surface = [up(corners.astype(np.float32)), up(self._face_alpha[self._slots])]
+        self._antennas = [up(part) for a in (array.tx_m, array.rx_m) for part in hi_lo(a)]
+        self._box = self._reception_box()
+        self._counter = self._buffers.zeros(12)
+        spreading = self.settings.amplitude == "spreading"
+        self._trace = build(self.device, "trace.cl", _TraceOptions(1, stack, spreading))
+
+    def _size_tiles(self) -> None:
+        """Share what memory is left between samples and receptions."""
+        per_sample = 3 * 12 + 4 + 4 + self._n_tx_groups
+        free = min(self._buffers.free_bytes, 8 * self.device.max_buffer_bytes)
+        # Neither a ray's ordinal nor the count of receptions in a tile may exceed 32 bits.
+        rays = self.settings.rays_per_sample * self.settings.max_bounces
+        most = max(1, (2**32 - 1) // (rays * self.array.n_tx * self.array.n_rx))
+        wanted = min(TILE_SAMPLES, self.n_samples, most, max(1, free // 4 // per_sample))
+        self._tile_samples = int(wanted)
+        self._tile = self._sample_buffers(self._tile_samples)
+        self._keys = self._paths = None
+        self._capacity = 0
+        self._grow(max(1, min(64 * wanted, self._most_receptions())))
+
+    def _most_receptions(self) -> int:
+        """How many receptions fit the memory that is left, counting what they hold already."""
+        held = self._capacity * RECEPTION_BYTES
+        room = (self._buffers.free_bytes + held) // RECEPTION_BYTES
+        return int(min(room, self.device.max_buffer_bytes // 16, 2**32 - 1))
+
+    def _grow(self, capacity: int) -> None:
+        for buffer in (self._keys, self._paths):
+            if buffer is not None:
+                self._buffers.release(buffer)
+        self._keys = self._paths = None
+        self._capacity = 0
+        self._keys = self._buffers.empty(8 * capacity)
+        self._paths = self._buffers.empty(16 * capacity)
+        self._capacity = capacity
+
+    def tiles(self, progress: Progress | None = None) -> Iterator[Receptions]:
+        """Yield the receptions of all samples, tile by tile, in the order of samples."""
+        for _, tile in self.tiles_of([self._face_alpha], progress):
+            yield tile
+
+    def tiles_of(
+        self, alphas: Sequence[np.ndarray], progress: Progress | None = None
+    ) -> Iterator[tuple[int, Receptions]]:
+        """Yield what `tiles` would for several alphas: which of them, and its receptions.
+
+        Samples and which Tx they see are found once for all. Each of `alphas` has shape (n_faces,),
+        float32; the receptions of each come in the order of samples.
+        """
+        first = 0
+        while first < self.n_samples:
+            count = min(self._tile_samples, self.n_samples - first)
+            yield from self._tile_of(first, count, list(enumerate(alphas)))
+            first += count
+            if progress is not None:
+                progress(first, self.n_samples)
+
+    def _tile_of(
+        self, first: int, count: int, alphas: list[tuple[int, np.ndarray]]
+    ) -> Iterator[tuple[int, Receptions]]:
+        faces, seen = self._see(first, count)
+        for at, (index, alpha) in enumerate(alphas):
+            received, outgoing, absorbed = self._send(first, count, faces, alpha)
+            if received > self._capacity:
+                if received > self._most_receptions() and count > 1:
+                    half = self._tile_samples = count // 2
+                    yield from self._tile_of(first, half, alphas[at:])
+                    yield from self._tile_of(first + half, count - half, alphas[at:])
+                    return
+                self._grow(received)  # raises where one sample alone does not fit
+                received, outgoing, absorbed = self._send(first, count, faces, alpha)
+            statistics = TraceStatistics(count, seen, outgoing, absorbed)
+            yield index, self._collect(received, faces, statistics)
+
+    def _send(
+        self, first: int, count: int, faces: np.ndarray, face_alpha: np.ndarray
+    ) -> tuple[int, int, int]:
+        """Trace the rays of what `_see` made; return receptions, outgoing and absorbed draws."""
+        s, array = self.settings, self.array
+        u = np.uint32
+        points, shading, geometric, _, alpha, visible = self._tile
+        self._buffers.write(alpha, face_alpha[faces])
+        self._buffers.write(self._surface[1], face_alpha[self._slots])
+        self._buffers.write(self._counter, np.zeros(3, np.uint32))
+        self._trace.launch(
+            "trace_rays", (count, self._n_tx_groups), u(count), u(array.n_tx), u(array.n_rx),
+            u(self._n_tx_groups), u(self._n_rx_groups), u(s.rays_per_sample), u(s.max_bounces),
+            u(first), *self._seed_words(), np.float32(s.reception_radius_m),
+            np.float32(s.pattern_exponent), self._delta, *self._box, u(self._capacity),
+            *self._tree, *self._surface, *self._antennas, self._rx_soa, points, shading, geometric,
+            alpha, visible, self._counter, self._keys, self._paths,
+        )  # fmt: skip
+        received, outgoing, absorbed = self._buffers.read(self._counter, 3, np.uint32)
+        return int(received), int(outgoing), int(absorbed)
+
     def _reception_box(self) -> list[np.ndarray]:
         """Box around all receivers' spheres as two float4, a little larger for the rounding."""
         pad = self.settings.reception_radius_m * (1 + 1e-5) + float(self._delta)
@@ -451,14 +490,19 @@ class Tracer:
             corners.append(np.append(corner, 0.0).astype(np.float32))
         return corners
 
-    def _collect(self, found: int, statistics: TraceStatistics) -> Receptions:
+    def _collect(self, found: int, faces: np.ndarray, statistics: TraceStatistics) -> Receptions:
         keys = self._buffers.read(self._keys, found, np.uint64)
         paths = self._buffers.read(self._paths, (found, 4), np.float32)
         place = np.argsort(keys)  # keys are unique, so any sort gives the same order
         keys = keys[place]
-        bounces = (keys & 0xFFFFFFFF) % self.settings.max_bounces + 1
+        within = keys & 0xFFFFFFFF
+        most = self.settings.max_bounces
         return Receptions(
-            (keys >> 32).astype(np.uint32), paths[place], bounces.astype(np.uint8), statistics
+            pair=(keys >> 32).astype(np.uint32),
+            path=paths[place],
+            bounces=(within % most + 1).astype(np.uint8),
+            face=faces[within // (self.settings.rays_per_sample * most)],
+            statistics=statistics,
         )
 
 
