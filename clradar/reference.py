@@ -93,6 +93,16 @@ def smooth_normals(scene: Scene, crease_deg: float) -> np.ndarray:
     return out
 
 
+def scene_normals(scene: Scene, normals: str, crease_deg: float) -> tuple[np.ndarray, np.ndarray]:
+    """Normals of the faces, shape (n_faces, 3), and at their corners, shape (n_faces, 3, 3)."""
+    corners = scene.triangles_m
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
+    if normals == "smooth":
+        return flat, smooth_normals(scene, crease_deg)
+    return flat, np.repeat(flat[:, None], 3, axis=1)
+
+
 def sample_surface(
     scene: Scene, counts: np.ndarray, corner_normals: np.ndarray, seed: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -245,11 +255,7 @@ def expected(
     the sphere, where the middle of the part above it is.
     """
     triangles = scene.triangles_m
-    flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
-    corner = np.repeat(flat[:, None], 3, axis=1)
-    if normals == "smooth":
-        corner = smooth_normals(scene, crease_deg)
+    _, corner = scene_normals(scene, normals, crease_deg)
     point, shading, geometric, face = sample_surface(scene, counts, corner, seed)
     alpha_of = np.asarray(scene.alpha)
     share = np.zeros((len(point), array.n_tx, array.n_rx))
@@ -294,11 +300,7 @@ def trace(
 ) -> Paths:
     """Trace `counts` samples per face, shape (n_faces,), by the model of [1]_."""
     triangles = scene.triangles_m
-    flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
-    corner = np.repeat(flat[:, None], 3, axis=1)
-    if normals == "smooth":
-        corner = smooth_normals(scene, crease_deg)
+    flat, corner = scene_normals(scene, normals, crease_deg)
     point, shading, geometric, face_of = sample_surface(scene, counts, corner, seed)
     alpha_of = np.asarray(scene.alpha)
     rows = []

@@ -18,7 +18,8 @@
  * a chord of the disc is then proportional to cos t. A disc that the lobe's edge does not cut is integrated by
  * the midpoint rule, which is spectral there; one that it cuts in up to three pieces, split where the edge cuts the
  * disc's rim, by Gauss and Legendre's rule in tau, t = middle - half-width x cos tau, which removes the square
- * roots at the pieces' ends. docs/estimators.md has the derivation and the errors measured. */
+ * roots at the pieces' ends. Discs that nothing cuts nor comes near take the density in four directions instead
+ * (smooth_share), which costs a twentieth. docs/estimators.md has the derivation and the errors measured. */
 #ifndef CLR_FINE
 #error "CLR_PLAIN, CLR_EDGE, CLR_FINE (nodes of the quadratures) are missing"
 #endif
