@@ -536,6 +536,7 @@ def test_every_option_of_simulate_reaches_the_library(
         "simulate", made / "hand.ply", "-o", tmp_path / "x.h5", "--rays-per-face", 3,
         "--rays-per-sample", 2, "--reception-radius-mm", 5, "--max-bounces", 4, "--normals", "face",
         "--crease-deg", 12, "--amplitude", "spreading", "--pattern-exponent", 1.5, "--seed", 9,
+        "--estimator", "expected",
         "--start-ghz", 24, "--stop-ghz", 26, "--steps", 11, "--device", "pocl",
     )  # fmt: skip
     one_error_line(outcome, "far enough")
@@ -550,6 +551,7 @@ def test_every_option_of_simulate_reaches_the_library(
         "amplitude": "spreading",
         "pattern_exponent": 1.5,
         "seed": 9,
+        "estimator": "expected",
     }
     assert {name: seen[name] for name in expected} == expected
     assert np.array_equal(seen["waveform"].frequencies_hz, np.linspace(24e9, 26e9, 11))

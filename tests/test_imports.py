@@ -20,6 +20,7 @@ LAYERS = (
     ("clradar.channel_errors", "clradar.block_tree"),
     ("clradar.impair",),
     ("clradar.trace",),
+    ("clradar.expected",),
     ("clradar.synthesize", "clradar.formers", "clradar.visible"),
     ("clradar.backproject", "clradar.several_alphas"),
     ("clradar.overlap",),

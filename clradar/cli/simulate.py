@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from enum import Enum
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Optional
@@ -34,11 +35,17 @@ from clradar.cli.simulation_options import (
 )
 from clradar.errors import ModelError
 from clradar.normals import CREASE_DEG
+from clradar.trace import EXPECTED_SAMPLES_PER_MM2
 
 if TYPE_CHECKING:
     from clradar import Capture, Scene
 
 ALPHA = 0.5
+
+
+class Estimator(str, Enum):
+    stochastic = "stochastic"
+    expected = "expected"
 
 
 def command(
@@ -70,6 +77,14 @@ def command(
     crease_deg: CreaseOption = CREASE_DEG,
     amplitude: AmplitudeOption = Amplitude.unit,
     pattern_exponent: PatternOption = 0.0,
+    estimator: Annotated[
+        Estimator,
+        typer.Option(
+            "--estimator",
+            help="stochastic: random outgoing rays; expected: their mean, without shot noise, "
+            f"from {EXPECTED_SAMPLES_PER_MM2:g} sample per square millimetre.",
+        ),
+    ] = Estimator.stochastic,
     start_ghz: Annotated[
         float, typer.Option("--start-ghz", metavar="GHZ", help="First frequency.")
     ] = START_GHZ,
@@ -123,6 +138,7 @@ def command(
             amplitude=amplitude.value,
             pattern_exponent=pattern_exponent,
             seed=seed,
+            estimator=estimator.value,
             device=opened,
             progress=progress,
         )
@@ -232,6 +248,8 @@ def summary(capture: Capture) -> str:
     """Return a simulated capture in words."""
     rays = capture.meta["rays"]
     shape = " x ".join(str(n) for n in capture.data.shape)
+    if capture.meta["settings"]["estimator"] == "expected":
+        return f"{shape}, {rays['samples']} samples, {rays['paths']} expected receptions"
     return (
         f"{shape}, {rays['samples']} samples, {rays['outgoing']} rays of which {rays['paths']} "
         f"reached an Rx, {100 * rays['absorbed_share']:.1f} % absorbed"
