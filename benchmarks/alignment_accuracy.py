@@ -36,7 +36,7 @@ from calibration import Alignment, align, align_mesh, register
 from clradar.errors import CompareError
 
 METHODS = ("quick", "mesh", "register", "same-alpha", "volume")
-OTHERS = ("box", "sphere", "left")
+OTHERS = ("box", "sphere", "left", "tilted box")
 SPACING_M = 2e-3
 FIRST_SEED = 10_000
 
@@ -149,7 +149,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=60)
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--method", choices=METHODS, action="append")
-    parser.add_argument("--others", action="store_true", help="box, sphere, a left hand instead")
+    parser.add_argument("--others", action="store_true", help="boxes, sphere, a left hand instead")
     parser.add_argument(
         "--json", type=Path, default=Path(__file__).with_name("alignment_accuracy.json")
     )

@@ -28,9 +28,10 @@ def mesh(name: str) -> clradar.Scene:
         return clradar.Scene.from_mesh(hand_mesh(poses()[name]))
     if name == "left":
         return clradar.Scene.from_mesh(hand_mesh("F", handedness="left"))
-    if name == "box":
+    if name in ("box", "tilted box"):
         shape = trimesh.creation.box(extents=(0.07, 0.05, 0.04))
-        shape.apply_transform(turn_about([12.0, 15.0, 10.0], np.zeros(3)))
+        if name == "tilted box":  # its faces glint past the aperture
+            shape.apply_transform(turn_about([12.0, 15.0, 10.0], np.zeros(3)))
     elif name == "sphere":
         shape = trimesh.creation.icosphere(subdivisions=5, radius=0.04)
     elif name == "plate":
