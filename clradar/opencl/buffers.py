@@ -53,11 +53,14 @@ class Buffers:
 
     def empty(self, n_bytes: int) -> Any:
         """Return a buffer of at least `n_bytes`, contents undefined."""
+        # OpenCL has no empty buffers.
+        return self._hold(max(int(n_bytes), 16), cl.mem_flags.READ_WRITE)
+
+    def _hold(self, size: int, flags: int, **of: np.ndarray) -> Any:
         if self._closed:
             raise DeviceError(
                 "buffers: expected an allocation inside the `with` block, got one after"
             )
-        size = max(int(n_bytes), 16)  # OpenCL has no empty buffers
         info = self.device.info
         if size > info.max_alloc_bytes or self.used_bytes + size > self.device.budget_bytes:
             raise DeviceError(
@@ -67,7 +70,7 @@ class Buffers:
                 f"choose another device with CLRADAR_DEVICE=..."
             )
         try:
-            buffer = cl.Buffer(self.device.context, cl.mem_flags.READ_WRITE, size)
+            buffer = cl.Buffer(self.device.context, flags, **(of or {"size": size}))
         except cl.Error as error:
             raise self._no_memory(size, error) from error
         self._held[id(buffer)] = (buffer, size)
@@ -79,6 +82,17 @@ class Buffers:
         buffer = self.empty(array.nbytes)
         self.write(buffer, array)
         return buffer
+
+    def borrow(self, array: np.ndarray) -> Any:
+        """Return a buffer for kernels to read `array` from, which must not change meanwhile.
+
+        On a CPU it is the array's own memory and nothing is copied.
+        """
+        array = np.ascontiguousarray(array)
+        if self.device.info.kind != "cpu" or array.nbytes < 16:
+            return self.upload(array)
+        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
+        return self._hold(array.nbytes, flags, hostbuf=array)
 
     def zeros(self, n_bytes: int) -> Any:
         """Return a new buffer filled with zero bytes."""
