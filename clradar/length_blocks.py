@@ -18,8 +18,8 @@ MOMENTS = 8
 """Moments per block: degree 7 in the place within the block. The kernel's number."""
 
 EDGE_PHASE_RAD = 0.9
-"""Phase between a block's centre and edge at the band's edge. With eight moments the error of a path
-is 2 (J_8(0.9) + J_9(0.9) + ...) = 8.4e-8 at most."""
+"""Phase between a block's centre and its edge at the band's edge. With eight moments the error of a
+path is 2 (J_8(0.9) + J_9(0.9) + ...) = 8.6e-8 at most."""
 
 MOST_SLOTS = 64
 """Blocks that a pair keeps. Fewer for few frequencies, for which a block is cheap to add."""

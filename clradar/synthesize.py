@@ -302,10 +302,12 @@ class PhasorSum:
         """Bring a slice's state to the device, unless there is one slice only."""
         if len(self._slices) == 1:
             return
+        kept = self._state(part.stop - part.first)
         if part.state is None:
-            self._buffers.write(self._tag, np.zeros(self._state(part.stop - part.first)[0][1], np.int32))
+            tag, shape, dtype = kept[0]
+            self._buffers.write(tag, np.zeros(shape, dtype))
             return
-        for (buffer, _, _), values in zip(self._state(0), part.state, strict=True):
+        for (buffer, _, _), values in zip(kept, part.state, strict=True):
             self._buffers.write(buffer, values)
 
     def _store(self, part: _Slice) -> None:

@@ -428,7 +428,10 @@ class Tracer:
         keys = keys[place]
         bounces = (keys & 0xFFFFFFFF) % self.settings.max_bounces + 1
         return Receptions(
-            (keys >> 32).astype(np.uint32), paths[place], bounces.astype(np.uint8), statistics
+            (keys >> 32).astype(np.uint32),
+            np.take(paths, place, axis=0),
+            bounces.astype(np.uint8),
+            statistics,
         )
 
 

@@ -121,7 +121,8 @@ static inline dual load_lengths(__global const int2 *p, const uint left) {
     if (left >= 8) {
         const int8 a = ((__global const loose_int8 *)p)->v;
         const int8 b = ((__global const loose_int8 *)(p + 4))->v;
-        return split((int8)(a.odd, b.odd), (int8)(a.even, b.even));
+        return split((int8)(a.s1, a.s3, a.s5, a.s7, b.s1, b.s3, b.s5, b.s7),
+                     (int8)(a.s0, a.s2, a.s4, a.s6, b.s0, b.s2, b.s4, b.s6));
     }
     const int2 v[8] = {EIGHT(p, left)};
     return split((int8)(v[0].y, v[1].y, v[2].y, v[3].y, v[4].y, v[5].y, v[6].y, v[7].y),
@@ -171,9 +172,12 @@ __kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_
         const uint left = last - i;
         const dual d = load_lengths(length + i, left);
         const realw a = load_amplitudes(amplitude + i, left);
-        const realw number = (d.hi * (0.5f * per_half_block) + magic) - magic;
-        const dual centre = exact_product(number, (realw)(block_m));
-        const realw x = (((d.hi - centre.hi) - centre.lo) + d.lo) * per_half_block;
+        const realw near = (d.hi * (0.5f * per_half_block) + magic) - magic;
+        const dual centre = exact_product(near, (realw)(block_m));
+        realw x = (((d.hi - centre.hi) - centre.lo) + d.lo) * per_half_block;
+        /* The quotient was rounded: for a long path x may be a little outside. */
+        const realw shift = (0.5f * x + magic) - magic, number = near + shift;
+        x -= 2.0f * shift;
         realw cosine, sine;
         cos_sin_cycles(cycles(d, k), &cosine, &sine);
         const realw re = cosine * a, im = -(sine * a), x2 = x * x, x4 = x2 * x2;
@@ -197,11 +201,14 @@ __kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_
                 tag[at] = block + 1;
                 hi = lo = turned_hi = turned_lo = (float8)(0.0f);
             }
-            const float2 two = (float2)(1.0f, LANE(x, j));
-            const float4 four = (float4)(two, two * LANE(x2, j));
-            const float8 power = (float8)(four, four * LANE(x4, j));
-            const float2 z = (float2)(LANE(re, j), LANE(im, j)), turned = (float2)(z.y, -z.x);
-            const float8 u = power * z.xyxyxyxy, v = power * turned.xyxyxyxy;
+            /* By element, not by swizzles: the memory checker crashes on those. */
+            const float x1 = LANE(x, j), xx = LANE(x2, j), xxxx = LANE(x4, j);
+            const float8 power = (float8)(1.0f, x1, 1.0f, x1, 1.0f, x1, 1.0f, x1) *
+                                 (float8)(1.0f, 1.0f, xx, xx, 1.0f, 1.0f, xx, xx) *
+                                 (float8)(1.0f, 1.0f, 1.0f, 1.0f, xxxx, xxxx, xxxx, xxxx);
+            const float zr = LANE(re, j), zi = LANE(im, j);
+            const float8 u = power * (float8)(zr, zi, zr, zi, zr, zi, zr, zi);
+            const float8 v = power * (float8)(zi, -zr, zi, -zr, zi, -zr, zi, -zr);
             ADD_TO(hi, lo, u, float8);
             ADD_TO(turned_hi, turned_lo, v, float8);
             STORE8(hi, m);

@@ -81,6 +81,14 @@ def everything(width: int) -> None:
     one_face = clradar.Scene(vertices[:3], [[0, 1, 2]], alpha=0.5)
     paths = clradar.trace(one_face, array, rays_per_face=7, reception_radius_m=0.05, device=device)
     capture = clradar.synthesize(paths, array, waveform, device=device)
+    # Lengths so far apart that blocks have to make room.
+    pair = np.arange(150) % 63
+    clradar.synthesize(
+        clradar.Paths(
+            pair // 9, pair % 9, np.linspace(20, 0.3, 150), pair + 0.5, pair % 2 + 1, 7, 9
+        ),
+        array, waveform, device=device,
+    )  # fmt: skip
     for shape in ((-0.001, 0.001), (0.0, 0.0), (-0.004, 0.004)):  # 3, 1 and 9 voxels along x
         grid = clradar.VoxelGrid.from_extent(shape, (0, 0.002), (0.30, 0.302), 1e-3)
         for method in ("exact", "range", "fast"):

@@ -260,6 +260,22 @@ def test_buffers_count_what_they_hold(small: clradar.Device) -> None:
     assert buffers.used_bytes == 0
 
 
+def test_borrowed_is_the_arrays_own_memory_on_a_cpu(small: clradar.Device) -> None:
+    values = np.arange(100.0)
+    with Buffers(small) as buffers:
+        borrowed = buffers.borrow(values)
+        assert buffers.used_bytes == 800
+        np.testing.assert_array_equal(buffers.read(borrowed, 100, np.float64), values)
+        values[3] = -1.0
+        assert buffers.read(borrowed, 100, np.float64)[3] == -1.0
+        buffers.release(borrowed)
+        # Read-only, not contiguous, and too small for a buffer of its own.
+        values.flags.writeable = False
+        for view in (values, values[::-3], values[:1], values[:0]):
+            got = buffers.read(buffers.borrow(view), len(view), np.float64)
+            np.testing.assert_array_equal(got, view)
+
+
 @pytest.mark.parametrize("fails", [False, True])
 def test_buffers_are_freed_when_the_block_ends(small: clradar.Device, fails: bool) -> None:
     released = []

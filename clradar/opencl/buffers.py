@@ -56,7 +56,7 @@ class Buffers:
         # OpenCL has no empty buffers.
         return self._hold(max(int(n_bytes), 16), cl.mem_flags.READ_WRITE)
 
-    def _hold(self, size: int, flags: int, **of: np.ndarray) -> Any:
+    def _hold(self, size: int, flags: int, of: np.ndarray | None = None) -> Any:
         if self._closed:
             raise DeviceError(
                 "buffers: expected an allocation inside the `with` block, got one after"
@@ -70,7 +70,10 @@ class Buffers:
                 f"choose another device with CLRADAR_DEVICE=..."
             )
         try:
-            buffer = cl.Buffer(self.device.context, flags, **(of or {"size": size}))
+            if of is None:
+                buffer = cl.Buffer(self.device.context, flags, size)
+            else:
+                buffer = cl.Buffer(self.device.context, flags, hostbuf=of)
         except cl.Error as error:
             raise self._no_memory(size, error) from error
         self._held[id(buffer)] = (buffer, size)
@@ -92,7 +95,7 @@ class Buffers:
         if self.device.info.kind != "cpu" or array.nbytes < 16:
             return self.upload(array)
         flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
-        return self._hold(array.nbytes, flags, hostbuf=array)
+        return self._hold(array.nbytes, flags, array)
 
     def zeros(self, n_bytes: int) -> Any:
         """Return a new buffer filled with zero bytes."""
