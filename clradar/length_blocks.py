@@ -17,9 +17,9 @@ from clradar.packing import hi_lo
 MOMENTS = 8
 """Moments per block: degree 7 in the place within the block. The kernel's number."""
 
-EDGE_PHASE_RAD = 0.9
+EDGE_PHASE_RAD = 1.0
 """Phase between a block's centre and its edge at the band's edge. With eight moments the error of a
-path is 2 (J_8(0.9) + J_9(0.9) + ...) = 8.6e-8 at most."""
+path is 2 (J_8(1) + J_9(1) + ...) = 2.0e-7 at most."""
 
 MOST_SLOTS = 64
 """Blocks that a pair keeps. Fewer for few frequencies, for which a block is cheap to add."""

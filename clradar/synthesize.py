@@ -21,8 +21,8 @@ CALL_PATHS = 2**18
 PATH_BYTES = 8 + 4
 """Of a path on the device: float64 length, float32 amplitude."""
 
-GROUP_PAIRS = {1: 1, 8: 16}
-"""Pairs per item of the last kernel, by the lanes per item. The kernel's numbers."""
+GROUP_PAIRS = 16
+"""Pairs per item of the last kernel with eight lanes. The kernel's number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +188,7 @@ class PhasorSum:
         self._blocks = length_blocks(waveform)
         self._buffers = Buffers(device)
         self._program = build(device, "synthesize.cl", _SynthesizeOptions(self._width))
+        self._running: list[Any] = []
 
     def __enter__(self) -> PhasorSum:
         try:
@@ -198,7 +199,10 @@ class PhasorSum:
         return self
 
     def __exit__(self, *error: Any) -> None:
-        self._buffers.__exit__(None, None, None)
+        try:
+            self._finish_call()
+        finally:
+            self._buffers.__exit__(None, None, None)
 
     def _prepare(self) -> None:
         n_slots, n_columns = self._blocks.n_slots, self._n_columns
@@ -217,9 +221,9 @@ class PhasorSum:
         self._moments = self._buffers.empty(moments * count)
         self._sum = self._buffers.empty(total * count)
         self._out = self._buffers.empty(out * count)
-        self._starts = self._buffers.empty(4 * (count + 1))
-        left = min(self._buffers.free_bytes // 2, self._device.max_buffer_bytes)
-        self._call_paths = int(max(1, min(CALL_PATHS, left // PATH_BYTES)))
+        # A call's columns come while those of the call before are in use.
+        left = min(self._buffers.free_bytes - 8 * (count + 1), self._device.max_buffer_bytes)
+        self._call_paths = int(max(1, min(CALL_PATHS, left // 2 // PATH_BYTES)))
 
     def add(self, pair: np.ndarray, rows: np.ndarray) -> None:
         """Add paths as the tracer has them.
@@ -260,34 +264,54 @@ class PhasorSum:
             self._add_call(pair[part], length_m[part], amplitude[part])
 
     def _add_call(self, pair: np.ndarray, length_m: np.ndarray, amplitude: np.ndarray) -> None:
+        if len(pair) < self._width:  # the kernel reads as many as it has lanes
+            fill = (0, self._width - len(pair))
+            length_m, amplitude = np.pad(length_m, fill), np.pad(amplitude, fill)
         columns = [self._buffers.borrow(length_m), self._buffers.borrow(amplitude)]
         for part in self._slices:
             first, stop = max(part.first, int(pair[0])), min(part.stop, int(pair[-1]) + 1)
             if first >= stop:
                 continue
             starts = np.searchsorted(pair, np.arange(first, stop + 1, dtype=pair.dtype))
-            self._buffers.write(self._starts, starts.astype(np.uint32))
+            start = self._buffers.borrow(starts.astype(np.uint32))
             self._fetch(part)
-            self._program.launch(
+            wait = self._program.start(
                 "add_paths",
                 (stop - first,),
                 np.uint32(part.stop - part.first),
                 np.uint32(first - part.first),
+                np.uint32(len(length_m)),
                 np.uint32(self._n_columns),
                 np.uint32(self._blocks.n_slots),
                 np.float32(self._blocks.block_m),
                 np.float32(self._blocks.per_half_block),
                 *hi_lo(self._blocks.wavenumber),
-                self._starts,
+                start,
                 *columns,
                 self._table,
                 self._tag,
                 self._moments,
                 self._sum,
             )
+            if len(self._slices) == 1:
+                # While it runs the host can prepare the next call.
+                self._finish_call()
+                self._running = [wait, *columns, start]
+                return
+            wait()
             self._store(part)
+            self._buffers.release(start)
         for column in columns:
             self._buffers.release(column)
+
+    def _finish_call(self) -> None:
+        """Wait for the call that is running, if any, and let go of what it borrowed."""
+        if self._running:
+            wait, *borrowed = self._running
+            self._running = []
+            wait()
+            for buffer in borrowed:
+                self._buffers.release(buffer)
 
     def _state(self, n_pairs: int) -> list[tuple[Any, tuple[int, ...], Any]]:
         """Return what is kept between calls: buffers with shapes and dtypes."""
@@ -299,7 +323,7 @@ class PhasorSum:
         ]
 
     def _fetch(self, part: _Slice) -> None:
-        """Bring a slice's state to the device, unless there is one slice only."""
+        """Bring a slice's state to the device; with one slice only it stays there."""
         if len(self._slices) == 1:
             return
         kept = self._state(part.stop - part.first)
@@ -311,20 +335,22 @@ class PhasorSum:
             self._buffers.write(buffer, values)
 
     def _store(self, part: _Slice) -> None:
-        if len(self._slices) > 1:
-            part.state = [self._buffers.read(*kept) for kept in self._state(part.stop - part.first)]
+        part.state = [self._buffers.read(*kept) for kept in self._state(part.stop - part.first)]
 
     def result(self) -> np.ndarray:
         """Return the sum, shape (n_tx, n_rx, n_freq), complex64, read-only."""
         n_freq, parts = self._waveform.n_freq, []
+        self._finish_call()
+        columns, pairs = (1, 1) if self._width == 1 else (self._n_columns, GROUP_PAIRS)
         for part in self._slices:
             count = part.stop - part.first
             self._fetch(part)
             self._program.launch(
                 "finish",
-                (self._n_columns // self._width, -(-count // GROUP_PAIRS[self._width])),
+                (self._n_columns // columns, -(-count // pairs)),
                 np.uint32(count),
                 np.uint32(self._n_columns),
+                np.uint32(columns),
                 np.uint32(self._blocks.n_slots),
                 np.float32(self._blocks.block_m),
                 self._table,

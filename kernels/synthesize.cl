@@ -15,6 +15,7 @@
 #include "common/phase.h"
 
 #define MOMENTS 8
+#define MOST_SLOTS 64
 #define BLOCK_FLOATS (4 * MOMENTS)
 
 /* The j-th of the CLR_WIDTH numbers in v. */
@@ -107,38 +108,19 @@ static inline dual split(const intw upper, const intw lower) {
 }
 
 #if CLR_WIDTH == 8
-/* Eight of p; where fewer are `left`, the first again in place of the missing. */
-#define EIGHT(p, left) \
-    (p)[0], (p)[(left) > 1 ? 1 : 0], (p)[(left) > 2 ? 2 : 0], (p)[(left) > 3 ? 3 : 0], \
-        (p)[(left) > 4 ? 4 : 0], (p)[(left) > 5 ? 5 : 0], (p)[(left) > 6 ? 6 : 0], \
-        (p)[(left) > 7 ? 7 : 0]
-
 typedef struct __attribute__((packed)) {
     int8 v;
 } loose_int8;
 
-static inline dual load_lengths(__global const int2 *p, const uint left) {
-    if (left >= 8) {
-        const int8 a = ((__global const loose_int8 *)p)->v;
-        const int8 b = ((__global const loose_int8 *)(p + 4))->v;
-        return split((int8)(a.s1, a.s3, a.s5, a.s7, b.s1, b.s3, b.s5, b.s7),
-                     (int8)(a.s0, a.s2, a.s4, a.s6, b.s0, b.s2, b.s4, b.s6));
-    }
-    const int2 v[8] = {EIGHT(p, left)};
-    return split((int8)(v[0].y, v[1].y, v[2].y, v[3].y, v[4].y, v[5].y, v[6].y, v[7].y),
-                 (int8)(v[0].x, v[1].x, v[2].x, v[3].x, v[4].x, v[5].x, v[6].x, v[7].x));
-}
-
-static inline realw load_amplitudes(__global const float *p, const uint left) {
-    return left >= 8 ? LOAD8(p) : (float8)(EIGHT(p, left));
+static inline dual load_lengths(__global const int2 *p) {
+    const int8 a = ((__global const loose_int8 *)p)->v;
+    const int8 b = ((__global const loose_int8 *)(p + 4))->v;
+    return split((int8)(a.s1, a.s3, a.s5, a.s7, b.s1, b.s3, b.s5, b.s7),
+                 (int8)(a.s0, a.s2, a.s4, a.s6, b.s0, b.s2, b.s4, b.s6));
 }
 #else
-static inline dual load_lengths(__global const int2 *p, const uint left) {
+static inline dual load_lengths(__global const int2 *p) {
     return split(p->y, p->x);
-}
-
-static inline realw load_amplitudes(__global const float *p, const uint left) {
-    return *p;
 }
 #endif
 
@@ -158,7 +140,7 @@ static inline realw load_amplitudes(__global const float *p, const uint left) {
  * amplitude  float (n_paths)
  * per_half_block  2 / W
  * k_hi, k_lo  k as hi + lo */
-__kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_freq,
+__kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_paths, const uint n_freq,
                         const uint n_slots, const float block_m, const float per_half_block,
                         const float k_hi, const float k_lo,
                         __global const uint *start, __global const int2 *length,
@@ -168,10 +150,12 @@ __kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_
     const uint first = start[item], last = start[item + 1];
     const realw magic = 12582912.0f; /* adding it rounds to a whole number */
     const wavenumber k = make_wavenumber((realw)(k_hi), (realw)(k_lo));
-    for (uint i = first; i < last; i += CLR_WIDTH) {
-        const uint left = last - i;
-        const dual d = load_lengths(length + i, left);
-        const realw a = load_amplitudes(amplitude + i, left);
+    for (uint i = first; i < last;) {
+        /* CLR_WIDTH paths from `base` on, of which this pair's are added, from path i on. */
+        const uint base = i < n_paths - CLR_WIDTH ? i : n_paths - CLR_WIDTH;
+        const uint end = last - base < CLR_WIDTH ? last - base : CLR_WIDTH;
+        const dual d = load_lengths(length + base);
+        const realw a = LOADW(amplitude + base);
         const realw near = (d.hi * (0.5f * per_half_block) + magic) - magic;
         const dual centre = exact_product(near, (realw)(block_m));
         realw x = (((d.hi - centre.hi) - centre.lo) + d.lo) * per_half_block;
@@ -181,7 +165,7 @@ __kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_
         realw cosine, sine;
         cos_sin_cycles(cycles(d, k), &cosine, &sine);
         const realw re = cosine * a, im = -(sine * a), x2 = x * x, x4 = x2 * x2;
-        for (uint j = 0; j < CLR_WIDTH && j < left; ++j) {
+        for (uint j = i - base; j < end; ++j) {
             const int block = (int)LANE(number, j);
             const size_t at = (size_t)(block & (int)(n_slots - 1)) * n_pairs + pair;
             __global float *m = moments + at * BLOCK_FLOATS;
@@ -216,6 +200,7 @@ __kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_
             STORE8(lo, m + 16);
             STORE8(turned_lo, m + 24);
         }
+        i = base + end;
     }
 }
 
@@ -236,49 +221,59 @@ __kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_
     } while (0)
 #endif
 
-/* What all of it adds up to. Item = CLR_WIDTH frequencies of PAIRS pairs; the state stays as it is.
+/* What all of it adds up to; the state stays as it is. Item = `columns` frequencies of PAIRS pairs.
  * out      float (n_pairs, n_freq, 2)    re, im */
-__kernel void finish(const uint n_pairs, const uint n_freq, const uint n_slots, const float block_m,
-                     __global const float *table, __global const int *tag,
+__kernel void finish(const uint n_pairs, const uint n_freq, const uint columns, const uint n_slots,
+                     const float block_m, __global const float *table, __global const int *tag,
                      __global const float *moments, __global const float *sum,
                      __global float *out) {
-    const uint n = CLR_WIDTH * (uint)get_global_id(0), first = PAIRS * (uint)get_global_id(1);
-    const uint count = n_pairs - first < PAIRS ? n_pairs - first : PAIRS;
-    const band f = load_band(table, n_freq, n);
+    const uint begin = columns * (uint)get_global_id(0), first = PAIRS * (uint)get_global_id(1);
+    const uint n_here = n_pairs - first < PAIRS ? n_pairs - first : PAIRS;
     const size_t plane = n_freq;
-    realw re[PAIRS], im[PAIRS], re_lost[PAIRS], im_lost[PAIRS];
-    for (uint i = 0; i < count; ++i) {
-        re[i] = im[i] = re_lost[i] = im_lost[i] = (realw)(0.0f);
-        if (tag[(size_t)n_slots * n_pairs + first + i] != 0) {
-            __global const float *at = sum + (size_t)(first + i) * 4 * plane + n;
-            re[i] = LOADW(at);
-            im[i] = LOADW(at + plane);
-            re_lost[i] = LOADW(at + 2 * plane);
-            im_lost[i] = LOADW(at + 3 * plane);
+    uchar used[PAIRS * MOST_SLOTS];
+    uint n_used[PAIRS];
+    for (uint i = 0; i < n_here; ++i) {
+        n_used[i] = 0;
+        for (uint slot = 0; slot < n_slots; ++slot) {
+            used[i * MOST_SLOTS + n_used[i]] = (uchar)slot;
+            n_used[i] += tag[(size_t)slot * n_pairs + first + i] != 0;
         }
     }
-    int block = -1;
-    realw cosine = (realw)(0.0f), sine = cosine;
-    for (uint slot = 0; slot < n_slots; ++slot) {
-        for (uint i = 0; i < count; ++i) {
-            const size_t at = (size_t)slot * n_pairs + first + i;
-            if (tag[at] == 0) continue;
-            if (tag[at] - 1 != block) {
-                block = tag[at] - 1;
-                block_phase(block, block_m, f.kappa, &cosine, &sine);
+    for (uint n = begin; n < begin + columns && n < n_freq; n += CLR_WIDTH) {
+        const band f = load_band(table, n_freq, n);
+        /* Neighbouring pairs mostly have the same blocks in their slots. */
+        int block[MOST_SLOTS];
+        realw cosine[MOST_SLOTS], sine[MOST_SLOTS];
+        for (uint slot = 0; slot < n_slots; ++slot) block[slot] = -1;
+        for (uint i = 0; i < n_here; ++i) {
+            const uint pair = first + i;
+            realw re = (realw)(0.0f), im = re, re_lost = re, im_lost = re;
+            if (tag[(size_t)n_slots * n_pairs + pair] != 0) {
+                __global const float *at = sum + (size_t)pair * 4 * plane + n;
+                re = LOADW(at);
+                im = LOADW(at + plane);
+                re_lost = LOADW(at + 2 * plane);
+                im_lost = LOADW(at + 3 * plane);
             }
-            realw x, y;
-            block_phasor(moments + at * BLOCK_FLOATS, &f, cosine, sine, &x, &y);
-            /* Few enough that what is lost can add up by itself. */
-            const dual a = two_sum(re[i], x), b = two_sum(im[i], y);
-            re[i] = a.hi;
-            im[i] = b.hi;
-            re_lost[i] += a.lo;
-            im_lost[i] += b.lo;
+            for (uint k = 0; k < n_used[i]; ++k) {
+                const uint slot = used[i * MOST_SLOTS + k];
+                const size_t at = (size_t)slot * n_pairs + pair;
+                if (tag[at] - 1 != block[slot]) {
+                    block[slot] = tag[at] - 1;
+                    block_phase(block[slot], block_m, f.kappa, &cosine[slot], &sine[slot]);
+                }
+                realw x, y;
+                block_phasor(moments + at * BLOCK_FLOATS, &f, cosine[slot], sine[slot], &x, &y);
+                /* Few enough that what is lost can add up by itself. */
+                const dual a = two_sum(re, x), b = two_sum(im, y);
+                re = a.hi;
+                im = b.hi;
+                re_lost += a.lo;
+                im_lost += b.lo;
+            }
+            re += re_lost;
+            im += im_lost;
+            STORE_COMPLEX(re, im, out + 2 * ((size_t)pair * plane + n));
         }
-    }
-    for (uint i = 0; i < count; ++i) {
-        const realw x = re[i] + re_lost[i], y = im[i] + im_lost[i];
-        STORE_COMPLEX(x, y, out + 2 * ((size_t)(first + i) * plane + n));
     }
 }

@@ -7,6 +7,8 @@ the names of the kernels that ran. `--faulty` runs a kernel with a known fault i
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
@@ -34,13 +36,13 @@ def faulty(kind: str) -> None:
 
 def everything(width: int) -> None:
     launched = set()
-    launch = Program.launch
+    start = Program.start
 
-    def recorded(self: Program, name: str, *args: object) -> None:
+    def recorded(self: Program, name: str, *args: Any) -> Callable[[], None]:
         launched.add(name)
-        launch(self, name, *args)
+        return start(self, name, *args)
 
-    Program.launch = recorded  # type: ignore[method-assign]
+    Program.start = recorded  # type: ignore[method-assign]
     # Oclgrind's check of uninitialised reads keeps the marks of a freed buffer for the next one at
     # the same address, so nothing is freed here.
     Buffers.__exit__ = lambda self, *error: kept.append(self)  # type: ignore[method-assign]

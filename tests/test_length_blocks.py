@@ -19,8 +19,8 @@ from clradar.synthesize import PhasorSum
 
 C_M_PER_S = 299_792_458.0
 
-# 2 (J_8(0.9) + J_9(0.9) + ...), and coefficients rounded to float32: 2^-25 of their sum, e^0.9.
-MOMENT_ERROR = 8.6e-8 + 2.0**-25 * np.exp(EDGE_PHASE_RAD)
+# 2 (J_8(1) + J_9(1) + ...), and coefficients rounded to float32: 2^-25 of their sum, e.
+MOMENT_ERROR = 2.0e-7 + 2.0**-25 * np.exp(EDGE_PHASE_RAD)
 # Of one path relative to its amplitude; derived in test_synthesize.py.
 PHASOR_ERROR = 8e-7
 

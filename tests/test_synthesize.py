@@ -13,11 +13,11 @@ import clradar
 from clradar import AntennaArray, Paths, Scene, Waveform, reference, synthesize
 from clradar.errors import DeviceError, ModelError
 
-# One path errs by 9e-8 where the moments end. Two phases, the carrier's and the block's, are each
+# One path errs by 2e-7 where the moments end. Two phases, the carrier's and the block's, are each
 # rounded to 2^-26 turns, 9e-8 rad, and have sines and cosines to 1.1e-7. About ten roundings of
-# 2^-24 remain, in x^p, products and the complex64 result. Were all of one sign, 1.1e-6; 8e-7 is
-# eight times the RMS. Relative to the sum of the pair's |amplitudes|, since the errors of that many
-# paths can all have one sign.
+# 2^-24 remain, in x^p, products and the complex64 result. Were all of one sign, 1.2e-6; 8e-7 is
+# seven times the RMS for a band in use, 1.1e-7. Relative to the sum of the pair's |amplitudes|,
+# since the errors of that many paths can all have one sign.
 PHASOR_ERROR = 8e-7
 # The accuracy that is promised: -80 dB of the strongest pair.
 PROMISED_DB = -80.0
