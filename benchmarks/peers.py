@@ -31,9 +31,10 @@ def _points_and_strengths(
 class FinufftPhasorSum:
     """SFCW sum of paths sorted by pair, equal steps, by finufft's type 1.
 
-    Of what finufft offers this was the fastest here: a plan per thread, which takes the points of
-    one pair after the other and does not sort them. One two-dimensional transform with the pair as
-    second coordinate takes more than twice the time, since it spreads over 7 x 7 cells.
+    Of what finufft offers this was the fastest here that keeps its accuracy: a plan per thread,
+    which takes the points of one pair after the other and does not sort them. `nufft1d1` pair by
+    pair takes three times as long. One two-dimensional transform with the pair as second coordinate
+    takes about as long, but 8836 modes leave complex64 only -68 dB.
     """
 
     def __init__(self, start: np.ndarray, frequencies_hz: np.ndarray, eps: float) -> None:

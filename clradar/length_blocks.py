@@ -28,8 +28,9 @@ MOST_CYCLES = 2**21
 """Longest path in cycles of the highest frequency: one of the kernels' two counts, of cycles and of
 blocks, of which there are up to 1.75 per cycle, would leave 2^22 beyond."""
 
-NARROWEST_HZ = 1.0
-"""A single frequency has blocks as long as those of this bandwidth."""
+NARROWEST_HZ = 1e6
+"""Narrower bands have the blocks of this one, 191 m: with longer ones the powers of a usual path's
+place would underflow, which is slow on a CPU."""
 
 _POWERS = np.zeros((MOMENTS, MOMENTS))
 """Column p: T_p in powers of x."""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import clradar
 from clradar import AntennaArray, Paths, Waveform, synthesize
 from clradar.errors import ModelError
-from clradar.length_blocks import EDGE_PHASE_RAD, MOMENTS, MOST_SLOTS, length_blocks
+from clradar.length_blocks import EDGE_PHASE_RAD, MOMENTS, MOST_SLOTS, NARROWEST_HZ, length_blocks
 from clradar.packing import hi_lo
 from clradar.synthesize import PhasorSum
 
@@ -96,9 +96,9 @@ def test_blocks_are_as_long_as_the_band_allows(name: str) -> None:
     waveform = WAVEFORMS[name]
     blocks = length_blocks(waveform)
     edge_rad = np.pi * waveform.span_hz / C_M_PER_S * blocks.block_m / 2
-    # Rounded to float32, and shorter only for a single frequency's sake.
+    # Rounded to float32, and shorter only for a narrow band.
     assert edge_rad <= EDGE_PHASE_RAD * (1 + 2.0**-23)
-    if waveform.span_hz >= 1:
+    if waveform.span_hz >= NARROWEST_HZ:
         assert edge_rad >= EDGE_PHASE_RAD * (1 - 2.0**-23)
     assert blocks.block_m == np.float32(blocks.block_m)
     assert blocks.per_half_block == np.float32(2 / blocks.block_m)

@@ -353,6 +353,25 @@ def test_an_allocation_that_the_driver_refuses_names_device_and_remedy(
     assert "CLRADAR_DEVICE=" in message
 
 
+def test_a_large_buffer_on_a_cpu_is_numpys_memory(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = np.random.default_rng(1).normal(size=2**20)
+    with Buffers(device) as buffers:
+        large = buffers.upload(values)
+        assert (large.size, buffers.used_bytes) == (values.nbytes, values.nbytes)
+        assert large.flags & cl.mem_flags.USE_HOST_PTR
+        assert not buffers.empty(100).flags & cl.mem_flags.USE_HOST_PTR
+        np.testing.assert_array_equal(buffers.read(large, len(values), np.float64), values)
+
+        def refuse(*_: Any) -> None:
+            raise MemoryError("no more of it")
+
+        monkeypatch.setattr(np, "empty", refuse)
+        with pytest.raises(DeviceError, match=r"could not be allocated .*no more of it"):
+            buffers.empty(values.nbytes)
+
+
 def test_a_write_beyond_the_buffer_is_an_error(device: clradar.Device) -> None:
     with Buffers(device) as buffers:
         buffer = buffers.empty(64)
