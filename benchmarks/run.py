@@ -57,7 +57,7 @@ def visibility(device: clradar.Device, repeats: int) -> dict[str, Any]:
     settings = resolve_settings(samples_per_mm2=2.0)
     with Tracer(scene, ARRAY, settings, device) as tracer:
         count = min(16384, tracer.n_samples)
-        tracer._run(0, count)
+        tracer._see(0, count)
         read = tracer._buffers.read
         points = read(tracer._tile[0], (count, 3), np.float32).astype(np.float64)
         normals = read(tracer._tile[2], (count, 3), np.float32).astype(np.float64)

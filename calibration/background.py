@@ -1,209 +1,53 @@
-"""Take out of a recording what is there without the object: noise by averaging, the empty room."""
+"""Take the empty room and what lies outside of a range window out of a capture: a script to edit.
 
-from __future__ import annotations
+    python calibration/background.py hand.h5 --empty empty.h5 -o clean.h5
+    python calibration/background.py hand.h5 --near-mm 250 --far-mm 400 -o clean.h5
 
-from collections.abc import Iterable
-from typing import Any
+`clradar background` does the same with more options; docs/background.md explains them.
+"""
 
-import numpy as np
+from pathlib import Path
+from typing import Annotated
 
-from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import Capture, checks
-from clradar.model.capture import check_same_radar
+import typer
 
-SCALINGS = ("none", "common", "channel")
-ROUNDS = 6
-"""Estimates of the factors, each with the weights that the last one's remainder gives."""
-ALTERNATIONS = 20
-"""Steps between Tx and Rx factors; the product of two vectors is found to rounding in far fewer."""
-FLOOR = 1e-12
-"""Least remainder in a delay bin, against the mean power: where nothing remains, weights end."""
+from calibration import range_gate, subtract_background
+from calibration.scripting import run
+from measurement_io import open_capture, save_capture
+from measurement_io.atomic import refuse_existing
 
-
-def average_frames(captures: Iterable[Capture], *, align_phase: bool = False) -> Capture:
-    """Return the coherent mean of frames of a scene that did not move.
-
-    Parameters
-    ----------
-    captures : iterable of Capture
-        One at a time is held, and the sum.
-    align_phase : bool
-        First turn every frame by the one phase that fits the sum of those before it best. For a
-        phase that drifts alike on all channels; a change of the scene would be turned along.
-
-    Returns
-    -------
-    Capture
-        With the metadata in which all frames agree; `meta["average"]` holds the number of frames
-        and the phases by which they were turned, radians.
-
-    Raises
-    ------
-    ModelError
-        No frame, something that is no capture, other antennas or frequencies than the first.
-
-    Notes
-    -----
-    Summed in complex128. Noise that is independent from frame to frame goes down by 10 log10(n) dB.
-    """
-    first: Capture | None = None
-    total = np.zeros(0, np.complex128)
-    common: dict[str, Any] = {}
-    turned_rad: list[float] = []
-    for number, capture in enumerate(captures):
-        field = f"average_frames: frame {number}"
-        checks.instance(field, capture, Capture)
-        if first is None:
-            first = capture
-            total = capture.data.astype(np.complex128)
-            common = dict(capture.meta)
-            turned_rad.append(0.0)
-            continue
-        check_same_radar(field, capture, first)
-        common = {k: v for k, v in common.items() if k in capture.meta and capture.meta[k] == v}
-        phase = 0.0
-        if align_phase:
-            phase = float(np.angle(_inner(capture.data, total)))
-        turned_rad.append(phase)
-        turn = np.exp(1j * phase)
-        for tx, row in enumerate(capture.data):
-            total[tx] += turn * row.astype(np.complex128)
-    if first is None:
-        checks.fail("average_frames", "at least one frame", "none")
-    total /= len(turned_rad)
-    record: dict[str, Any] = {"frames": len(turned_rad), "align_phase": bool(align_phase)}
-    if align_phase:
-        record["turned_rad"] = turned_rad
-    return Capture(total, first.array, first.waveform, {**common, "average": record})
+# "none" subtracts as recorded; "common" and "channel" first scale the empty room to the capture.
+SCALING = "common"
 
 
-def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "none") -> Capture:
-    """Return the capture minus what was recorded without the object.
-
-    Parameters
-    ----------
-    capture, empty : Capture
-        Same antennas, same frequencies.
-    scaling : {"none", "common", "channel"}
-        What the empty capture is multiplied by first: nothing, one complex factor for all (the
-        generator drifted), or one per Tx times one per Rx (the channels drifted).
-
-    Returns
-    -------
-    Capture
-        `meta["background"]` holds the factors as [real, imaginary] and the metadata of `empty`.
-
-    Raises
-    ------
-    ModelError
-        Other antennas or frequencies, an unknown scaling, or an empty capture that is zero where it
-        should be scaled.
-
-    Notes
-    -----
-    The factors minimise sum_q w_q |Y_q - u_tx v_rx E_q|^2 over the delay bins q of both (Hann
-    window over frequency). Plain least squares (w = 1) would fit the background to the object as
-    well. The object is the disturbance here, so each bin gets the inverse of the power that is left
-    in it, averaged over the pairs, and the fit is repeated with these weights: bins that the object
-    reaches lose their say, bins with coupling and walls alone decide (feasible generalised least
-    squares). docs/background.md has the figures.
-
-    The noise of `empty` is added to the result: average many frames of the empty room.
-    """
-    checks.instance("subtract_background: capture", capture, Capture)
-    checks.instance("subtract_background: empty", empty, Capture)
-    check_same_radar("subtract_background: empty", empty, capture)
-    scaling = checks.one_of("subtract_background: scaling", scaling, SCALINGS)
-    record: dict[str, Any] = {"scaling": scaling, "empty": dict(empty.meta)}
-    tx_factor = np.ones(capture.array.n_tx, np.complex128)
-    rx_factor = np.ones(capture.array.n_rx, np.complex128)
-    if scaling != "none":
-        if not empty.data.any():
-            checks.fail("subtract_background: empty", "something to scale", "zeros only")
-        tx_factor, rx_factor = _fitted(capture, empty, per_channel=scaling == "channel")
-        if scaling == "common":
-            record["factor"] = _pairs(tx_factor[:1])[0]
-        else:
-            record["tx_factor"], record["rx_factor"] = _pairs(tx_factor), _pairs(rx_factor)
-    data = np.empty(capture.data.shape, np.complex64)
-    for tx, out in enumerate(data):
-        scaled = (tx_factor[tx] * rx_factor)[:, None] * empty.data[tx].astype(np.complex128)
-        out[:] = capture.data[tx] - scaled
-    data.flags.writeable = False
-    meta = {**capture.meta, "background": record}
-    return Capture(data, capture.array, capture.waveform, meta)
+def main(
+    capture: Annotated[Path, typer.Argument(help="With the object.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Cleaned capture, .h5.")],
+    empty: Annotated[
+        Path | None,
+        typer.Option(help="Capture of the room without the object."),
+    ] = None,
+    near_mm: Annotated[
+        float | None,
+        typer.Option(help="Window of half path lengths: from here ..."),
+    ] = None,
+    far_mm: Annotated[
+        float | None,
+        typer.Option(help="... to here."),
+    ] = None,
+    force: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
+) -> None:
+    """Subtract the empty room, then gate in range; at least one of the two."""
+    if (near_mm is None) != (far_mm is None) or (empty is None and near_mm is None):
+        raise typer.BadParameter("expected --empty, or --near-mm and --far-mm, or all three")
+    refuse_existing(output, force=force)
+    cleaned = open_capture(capture)
+    if empty is not None:
+        cleaned = subtract_background(cleaned, open_capture(empty), scaling=SCALING)
+    if near_mm is not None and far_mm is not None:
+        cleaned = range_gate(cleaned, near_m=near_mm / 1e3, far_m=far_mm / 1e3)
+    save_capture(output, cleaned, force=force)
 
 
-def _fitted(
-    capture: Capture, empty: Capture, *, per_channel: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the factors of Tx and Rx by which the empty capture comes nearest to the other."""
-    measured, known = _profiles(capture), _profiles(empty)
-    tx = np.ones(capture.array.n_tx, np.complex128)
-    rx = np.ones(capture.array.n_rx, np.complex128)
-    power_in_bin = np.stack([(np.abs(k) ** 2).mean(axis=0) for k in known]).mean(axis=0)
-    floor = FLOOR * float(power_in_bin.mean())
-    # Bins without echoes hold noise in place of the empty room; fitted to, it would pull the
-    # factors towards zero. The emptiest bin tells how much noise there is.
-    known_share = (1 - power_in_bin.min() / np.maximum(power_in_bin, floor)).clip(0) ** 2
-    if not known_share.any():
-        known_share[:] = 1
-    weights = known_share
-    for _ in range(ROUNDS):
-        cross = np.stack([(k.conj() * m) @ weights for k, m in zip(known, measured, strict=True)])
-        power = np.stack([np.abs(k) ** 2 @ weights for k in known])
-        if per_channel:
-            tx, rx = _two_vectors(cross, power, tx, rx)
-        else:
-            tx = np.full_like(tx, cross.sum() / power.sum())
-        left = np.zeros(len(weights))
-        for m, k, factor in zip(measured, known, tx, strict=True):
-            left += (np.abs(m - (factor * rx)[:, None] * k) ** 2).sum(axis=0)
-        weights = known_share / (left / (len(tx) * len(rx)) + floor)
-        weights /= weights.max()
-    return tx, rx
-
-
-def _two_vectors(
-    cross: np.ndarray, power: np.ndarray, tx: np.ndarray, rx: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Minimise sum_tr power |cross / power - tx rx|^2, first over one vector, then the other.
-
-    A channel that has no power in it keeps the factor that it came with.
-    """
-    for _ in range(ALTERNATIONS):
-        tx = _quotient(cross @ rx.conj(), power @ np.abs(rx) ** 2, tx)
-        rx = _quotient(cross.T @ tx.conj(), power.T @ np.abs(tx) ** 2, rx)
-    # tx and rx are known up to a factor between them: rx gets an RMS of 1 and the mean phase 0.
-    between = np.sqrt((np.abs(rx) ** 2).mean()) * np.exp(1j * np.angle(rx.sum()))
-    return tx * between, rx / between
-
-
-def _quotient(above: np.ndarray, below: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-    return np.divide(above, below, out=otherwise.copy(), where=below > 0)
-
-
-def _profiles(capture: Capture) -> np.ndarray:
-    """Return the response over delay, Hann window, shape (n_tx, n_rx, n_freq), complex64."""
-    waveform = capture.waveform
-    offsets_hz = waveform.frequencies_hz - waveform.center_hz
-    count = waveform.n_freq
-    path_m = np.arange(count) * SPEED_OF_LIGHT_M_PER_S / max(waveform.span_hz, 1.0)
-    path_m *= (count - 1) / count if count > 1 else 1.0
-    turns = np.outer(offsets_hz, path_m) / SPEED_OF_LIGHT_M_PER_S
-    # Without the two zeros at the ends, which would throw samples away (all of them for two).
-    window = np.hanning(count + 2)[1:-1]
-    transform = window[:, None] * np.exp(2j * np.pi * turns) / np.sqrt(count)
-    profiles = np.empty(capture.data.shape, np.complex64)
-    for out, row in zip(profiles, capture.data, strict=True):
-        out[:] = row.astype(np.complex128) @ transform
-    return profiles
-
-
-def _inner(a: np.ndarray, b: np.ndarray) -> complex:
-    """Return sum conj(a) b in double precision, a row at a time."""
-    return complex(sum(np.vdot(x.astype(np.complex128), y) for x, y in zip(a, b, strict=True)))
-
-
-def _pairs(values: np.ndarray) -> list[list[float]]:
-    return np.stack([values.real, values.imag], axis=1).tolist()
+if __name__ == "__main__":
+    run(main)

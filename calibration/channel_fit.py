@@ -1,4 +1,4 @@
-"""The least-squares fit behind `calibration.channels`: channels and the place of the target.
+"""The least-squares fit behind `estimate_channels`: channels and the place of the target.
 
 One sample is modelled as
 

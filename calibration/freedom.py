@@ -1,19 +1,44 @@
-"""Degrees of freedom that a surface cannot tell: find them, take motion along them back, name them.
+"""Degrees of freedom that a surface cannot tell: find them, take their motion back, name them.
 
-A direction is a twist about the centre of a `Surface`, scaled by its `unit` so that all six numbers
+A direction is a twist about the centre of an object, scaled by its `unit` so that all six numbers
 are metres.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Protocol
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibration.rigid import exp_twist, orthonormal
-from calibration.surface import Surface
 
 OBSERVABLE = 5e-3
 """Smallest eigenvalue of the scaled normal matrix that counts as seen: see docs/calibration.md."""
+
+
+class Object(Protocol):
+    """What twists are about: a `Surface`, or a `Lever`."""
+
+    @property
+    def centre_m(self) -> np.ndarray: ...
+
+    @property
+    def unit(self) -> np.ndarray: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lever:
+    """A centre, shape (3,), metres, and how far from it the object's points are, metres."""
+
+    centre_m: np.ndarray
+    radius_m: float
+
+    @property
+    def unit(self) -> np.ndarray:
+        """What to multiply a twist with for one whose six numbers are all metres, shape (6,)."""
+        return np.repeat([self.radius_m, 1.0], 3)
 
 
 def unobservable(information: np.ndarray) -> np.ndarray:
@@ -28,7 +53,7 @@ def complement(basis: np.ndarray) -> np.ndarray:
     return u[:, basis.shape[1] :]
 
 
-def _turns_and_shifts(free: np.ndarray, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+def _turns_and_shifts(free: np.ndarray, surface: Object) -> tuple[np.ndarray, np.ndarray]:
     """Split the free directions into twists that turn, (6, r), and pure shifts, (3, q).
 
     The twists are in radians and metres, their rotation vectors orthonormal. A direction that turns
@@ -43,7 +68,7 @@ def _turns_and_shifts(free: np.ndarray, surface: Surface) -> tuple[np.ndarray, n
     return turns, shifts / np.linalg.norm(shifts, axis=0)
 
 
-def without_free_motion(transform: np.ndarray, free: np.ndarray, surface: Surface) -> np.ndarray:
+def without_free_motion(transform: np.ndarray, free: np.ndarray, surface: Object) -> np.ndarray:
     """Return, of all transforms that fit as well, the one that turns, then shifts, least."""
     turns, shifts = _turns_and_shifts(free, surface)
     for _ in range(20):
@@ -56,7 +81,7 @@ def without_free_motion(transform: np.ndarray, free: np.ndarray, surface: Surfac
     return transform
 
 
-def named(free: np.ndarray, surface: Surface) -> tuple[str, ...]:
+def named(free: np.ndarray, surface: Object) -> tuple[str, ...]:
     """Return a name for each free direction, along the coordinate axes as far as they allow."""
     turns, shifts = _turns_and_shifts(free, surface)
     names = [f"the shift along {_axis_text(axis)}" for axis in _upright(shifts).T]

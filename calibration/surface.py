@@ -44,7 +44,7 @@ class Surface:
 
     @classmethod
     def of(cls, image: Volume | DepthMap, dynamic_range_db: float, label: str) -> Surface:
-        depth = _depth_map(image, dynamic_range_db, label)
+        depth = measured_depth_map(image, dynamic_range_db, label)
         points_m = depth.points_m()
         weights = depth.amplitude[depth.mask].astype(np.float64)
         steps_m = [np.diff(axis_m) for axis_m in (depth.x_m, depth.y_m) if len(axis_m) > 1]
@@ -148,7 +148,7 @@ def failure(reason: str) -> CompareError:
     return CompareError(f"could not align, because {reason}")
 
 
-def _depth_map(image: Volume | DepthMap, dynamic_range_db: float, label: str) -> DepthMap:
+def measured_depth_map(image: Volume | DepthMap, dynamic_range_db: float, label: str) -> DepthMap:
     try:
         depth = depth_map_of(image, dynamic_range_db, label)
     except CompareError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
+from clradar.overlap import overlap
 
 SSIM_WINDOW = 11
 """Side of the SSIM window in pixels: skimage cuts its Gaussian off at 3.5 standard deviations."""
@@ -19,6 +21,12 @@ SSIM_SIGMA = 1.5
 
 SAME_PIXEL_TOLERANCE_M = 1e-7
 """Pixel centres closer than this are the same, as in `VoxelGrid.same_voxels`."""
+
+HEADLINE_METRIC = "overlap"
+"""The field of `Metrics` to go by where one number has to do; `docs/metrics.md` says why."""
+
+HIGHER_IS_BETTER = frozenset({"overlap", "db_correlation", "ssim", "mask_iou"})
+"""The metrics whose best value is their largest; of the others it is the smallest."""
 
 UNDEFINED = {
     "db_correlation": "one of the two dB images is the same everywhere, so it has no variance",
@@ -35,6 +43,8 @@ class Metrics:
 
     Attributes
     ----------
+    overlap : float
+        Cosine between the two depth maps as blurred points in space, in [0, 1]; 1 is best.
     db_correlation : float
         Pearson correlation of the clipped dB images, in [-1, 1]; 1 is best. NaN where one of them
         is the same everywhere.
@@ -53,6 +63,7 @@ class Metrics:
         Where the images were clipped and the masks cut, below each image's own maximum.
     """
 
+    overlap: float
     db_correlation: float
     ssim: float
     mask_iou: float
@@ -100,21 +111,40 @@ def compare(
     -----
     The overall level of an image has no influence: each is normalised to its own maximum.
     """
+    first, second, dynamic_range_db = _prepared(measured, simulated, dynamic_range_db)
+    values = {name: value_of(first, second) for name, value_of in _VALUES.items()}
+    return Metrics(**values, dynamic_range_db=dynamic_range_db)
+
+
+def compare_by(
+    metric: str,
+    measured: Volume | DepthMap,
+    simulated: Volume | DepthMap,
+    *,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+) -> float:
+    """Return one field of what `compare` returns, without computing the others.
+
+    Parameters
+    ----------
+    metric : str
+        A field of `Metrics` other than `dynamic_range_db`.
+
+    The other arguments and the errors are those of `compare`.
+    """
+    checks.one_of("compare_by: metric", metric, tuple(_VALUES))
+    first, second, _ = _prepared(measured, simulated, dynamic_range_db)
+    return _VALUES[metric](first, second)
+
+
+def _prepared(
+    measured: Volume | DepthMap, simulated: Volume | DepthMap, dynamic_range_db: float
+) -> tuple[DepthMap, DepthMap, float]:
     dynamic_range_db = checks.positive("compare: dynamic_range_db", dynamic_range_db)
     first = depth_map_of(measured, dynamic_range_db, "measured image")
     second = depth_map_of(simulated, dynamic_range_db, "simulated image")
     _check_same_pixels(first, second)
-    first_db, second_db = clipped_db(first), clipped_db(second)
-    first_points, second_points = first.points_m(), second.points_m()
-    return Metrics(
-        db_correlation=_correlation(first_db, second_db),
-        ssim=_ssim(first_db / dynamic_range_db + 1.0, second_db / dynamic_range_db + 1.0),
-        mask_iou=_iou(first.mask, second.mask),
-        depth_rmse_m=_depth_rmse(first.depth_m, second.depth_m),
-        chamfer_simulated_to_measured_m=_mean_nearest_m(second_points, first_points),
-        chamfer_measured_to_simulated_m=_mean_nearest_m(first_points, second_points),
-        dynamic_range_db=dynamic_range_db,
-    )
+    return first, second, dynamic_range_db
 
 
 def depth_map_of(image: Volume | DepthMap, dynamic_range_db: float, label: str) -> DepthMap:
@@ -250,3 +280,23 @@ def _mean_nearest_m(from_m: np.ndarray, to_m: np.ndarray) -> float:
 
     distance_m, _ = cKDTree(to_m).query(from_m)
     return float(distance_m.mean())
+
+
+_VALUES: dict[str, Callable[[DepthMap, DepthMap], float]] = {
+    "overlap": overlap,
+    "db_correlation": lambda a, b: _correlation(clipped_db(a), clipped_db(b)),
+    "ssim": lambda a, b: _ssim(_scaled(a), _scaled(b)),
+    "mask_iou": lambda a, b: _iou(a.mask, b.mask),
+    "depth_rmse_m": lambda a, b: _depth_rmse(a.depth_m, b.depth_m),
+    "chamfer_simulated_to_measured_m": lambda a, b: _mean_nearest_m(b.points_m(), a.points_m()),
+    "chamfer_measured_to_simulated_m": lambda a, b: _mean_nearest_m(a.points_m(), b.points_m()),
+}
+"""Each metric of a measured and a simulated depth map that are cut alike."""
+
+METRICS = tuple(_VALUES)
+"""The names of the metrics, in the order of the fields of `Metrics`."""
+
+
+def _scaled(image: DepthMap) -> np.ndarray:
+    """Return the clipped dB image in [0, 1]."""
+    return clipped_db(image) / image.dynamic_range_db + 1.0

@@ -57,6 +57,7 @@ PANEL_HEIGHTS = (1.0, 3.4)  # at least as high as the name of a colour bar is lo
 TICK_DISTANCE = 0.32
 
 CAPTION_NAMES = (
+    "overlap",
     "dB correlation",
     "SSIM",
     "mask IoU",
@@ -394,6 +395,7 @@ def _check_metrics(metrics: Sequence[Metrics], count: int, dynamic_range_db: flo
 def _caption_values(metrics: Metrics) -> list[str]:
     """Return one short text per name in CAPTION_NAMES."""
     rows = (
+        (metrics.overlap, 1.0, 2),
         (metrics.db_correlation, 1.0, 2),
         (metrics.ssim, 1.0, 2),
         (metrics.mask_iou, 1.0, 2),

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from clradar.expected import ExpectedTracer
 from clradar.length_blocks import MOMENTS, length_blocks
 from clradar.model import AntennaArray, Capture, Paths, Scene, TraceStatistics, Waveform, checks
 from clradar.normals import CREASE_DEG
 from clradar.opencl import Buffers, Device, build, open_device
 from clradar.packing import hi_lo
-from clradar.trace import RECEPTION_RADIUS_M, Progress, Tracer, resolve_settings
+from clradar.trace import RECEPTION_RADIUS_M, Progress, Tracer, TraceSettings, resolve_settings
 
 CALL_PATHS = 2**18
 """Paths per kernel call; a smaller device makes it smaller. No result depends on it."""
@@ -103,14 +104,25 @@ def simulate(
     amplitude: str = "unit",
     pattern_exponent: float = 0.0,
     seed: int = 0,
+    estimator: str = "stochastic",
     device: Device | str | None = None,
     progress: Progress | None = None,
 ) -> Capture:
     """Trace and synthesize tile by tile; the paths are never held whole.
 
-    The arguments are those of `clradar.trace` and `clradar.synthesize`, and the result has the bits
-    of ``synthesize(trace(...))``: the memory needed depends on neither the number of samples nor
-    that of paths.
+    The other arguments are those of `clradar.trace` and `clradar.synthesize`. The memory needed
+    depends on neither the number of samples nor that of paths.
+
+    Parameters
+    ----------
+    estimator : "stochastic" or "expected"
+        With "stochastic" the result has the bits of ``synthesize(trace(...))``. "expected" is its
+        mean over the random outgoing directions, for the same samples: each of them, Tx and Rx
+        adds one path whose amplitude is `rays_per_sample` times the probability that the outgoing
+        ray enters the Rx sphere. There is no shot noise, so fewer samples do: unless a density or
+        `rays_per_face` is given it takes 1 per mm^2 and ten times the rays per sample, which keeps
+        the scale. It stops at the first bounce, and an Rx counts as hidden if the centre of its
+        sphere is. See ``docs/estimators.md``.
 
     Returns
     -------
@@ -131,20 +143,30 @@ def simulate(
         amplitude=amplitude,
         pattern_exponent=pattern_exponent,
         seed=seed,
+        estimator=estimator,
     )
     opened = open_device(device)
     statistics = TraceStatistics(0, 0, 0, 0)
     n_paths = 0
+    tracer_type = ExpectedTracer if settings.estimator == "expected" else Tracer
     with (
         PhasorSum(array, waveform, opened) as total,
-        Tracer(scene, array, settings, opened) as tracer,
+        tracer_type(scene, array, settings, opened) as tracer,
     ):
         for tile in tracer.tiles(progress):
             total.add(tile.pair, tile.path)
             statistics = statistics + tile.statistics
             n_paths += len(tile.pair)
         data = total.result()
-    meta = {
+    meta = simulated_meta(scene, settings, statistics, n_paths, opened)
+    return Capture(data, array, waveform, meta)
+
+
+def simulated_meta(
+    scene: Scene, settings: TraceSettings, statistics: TraceStatistics, n_paths: int, device: Device
+) -> dict[str, Any]:
+    """Return what a simulated capture carries about how it came to be."""
+    return {
         "kind": "simulated",
         "settings": asdict(settings),
         "scene": {
@@ -159,9 +181,8 @@ def simulate(
             "absorbed_share": statistics.absorbed_share,
             "paths": n_paths,
         },
-        "device": dict(opened.describe()),
+        "device": dict(device.describe()),
     }
-    return Capture(data, array, waveform, meta)
 
 
 @dataclass(slots=True, eq=False)

@@ -26,8 +26,8 @@ def main(alphas: tuple[float, ...] = (0.0, 0.3, 0.9), samples_per_mm2: float = 1
     simulated = [(f"alpha = {a:g}", image(scene, a, 0, samples_per_mm2)) for a in alphas]
     metrics = [clradar.compare(measured, volume) for _, volume in simulated]
     for (label, _), m in zip(simulated, metrics, strict=True):
-        print(f"{label}: correlation {m.db_correlation:.3f}, IoU {m.mask_iou:.3f}")
-    best = max(range(len(alphas)), key=lambda i: metrics[i].db_correlation)
+        print(f"{label}: overlap {m.overlap:.3f}, correlation {m.db_correlation:.3f}")
+    best = max(range(len(alphas)), key=lambda i: metrics[i].overlap)
     print(f"best: {simulated[best][0]}")
     figure = comparison_figure(measured, simulated, metrics=metrics)
     save_figure(figure, "compare_alpha.png", force=True)

@@ -88,34 +88,33 @@ static inline realw blocked(__global const float *nodes, __global const float *t
     }
 }
 
-/* nodes, triangles  see common/bvh.h
- * tx        float (3, n_groups * 8)  antennas, metres; padded with copies of the last
- * point     float (n_samples, 3)     metres
- * geometric float (n_samples, 3)     unit face normals
- * visible   uchar (n_samples, n_groups)  out: bit b of group g is set if antenna 8 g + b is seen */
-__kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint n_groups,
-                               const float delta, __global const float *nodes,
-                               __global const float *triangles, __global const float *tx,
-                               __global const float *point, __global const float *geometric,
-                               __global uchar *visible) {
-    const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
-    if (i >= n_samples || group >= n_groups) return;
-    const float3 p = load3(point + 3 * (size_t)i), normal = load3(geometric + 3 * (size_t)i);
+/* Which antennas of a group of 8 a point sees, as bits.
+ *
+ * An antenna is a sphere of this radius, or a point (0). Where the plane of the point's face cuts a sphere, each side
+ * asks for the middle of its own part, in height above the face. */
+static inline uchar seen_from(const float3 p, const float3 normal, const uint n_antennas,
+                              const uint n_groups, const uint group, const float delta,
+                              const float radius, __global const float *nodes,
+                              __global const float *triangles, __global const float *antenna) {
     const uint stride = n_groups * GROUP;
     const float offset = 2.0f * delta;
     uint bits = 0;
     for (uint start = 0; start < GROUP; start += CLR_WIDTH) {
-        __global const float *at = tx + group * GROUP + start;
+        __global const float *at = antenna + group * GROUP + start;
         const realw ax = LOADW(at), ay = LOADW(at + stride), az = LOADW(at + 2 * stride);
         const realw height = (ax - p.x) * normal.x + (ay - p.y) * normal.y + (az - p.z) * normal.z;
         const realw lane = LANE_INDEX + (float)(group * GROUP + start);
-        const intw real_antenna = lane < (float)n_tx;
+        const intw real_antenna = lane < (float)n_antennas;
         /* The face is two-sided; antennas on either side of its plane need their own origin. */
         for (int side = -1; side <= 1; side += 2) {
-            const intw wanted = (height * (float)side > 0.0f) & real_antenna;
+            const realw above = height * (float)side;
+            const intw wanted = (above > -radius) & real_antenna;
             if (!ANYW(wanted)) continue;
             const float3 o = p + normal * ((float)side * offset);
-            realw dx = ax - o.x, dy = ay - o.y, dz = az - o.z;
+            const realw missing = above < radius ? radius - above : (realw)(0.0f);
+            const realw lift = missing * (0.5f * (float)side);
+            realw dx = ax - o.x + lift * normal.x, dy = ay - o.y + lift * normal.y;
+            realw dz = az - o.z + lift * normal.z;
             const realw distance = sqrt(dx * dx + dy * dy + dz * dz);
             dx /= distance;
             dy /= distance;
@@ -134,5 +133,35 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
 #endif
         }
     }
-    visible[(size_t)i * n_groups + group] = (uchar)bits;
+    return (uchar)bits;
+}
+
+/* nodes, triangles  see common/bvh.h
+ * tx        float (3, n_groups * 8)  antennas, metres; padded with copies of the last
+ * point     float (n_samples, 3)     metres
+ * geometric float (n_samples, 3)     unit face normals
+ * visible   uchar (n_samples, n_groups)  out: bit b of group g is set if antenna 8 g + b is seen */
+__kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint n_groups,
+                               const float delta, __global const float *nodes,
+                               __global const float *triangles, __global const float *tx,
+                               __global const float *point, __global const float *geometric,
+                               __global uchar *visible) {
+    const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
+    if (i >= n_samples || group >= n_groups) return;
+    visible[(size_t)i * n_groups + group] =
+        seen_from(load3(point + 3 * (size_t)i), load3(geometric + 3 * (size_t)i), n_tx, n_groups,
+                  group, delta, 0.0f, nodes, triangles, tx);
+}
+
+/* The same of receivers, which are spheres. */
+__kernel void visible_spheres(const uint n_samples, const uint n_rx, const uint n_groups,
+                              const float delta, const float radius, __global const float *nodes,
+                              __global const float *triangles, __global const float *rx,
+                              __global const float *point, __global const float *geometric,
+                              __global uchar *visible) {
+    const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
+    if (i >= n_samples || group >= n_groups) return;
+    visible[(size_t)i * n_groups + group] =
+        seen_from(load3(point + 3 * (size_t)i), load3(geometric + 3 * (size_t)i), n_rx, n_groups,
+                  group, delta, radius, nodes, triangles, rx);
 }

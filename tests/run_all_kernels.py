@@ -73,6 +73,8 @@ def everything(width: int) -> None:
         {"max_bounces": 3, "normals": "face", "seed": 2**40 + 1},
         {"max_bounces": 2, "amplitude": "spreading", "pattern_exponent": 1.5},
         {"rays_per_face": 3, "rays_per_sample": 2},
+        {"estimator": "expected"},
+        {"estimator": "expected", "amplitude": "spreading", "pattern_exponent": 1.5},
     ):
         if "rays_per_face" not in options:
             options = {**options, "samples_per_mm2": 0.008, "rays_per_sample": 2}

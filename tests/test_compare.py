@@ -12,9 +12,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clradar.compare import SSIM_SIGMA, SSIM_WINDOW, UNDEFINED, Metrics, clipped_db, compare
+from clradar.compare import (
+    HEADLINE_METRIC,
+    HIGHER_IS_BETTER,
+    SSIM_SIGMA,
+    SSIM_WINDOW,
+    UNDEFINED,
+    Metrics,
+    clipped_db,
+    compare,
+)
 from clradar.errors import CompareError, ModelError
 from clradar.model import DepthMap, Volume, VoxelGrid
+from clradar.overlap import OVERLAP_BLUR_M, overlap
 
 # Depths and coordinates are float64 sums and products of numbers below 1: a few units in the last
 # place of 1, taken with a margin of about a hundred.
@@ -22,6 +32,9 @@ ROUNDING = 1e-13
 # Amplitudes are float32, relative error 6e-8, which is 20 / ln(10) * 6e-8 = 5e-7 dB on a scale of
 # 15 dB. Correlation and SSIM change by no more than a few times that share.
 FLOAT32 = 1e-6
+
+# The two places where the overlap's kernel is cut are worth exp(-16) = 1.1e-7 each.
+OVERLAP_CUTS = 3e-7
 
 MM = 1e-3
 N_X, N_Y, N_Z = 40, 30, 21
@@ -69,6 +82,7 @@ PLATE = plate(slice(5, 20), slice(10, 30))
 def test_identical_images() -> None:
     volume = layer(texture(0), np.random.default_rng(1).integers(0, N_Z, (N_Y, N_X)))
     metrics = compare(volume, volume)
+    assert metrics.overlap == pytest.approx(1.0, abs=ROUNDING)
     assert metrics.db_correlation == 1.0
     assert metrics.ssim == pytest.approx(1.0, abs=ROUNDING)
     assert metrics.mask_iou == 1.0
@@ -83,6 +97,9 @@ def test_plane_shifted_in_depth(steps: int) -> None:
     metrics = compare(layer(PLATE), layer(PLATE, 10 + steps))
     shift_m = abs(steps) * MM
     assert (metrics.db_correlation, metrics.mask_iou) == (1.0, 1.0)
+    # A weight common to all pairs of points comes out of the sum: exp(-(shift / 2 blur)^2).
+    expected = math.exp(-((shift_m / (2 * OVERLAP_BLUR_M)) ** 2))
+    assert metrics.overlap == pytest.approx(expected, abs=OVERLAP_CUTS)
     assert metrics.depth_rmse_m == pytest.approx(shift_m, abs=ROUNDING)
     # Between parallel planes on the same pixels the nearest point is straight ahead.
     assert metrics.chamfer_simulated_to_measured_m == pytest.approx(shift_m, abs=ROUNDING)
@@ -113,6 +130,62 @@ def test_disjoint_masks_have_no_depth_error() -> None:
     # Columns 15 to 24 to the nearest measured column, 9: 6 to 15 mm, and the same backwards.
     assert metrics.chamfer_simulated_to_measured_m == pytest.approx(10.5 * MM, abs=ROUNDING)
     assert metrics.chamfer_measured_to_simulated_m == pytest.approx(10.5 * MM, abs=ROUNDING)
+
+
+def test_overlap_of_two_points() -> None:
+    measured = layer(plate(slice(2, 3), slice(4, 5)), 1)
+    simulated = layer(plate(slice(4, 5), slice(7, 8)), 4)  # 2, 3 and 3 mm away
+    expected = math.exp(-(2**2 + 3**2 + 3**2) / 4**2)  # twice the blur is 4 mm
+    assert compare(measured, simulated).overlap == pytest.approx(expected, abs=OVERLAP_CUTS)
+
+
+@pytest.mark.parametrize("level", [0.3, 1.0])
+def test_overlap_weighs_with_the_amplitude(level: float) -> None:
+    """One of two far points is missing: the cosine between (1, level) and (1, 0)."""
+    both = plate(slice(3, 4), slice(3, 4)) + plate(slice(25, 26), slice(35, 36), level)
+    metrics = compare(layer(both), layer(plate(slice(3, 4), slice(3, 4))))
+    assert metrics.overlap == pytest.approx(1 / math.hypot(1, level), abs=OVERLAP_CUTS)
+
+
+def test_overlap_of_far_images_is_zero() -> None:
+    near, far = plate(slice(0, 9), slice(0, 9)), plate(slice(20, 29), slice(30, 39))
+    # The nearest points are (12, 22) pixels apart: exp(-39), below what the cuts leave.
+    assert 0.0 <= compare(layer(near), layer(far)).overlap <= OVERLAP_CUTS
+
+
+@pytest.mark.parametrize("blur_mm", [0.7, 2.0, 5.0])
+def test_overlap_against_all_pairs(blur_mm: float) -> None:
+    """On uneven pixels, with depths between the voxels and pixels that have none."""
+    rng = np.random.default_rng(6)
+    x_m, y_m = (np.cumsum(rng.uniform(0.5, 1.5, n)) * MM for n in (N_X, N_Y))
+    maps = []
+    for seed in (50, 51):
+        depth_m = np.where(
+            rng.random((N_Y, N_X)) < 0.6, rng.uniform(0.29, 0.31, (N_Y, N_X)), np.nan
+        )
+        maps.append(DepthMap(depth_m, texture(seed), x_m, y_m, 30.0))
+    points = [image.points_m() for image in maps]
+    weights = [image.amplitude[image.mask].astype(np.float64) for image in maps]
+
+    def product(i: int, j: int) -> float:
+        distance = np.linalg.norm(points[i][:, None] - points[j][None], axis=2)
+        return weights[i] @ np.exp(-((distance / (2e-3 * blur_mm)) ** 2)) @ weights[j]
+
+    expected = product(0, 1) / math.sqrt(product(0, 0) * product(1, 1))
+    assert 0.2 < expected < 0.99
+    assert overlap(*maps, blur_mm * MM) == pytest.approx(expected, abs=OVERLAP_CUTS)
+    assert overlap(*maps[::-1], blur_mm * MM) == pytest.approx(expected, abs=OVERLAP_CUTS)
+
+
+def test_the_metrics_say_which_way_is_better() -> None:
+    """Perfect agreement against a worse image: every metric goes the way that the set says."""
+    base = layer(texture(60), np.random.default_rng(61).integers(0, N_Z, (N_Y, N_X)))
+    other = layer(texture(62), np.random.default_rng(63).integers(0, N_Z, (N_Y, N_X)))
+    perfect, worse = compare(base, base).to_dict(), compare(base, other).to_dict()
+    names = [name for name in perfect if name != "dynamic_range_db"]
+    assert {n for n in names if perfect[n] > worse[n]} == HIGHER_IS_BETTER
+    assert {n for n in names if perfect[n] < worse[n]} == set(names) - HIGHER_IS_BETTER
+    assert names[0] == HEADLINE_METRIC
 
 
 def test_chamfer_is_not_symmetric() -> None:
@@ -199,8 +272,9 @@ def test_swapping_the_images_swaps_the_chamfer_distances_only() -> None:
         chamfer_simulated_to_measured_m=backward.chamfer_measured_to_simulated_m,
         chamfer_measured_to_simulated_m=backward.chamfer_simulated_to_measured_m,
     )
-    assert forward.ssim == pytest.approx(swapped.ssim, abs=ROUNDING)
-    assert replace(swapped, ssim=forward.ssim) == forward
+    for name in ("overlap", "ssim"):
+        assert getattr(forward, name) == pytest.approx(getattr(swapped, name), abs=ROUNDING)
+    assert replace(swapped, overlap=forward.overlap, ssim=forward.ssim) == forward
 
 
 def test_depth_maps_and_volumes_agree() -> None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from importlib.metadata import PackageNotFoundError, PackagePath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +18,7 @@ import pytest
 
 import clradar
 from clradar.errors import DeviceError, ModelError
-from clradar.opencl import Buffers, DeviceInfo, build, list_devices, open_device
+from clradar.opencl import Buffers, DeviceInfo, build, list_devices, open_device, runtimes
 from clradar.opencl import device as device_module
 from clradar.opencl import program as program_module
 from clradar.opencl.device import default_device
@@ -617,3 +620,68 @@ def test_lengths_keep_what_float32_loses(compute: Callable) -> None:
     scale = np.maximum(want, np.abs(parts[0:3]).max(axis=0))
     assert (np.abs(hi + lo - want)[1:] / scale[1:]).max() <= LENGTH_ERROR
     assert np.median(np.abs(naive - want)[5:] / want[5:]) > 1000 * LENGTH_ERROR
+
+
+# Intel's runtime
+
+
+@pytest.fixture
+def asked(monkeypatch, tmp_path):
+    """What the loader would see at each question for platforms; no question was asked before."""
+    seen = []
+
+    def get_platforms():
+        folder = os.environ.get("OCL_ICD_VENDORS")
+        entries = {} if folder is None else {p.name: p.read_text() for p in Path(folder).iterdir()}
+        seen.append(entries)
+        return []
+
+    for name in runtimes.VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(runtimes, "_asked", False)
+    monkeypatch.setattr(runtimes.cl, "get_platforms", get_platforms)
+    monkeypatch.setattr(runtimes, "SYSTEM_VENDORS", tmp_path / "vendors")
+    return seen
+
+
+def test_intel_runtime_is_added_to_the_systems(asked, monkeypatch, tmp_path):
+    runtimes.SYSTEM_VENDORS.mkdir()
+    (runtimes.SYSTEM_VENDORS / "gpu.icd").write_text("libgpu.so.1")
+    # One that the system knows would be there twice.
+    (runtimes.SYSTEM_VENDORS / "intel.icd").write_text("/opt/libintelocl.so")
+    library = tmp_path / "libintelocl.so"
+    monkeypatch.setattr(runtimes, "intel_library", lambda: library)
+    runtimes.platforms()
+    assert asked == [{"gpu.icd": "libgpu.so.1", "clradar-intel.icd": f"{library}\n"}]
+    assert "OCL_ICD_VENDORS" not in os.environ
+    runtimes.platforms()  # the loader has read its list
+    assert asked[1:] == [{}]
+
+
+def test_who_chooses_platforms_keeps_them(asked, monkeypatch, tmp_path):
+    monkeypatch.setattr(runtimes, "intel_library", lambda: tmp_path / "libintelocl.so")
+    chosen = tmp_path / "chosen"
+    chosen.mkdir()
+    monkeypatch.setenv("OCL_ICD_VENDORS", str(chosen))
+    runtimes.platforms()
+    assert asked == [{}]
+    assert os.environ["OCL_ICD_VENDORS"] == str(chosen)
+
+
+def test_intel_library_is_found_in_its_package(monkeypatch, tmp_path):
+    class Found:
+        files = (PackagePath("lib/libintelocl.so"),)
+
+    Found.files[0].dist = Found
+    Found.locate_file = staticmethod(lambda path: tmp_path / path)
+    monkeypatch.setattr(runtimes, "distribution", lambda name: Found)
+    assert runtimes.intel_library() is None  # listed, but deleted
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "lib/libintelocl.so").touch()
+    assert runtimes.intel_library() == (tmp_path / "lib/libintelocl.so").resolve()
+
+    def missing(name):
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(runtimes, "distribution", missing)
+    assert runtimes.intel_library() is None

@@ -155,9 +155,9 @@ def test_backgrounds_are_neutral_and_not_in_the_scale() -> None:
 
 def test_caption() -> None:
     images = [blob(), blob(0.0), blob(-60.0)]
-    given = Metrics(0.876, 0.5, 0.25, float("nan"), 0.0123, 0.9)
+    given = Metrics(0.654, 0.876, 0.5, 0.25, float("nan"), 0.0123, 0.9)
     figure = comparison_figure(images[0], [("a", images[1])], metrics=[given])
-    for expected in ("0.88", "0.50", "0.25", "n/a", "12.3"):
+    for expected in ("0.65", "0.88", "0.50", "0.25", "n/a", "12.3"):
         assert expected in texts(figure)
     assert "depth RMSE (mm)" in texts(figure)
     computed = comparison_figure(images[0], [("a", images[1]), ("b", images[2])])
@@ -181,7 +181,7 @@ def test_no_text_over_another_or_off_the_page(shape: tuple[int, int], count: int
     x_m, y_m = (4e-3 * (np.arange(n) - n // 2) for n in shape)
     rng = np.random.default_rng(0)
     image = DepthMap(rng.uniform(0.26, 0.34, (n_y, n_x)), rng.uniform(0.2, 1, (n_y, n_x)), x_m, y_m)
-    metrics = [Metrics(-0.123, 0.987, 0.5, float("nan"), 0.1234, 0.2)] * count
+    metrics = [Metrics(0.5, -0.123, 0.987, 0.5, float("nan"), 0.1234, 0.2)] * count
     labels = [LONG, *(f"{ALPHA} = {i}" for i in range(count - 1))]
     figure = comparison_figure(image, [(label, image) for label in labels], metrics=metrics)
     assert_legible(figure)

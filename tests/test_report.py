@@ -14,6 +14,7 @@ import pytest
 
 from clradar import Metrics, Volume, VoxelGrid, compare
 from clradar.cli import main
+from clradar.compare import HEADLINE_METRIC
 from clradar.errors import CompareError, ModelError
 from clradar.model import DepthMap
 from clradar.report import ReportImage, html_report
@@ -183,16 +184,17 @@ def test_the_metrics_are_there_with_their_meaning() -> None:
     assert shown == 2 * [m.name for m in METRIC_TEXTS]
     values = read.inside["td"][: len(shown)]
     for row, m in enumerate(metrics):
-        cells = values[6 * row : 6 * row + 6]
+        cells = values[len(METRIC_TEXTS) * row :][: len(METRIC_TEXTS)]
         for cell, text in zip(cells, METRIC_TEXTS, strict=True):
             assert float(cell.replace("\N{MINUS SIGN}", "-")) == pytest.approx(
                 text.scale * getattr(m, text.field), abs=0.5 * 10**-text.digits
             )
     # The nearer ball is better in all of them.
-    assert read.inside["strong"] == values[:6]
+    assert read.inside["strong"] == values[: len(METRIC_TEXTS)]
     assert [f for f in Metrics.__dataclass_fields__ if f != "dynamic_range_db"] == [
         m.field for m in METRIC_TEXTS
     ]
+    assert METRIC_TEXTS[0].field == HEADLINE_METRIC
     assert len(read.inside["dd"]) == len(METRIC_TEXTS)
 
 

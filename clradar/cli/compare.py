@@ -40,6 +40,7 @@ REPORT_SUFFIXES = (".html", ".htm")
 
 METRIC_COLUMNS = (
     "simulated",
+    "overlap",
     "dB correlation",
     "SSIM",
     "mask IoU",
@@ -179,7 +180,7 @@ def print_metrics(labels: Sequence[str], metrics: Sequence[Metrics]) -> None:
             m.chamfer_simulated_to_measured_m,
             m.chamfer_measured_to_simulated_m,
         )
-        shares = (m.db_correlation, m.ssim, m.mask_iou)
+        shares = (m.overlap, m.db_correlation, m.ssim, m.mask_iou)
         rows.append(
             [label]
             + [_number(value, 3) for value in shares]

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from clradar.cli.output import print_line, print_table
+
+if TYPE_CHECKING:
+    from clradar.opencl import DeviceInfo
 
 
 def command() -> None:
@@ -27,12 +32,26 @@ def command() -> None:
             info.kind,
             f"{info.memory_bytes / 2**30:.1f} GiB",
             str(info.compute_units),
+            good_for(info),
         )
         for info in devices
     ]
-    columns = ("", "selector", "name", "platform", "kind", "memory", "units")
+    columns = ("", "selector", "name", "platform", "kind", "memory", "units", "good for")
     print_table(columns, rows, right=("memory", "units"))
     if failure is not None:
         raise failure
     assert chosen is not None
     print_line(f"used: {chosen.selector} {chosen.label}")
+
+
+def good_for(info: DeviceInfo) -> str:
+    """Return what to use a device for, in a few words."""
+    if info.is_interpreter:
+        return "checking kernels"
+    if info.kind == "gpu":
+        return "everything; first choice"
+    if "intel" in info.platform.lower():
+        return "any x86 CPU"
+    if "portable computing language" in info.platform.lower():
+        return "any CPU; always there"
+    return "untried"

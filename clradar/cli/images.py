@@ -50,6 +50,22 @@ def form_image(
         )  # fmt: skip
 
 
+def formed(
+    path: Path,
+    image: Volume | Capture,
+    grid: VoxelGrid,
+    method: str,
+    window: str,
+    device: Device,
+) -> Volume:
+    """Return what `open_image` gave as a volume: captures are imaged on `grid`."""
+    from clradar import Volume
+
+    if isinstance(image, Volume):
+        return image
+    return form_image(image, grid, method, window, device, f"imaging {path.name}")
+
+
 def save_image(
     path: Path,
     volume: Volume,

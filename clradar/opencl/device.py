@@ -12,6 +12,7 @@ import pyopencl as cl
 
 from clradar.errors import DeviceError
 from clradar.model import checks
+from clradar.opencl.runtimes import platforms
 
 INSTALL_HINT = (
     "install the embedded CPU device with: pip install 'pyopencl[pocl]', "
@@ -167,11 +168,11 @@ def default_device() -> DeviceInfo:
 
 def _found() -> list[tuple[DeviceInfo, Any]]:
     try:
-        platforms = cl.get_platforms()
+        found_platforms = platforms()
     except cl.Error as error:
         raise DeviceError(f"no OpenCL platform was found ({error}); {INSTALL_HINT}") from error
     found = []
-    for i, platform in enumerate(platforms):
+    for i, platform in enumerate(found_platforms):
         try:
             devices = platform.get_devices()
         except cl.Error:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.compare import UNDEFINED, Metrics
+from clradar.compare import HIGHER_IS_BETTER, UNDEFINED, Metrics
 from clradar.model import DepthMap, Volume
 from clradar.report.text import escaped, shortened
 
@@ -25,17 +25,24 @@ MAX_DEPTH = 16
 
 @dataclass(frozen=True, slots=True)
 class MetricText:
-    """How a metric is called and explained, and which end of it is the good one."""
+    """How a metric is called and explained."""
 
     field: str
     name: str
     meaning: str
     scale: float = 1.0
     digits: int = 3
-    higher_is_better: bool = True
 
 
 METRIC_TEXTS = (
+    MetricText(
+        "overlap",
+        "Overlap",
+        "How much do both share in space, where it is and how bright it is? Cosine between the two "
+        "depth maps, each point a ball of 2 mm weighted with its amplitude; 1 is best. A simulated "
+        "hand against itself has 0.996 with another seed, 0.83 when it is 2 mm too far away, 0.71 "
+        "when it is 5 mm off to the side; two different poses have less than 0.1.",
+    ),
     MetricText(
         "db_correlation",
         "dB correlation",
@@ -61,7 +68,6 @@ METRIC_TEXTS = (
         "millimetres; 0 is best. Read it beside the mask IoU: what only one shows does not count.",
         1e3,
         2,
-        False,
     ),
     MetricText(
         "chamfer_simulated_to_measured_m",
@@ -70,7 +76,6 @@ METRIC_TEXTS = (
         "millimetres from a simulated depth point to the nearest measured one; 0 is best.",
         1e3,
         2,
-        False,
     ),
     MetricText(
         "chamfer_measured_to_simulated_m",
@@ -79,7 +84,6 @@ METRIC_TEXTS = (
         "millimetres from a measured depth point to the nearest simulated one; 0 is best.",
         1e3,
         2,
-        False,
     ),
 )
 
@@ -127,7 +131,7 @@ def _best(text: MetricText, metrics: Sequence[Metrics]) -> str | None:
     known = [m for m in metrics if not math.isnan(getattr(m, text.field))]
     if len(known) < 2:
         return None
-    choose = max if text.higher_is_better else min
+    choose = max if text.field in HIGHER_IS_BETTER else min
     return _value(text, choose(known, key=lambda m: getattr(m, text.field)))
 
 
