@@ -499,7 +499,7 @@ class Tracer(LitSurface):
         most = self.settings.max_bounces
         return Receptions(
             pair=(keys >> 32).astype(np.uint32),
-            path=paths[place],
+            path=np.take(paths, place, axis=0),
             bounces=(within % most + 1).astype(np.uint8),
             face=faces[within // (self.settings.rays_per_sample * most)],
             statistics=statistics,

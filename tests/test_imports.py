@@ -17,7 +17,7 @@ LAYERS = (
     ("clradar.model",),
     ("clradar.arrays", "clradar.opencl", "clradar.bvh", "clradar.reference", "clradar.hand"),
     ("clradar.normals", "clradar.streams", "clradar.room", "clradar.skeleton"),
-    ("clradar.channel_errors", "clradar.block_tree"),
+    ("clradar.channel_errors", "clradar.block_tree", "clradar.length_blocks"),
     ("clradar.impair",),
     ("clradar.trace",),
     ("clradar.expected",),

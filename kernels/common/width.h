@@ -18,6 +18,7 @@ typedef struct __attribute__((packed)) {
 } loose8;
 #define LOAD4(p) (((__global const loose4 *)(p))->v)
 #define LOAD8(p) (((__global const loose8 *)(p))->v)
+#define STORE8(x, p) (((__global loose8 *)(p))->v = (x))
 
 /* Whether any lane of a comparison holds; any() is a library call too. */
 static inline int any8(int8 v) {
@@ -30,7 +31,7 @@ static inline int any8(int8 v) {
 typedef float8 realw;
 typedef int8 intw;
 #define LOADW(p) LOAD8(p)
-#define STOREW(x, p) (((__global loose8 *)(p))->v = (x))
+#define STOREW(x, p) STORE8(x, p)
 #define ANYW(v) any8(v)
 #define AS_INTW(v) as_int8(v)
 #define AS_REALW(v) as_float8(v)
