@@ -38,7 +38,7 @@ MAX_ROUNDS = 12
 SAME_ALPHA, SAME_PLACE_M = 0.05, 2e-3
 """A round counts for the correction as a Gaussian of these widths, from where the last one was."""
 
-REGISTERED_RATIO = 1.2
+REGISTERED_RATIO = 0.6
 """As `locate.COVARIANCE_RATIO`, after the correction (docs/calibration.md)."""
 
 MIN_OVERLAP = 0.5
