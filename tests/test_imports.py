@@ -28,6 +28,7 @@ LAYERS = (
     ("clradar.plot",),
     ("clradar.report",),
     ("clradar",),
+    ("clradar.bench",),
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 

@@ -31,6 +31,7 @@ COMMANDS = {
     "correct": "Take measured channels off a capture.",
     "diagnose": "Say in which convention a capture was written: axes, sign, mirror, order.",
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
+    "bench": "Time the core against other libraries on this machine.",
 }
 """Subcommand, which is also the name of its module, and the line that describes it."""
 
