@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.special import jv
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import Waveform
@@ -92,6 +91,8 @@ def _coefficients(edge_phase_rad: np.ndarray) -> np.ndarray:
     The first terms of the Jacobi-Anger series, exp(-j z x) = J_0(z) + 2 sum_p (-j)^p J_p(z) T_p(x),
     written in powers of x.
     """
+    from scipy.special import jv  # slow to import, and the command line imports this module
+
     order = np.arange(MOMENTS)[:, None]
     terms = np.where(order == 0, 1, 2) * (-1) ** (order // 2) * jv(order, edge_phase_rad)
     return _POWERS @ terms
