@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.alignment import Alignment
 from calibration.closed_loop import MAX_ROUNDS, TOLERANCE_M, LoopSettings, Round, close_loop
-from calibration.locate import FINE_STEP_M, depth_for_mesh, locate
+from calibration.locate import FINE_STEP_M, density_of, depth_for_mesh, locate
 from calibration.mesh_image import thinned
 from clradar import arrays
 from clradar.model import AntennaArray, DepthMap, Scene, Volume, VoxelGrid, Waveform, checks
@@ -17,6 +17,9 @@ from clradar.opencl import Device, open_device
 SAMPLES_PER_MM2, RAYS_PER_SAMPLE = 3.0, 3
 """Of the simulations that find the bias. The speckle of the image is what limits a round, not the
 shot noise of so few rays."""
+
+MOST_SAMPLES = 1_000_000
+"""Of one of these simulations: seven times those of a hand."""
 
 ROOM_M = 20e-3
 """Depth before and behind what a depth map shows, where the mesh is imaged."""
@@ -119,7 +122,7 @@ def align_mesh(
         waveform=sweep,
         grid=_coarse_grid(measured, coarse),
         fit_alpha=True,
-        samples_per_mm2=SAMPLES_PER_MM2,
+        samples_per_mm2=density_of(mesh, SAMPLES_PER_MM2, MOST_SAMPLES),
         rays_per_sample=RAYS_PER_SAMPLE,
         seed=seed,
         dynamic_range_db=depth.dynamic_range_db,

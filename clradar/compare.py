@@ -214,7 +214,8 @@ def _check_same_pixels(measured: DepthMap, simulated: DepthMap) -> None:
         return
     raise CompareError(
         f"compare: expected both images on the same pixels along x and y, got "
-        f"{_pixels_text(measured)} measured and {_pixels_text(simulated)} simulated"
+        f"{_pixels_text(measured)} measured and {_pixels_text(simulated)} simulated; form both "
+        "on one grid"
     )
 
 
