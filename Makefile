@@ -42,7 +42,7 @@ figures: $(VENV)/.installed
 	cp demo-full/comparison.png docs/images/comparison.png
 
 bench: $(VENV)/.installed-bench
-	$(BIN)/python benchmarks/run.py
+	$(BIN)/clradar bench
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

@@ -26,9 +26,9 @@ from alignment_pairs import (
     image,
     mesh,
     middle_m,
-    poses,
     random_motion,
 )
+from hand_poses import poses
 from scipy.spatial.transform import Rotation
 
 import clradar
@@ -36,7 +36,7 @@ from calibration import Alignment, align, align_mesh, register
 from clradar.errors import CompareError
 
 METHODS = ("quick", "mesh", "register", "same-alpha", "volume")
-OTHERS = ("box", "sphere", "left")
+OTHERS = ("box", "sphere", "left", "tilted box")
 SPACING_M = 2e-3
 FIRST_SEED = 10_000
 
@@ -65,6 +65,7 @@ def run_case(case: int, names: list[str], methods: list[str]) -> list[dict[str, 
                 "ratio": ratios(found, truth),
                 "inlier_share": found.inlier_share,
                 "likeness": found.likeness,
+                "overlap": found.overlap,
                 "rms_mm": 1e3 * found.rms_m,
                 "converged": found.converged,
                 "degenerate": list(found.degenerate_directions),
@@ -113,6 +114,8 @@ def row_text(row: dict[str, Any]) -> str:
         return f"{head} {row['failure']}"
     tail = "" if row["converged"] else " NOT converged"
     like = "" if row["likeness"] is None else f", likeness {row['likeness']:.2f}"
+    if row["overlap"] is not None:
+        like += f", overlap {row['overlap']:.2f}"
     return (
         f"{head} {row['position_mm']:6.2f} mm {row['rotation_deg']:6.2f} deg, inliers "
         f"{row['inlier_share']:.2f}{like}, {row['time_s']:.0f} s{tail}"
@@ -146,7 +149,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=60)
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--method", choices=METHODS, action="append")
-    parser.add_argument("--others", action="store_true", help="box, sphere, a left hand instead")
+    parser.add_argument("--others", action="store_true", help="boxes, sphere, a left hand instead")
     parser.add_argument(
         "--json", type=Path, default=Path(__file__).with_name("alignment_accuracy.json")
     )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from hand_poses import poses
 from scipy.spatial.transform import Rotation
 
 import clradar
-from clradar.hand import FingerPose, HandPose, ThumbPose, hand_mesh, pose_by_name
+from clradar.hand import hand_mesh
 
 ARRAY = clradar.arrays.qar50()
 WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 128)
@@ -19,33 +20,6 @@ SAMPLES_PER_MM2 = 6.0
 RIGHT_M = 0.3
 
 
-def _finger(mcp_deg: float, pip_deg: float, dip_deg: float, spread_deg: float = 0.0) -> FingerPose:
-    return FingerPose.from_degrees(mcp_deg, pip_deg, dip_deg, spread_deg)
-
-
-def poses() -> dict[str, HandPose]:
-    """Return ten poses: the two that are embedded and eight others."""
-    flat, letter_f = pose_by_name("flat"), pose_by_name("F")
-    bent = _finger(60.0, 80.0, 40.0)
-    fist = _finger(80.0, 95.0, 50.0)
-    across = ThumbPose.from_degrees(10.0, 40.0, 30.0, 25.0, 30.0)
-    made = {
-        "point": replace(flat, middle=bent, ring=bent, pinky=bent, thumb=across),
-        "two": replace(flat, index=_finger(0, 2, 2, 14), middle=_finger(0, 2, 2, -8), ring=bent,
-                       pinky=bent, thumb=across),
-        "three": replace(flat, ring=_finger(10, 10, 5, 8), pinky=bent, thumb=across),
-        "horns": replace(flat, middle=bent, ring=bent),
-        "claw": replace(flat, index=_finger(10, 45, 30, 10), middle=_finger(10, 45, 30),
-                        ring=_finger(10, 45, 30, 6), pinky=_finger(10, 45, 30, 15)),
-        "cup": replace(flat, index=_finger(35, 15, 10), middle=_finger(35, 15, 10),
-                       ring=_finger(35, 15, 10), pinky=_finger(35, 15, 10)),
-        "fist": replace(flat, index=fist, middle=fist, ring=fist, pinky=fist, thumb=across),
-        "spread": replace(flat, index=_finger(0, 2, 2, 22), ring=_finger(0, 2, 2, 16),
-                          pinky=_finger(0, 2, 2, 28)),
-    }  # fmt: skip
-    return {"flat": flat, "F": letter_f} | {n: replace(p, name=n) for n, p in made.items()}
-
-
 def mesh(name: str) -> clradar.Scene:
     """Return an object by name, before it is moved: a hand, or a box, sphere or plate."""
     import trimesh
@@ -54,9 +28,10 @@ def mesh(name: str) -> clradar.Scene:
         return clradar.Scene.from_mesh(hand_mesh(poses()[name]))
     if name == "left":
         return clradar.Scene.from_mesh(hand_mesh("F", handedness="left"))
-    if name == "box":
+    if name in ("box", "tilted box"):
         shape = trimesh.creation.box(extents=(0.07, 0.05, 0.04))
-        shape.apply_transform(turn_about([12.0, 15.0, 10.0], np.zeros(3)))
+        if name == "tilted box":  # its faces glint past the aperture
+            shape.apply_transform(turn_about([12.0, 15.0, 10.0], np.zeros(3)))
     elif name == "sphere":
         shape = trimesh.creation.icosphere(subdivisions=5, radius=0.04)
     elif name == "plate":

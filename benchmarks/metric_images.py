@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from hand_poses import poses
 from scipy.spatial.transform import Rotation
 
 import clradar
-from clradar.hand import FingerPose, HandPose, ThumbPose, hand_mesh, pose_by_name
+from clradar.hand import hand_mesh
 from clradar.hand.mesh import DEFAULT_CENTER_M
 from measurement_io.atomic import replacing
 
@@ -68,26 +69,6 @@ class Shot:
             f"{self.hand.pose}{self.hand.turn_deg:g}_alpha{self.alpha:g}_seed{self.seed}"
             f"_rays{self.rays}_shift{shift}_{kind}.npz"
         )
-
-
-def poses() -> dict[str, HandPose]:
-    flat = pose_by_name("flat")
-    bent = FingerPose.from_degrees(60, 80, 40)
-    across = ThumbPose.from_degrees(10, 40, 30, 25, 30)
-    curled = {
-        name: FingerPose.from_degrees(10, 45, 30, spread)
-        for name, spread in (("index", 10), ("middle", 0), ("ring", 6), ("pinky", 15))
-    }
-    two = {
-        "index": FingerPose.from_degrees(0, 2, 2, 14),
-        "middle": FingerPose.from_degrees(0, 2, 2, -8),
-    }
-    return {
-        "flat": flat,
-        "F": pose_by_name("F"),
-        "two": replace(flat, name="two", ring=bent, pinky=bent, thumb=across, **two),
-        "claw": replace(flat, name="claw", **curled),
-    }
 
 
 def scene(hand: Hand) -> clradar.Scene:

@@ -4,12 +4,16 @@
 from calibration.align_images import align
 from calibration.align_mesh import align_mesh
 from calibration.alignment import Alignment
+from calibration.alpha_estimate import AlphaEstimate
+from calibration.alpha_regions import RegionSweep
+from calibration.alpha_sweep import Sweep, sweep
 from calibration.closed_loop import Round
 from calibration.conventions import HYPOTHESES, Hypothesis, apply_convention
 from calibration.correction import correct
 from calibration.diagnose import Diagnosis, Score, diagnose
 from calibration.estimate_channels import estimate_channels
 from calibration.gating import Gate, gate, range_gate
+from calibration.regions import Regions
 from calibration.register import Registration, register
 from calibration.subtraction import average_frames, subtract_background
 from calibration.targets import CornerReflector, Echo, FlatPlate, Sphere, Target, response
@@ -17,16 +21,20 @@ from calibration.targets import CornerReflector, Echo, FlatPlate, Sphere, Target
 __all__ = [
     "HYPOTHESES",
     "Alignment",
+    "AlphaEstimate",
     "CornerReflector",
     "Diagnosis",
     "Echo",
     "FlatPlate",
     "Gate",
     "Hypothesis",
+    "RegionSweep",
+    "Regions",
     "Registration",
     "Round",
     "Score",
     "Sphere",
+    "Sweep",
     "Target",
     "align",
     "align_mesh",
@@ -40,4 +48,5 @@ __all__ = [
     "register",
     "response",
     "subtract_background",
+    "sweep",
 ]

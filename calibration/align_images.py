@@ -262,7 +262,7 @@ def _matched(surface: Surface, cloud: Surface, transform: np.ndarray, reach: flo
     over = np.maximum(1.0 - (planes.aside_m / (reach * planes.gap_m)) ** 2, 0.0) ** 2
     if np.count_nonzero(over) < MIN_POINTS:
         raise failure(
-            f"the two have no overlap: {np.count_nonzero(over)} simulated depth points lie over "
+            f"the two hardly overlap: {np.count_nonzero(over)} simulated depth points lie over "
             f"the measured surface, and {MIN_POINTS} are the least"
         )
     weights = over * np.sqrt(cloud.weights * planes.weights)

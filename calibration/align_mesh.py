@@ -8,7 +8,8 @@ import numpy as np
 
 from calibration.alignment import Alignment
 from calibration.closed_loop import MAX_ROUNDS, TOLERANCE_M, LoopSettings, Round, close_loop
-from calibration.locate import FINE_STEP_M, depth_for_mesh, locate
+from calibration.locate import FINE_STEP_M, density_of, depth_for_mesh, locate
+from calibration.mesh_image import thinned
 from clradar import arrays
 from clradar.model import AntennaArray, DepthMap, Scene, Volume, VoxelGrid, Waveform, checks
 from clradar.opencl import Device, open_device
@@ -16,6 +17,9 @@ from clradar.opencl import Device, open_device
 SAMPLES_PER_MM2, RAYS_PER_SAMPLE = 3.0, 3
 """Of the simulations that find the bias. The speckle of the image is what limits a round, not the
 shot noise of so few rays."""
+
+MOST_SAMPLES = 1_000_000
+"""Of one of these simulations: seven times those of a hand."""
 
 ROOM_M = 20e-3
 """Depth before and behind what a depth map shows, where the mesh is imaged."""
@@ -83,7 +87,7 @@ def align_mesh(
     CompareError
         "could not align, because …": no image, an empty one or one with too few depth points; a
         mesh whose size does not fit what was measured; too little of it on the mesh; or a
-        simulation of the mesh in its place that shows nothing of it.
+        simulation of the mesh in its place that does not look like the measurement.
     ModelError
         An option is out of its range.
 
@@ -112,12 +116,13 @@ def align_mesh(
     )
     if not correct_bias:
         return located.alignment
+    coarse = thinned(depth, FINE_STEP_M)
     settings = LoopSettings(
         array=radar,
         waveform=sweep,
-        grid=_coarse_grid(measured, depth),
+        grid=_coarse_grid(measured, coarse),
         fit_alpha=True,
-        samples_per_mm2=SAMPLES_PER_MM2,
+        samples_per_mm2=density_of(mesh, SAMPLES_PER_MM2, MOST_SAMPLES),
         rays_per_sample=RAYS_PER_SAMPLE,
         seed=seed,
         dynamic_range_db=depth.dynamic_range_db,
@@ -131,7 +136,7 @@ def align_mesh(
         if progress is not None:
             progress(len(done), MAX_ROUNDS)
 
-    return close_loop(mesh, located, settings, opened, count).alignment
+    return close_loop(coarse, mesh, located, settings, opened, count).alignment
 
 
 def radar_of(
@@ -146,16 +151,15 @@ def radar_of(
 
 
 def _coarse_grid(measured: Volume | DepthMap, depth: DepthMap) -> VoxelGrid:
-    """Return a grid over what was measured, on the pixels of the fit."""
-    ends_m = [(float(axis_m[0]), float(axis_m[-1])) for axis_m in (depth.x_m, depth.y_m)]
+    """Return a grid over what was measured, on pixels of the fit and of `depth`."""
     if isinstance(measured, Volume):
         # The same ends: where they cut the object off, they cut the simulation off, too.
-        ends_m.append((float(measured.grid.z_m[0]), float(measured.grid.z_m[-1])))
+        low_m, high_m = float(measured.grid.z_m[0]), float(measured.grid.z_m[-1])
     else:
-        near_m, far_m = float(np.nanmin(depth.depth_m)), float(np.nanmax(depth.depth_m))
-        ends_m.append((near_m - ROOM_M, far_m + ROOM_M))
-    steps_m = []
-    for low_m, high_m in ends_m:
-        steps_m.append((high_m - low_m) / max(2, round((high_m - low_m) / FINE_STEP_M)))
-    x_m, y_m, z_m = ends_m
-    return VoxelGrid.from_extent(x_m, y_m, z_m, (steps_m[0], steps_m[1], steps_m[2]))
+        low_m = float(np.nanmin(depth.depth_m)) - ROOM_M
+        high_m = float(np.nanmax(depth.depth_m)) + ROOM_M
+    n_z = max(3, round((high_m - low_m) / FINE_STEP_M) + 1)
+    axes_m = (depth.x_m, depth.y_m, np.linspace(low_m, high_m, n_z))
+    spacing_m = [(axis_m[-1] - axis_m[0]) / (len(axis_m) - 1) for axis_m in axes_m]
+    origin_m = [axis_m[0] for axis_m in axes_m]
+    return VoxelGrid(np.array(origin_m), np.array(spacing_m), (*depth.depth_m.shape[::-1], n_z))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,10 @@ from clradar.model import checks
 UNKNOWN_STD_M = 1.0
 """Standard deviation that `Alignment.covariance` carries along an unobservable direction."""
 
+
+USUAL_OVERLAP = 0.85
+"""Right meshes had 0.91 or more on simulated measurements, wrong ones up to 0.94, most of them less
+(docs/calibration.md)."""
 
 IMAGE, MESH = "simulated image", "mesh"
 
@@ -50,6 +54,11 @@ class Alignment:
         What `transform` moves.
     likeness : float or None
         Of a mesh: correlation of its picture with the measured one, in decibels, at most 1.
+    overlap : float or None
+        Of a mesh that was simulated in its place: the overlap (docs/metrics.md) with the
+        measurement, 0 to 1.
+    searched_deg : float or None, degrees
+        Of a mesh: up to which rotation about boresight was searched.
     """
 
     transform: np.ndarray
@@ -62,6 +71,8 @@ class Alignment:
     centre_m: np.ndarray
     moved: str = IMAGE
     likeness: float | None = None
+    overlap: float | None = None
+    searched_deg: float | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (("transform", (4, 4)), ("covariance", (6, 6)), ("centre_m", (3,))):
@@ -97,6 +108,8 @@ class Alignment:
             "rms_m": self.rms_m,
             "inlier_share": self.inlier_share,
             "likeness": self.likeness,
+            "overlap": self.overlap,
+            "remarks": list(self.remarks()),
             "iterations": self.iterations,
             "converged": self.converged,
             "covariance": self.covariance.tolist(),
@@ -104,6 +117,24 @@ class Alignment:
             "centre_m": self.centre_m.tolist(),
             "report": self.report(),
         }
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return what gives reason to doubt the result, in words; empty if nothing does."""
+        found = []
+        if not self.converged:
+            found.append("the place was still moving at the end")
+        if self.searched_deg is not None and self.rotation_deg > self.searched_deg:
+            found.append(
+                f"it is turned by {self.rotation_deg:.0f} deg, and rotations up to "
+                f"{self.searched_deg:.0f} deg were searched: search up to 180 deg (search_deg, "
+                "--search-deg)"
+            )
+        if self.overlap is not None and self.overlap < USUAL_OVERLAP:
+            found.append(
+                f"an overlap of {self.overlap:.2f} is little, right meshes have 0.91 or more in "
+                "simulations: it may be another object or place; look at a figure"
+            )
+        return tuple(found)
 
     def report(self) -> str:
         """Return the result in words, a few lines of text."""
@@ -122,6 +153,8 @@ class Alignment:
         ]
         if self.likeness is not None:
             lines[-1] += f" The pictures correlate by {self.likeness:.2f}."
+        if self.overlap is not None:
+            lines[-1] += f" Simulated there, the overlap is {self.overlap:.2f}."
         if self.degenerate_directions:
             lines.append(
                 "These images cannot tell, and no motion is assumed for: "
@@ -134,4 +167,6 @@ class Alignment:
             lines.append(f"One standard deviation from {of}: {shift} mm and {turn} deg (x, y, z).")
         end = "Converged" if self.converged else "NOT converged: still moving"
         lines.append(f"{end} after {self.iterations} iterations.")
+        doubts = replace(self, converged=True).remarks()
+        lines += [f"Doubtful: {doubt}." for doubt in doubts]
         return "\n".join(lines)

@@ -9,6 +9,7 @@
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from calibration import range_gate, subtract_background
@@ -41,12 +42,14 @@ def main(
     if (near_mm is None) != (far_mm is None) or (empty is None and near_mm is None):
         raise typer.BadParameter("expected --empty, or --near-mm and --far-mm, or all three")
     refuse_existing(output, force=force)
-    cleaned = open_capture(capture)
+    recorded = cleaned = open_capture(capture)
     if empty is not None:
         cleaned = subtract_background(cleaned, open_capture(empty), scaling=SCALING)
     if near_mm is not None and far_mm is not None:
         cleaned = range_gate(cleaned, near_m=near_mm / 1e3, far_m=far_mm / 1e3)
     save_capture(output, cleaned, force=force)
+    left = np.mean(np.abs(cleaned.data) ** 2) / np.mean(np.abs(recorded.data) ** 2)
+    print(f"{output}: {10 * np.log10(left):+.1f} dB of power is left")
 
 
 if __name__ == "__main__":

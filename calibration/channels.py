@@ -49,7 +49,7 @@ def main(
     ):
         gain_db = 20 * np.log10(np.abs(gain[gain != 0]))
         print(f"{side}: {gain_db.min():+.2f} to {gain_db.max():+.2f} dB, dead: {dead.tolist()}")
-    print(f"{channels.residual_db:.1f} dB of the echoes is left")
+    print(f"{output}: {channels.residual_db:.1f} dB of the echoes is left")
     if to_correct is not None and corrected is not None:
         save_capture(corrected, correct(open_capture(to_correct), channels), force=force)
 

@@ -19,11 +19,15 @@ from calibration.locate import COVARIANCE_RATIO, Located, depth_for_mesh, fine_i
 from calibration.mesh_fit import MeshFit, first_brightness, fit_mesh
 from calibration.mesh_image import Aperture
 from calibration.rigid import moved, orthonormal
-from calibration.roughness import look_of, next_alpha, settled
+from calibration.roughness import ALPHA_STARTS, ALPHA_TOLERANCE, look_of, next_alpha
 from calibration.surface import failure
 from clradar.backproject import backproject
-from clradar.model import AntennaArray, Capture, Scene, Volume, VoxelGrid, Waveform
+from clradar.compare import depth_map_of
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.errors import CompareError
+from clradar.model import AntennaArray, Capture, DepthMap, Scene, Volume, VoxelGrid, Waveform
 from clradar.opencl import Device
+from clradar.overlap import overlap
 from clradar.synthesize import simulate
 
 TOLERANCE_M = 1e-4
@@ -34,8 +38,11 @@ MAX_ROUNDS = 12
 SAME_ALPHA, SAME_PLACE_M = 0.05, 2e-3
 """A round counts for the correction as a Gaussian of these widths, from where the last one was."""
 
-REGISTERED_RATIO = 1.2
+REGISTERED_RATIO = 0.6
 """As `locate.COVARIANCE_RATIO`, after the correction (docs/calibration.md)."""
+
+MIN_OVERLAP = 0.5
+"""Of the last simulation with the measurement: less is another object (docs/calibration.md)."""
 
 LARGEST_CORRECTION_M = 10e-3
 """A simulation that is found this far from where it was put says that the fit is none."""
@@ -95,6 +102,7 @@ Callback = Callable[[Round], None]
 
 
 def close_loop(
+    measured: DepthMap,
     mesh: Scene,
     located: Located,
     settings: LoopSettings,
@@ -103,10 +111,13 @@ def close_loop(
 ) -> ClosedLoop:
     """Correct where `mesh` was `located` until a round moves it by less than the tolerance.
 
+    `measured` is what it was located on, on the pixels of the grid.
+
     Raises
     ------
     CompareError
-        No ray of a simulation reaches a receiver, or a simulation does not look like the mesh.
+        No ray of a simulation reaches a receiver, a simulation does not look like the mesh, or the
+        last one does not look like the measurement.
     """
     s = settings
     aperture = Aperture(s.array, float(np.mean(s.waveform.frequencies_hz)))
@@ -118,55 +129,96 @@ def close_loop(
     alphas: list[float] = []
     looks: list[np.ndarray] = []
     rounds: list[Round] = []
+    starts = list(ALPHA_STARTS) if s.fit_alpha else []
     converged = False
-    while not converged and len(rounds) < s.max_rounds:
-        alpha = next_alpha(alphas, looks, located.look) if s.fit_alpha else None
+    for number in range(s.max_rounds):
+        alpha, fixed = None, True
+        if s.fit_alpha:
+            fixed = not starts
+            alpha = starts.pop(0) if starts else next_alpha(alphas, looks, located.look)
         scene = mesh.transformed(transform)
         if alpha is not None:
             scene = scene.with_alpha(alpha)
-        capture = simulate(
-            scene,
-            s.array,
-            s.waveform,
-            samples_per_mm2=s.samples_per_mm2,
-            rays_per_sample=s.rays_per_sample,
-            seed=s.seed + len(rounds),
-            device=device,
-        )
-        if capture.meta["rays"]["paths"] == 0:
-            raise failure("no ray from the mesh at the place found reaches a receiver")
-        volume = backproject(capture, s.grid, device=device)
-        found, look = _found(volume, mesh, transform, located, s.dynamic_range_db, aperture, device)
-        corrections.append(_small(found.transform, transform, start_m))
-        if np.linalg.norm(corrections[-1][3:]) > LARGEST_CORRECTION_M:
-            raise failure(
-                "the simulation at the place found does not look like the mesh: it fits "
-                f"{1e3 * np.linalg.norm(corrections[-1][3:]):.1f} mm off"
+        try:
+            capture, volume = _simulated(scene, s, s.seed + number, device)
+            found, look = _found(
+                volume, mesh, transform, located, s.dynamic_range_db, aperture, device
             )
+            correction = _small(found.transform, transform, start_m)
+            _check_correction(correction)
+        except CompareError:
+            if starts:  # another alpha may show more of the mesh
+                continue
+            raise
+        corrections.append(correction)
         if alpha is not None:
             alphas.append(alpha)
             looks.append(look)
         places_m.append(_small(transform, fitted.transform, start_m)[3:])
         weights = _weights(alphas, places_m)
-        correction = weights @ np.array(corrections) / weights.sum()
-        following = _corrected(fitted.transform, correction, start_m)
+        following = _corrected(
+            fitted.transform, weights @ np.array(corrections) / weights.sum(), start_m
+        )
         step = _small(following, transform, start_m)
         moved_m = float(max(np.linalg.norm(step[3:]), radius_m * np.linalg.norm(step[:3])))
-        rest = alpha is None or settled(alphas, looks, located.look)
-        converged = moved_m < s.tolerance_m and rest
         rounds.append(Round(transform, alpha, moved_m))
         if callback is not None:
             callback(rounds[-1])
         last = transform
         transform = following
+        if alpha is not None and fixed:
+            fixed = abs(next_alpha(alphas, looks, located.look) - alpha) < ALPHA_TOLERANCE
+        converged = moved_m < s.tolerance_m and fixed
+        if converged:
+            break
+    share = _overlap(measured, volume)
+    if share < MIN_OVERLAP:
+        raise failure(
+            f"the mesh, simulated in its place, overlaps with the measurement by {share:.2f}, and "
+            f"{MIN_OVERLAP:.2f} is the least: it is another object, or stands elsewhere"
+        )
     alignment = replace(
         located.alignment,
         transform=last,
+        overlap=share,
         covariance=_narrowed(located),
         converged=converged,
         iterations=len(rounds),
     )
     return ClosedLoop(alignment, scene, capture, volume, tuple(rounds))
+
+
+def _simulated(
+    scene: Scene, settings: LoopSettings, seed: int, device: Device
+) -> tuple[Capture, Volume]:
+    capture = simulate(
+        scene,
+        settings.array,
+        settings.waveform,
+        samples_per_mm2=settings.samples_per_mm2,
+        rays_per_sample=settings.rays_per_sample,
+        seed=seed,
+        device=device,
+    )
+    if capture.meta["rays"]["paths"] == 0:
+        raise failure("no ray from the mesh at the place found reaches a receiver")
+    return capture, backproject(capture, settings.grid, device=device)
+
+
+def _check_correction(correction: np.ndarray) -> None:
+    shift_m = float(np.linalg.norm(correction[3:]))
+    if shift_m > LARGEST_CORRECTION_M:
+        raise failure(
+            "the simulation at the place found does not look like the mesh: it fits "
+            f"{1e3 * shift_m:.1f} mm off"
+        )
+
+
+def _overlap(measured: DepthMap, simulated: Volume) -> float:
+    """Return the headline metric of the two, at what both depth maps reach down to."""
+    range_db = min(DYNAMIC_RANGE_DB, measured.dynamic_range_db)
+    one, other = (depth_map_of(image, range_db, "image") for image in (measured, simulated))
+    return overlap(one, other)
 
 
 def _radius_m(mesh: Scene, fit: MeshFit) -> float:

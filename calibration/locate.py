@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -45,8 +45,10 @@ UNSEEN_STD_M = 5e-3
 """A direction whose standard deviation is larger, at the object's radius, counts as not seen: it
 would be found to no better than the resolution cell."""
 
-SIZE_RATIO = 20.0
-"""A mesh so many times larger or smaller than what is measured has the wrong unit."""
+LARGE_RATIO, SMALL_RATIO = 8.0, 20.0
+"""A mesh so many times larger or smaller than what is measured has the wrong unit. A specular hand
+shows a quarter of its length; of a small object with sidelobes all over the image more is seen than
+there is."""
 
 INLIER_STD = 3.0
 
@@ -96,7 +98,7 @@ def locate(
     check_size(mesh, depth)
     opened = open_device(device)
     picture = Picture.of(depth, COARSE_STEP_M, aperture.centre_m)
-    density = _density(mesh, COARSE_SAMPLES_PER_MM2)
+    density = density_of(mesh, COARSE_SAMPLES_PER_MM2)
     with VisibleSurface(mesh, density, _reach_m(mesh), opened) as surface:
         starts = _distinct(search(surface, picture, aperture, search_deg, progress))
     with fine_image(mesh, depth, aperture, opened) as image:
@@ -105,7 +107,9 @@ def locate(
         ]
         if not fits:
             raise failure("no part of the mesh is in sight wherever it is put")
-        return judged(image, min(fits, key=lambda fit: fit.loss), max_iterations, min_inlier_share)
+        best = min(fits, key=lambda fit: fit.loss)
+        located = judged(image, best, max_iterations, min_inlier_share)
+    return replace(located, alignment=replace(located.alignment, searched_deg=search_deg))
 
 
 def depth_for_mesh(measured: Volume | DepthMap, dynamic_range_db: float | None) -> DepthMap:
@@ -131,7 +135,7 @@ def check_size(mesh: Scene, depth: DepthMap) -> None:
     corners_m = mesh.vertices_m[np.unique(mesh.faces)]
     mesh_m = float(np.ptp(corners_m, axis=0).max())
     measured_m = float(np.ptp(depth.points_m(), axis=0).max())
-    if measured_m / SIZE_RATIO <= mesh_m <= measured_m * SIZE_RATIO:
+    if measured_m / SMALL_RATIO <= mesh_m <= measured_m * LARGE_RATIO:
         return
     size = "large" if mesh_m > measured_m else "small"
     raise failure(
@@ -141,11 +145,12 @@ def check_size(mesh: Scene, depth: DepthMap) -> None:
     )
 
 
-def _density(mesh: Scene, wanted_per_mm2: float) -> float:
+def density_of(mesh: Scene, wanted_per_mm2: float, most_samples: int = MOST_SAMPLES) -> float:
+    """Return the density wanted, 1/mm^2, or less where that were more samples than the most."""
     triangles = mesh.triangles_m
     sides = triangles[:, 1:] - triangles[:, :1]
     area_mm2 = 0.5e6 * float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum())
-    return min(wanted_per_mm2, MOST_SAMPLES / area_mm2) if area_mm2 > 0 else wanted_per_mm2
+    return min(wanted_per_mm2, most_samples / area_mm2) if area_mm2 > 0 else wanted_per_mm2
 
 
 def _reach_m(mesh: Scene) -> float:
@@ -159,7 +164,7 @@ def fine_image(
 ) -> Iterator[MeshImage]:
     """Yield the mesh's picture on the pixels of the fit, ready on the device."""
     picture = Picture.of(depth, FINE_STEP_M, aperture.centre_m)
-    density = _density(mesh, FINE_SAMPLES_PER_MM2)
+    density = density_of(mesh, FINE_SAMPLES_PER_MM2)
     with VisibleSurface(mesh, density, _reach_m(mesh), device) as surface:
         yield MeshImage(surface, picture, aperture)
 

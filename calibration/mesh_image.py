@@ -55,30 +55,36 @@ class Picture:
     @classmethod
     def of(cls, depth: DepthMap, step_m: float, centre_m: np.ndarray) -> Picture:
         """Return every k-th pixel of a depth map, about `step_m` apart."""
-        x_m, y_m = (_thinned(axis_m, step_m) for axis_m in (depth.x_m, depth.y_m))
-        rows, columns = (
-            np.searchsorted(full, thin - 1e-9)
-            for full, thin in ((depth.y_m, y_m), (depth.x_m, x_m))
-        )
-        power = depth.amplitude[np.ix_(rows, columns)].astype(np.float64) ** 2
-        x, y = np.meshgrid(x_m - centre_m[0], y_m - centre_m[1])
-        z = depth.depth_m[np.ix_(rows, columns)] - centre_m[2]
+        thin = thinned(depth, step_m)
+        power = thin.amplitude.astype(np.float64) ** 2
+        x, y = np.meshgrid(thin.x_m - centre_m[0], thin.y_m - centre_m[1])
+        z = thin.depth_m - centre_m[2]
         return cls(
-            x_m=x_m,
-            y_m=y_m,
+            x_m=thin.x_m,
+            y_m=thin.y_m,
             power=power / power.max(),
             range_m=np.sqrt(x**2 + y**2 + z**2),
-            step_m=(_spacing(x_m), _spacing(y_m)),
+            step_m=(_spacing(thin.x_m), _spacing(thin.y_m)),
         )
+
+
+def thinned(depth: DepthMap, step_m: float) -> DepthMap:
+    """Return every k-th pixel of a depth map whose pixels are evenly spaced."""
+    columns, rows = (
+        slice(None, None, max(1, round(step_m / _spacing(axis_m))))
+        for axis_m in (depth.x_m, depth.y_m)
+    )
+    return DepthMap(
+        depth.depth_m[rows, columns],
+        depth.amplitude[rows, columns],
+        depth.x_m[columns],
+        depth.y_m[rows],
+        depth.dynamic_range_db,
+    )
 
 
 def _spacing(axis_m: np.ndarray) -> float:
     return float((axis_m[-1] - axis_m[0]) / (len(axis_m) - 1))
-
-
-def _thinned(axis_m: np.ndarray, step_m: float) -> np.ndarray:
-    every = max(1, round(step_m / _spacing(axis_m)))
-    return axis_m[::every]
 
 
 Pixels = tuple[np.ndarray, np.ndarray]

@@ -121,8 +121,9 @@ def register(
         max_rounds=checks.whole("register: max_rounds", max_rounds, 1),
     )
     opened = open_device(device)
+    depth = depth_for_mesh(measured, dynamic_range_db)
     located = locate(
-        depth_for_mesh(measured, dynamic_range_db),
+        depth,
         mesh,
         array=radar,
         centre_frequency_hz=float(np.mean(sweep.frequencies_hz)),
@@ -132,7 +133,7 @@ def register(
         device=opened,
         progress=None,
     )
-    loop = close_loop(mesh, located, settings, opened, callback)
+    loop = close_loop(depth, mesh, located, settings, opened, callback)
     return Registration(
         loop.alignment,
         loop.scene,

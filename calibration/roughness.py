@@ -43,8 +43,6 @@ def look_of(image: MeshImage, fit: MeshFit) -> np.ndarray:
 
 def next_alpha(alphas: list[float], looks: list[np.ndarray], wanted: np.ndarray) -> float:
     """Return the alpha whose look, between those tried, is nearest to the `wanted` one."""
-    if len(alphas) < len(ALPHA_STARTS):
-        return ALPHA_STARTS[len(alphas)]
     tried, known = _merged(alphas, looks)
     best, least = float(tried[0]), np.inf
     for i in range(len(tried) - 1):
@@ -56,13 +54,6 @@ def next_alpha(alphas: list[float], looks: list[np.ndarray], wanted: np.ndarray)
         if apart < least:
             best, least = float(tried[i] + share * (tried[i + 1] - tried[i])), apart
     return float(np.clip(best, 0.0, 1.0))
-
-
-def settled(alphas: list[float], looks: list[np.ndarray], wanted: np.ndarray) -> bool:
-    """Return whether another simulation would have the alpha of the last one."""
-    if len(alphas) <= len(ALPHA_STARTS):
-        return False
-    return abs(next_alpha(alphas, looks, wanted) - alphas[-1]) < ALPHA_TOLERANCE
 
 
 def _merged(alphas: list[float], looks: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

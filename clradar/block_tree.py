@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -85,10 +86,14 @@ def block_sizes(grid: VoxelGrid, leaf: Triple) -> list[Triple]:
     return sizes
 
 
+@lru_cache(maxsize=1)
 def levels(
     array: AntennaArray, waveform: Waveform, grid: VoxelGrid, tolerance: float
-) -> list[Level]:
+) -> tuple[Level, ...]:
     """Return the levels of the tree, from the whole grid down to the smallest blocks.
+
+    They do not depend on what was recorded and take most of the time of a small image, so those of
+    the last call are kept: images of one array, waveform and grid (the same objects) share them.
 
     Parameters
     ----------
@@ -109,7 +114,7 @@ def levels(
         x, y, z = (-(-n // s) for n, s in zip(grid.counts, voxels, strict=True))
         indices, weights = [p.index for p in parts], [p.weights for p in parts]
         found.append(Level(voxels, (x, y, z), *indices, *weights))
-    return found
+    return tuple(found)
 
 
 class _Places:

@@ -18,40 +18,36 @@ BUNDLE_FLOATS = 320
 """Length of a bundle in ``kernels/visibility.cl``."""
 
 
-def grouped(positions_m: np.ndarray, filler: np.ndarray) -> np.ndarray:
-    """Return positions as (3, n_groups * GROUP) float32, the last group filled up."""
-    n_groups = -(-len(positions_m) // GROUP)
-    out = np.empty((3, n_groups * GROUP), dtype=np.float32)
-    out[:] = np.asarray(filler, dtype=np.float32)[:, None]
-    out[:, : len(positions_m)] = positions_m.T
-    return out
-
-
-def bundled(positions_m: np.ndarray) -> np.ndarray:
-    """Return what `visible_antennas` calls ``tx``.
+def bundled(positions_m: np.ndarray, filler_m: np.ndarray | None = None) -> np.ndarray:
+    """Return what the kernels of ``visibility.cl`` read of antennas.
 
     Parameters
     ----------
     positions_m : ndarray, shape (n, 3), float64, metres
+    filler_m : ndarray, shape (3,), optional
+        What fills up the last group; the last position by default.
 
     Returns
     -------
     ndarray, shape (m,), float32
-        The positions as from `grouped`, the number of bundles, and the bundles.
+        The positions by coordinate, (3, n_groups * GROUP), the number of bundles, and the bundles.
     """
     positions = np.asarray(positions_m, dtype=np.float32)
+    n_groups = -(-len(positions) // GROUP)
+    columns = np.empty((3, n_groups * GROUP), dtype=np.float32)
+    columns[:] = np.asarray(positions[-1] if filler_m is None else filler_m)[:, None]
+    columns[:, : len(positions)] = positions.T
     bundles = [
         _bundle(positions, list(_split(positions, members, GROUP)))
         for members in _split(positions, np.arange(len(positions)), BUNDLE)
     ]
     header = np.zeros(8, dtype=np.int32)
     header[0] = len(bundles)
-    soa = grouped(positions, positions[-1])
-    return np.concatenate([soa.ravel(), header.view(np.float32), *bundles])
+    return np.concatenate([columns.ravel(), header.view(np.float32), *bundles])
 
 
 def items(device: Device, n_points: int, n_groups: int) -> tuple[int, int]:
-    """Return over how many items `visible_antennas` is launched."""
+    """Return over how many items the kernels of ``visibility.cl`` are launched."""
     return n_points, 1 if device.width == 8 else n_groups
 
 

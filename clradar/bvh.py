@@ -197,7 +197,7 @@ def flatten(
     records = _records(bvh, leaf >> 4, leaf & 15, triangles_m)
     pad = np.float32(delta_m * (1 + 2.0**-10))
     far = np.float32(EMPTY_M)
-    nodes = _aligned((len(box), 8, WIDTH))
+    nodes = np.zeros((len(box), 8, WIDTH), dtype=np.float32)
     for axis in range(3):
         nodes[:, 1 + axis] = np.where(box >= 0, low[box, axis] - pad, far)
         nodes[:, 4 + axis] = np.where(box >= 0, high[box, axis] + pad, -far)
@@ -290,7 +290,7 @@ def _records(bvh: Bvh, first: np.ndarray, count: np.ndarray, triangles_m: np.nda
     corners = np.asarray(triangles_m, dtype=np.float32)[faces].transpose(2, 3, 0, 1)
     v0, v1, v2 = np.where(used, corners, np.float32(0)).astype(np.float64)
     e1, e2 = v1 - v0, v2 - v0
-    out = _aligned((len(first) * (ROWS + 1) * BLOCK,))
+    out = np.empty(len(first) * (ROWS + 1) * BLOCK, dtype=np.float32)
     blocks = out[: len(first) * ROWS * BLOCK].reshape(-1, ROWS, BLOCK)
     for axis in range(3):
         i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -298,16 +298,6 @@ def _records(bvh: Bvh, first: np.ndarray, count: np.ndarray, triangles_m: np.nda
             blocks[:, row + axis] = value[axis]
         blocks[:, 9 + axis] = e1[i] * e2[j] - e1[j] * e2[i]
     out[len(first) * ROWS * BLOCK :] = faces.astype(np.int32).view(np.float32).ravel()
-    return out
-
-
-def _aligned(shape: tuple[int, ...]) -> np.ndarray:
-    """Return zeros, float32, that begin at a page, so that a CPU may use them where they are."""
-    n_bytes = 4 * int(np.prod(shape))
-    raw = np.empty(n_bytes + 4096, dtype=np.uint8)  # numpy asks for huge pages here, not for zeros
-    begin = -raw.ctypes.data % 4096
-    out = raw[begin : begin + n_bytes].view(np.float32).reshape(shape)
-    out[...] = 0.0
     return out
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -110,22 +111,40 @@ def compare(
     -----
     The overall level of an image has no influence: each is normalised to its own maximum.
     """
+    first, second, dynamic_range_db = _prepared(measured, simulated, dynamic_range_db)
+    values = {name: value_of(first, second) for name, value_of in _VALUES.items()}
+    return Metrics(**values, dynamic_range_db=dynamic_range_db)
+
+
+def compare_by(
+    metric: str,
+    measured: Volume | DepthMap,
+    simulated: Volume | DepthMap,
+    *,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+) -> float:
+    """Return one field of what `compare` returns, without computing the others.
+
+    Parameters
+    ----------
+    metric : str
+        A field of `Metrics` other than `dynamic_range_db`.
+
+    The other arguments and the errors are those of `compare`.
+    """
+    checks.one_of("compare_by: metric", metric, tuple(_VALUES))
+    first, second, _ = _prepared(measured, simulated, dynamic_range_db)
+    return _VALUES[metric](first, second)
+
+
+def _prepared(
+    measured: Volume | DepthMap, simulated: Volume | DepthMap, dynamic_range_db: float
+) -> tuple[DepthMap, DepthMap, float]:
     dynamic_range_db = checks.positive("compare: dynamic_range_db", dynamic_range_db)
     first = depth_map_of(measured, dynamic_range_db, "measured image")
     second = depth_map_of(simulated, dynamic_range_db, "simulated image")
     _check_same_pixels(first, second)
-    first_db, second_db = clipped_db(first), clipped_db(second)
-    first_points, second_points = first.points_m(), second.points_m()
-    return Metrics(
-        overlap=overlap(first, second),
-        db_correlation=_correlation(first_db, second_db),
-        ssim=_ssim(first_db / dynamic_range_db + 1.0, second_db / dynamic_range_db + 1.0),
-        mask_iou=_iou(first.mask, second.mask),
-        depth_rmse_m=_depth_rmse(first.depth_m, second.depth_m),
-        chamfer_simulated_to_measured_m=_mean_nearest_m(second_points, first_points),
-        chamfer_measured_to_simulated_m=_mean_nearest_m(first_points, second_points),
-        dynamic_range_db=dynamic_range_db,
-    )
+    return first, second, dynamic_range_db
 
 
 def depth_map_of(image: Volume | DepthMap, dynamic_range_db: float, label: str) -> DepthMap:
@@ -195,7 +214,8 @@ def _check_same_pixels(measured: DepthMap, simulated: DepthMap) -> None:
         return
     raise CompareError(
         f"compare: expected both images on the same pixels along x and y, got "
-        f"{_pixels_text(measured)} measured and {_pixels_text(simulated)} simulated"
+        f"{_pixels_text(measured)} measured and {_pixels_text(simulated)} simulated; form both "
+        "on one grid"
     )
 
 
@@ -261,3 +281,23 @@ def _mean_nearest_m(from_m: np.ndarray, to_m: np.ndarray) -> float:
 
     distance_m, _ = cKDTree(to_m).query(from_m)
     return float(distance_m.mean())
+
+
+_VALUES: dict[str, Callable[[DepthMap, DepthMap], float]] = {
+    "overlap": overlap,
+    "db_correlation": lambda a, b: _correlation(clipped_db(a), clipped_db(b)),
+    "ssim": lambda a, b: _ssim(_scaled(a), _scaled(b)),
+    "mask_iou": lambda a, b: _iou(a.mask, b.mask),
+    "depth_rmse_m": lambda a, b: _depth_rmse(a.depth_m, b.depth_m),
+    "chamfer_simulated_to_measured_m": lambda a, b: _mean_nearest_m(b.points_m(), a.points_m()),
+    "chamfer_measured_to_simulated_m": lambda a, b: _mean_nearest_m(a.points_m(), b.points_m()),
+}
+"""Each metric of a measured and a simulated depth map that are cut alike."""
+
+METRICS = tuple(_VALUES)
+"""The names of the metrics, in the order of the fields of `Metrics`."""
+
+
+def _scaled(image: DepthMap) -> np.ndarray:
+    """Return the clipped dB image in [0, 1]."""
+    return clipped_db(image) / image.dynamic_range_db + 1.0

@@ -46,7 +46,7 @@ def nearest_hits(
     program = build(device, "nearest.cl", _NearestOptions(device.width, stack))
     n = len(at)
     with Buffers(device) as buffers:
-        put = [buffers.share(a) for a in (nodes, blocks, at, towards)]
+        put = [buffers.upload(a) for a in (nodes, blocks, at, towards)]
         out = [buffers.empty(size * n) for size in (4, 4, 8)]
         program.launch("nearest_hits", (n,), np.uint32(n), *put, *out)
         return (

@@ -93,6 +93,16 @@ def smooth_normals(scene: Scene, crease_deg: float) -> np.ndarray:
     return out
 
 
+def scene_normals(scene: Scene, normals: str, crease_deg: float) -> tuple[np.ndarray, np.ndarray]:
+    """Normals of the faces, shape (n_faces, 3), and at their corners, shape (n_faces, 3, 3)."""
+    corners = scene.triangles_m
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
+    if normals == "smooth":
+        return flat, smooth_normals(scene, crease_deg)
+    return flat, np.repeat(flat[:, None], 3, axis=1)
+
+
 def sample_surface(
     scene: Scene, counts: np.ndarray, corner_normals: np.ndarray, seed: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -147,6 +157,133 @@ def closest_hit(
     return best, face, uv
 
 
+def sees(
+    point: np.ndarray, normal: np.ndarray, target_m: np.ndarray, triangles_m: np.ndarray
+) -> np.ndarray:
+    """Whether nothing lies between points on faces and their targets, shape (n,)."""
+    side = np.sign(np.einsum("sa,sa->s", normal, target_m - point))
+    lifted = point + LIFT_M * side[:, None] * normal
+    back = target_m - lifted
+    reach = np.linalg.norm(back, axis=1)
+    return (closest_hit(lifted, back / reach[:, None], triangles_m)[0] >= reach) & (side != 0)
+
+
+def direction_density(w: np.ndarray, n: np.ndarray, t_m: np.ndarray, alpha: float) -> np.ndarray:
+    """Density per solid angle of t_c = normalise(alpha t_d + (1 - alpha) t_m) at unit vectors w.
+
+    t_d = normalise(n + r), r uniform on the unit sphere, has the density max(0, n.t_d) / pi.
+    alpha t_d + (1 - alpha) t_m lies on a sphere of radius alpha, which the line s w meets where
+    s^2 - 2 s (1 - alpha) w.t_m + (1 - alpha)^2 - alpha^2 = 0; each s > 0 adds
+    max(0, n.t_d) / pi x s^2 / (alpha^2 |w.t_d|), the last factor being the area of that sphere per
+    solid angle.
+    """
+    along = (1 - alpha) * (w @ t_m)
+    root2 = along**2 - (1 - alpha) ** 2 + alpha**2
+    root = np.sqrt(np.maximum(root2, 0))
+    total = np.zeros(w.shape[:-1])
+    for sign in (-1.0, 1.0):
+        s = along + sign * root
+        t_d = (s[..., None] * w - (1 - alpha) * t_m) / alpha
+        across = np.abs((w * t_d).sum(axis=-1))
+        met = (root2 > 0) & (s > 0)
+        density = np.maximum(t_d @ n, 0) / np.pi * s**2 / (alpha**2 * np.where(met, across, 1))
+        total += np.where(met, density, 0)
+    return total
+
+
+def share_of_disc(
+    axis: np.ndarray,
+    half_angle: float,
+    n: np.ndarray,
+    face: np.ndarray,
+    t_m: np.ndarray,
+    alpha: float,
+    nodes: int = 24,
+) -> float:
+    """Integral of the density of t_c over the directions within `half_angle` of `axis`.
+
+    By circles around t_m, on each of which the disc takes an arc. Nodes are dense where the density
+    or the length of the arcs has a root or an infinite slope: at the lobe's edge,
+    sin beta = alpha / (1 - alpha), and at the disc's. What lies below the face is left out.
+    """
+    centre = np.arctan2(np.linalg.norm(np.cross(t_m, axis)), t_m @ axis)
+    edge = np.arcsin(alpha / (1 - alpha)) if alpha < 0.5 else np.pi
+    limits = [abs(centre - half_angle), min(centre + half_angle, np.pi, edge)]
+    if centre < half_angle:
+        limits.insert(0, 0.0)
+    side = axis - (axis @ t_m) * t_m
+    if np.linalg.norm(side) < 1e-12:
+        side = np.eye(3)[np.argmin(np.abs(t_m))] - t_m[np.argmin(np.abs(t_m))] * t_m
+    side /= np.linalg.norm(side)
+    x, weight = np.polynomial.legendre.leggauss(nodes)
+    tau = (x + 1) * np.pi / 2
+    total = 0.0
+    for low, high in pairwise(limits):
+        high = min(high, edge)
+        if high <= low:
+            continue
+        beta = (low + high) / 2 - (high - low) / 2 * np.cos(tau)
+        d_beta = weight * np.pi / 2 * (high - low) / 2 * np.sin(tau)
+        cosine = (np.cos(half_angle) - np.cos(beta) * np.cos(centre)) / (
+            np.sin(beta) * max(np.sin(centre), 1e-15)
+        )
+        arc = np.arccos(np.clip(cosine, -1, 1))
+        turn = arc[:, None] * (np.arange(4 * nodes) + 0.5) / (2 * nodes) - arc[:, None]
+        w = (
+            np.cos(beta)[:, None, None] * t_m
+            + (np.sin(beta)[:, None] * np.cos(turn))[..., None] * side
+            + (np.sin(beta)[:, None] * np.sin(turn))[..., None] * np.cross(t_m, side)
+        )
+        density = np.where(w @ face > 0, direction_density(w, n, t_m, alpha), 0)
+        total += float(np.sum(d_beta * np.sin(beta) * 2 * arc * density.mean(axis=1)))
+    return total
+
+
+def expected(
+    scene: Scene,
+    array: AntennaArray,
+    counts: np.ndarray,
+    *,
+    reception_radius_m: float = 0.010,
+    normals: str = "smooth",
+    crease_deg: float = 30.0,
+    seed: int = 0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Probability of reception and path length of every sample, Tx and Rx, (n_samples, n_tx, n_rx).
+
+    An Rx is hidden where the centre of its sphere is; where the plane of the sample's face cuts
+    the sphere, where the middle of the part above it is.
+    """
+    triangles = scene.triangles_m
+    _, corner = scene_normals(scene, normals, crease_deg)
+    point, shading, geometric, face = sample_surface(scene, counts, corner, seed)
+    alpha_of = np.asarray(scene.alpha)
+    share = np.zeros((len(point), array.n_tx, array.n_rx))
+    to_rx = array.rx_m - point[:, None]
+    distance = np.linalg.norm(to_rx, axis=2)
+    length = np.linalg.norm(array.tx_m - point[:, None], axis=2)[:, :, None] + distance[:, None]
+    for tx, tx_m in enumerate(array.tx_m):
+        seen = sees(point, geometric, np.broadcast_to(tx_m, point.shape), triangles)
+        for rx, rx_m in enumerate(array.rx_m):
+            g = geometric * -np.sign(np.einsum("sa,sa->s", geometric, point - tx_m))[:, None]
+            height = np.einsum("sa,sa->s", g, rx_m - point)
+            lift = np.clip(reception_radius_m - height, 0, None) / 2
+            clear = sees(point, geometric, rx_m + lift[:, None] * g, triangles)
+            reached = seen & clear & (height > -reception_radius_m)
+            for s in np.flatnonzero(reached):
+                t_i = (point[s] - tx_m) / np.linalg.norm(point[s] - tx_m)
+                n = shading[s] * -np.sign(shading[s] @ t_i)
+                t_m = t_i - 2 * (t_i @ n) * n
+                axis, alpha = to_rx[s, rx] / distance[s, rx], float(alpha_of[face[s]])
+                half_angle = np.arcsin(reception_radius_m / distance[s, rx])
+                if alpha == 0:
+                    inside = np.linalg.norm(np.cross(t_m, axis)) < np.sin(half_angle)
+                    share[s, tx, rx] = inside and t_m @ axis > 0 and t_m @ g[s] > 0
+                else:
+                    share[s, tx, rx] = share_of_disc(axis, half_angle, n, g[s], t_m, alpha)
+    return share, length
+
+
 def trace(
     scene: Scene,
     array: AntennaArray,
@@ -163,11 +300,7 @@ def trace(
 ) -> Paths:
     """Trace `counts` samples per face, shape (n_faces,), by the model of [1]_."""
     triangles = scene.triangles_m
-    flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
-    corner = np.repeat(flat[:, None], 3, axis=1)
-    if normals == "smooth":
-        corner = smooth_normals(scene, crease_deg)
+    flat, corner = scene_normals(scene, normals, crease_deg)
     point, shading, geometric, face_of = sample_surface(scene, counts, corner, seed)
     alpha_of = np.asarray(scene.alpha)
     rows = []
@@ -175,12 +308,7 @@ def trace(
         arrival = point - tx_m
         first = np.linalg.norm(arrival, axis=1)
         arrival /= first[:, None]
-        towards = -np.sign(np.einsum("sa,sa->s", geometric, arrival))
-        lifted = point + LIFT_M * towards[:, None] * geometric
-        back = tx_m - lifted
-        reach = np.linalg.norm(back, axis=1)
-        blocked = closest_hit(lifted, back / reach[:, None], triangles)[0] < reach
-        seen = np.flatnonzero(~blocked & (towards != 0))
+        seen = np.flatnonzero(sees(point, geometric, np.broadcast_to(tx_m, point.shape), triangles))
         for ray in range(rays_per_sample):
             sample, p, t_i = seen, point[seen], arrival[seen]
             n, g, alpha = shading[seen], geometric[seen], alpha_of[face_of[seen]]

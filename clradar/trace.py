@@ -6,14 +6,14 @@ The model and its equations are in ``docs/equations.md``, the kernels in ``sampl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from clradar.bvh import build_bvh, error_bound_m, face_normals, flatten
-from clradar.bundles import GROUP, bundled, grouped, items
+from clradar.bundles import GROUP, bundled, items
 from clradar.errors import MeshError
 from clradar.model import AntennaArray, Paths, Scene, TraceStatistics, checks
 from clradar.normals import CREASE_DEG, corner_normals
@@ -24,11 +24,16 @@ RECEPTION_RADIUS_M = 0.010
 SAMPLES_PER_MM2 = 10.0
 RAYS_PER_SAMPLE = 4
 
+EXPECTED_SAMPLES_PER_MM2 = 1.0
+"""For ``estimator="expected"``, which needs fewer; each then stands for as many more rays."""
+
 TILE_SAMPLES = 16384
 """Samples per tile, fewer where memory is short. No result depends on it."""
 
 RECEPTION_BYTES = 8 + 16
 """Device memory per reception: key and path."""
+
+Lit = TypeVar("Lit", bound="LitSurface")
 
 Progress = Callable[[int, int], None]
 """Called with (done, total) samples."""
@@ -36,7 +41,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class TraceSettings:
-    """How rays are launched, bounced and received; the arguments of `trace`, resolved.
+    """How rays are launched, bounced and received; the arguments of `simulate`, resolved.
 
     Exactly one of `samples_per_mm2` and `rays_per_face` is not None.
     """
@@ -51,6 +56,7 @@ class TraceSettings:
     amplitude: str
     pattern_exponent: float
     seed: int
+    estimator: str = "stochastic"
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +87,15 @@ class Receptions:
     path : ndarray, shape (n, 4), float32
         Length as hi + lo, metres; amplitude; unused.
     bounces : ndarray, shape (n,), uint8
+    face : ndarray, shape (n,), int32
+        Where the path was reflected first.
     statistics : TraceStatistics
     """
 
     pair: np.ndarray
     path: np.ndarray
     bounces: np.ndarray
+    face: np.ndarray
     statistics: TraceStatistics
 
 
@@ -102,38 +111,49 @@ def resolve_settings(
     amplitude: str = "unit",
     pattern_exponent: float = 0.0,
     seed: int = 0,
+    estimator: str = "stochastic",
 ) -> TraceSettings:
-    """Check the arguments of `trace` and fill in what depends on others."""
+    """Check the arguments of `trace` and `simulate` and fill in what depends on others."""
     if samples_per_mm2 is not None and rays_per_face is not None:
         checks.fail(
             "samples_per_mm2, rays_per_face",
             "one of the two",
             f"both ({samples_per_mm2}, {rays_per_face})",
         )
+    estimator = checks.one_of("estimator", estimator, ("stochastic", "expected"))
+    if rays_per_sample is None:
+        rays_per_sample = RAYS_PER_SAMPLE if rays_per_face is None else 1
+    rays_per_sample = checks.whole("rays_per_sample", rays_per_sample, 1, 2**16)
     if rays_per_face is not None:
         rays_per_face = checks.whole("rays_per_face", rays_per_face, 1, 2**20)
+    elif samples_per_mm2 is None and estimator == "expected":
+        # Fewer samples, of which each stands for more rays: the sum keeps its mean.
+        samples_per_mm2 = EXPECTED_SAMPLES_PER_MM2
+        rays_per_sample *= round(SAMPLES_PER_MM2 / EXPECTED_SAMPLES_PER_MM2)
     else:
         density = SAMPLES_PER_MM2 if samples_per_mm2 is None else samples_per_mm2
         samples_per_mm2 = checks.positive("samples_per_mm2", density)
-    if rays_per_sample is None:
-        rays_per_sample = RAYS_PER_SAMPLE if rays_per_face is None else 1
     exponent = checks.real("pattern_exponent", pattern_exponent)
     if exponent < 0 or (exponent > 0 and amplitude != "spreading"):
         checks.fail(
             "pattern_exponent", "0, or a positive number with amplitude='spreading'", exponent
         )
     crease = checks.real("crease_deg", crease_deg)
+    max_bounces = checks.whole("max_bounces", max_bounces, 1, 255)
+    if estimator == "expected" and max_bounces > 1:
+        checks.fail("max_bounces", "1 with estimator='expected'", max_bounces)
     return TraceSettings(
         samples_per_mm2=samples_per_mm2,
         rays_per_face=rays_per_face,
-        rays_per_sample=checks.whole("rays_per_sample", rays_per_sample, 1, 2**16),
+        rays_per_sample=rays_per_sample,
         reception_radius_m=checks.positive("reception_radius_m", reception_radius_m),
-        max_bounces=checks.whole("max_bounces", max_bounces, 1, 255),
+        max_bounces=max_bounces,
         normals=checks.one_of("normals", normals, ("smooth", "face")),
         crease_deg=crease,
         amplitude=checks.one_of("amplitude", amplitude, ("unit", "spreading")),
         pattern_exponent=exponent,
         seed=checks.whole("seed", seed, 0, 2**64 - 1),
+        estimator=estimator,
     )
 
 
@@ -258,10 +278,11 @@ def samples_per_face(scene: Scene, settings: TraceSettings) -> np.ndarray:
     return counts
 
 
-class Tracer:
-    """A scene and an array on a device, ready to be traced tile by tile.
+class LitSurface:
+    """A scene and an array on a device: samples of the surface, and which Tx see them.
 
-    A context manager: its device memory is freed when the block ends.
+    A context manager: its device memory is freed when the block ends. What follows from the samples
+    is up to those that inherit.
     """
 
     def __init__(
@@ -280,10 +301,10 @@ class Tracer:
         self._scene = scene
         self._face_start = np.concatenate([[0], np.cumsum(counts)]).astype(np.uint32)
         self._buffers = Buffers(device)
-        self._capacity = 0
         self._tile_samples = 0
+        self._tile: list[Any] = []
 
-    def __enter__(self) -> Tracer:
+    def __enter__(self: Lit) -> Lit:
         try:
             self._prepare()
         except BaseException:
@@ -308,22 +329,63 @@ class Tracer:
             up(corners.astype(np.float32)),
             up(faces.astype(np.float32)),
         ]
-        self._tree = [self._buffers.share(nodes), self._buffers.share(records)]
-        self._surface = [self._sampling[2], up(alpha)]
+        self._tree = [up(nodes), up(records)]
         self._face_alpha = alpha
         self._n_tx_groups = -(-array.n_tx // GROUP)
         self._n_rx_groups = -(-array.n_rx // GROUP)
         self._tx_soa = up(bundled(array.tx_m))
-        self._antennas = [up(part) for a in (array.tx_m, array.rx_m) for part in hi_lo(a)]
         out_of_reach = array.rx_m.max(axis=0) + 1e3 + self.settings.reception_radius_m * 10
-        self._rx_soa = up(grouped(array.rx_m, out_of_reach))
-        self._box = self._reception_box()
-        self._counter = self._buffers.zeros(12)
+        self._rx_soa = up(bundled(array.rx_m, out_of_reach))
         self._sample = build(device, "sample.cl", _SampleOptions(1))
         self._visibility = build(device, "visibility.cl", _VisibilityOptions(device.width, stack))
-        spreading = self.settings.amplitude == "spreading"
-        self._trace = build(device, "trace.cl", _TraceOptions(1, stack, spreading))
+        self._prepare_rays(stack)
         self._size_tiles()
+
+    def _prepare_rays(self, stack: int) -> None:
+        """Upload and build what comes after the samples; `stack` is what a traversal needs."""
+        raise NotImplementedError
+
+    def _size_tiles(self) -> None:
+        """Set `_tile_samples` and `_tile`, and take what memory is needed per tile."""
+        raise NotImplementedError
+
+    def _sample_buffers(self, count: int) -> list[Any]:
+        """Buffers for points, shading and face normals, faces, alpha and visible Tx."""
+        lengths = (12, 12, 12, 4, 4, self._n_tx_groups)
+        return [self._buffers.empty(length * count) for length in lengths]
+
+    def _see(self, first: int, count: int) -> tuple[np.ndarray, int]:
+        """Make the samples and ask which Tx see them; return their faces, and how many do."""
+        u = np.uint32
+        points, shading, geometric, face, _, visible = self._tile
+        self._sample.launch(
+            "sample_surface", (count,), u(len(self._face_start) - 1), u(first), u(count),
+            *self._seed_words(), *self._sampling, points, shading, geometric, face,
+        )  # fmt: skip
+        self._visibility.launch(
+            "visible_antennas", items(self.device, count, self._n_tx_groups), u(count),
+            u(self.array.n_tx), u(self._n_tx_groups), self._delta, *self._tree, self._tx_soa,
+            points, geometric, visible,
+        )  # fmt: skip
+        bits = self._buffers.read(visible, count * self._n_tx_groups, np.uint8)
+        return self._buffers.read(face, count, np.int32), int(np.unpackbits(bits).sum())
+
+    def _seed_words(self) -> tuple[np.uint32, np.uint32]:
+        seed = self.settings.seed
+        return np.uint32(seed & 0xFFFFFFFF), np.uint32(seed >> 32)
+
+
+class Tracer(LitSurface):
+    """A scene and an array on a device, ready to be traced tile by tile."""
+
+    def _prepare_rays(self, stack: int) -> None:
+        array, up = self.array, self._buffers.upload
+        self._surface = [self._sampling[2], up(self._face_alpha)]
+        self._antennas = [up(part) for a in (array.tx_m, array.rx_m) for part in hi_lo(a)]
+        self._box = self._reception_box()
+        self._counter = self._buffers.zeros(12)
+        spreading = self.settings.amplitude == "spreading"
+        self._trace = build(self.device, "trace.cl", _TraceOptions(1, stack, spreading))
 
     def _size_tiles(self) -> None:
         """Share what memory is left between samples and receptions."""
@@ -334,10 +396,9 @@ class Tracer:
         most = max(1, (2**32 - 1) // (rays * self.array.n_tx * self.array.n_rx))
         wanted = min(TILE_SAMPLES, self.n_samples, most, max(1, free // 4 // per_sample))
         self._tile_samples = int(wanted)
-        self._tile = [self._buffers.empty(12 * wanted) for _ in range(3)]
-        self._tile += [self._buffers.empty(4 * wanted) for _ in range(2)]
-        self._tile += [self._buffers.empty(self._n_tx_groups * wanted)]
+        self._tile = self._sample_buffers(self._tile_samples)
         self._keys = self._paths = None
+        self._capacity = 0
         self._grow(max(1, min(64 * wanted, self._most_receptions())))
 
     def _most_receptions(self) -> int:
@@ -358,54 +419,62 @@ class Tracer:
 
     def tiles(self, progress: Progress | None = None) -> Iterator[Receptions]:
         """Yield the receptions of all samples, tile by tile, in the order of samples."""
+        for _, tile in self.tiles_of([self._face_alpha], progress):
+            yield tile
+
+    def tiles_of(
+        self, alphas: Sequence[np.ndarray], progress: Progress | None = None
+    ) -> Iterator[tuple[int, Receptions]]:
+        """Yield what `tiles` would for several alphas: which of them, and its receptions.
+
+        Samples and which Tx they see are found once for all. Each of `alphas` has shape (n_faces,),
+        float32; the receptions of each come in the order of samples.
+        """
         first = 0
-        size = self._tile_samples
         while first < self.n_samples:
-            count = min(size, self.n_samples - first)
-            found, statistics = self._run(first, count)
-            if found > self._capacity:
-                if found <= self._most_receptions():
-                    self._grow(found)
-                elif count > 1:
-                    size = max(1, count // 2)
-                else:
-                    self._grow(found)  # raises: one sample alone does not fit
-                continue
-            yield self._collect(found, statistics)
+            count = min(self._tile_samples, self.n_samples - first)
+            yield from self._tile_of(first, count, list(enumerate(alphas)))
             first += count
             if progress is not None:
                 progress(first, self.n_samples)
 
-    def _run(self, first: int, count: int) -> tuple[int, TraceStatistics]:
+    def _tile_of(
+        self, first: int, count: int, alphas: list[tuple[int, np.ndarray]]
+    ) -> Iterator[tuple[int, Receptions]]:
+        faces, seen = self._see(first, count)
+        for at, (index, alpha) in enumerate(alphas):
+            received, outgoing, absorbed = self._send(first, count, faces, alpha)
+            if received > self._capacity:
+                if received > self._most_receptions() and count > 1:
+                    half = self._tile_samples = count // 2
+                    yield from self._tile_of(first, half, alphas[at:])
+                    yield from self._tile_of(first + half, count - half, alphas[at:])
+                    return
+                self._grow(received)  # raises where one sample alone does not fit
+                received, outgoing, absorbed = self._send(first, count, faces, alpha)
+            statistics = TraceStatistics(count, seen, outgoing, absorbed)
+            yield index, self._collect(received, faces, statistics)
+
+    def _send(
+        self, first: int, count: int, faces: np.ndarray, face_alpha: np.ndarray
+    ) -> tuple[int, int, int]:
+        """Trace the rays of what `_see` made; return receptions, outgoing and absorbed draws."""
         s, array = self.settings, self.array
         u = np.uint32
-        low, high = u(s.seed & 0xFFFFFFFF), u(s.seed >> 32)
-        points, shading, geometric, face, alpha, visible = self._tile
-        n_faces = len(self._face_start) - 1
-        self._sample.launch(
-            "sample_surface", (count,), u(n_faces), u(first), u(count), low, high,
-            *self._sampling, points, shading, geometric, face,
-        )  # fmt: skip
-        faces = self._buffers.read(face, count, np.int32)
-        self._buffers.write(alpha, self._face_alpha[faces])
-        self._visibility.launch(
-            "visible_antennas", items(self.device, count, self._n_tx_groups), u(count), u(array.n_tx),
-            u(self._n_tx_groups), self._delta, *self._tree, self._tx_soa, points, geometric,
-            visible,
-        )  # fmt: skip
+        points, shading, geometric, _, alpha, visible = self._tile
+        self._buffers.write(alpha, face_alpha[faces])
+        self._buffers.write(self._surface[1], face_alpha)
         self._buffers.write(self._counter, np.zeros(3, np.uint32))
         self._trace.launch(
             "trace_rays", (count, self._n_tx_groups), u(count), u(array.n_tx), u(array.n_rx),
             u(self._n_tx_groups), u(self._n_rx_groups), u(s.rays_per_sample), u(s.max_bounces),
-            u(first), low, high, np.float32(s.reception_radius_m), np.float32(s.pattern_exponent),
-            self._delta, *self._box, u(self._capacity), *self._tree, *self._surface,
-            *self._antennas, self._rx_soa, points, shading, geometric, alpha, visible,
-            self._counter, self._keys, self._paths,
+            u(first), *self._seed_words(), np.float32(s.reception_radius_m),
+            np.float32(s.pattern_exponent), self._delta, *self._box, u(self._capacity),
+            *self._tree, *self._surface, *self._antennas, self._rx_soa, points, shading, geometric,
+            alpha, visible, self._counter, self._keys, self._paths,
         )  # fmt: skip
         received, outgoing, absorbed = self._buffers.read(self._counter, 3, np.uint32)
-        bits = self._buffers.read(visible, count * self._n_tx_groups, np.uint8)
-        seen = int(np.unpackbits(bits).sum())
-        return int(received), TraceStatistics(count, seen, int(outgoing), int(absorbed))
+        return int(received), int(outgoing), int(absorbed)
 
     def _reception_box(self) -> list[np.ndarray]:
         """Box around all receivers' spheres as two float4, a little larger for the rounding."""
@@ -415,12 +484,17 @@ class Tracer:
             corners.append(np.append(corner, 0.0).astype(np.float32))
         return corners
 
-    def _collect(self, found: int, statistics: TraceStatistics) -> Receptions:
+    def _collect(self, found: int, faces: np.ndarray, statistics: TraceStatistics) -> Receptions:
         keys = self._buffers.read(self._keys, found, np.uint64)
         paths = self._buffers.read(self._paths, (found, 4), np.float32)
         place = np.argsort(keys)  # keys are unique, so any sort gives the same order
         keys = keys[place]
-        bounces = (keys & 0xFFFFFFFF) % self.settings.max_bounces + 1
+        within = keys & 0xFFFFFFFF
+        most = self.settings.max_bounces
         return Receptions(
-            (keys >> 32).astype(np.uint32), paths[place], bounces.astype(np.uint8), statistics
+            pair=(keys >> 32).astype(np.uint32),
+            path=np.take(paths, place, axis=0),
+            bounces=(within % most + 1).astype(np.uint8),
+            face=faces[within // (self.settings.rays_per_sample * most)],
+            statistics=statistics,
         )

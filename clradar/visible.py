@@ -72,7 +72,7 @@ class VisibleSurface:
         counts = samples_per_face(self._scene, self._settings)
         n = int(counts.sum())
         start = np.concatenate([[0], np.cumsum(counts)]).astype(np.uint32)
-        self._tree = [self._buffers.share(nodes), self._buffers.share(records)]
+        self._tree = [up(nodes), up(records)]
         self._points, shading, self._geometric = (self._buffers.empty(12 * n) for _ in range(3))
         u = np.uint32
         build(device, "sample.cl", _SampleOptions(1)).launch(

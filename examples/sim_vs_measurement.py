@@ -8,7 +8,7 @@ from pathlib import Path
 import trimesh
 
 import clradar
-from calibration import align
+from calibration import register
 from clradar.hand import hand_mesh
 from clradar.report import ReportImage, html_report
 from measurement_io import open_recording, save_recording
@@ -35,17 +35,16 @@ def main(recording: Path | None, mesh: Path | None, alpha: float, page: Path) ->
     # A mesh of one's own is in the antenna frame, metres; the recording's is brought there.
     scene = (clradar.Scene.from_mesh(mesh) if mesh else frames.scene()).with_alpha(alpha)
 
-    def image(scene: clradar.Scene) -> clradar.Volume:
-        capture = clradar.simulate(scene, frames.array, frames.waveform, samples_per_mm2=1)
-        return clradar.backproject(capture, GRID)
-
-    measured, given = clradar.backproject(frames[0], GRID), image(scene)
-    found = align(measured, given)
-    aligned = image(scene.transformed(found.transform))
-    simulated = [ReportImage("As given", given), ReportImage("Aligned", aligned)]
+    radar = {"array": frames.array, "waveform": frames.waveform}
+    measured = clradar.backproject(frames[0], GRID)
+    given = clradar.backproject(clradar.simulate(scene, **radar, samples_per_mm2=1), GRID)
+    # Places the mesh, simulates it there, and goes on until it comes to rest.
+    placed = register(measured, scene, **radar, samples_per_mm2=1, max_rounds=5)
+    simulated = [ReportImage("As given", given), ReportImage("Registered", placed.volume)]
     first = ReportImage("Measurement", measured, str(frames.path))
-    page.write_text(html_report(first, simulated, notes=[found.report()]), encoding="utf-8")
-    print(f"shift: {', '.join(f'{1e3 * v:.1f}' for v in found.shift_m)} mm")
+    notes = [placed.alignment.report()]
+    page.write_text(html_report(first, simulated, notes=notes), encoding="utf-8")
+    print(f"shift: {', '.join(f'{1e3 * v:.1f}' for v in placed.alignment.shift_m)} mm")
     for s in simulated:
         print(f"{s.label}: overlap {clradar.compare(measured, s.image).overlap:.2f}")
 

@@ -18,6 +18,12 @@
 
 #define GROUP 8
 
+/* An antenna is a sphere of this radius, or a point (0). Where the plane of the point's face cuts a sphere, each side
+ * asks for the middle of its own part, in height above the face: how far that is from the centre. */
+static inline realw lift_of(const realw above, const float radius) {
+    return above < radius ? 0.5f * (radius - above) : (realw)(0.0f);
+}
+
 #if CLR_WIDTH == 8
 
 #define GROUPS 8
@@ -182,31 +188,22 @@ static inline void stretch(const float8 low, const float8 high, const float8 c, 
     *most = most8(most_8) + margin;
 }
 
-/* nodes, triangles  see common/bvh.h
- * tx        float (3, n_groups * 8)  antennas, metres; padded with copies of the last; then an int, the
- *           number of bundles, 7 unused, and the bundles
- * point     float (n_samples, 3)     metres
- * geometric float (n_samples, 3)     unit face normals
- * visible   uchar (n_samples, n_groups)  out: bit b of group g is set if antenna 8 g + b is seen */
-__kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint n_groups,
-                               const float delta, __global const float *nodes,
-                               __global const float *triangles, __global const float *tx,
-                               __global const float *point, __global const float *geometric,
-                               __global uchar *visible) {
-    const uint i = (uint)get_global_id(0);
-    if (i >= n_samples) return;
-    const float3 p = load3(point + 3 * (size_t)i), normal = load3(geometric + 3 * (size_t)i);
-    __global uchar *out = visible + (size_t)i * n_groups;
-    for (uint g = 0; g < n_groups; ++g) out[g] = 0;
-    __global const float *bundle = tx + 3 * n_groups * GROUP;
+/* Set the bits in `out` of the antennas that a point sees, one bundle after the other. */
+static inline void see_bundles(const float3 p, const float3 normal, const float delta,
+                               const float radius, __global const float *nodes,
+                               __global const float *triangles, __global const float *bundle,
+                               __global uchar *out) {
     const int n_bundles = as_int(bundle[0]);
     bundle += 8;
     for (int b = 0; b < n_bundles; ++b, bundle += BUNDLE_FLOATS) {
         const int n_used = as_int(bundle[BUNDLE_GROUPS]);
         float8 direction[3 * GROUPS], distance[GROUPS];
-        const float8 lx = LOAD8(bundle + BUNDLE_LOW), hx = LOAD8(bundle + BUNDLE_HIGH),
-                     ly = LOAD8(bundle + BUNDLE_LOW + 8), hy = LOAD8(bundle + BUNDLE_HIGH + 8),
-                     lz = LOAD8(bundle + BUNDLE_LOW + 16), hz = LOAD8(bundle + BUNDLE_HIGH + 16);
+        const float8 lx = LOAD8(bundle + BUNDLE_LOW) - radius;
+        const float8 ly = LOAD8(bundle + BUNDLE_LOW + 8) - radius;
+        const float8 lz = LOAD8(bundle + BUNDLE_LOW + 16) - radius;
+        const float8 hx = LOAD8(bundle + BUNDLE_HIGH) + radius;
+        const float8 hy = LOAD8(bundle + BUNDLE_HIGH + 8) + radius;
+        const float8 hz = LOAD8(bundle + BUNDLE_HIGH + 16) + radius;
         /* Twice the height above the face of the middle of each box, and by how much its corners differ. */
         const float8 middle = (lx + hx - 2.0f * p.x) * normal.x + (ly + hy - 2.0f * p.y) * normal.y +
                               (lz + hz - 2.0f * p.z) * normal.z;
@@ -224,10 +221,12 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
                 __global const float *at = bundle + BUNDLE_AT + g * GROUP;
                 const float8 ax = LOAD8(at), ay = LOAD8(at + SLOTS), az = LOAD8(at + 2 * SLOTS);
                 const int8 antenna = LOAD8I(bundle + BUNDLE_ANTENNA + g * GROUP);
-                const float8 height =
-                    (ax - p.x) * normal.x + (ay - p.y) * normal.y + (az - p.z) * normal.z;
-                open |= (ulong)lanes8((height * (float)side > 0.0f) & (antenna >= 0)) << 8 * g;
-                const float8 dx = ax - o.x, dy = ay - o.y, dz = az - o.z;
+                const float8 above = ((ax - p.x) * normal.x + (ay - p.y) * normal.y +
+                                      (az - p.z) * normal.z) * (float)side;
+                open |= (ulong)lanes8((above > -radius) & (antenna >= 0)) << 8 * g;
+                const float8 lift = lift_of(above, radius) * (float)side;
+                const float8 dx = ax - o.x + lift * normal.x, dy = ay - o.y + lift * normal.y,
+                             dz = az - o.z + lift * normal.z;
                 distance[g] = sqrt(dx * dx + dy * dy + dz * dz);
                 const float8 inverse = 1.0f / distance[g];
                 direction[g] = dx * inverse;
@@ -300,29 +299,69 @@ __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint
 
 #else
 
-/* As above. */
+/* Set the bits of a group of 8 antennas, one ray after the other. */
+static inline void see_group(const float3 p, const float3 normal, const uint n_antennas,
+                             const uint stride, const uint group, const float delta,
+                             const float radius, __global const float *nodes,
+                             __global const float *triangles, __global const float *antennas,
+                             __global uchar *out) {
+    uint bits = 0;
+    for (uint b = 0; b < GROUP && group * GROUP + b < n_antennas; ++b) {
+        __global const float *at = antennas + group * GROUP + b;
+        const float3 antenna = (float3)(at[0], at[stride], at[2 * stride]);
+        for (int side = -1; side <= 1; side += 2) {
+            const float above = dot3(antenna - p, normal) * (float)side;
+            if (!(above > -radius)) continue;
+            const float3 o = p + normal * ((float)side * 2.0f * delta);
+            const float3 d = antenna - o + normal * (lift_of(above, radius) * (float)side);
+            const float distance = length3(d);
+            if (traced(nodes, triangles, o, d * (1.0f / distance), distance, true).triangle < 0)
+                bits |= 1u << b;
+        }
+    }
+    out[group] = (uchar)bits;
+}
+
+#endif
+
+/* Which antennas the point of this item sees. */
+static inline void see(const uint n_samples, const uint n_antennas, const uint n_groups,
+                       const float delta, const float radius, __global const float *nodes,
+                       __global const float *triangles, __global const float *antennas,
+                       __global const float *point, __global const float *geometric,
+                       __global uchar *visible) {
+    const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
+    if (i >= n_samples || group >= n_groups) return;
+    const float3 p = load3(point + 3 * (size_t)i), normal = load3(geometric + 3 * (size_t)i);
+    const uint stride = n_groups * GROUP;
+    __global uchar *out = visible + (size_t)i * n_groups;
+#if CLR_WIDTH == 8
+    for (uint g = 0; g < n_groups; ++g) out[g] = 0;
+    see_bundles(p, normal, delta, radius, nodes, triangles, antennas + 3 * stride, out);
+#else
+    see_group(p, normal, n_antennas, stride, group, delta, radius, nodes, triangles, antennas, out);
+#endif
+}
+
+/* nodes, triangles  see common/bvh.h
+ * tx        float (3, n_groups * 8)  antennas, metres; padded with copies of the last; then an int, the
+ *           number of bundles, 7 unused, and the bundles
+ * point     float (n_samples, 3)     metres
+ * geometric float (n_samples, 3)     unit face normals
+ * visible   uchar (n_samples, n_groups)  out: bit b of group g is set if antenna 8 g + b is seen */
 __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint n_groups,
                                const float delta, __global const float *nodes,
                                __global const float *triangles, __global const float *tx,
                                __global const float *point, __global const float *geometric,
                                __global uchar *visible) {
-    const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
-    if (i >= n_samples || group >= n_groups) return;
-    const float3 p = load3(point + 3 * (size_t)i), normal = load3(geometric + 3 * (size_t)i);
-    uint bits = 0;
-    for (uint b = 0; b < GROUP && group * GROUP + b < n_tx; ++b) {
-        __global const float *at = tx + group * GROUP + b;
-        const uint stride = n_groups * GROUP;
-        const float3 antenna = (float3)(at[0], at[stride], at[2 * stride]);
-        const float height = dot3(antenna - p, normal);
-        if (height == 0.0f) continue;
-        const float3 o = p + normal * (height > 0.0f ? 2.0f * delta : -2.0f * delta);
-        const float3 d = antenna - o;
-        const float distance = length3(d);
-        if (traced(nodes, triangles, o, d * (1.0f / distance), distance, true).triangle < 0)
-            bits |= 1u << b;
-    }
-    visible[(size_t)i * n_groups + group] = (uchar)bits;
+    see(n_samples, n_tx, n_groups, delta, 0.0f, nodes, triangles, tx, point, geometric, visible);
 }
 
-#endif
+/* The same of receivers, which are spheres. */
+__kernel void visible_spheres(const uint n_samples, const uint n_rx, const uint n_groups,
+                              const float delta, const float radius, __global const float *nodes,
+                              __global const float *triangles, __global const float *rx,
+                              __global const float *point, __global const float *geometric,
+                              __global uchar *visible) {
+    see(n_samples, n_rx, n_groups, delta, radius, nodes, triangles, rx, point, geometric, visible);
+}

@@ -16,6 +16,7 @@ from measurement_io.maroon.recording_writer import save_recording
 from measurement_io.maroon.writer import save_maroon_frame
 from measurement_io.native import open_volume, save_capture, save_volume
 from measurement_io.opening import open_capture
+from measurement_io.transform_file import read_transform
 
 __all__ = [
     "CheckReport",
@@ -37,6 +38,7 @@ __all__ = [
     "read_alignment",
     "read_layout",
     "read_metadata",
+    "read_transform",
     "save_capture",
     "save_channels",
     "save_maroon_frame",

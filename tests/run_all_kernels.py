@@ -7,6 +7,8 @@ the names of the kernels that ran. `--faulty` runs a kernel with a known fault i
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
@@ -35,13 +37,13 @@ def faulty(kind: str) -> None:
 
 def everything(width: int) -> None:
     launched = set()
-    launch = Program.launch
+    start = Program.start
 
-    def recorded(self: Program, name: str, *args: object) -> None:
+    def recorded(self: Program, name: str, *args: Any) -> Callable[[], None]:
         launched.add(name)
-        launch(self, name, *args)
+        return start(self, name, *args)
 
-    Program.launch = recorded  # type: ignore[method-assign]
+    Program.start = recorded  # type: ignore[method-assign]
     # Oclgrind's check of uninitialised reads keeps the marks of a freed buffer for the next one at
     # the same address, so nothing is freed here.
     Buffers.__exit__ = lambda self, *error: kept.append(self)  # type: ignore[method-assign]
@@ -72,6 +74,8 @@ def everything(width: int) -> None:
         {"max_bounces": 3, "normals": "face", "seed": 2**40 + 1},
         {"max_bounces": 2, "amplitude": "spreading", "pattern_exponent": 1.5},
         {"rays_per_face": 3, "rays_per_sample": 2},
+        {"estimator": "expected"},
+        {"estimator": "expected", "amplitude": "spreading", "pattern_exponent": 1.5},
     ):
         if "rays_per_face" not in options:
             options = {**options, "samples_per_mm2": 0.008, "rays_per_sample": 2}
@@ -93,6 +97,14 @@ def everything(width: int) -> None:
     one_face = clradar.Scene(vertices[:3], [[0, 1, 2]], alpha=0.5)
     paths = clradar.trace(one_face, array, rays_per_face=7, reception_radius_m=0.05, device=device)
     capture = clradar.synthesize(paths, array, waveform, device=device)
+    # Lengths so far apart that blocks have to make room.
+    pair = np.arange(150) % 63
+    clradar.synthesize(
+        clradar.Paths(
+            pair // 9, pair % 9, np.linspace(20, 0.3, 150), pair + 0.5, pair % 2 + 1, 7, 9
+        ),
+        array, waveform, device=device,
+    )  # fmt: skip
     for shape in ((-0.001, 0.001), (0.0, 0.0), (-0.004, 0.004)):  # 3, 1 and 9 voxels along x
         grid = clradar.VoxelGrid.from_extent(shape, (0, 0.002), (0.30, 0.302), 1e-3)
         for method in ("exact", "range", "fast"):

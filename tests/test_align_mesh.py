@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -215,6 +216,20 @@ def test_report_speaks_of_the_mesh(found):
     assert json.loads(json.dumps(found.to_dict()))["transform"] == found.transform.tolist()
 
 
+def test_doubts_are_remarked(found):
+    assert found.remarks() == ()
+    assert "Doubtful" not in found.report()
+    turned = np.eye(4)
+    turned[:3, :3] = Rotation.from_rotvec([0, 0, 70], degrees=True).as_matrix()
+    doubtful = replace(found, transform=turned, overlap=0.6, converged=False)
+    still, beyond, other = doubtful.remarks()
+    assert "still moving" in still
+    assert "--search-deg" in beyond
+    assert "0.60" in other
+    assert doubtful.report().count("Doubtful") == 2
+    assert doubtful.to_dict()["remarks"] == [still, beyond, other]
+
+
 def test_start_does_not_matter_and_depth_maps_do(measured, hand, found):
     """From a metre away, and from the depth map alone: the same minimum, to the convergence."""
     away = motion((0.0, 0.0, 10.0), (0.4, -0.7, 0.5))
@@ -266,7 +281,7 @@ def test_plate_beyond_the_image_keeps_what_it_cannot_tell():
 # Failures
 
 
-@pytest.mark.parametrize("factor", [1000.0, 0.001])
+@pytest.mark.parametrize("factor", [1000.0, 10.0, 0.001])
 def test_wrong_unit_is_noticed(measured, hand, factor):
     wrong = clradar.Scene(factor * hand.vertices_m, hand.faces)
     with pytest.raises(CompareError, match=r"could not align, because the mesh is too .*--unit"):
@@ -308,7 +323,7 @@ def test_options_are_checked(measured, hand, option):
 def test_command_writes_what_simulate_reads(measured, hand, found, tmp_path, capsys):
     import trimesh
 
-    from clradar.cli.options import read_transform
+    from measurement_io import read_transform
 
     save_volume(tmp_path / "measured.h5", measured)
     mesh = trimesh.Trimesh(1e3 * hand.vertices_m, hand.faces, process=False)

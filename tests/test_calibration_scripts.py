@@ -24,7 +24,7 @@ from clradar.hand import hand_mesh
 from measurement_io import open_capture, open_channels, save_capture
 
 FOLDER = Path(__file__).resolve().parents[1] / "calibration"
-SCRIPTS = ("align", "background", "channels")
+SCRIPTS = ("align", "background", "channels", "sweep")
 
 
 def start(name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
@@ -51,11 +51,11 @@ def test_help(name):
 
 
 def test_a_script_does_not_hide_the_function_of_its_name():
+    program = "from calibration import align, sweep; print(align.__module__, sweep.__module__)"
     done = subprocess.run(
-        [sys.executable, "-c", "from calibration import align; print(align.__module__)"],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert done.stdout.strip() == "calibration.align_images"
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["calibration.align_images", "calibration.alpha_sweep"]
 
 
 def test_background(tmp_path):
@@ -101,13 +101,36 @@ def test_channels(tmp_path):
     assert "of the echoes is left" in done.stdout
 
 
-def test_align(tmp_path):
+@pytest.fixture
+def hand_capture(tmp_path):
+    """Of a hand that is in its place; both are files."""
     hand = hand_mesh("F", edge_length_m=3e-3)
     trimesh.Trimesh(hand.vertices_m, hand.faces, process=False).export(tmp_path / "hand.ply")
     placed = clradar.Scene.from_mesh(hand, alpha=0.3)
     array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 32)
     capture = clradar.simulate(placed, array, waveform, samples_per_mm2=1.0, device="pocl")
     save_capture(tmp_path / "capture.h5", capture)
+    return capture
+
+
+def test_sweep(hand_capture, tmp_path):
+    place = {"transform": np.eye(4).tolist()}
+    (tmp_path / "transform.json").write_text(json.dumps(place))
+    arguments = (
+        "sweep", tmp_path / "capture.h5", tmp_path / "hand.ply", "-o", tmp_path / "sweep.png",
+        "--transform", tmp_path / "transform.json", "--step", 0.5, "--samples-per-mm2", 0.5,
+        "--seeds", 1,
+    )  # fmt: skip
+    done = start(*arguments)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("best alpha 0.")
+    assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
+    done = start(*arguments)
+    assert done.returncode == 1
+    assert done.stderr.startswith("sweep.py: error: ")
+
+
+def test_align(hand_capture, tmp_path):
     output = tmp_path / "transform.json"
     arguments = ("align", tmp_path / "capture.h5", tmp_path / "hand.ply", "-o", output, "--quick")
     done = start(*arguments)

@@ -95,12 +95,12 @@ def test_read_recording(tmp_path: Path) -> None:
 
 def test_sim_vs_measurement(tmp_path: Path) -> None:
     shift, given, aligned = output_of("sim_vs_measurement.py", tmp_path).splitlines()
-    # The mesh lies at +4 and +3 mm (x, y); volume against volume is good to 1.5 mm.
+    # The mesh lies at +4 and +3 mm (x, y); mesh against measurement is good to 1.5 mm.
     for value, expected in zip(numbers(shift), (-4, -3, 0), strict=True):
         assert abs(value - expected) <= 1.5
     assert numbers(aligned)[0] > numbers(given)[0] + 0.1
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    for part in ("Measurement", "As given", "Aligned", "The simulated object is shifted by"):
+    for part in ("Measurement", "As given", "Registered", "The mesh is shifted by"):
         assert part in page
     help_text = output_of("sim_vs_measurement.py", tmp_path, "--help")
     assert "--mesh" in help_text

@@ -17,16 +17,18 @@ LAYERS = (
     ("clradar.model",),
     ("clradar.arrays", "clradar.opencl", "clradar.bvh", "clradar.reference", "clradar.hand"),
     ("clradar.normals", "clradar.streams", "clradar.room", "clradar.skeleton"),
-    ("clradar.channel_errors", "clradar.block_tree"),
+    ("clradar.channel_errors", "clradar.block_tree", "clradar.length_blocks"),
     ("clradar.impair",),
     ("clradar.trace",),
+    ("clradar.expected",),
     ("clradar.synthesize", "clradar.formers", "clradar.visible"),
-    ("clradar.backproject",),
+    ("clradar.backproject", "clradar.several_alphas"),
     ("clradar.overlap",),
     ("clradar.compare",),
     ("clradar.plot",),
     ("clradar.report",),
     ("clradar",),
+    ("clradar.bench",),
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 

@@ -263,6 +263,22 @@ def test_buffers_count_what_they_hold(small: clradar.Device) -> None:
     assert buffers.used_bytes == 0
 
 
+def test_borrowed_is_the_arrays_own_memory_on_a_cpu(small: clradar.Device) -> None:
+    values = np.arange(100.0)
+    with Buffers(small) as buffers:
+        borrowed = buffers.borrow(values)
+        assert buffers.used_bytes == 800
+        np.testing.assert_array_equal(buffers.read(borrowed, 100, np.float64), values)
+        values[3] = -1.0
+        assert buffers.read(borrowed, 100, np.float64)[3] == -1.0
+        buffers.release(borrowed)
+        # Read-only, not contiguous, and too small for a buffer of its own.
+        values.flags.writeable = False
+        for view in (values, values[::-3], values[:1], values[:0]):
+            got = buffers.read(buffers.borrow(view), len(view), np.float64)
+            np.testing.assert_array_equal(got, view)
+
+
 @pytest.mark.parametrize("fails", [False, True])
 def test_buffers_are_freed_when_the_block_ends(small: clradar.Device, fails: bool) -> None:
     released = []
@@ -338,6 +354,25 @@ def test_an_allocation_that_the_driver_refuses_names_device_and_remedy(
     assert message.startswith(f"device {device.info.label}: 1.0 MiB could not be allocated")
     assert "MEM_OBJECT_ALLOCATION_FAILURE" in message
     assert "CLRADAR_DEVICE=" in message
+
+
+def test_a_large_buffer_on_a_cpu_is_numpys_memory(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = np.random.default_rng(1).normal(size=2**20)
+    with Buffers(device) as buffers:
+        large = buffers.upload(values)
+        assert (large.size, buffers.used_bytes) == (values.nbytes, values.nbytes)
+        assert large.flags & cl.mem_flags.USE_HOST_PTR
+        assert not buffers.empty(100).flags & cl.mem_flags.USE_HOST_PTR
+        np.testing.assert_array_equal(buffers.read(large, len(values), np.float64), values)
+
+        def refuse(*_: Any) -> None:
+            raise MemoryError("no more of it")
+
+        monkeypatch.setattr(np, "empty", refuse)
+        with pytest.raises(DeviceError, match=r"could not be allocated .*no more of it"):
+            buffers.empty(values.nbytes)
 
 
 def test_a_write_beyond_the_buffer_is_an_error(device: clradar.Device) -> None:

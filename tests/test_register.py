@@ -14,11 +14,10 @@ import clradar
 from calibration import Round, register
 from calibration.register import TOLERANCE_M
 from clradar.cli import main
-from clradar.cli.options import read_transform
 from clradar.cli.register import FILES, check_folder
 from clradar.errors import CompareError, ModelError, OutputError
 from clradar.hand import hand_mesh
-from measurement_io import open_capture, open_volume, save_volume
+from measurement_io import open_capture, open_volume, read_transform, save_volume
 
 ARRAY = clradar.arrays.qar50()
 WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 128)

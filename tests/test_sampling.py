@@ -42,7 +42,7 @@ def sampled(scene, device, **arguments):
         first = 0
         while first < tracer.n_samples:
             count = min(tracer._tile_samples, tracer.n_samples - first)
-            tracer._run(first, count)
+            tracer._see(first, count)
             points, shading, geometric, face = tracer._tile[:4]
             read = tracer._buffers.read
             vectors = [read(b, (count, 3), np.float32) for b in (points, shading, geometric)]

@@ -13,9 +13,11 @@ import clradar
 from clradar import AntennaArray, Paths, Scene, Waveform, reference, synthesize
 from clradar.errors import DeviceError, ModelError
 
-# One path errs by 2 pi * 6e-8 rad of phase, 1.1e-7 in sine and cosine each, and 6e-8 where the
-# product with the amplitude is rounded; the complex64 result rounds by another 6e-8. Relative to
-# the sum of the pair's |amplitudes|, since errors of that many paths can all have one sign.
+# One path errs by 2e-7 where the moments end. Two phases, the carrier's and the block's, are each
+# rounded to 2^-26 turns, 9e-8 rad, and have sines and cosines to 1.1e-7. About ten roundings of
+# 2^-24 remain, in x^p, products and the complex64 result. Were all of one sign, 1.2e-6; 8e-7 is
+# seven times the RMS for a band in use, 1.1e-7. Relative to the sum of the pair's |amplitudes|,
+# since the errors of that many paths can all have one sign.
 PHASOR_ERROR = 8e-7
 # The accuracy that is promised: -80 dB of the strongest pair.
 PROMISED_DB = -80.0
@@ -222,8 +224,9 @@ def test_tiled_is_the_whole_to_the_bit(lanes: clradar.Device, limit_bytes: int) 
     np.testing.assert_array_equal(synthesize(paths, array, waveform, device=small).data, whole)
 
 
-def test_less_memory_than_one_slice_is_an_error(device: clradar.Device) -> None:
-    small = clradar.open_device(device.info.selector, memory_limit_bytes=5000)
+def test_less_memory_than_one_pair_is_an_error(device: clradar.Device) -> None:
+    # The state of one pair with one frequency is about 330 bytes, and the table as much.
+    small = clradar.open_device(device.info.selector, memory_limit_bytes=500)
     array = make_array(7, 9)
     with pytest.raises(DeviceError, match="does not fit"):
         synthesize(random_paths(10, array, 1), array, Waveform([1e9]), device=small)

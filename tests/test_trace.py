@@ -368,7 +368,7 @@ def test_nothing_passes_through_a_wall(device):
     with Tracer(both, ARRAY, resolve_settings(**arguments), device) as tracer:
         n = tracer.n_samples
         assert n <= tracer._tile_samples
-        tracer._run(0, n)
+        tracer._see(0, n)
         face = tracer._buffers.read(tracer._tile[3], n, np.int32)
         bits = tracer._buffers.read(tracer._tile[5], (n, 2), np.uint8)
     hidden = face >= wall.n_faces

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from shapes import box, dihedral, plate, sphere
 
 import clradar
-from clradar import AntennaArray, Scene, Waveform
+from clradar import AntennaArray, Scene, Waveform, reference
 
 CARRIER_HZ = 77e9
 
@@ -219,29 +219,6 @@ CHI_SQUARE_P = 1e-3
 change."""
 
 
-def implied_density(w: np.ndarray, n: np.ndarray, t_m: np.ndarray, alpha: float) -> np.ndarray:
-    """Density per solid angle of t_c = normalise(alpha t_d + (1 - alpha) t_m) at unit vectors w.
-
-    t_d = normalise(n + r), r uniform on the unit sphere, has the density max(0, n.t_d) / pi.
-    alpha t_d + (1 - alpha) t_m lies on a sphere of radius alpha, which the line s w meets where
-    s^2 - 2 s (1 - alpha) w.t_m + (1 - alpha)^2 - alpha^2 = 0; each s > 0 adds
-    max(0, n.t_d) / pi x s^2 / (alpha^2 |w.t_d|), the last factor being the area of that sphere per
-    solid angle.
-    """
-    along = (1 - alpha) * (w @ t_m)
-    root2 = along**2 - (1 - alpha) ** 2 + alpha**2
-    root = np.sqrt(np.maximum(root2, 0))
-    total = np.zeros(w.shape[:-1])
-    for sign in (-1.0, 1.0):
-        s = along + sign * root
-        t_d = (s[..., None] * w - (1 - alpha) * t_m) / alpha
-        across = np.abs((w * t_d).sum(axis=-1))
-        met = (root2 > 0) & (s > 0)
-        density = np.maximum(t_d @ n, 0) / np.pi * s**2 / (alpha**2 * np.where(met, across, 1))
-        total += np.where(met, density, 0)
-    return total
-
-
 def cap_directions(axes: np.ndarray, half_angle: float, rings: int) -> np.ndarray:
     """Directions that cut a cap around each axis in equal solid angles: (n_axes, rings^2, 3)."""
     height = 1 - (np.arange(rings) + 0.5) / rings * (1 - np.cos(half_angle))
@@ -291,8 +268,10 @@ def expected_share(alpha: float) -> np.ndarray:
         rim = np.abs(np.arccos(AXES @ MIRRORED) - np.arcsin(alpha / (1 - alpha)))
         rings[rim < 1.05 * HALF_ANGLE] = 700
     mean = [
-        implied_density(cap_directions(axis[None], HALF_ANGLE, n), NORMAL, MIRRORED, alpha).mean()
-        for axis, n in zip(AXES, rings, strict=True)
+        reference.direction_density(w, NORMAL, MIRRORED, alpha).mean()
+        for w in (
+            cap_directions(axis[None], HALF_ANGLE, n) for axis, n in zip(AXES, rings, strict=True)
+        )
     ]
     return np.array(mean) * 2 * np.pi * (1 - np.cos(HALF_ANGLE))
 
@@ -335,6 +314,6 @@ def test_the_implied_density_is_one():
     """The closed form above, integrated over the sphere: every ray goes somewhere."""
     w = cap_directions(NORMAL[None], np.pi, 1000)[0]
     for alpha in (0.2, 0.35, 0.5, 0.7, 1.0):
-        total = implied_density(w, NORMAL, MIRRORED, alpha).mean() * 4 * np.pi
+        total = reference.direction_density(w, NORMAL, MIRRORED, alpha).mean() * 4 * np.pi
         # The midpoint rule on the infinite rim of the cone costs a percent.
         assert abs(total - 1) < 0.01, (alpha, total)

@@ -26,7 +26,14 @@ from clradar.cli.options import (
     voxel_grid,
     wrong_usage,
 )
-from clradar.cli.output import check_outputs, print_line, print_text, progress_bar, write_json
+from clradar.cli.output import (
+    check_outputs,
+    print_line,
+    print_text,
+    print_warning,
+    progress_bar,
+    write_json,
+)
 from clradar.cli.provenance import provenance
 
 
@@ -137,4 +144,6 @@ def command(
     record = {**result.to_dict(), **provenance("align", options, [*files, other])}
     write_json(output, record, force=force)
     print_text(result.report())
+    for remark in result.remarks():
+        print_warning(remark)
     print_line(f"{output}: the transform, its covariance and this report")

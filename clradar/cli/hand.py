@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 from clradar.cli.options import ForceOption, wrong_usage
-from clradar.cli.output import check_outputs, print_line, print_table, write_bytes
+from clradar.cli.output import check_outputs, print_line, print_table, write_bytes, write_json
 from clradar.errors import OutputError
 
 if TYPE_CHECKING:
@@ -45,6 +45,14 @@ def command(
             help="Turn about the vertical through the centre; positive brings +x nearer.",
         ),
     ] = 0.0,
+    joints: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--joints",
+            metavar="JOINTS.json",
+            help="Write the 25 joints, too: name: [x, y, z], metres, in the frame of the mesh.",
+        ),
+    ] = None,
     list_poses: Annotated[bool, typer.Option("--list", help="List the poses and exit.")] = False,
     force: ForceOption = False,
 ) -> None:
@@ -59,7 +67,7 @@ def command(
     if output is None:
         raise wrong_usage("-o", "expected a mesh file to write, or --list")
     check_mesh_name(output)
-    check_outputs([output], force=force)
+    check_outputs([output, joints], force=force)
     mesh = hand_mesh(
         pose,
         edge_length_m=edge_mm / 1e3,
@@ -68,6 +76,10 @@ def command(
     )
     mesh = turned(mesh, turn_deg, [value / 1e3 for value in center_mm])
     save_hand(output, mesh, force=force)
+    if joints is not None:
+        from clradar.cli.regions_file import joints_record
+
+        write_json(joints, joints_record(mesh.joints_m), force=force)
     print_line(f"{output}: hand '{pose}', {len(mesh.faces)} faces")
 
 

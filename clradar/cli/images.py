@@ -102,7 +102,7 @@ def labels_of(paths: Sequence[Path], metas: Sequence[Mapping[str, Any]]) -> list
         if alpha is None or alphas.count(alpha) > 1:
             labels.append(path.stem or path.name or str(path))
         else:
-            labels.append(f"\N{GREEK SMALL LETTER ALPHA} = {alpha:g}")
+            labels.append(f"\N{GREEK SMALL LETTER ALPHA} = {alpha:.3g}")
     # Files of the same name in different folders: the whole path tells them apart.
     return [
         str(path) if labels.count(label) > 1 else label

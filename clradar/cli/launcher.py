@@ -26,10 +26,12 @@ COMMANDS = {
     "inspect": "Say in words what a file or a recording holds, or verify it.",
     "align": "Find the motion that brings a simulated image, or a mesh, onto a measured image.",
     "register": "Place a mesh where it was measured, simulate it there, and correct the place.",
+    "sweep": "Find the alpha whose simulation is most like a measurement.",
     "channels": "Measure gain and delay of every channel with a capture of a known target.",
     "correct": "Take measured channels off a capture.",
     "diagnose": "Say in which convention a capture was written: axes, sign, mirror, order.",
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
+    "bench": "Time the core against other libraries on this machine.",
 }
 """Subcommand, which is also the name of its module, and the line that describes it."""
 

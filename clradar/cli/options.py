@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from enum import Enum
-from pathlib import Path
 from typing import Annotated, Optional
 
 import numpy as np
 import typer
 
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.errors import ModelError
 from clradar.model import VoxelGrid
 
 X_MM, Y_MM, Z_MM = "-100:100:1", "-100:100:1", "260:340:1"
 """The grid of the paper's experiment: 201 x 201 x 81 voxels of 1 mm."""
 
 GRID_RULE = "FIRST:LAST:STEP, both ends included, or one number for a single slice"
-
-TRANSFORM_LIMIT_BYTES = 2**20
 
 WHOLE_STEPS = 1e-6
 """How far an axis may be from a whole number of steps: room for the rounding of decimals."""
@@ -169,40 +165,3 @@ def grid_text(grid: VoxelGrid) -> str:
     ]
     counts = " x ".join(str(n) for n in grid.counts)
     return f"{counts} voxels ({', '.join(ends)} mm)"
-
-
-def read_transform(path: Path) -> np.ndarray:
-    """Return the 4 x 4 matrix of a JSON file, shape (4, 4), float64.
-
-    The file holds four rows of four numbers or sixteen numbers in that order, in metres, or an
-    object whose "transform" is one of the two.
-
-    Raises
-    ------
-    MeasurementError
-        Missing, no JSON, or no such numbers.
-    ModelError
-        Not an invertible affine matrix.
-    """
-    import json
-
-    from clradar.model import checks
-    from measurement_io.failures import fail, read_bytes, reading
-
-    expected = "a JSON file with a 4 x 4 matrix, or an object with one as 'transform'"
-    content = read_bytes(path, expected, TRANSFORM_LIMIT_BYTES)
-    with reading(path, expected):
-        value = json.loads(content.decode("utf-8-sig"))
-        if isinstance(value, dict):
-            if "transform" not in value:
-                fail(path, expected, f"an object with {sorted(value)[:10]}")
-            value = value["transform"]
-        matrix = np.array(value, dtype=np.float64)
-        if matrix.shape == (16,):
-            matrix = matrix.reshape(4, 4)
-        if matrix.shape != (4, 4):
-            fail(path, expected, f"numbers of shape {matrix.shape}")
-    try:
-        return checks.transform("transform", matrix)
-    except ModelError as error:
-        raise ModelError(f"{path}: {error}") from error

@@ -91,6 +91,8 @@ def command(
     simulated capture and its volume, a figure and the metrics: all or nothing. Captures are imaged
     first, on the grid of the options. Done when a round moves the mesh by less than 0.1 mm.
     """
+    from dataclasses import replace
+
     from calibration import register
     from clradar import Capture, Scene, open_device
     from measurement_io.atomic import new_folder, swap_folder
@@ -153,6 +155,8 @@ def command(
     print_text(result.alignment.report())
     if not result.converged:
         print_warning(f"still moving after {len(result.rounds)} rounds; see {TRANSFORM}")
+    for remark in replace(result.alignment, converged=True).remarks():
+        print_warning(remark)
     print_line(f"{output}: {PLACED}, {TRANSFORM}, {CAPTURE}, {VOLUME}, {FIGURE}, {METRICS}")
 
 
@@ -232,7 +236,7 @@ def write_all(
     records = metrics_records([Path(VOLUME)], [name], [metrics])
     write_json(
         folder / METRICS,
-        {"measured": options["measured"], "simulated": records, **origin},
+        {"measured": options["measured"], "alpha": alpha, "simulated": records, **origin},
         force=False,
     )
     print_metrics([name], [metrics])

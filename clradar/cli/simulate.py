@@ -12,12 +12,30 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from clradar.cli.options import DeviceOption, ForceOption, Unit, read_transform, wrong_usage
+from clradar.cli.options import DeviceOption, ForceOption, Unit, wrong_usage
 from clradar.cli.output import check_outputs, print_line, print_warning, progress_bar
 from clradar.cli.provenance import provenance
+from clradar.cli.simulation_options import (
+    RECEPTION_RADIUS_MM,
+    START_GHZ,
+    STEPS,
+    STOP_GHZ,
+    Amplitude,
+    AmplitudeOption,
+    CreaseOption,
+    MaxBouncesOption,
+    Normals,
+    NormalsOption,
+    PatternOption,
+    RaysPerFaceOption,
+    RaysPerSampleOption,
+    ReceptionRadiusOption,
+    SamplesOption,
+    TransformOption,
+)
 from clradar.errors import ModelError
 from clradar.normals import CREASE_DEG
-from clradar.trace import RAYS_PER_SAMPLE, RECEPTION_RADIUS_M, SAMPLES_PER_MM2
+from clradar.trace import EXPECTED_SAMPLES_PER_MM2
 
 if TYPE_CHECKING:
     from clradar import Capture, Scene
@@ -25,14 +43,9 @@ if TYPE_CHECKING:
 ALPHA = 0.5
 
 
-class Normals(str, Enum):
-    smooth = "smooth"
-    face = "face"
-
-
-class Amplitude(str, Enum):
-    unit = "unit"
-    spreading = "spreading"
+class Estimator(str, Enum):
+    stochastic = "stochastic"
+    expected = "expected"
 
 
 def command(
@@ -54,72 +67,33 @@ def command(
         ),
     ] = None,
     unit: Annotated[Unit, typer.Option("--unit", help="Unit of the mesh files.")] = Unit.m,
-    transform: Annotated[
-        Optional[Path],  # noqa: UP045
+    transform: TransformOption = None,
+    samples_per_mm2: SamplesOption = None,
+    rays_per_face: RaysPerFaceOption = None,
+    rays_per_sample: RaysPerSampleOption = None,
+    reception_radius_mm: ReceptionRadiusOption = RECEPTION_RADIUS_MM,
+    max_bounces: MaxBouncesOption = 1,
+    normals: NormalsOption = Normals.smooth,
+    crease_deg: CreaseOption = CREASE_DEG,
+    amplitude: AmplitudeOption = Amplitude.unit,
+    pattern_exponent: PatternOption = 0.0,
+    estimator: Annotated[
+        Estimator,
         typer.Option(
-            "--transform",
-            metavar="T.json",
-            help="4 x 4 matrix, row-major, metres, that moves the meshes into the antenna frame.",
+            "--estimator",
+            help="stochastic: random outgoing rays; expected: their mean, without shot noise, "
+            f"from {EXPECTED_SAMPLES_PER_MM2:g} sample per square millimetre.",
         ),
-    ] = None,
-    samples_per_mm2: Annotated[
-        Optional[float],  # noqa: UP045
-        typer.Option(
-            "--samples-per-mm2",
-            metavar="N",
-            help=f"Surface samples per square millimetre. [default: {SAMPLES_PER_MM2:g}]",
-        ),
-    ] = None,
-    rays_per_face: Annotated[
-        Optional[int],  # noqa: UP045
-        typer.Option(
-            "--rays-per-face", metavar="N", help="Samples on every face, instead of a density."
-        ),
-    ] = None,
-    rays_per_sample: Annotated[
-        Optional[int],  # noqa: UP045
-        typer.Option(
-            "--rays-per-sample",
-            metavar="N",
-            help=f"Rays per sample and Tx. [default: {RAYS_PER_SAMPLE}; 1 with --rays-per-face]",
-        ),
-    ] = None,
-    reception_radius_mm: Annotated[
-        float,
-        typer.Option(
-            "--reception-radius-mm", metavar="MM", help="A ray this near to an Rx is received."
-        ),
-    ] = 1e3 * RECEPTION_RADIUS_M,
-    max_bounces: Annotated[
-        int, typer.Option("--max-bounces", metavar="N", help="Reflections per path at most.")
-    ] = 1,
-    normals: Annotated[
-        Normals, typer.Option("--normals", help="Interpolated from the vertices, or the faces'.")
-    ] = Normals.smooth,
-    crease_deg: Annotated[
-        float,
-        typer.Option("--crease-deg", metavar="DEG", help="Edges sharper than this stay sharp."),
-    ] = CREASE_DEG,
-    amplitude: Annotated[
-        Amplitude, typer.Option("--amplitude", help="1 per path, or 1/(R1 R2).")
-    ] = Amplitude.unit,
-    pattern_exponent: Annotated[
-        float,
-        typer.Option(
-            "--pattern-exponent",
-            metavar="P",
-            help="With --amplitude spreading: antennas have the pattern cos(angle)^P.",
-        ),
-    ] = 0.0,
+    ] = Estimator.stochastic,
     start_ghz: Annotated[
         float, typer.Option("--start-ghz", metavar="GHZ", help="First frequency.")
-    ] = 72.0,
+    ] = START_GHZ,
     stop_ghz: Annotated[
         float, typer.Option("--stop-ghz", metavar="GHZ", help="Last frequency.")
-    ] = 82.0,
+    ] = STOP_GHZ,
     steps: Annotated[
         int, typer.Option("--steps", metavar="N", help="Number of frequencies.")
-    ] = 128,
+    ] = STEPS,
     seed: Annotated[
         int, typer.Option("--seed", metavar="N", help="Same seed, same device: same bits.")
     ] = 0,
@@ -132,6 +106,7 @@ def command(
     The parts that --alpha can name are the geometries of the files; a wrong name lists them.
     """
     import clradar
+    from measurement_io import read_transform
 
     named = [split_alpha(text) for text in meshes]
     default, by_part = read_alphas(alpha or [])
@@ -163,6 +138,7 @@ def command(
             amplitude=amplitude.value,
             pattern_exponent=pattern_exponent,
             seed=seed,
+            estimator=estimator.value,
             device=opened,
             progress=progress,
         )
@@ -272,6 +248,8 @@ def summary(capture: Capture) -> str:
     """Return a simulated capture in words."""
     rays = capture.meta["rays"]
     shape = " x ".join(str(n) for n in capture.data.shape)
+    if capture.meta["settings"]["estimator"] == "expected":
+        return f"{shape}, {rays['samples']} samples, {rays['paths']} expected receptions"
     return (
         f"{shape}, {rays['samples']} samples, {rays['outgoing']} rays of which {rays['paths']} "
         f"reached an Rx, {100 * rays['absorbed_share']:.1f} % absorbed"

@@ -361,6 +361,9 @@ def _tiles(grid: VoxelGrid) -> Iterator[tuple[tuple[slice, slice], VoxelGrid]]:
     nx, ny, nz = grid.counts
     rows = max(1, TILE_VOXELS // nx)
     n_z, n_y = (min(nz, rows // ny), ny) if rows >= ny else (1, rows)
+    if (n_z, n_y) == (nz, ny):
+        yield (slice(0, nz), slice(0, ny)), grid
+        return
     for z in range(0, nz, n_z):
         for y in range(0, ny, n_y):
             counts = (nx, min(n_y, ny - y), min(n_z, nz - z))

@@ -24,6 +24,8 @@ class TraceStatistics:
         Outgoing directions drawn: visible pairs x rays per sample, and one per further bounce.
     absorbed : int
         Of those, draws that pointed below the geometric face.
+
+    With ``simulate(..., estimator="expected")`` no direction is drawn: both are 0.
     """
 
     samples: int

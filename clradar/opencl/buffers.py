@@ -11,6 +11,12 @@ import pyopencl as cl
 from clradar.errors import DeviceError
 from clradar.opencl.device import Device
 
+HUGE_BYTES = 4 * 2**20
+"""From this size on numpy asks for memory in huge pages. Buffers on a CPU are numpy's memory then:
+PoCL's own costs a page fault for every 4 KiB that is used, some microseconds each."""
+
+PAGE_BYTES = 4096
+
 
 class Buffers:
     """Buffers of one call, freed together.
@@ -53,24 +59,23 @@ class Buffers:
 
     def empty(self, n_bytes: int) -> Any:
         """Return a buffer of at least `n_bytes`, contents undefined."""
-        return self._new(n_bytes, cl.mem_flags.READ_WRITE)
+        size = max(int(n_bytes), 16)  # OpenCL has no empty buffers
+        if self.device.info.kind != "cpu" or size < HUGE_BYTES:
+            return self._hold(size, cl.mem_flags.READ_WRITE)
+        self._check_room(size)
+        try:
+            memory = np.empty(size + PAGE_BYTES, np.uint8)
+        except MemoryError as error:
+            raise self._no_memory(size, error) from error
+        at = -memory.ctypes.data % PAGE_BYTES
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
+        return self._hold(size, flags, memory[at : at + size])
 
-    def share(self, array: np.ndarray) -> Any:
-        """Return a buffer that holds `array`, which nobody may change while it is in use.
-
-        On a CPU it is the array's own memory, with its alignment and huge pages.
-        """
-        if self.device.info.kind != "cpu" or array.nbytes < 16:
-            return self.upload(array)
-        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
-        return self._new(array.nbytes, flags, np.ascontiguousarray(array))
-
-    def _new(self, n_bytes: int, flags: int, host: np.ndarray | None = None) -> Any:
+    def _check_room(self, size: int) -> None:
         if self._closed:
             raise DeviceError(
                 "buffers: expected an allocation inside the `with` block, got one after"
             )
-        size = max(int(n_bytes), 16)  # OpenCL has no empty buffers
         info = self.device.info
         if size > info.max_alloc_bytes or self.used_bytes + size > self.device.budget_bytes:
             raise DeviceError(
@@ -79,8 +84,14 @@ class Buffers:
                 f"single buffer {_mib(info.max_alloc_bytes)}); ask for a smaller problem, or "
                 f"choose another device with CLRADAR_DEVICE=..."
             )
+
+    def _hold(self, size: int, flags: int, of: np.ndarray | None = None) -> Any:
+        self._check_room(size)
         try:
-            buffer = cl.Buffer(self.device.context, flags, 0 if host is not None else size, host)
+            if of is None:
+                buffer = cl.Buffer(self.device.context, flags, size)
+            else:
+                buffer = cl.Buffer(self.device.context, flags, hostbuf=of)
         except cl.Error as error:
             raise self._no_memory(size, error) from error
         self._held[id(buffer)] = (buffer, size)
@@ -92,6 +103,17 @@ class Buffers:
         buffer = self.empty(array.nbytes)
         self.write(buffer, array)
         return buffer
+
+    def borrow(self, array: np.ndarray) -> Any:
+        """Return a buffer for kernels to read `array` from, which must not change meanwhile.
+
+        On a CPU it is the array's own memory and nothing is copied.
+        """
+        array = np.require(array, requirements=["C", "A"])
+        if self.device.info.kind != "cpu" or array.nbytes < 16:
+            return self.upload(array)
+        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
+        return self._hold(array.nbytes, flags, array)
 
     def zeros(self, n_bytes: int) -> Any:
         """Return a new buffer filled with zero bytes."""

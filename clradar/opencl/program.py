@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -30,11 +31,28 @@ class Program:
         the work-groups: on a GPU the driver chooses; on a CPU each item, which is 8 lanes wide, is
         one of its own, since PoCL keeps the private arrays of a whole group on the stack.
         """
-        try:
-            kernel = self.kernels[name]
+        self.start(name, global_size, *args)()
+
+    def start(self, name: str, global_size: tuple[int, ...], *args: Any) -> Callable[[], None]:
+        """As `launch`, but return at once what waits for it.
+
+        Commands that follow come after it. Borrowed arrays are its own until it has run.
+        """
+        kernel = self.kernels[name]
+        local = None if self.device.info.kind == "gpu" else (1,) * len(global_size)
+
+        def enqueue() -> Any:
             kernel.set_args(*args)
-            local = None if self.device.info.kind == "gpu" else (1,) * len(global_size)
-            cl.enqueue_nd_range_kernel(self.device.queue, kernel, global_size, local).wait()
+            event = cl.enqueue_nd_range_kernel(self.device.queue, kernel, global_size, local)
+            self.device.queue.flush()
+            return event
+
+        event = self._checked(name, global_size, enqueue)
+        return lambda: self._checked(name, global_size, event.wait)
+
+    def _checked(self, name: str, global_size: tuple[int, ...], call: Callable[[], Any]) -> Any:
+        try:
+            return call()
         except cl.MemoryError as error:
             raise DeviceError(
                 f"device {self.device.info.label}: out of memory in kernel {name} of {self.file} "

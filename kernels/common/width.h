@@ -22,6 +22,7 @@ typedef struct __attribute__((packed)) {
 #define LOAD4(p) (((__global const loose4 *)(p))->v)
 #define LOAD8(p) (((__global const loose8 *)(p))->v)
 #define LOAD8I(p) (((__global const loose8i *)(p))->v)
+#define STORE8(x, p) (((__global loose8 *)(p))->v = (x))
 
 /* Whether any lane of a comparison holds; any() is a library call too. */
 static inline int any8(int8 v) {
@@ -59,7 +60,7 @@ static inline int lowest_long(ulong bits) {
 typedef float8 realw;
 typedef int8 intw;
 #define LOADW(p) LOAD8(p)
-#define STOREW(x, p) (((__global loose8 *)(p))->v = (x))
+#define STOREW(x, p) STORE8(x, p)
 #define ANYW(v) any8(v)
 #define FIRSTW(v) ((v).s0)
 #define AS_INTW(v) as_int8(v)

@@ -1,4 +1,4 @@
-"""What a user has already: the same work in numba, numpy and Embree, as well as each can do it."""
+"""What a user has already: the same work in numba, numpy, finufft and Embree, each at its best."""
 
 from __future__ import annotations
 
@@ -6,34 +6,67 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import finufft
 import numba
 import numpy as np
 
 
 @numba.njit(parallel=True, fastmath=True, cache=False)
-def phasor_sum(
-    start: np.ndarray,
+def _points_and_strengths(
     length_m: np.ndarray,
     amplitude: np.ndarray,
-    k0: float,
+    k: float,
     dk: float,
-    n_freq: int,
-) -> np.ndarray:
-    """SFCW sum of paths sorted by pair, equal steps: one sine and cosine per path, then rotate."""
-    n_pairs = len(start) - 1
-    out = np.zeros((n_pairs, n_freq), dtype=np.complex64)
-    for pair in numba.prange(n_pairs):
-        row = np.zeros(n_freq, dtype=np.complex64)
-        for i in range(start[pair], start[pair + 1]):
-            phase = -2.0 * math.pi * ((k0 * length_m[i]) % 1.0)
-            turn = -2.0 * math.pi * ((dk * length_m[i]) % 1.0)
-            value = np.complex64(complex(math.cos(phase), math.sin(phase)) * amplitude[i])
-            step = np.complex64(complex(math.cos(turn), math.sin(turn)))
-            for n in range(n_freq):
-                row[n] += value
-                value *= step
-        out[pair] = row
-    return out
+    point: np.ndarray,
+    strength: np.ndarray,
+) -> None:
+    for i in numba.prange(len(length_m)):
+        turns = k * length_m[i]
+        angle = np.float32(-2.0 * math.pi) * np.float32(turns - math.floor(turns))
+        strength[i] = complex(math.cos(angle) * amplitude[i], math.sin(angle) * amplitude[i])
+        turns = dk * length_m[i]
+        point[i] = 2.0 * math.pi * (turns - math.floor(turns + 0.5))
+
+
+class FinufftPhasorSum:
+    """SFCW sum of paths sorted by pair, equal steps, by finufft's type 1.
+
+    Of what finufft offers this was the fastest here that keeps its accuracy: a plan per thread,
+    which takes the points of one pair after the other and does not sort them. `nufft1d1` pair by
+    pair takes three times as long. One two-dimensional transform with the pair as second coordinate
+    takes about as long, but 8836 modes leave complex64 only -68 dB.
+    """
+
+    def __init__(self, start: np.ndarray, frequencies_hz: np.ndarray, eps: float) -> None:
+        self.start, self.eps, self.n_freq = start, eps, len(frequencies_hz)
+        k = frequencies_hz / 299_792_458.0
+        # Mode 0 is the frequency in the middle; its phasor goes into the strengths.
+        self.k, self.dk = k[self.n_freq // 2], (k[-1] - k[0]) / (self.n_freq - 1)
+
+    def prepare(self, length_m: np.ndarray, amplitude: np.ndarray) -> None:
+        """Points and strengths, complex64, by numba in two threads."""
+        self.point = np.empty(len(length_m), dtype=np.float32)
+        self.strength = np.empty(len(length_m), dtype=np.complex64)
+        _points_and_strengths(length_m, amplitude, self.k, self.dk, self.point, self.strength)
+
+    def transform(self) -> np.ndarray:
+        """Shape (n_pairs, n_freq), complex64."""
+        n_pairs = len(self.start) - 1
+        out = np.zeros((n_pairs, self.n_freq), dtype=np.complex64)
+
+        def some(pairs: range) -> None:
+            plan = finufft.Plan(
+                1, (self.n_freq,), 1, self.eps, -1, dtype="complex64", nthreads=1, spread_sort=0
+            )
+            for pair in pairs:
+                rows = slice(self.start[pair], self.start[pair + 1])
+                if rows.stop > rows.start:
+                    plan.setpts(self.point[rows])
+                    plan.execute(self.strength[rows], out=out[pair])
+
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(some, (range(n_pairs // 2), range(n_pairs // 2, n_pairs))))
+        return out
 
 
 @numba.njit(parallel=True, fastmath=True, cache=False)

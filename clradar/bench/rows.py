@@ -1,31 +1,24 @@
-"""Time clradar against what a user has already, each pair in the same run, checked for agreement.
+"""Pieces of work, each timed against what a user has already, in the same run, and checked.
 
-    make bench                        # or: .venv/bin/python benchmarks/run.py [--quick]
-
-Prints a table and writes ``benchmarks/result.json``. Ratios matter, not seconds: machines differ
-and are noisy. Left out of the timings: imports, the first call of everything that compiles, and
-what a row says is given.
+Left out of the timings: imports, the first call of everything that compiles, and what a row says is
+given.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
-import platform
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import peers
 
 import clradar
+from clradar.bench import peers
 from clradar.formers.range_profiles import Range
 from clradar.hand import hand_mesh
 from clradar.trace import Tracer, resolve_settings
@@ -34,6 +27,10 @@ C_M_PER_S = 299_792_458.0
 ARRAY = clradar.arrays.qar50()
 WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 128)
 PAPER = {"x_m": (-0.1, 0.1), "y_m": (-0.1, 0.1), "z_m": (0.26, 0.34)}
+
+
+Row = dict[str, Any]
+"""work, ours, peer and check in words; ratio, the peer's time over ours, or None."""
 
 
 def median_s(work: Callable[[], Any], repeats: int) -> float:
@@ -51,13 +48,13 @@ def relative_rms_db(ours: np.ndarray, theirs: np.ndarray) -> float:
     return float(20 * np.log10(error))
 
 
-def visibility(device: clradar.Device, repeats: int) -> dict[str, Any]:
+def visibility(device: clradar.Device, repeats: int) -> Row:
     """Rays from the Tx to the samples of the hand: the bulk of the tracing."""
     scene = clradar.Scene.from_mesh(hand_mesh("F"), alpha=0.5)
     settings = resolve_settings(samples_per_mm2=2.0)
     with Tracer(scene, ARRAY, settings, device) as tracer:
         count = min(16384, tracer.n_samples)
-        tracer._run(0, count)
+        tracer._see(0, count)
         read = tracer._buffers.read
         points = read(tracer._tile[0], (count, 3), np.float32).astype(np.float64)
         normals = read(tracer._tile[2], (count, 3), np.float32).astype(np.float64)
@@ -88,7 +85,21 @@ def visibility(device: clradar.Device, repeats: int) -> dict[str, Any]:
     }
 
 
-def phasor_sum(device: clradar.Device, repeats: int, n_paths: int) -> dict[str, Any]:
+def interleaved_s(works: Sequence[Callable[[], Any]], repeats: int) -> np.ndarray:
+    """Seconds of each work in turn, shape (repeats, n_works): other load meets all alike."""
+    for work in works:
+        work()
+    times = np.empty((repeats, len(works)))
+    for row in times:
+        for i, work in enumerate(works):
+            start = time.perf_counter()
+            work()
+            row[i] = time.perf_counter() - start
+    return times
+
+
+def phasor_sum(device: clradar.Device, repeats: int, n_paths: int) -> list[Row]:
+    """Equal steps against finufft, and unequal steps against our own equal ones."""
     rng = np.random.default_rng(0)
     pair = np.sort(rng.integers(0, ARRAY.n_tx * ARRAY.n_rx, n_paths))
     length = rng.uniform(0.5, 0.8, n_paths)
@@ -97,30 +108,57 @@ def phasor_sum(device: clradar.Device, repeats: int, n_paths: int) -> dict[str, 
         ARRAY.n_tx, ARRAY.n_rx,
     )  # fmt: skip
     start = np.searchsorted(pair, np.arange(ARRAY.n_tx * ARRAY.n_rx + 1))
-    k = WAVEFORM.frequencies_hz / C_M_PER_S
-    amplitude = np.ones(n_paths)
+    f = WAVEFORM.frequencies_hz
+    inner = np.sort(rng.uniform(f[0], f[-1], len(f) - 2))
+    unequal = clradar.Waveform(np.concatenate([f[:1], inner, f[-1:]]))
+    peer = peers.FinufftPhasorSum(start, f, 1e-5)
 
-    def ours() -> np.ndarray:
-        return clradar.synthesize(paths, ARRAY, WAVEFORM, device=device).data
+    def ours(waveform: clradar.Waveform = WAVEFORM) -> np.ndarray:
+        data = clradar.synthesize(paths, ARRAY, waveform, device=device).data
+        return data.reshape(-1, waveform.n_freq)
 
-    def theirs() -> np.ndarray:
-        out = peers.phasor_sum(start, length, amplitude, k[0], k[1] - k[0], len(k))
-        return out.reshape(ARRAY.n_tx, ARRAY.n_rx, -1)
+    def prepare() -> None:
+        peer.prepare(paths.length_m, paths.amplitude)
 
-    error = relative_rms_db(theirs(), ours())
-    ours_s, theirs_s = median_s(ours, repeats), median_s(theirs, repeats)
-    return {
-        "work": f"phasor sum, {n_paths / 1e6:g} M paths, 8836 pairs x 128",
-        "ours": f"{ours_s:.2f} s",
-        "peer": f"numba, two threads, equal steps only, {theirs_s:.2f} s",
-        "ratio": theirs_s / ours_s,
-        "check": f"{error:.0f} dB between the two",
-    }
+    def error_db(data: np.ndarray, waveform: clradar.Waveform) -> float:
+        """Against float64, for a few of the pairs."""
+        some = range(0, len(start) - 1, 400)
+        k = waveform.frequencies_hz / C_M_PER_S
+        rows = (length[start[i] : start[i + 1]] for i in some)
+        want = np.array([np.exp(-2j * np.pi * np.outer(d, k)).sum(axis=0) for d in rows])
+        return relative_rms_db(data[some], want)
+
+    works: list[Callable[[], Any]] = [ours, prepare, peer.transform, lambda: ours(unequal)]
+    ours_s, prepare_s, transform_s, unequal_s = interleaved_s(works, repeats).T
+    ratios = (prepare_s + transform_s) / ours_s
+    spread = f"ratios {ratios.min():.1f} to {ratios.max():.1f}"
+    alone = float(np.median(transform_s / ours_s))
+    size = f"{n_paths / 1e6:g} M paths, {len(start) - 1} pairs x {len(f)}"
+    ours_db, peer_db = error_db(ours(), WAVEFORM), error_db(peer.transform(), WAVEFORM)
+    unequal_db = error_db(ours(unequal), unequal)
+    return [
+        {
+            "work": f"phasor sum, {size}",
+            "ours": f"{np.median(ours_s):.3f} s",
+            "peer": f"finufft type 1, 1e-5, two threads, {np.median(transform_s):.3f} s, and "
+            f"{np.median(prepare_s):.3f} s of numba for its points and strengths",
+            "ratio": float(np.median(ratios)),
+            "check": f"{spread}, {alone:.1f} without the preparation; against float64 ours "
+            f"{ours_db:.0f} dB, the peer's {peer_db:.0f} dB",
+        },
+        {
+            "work": f"phasor sum, {size} unequal steps",
+            "ours": f"{np.median(unequal_s):.3f} s",
+            "peer": "ours with equal steps",
+            "ratio": float(np.median(ours_s / unequal_s)),
+            "check": f"{unequal_db:.0f} dB against float64",
+        },
+    ]
 
 
 def images(
     device: clradar.Device, repeats: int, capture: clradar.Capture, planes: int
-) -> list[dict[str, Any]]:
+) -> list[Row]:
     """By range and by fast, against the same peer."""
     spacing = (1e-3, 1e-3, 0.08 / (planes - 1))
     grid = clradar.VoxelGrid.from_extent(**PAPER, spacing_m=spacing)
@@ -169,7 +207,7 @@ def images(
     ]
 
 
-def exact_image(device: clradar.Device, repeats: int, capture: clradar.Capture) -> dict[str, Any]:
+def exact_image(device: clradar.Device, repeats: int, capture: clradar.Capture) -> Row:
     grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.05, 0.05), (0.3, 0.3), 2e-3)
     z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
     points = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
@@ -204,16 +242,17 @@ finally:
 """Runs the command line and says the process's peak of resident memory, by the operating system."""
 
 
-def commands() -> list[dict[str, Any]]:
+def commands(device: clradar.Device) -> list[Row]:
     """The two commands whose time and memory are promised, as a user runs them."""
     runs = []
     with tempfile.TemporaryDirectory() as folder:
         hand, sim, volume = (str(Path(folder) / name) for name in ("hand.ply", "sim.h5", "vol.h5"))
         cli = [sys.executable, "-c", PEAK_MEMORY]
+        chosen = ["--device", device.info.selector]
         subprocess.run([*cli, "hand", "F", "-o", hand], check=True, capture_output=True)
         for name, arguments in (
-            ("simulate the default hand", ["simulate", hand, "-o", sim]),
-            ("image, 201 x 201 x 81", ["image", sim, "-o", volume]),
+            ("simulate the default hand", ["simulate", hand, "-o", sim, *chosen]),
+            ("image, 201 x 201 x 81", ["image", sim, "-o", volume, *chosen]),
         ):
             start = time.perf_counter()
             done = subprocess.run([*cli, *arguments], check=True, capture_output=True, text=True)
@@ -229,39 +268,3 @@ def commands() -> list[dict[str, Any]]:
                 }
             )
     return runs
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="smaller sizes, for a first look")
-    parser.add_argument("--device", default=None)
-    parser.add_argument("--repeats", type=int, default=5)
-    given = parser.parse_args()
-    device = clradar.open_device(given.device)
-    rng = np.random.default_rng(1)
-    shape = (ARRAY.n_tx, ARRAY.n_rx, WAVEFORM.n_freq)
-    noise = rng.normal(size=(2, *shape)).astype(np.float32)
-    capture = clradar.Capture(noise[0] + 1j * noise[1], ARRAY, WAVEFORM)
-    repeats = 3 if given.quick else given.repeats
-    rows = [
-        visibility(device, repeats),
-        phasor_sum(device, repeats, 500_000 if given.quick else 4_500_000),
-        *images(device, repeats, capture, 5 if given.quick else 81),
-        exact_image(device, repeats, capture),
-    ]
-    if not given.quick:
-        rows += commands()
-    print(
-        f"{device.info.label}, {os.cpu_count()} cores, {platform.machine()}, medians of {repeats}"
-    )
-    for row in rows:
-        ratio = "" if row["ratio"] is None else f"{row['ratio']:.1f} x"
-        print(f"  {row['work']}\n    ours  {row['ours']}")
-        if row["peer"]:
-            print(f"    peer  {row['peer']}\n    ratio {ratio}   ({row['check']})")
-    result = {"device": dict(device.describe()), "cores": os.cpu_count(), "rows": rows}
-    Path(__file__).with_name("result.json").write_text(json.dumps(result, indent=1) + "\n")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,337 @@
+"""The alpha whose simulations are most like a measurement, and how sure that is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from itertools import combinations, permutations
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from clradar.compare import HIGHER_IS_BETTER, METRICS, compare_by
+from clradar.errors import CompareError
+from clradar.model import DepthMap, checks
+
+Images = Sequence[Sequence[DepthMap | None]]
+"""Simulated depth maps [seed][alpha]; None where no ray reached a receiver."""
+
+PAIRED_CONFIDENCE = 0.95
+"""An alpha counts as worse than the best if the seeds say so with this confidence, one-sided."""
+
+MIN_SELF_AGREEMENT = 0.1
+"""Of a similarity: simulations that agree by less among themselves are noise rather than images,
+and dividing by the root of what is left would make it the best score."""
+
+GRID = 12**-0.5
+"""Standard deviation of rounding to a grid, in steps: what is allowed for the parabola."""
+
+FLAT_SHARE = 0.5
+"""A curve is called flat where this share of the alphas is not told apart from the best."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AlphaEstimate:
+    """The best alpha by one metric, from simulations with several seeds.
+
+    `docs/sweep.md` has the equations. K is the number of seeds, A that of alphas.
+
+    Attributes
+    ----------
+    alpha : float
+        Mean of `per_seed`.
+    uncertainty : float
+        One standard deviation: scatter over the seeds or `self_check_error`, whichever is more, and
+        the rounding to the grid, which is a whole step on an edge. NaN where it is unknown: with
+        a single seed, or simulations that are all noise.
+    standard_error : float
+        Standard deviation of `per_seed` over the square root of K: what other seeds of the
+        simulation would change, and not the scatter of the measurement's own speckle. NaN with a
+        single seed.
+    per_seed : ndarray, shape (K,)
+        Where a parabola through the best score of a seed and its two neighbours peaks.
+    on_edge : bool
+        Whether the score of some seed is best at an end of the range: the truth may lie outside.
+    self_check_error : float
+        Root mean square error of the same estimate where simulations with the nearest alpha of the
+        grid stand in for the measurement. NaN with a single seed.
+    metric : str
+        The field of `Metrics` that was used.
+    values : ndarray, shape (K, A)
+        The metric of each simulation against the measurement.
+    self_agreement : ndarray, shape (A,)
+        The metric of simulations against those with another seed; NaN with a single seed.
+    score : ndarray, shape (K, A)
+        The metric with the simulations' own speckle taken out; the higher the better. NaN where
+        the metric is undefined, or simulations hardly agree among themselves.
+    metric_peak : float
+        Where the mean of the metric itself peaks: biased by speckle.
+    deficit, deficit_error : ndarray, shape (A,)
+        By how much the score is below that of `grid_best`, seed by seed: mean and standard error.
+    alike : ndarray, shape (A,), bool
+        Which alphas the seeds cannot tell from `grid_best`.
+    grid_best : int
+        Index of the alpha with the highest mean score.
+    """
+
+    alpha: float
+    uncertainty: float
+    standard_error: float
+    per_seed: np.ndarray
+    on_edge: bool
+    self_check_error: float
+    metric: str
+    values: np.ndarray
+    self_agreement: np.ndarray
+    score: np.ndarray
+    metric_peak: float
+    deficit: np.ndarray
+    deficit_error: np.ndarray
+    alike: np.ndarray
+    grid_best: int
+
+    @property
+    def flat(self) -> bool:
+        """Whether the score hardly depends on alpha, as far as the seeds can tell."""
+        return bool(np.count_nonzero(self.alike) >= max(3, FLAT_SHARE * self.alike.size))
+
+    @property
+    def corrected(self) -> bool:
+        """Whether speckle is taken out of the score: not with one seed, nor of noise alone."""
+        return _is_corrected(self.self_agreement, self.metric)
+
+    def text(self) -> str:
+        """Return the alpha and its uncertainty."""
+        if math.isnan(self.uncertainty):
+            return f"{self.alpha:.3f} (uncertainty unknown)"
+        return f"{self.alpha:.3f} \N{PLUS-MINUS SIGN} {self.uncertainty:.3f}"
+
+    def remarks(self, alphas: np.ndarray) -> list[str]:
+        """Return in words what a reader of the alpha has to know."""
+        found = []
+        if self.on_edge:
+            found.append(
+                "the best score is at an end of the range of alphas for some seed; the truth may "
+                "lie beyond"
+            )
+        if self.flat:
+            found.append(
+                f"the curve is flat: the seeds cannot tell {int(self.alike.sum())} of "
+                f"{self.alike.size} alphas from the best"
+            )
+        noise = alphas[self.self_agreement < MIN_SELF_AGREEMENT]
+        if self.metric in HIGHER_IS_BETTER and noise.size:
+            where = ", ".join(f"{alpha:g}" for alpha in noise)
+            if noise.size == alphas.size:
+                where = "every alpha, so that the metric is taken as it is: this alpha says little"
+            found.append(
+                f"two seeds agree by less than {MIN_SELF_AGREEMENT:g} at {where}; more samples or "
+                "rays help"
+            )
+        if len(self.values) == 1:
+            found.append("one seed: no uncertainty, and rough surfaces come out too smooth")
+        if self.metric not in HIGHER_IS_BETTER:
+            found.append(f"{self.metric} favours small alphas where surfaces are rough")
+        if self.alike.sum() > 1:
+            listed = ", ".join(f"{alpha:g}" for alpha in alphas[self.alike])
+            found.append(f"not told apart by {len(self.values)} seeds: {listed}")
+        return found
+
+    def to_dict(self, alphas: np.ndarray) -> dict[str, Any]:
+        """Return all numbers in types that strict JSON knows: None stands for NaN."""
+        record = {field.name: getattr(self, field.name) for field in fields(self)}
+        record["grid_best"] = float(alphas[self.grid_best])
+        record["flat"] = self.flat
+        return {name: plain(value) for name, value in record.items()}
+
+
+def plain(value: Any) -> Any:
+    """Return numbers and arrays as JSON has them: None stands for NaN."""
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def estimate_alpha(
+    measured: DepthMap,
+    images: Images,
+    alphas: np.ndarray,
+    metric: str,
+    dynamic_range_db: float,
+) -> AlphaEstimate:
+    """Return the best alpha.
+
+    Parameters
+    ----------
+    measured : DepthMap
+    images : sequence [seed][alpha] of DepthMap or None
+    alphas : ndarray, shape (A,), ascending
+    metric : str
+        A field of `Metrics`.
+    dynamic_range_db : float, decibel
+
+    Raises
+    ------
+    CompareError
+        No alpha at which every seed has an image and a defined metric.
+    """
+    n_seeds = len(images)
+    score, values, own = _scores(measured, images, metric, dynamic_range_db)
+    if not np.isfinite(score).all(axis=0).any():
+        raise CompareError(
+            f"sweep: {metric} is undefined at every alpha; look at the images and at where the "
+            "mesh is placed"
+        )
+    peaks = [peak(alphas, row) for row in score]
+    per_seed = np.array([at for at, _ in peaks])
+    on_edge = any(edge for _, edge in peaks)
+    alpha = float(per_seed.mean())
+    nearest = int(np.argmin(np.abs(alphas - alpha)))
+    errors = _self_check(images, alphas, nearest, own, metric, dynamic_range_db)
+    mean = score.mean(axis=0)
+    best = int(np.nanargmax(mean))
+    deficit, deficit_error, alike = _paired(score, best)
+    scatter = float(per_seed.std(ddof=1)) if n_seeds > 1 else math.nan
+    self_check = float(np.sqrt(np.mean(np.square(errors)))) if errors.size else math.nan
+    step = float(np.diff(alphas).max())
+    uncertainty = _uncertainty(scatter, n_seeds, self_check, step if on_edge else GRID * step)
+    if not _is_corrected(own, metric):
+        uncertainty = math.nan
+    return AlphaEstimate(
+        alpha=alpha,
+        uncertainty=uncertainty,
+        standard_error=scatter / math.sqrt(n_seeds),
+        per_seed=per_seed,
+        on_edge=on_edge,
+        self_check_error=self_check,
+        metric=metric,
+        values=values,
+        self_agreement=own,
+        score=score,
+        metric_peak=peak(alphas, _signed(values, metric).mean(axis=0))[0],
+        deficit=deficit,
+        deficit_error=deficit_error,
+        alike=alike,
+        grid_best=best,
+    )
+
+
+def mean_score(
+    measured: DepthMap, images: Images, metric: str, dynamic_range_db: float
+) -> np.ndarray:
+    """Return the mean over the seeds of `AlphaEstimate.score`, shape (A,); NaN if undefined."""
+    return _scores(measured, images, metric, dynamic_range_db)[0].mean(axis=0)
+
+
+def _scores(
+    measured: DepthMap, images: Images, metric: str, dynamic_range_db: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return score and values, shape (K, A), and self-agreement, shape (A,)."""
+    checks.one_of("metric", metric, METRICS)
+    values = np.array(
+        [[_value(metric, measured, image, dynamic_range_db) for image in row] for row in images]
+    )
+    own = np.full(values.shape[1], math.nan)
+    if len(images) > 1:
+        symmetric = metric in HIGHER_IS_BETTER
+        between = [
+            [_value(metric, *both, dynamic_range_db) for both in zip(one, other, strict=True)]
+            for one, other in (combinations if symmetric else permutations)(images, 2)
+        ]
+        own = np.mean(between, axis=0)
+    return scored(values, own, metric), values, own
+
+
+def _value(
+    metric: str, one: DepthMap | None, other: DepthMap | None, dynamic_range_db: float
+) -> float:
+    if one is None or other is None:
+        return math.nan
+    return compare_by(metric, one, other, dynamic_range_db=dynamic_range_db)
+
+
+def _self_check(
+    images: Images,
+    alphas: np.ndarray,
+    at: int,
+    own: np.ndarray,
+    metric: str,
+    dynamic_range_db: float,
+) -> np.ndarray:
+    """Return the errors where one seed's image at an alpha stands in for the measurement."""
+    errors = []
+    for stand_in, other in permutations(images, 2):
+        values = np.array([_value(metric, stand_in[at], b, dynamic_range_db) for b in other])
+        score = scored(values, own, metric)
+        if np.isfinite(score).any():
+            errors.append(peak(alphas, score)[0] - alphas[at])
+    return np.array(errors)
+
+
+def scored(values: np.ndarray, own: np.ndarray, metric: str) -> np.ndarray:
+    """Return the metric with the speckle of the simulations taken out; the higher the better.
+
+    Parameters
+    ----------
+    values : ndarray, shape (..., A)
+    own : ndarray, shape (A,)
+        Of simulations against those with another seed; NaN throughout if there is one seed only.
+        Then, and where it is too small at every alpha, the values are taken as they are.
+    metric : str
+    """
+    if not _is_corrected(own, metric):
+        return _signed(values, metric)
+    if metric in HIGHER_IS_BETTER:
+        # Spearman's correction for attenuation: what is left of a similarity of 1 is sqrt(own).
+        return values / np.sqrt(np.where(own >= MIN_SELF_AGREEMENT, own, math.nan))
+    return -(values - 0.5 * own)
+
+
+def _is_corrected(own: np.ndarray, metric: str) -> bool:
+    least = MIN_SELF_AGREEMENT if metric in HIGHER_IS_BETTER else -math.inf
+    return bool((own >= least).any())  # no NaN is
+
+
+def _signed(values: np.ndarray, metric: str) -> np.ndarray:
+    return values if metric in HIGHER_IS_BETTER else -values
+
+
+def peak(alphas: np.ndarray, score: np.ndarray) -> tuple[float, bool]:
+    """Return where a curve peaks, and whether that is at an end of where it is defined.
+
+    The vertex of the parabola through the highest point and its two neighbours, which may be
+    unevenly spaced; it lies between them.
+    """
+    i = int(np.nanargmax(score))
+    if i in (0, len(score) - 1) or not np.isfinite(score[i - 1 : i + 2]).all():
+        return float(alphas[i]), True
+    before, after = alphas[i] - alphas[i - 1], alphas[i + 1] - alphas[i]
+    fall, drop = score[i] - score[i - 1], score[i] - score[i + 1]
+    bend = after * fall + before * drop
+    if bend <= 0:  # three equal values
+        return float(alphas[i]), False
+    vertex = alphas[i] + 0.5 * (after**2 * fall - before**2 * drop) / bend
+    return float(np.clip(vertex, alphas[i - 1], alphas[i + 1])), False
+
+
+def _paired(score: np.ndarray, best: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return mean and standard error of what each alpha lacks, and whether that may be nothing."""
+    lacking = score[:, best : best + 1] - score
+    n = len(score)
+    deficit = lacking.mean(axis=0)
+    if n == 1:
+        nothing = np.full(deficit.shape, math.nan)
+        return deficit, nothing, np.arange(deficit.size) == best
+    error = lacking.std(axis=0, ddof=1) / math.sqrt(n)
+    return deficit, error, deficit <= stats.t.ppf(PAIRED_CONFIDENCE, n - 1) * error
+
+
+def _uncertainty(scatter: float, n_seeds: int, self_check: float, grid: float) -> float:
+    # The measurement is a single draw of its speckle, which moves the peak as one seed of the
+    # simulation does: hence 1 + 1/K and not 1/K.
+    of_seeds = scatter * math.sqrt(1 + 1 / n_seeds)
+    return math.hypot(np.fmax(of_seeds, self_check), grid)

@@ -1,0 +1,138 @@
+"""Regions of a mesh that may each have an alpha of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.hand import JOINT_NAMES
+from clradar.model import Scene, checks
+
+PALM, FINGERS = "palm", "fingers"
+
+DIGITS = ("thumb", "index", "middle", "ring", "pinky")
+"""Parts of the embedded hand that are fingers; its other part is the palm."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Regions:
+    """Which region each face of a mesh belongs to.
+
+    Parameters
+    ----------
+    face : array_like, shape (n_faces,), int32
+        Index into `names`; every region has a face.
+    names : tuple of str
+        Two or more, unique.
+
+    Raises
+    ------
+    ModelError
+        A region without a face, an index without a name, or fewer than two regions.
+    """
+
+    face: np.ndarray
+    names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        face = checks.read_only("regions", self.face, np.int32, (None,))
+        names = tuple(checks.text("regions: names", name) for name in self.names)
+        if len(names) < 2 or len(set(names)) != len(names):
+            checks.fail("regions", "at least two, with names of their own", f"{list(names)}")
+        if face.min() < 0 or face.max() >= len(names):
+            checks.fail("regions", f"numbers in [0, {len(names)})", f"[{face.min()}, {face.max()}]")
+        empty = [name for i, name in enumerate(names) if not (face == i).any()]
+        if empty:
+            checks.fail("regions", "at least one face in each", f"none in {empty}")
+        object.__setattr__(self, "face", face)
+        object.__setattr__(self, "names", names)
+
+    @classmethod
+    def of_labels(cls, labels: Sequence[Any] | np.ndarray) -> Regions:
+        """Return regions of one label per face, whole numbers or strings; named after them."""
+        values, face = np.unique(np.asarray(labels), return_inverse=True)
+        return cls(face.reshape(-1), tuple(str(value) for value in values))
+
+    @classmethod
+    def of_parts(cls, scene: Scene, groups: Mapping[str, Sequence[str]] | None = None) -> Regions:
+        """Return the named parts of a scene as regions, or groups of them.
+
+        Parameters
+        ----------
+        scene : Scene
+        groups : mapping region's name -> names of parts, optional
+            Every part exactly once. Each part is a region of its own if not given.
+        """
+        part = np.asarray(scene.part)
+        # A name without faces is no region.
+        parts = [name for i, name in enumerate(scene.part_names) if (part == i).any()]
+        if groups is None:
+            groups = {name: [name] for name in parts}
+        listed = [name for names in groups.values() for name in names]
+        if sorted(listed) != sorted(parts):
+            checks.fail("regions", f"each of the parts {parts} in one region", f"{sorted(listed)}")
+        number = np.full(len(scene.part_names), -1)
+        for i, names in enumerate(groups.values()):
+            for name in names:
+                number[scene.part_names.index(name)] = i
+        return cls(number[part], tuple(groups))
+
+    @classmethod
+    def of_fingers(cls, scene: Scene, joints_m: np.ndarray | None = None) -> Regions:
+        """Return palm and fingers of a hand.
+
+        Parameters
+        ----------
+        scene : Scene
+            A hand, in the frame of the joints.
+        joints_m : array_like, shape (25, 3), metres, optional
+            Joint centres in the order of `clradar.hand.JOINT_NAMES`: a face belongs to the bone
+            nearest to its middle, and the phalanges are fingers. If not given, the parts of the
+            scene have to be those of the embedded hand (palm, thumb, index, middle, ring, pinky).
+
+        Raises
+        ------
+        ModelError
+            Neither joints nor such parts.
+        """
+        if joints_m is None:
+            names = set(scene.part_names)
+            if PALM not in names or not names & set(DIGITS) or names - {PALM, *DIGITS}:
+                checks.fail(
+                    "regions 'fingers'",
+                    f"joints, or a hand with the parts {[PALM, *DIGITS]}",
+                    f"no joints and the parts {list(scene.part_names)}",
+                )
+            present = [name for name in scene.part_names if name in DIGITS]
+            return cls.of_parts(scene, {PALM: [PALM], FINGERS: present})
+        joints = checks.read_only("joints", joints_m, np.float64, (len(JOINT_NAMES), 3))
+        middle_m = scene.triangles_m.mean(axis=1)
+        nearest = np.full(len(middle_m), np.inf)
+        face = np.zeros(len(middle_m), dtype=np.int32)
+        for start, end, is_finger in _bones():
+            distance_m = _distance_m(middle_m, joints[start], joints[end])
+            closer = distance_m < nearest
+            nearest[closer] = distance_m[closer]
+            face[closer] = is_finger
+        return cls(face, (PALM, FINGERS))
+
+
+def _bones() -> list[tuple[int, int, bool]]:
+    """Return the bones of a hand: joints at either end, and whether it is a phalanx."""
+    wrist = JOINT_NAMES.index("wrist")
+    bones = []
+    for i, name in enumerate(JOINT_NAMES):
+        if name.endswith("metacarpal"):
+            bones.append((wrist, i, False))
+        if name != "wrist" and not name.endswith("tip"):
+            bones.append((i, i + 1, "phalanx" in name))
+    return bones
+
+
+def _distance_m(points_m: np.ndarray, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
+    along = end_m - start_m
+    share = np.clip((points_m - start_m) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
+    return np.linalg.norm(points_m - start_m - share[:, None] * along, axis=1)

@@ -1,0 +1,94 @@
+"""``clradar bench``."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Optional
+
+import typer
+
+from clradar.cli.options import ForceOption, wrong_usage
+from clradar.cli.output import check_outputs, print_line, print_text, write_json
+from clradar.errors import ClradarError
+
+if TYPE_CHECKING:
+    from clradar.bench.rows import Row
+
+
+class Name(str, Enum):
+    """A benchmark."""
+
+    visibility = "visibility"
+    phasors = "phasors"
+    images = "images"
+    exact = "exact"
+    commands = "commands"
+
+
+def command(
+    device: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option(
+            "--device", metavar="NAME", help="OpenCL device; repeat to compare several in one run."
+        ),
+    ] = None,
+    only: Annotated[
+        Optional[list[Name]],  # noqa: UP045
+        typer.Option("--only", help="One benchmark; repeat for several. [default: all]"),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Smaller sizes, for a first look.")
+    ] = False,
+    repeats: Annotated[
+        int, typer.Option("--repeats", metavar="N", help="Runs of which the median counts.")
+    ] = 5,
+    json_file: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--json", metavar="FILE", help="Also write the figures."),
+    ] = None,
+    force: ForceOption = False,
+) -> None:
+    """Each piece of work against a peer in the same run, and whether both agree. Ratios matter, not
+    seconds: machines differ and are noisy. The peers are installed by `pip install clradar[bench]`;
+    docs/performance.md says what was found.
+    """
+    import os
+    import platform
+
+    from clradar import open_device
+
+    if repeats < 1:
+        raise wrong_usage("--repeats", f"expected 1 or more, got {repeats}")
+    check_outputs([json_file], force=force)
+    opened = [open_device(name) for name in device] if device else [open_device()]
+    try:
+        from clradar.bench.suite import SUITE, Effort, run
+    except ModuleNotFoundError as error:
+        raise ClradarError(
+            f"the peer {error.name} is not installed; install all of them with: "
+            "pip install 'clradar[bench]'"
+        ) from error
+    names = [name.value for name in only] if only else list(SUITE)
+    effort = Effort(quick, min(repeats, 3) if quick else repeats)
+    results: list[dict[str, Any]] = []
+    for one in opened:
+        print_line(
+            f"{one.info.label}, {os.cpu_count()} cores, {platform.machine()}, medians of "
+            f"{effort.repeats}"
+        )
+        rows = []
+        for row in run(one, names, effort):
+            print_row(row)
+            rows.append(row)
+        results.append({"device": dict(one.describe()), "cores": os.cpu_count(), "rows": rows})
+    if json_file is not None:
+        write_json(json_file, {"repeats": effort.repeats, "results": results}, force=force)
+
+
+def print_row(row: Row) -> None:
+    """Print one piece of work: ours, the peer's, the ratio."""
+    lines = [row["work"], f"    ours  {row['ours']}"]
+    if row["peer"]:
+        lines += [f"    peer  {row['peer']}", f"    ratio {row['ratio']:.1f} x   ({row['check']})"]
+    print_text("\n".join(lines))

@@ -1,0 +1,79 @@
+"""Files that say which faces of a mesh belong together, and where the joints of a hand are."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from measurement_io.failures import fail, read_bytes, reading
+
+if TYPE_CHECKING:
+    from calibration import Regions
+    from clradar import Scene
+
+LIMIT_BYTES = 2**28
+JOINTS_LIMIT_BYTES = 2**20
+
+
+def read_regions_file(path: Path, scene: Scene) -> Regions:
+    """Return the regions of a file.
+
+    A .npy file has one whole number per face; a .json file has a list of one number or string per
+    face, or an object: region -> list of the names of its parts.
+
+    Raises
+    ------
+    MeasurementError
+        Missing, or nothing of the kind for this mesh.
+    """
+    from calibration import Regions
+
+    expected = "'parts', 'fingers', or a .npy or .json file with a label for each face"
+    content = read_bytes(path, expected, LIMIT_BYTES)
+    with reading(path, expected):
+        if path.suffix.lower() == ".npy":
+            labels: Any = np.load(path, allow_pickle=False)
+            if labels.dtype.kind not in "iu":
+                fail(path, "whole numbers", f"{labels.dtype}")
+        else:
+            labels = json.loads(content.decode("utf-8-sig"))
+        if isinstance(labels, dict):
+            if not all(_all_are(names, str) for names in labels.values()):
+                fail(path, "lists of names of parts", "something else")
+            return Regions.of_parts(scene, labels)
+        if isinstance(labels, list) and not (_all_are(labels, int) or _all_are(labels, str)):
+            fail(path, "a list of whole numbers or of strings", "something else")
+        if np.shape(labels) != (scene.n_faces,):
+            fail(path, f"{scene.n_faces} labels, one per face", f"shape {np.shape(labels)}")
+        return Regions.of_labels(labels)
+
+
+def _all_are(values: Any, kind: type) -> bool:
+    return isinstance(values, list) and all(type(value) is kind for value in values)
+
+
+def read_joints(path: Path) -> np.ndarray:
+    """Return the joints of a JSON object name -> [x, y, z], shape (25, 3), in the file's unit."""
+    from clradar.hand import JOINT_NAMES
+
+    expected = "a JSON object with [x, y, z] of each of the 25 joints of a hand"
+    content = read_bytes(path, expected, JOINTS_LIMIT_BYTES)
+    with reading(path, expected):
+        value = json.loads(content.decode("utf-8-sig"))
+        missing = [name for name in JOINT_NAMES if name not in value]
+        if missing:
+            fail(path, expected, f"none of {missing[0]} and {len(missing) - 1} more")
+        joints = np.array([value[name] for name in JOINT_NAMES], dtype=np.float64)
+        if joints.shape != (len(JOINT_NAMES), 3) or not np.isfinite(joints).all():
+            fail(path, expected, f"numbers of shape {joints.shape}, or not finite")
+        return joints
+
+
+def joints_record(joints: np.ndarray) -> dict[str, list[float]]:
+    """Return what `read_joints` reads."""
+    from clradar.hand import JOINT_NAMES
+
+    return {name: at.tolist() for name, at in zip(JOINT_NAMES, joints, strict=True)}

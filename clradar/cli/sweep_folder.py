@@ -1,0 +1,184 @@
+"""The folder of a sweep: what has been done is kept in it, so that it can go on after a kill."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping, MutableMapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.cli.output import write_json
+from clradar.errors import OutputError
+from measurement_io.atomic import replacing
+from measurement_io.failures import read_bytes, reading
+
+SETTINGS, TRANSFORM, RESULT = "settings.json", "transform.json", "sweep.json"
+TABLE, REGION_TABLE, FIGURE = "sweep.csv", "regions.csv", "sweep.png"
+WORK, LOCK = "work", ".lock"
+
+# The settings first: what is left when a removal is cut short then belongs to no sweep.
+FILES = (SETTINGS, TRANSFORM, RESULT, TABLE, REGION_TABLE, FIGURE)
+
+LIMIT_BYTES = 2**20
+
+SHOWN = 60
+"""Characters of a setting's value in an error."""
+
+MOST_DIFFERENCES = 5
+
+
+class FolderStore(MutableMapping[str, dict[str, np.ndarray]]):
+    """Arrays by name, each name a file that is there whole or not at all."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        folder.mkdir(exist_ok=True)
+        remove_temporaries(folder)
+
+    def _path(self, name: str) -> Path:
+        return self._folder / f"{name}.npz"
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and self._path(name).is_file()
+
+    def __getitem__(self, name: str) -> dict[str, np.ndarray]:
+        if name not in self:
+            raise KeyError(name)
+        path = self._path(name)
+        with reading(path, "the arrays of an image"), np.load(path, allow_pickle=False) as arrays:
+            return {key: arrays[key] for key in arrays.files}
+
+    def __setitem__(self, name: str, arrays: dict[str, np.ndarray]) -> None:
+        with replacing(self._path(name), force=True) as temporary, open(temporary, "xb") as file:
+            values: dict[str, Any] = dict(arrays)
+            np.savez(file, **values)
+
+    def __delitem__(self, name: str) -> None:
+        self._path(name).unlink()
+
+    def __iter__(self) -> Iterator[str]:
+        return (path.stem for path in sorted(self._folder.glob("*.npz")))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+def remove_temporaries(folder: Path) -> None:
+    """Remove what a killed process was writing."""
+    for path in folder.glob(".*.tmp"):
+        with suppress(OSError):
+            path.unlink()
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Make the folder, and keep other processes from sweeping into it while the block runs."""
+    import fcntl
+
+    try:
+        if os.path.lexists(folder) and not folder.is_dir():
+            raise OutputError(f"{folder}: expected a folder's name, got a file")
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = open(folder / LOCK, "ab")  # noqa: SIM115 - the block below closes it
+    except OutputError:
+        raise
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{folder}: cannot be written: {error}") from error
+    with lock:
+        try:
+            # The system lets go of it when the process ends, however it ends.
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise OutputError(f"{folder}: another sweep is writing into it") from error
+        yield
+
+
+def begin(folder: Path, settings: Mapping[str, Any], *, force: bool) -> None:
+    """Make sure that what the folder holds was made with these settings.
+
+    An empty folder takes them on. With `force` one that was begun with others is cleared: of the
+    files of a sweep, and of nothing else.
+
+    Raises
+    ------
+    OutputError
+        It was begun with other settings, or holds files but no sweep.
+    """
+    remove_temporaries(folder)
+    path = folder / SETTINGS
+    if path.exists() or path.is_symlink():
+        different = differences(_read_settings(path, force), _plain(settings))
+        if not different:
+            return
+        if not force:
+            more = len(different) - MOST_DIFFERENCES
+            listed = "; ".join(different[:MOST_DIFFERENCES]) + (
+                f"; {more} more" if more > 0 else ""
+            )
+            raise OutputError(
+                f"{folder}: was begun with other settings: {listed}. Repeat them to go on, choose "
+                "another folder, or begin anew with --force"
+            )
+    elif not force and any(entry.name != LOCK for entry in folder.iterdir()):
+        raise OutputError(
+            f"{folder}: holds files, but no sweep; choose another folder, or write among them with "
+            "--force"
+        )
+    _clear(folder)
+    write_json(path, dict(settings), force=False)
+
+
+def _clear(folder: Path) -> None:
+    try:
+        for name in FILES:
+            (folder / name).unlink(missing_ok=True)
+        if (folder / WORK).exists():
+            shutil.rmtree(folder / WORK)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be cleared: {error}") from error
+
+
+def _read_settings(path: Path, force: bool) -> dict[str, Any]:
+    expected = "the settings of a sweep, as JSON"
+    try:
+        with reading(path, expected):
+            value = json.loads(read_bytes(path, expected, LIMIT_BYTES).decode("utf-8"))
+            if not isinstance(value, dict):
+                raise ValueError("no JSON object")
+            return value
+    except ValueError:  # MeasurementError is one
+        if force:
+            return {}
+        raise
+
+
+def _plain(settings: Mapping[str, Any]) -> Any:
+    return json.loads(json.dumps(settings, allow_nan=False))
+
+
+def differences(before: Any, now: Any, name: str = "") -> list[str]:
+    """Return in words how two values of JSON differ, one line per setting."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        found = []
+        for key in {**now, **before}:
+            found += differences(before.get(key), now.get(key), f"{name}.{key}" if name else key)
+        return found
+    if before == now:
+        return []
+    shown = [text if len(text) <= SHOWN else text[:SHOWN] + "…" for text in map(str, (before, now))]
+    return [f"{name} {shown[0]}, now {shown[1]}"]
+
+
+def is_finished(folder: Path) -> bool:
+    """Whether all results are there; the last to be written is RESULT."""
+    return all((folder / name).is_file() for name in (RESULT, TABLE, FIGURE))
+
+
+def finish(folder: Path) -> None:
+    """Remove the images that were kept for going on."""
+    shutil.rmtree(folder / WORK, ignore_errors=True)

@@ -1,0 +1,273 @@
+/* Expected receptions: in place of random outgoing directions, the probability P of each sample, Tx and Rx that
+ * the outgoing ray enters the Rx sphere (common/lobe.h).
+ *
+ * Four steps for a tile of samples. Directions to the receivers; lobes of the transmitters; P for every pair and
+ * sample, item = one Tx and CLR_WIDTH Rx, which goes through the samples; then the paths of each pair in the order
+ * of samples, where the host says, from the counts of the third step, where they go. So the paths need no sort, and
+ * no result depends on the tiling. */
+#ifndef CLR_SPREADING
+#error "CLR_SPREADING (0: amplitude 1, 1: 1 / (R1 R2) and antenna patterns) is missing"
+#endif
+
+#include "common/lobe.h"
+
+#define RX_FIELDS 7 /* unit vector to the Rx (3), sine of its disc or 0, leg hi, leg lo, weight */
+#define TX_FIELDS 16 /* see lobes.cl */
+
+/* Below this the outgoing ray is t_m: the lobe is narrower than 0.3 micrometres at 0.3 m. */
+#define LEAST_ALPHA 0x1p-20f
+
+/* P below this is rounding. */
+#define LEAST_SHARE 0x1p-24f
+
+/* antenna   float (6, n_padded)  x, y, z as hi, then as lo, metres
+ * visible   uchar (n_samples, n_groups)
+ * direction float (n_samples, RX_FIELDS, n_padded)  out */
+__kernel void receiver_discs(const uint n_samples, const uint n_rx, const uint n_padded,
+                             const float radius, const float pattern_exponent,
+                             __global const float *antenna, __global const float *point,
+                             __global const uchar *visible, __global float *direction) {
+    const uint block = (uint)get_global_id(0), i = (uint)get_global_id(1);
+    if (i >= n_samples || block * CLR_WIDTH >= n_padded) return;
+    const uint first = block * CLR_WIDTH;
+    const float3 p = load3(point + 3 * (size_t)i);
+    __global const float *at = antenna + first;
+    const dual x = dual_difference(LOADW(at), LOADW(at + 3 * n_padded), (realw)(p.x), (realw)(0.0f));
+    const dual y = dual_difference(LOADW(at + n_padded), LOADW(at + 4 * n_padded), (realw)(p.y),
+                                   (realw)(0.0f));
+    const dual z = dual_difference(LOADW(at + 2 * n_padded), LOADW(at + 5 * n_padded),
+                                   (realw)(p.z), (realw)(0.0f));
+    const dual leg = dual_length(x, y, z);
+    const realw inverse = 1.0f / greater(leg.hi, (realw)(1e-20f));
+    const uint bits = visible[(size_t)i * (n_padded / 8) + first / 8] >> (first % 8);
+#if CLR_WIDTH == 8
+    const int8 lane_bit = (int8)(1, 2, 4, 8, 16, 32, 64, 128);
+#else
+    const int lane_bit = 1;
+#endif
+    const intw seen = ((intw)((int)bits) & lane_bit) != 0;
+    const intw there = (LANE_INDEX + (float)first) < (float)n_rx;
+    /* 2 marks a sample inside the sphere. */
+    const realw sine = leg.hi > radius ? radius * inverse : (realw)(2.0f);
+    realw weight = (realw)(1.0f);
+#if CLR_SPREADING
+    weight = inverse;
+    if (pattern_exponent > 0.0f) {
+        const realw back = -z.hi * inverse;
+        weight *= back > 0.0f ? pow(back, (realw)(pattern_exponent)) : (realw)(0.0f);
+    }
+#endif
+    __global float *row = direction + (size_t)i * RX_FIELDS * n_padded + first;
+    STOREW(x.hi * inverse, row);
+    STOREW(y.hi * inverse, row + n_padded);
+    STOREW(z.hi * inverse, row + 2 * n_padded);
+    STOREW(choose((seen & there) | ((sine > 1.0f) & there), sine, (realw)(0.0f)), row + 3 * n_padded);
+    STOREW(leg.hi, row + 4 * n_padded);
+    STOREW(leg.lo, row + 5 * n_padded);
+    STOREW(weight, row + 6 * n_padded);
+}
+
+static inline void set_alpha(lobe *l, realw alpha) {
+    l->alpha = alpha;
+    l->k = 1.0f - alpha;
+    const realw difference = l->k - alpha, k = greater(l->k, (realw)(0.5f));
+    l->two = difference > 0.0f;
+    l->any_two = ANYW(l->two);
+    const realw square = l->two ? difference : (realw)(0.0f);
+    l->edge = choose(l->two, alpha / k, (realw)(1.0f));
+    l->edge_cos = sqrt(square) / k;
+}
+
+/* The disc from its centre in the lobe's frame, and the sine of its half angle. */
+static inline disc make_disc(realw x, realw y, realw z, realw sine) {
+    disc d;
+    d.inside = sine > 1.0f;
+    d.sine = choose(d.inside, (realw)(1.0f), sine);
+    d.cosine = sqrt((1.0f - d.sine) * (1.0f + d.sine));
+    d.z = z;
+    d.rho = sqrt(x * x + y * y);
+    const realw inverse = 1.0f / greater(d.rho, (realw)(1e-20f));
+    const intw centred = d.rho < 1e-20f;
+    d.cos_psi = choose(centred, (realw)(1.0f), x * inverse);
+    d.sin_psi = choose(centred, (realw)(0.0f), y * inverse);
+    d.around = (d.rho <= d.sine) | d.inside;
+    d.ratio = choose(d.around, (realw)(1.0f), d.sine * inverse);
+    return d;
+}
+
+/* direction float (n_samples, RX_FIELDS, n_padded)
+ * tx_lobe   float (n_samples, n_tx, TX_FIELDS)
+ * alpha     float (n_samples)
+ * rule      float, see common/lobe.h
+ * share     float (n_tx, n_samples, n_padded)  out: P
+ * pending   uint (n_tx, n_padded * n_samples)  work space, each item's own part: what is left for the slices
+ * count     float (n_tx, n_padded)             out: samples with a P of each pair; below 2^24, so exact */
+__kernel void expected_shares(const uint n_samples, const uint n_tx, const uint n_padded,
+                              __global const float *direction, __global const float *tx_lobe,
+                              __global const float *alpha, __global const float *rule,
+                              __global float *share, __global uint *pending,
+                              __global float *count) {
+    const uint block = (uint)get_global_id(0), tx = (uint)get_global_id(1);
+    if (block * CLR_WIDTH >= n_padded || tx >= n_tx) return;
+    const uint first = block * CLR_WIDTH;
+    const size_t tx_row = (size_t)n_tx * TX_FIELDS, rx_row = (size_t)RX_FIELDS * n_padded;
+    __global const float *lobes = tx_lobe + (size_t)tx * TX_FIELDS;
+    __global const float *rx = direction + first;
+    __global float *out = share + (size_t)tx * n_samples * n_padded + first;
+    __global uint *left = pending + ((size_t)tx * n_padded + first) * n_samples;
+    uint waiting = 0;
+
+    for (uint i = 0; i < n_samples; ++i) {
+        __global const float *t = lobes + i * tx_row, *r = rx + i * rx_row;
+        realw p = (realw)(0.0f);
+        if (t[13] != 0.0f) {
+            const realw ux = LOADW(r), uy = LOADW(r + n_padded), uz = LOADW(r + 2 * n_padded);
+            const float3 axis = load3(t), side = load3(t + 3), third = cross3(axis, side);
+            lobe l;
+            set_alpha(&l, (realw)(alpha[i]));
+            l.n_z = (realw)(t[6]);
+            l.n_x = (realw)(t[7]);
+            l.g_x = (realw)(t[8]);
+            l.g_y = (realw)(t[9]);
+            l.g_z = (realw)(t[10]);
+            const realw sine = LOADW(r + 3 * n_padded);
+            const realw x = ux * side.x + uy * side.y + uz * side.z;
+            const realw y = ux * third.x + uy * third.y + uz * third.z;
+            const realw z = ux * axis.x + uy * axis.y + uz * axis.z;
+            const disc d = make_disc(x, y, z, sine);
+            intw wanted = sine > 0.0f;
+            if (alpha[i] < LEAST_ALPHA) {
+                const intw hit = ((d.rho < d.sine) & (d.z > 0.0f)) | d.inside;
+                p = choose(hit & wanted & (l.g_z > 0.0f), (realw)(1.0f), p);
+            } else {
+                /* Not out of the lobe's reach, nor below the face. */
+                const realw height = l.g_x * x + l.g_y * y + l.g_z * z;
+                const intw near = (z > l.edge_cos * d.cosine - l.edge * d.sine - 1e-5f) | !l.two;
+                wanted &= ((height > -d.sine) & near) | d.inside;
+                if (ANYW(wanted)) {
+                    const intw smooth = wanted & is_smooth(l, d, height);
+                    const intw rest = wanted & !smooth;
+                    if (ANYW(smooth)) p = choose(smooth, smooth_share(l, d), p);
+                    if (ANYW(rest)) {
+#if CLR_WIDTH == 8
+                        const int flags[8] = {rest.s0, rest.s1, rest.s2, rest.s3,
+                                              rest.s4, rest.s5, rest.s6, rest.s7};
+#else
+                        const int flags[1] = {rest};
+#endif
+                        for (uint lane = 0; lane < CLR_WIDTH; ++lane)
+                            if (flags[lane]) left[waiting++] = i * CLR_WIDTH + lane;
+                    }
+                }
+            }
+        }
+        STOREW(p, out + (size_t)i * n_padded);
+    }
+
+    /* The rest in full vectors, the last one filled up with copies of its first. */
+    for (uint at = 0; at < waiting; at += CLR_WIDTH) {
+        float field[16][CLR_WIDTH];
+        for (uint lane = 0; lane < CLR_WIDTH; ++lane) {
+            const uint which = left[at + lane < waiting ? at + lane : at];
+            const uint i = which / CLR_WIDTH;
+            __global const float *t = lobes + i * tx_row, *r = rx + i * rx_row + which % CLR_WIDTH;
+            for (int k = 0; k < 11; ++k) field[k][lane] = t[k];
+            for (int k = 0; k < 4; ++k) field[11 + k][lane] = r[k * n_padded];
+            field[15][lane] = alpha[i];
+        }
+#if CLR_WIDTH == 8
+#define FIELD(k)                                                                            \
+    ((float8)(field[k][0], field[k][1], field[k][2], field[k][3], field[k][4], field[k][5], \
+              field[k][6], field[k][7]))
+#else
+#define FIELD(k) field[k][0]
+#endif
+        const realw ax = FIELD(0), ay = FIELD(1), az = FIELD(2);
+        const realw sx = FIELD(3), sy = FIELD(4), sz = FIELD(5);
+        const realw ux = FIELD(11), uy = FIELD(12), uz = FIELD(13);
+        lobe l;
+        set_alpha(&l, FIELD(15));
+        l.n_z = FIELD(6);
+        l.n_x = FIELD(7);
+        l.g_x = FIELD(8);
+        l.g_y = FIELD(9);
+        l.g_z = FIELD(10);
+        const realw bx = ay * sz - az * sy, by = az * sx - ax * sz, bz = ax * sy - ay * sx;
+        const realw x = ux * sx + uy * sy + uz * sz;
+        const realw y = ux * bx + uy * by + uz * bz;
+        const realw z = ux * ax + uy * ay + uz * az;
+        const disc d = make_disc(x, y, z, FIELD(14));
+        const realw height = l.g_x * x + l.g_y * y + l.g_z * z;
+        const realw p = sliced_share(l, d, (height < d.sine) | d.inside, rule);
+#if CLR_WIDTH == 8
+        const float found[8] = {p.s0, p.s1, p.s2, p.s3, p.s4, p.s5, p.s6, p.s7};
+#else
+        const float found[1] = {p};
+#endif
+        for (uint lane = 0; lane < CLR_WIDTH && at + lane < waiting; ++lane) {
+            const uint which = left[at + lane];
+            out[(size_t)(which / CLR_WIDTH) * n_padded + which % CLR_WIDTH] = found[lane];
+        }
+    }
+
+    realw counted = (realw)(0.0f);
+    for (uint i = 0; i < n_samples; ++i) {
+        const realw p = LOADW(out + (size_t)i * n_padded);
+        counted += choose(p > LEAST_SHARE, (realw)(1.0f), (realw)(0.0f));
+    }
+    STOREW(counted, count + (size_t)tx * n_padded + first);
+}
+
+/* start  uint (n_tx * n_rx + 1)  first path of each pair
+ * path   float (n_paths, 4)      out: length hi, length lo, amplitude, unused; metres */
+__kernel void expected_paths(const uint n_samples, const uint n_tx, const uint n_rx,
+                             const uint n_padded, const float rays,
+                             __global const float *direction, __global const float *tx_lobe,
+                             __global const float *share, __global const uint *start,
+                             __global float *path) {
+    const uint block = (uint)get_global_id(0), tx = (uint)get_global_id(1);
+    if (block * CLR_WIDTH >= n_padded || tx >= n_tx) return;
+    const uint first = block * CLR_WIDTH;
+    uint next[CLR_WIDTH];
+    for (uint lane = 0; lane < CLR_WIDTH; ++lane) {
+        const uint rx = first + lane;
+        next[lane] = start[tx * n_rx + (rx < n_rx ? rx : n_rx - 1)];
+    }
+    for (uint i = 0; i < n_samples; ++i) {
+        __global const float *of = share + ((size_t)tx * n_samples + i) * n_padded + first;
+        const realw p = LOADW(of);
+        if (!ANYW(p > LEAST_SHARE)) continue;
+        __global const float *t = tx_lobe + ((size_t)i * n_tx + tx) * TX_FIELDS;
+        __global const float *row = direction + (size_t)i * RX_FIELDS * n_padded + first;
+        dual there, back;
+        there.hi = (realw)(t[11]);
+        there.lo = (realw)(t[12]);
+        back.hi = LOADW(row + 4 * n_padded);
+        back.lo = LOADW(row + 5 * n_padded);
+        const dual length = dual_add(there, back);
+        const realw amplitude = p * LOADW(row + 6 * n_padded) * (rays * t[13]);
+#if CLR_WIDTH == 8
+#define EMIT(n) EMIT_ONE(n, p.s##n, length.hi.s##n, length.lo.s##n, amplitude.s##n)
+#else
+#define EMIT(n) EMIT_ONE(n, p, length.hi, length.lo, amplitude)
+#endif
+#define EMIT_ONE(n, p, hi, lo, a)                          \
+    if (p > LEAST_SHARE) {                                 \
+        __global float *to = path + 4 * (size_t)next[n]++; \
+        to[0] = hi;                                        \
+        to[1] = lo;                                        \
+        to[2] = a;                                         \
+        to[3] = 0.0f;                                      \
+    }
+        EMIT(0)
+#if CLR_WIDTH == 8
+        EMIT(1)
+        EMIT(2)
+        EMIT(3)
+        EMIT(4)
+        EMIT(5)
+        EMIT(6)
+        EMIT(7)
+#endif
+    }
+}

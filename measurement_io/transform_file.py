@@ -1,0 +1,48 @@
+"""A rigid or affine motion in a JSON file, as the alignment writes it."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+
+from clradar.errors import ModelError
+from clradar.model import checks
+from measurement_io.failures import fail, read_bytes, reading
+
+TRANSFORM_LIMIT_BYTES = 2**20
+
+
+def read_transform(path: str | os.PathLike[str]) -> np.ndarray:
+    """Return the 4 x 4 matrix of a JSON file, shape (4, 4), float64.
+
+    The file holds four rows of four numbers or sixteen numbers in that order, in metres, or an
+    object whose "transform" is one of the two.
+
+    Raises
+    ------
+    MeasurementError
+        Missing, no JSON, or no such numbers.
+    ModelError
+        Not an invertible affine matrix.
+    """
+    path = Path(path)
+    expected = "a JSON file with a 4 x 4 matrix, or an object with one as 'transform'"
+    content = read_bytes(path, expected, TRANSFORM_LIMIT_BYTES)
+    with reading(path, expected):
+        value = json.loads(content.decode("utf-8-sig"))
+        if isinstance(value, dict):
+            if "transform" not in value:
+                fail(path, expected, f"an object with {sorted(value)[:10]}")
+            value = value["transform"]
+        matrix = np.array(value, dtype=np.float64)
+        if matrix.shape == (16,):
+            matrix = matrix.reshape(4, 4)
+        if matrix.shape != (4, 4):
+            fail(path, expected, f"numbers of shape {matrix.shape}")
+    try:
+        return checks.transform("transform", matrix)
+    except ModelError as error:
+        raise ModelError(f"{path}: {error}") from error
