@@ -1,8 +1,9 @@
-"""What rays hit first, for rays given one by one."""
+"""What rays hit first, for rays given one by one: the question of a bounce, asked by itself."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +18,10 @@ class _NearestOptions:
     stack: int
 
 
-def nearest_hits(
-    triangles_m: np.ndarray, origins_m: np.ndarray, directions: np.ndarray, device: Device
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return where rays hit a mesh first.
+class NearestHits:
+    """A mesh and rays on a device.
+
+    A context manager: its device memory is freed when the block ends.
 
     Parameters
     ----------
@@ -29,28 +30,54 @@ def nearest_hits(
     directions : array_like, shape (n, 3)
         Unit vectors.
     device : Device
-
-    Returns
-    -------
-    distance_m : ndarray, shape (n,), float32, metres
-        -1 where nothing is hit.
-    face : ndarray, shape (n,), int32
-        -1 where nothing is hit.
-    weights : ndarray, shape (n, 2), float32
-        Barycentric weights of the face's second and third corner.
     """
-    at = checks.read_only("nearest_hits: origins_m", origins_m, np.float32, (None, 3))
-    towards = checks.read_only("nearest_hits: directions", directions, np.float32, at.shape)
-    delta_m = error_bound_m(np.asarray(triangles_m, dtype=np.float64), at.astype(np.float64))
-    nodes, blocks, stack = flatten(build_bvh(triangles_m, device), triangles_m, delta_m)
-    program = build(device, "nearest.cl", _NearestOptions(device.width, stack))
-    n = len(at)
-    with Buffers(device) as buffers:
-        put = [buffers.upload(a) for a in (nodes, blocks, at, towards)]
-        out = [buffers.empty(size * n) for size in (4, 4, 8)]
-        program.launch("nearest_hits", (n,), np.uint32(n), *put, *out)
+
+    def __init__(
+        self, triangles_m: np.ndarray, origins_m: np.ndarray, directions: np.ndarray, device: Device
+    ) -> None:
+        at = checks.read_only("NearestHits: origins_m", origins_m, np.float32, (None, 3))
+        away = checks.read_only("NearestHits: directions", directions, np.float32, at.shape)
+        self._triangles, self._rays, self._device = triangles_m, (at, away), device
+        self._buffers = Buffers(device)
+
+    def __enter__(self) -> NearestHits:
+        try:
+            triangles, (at, away) = np.asarray(self._triangles, dtype=np.float64), self._rays
+            delta_m = error_bound_m(triangles, at.astype(np.float64))
+            nodes, records, stack = flatten(build_bvh(triangles, self._device), triangles, delta_m)
+            options = _NearestOptions(self._device.width, stack)
+            self._program = build(self._device, "nearest.cl", options)
+            self._put = [self._buffers.upload(a) for a in (nodes, records, at, away)]
+            self._out = [self._buffers.empty(size * len(at)) for size in (4, 4, 8)]
+        except BaseException:
+            self._buffers.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._buffers.__exit__(None, None, None)
+
+    def trace(self) -> None:
+        """Find the hits, which stay on the device."""
+        n = len(self._rays[0])
+        self._program.launch("nearest_hits", (n,), np.uint32(n), *self._put, *self._out)
+
+    def hits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what `trace` found.
+
+        Returns
+        -------
+        distance_m : ndarray, shape (n,), float32, metres
+            -1 where nothing is hit.
+        face : ndarray, shape (n,), int32
+            -1 where nothing is hit.
+        weights : ndarray, shape (n, 2), float32
+            Barycentric weights of the face's second and third corner.
+        """
+        n, read = len(self._rays[0]), self._buffers.read
+        distance, face, weights = self._out
         return (
-            buffers.read(out[0], n, np.float32),
-            buffers.read(out[1], n, np.int32),
-            buffers.read(out[2], (n, 2), np.float32),
+            read(distance, n, np.float32),
+            read(face, n, np.int32),
+            read(weights, (n, 2), np.float32),
         )

@@ -95,6 +95,11 @@ class VisibleSurface:
         -------
         ndarray, shape (n, m), bool
         """
+        bits = np.unpackbits(self.seen_bits(viewpoints_m), axis=1, bitorder="little")
+        return bits[:, : len(viewpoints_m)].astype(bool)
+
+    def seen_bits(self, viewpoints_m: np.ndarray) -> np.ndarray:
+        """Return the same packed, shape (n, ceil(m / 8)), uint8; the first viewpoint is bit 0."""
         at = checks.read_only("seen_from: viewpoints_m", viewpoints_m, np.float64, (None, 3))
         n, groups = len(self.points_m), -(-len(at) // GROUP)
         u = np.uint32
@@ -105,5 +110,4 @@ class VisibleSurface:
                 self._delta, *self._tree, buffers.upload(bundled(at)), self._points,
                 self._geometric, bits,
             )  # fmt: skip
-            packed = buffers.read(bits, (n, groups), np.uint8)
-        return np.unpackbits(packed, axis=1, bitorder="little")[:, : len(at)].astype(bool)
+            return buffers.read(bits, (n, groups), np.uint8)

@@ -52,13 +52,14 @@ __kernel void split_nodes(const uint n_nodes, const uint halve, __global const f
     const int n = count[node];
 
     /* Twice the bounds of the centres. */
-    float8 bounds = NOTHING;
+    float4 low = (float4)(FLT_MAX), high = (float4)(-FLT_MAX);
     for (int i = 0; i < n; ++i) {
         const float8 box = LOAD8(boxes + 8 * (size_t)mine[i]);
         const float4 centre = box.hi - box.lo;
-        bounds = larger8(bounds, (float8)(-centre, centre));
+        low = centre < low ? centre : low;
+        high = centre > high ? centre : high;
     }
-    const float4 low = -bounds.lo, extent = bounds.hi + bounds.lo;
+    const float4 extent = high - low;
     const float scales[3] = {extent.x > 0.0f ? BINS / extent.x : 0.0f,
                              extent.y > 0.0f ? BINS / extent.y : 0.0f,
                              extent.z > 0.0f ? BINS / extent.z : 0.0f};

@@ -14,7 +14,7 @@ import numpy as np
 import pyopencl as cl
 
 import clradar
-from clradar.nearest import nearest_hits
+from clradar.nearest import NearestHits
 from clradar.opencl import Buffers, open_device
 from clradar.opencl.program import Program
 
@@ -89,8 +89,9 @@ def everything(width: int) -> None:
     away = rng.normal(size=(13, 3))
     away[:3] = np.eye(3)
     away /= np.linalg.norm(away, axis=1)[:, None]
-    face = nearest_hits(soup, rng.uniform(-0.1, 0.1, (13, 3)), away, device)[1]
-    assert (face >= 0).any()
+    with NearestHits(soup, rng.uniform(-0.1, 0.1, (13, 3)), away, device) as rays:
+        rays.trace()
+        assert (rays.hits()[1] >= 0).any()
     soup[:, :, 2] += 0.3
     blocky = clradar.Scene(soup.reshape(-1, 3), np.arange(303).reshape(-1, 3), alpha=0.5)
     clradar.trace(blocky, array, rays_per_face=1, reception_radius_m=0.05, device=device)

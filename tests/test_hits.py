@@ -10,7 +10,7 @@ from clradar import reference
 from clradar.bundles import GROUP, bundled, items
 from clradar.bvh import build_bvh, error_bound_m, flatten
 from clradar.hand import hand_mesh, pose_by_name
-from clradar.nearest import nearest_hits
+from clradar.nearest import NearestHits
 from clradar.opencl import Buffers, build
 from clradar.trace import _VisibilityOptions
 
@@ -47,7 +47,9 @@ class Rays:
 
     def nearest(self, device):
         """Distance (-1: none), face (-1: none) and (u, v) from the kernel."""
-        return nearest_hits(self.triangles, self.origin, self.direction, device)
+        with NearestHits(self.triangles, self.origin, self.direction, device) as rays:
+            rays.trace()
+            return rays.hits()
 
     def brute_force(self):
         """Distance (inf: none) and face (-1: none) of the same rays in float64."""

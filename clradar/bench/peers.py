@@ -11,6 +11,9 @@ import numba
 import numpy as np
 
 
+_PART_RAYS = 2**16
+
+
 @numba.njit(parallel=True, fastmath=True, cache=False)
 def _points_and_strengths(
     length_m: np.ndarray,
@@ -135,28 +138,84 @@ def exact_by_gemm(capture: Any, points_m: np.ndarray) -> np.ndarray:
     return out / capture.data.size
 
 
-class EmbreeVisibility:
-    """Which antennas does each point see, by Embree through embreex."""
+class EmbreeRays:
+    """Embree through embreex, two threads."""
+
+    name = "Embree through embreex, two threads"
 
     def __init__(self, triangles_m: np.ndarray) -> None:
         from embreex import rtcore_scene
         from embreex.mesh_construction import TriangleMesh
 
-        self.scene = rtcore_scene.EmbreeScene()
-        TriangleMesh(self.scene, np.ascontiguousarray(triangles_m, dtype=np.float32))
+        self._scene = rtcore_scene.EmbreeScene()
+        TriangleMesh(self._scene, np.ascontiguousarray(triangles_m, dtype=np.float32))
+        self._parts: list[tuple[np.ndarray, np.ndarray]] = []
 
-    def prepare(
-        self, points_m: np.ndarray, normals: np.ndarray, antennas_m: np.ndarray, lift_m: float
-    ) -> None:
-        """Make the rays, which is not timed: lifted off the face towards each antenna."""
-        self.rays = []
-        for antenna in antennas_m:
-            side = np.sign(np.einsum("sa,sa->s", normals, antenna - points_m))[:, None]
-            origin = (points_m + lift_m * side * normals).astype(np.float32)
-            self.rays.append((origin, (antenna - origin).astype(np.float32)))
+    def prepare(self, origins_m: np.ndarray, directions: np.ndarray) -> None:
+        """Hand over rays, shape (n, 3) float32 each; directions reach to where a ray ends."""
+        cuts = range(_PART_RAYS, len(origins_m), _PART_RAYS)
+        parts = zip(np.split(origins_m, cuts), np.split(directions, cuts), strict=True)
+        self._parts = list(parts)
 
-    def seen(self) -> np.ndarray:
-        """Shape (n_points, n_antennas), bool."""
+    def blocked(self) -> np.ndarray:
+        """Whether anything is met before each ray's end, shape (n,)."""
+        return self._query("OCCLUDED") >= 0
+
+    def faces(self) -> np.ndarray:
+        """Return the face that each ray hits first, however far, or -1."""
+        return self._query("INTERSECT")
+
+    def _query(self, query: str) -> np.ndarray:
         with ThreadPoolExecutor(2) as pool:  # embreex lets go of the interpreter lock
-            hits = list(pool.map(lambda ray: self.scene.run(*ray, query="OCCLUDED"), self.rays))
-        return np.stack(hits, axis=1) < 0
+            run = pool.map(lambda part: self._scene.run(*part, query=query), self._parts)
+            return np.concatenate(list(run))
+
+
+class MitsubaRays:
+    """Mitsuba 3 with its LLVM backend, one thread per core; its answers stay on its side."""
+
+    name = "Mitsuba, LLVM, all cores"
+
+    def __init__(self, triangles_m: np.ndarray) -> None:
+        import drjit
+        import mitsuba
+
+        mitsuba.set_variant("llvm_ad_rgb")  # an error where there is no libLLVM
+        self._dr, self._mi = drjit, mitsuba
+        n = len(triangles_m)
+        mesh = mitsuba.Mesh("mesh", 3 * n, n)
+        parameters = mitsuba.traverse(mesh)
+        corners = np.asarray(triangles_m, dtype=np.float32).reshape(-1)
+        parameters["vertex_positions"] = mitsuba.Float(corners)
+        parameters["faces"] = mitsuba.UInt32(np.arange(3 * n, dtype=np.uint32))
+        parameters.update()
+        self._scene = mitsuba.load_dict({"type": "scene", "mesh": mesh})
+        self._rays: Any = None
+        self._answer: Any = None
+
+    def prepare(self, origins_m: np.ndarray, directions: np.ndarray) -> None:
+        mi = self._mi
+        o, d = (mi.Point3f(np.ascontiguousarray(a.T)) for a in (origins_m, directions))
+        self._rays = mi.Ray3f(o, mi.Vector3f(d), time=mi.Float(0), wavelengths=mi.Color0f())
+        self._ended = mi.Ray3f(self._rays)
+        self._ended.maxt = mi.Float(1.0)
+        self._dr.eval(self._rays, self._ended)
+
+    def query_blocked(self) -> None:
+        self._answer = self._scene.ray_test(self._ended)
+        self._dr.eval(self._answer)
+        self._dr.sync_thread()
+
+    def blocked(self) -> np.ndarray:
+        self.query_blocked()
+        return np.array(self._answer)
+
+    def query_faces(self) -> None:
+        self._answer = self._scene.ray_intersect_preliminary(self._rays, coherent=False)
+        self._dr.eval(self._answer.t, self._answer.prim_index)
+        self._dr.sync_thread()
+
+    def faces(self) -> np.ndarray:
+        self.query_faces()
+        met = np.isfinite(np.array(self._answer.t))
+        return np.where(met, np.array(self._answer.prim_index).astype(np.int64), -1)

@@ -20,8 +20,6 @@ import numpy as np
 import clradar
 from clradar.bench import peers
 from clradar.formers.range_profiles import Range
-from clradar.hand import hand_mesh
-from clradar.trace import Tracer, resolve_settings
 
 C_M_PER_S = 299_792_458.0
 ARRAY = clradar.arrays.qar50()
@@ -48,50 +46,19 @@ def relative_rms_db(ours: np.ndarray, theirs: np.ndarray) -> float:
     return float(20 * np.log10(error))
 
 
-def visibility(device: clradar.Device, repeats: int) -> Row:
-    """Rays from the Tx to the samples of the hand: the bulk of the tracing."""
-    scene = clradar.Scene.from_mesh(hand_mesh("F"), alpha=0.5)
-    settings = resolve_settings(samples_per_mm2=2.0)
-    with Tracer(scene, ARRAY, settings, device) as tracer:
-        count = min(16384, tracer.n_samples)
-        tracer._see(0, count)
-        read = tracer._buffers.read
-        points = read(tracer._tile[0], (count, 3), np.float32).astype(np.float64)
-        normals = read(tracer._tile[2], (count, 3), np.float32).astype(np.float64)
+def interleaved_s(
+    works: Sequence[Callable[[], Any]], repeats: int, pause_s: float = 0.0
+) -> np.ndarray:
+    """Seconds of each work in turn, shape (repeats, n_works): other load meets all alike.
 
-        def ours() -> np.ndarray:
-            u = np.uint32
-            groups = tracer._n_tx_groups
-            tracer._visibility.launch(
-                "visible_antennas", (count, groups), u(count), u(ARRAY.n_tx), u(groups),
-                tracer._delta, *tracer._tree, tracer._tx_soa, tracer._tile[0], tracer._tile[2],
-                tracer._tile[5],
-            )  # fmt: skip
-            bits = read(tracer._tile[5], (count, groups), np.uint8)
-            return np.unpackbits(bits, axis=1, bitorder="little")[:, : ARRAY.n_tx] > 0
-
-        embree = peers.EmbreeVisibility(scene.triangles_m)
-        embree.prepare(points, normals, ARRAY.tx_m, 2 * float(tracer._delta))
-        theirs = embree.seen
-        disagree = np.mean(ours() != theirs())
-        ours_s, theirs_s = median_s(ours, repeats), median_s(theirs, repeats)
-    rays = count * ARRAY.n_tx
-    return {
-        "work": f"visibility, {rays / 1e6:.1f} M rays, {scene.n_faces} faces",
-        "ours": f"{rays / ours_s / 1e6:.1f} M rays/s",
-        "peer": f"Embree through embreex, two threads, {rays / theirs_s / 1e6:.1f} M rays/s",
-        "ratio": theirs_s / ours_s,
-        "check": f"{disagree:.1e} of the answers differ",
-    }
-
-
-def interleaved_s(works: Sequence[Callable[[], Any]], repeats: int) -> np.ndarray:
-    """Seconds of each work in turn, shape (repeats, n_works): other load meets all alike."""
+    With a pause before each, for what leaves threads behind that wait actively for a while.
+    """
     for work in works:
         work()
     times = np.empty((repeats, len(works)))
     for row in times:
         for i, work in enumerate(works):
+            time.sleep(pause_s)
             start = time.perf_counter()
             work()
             row[i] = time.perf_counter() - start

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import clradar
-from clradar.bench import rows
+from clradar.bench import rays, rows
 from clradar.bench.rows import ARRAY, WAVEFORM, Row
 
 
@@ -27,7 +27,19 @@ def _noise() -> clradar.Capture:
 
 
 def _visibility(device: clradar.Device, effort: Effort) -> list[Row]:
-    return [rows.visibility(device, effort.repeats)]
+    return rays.visibility(device, effort.repeats, 8192 if effort.quick else 65536)
+
+
+def _bounces(device: clradar.Device, effort: Effort) -> list[Row]:
+    return rays.bounces(device, effort.repeats, 200_000 if effort.quick else 2_000_000)
+
+
+def _trees(device: clradar.Device, effort: Effort) -> list[Row]:
+    return rays.trees(device, effort.repeats, (224,) if effort.quick else (224, 708))
+
+
+def _growth(device: clradar.Device, effort: Effort) -> list[Row]:
+    return rays.growth(device, effort.repeats, (50, 158) if effort.quick else (158, 500, 1581))
 
 
 def _phasor_sum(device: clradar.Device, effort: Effort) -> list[Row]:
@@ -48,6 +60,9 @@ def _commands(device: clradar.Device, effort: Effort) -> list[Row]:
 
 SUITE: dict[str, Callable[[clradar.Device, Effort], list[Row]]] = {
     "visibility": _visibility,
+    "bounces": _bounces,
+    "trees": _trees,
+    "growth": _growth,
     "phasors": _phasor_sum,
     "images": _images,
     "exact": _exact,

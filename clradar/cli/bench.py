@@ -20,6 +20,9 @@ class Name(str, Enum):
     """A benchmark."""
 
     visibility = "visibility"
+    bounces = "bounces"
+    trees = "trees"
+    growth = "growth"
     phasors = "phasors"
     images = "images"
     exact = "exact"

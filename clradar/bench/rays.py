@@ -1,0 +1,182 @@
+"""The ray tracer against Embree and Mitsuba: visibility, bounces, the tree, and how they grow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import clradar
+from clradar.bench import meshes
+from clradar.bench.peers import EmbreeRays, MitsubaRays
+from clradar.bench.rows import ARRAY, Row, interleaved_s
+from clradar.bvh import build_bvh, face_normals, flatten
+from clradar.nearest import NearestHits
+from clradar.visible import VisibleSurface
+
+PAUSE_S = 0.1
+"""Mitsuba's threads wait actively for a while after each call."""
+
+LIFT_M = 2e-6
+"""How far above their face rays begin that leave it."""
+
+
+def visibility(device: clradar.Device, repeats: int, n_points: int) -> list[Row]:
+    """Rays from points of a mesh to the Tx: the bulk of the tracing."""
+    rows = []
+    for name, scene in (("closed", meshes.ball(203, 202)), ("concave", meshes.waves(708))):
+        with _surface(scene, n_points, device) as surface:
+            origins, directions = _rays_of(surface)
+
+            def ours(surface: VisibleSurface = surface) -> np.ndarray:
+                return surface.seen_bits(ARRAY.tx_m)
+
+            queries, names = _peers(scene, origins, directions, "blocked")
+            seen = surface.seen_from(ARRAY.tx_m).ravel()
+            differ = [float(np.mean(seen == peer())) for peer, _ in queries]
+            times = interleaved_s([ours, *(run for _, run in queries)], repeats, PAUSE_S)
+        what = f"visibility, {seen.size / 1e6:.2g} M rays, {scene.n_faces} faces, {name}"
+        rows.append(_row(what, seen.size, times, names, differ))
+    return rows
+
+
+def bounces(device: clradar.Device, repeats: int, n_rays: int) -> list[Row]:
+    """Incoherent rays: off random points of a mesh, in random order, to all sides."""
+    rows = []
+    for name, scene in (("closed", meshes.ball(203, 202)), ("concave", meshes.waves(708))):
+        origins, directions = _bounces_of(scene, n_rays)
+        with NearestHits(scene.triangles_m, origins, directions, device) as rays:
+            rays.trace()
+            face = rays.hits()[1]
+            queries, names = _peers(scene, origins, directions, "faces")
+            differ = [float(np.mean(face != peer())) for peer, _ in queries]
+            times = interleaved_s([rays.trace, *(run for _, run in queries)], repeats, PAUSE_S)
+        what = f"bounces, {n_rays / 1e6:.2g} M rays, {scene.n_faces} faces, {name}"
+        rows.append(_row(what, n_rays, times, names, differ))
+    return rows
+
+
+def trees(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list[Row]:
+    """Building the tree, as the kernels read it."""
+    rows = []
+    for n in cells:
+        triangles = meshes.waves(n).triangles_m
+        one = np.zeros((1, 3), np.float32)
+
+        def ours(triangles: np.ndarray = triangles) -> Any:
+            return flatten(build_bvh(triangles, device), triangles, 1e-6)
+
+        def theirs(triangles: np.ndarray = triangles, one: np.ndarray = one) -> None:
+            embree = EmbreeRays(triangles)
+            embree.prepare(one, one + np.float32(1))
+            embree.faces()  # it builds when first asked
+
+        ours_s, theirs_s = np.median(interleaved_s([ours, theirs], repeats), axis=0)
+        rows.append(
+            {
+                "work": f"tree of {len(triangles)} faces",
+                "ours": f"{ours_s:.2f} s",
+                "peer": f"Embree through embreex, copying the mesh included, {theirs_s:.2f} s",
+                "ratio": theirs_s / ours_s,
+                "check": "what the tree holds is tested in tests/test_bvh.py",
+            }
+        )
+    return rows
+
+
+def growth(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list[Row]:
+    """Cost per ray against the number of faces."""
+    works: list[Callable[[], Any]] = []
+    opened: list[Any] = []
+    faces, sizes = [], []
+    try:
+        for n in cells:
+            scene = meshes.waves(n)
+            surface = _surface(scene, 16384, device).__enter__()
+            opened.append(surface)
+            rays = NearestHits(scene.triangles_m, *_bounces_of(scene, 300_000), device).__enter__()
+            opened.append(rays)
+            works += [lambda surface=surface: surface.seen_bits(ARRAY.tx_m), rays.trace]
+            faces.append(scene.n_faces)
+            sizes += [len(surface.points_m) * ARRAY.n_tx, 300_000]
+        ns = np.median(interleaved_s(works, repeats) / sizes, axis=0) * 1e9
+    finally:
+        for one in opened:
+            one.__exit__(None, None, None)
+    rows = []
+    for name, cost in (("visibility", ns[0::2]), ("bounces", ns[1::2])):
+        rows.append(
+            {
+                "work": f"{name}, time per ray for " + ", ".join(str(n) for n in faces) + " faces",
+                "ours": ", ".join(f"{c:.3g}" for c in cost) + " ns",
+                "peer": "ours with the fewest faces",
+                "ratio": float(cost[0] / cost[-1]),
+                "check": f"{cost[-1] / cost[0]:.2f} times as long with the most",
+            }
+        )
+    return rows
+
+
+def _surface(scene: clradar.Scene, n_points: int, device: clradar.Device) -> VisibleSurface:
+    area_mm2 = face_normals(scene.triangles_m)[1].sum() * 1e6
+    return VisibleSurface(scene, n_points / area_mm2, 0.2, device)
+
+
+def _rays_of(surface: VisibleSurface) -> tuple[np.ndarray, np.ndarray]:
+    """From each point to each Tx, one point after the other, as `visible_antennas` asks."""
+    n = len(surface.points_m)
+    normals = surface._buffers.read(surface._geometric, (n, 3), np.float32).astype(np.float64)
+    leg = ARRAY.tx_m[None] - surface.points_m[:, None]
+    side = np.sign(np.einsum("sta,sa->st", leg, normals))[:, :, None]
+    origins = surface.points_m[:, None] + 2 * float(surface._delta) * side * normals[:, None]
+    origins = origins.astype(np.float32)
+    directions = (ARRAY.tx_m[None] - origins).astype(np.float32)
+    return origins.reshape(-1, 3), directions.reshape(-1, 3)
+
+
+def _bounces_of(scene: clradar.Scene, n_rays: int) -> tuple[np.ndarray, np.ndarray]:
+    """Diffuse rays off random points, from the side of each face that the normal is on."""
+    rng = np.random.default_rng(3)
+    triangles = scene.triangles_m
+    normals, area = face_normals(triangles)
+    face = rng.choice(len(triangles), n_rays, p=area / area.sum())
+    weights = rng.dirichlet([1, 1, 1], n_rays)
+    origins = np.einsum("ij,ijk->ik", weights, triangles[face]) + LIFT_M * normals[face]
+    away = rng.normal(size=(n_rays, 3))
+    away = normals[face] + 0.999 * away / np.linalg.norm(away, axis=1)[:, None]
+    away /= np.linalg.norm(away, axis=1)[:, None]
+    return origins.astype(np.float32), away.astype(np.float32)
+
+
+def _peers(
+    scene: clradar.Scene, origins: np.ndarray, directions: np.ndarray, query: str
+) -> tuple[list[tuple[Callable[[], np.ndarray], Callable[[], Any]]], list[str]]:
+    """For each peer: the query with its answers as an array, the query that is timed; its name."""
+    embree, mitsuba = EmbreeRays(scene.triangles_m), MitsubaRays(scene.triangles_m)
+    embree.prepare(origins, directions)
+    mitsuba.prepare(origins, directions)
+    own = getattr(embree, query)
+    runs = [(own, own), (getattr(mitsuba, query), getattr(mitsuba, f"query_{query}"))]
+    return runs, [embree.name, mitsuba.name]
+
+
+def _row(
+    work: str, n_rays: int, times_s: np.ndarray, names: list[str], differ: list[float]
+) -> Row:
+    """A row against the fastest of the peers; `times_s` has ours first."""
+    speed = [n_rays / s / 1e6 for s in np.median(times_s, axis=0)]
+    best = int(np.argmax(speed[1:]))
+    others = ", ".join(
+        f"{name} {v:.1f} M rays/s" for name, v in zip(names, speed[1:], strict=True)
+    )
+    ratios = times_s[:, 1 + best] / times_s[:, 0]
+    shares = " and ".join(f"{d:.1e}" for d in differ)
+    return {
+        "work": work,
+        "ours": f"{speed[0]:.1f} M rays/s",
+        "peer": f"the faster of: {others}",
+        "ratio": float(np.median(ratios)),
+        "check": f"ratios {ratios.min():.1f} to {ratios.max():.1f}; {shares} of the answers differ",
+    }
+
