@@ -1,4 +1,4 @@
-"""Antennas as the visibility kernel reads them: in bundles of groups that are close to each other."""
+"""Antennas as ``visibility.cl`` reads them: in bundles of groups that are close to each other."""
 
 from __future__ import annotations
 

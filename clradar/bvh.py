@@ -1,4 +1,4 @@
-"""Bounding volume hierarchy: binned-SAH build [1]_, level by level on a device, and its flat layout.
+"""Bounding volume hierarchy: built level by level on a device [1]_, then merged and laid out flat.
 
 References
 ----------
@@ -235,9 +235,7 @@ def _widened(refs: np.ndarray, area: np.ndarray) -> tuple[list[np.ndarray], int]
         node, width = parents, np.full(len(parents), WIDTH)
         while len(row):
             left = shares[width, node]
-            row, column, node, width, left = (
-                a[left > 0] for a in (row, column, node, width, left)
-            )
+            row, column, node, width, left = (a[left > 0] for a in (row, column, node, width, left))
             for side, at, share in ((0, column, left), (1, column + left, width - left)):
                 child[row, at], columns[row, at] = 2 * node + side, share
             row, column = np.nonzero((columns > 1) & (refs[child] >= 0))

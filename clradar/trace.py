@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from clradar.bvh import build_bvh, error_bound_m, face_normals, flatten
 from clradar.bundles import GROUP, bundled, items
+from clradar.bvh import build_bvh, error_bound_m, face_normals, flatten
 from clradar.errors import MeshError
 from clradar.model import AntennaArray, Paths, Scene, TraceStatistics, checks
 from clradar.normals import CREASE_DEG, corner_normals

@@ -5,21 +5,22 @@
  *
  * On a CPU, item = one point. The antennas come in bundles of up to 8 groups of up to 8 that are close to
  * each other. One pass through the tree serves a bundle: the shaft from the point around all its
- * antennas is held against the boxes of 8 children at a time. A triangle that it reaches is held
- * against the shafts of the 8 groups at a time, and against the 8 rays of the groups that are left. The
- * shafts only save work: what blocks a ray is decided for each ray by itself.
+ * antennas is held against the boxes of 8 children at a time, then against the 8 triangles of a leaf,
+ * and so is the shaft of each group. What is left is decided for one triangle and the 8 rays of a group
+ * at a time. The shafts only save work: what blocks a ray is decided for each ray by itself.
  *
  * On a GPU, item = one point and 8 antennas, one ray after the other.
  *
- * The origin is lifted off its face by `offset` = 2 delta towards the antenna (see common/bvh.h), so that
+ * The origin is lifted off its face by 2 delta towards the antenna (see common/bvh.h), so that
  * its own face and coincident ones are never hit. */
 #include "common/width.h"
 #include "common/bvh.h"
 
 #define GROUP 8
 
-/* An antenna is a sphere of this radius, or a point (0). Where the plane of the point's face cuts a sphere, each side
- * asks for the middle of its own part, in height above the face: how far that is from the centre. */
+/* An antenna is a sphere of this radius, or a point (0). Where the plane of the point's face cuts a
+ * sphere, each side asks for the middle of its own part, in height above the face: how far that is from
+ * the centre. */
 static inline realw lift_of(const realw above, const float radius) {
     return above < radius ? 0.5f * (radius - above) : (realw)(0.0f);
 }
@@ -29,31 +30,34 @@ static inline realw lift_of(const realw above, const float radius) {
 #define GROUPS 8
 #define SLOTS (GROUPS * GROUP)
 
-/* A bundle in the buffer of antennas: */
-#define BUNDLE_GROUPS 0   /* int: groups in use */
-#define BUNDLE_FIRST 8    /* int (8): first antenna of each group, in ascending order */
-#define BUNDLE_LOW 16     /* (3, 8): low corner of each group's box, metres */
-#define BUNDLE_HIGH 40    /* (3, 8) */
-#define BUNDLE_AT 64      /* (3, 64): antennas, metres; the last of a group is repeated */
+/* A bundle in the buffer of antennas (clradar/bundles.py): */
+#define BUNDLE_GROUPS 0    /* int: groups in use */
+#define BUNDLE_FIRST 8     /* int (8): first antenna of a group of successive ones, else -1 */
+#define BUNDLE_LOW 16      /* (3, 8): low corner of each group's box, metres */
+#define BUNDLE_HIGH 40     /* (3, 8) */
+#define BUNDLE_AT 64       /* (3, 64): antennas, metres; the last of a group is repeated */
 #define BUNDLE_ANTENNA 256 /* int (64): which antenna; -1: padding */
 #define BUNDLE_FLOATS 320
 
-/* Slopes of the rays of 8 groups to the two other axes, per metre along the main axis. */
+/* Rays to the antennas of a bundle go along a main axis, to one side. What they do along the two others,
+ * per metre: */
 typedef struct {
-    float8 a_middle, a_half, b_middle, b_half;
-    float a_low, a_high, b_low, b_high; /* of all groups together */
+    float8 a_middle, a_half, b_middle, b_half;    /* of each group */
+    float a_low, a_high, b_low, b_high;           /* of all groups together */
     float a_centre, a_extent, b_centre, b_extent; /* the same */
 } shafts;
+
+/* One of the floats of a vector, to be compared with all rays. */
+#define LANE(v) (((const float *)&(v))[lane])
 
 static inline float most8(float8 v) {
     return -least8(-v);
 }
 
-/* A block of triangles as seen from the origin: for each of the three edges the q of d.q >= -error. */
+/* A ray d passes inside an edge of a triangle where d.q >= -error; so for 8 triangles, the slack being
+ * the error for the longest d of the shaft, whose component along the main axis is `sense`. */
 typedef struct {
-    float8 x, y, z;         /* q */
-    float8 x_size, y_size;  /* |x|, |y| */
-    float8 along;           /* +-z + slack: what d.q is more than, along the main axis */
+    float8 x, y, x_size, y_size, along;
 } edge8;
 
 static inline edge8 edge_of(const float8 x, const float8 y, const float8 z, const float8 slack,
@@ -61,21 +65,20 @@ static inline edge8 edge_of(const float8 x, const float8 y, const float8 z, cons
     edge8 e;
     e.x = x;
     e.y = y;
-    e.z = z;
     e.x_size = absolute8(x);
     e.y_size = absolute8(y);
     e.along = fused8(z, (float8)(sense), slack);
     return e;
 }
 
-/* The most that d.q + slack reaches for any direction of the shaft, for each of 8 vectors q. */
+/* The most that d.q + slack reaches for any d of the bundle's shaft. */
 static inline float8 most_of(const edge8 e, const shafts *shaft) {
     return fused8(e.x_size, shaft->a_extent,
                   fused8(e.y_size, shaft->b_extent,
                          fused8(e.x, shaft->a_centre, fused8(e.y, shaft->b_centre, e.along))));
 }
 
-/* The same for the shaft of one group. */
+/* The same for a group's, of which `group` points to a_middle. */
 static inline float8 most_in(const edge8 e, const float *group) {
     return fused8(e.x_size, group[8],
                   fused8(e.y_size, group[24],
@@ -84,7 +87,8 @@ static inline float8 most_in(const edge8 e, const float *group) {
 
 /* Which of the rays that are `open` (bit 8 g + lane) nothing blocks.
  *
- * `main` is the axis that all rays go along, and `sense` its sign. direction (3, 8): unit directions by axis and group;
+ * `main` is the axis that all rays go along, `sense` to which side, `farthest` how far, and `slant` is more
+ * than how much longer a ray is than that. direction (3, 8): unit directions by axis and group;
  * distance (8): to the antennas. */
 static ulong unblocked(__global const float *nodes, __global const float *triangles,
                        const float3 from, const int main, const float sense, const shafts shaft,
@@ -141,19 +145,23 @@ static ulong unblocked(__global const float *nodes, __global const float *triang
                                            (most_in(ew, groups + g) >= 0.0f))
                              << 8 * g;
                 }
-                const float8 errors[4] = {2.0f * s.eu, 2.0f * s.ev, s.edge_on + 2.0f * (s.eu + s.ev), 2.0f * s.ew};
+                const float8 twice_eu = 2.0f * s.eu, twice_ev = 2.0f * s.ev, twice_ew = 2.0f * s.ew;
+                const float8 sum_error = s.ew + s.eu + s.ev;
                 for (; pairs; pairs &= pairs - 1) {
                     const int pair = lowest_long(pairs), g = pair >> 3, lane = pair & 7;
-                    const float *t = (const float *)&s + lane;
-                    const float8 d1 = along1[g], d2 = along2[g], d0 = along0[g];
-                    const float *e = (const float *)errors + lane;
-                    const float8 u = fused8(d1, t[0], fused8(d2, t[8], fused8(d0, t[16], t[80])));
-                    const float8 v = fused8(d1, t[24], fused8(d2, t[32], fused8(d0, t[40], t[88])));
-                    const float8 size = fused8(d1, t[48], fused8(d2, t[56], d0 * t[64]));
-                    const float8 w = size + e[16] - (u + v);
+                    const float *q2 = (const float *)&s.q2x + lane;
+                    const float *q1 = (const float *)&s.q1x + lane;
+                    const float *n = (const float *)&s.nx + lane;
+                    const float8 d0 = along0[g], d1 = along1[g], d2 = along2[g];
+                    /* Each with its error added: inside an edge where not negative. */
+                    const float8 u = fused8(d1, q2[0], fused8(d2, q2[8], fused8(d0, q2[16], LANE(s.eu))));
+                    const float8 v = fused8(d1, q1[0], fused8(d2, q1[8], fused8(d0, q1[16], LANE(s.ev))));
+                    const float8 size = fused8(d1, n[0], fused8(d2, n[8], d0 * n[16]));
+                    const float8 w = size + LANE(sum_error) - (u + v);
                     int8 blocked = (u >= 0.0f) & (v >= 0.0f) & (w >= 0.0f) &
-                                   (size > t[104]) & (t[72] < distance[g] * size);
-                    const int8 unsure = blocked & ((u <= e[0]) | (v <= e[8]) | (w <= e[24]));
+                                   (size > LANE(s.edge_on)) & (LANE(s.height) < distance[g] * size);
+                    const int8 unsure = blocked & ((u <= LANE(twice_eu)) | (v <= LANE(twice_ev)) |
+                                                   (w <= LANE(twice_ew)));
                     if (any8(unsure)) {
                         const int8 inside =
                             inside_triangle(rows + lane, from, direction[g], direction[8 + g],
@@ -208,7 +216,7 @@ static inline void see_bundles(const float3 p, const float3 normal, const float 
         const float8 middle = (lx + hx - 2.0f * p.x) * normal.x + (ly + hy - 2.0f * p.y) * normal.y +
                               (lz + hz - 2.0f * p.z) * normal.z;
         const float8 spread = (hx - lx) * absolute(normal.x) + (hy - ly) * absolute(normal.y) +
-                              (hz - lz) * absolute(normal.z) + delta;
+                              (hz - lz) * absolute(normal.z) + 2.0f * delta;
         /* The face is two-sided; antennas on either side of its plane need their own origin. */
         for (int side = -1; side <= 1; side += 2) {
             uint possible = lanes8(middle * (float)side > -spread) & ((1u << n_used) - 1u);

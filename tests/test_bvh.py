@@ -57,7 +57,7 @@ def check_tree(bvh: Bvh, triangles_m: np.ndarray) -> None:
 
 
 DELTA_M = 1e-6
-"""Padding of the boxes here; small against the meshes, large against the rounding of their boxes."""
+"""Padding of the boxes; small against the meshes, large against the rounding of their corners."""
 
 
 def check_flat(bvh: Bvh, triangles_m: np.ndarray) -> None:

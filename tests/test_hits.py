@@ -32,6 +32,7 @@ computed to 8 of them; 3 more for the direction, which is a float32 too."""
 THIRD_EDGE_ROUNDINGS = 12 * 2.0**-24
 """At the third edge, relative to |N|: 8 accepted, 4 computed."""
 
+
 def unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 

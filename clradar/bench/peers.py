@@ -10,7 +10,6 @@ import finufft
 import numba
 import numpy as np
 
-
 _PART_RAYS = 2**16
 
 

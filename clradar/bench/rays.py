@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,10 +29,7 @@ def visibility(device: clradar.Device, repeats: int, n_points: int) -> list[Row]
     for name, scene in (("closed", meshes.ball(203, 202)), ("concave", meshes.waves(708))):
         with _surface(scene, n_points, device) as surface:
             origins, directions = _rays_of(surface)
-
-            def ours(surface: VisibleSurface = surface) -> np.ndarray:
-                return surface.seen_bits(ARRAY.tx_m)
-
+            ours = partial(surface.seen_bits, ARRAY.tx_m)
             queries, names = _peers(scene, origins, directions, "blocked")
             seen = surface.seen_from(ARRAY.tx_m).ravel()
             differ = [float(np.mean(seen == peer())) for peer, _ in queries]
@@ -62,17 +60,8 @@ def trees(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list[
     rows = []
     for n in cells:
         triangles = meshes.waves(n).triangles_m
-        one = np.zeros((1, 3), np.float32)
-
-        def ours(triangles: np.ndarray = triangles) -> Any:
-            return flatten(build_bvh(triangles, device), triangles, 1e-6)
-
-        def theirs(triangles: np.ndarray = triangles, one: np.ndarray = one) -> None:
-            embree = EmbreeRays(triangles)
-            embree.prepare(one, one + np.float32(1))
-            embree.faces()  # it builds when first asked
-
-        ours_s, theirs_s = np.median(interleaved_s([ours, theirs], repeats), axis=0)
+        works = [partial(_our_tree, triangles, device), partial(_embree_tree, triangles)]
+        ours_s, theirs_s = np.median(interleaved_s(works, repeats), axis=0)
         rows.append(
             {
                 "work": f"tree of {len(triangles)} faces",
@@ -97,7 +86,7 @@ def growth(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list
             opened.append(surface)
             rays = NearestHits(scene.triangles_m, *_bounces_of(scene, 300_000), device).__enter__()
             opened.append(rays)
-            works += [lambda surface=surface: surface.seen_bits(ARRAY.tx_m), rays.trace]
+            works += [partial(surface.seen_bits, ARRAY.tx_m), rays.trace]
             faces.append(scene.n_faces)
             sizes += [len(surface.points_m) * ARRAY.n_tx, 300_000]
         ns = np.median(interleaved_s(works, repeats) / sizes, axis=0) * 1e9
@@ -116,6 +105,17 @@ def growth(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list
             }
         )
     return rows
+
+
+def _our_tree(triangles_m: np.ndarray, device: clradar.Device) -> None:
+    flatten(build_bvh(triangles_m, device), triangles_m, LIFT_M)
+
+
+def _embree_tree(triangles_m: np.ndarray) -> None:
+    one = np.ones((1, 3), np.float32)
+    embree = EmbreeRays(triangles_m)
+    embree.prepare(one, one)
+    embree.faces()  # it builds when first asked
 
 
 def _surface(scene: clradar.Scene, n_points: int, device: clradar.Device) -> VisibleSurface:
@@ -161,15 +161,11 @@ def _peers(
     return runs, [embree.name, mitsuba.name]
 
 
-def _row(
-    work: str, n_rays: int, times_s: np.ndarray, names: list[str], differ: list[float]
-) -> Row:
+def _row(work: str, n_rays: int, times_s: np.ndarray, names: list[str], differ: list[float]) -> Row:
     """A row against the fastest of the peers; `times_s` has ours first."""
     speed = [n_rays / s / 1e6 for s in np.median(times_s, axis=0)]
     best = int(np.argmax(speed[1:]))
-    others = ", ".join(
-        f"{name} {v:.1f} M rays/s" for name, v in zip(names, speed[1:], strict=True)
-    )
+    others = ", ".join(f"{name} {v:.1f} M rays/s" for name, v in zip(names, speed[1:], strict=True))
     ratios = times_s[:, 1 + best] / times_s[:, 0]
     shares = " and ".join(f"{d:.1e}" for d in differ)
     return {
@@ -179,4 +175,3 @@ def _row(
         "ratio": float(np.median(ratios)),
         "check": f"ratios {ratios.min():.1f} to {ratios.max():.1f}; {shares} of the answers differ",
     }
-
