@@ -15,8 +15,9 @@ PACKAGES = ("clradar", "measurement_io", "calibration")
 LAYERS = (
     ("clradar.constants", "clradar.errors", "clradar.packing"),
     ("clradar.model",),
-    ("clradar.arrays", "clradar.opencl", "clradar.bvh", "clradar.reference", "clradar.hand"),
-    ("clradar.normals", "clradar.streams", "clradar.room", "clradar.skeleton"),
+    ("clradar.arrays", "clradar.opencl", "clradar.reference", "clradar.hand"),
+    ("clradar.bundles", "clradar.bvh"),
+    ("clradar.nearest", "clradar.normals", "clradar.streams", "clradar.room", "clradar.skeleton"),
     ("clradar.channel_errors", "clradar.block_tree", "clradar.length_blocks"),
     ("clradar.impair",),
     ("clradar.trace",),
