@@ -79,7 +79,8 @@ def test_shafts_answer_as_single_rays(scene):
             seen.append({name: surface.seen_from(at) for name, at in ARRAYS.items()})
     for name in ARRAYS:
         np.testing.assert_array_equal(seen[0][name], seen[1][name], err_msg=name)
-    assert 0.1 < np.concatenate(list(seen[0].values()), axis=1).mean() < 0.9
+    both = np.concatenate(list(seen[0].values()), axis=1)
+    assert 0.05 < both.mean() < 0.95  # there are enough of either to compare
 
 
 def test_order_of_the_antennas_does_not_matter(device):
