@@ -71,37 +71,211 @@ static inline edge8 edge_of(const float8 x, const float8 y, const float8 z, cons
     return e;
 }
 
-/* The most that d.q + slack reaches for any d of the bundle's shaft. */
-static inline float8 most_of(const edge8 e, const shafts *shaft) {
-    return fused8(e.x_size, shaft->a_extent,
-                  fused8(e.y_size, shaft->b_extent,
-                         fused8(e.x, shaft->a_centre, fused8(e.y, shaft->b_centre, e.along))));
+/* Slopes of the rays of a shaft: the middle, and how far to either side. */
+typedef struct {
+    float a_centre, a_extent, b_centre, b_extent;
+} slopes;
+
+/* The most that d.q + slack reaches for any d of a shaft. */
+static inline float8 most_of(const edge8 e, const slopes s) {
+    return fused8(e.x_size, s.a_extent,
+                  fused8(e.y_size, s.b_extent,
+                         fused8(e.x, s.a_centre, fused8(e.y, s.b_centre, e.along))));
 }
 
-/* The same for a group's, of which `group` points to a_middle. */
-static inline float8 most_in(const edge8 e, const float *group) {
-    return fused8(e.x_size, group[8],
-                  fused8(e.y_size, group[24],
-                         fused8(e.x, group[0], fused8(e.y, group[16], e.along))));
-}
-
-/* Which of the rays that are `open` (bit 8 g + lane) nothing blocks.
+/* What is searched for: rays of a bundle that something blocks.
  *
  * `main` is the axis that all rays go along, `sense` to which side, `farthest` how far, and `slant` is more
- * than how much longer a ray is than that. direction (3, 8): unit directions by axis and group;
- * distance (8): to the antennas. */
-static ulong unblocked(__global const float *nodes, __global const float *triangles,
-                       const float3 from, const int main, const float sense, const shafts shaft,
-                       const float farthest, const float slant, const float8 *direction,
-                       const float8 *distance, const int n_used, ulong open) {
-    const int second = main == 2 ? 0 : main + 1, third = main == 0 ? 2 : main - 1;
-    const float origin[3] = {from.x, from.y, from.z};
-    const float3 o = (float3)(origin[second], origin[third], origin[main]);
-    const int near_row = 8 * main + (sense > 0.0f ? NODE_LOW : NODE_HIGH);
-    const int far_row = 8 * main + (sense > 0.0f ? NODE_HIGH : NODE_LOW);
-    const float8 *along0 = direction + 8 * main, *along1 = direction + 8 * second,
-                 *along2 = direction + 8 * third;
-    const float *groups = (const float *)&shaft;
+ * than how much longer a ray is than that; `o` is the origin along the second, third and main axis.
+ * direction (3, 8): unit directions by axis and group; distance (8): to the antennas. */
+typedef struct {
+    __global const float *nodes, *triangles;
+    float3 from, o;
+    int main, second, third, n_used;
+    float sense, farthest, slant;
+    const shafts *shaft;
+    const float8 *direction, *distance;
+} search;
+
+/* The boxes of a node's children along the axes of a search, as seen from its origin. */
+typedef struct {
+    float8 start, end, a_from, a_to, b_from, b_to;
+} boxes8;
+
+static inline boxes8 boxes_of(const search *s, __global const float *node) {
+    const int near_row = 8 * s->main + (s->sense > 0.0f ? NODE_LOW : NODE_HIGH);
+    const int far_row = 8 * s->main + (s->sense > 0.0f ? NODE_HIGH : NODE_LOW);
+    boxes8 box;
+    box.start = larger8((LOAD8(node + near_row) - s->o.z) * s->sense, (float8)(0.0f));
+    box.end = smaller8((LOAD8(node + far_row) - s->o.z) * s->sense, (float8)(s->farthest));
+    box.a_from = LOAD8(node + 8 * s->second + NODE_LOW) - s->o.x;
+    box.a_to = LOAD8(node + 8 * s->second + NODE_HIGH) - s->o.x;
+    box.b_from = LOAD8(node + 8 * s->third + NODE_LOW) - s->o.y;
+    box.b_to = LOAD8(node + 8 * s->third + NODE_HIGH) - s->o.y;
+    return box;
+}
+
+/* Which of them a shaft meets. */
+static inline int8 met_by(const boxes8 box, const float a_low, const float a_high, const float b_low,
+                          const float b_high) {
+    return (box.start <= box.end) & (smaller8(box.start * a_low, box.end * a_low) <= box.a_to) &
+           (larger8(box.start * a_high, box.end * a_high) >= box.a_from) &
+           (smaller8(box.start * b_low, box.end * b_low) <= box.b_to) &
+           (larger8(box.start * b_high, box.end * b_high) >= box.b_from);
+}
+
+/* Those that are much smaller than the shaft is wide. */
+static inline int8 small_in(const boxes8 box, const slopes of, const float times) {
+    return box.start * (2.0f * (of.a_extent + of.b_extent)) >
+           ((box.a_to - box.a_from) + (box.b_to - box.b_from)) * times;
+}
+
+/* A block of triangles as seen from the origin of a search, and its edges for any shaft of it. */
+typedef struct {
+    __global const float *rows;
+    seen_block seen;
+    edge8 u, v, w, facing;
+} shaft_block;
+
+static inline shaft_block shaft_block_from(const search *s, const int child) {
+    shaft_block block;
+    block.rows = s->triangles + (size_t)-(child + 1) * BLOCK_FLOATS;
+    const seen_block b = block_from(block.rows, s->o, s->second, s->third, s->main);
+    block.u = edge_of(b.q2x, b.q2y, b.q2z, s->slant * b.eu, s->sense);
+    block.v = edge_of(b.q1x, b.q1y, b.q1z, s->slant * b.ev, s->sense);
+    block.w = edge_of(b.nx - b.q2x - b.q1x, b.ny - b.q2y - b.q1y, b.nz - b.q2z - b.q1z,
+                      s->slant * b.ew, s->sense);
+    block.facing = edge_of(b.nx, b.ny, b.nz, (float8)(0.0f), s->sense);
+    block.seen = b;
+    return block;
+}
+
+/* Which of its triangles may block a ray of a shaft. */
+static inline int8 may_block(const shaft_block *block, const slopes of) {
+    return (most_of(block->u, of) >= 0.0f) & (most_of(block->v, of) >= 0.0f) &
+           (most_of(block->w, of) >= 0.0f) & (most_of(block->facing, of) > 0.0f) &
+           (block->seen.height > 0.0f);
+}
+
+/* Which of the rays that are `open` (bit 8 g + lane) no triangle of a block stops. `pairs` says which are
+ * to be tried: bit 8 g + t for group g and triangle t. */
+static inline ulong left_open(const search *s, const shaft_block *block, ulong pairs, ulong open) {
+    const float8 *along0 = s->direction + 8 * s->main, *along1 = s->direction + 8 * s->second,
+                 *along2 = s->direction + 8 * s->third;
+    const seen_block *b = &block->seen;
+    const float8 twice_eu = 2.0f * b->eu, twice_ev = 2.0f * b->ev, twice_ew = 2.0f * b->ew;
+    const float8 sum_error = b->ew + b->eu + b->ev;
+    for (; pairs; pairs &= pairs - 1) {
+        const int pair = lowest_long(pairs), g = pair >> 3, lane = pair & 7;
+        const float *q2 = (const float *)&b->q2x + lane;
+        const float *q1 = (const float *)&b->q1x + lane;
+        const float *n = (const float *)&b->nx + lane;
+        const float8 d0 = along0[g], d1 = along1[g], d2 = along2[g];
+        /* Each with its error added: inside an edge where not negative. */
+        const float8 u = fused8(d1, q2[0], fused8(d2, q2[8], fused8(d0, q2[16], LANE(b->eu))));
+        const float8 v = fused8(d1, q1[0], fused8(d2, q1[8], fused8(d0, q1[16], LANE(b->ev))));
+        const float8 size = fused8(d1, n[0], fused8(d2, n[8], d0 * n[16]));
+        const float8 w = size + LANE(sum_error) - (u + v);
+        int8 blocked = (u >= 0.0f) & (v >= 0.0f) & (w >= 0.0f) & (size > LANE(b->edge_on)) &
+                       (LANE(b->height) < s->distance[g] * size);
+        const int8 unsure =
+            blocked & ((u <= LANE(twice_eu)) | (v <= LANE(twice_ev)) | (w <= LANE(twice_ew)));
+        if (any8(unsure)) {
+            const int8 inside =
+                inside_triangle(block->rows + lane, s->from, s->direction[g], s->direction[8 + g],
+                                s->direction[16 + g]);
+            blocked = unsure ? inside : blocked;
+        }
+        open &= ~((ulong)lanes8(blocked) << 8 * g);
+    }
+    return open;
+}
+
+static inline slopes of_group(const search *s, const int g) {
+    const float *group = (const float *)s->shaft + g;
+    return (slopes){group[0], group[8], group[16], group[24]};
+}
+
+static inline slopes of_ray(const search *s, const int ray) {
+    const float inverse = s->sense / ((const float *)(s->direction + 8 * s->main))[ray];
+    const float a = ((const float *)(s->direction + 8 * s->second))[ray] * inverse;
+    const float b = ((const float *)(s->direction + 8 * s->third))[ray] * inverse;
+    return (slopes){a, 0x1p-21f * absolute(a), b, 0x1p-21f * absolute(b)};
+}
+
+/* The shaft of a bundle spares work as long as boxes are wider than it. Of boxes that are much smaller it
+ * meets many that none of its rays does: there each group is searched for by itself, and further on each
+ * ray. */
+#define FEW_OF_BUNDLE 16.0f /* from how many times as wide as a box the shaft of a bundle is too wide */
+#define FEW_OF_GROUP 1.0f  /* and that of a group */
+#define RAYS 8             /* "who": group g, or ray who - RAYS */
+
+/* Go on for each group with those children of a node whose bits are set. */
+__attribute__((noinline)) static ulong unblocked_apart(const search *s, const int start,
+                                                       const uint lanes, ulong open) {
+    /* A node leaves behind at most a group and its 8 rays. */
+    int stack[9 * CLR_STACK];
+    uchar waiting[9 * CLR_STACK], whose[9 * CLR_STACK];
+    for (int g = 0; g < s->n_used; ++g) {
+        if (!(open >> 8 * g & 0xff)) continue;
+        int top = 0, child = start, who = g;
+        uint within = lanes;
+        for (;;) {
+            const slopes of = who < RAYS ? of_group(s, who) : of_ray(s, who - RAYS);
+            if (child >= 0) {
+                const boxes8 box = boxes_of(s, s->nodes + (size_t)child * NODE_FLOATS);
+                const int8 met = met_by(box, of.a_centre - of.a_extent, of.a_centre + of.a_extent,
+                                        of.b_centre - of.b_extent, of.b_centre + of.b_extent);
+                uint hit = lanes8(met) & within;
+                const uint small =
+                    who < RAYS ? hit & lanes8(small_in(box, of, FEW_OF_GROUP)) : 0;
+                if (small) {
+                    for (uint rest = (uint)(open >> 8 * g & 0xff); rest; rest &= rest - 1) {
+                        const int ray = 8 * g + lowest(rest);
+                        const slopes one = of_ray(s, ray);
+                        const uint some =
+                            small & lanes8(met_by(box, one.a_centre - one.a_extent,
+                                                  one.a_centre + one.a_extent,
+                                                  one.b_centre - one.b_extent,
+                                                  one.b_centre + one.b_extent));
+                        stack[top] = child;
+                        whose[top] = (uchar)(RAYS + ray);
+                        waiting[top] = (uchar)some;
+                        top += some != 0;
+                    }
+                    hit &= ~small;
+                }
+                stack[top] = child;
+                whose[top] = (uchar)who;
+                waiting[top] = (uchar)hit;
+                top += hit != 0;
+                within = 0xff;
+            } else {
+                const shaft_block block = shaft_block_from(s, child);
+                const ulong pairs = (ulong)lanes8(may_block(&block, of)) << 8 * g;
+                if (pairs) open = left_open(s, &block, pairs, open);
+            }
+            /* Leave out what only rays wait for that are blocked by now. */
+            for (; top; --top) {
+                who = whose[top - 1];
+                if (who < RAYS ? open >> 8 * g & 0xff : open >> (who - RAYS) & 1) break;
+            }
+            if (top == 0) break;
+            const uint left = waiting[top - 1], rest = left & (left - 1);
+            __global const float *family = s->nodes + (size_t)stack[top - 1] * NODE_FLOATS;
+            child = as_int(family[lowest(left)]);
+            if (rest) fetch_child(s->nodes, s->triangles, as_int(family[lowest(rest)]));
+            waiting[top - 1] = (uchar)rest;
+            top -= rest == 0;
+        }
+    }
+    return open;
+}
+
+/* Which of the rays that are `open` (bit 8 g + lane) nothing blocks. */
+static inline ulong unblocked(const search *s, ulong open) {
+    const shafts *shaft = s->shaft;
+    const slopes all = {shaft->a_centre, shaft->a_extent, shaft->b_centre, shaft->b_extent};
     /* Nodes, and which of their children are still to be visited. */
     int stack[CLR_STACK];
     uint waiting[CLR_STACK];
@@ -109,75 +283,40 @@ static ulong unblocked(__global const float *nodes, __global const float *triang
     int child = 0;
     for (;;) {
         if (child >= 0) {
-            __global const float *node = nodes + (size_t)child * NODE_FLOATS;
-            const float8 start = larger8((LOAD8(node + near_row) - o.z) * sense, (float8)(0.0f));
-            const float8 end = smaller8((LOAD8(node + far_row) - o.z) * sense, (float8)(farthest));
-            const float8 a_low = smaller8(start * shaft.a_low, end * shaft.a_low);
-            const float8 a_high = larger8(start * shaft.a_high, end * shaft.a_high);
-            const float8 b_low = smaller8(start * shaft.b_low, end * shaft.b_low);
-            const float8 b_high = larger8(start * shaft.b_high, end * shaft.b_high);
-            const uint hit = lanes8(
-                (start <= end) & (a_low <= LOAD8(node + 8 * second + NODE_HIGH) - o.x) &
-                (a_high >= LOAD8(node + 8 * second + NODE_LOW) - o.x) &
-                (b_low <= LOAD8(node + 8 * third + NODE_HIGH) - o.y) &
-                (b_high >= LOAD8(node + 8 * third + NODE_LOW) - o.y));
+            const boxes8 box = boxes_of(s, s->nodes + (size_t)child * NODE_FLOATS);
+            const int8 met = met_by(box, shaft->a_low, shaft->a_high, shaft->b_low, shaft->b_high);
+            uint hit = lanes8(met);
+            const uint small = lanes8(met & small_in(box, all, FEW_OF_BUNDLE));
+            if (small) {
+                open = unblocked_apart(s, child, small, open);
+                if (!open) return 0;
+                hit &= ~small;
+            }
             stack[top] = child;
             waiting[top] = hit;
             top += hit != 0;
         } else {
-            __global const float *rows = triangles + (size_t)-(child + 1) * BLOCK_FLOATS;
-            const seen_block s = block_from(rows, o, second, third, main);
-            const edge8 eu = edge_of(s.q2x, s.q2y, s.q2z, slant * s.eu, sense);
-            const edge8 ev = edge_of(s.q1x, s.q1y, s.q1z, slant * s.ev, sense);
-            const edge8 ew = edge_of(s.nx - s.q2x - s.q1x, s.ny - s.q2y - s.q1y,
-                                     s.nz - s.q2z - s.q1z, slant * s.ew, sense);
-            const edge8 facing = edge_of(s.nx, s.ny, s.nz, (float8)(0.0f), sense);
-            const int8 hit = (most_of(eu, &shaft) >= 0.0f) & (most_of(ev, &shaft) >= 0.0f) &
-                             (most_of(ew, &shaft) >= 0.0f) & (most_of(facing, &shaft) > 0.0f) &
-                             (s.height > 0.0f);
+            const shaft_block block = shaft_block_from(s, child);
+            const int8 hit = may_block(&block, all);
             if (any8(hit)) {
-                /* Bit 8 g + t: group g may be blocked by triangle t. */
                 ulong pairs = 0;
-                for (int g = 0; g < n_used; ++g) {
+                for (int g = 0; g < s->n_used; ++g) {
                     if (!(open >> 8 * g & 0xff)) continue;
-                    pairs |= (ulong)lanes8(hit & (most_in(eu, groups + g) >= 0.0f) &
-                                           (most_in(ev, groups + g) >= 0.0f) &
-                                           (most_in(ew, groups + g) >= 0.0f))
+                    const slopes of = of_group(s, g);
+                    pairs |= (ulong)lanes8(hit & (most_of(block.u, of) >= 0.0f) &
+                                           (most_of(block.v, of) >= 0.0f) &
+                                           (most_of(block.w, of) >= 0.0f))
                              << 8 * g;
                 }
-                const float8 twice_eu = 2.0f * s.eu, twice_ev = 2.0f * s.ev, twice_ew = 2.0f * s.ew;
-                const float8 sum_error = s.ew + s.eu + s.ev;
-                for (; pairs; pairs &= pairs - 1) {
-                    const int pair = lowest_long(pairs), g = pair >> 3, lane = pair & 7;
-                    const float *q2 = (const float *)&s.q2x + lane;
-                    const float *q1 = (const float *)&s.q1x + lane;
-                    const float *n = (const float *)&s.nx + lane;
-                    const float8 d0 = along0[g], d1 = along1[g], d2 = along2[g];
-                    /* Each with its error added: inside an edge where not negative. */
-                    const float8 u = fused8(d1, q2[0], fused8(d2, q2[8], fused8(d0, q2[16], LANE(s.eu))));
-                    const float8 v = fused8(d1, q1[0], fused8(d2, q1[8], fused8(d0, q1[16], LANE(s.ev))));
-                    const float8 size = fused8(d1, n[0], fused8(d2, n[8], d0 * n[16]));
-                    const float8 w = size + LANE(sum_error) - (u + v);
-                    int8 blocked = (u >= 0.0f) & (v >= 0.0f) & (w >= 0.0f) &
-                                   (size > LANE(s.edge_on)) & (LANE(s.height) < distance[g] * size);
-                    const int8 unsure = blocked & ((u <= LANE(twice_eu)) | (v <= LANE(twice_ev)) |
-                                                   (w <= LANE(twice_ew)));
-                    if (any8(unsure)) {
-                        const int8 inside =
-                            inside_triangle(rows + lane, from, direction[g], direction[8 + g],
-                                            direction[16 + g]);
-                        blocked = unsure ? inside : blocked;
-                    }
-                    open &= ~((ulong)lanes8(blocked) << 8 * g);
-                }
+                open = left_open(s, &block, pairs, open);
                 if (!open) return 0;
             }
         }
         if (top == 0) return open;
         const uint left = waiting[top - 1], rest = left & (left - 1);
-        __global const float *family = nodes + (size_t)stack[top - 1] * NODE_FLOATS;
+        __global const float *family = s->nodes + (size_t)stack[top - 1] * NODE_FLOATS;
         child = as_int(family[lowest(left)]);
-        if (rest) fetch_child(nodes, triangles, as_int(family[lowest(rest)]));
+        if (rest) fetch_child(s->nodes, s->triangles, as_int(family[lowest(rest)]));
         waiting[top - 1] = rest;
         top -= rest == 0;
     }
@@ -272,9 +411,11 @@ static inline void see_bundles(const float3 p, const float3 normal, const float 
                 shaft.a_extent = 0.5f * (shaft.a_high - shaft.a_low);
                 shaft.b_centre = 0.5f * (shaft.b_low + shaft.b_high);
                 shaft.b_extent = 0.5f * (shaft.b_high - shaft.b_low);
-                open = unblocked(nodes, triangles, o, main, sense, shaft,
-                                 longest * (1.0f + 0x1p-20f), 32.0f, direction, distance, n_used,
-                                 open);
+                const float at[3] = {o.x, o.y, o.z};
+                const search what = {nodes, triangles, o, (float3)(at[second], at[third], at[main]),
+                                     main, second, third, n_used, sense, longest * (1.0f + 0x1p-20f),
+                                     32.0f, &shaft, direction, distance};
+                open = unblocked(&what, open);
             } else {
                 for (ulong rest = open; rest; rest &= rest - 1) {
                     const int ray = lowest_long(rest), g = ray >> 3, lane = ray & 7;
