@@ -7,6 +7,7 @@ import pytest
 from shapes import bowl, plate
 
 import clradar
+from clradar.bench import meshes
 from clradar.bundles import BUNDLE_FLOATS, GROUP, bundled
 from clradar.hand import hand_mesh
 from clradar.visible import VisibleSurface
@@ -66,6 +67,8 @@ SCENES = {
     "hand": clradar.Scene.from_mesh(hand_mesh("F")),
     "bowl": clradar.Scene(*bowl(40, 80)),
     "waves": clradar.Scene(*plate(0.2, 0.3, 60, wavy_m=0.03)),
+    # Fine enough that groups and rays are searched for apart from their bundle.
+    "fine ball": meshes.ball(405, 404),
 }
 
 
@@ -75,7 +78,7 @@ def test_shafts_answer_as_single_rays(scene):
     seen = []
     for width in (1, 8):
         device = clradar.open_device("pocl", width=width)
-        with VisibleSurface(SCENES[scene], 0.02, 3.0, device) as surface:
+        with VisibleSurface(SCENES[scene], 0.005, 3.0, device) as surface:
             seen.append({name: surface.seen_from(at) for name, at in ARRAYS.items()})
     for name in ARRAYS:
         np.testing.assert_array_equal(seen[0][name], seen[1][name], err_msg=name)
