@@ -59,17 +59,19 @@ def command(
     """The mesh is closed, in metres and in the antenna frame, palm to the radar. A .glb file
     keeps palm, thumb, index, middle, ring and pinky apart, so that each can have its own alpha.
     """
-    from clradar.hand import POSES, hand_mesh
+    from clradar.hand import POSES, hand_mesh, pose_by_name, read_pose
 
     if list_poses:
-        print_table(("pose",), [(name,) for name in POSES])
+        print_table(("pose", "description"), [(n, pose.description) for n, pose in POSES.items()])
         return
     if output is None:
         raise wrong_usage("-o", "expected a mesh file to write, or --list")
     check_mesh_name(output)
     check_outputs([output, joints], force=force)
+    # A name without a suffix is no file, even where one of that name lies about.
+    posed = read_pose(pose) if Path(pose).suffix else pose_by_name(pose)
     mesh = hand_mesh(
-        pose,
+        posed,
         edge_length_m=edge_mm / 1e3,
         handedness="left" if left else "right",
         center_m=[value / 1e3 for value in center_mm],

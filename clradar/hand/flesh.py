@@ -15,7 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.hand.cones import Cone, smooth_minimum, smooth_union_m
-from clradar.hand.skeleton import FINGERS, MILLIMETRE_M, Skeleton
+from clradar.hand.joints import FINGERS
+from clradar.hand.skeleton import (
+    FINGER_TIP_TISSUE_MM,
+    MILLIMETRE_M,
+    PHALANGES_MM,
+    THUMB_MM,
+    Skeleton,
+)
 
 PART_NAMES: tuple[str, ...] = ("palm", "thumb", *FINGERS)
 
@@ -47,24 +54,24 @@ _FINGER_RADII_MM: dict[str, tuple[float, float, float, float]] = {
 # Root, last joint, pad, tip.
 _THUMB_RADII_MM = (11.0, 10.5, 9.7, 7.3)
 
-# Soft tissue between the end of the last bone and the skin of the tip (Buryanov and Kotiuk 2010:
-# 3.8 mm for the fingers, 5.7 mm for the thumb).
-_FINGER_TIP_TISSUE_MM = 3.8
 _THUMB_TIP_TISSUE_MM = 5.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flesh:
-    """The solid of a posed right hand in its own frame.
+    """The solid of a posed right hand in the frame of its skeleton.
 
     Parameters
     ----------
+    forearm : ndarray, shape (3,)
+        Unit vector along the forearm, from the elbow to the wrist, which is the origin.
     palm : tuple of Cone
         Forearm stub, wrist, palm with the muscles of the thumb and the little finger, and webs.
     roots, ends : tuple of tuple of Cone
         For the thumb and each finger: the cones that grow out of the palm, and those beyond.
     """
 
+    forearm: np.ndarray
     palm: tuple[Cone, ...]
     roots: tuple[tuple[Cone, ...], ...]
     ends: tuple[tuple[Cone, ...], ...]
@@ -101,7 +108,8 @@ class Flesh:
         high_m = np.max([high for _, high in corners], axis=0)
         # Blending adds a little outside the cones themselves; several blends may add up.
         low_m, high_m = low_m - _PALM_BLEND_M, high_m + _PALM_BLEND_M
-        low_m[1] = max(low_m[1], -_STUB_M - _CUT_BLEND_M)
+        if self.forearm[1] == 1.0:
+            low_m[1] = max(low_m[1], -_STUB_M - _CUT_BLEND_M)
         return low_m, high_m
 
     def _distance_m(self, points_m: np.ndarray) -> np.ndarray:
@@ -118,7 +126,7 @@ class Flesh:
             grown_m = np.minimum(smooth_minimum(palm_m, root_m, _ROOT_BLEND_M), digit_m)
             # All of these hold the palm, so that the blend thickens it, evenly, by 0.6 mm.
             whole_m = smooth_minimum(whole_m, grown_m, _CONTACT_BLEND_M)
-        below_m = -_STUB_M - points_m[:, 1]
+        below_m = -_STUB_M - points_m @ self.forearm
         return -smooth_minimum(-whole_m, -below_m, _CUT_BLEND_M)
 
     def _nearest_part(self, points_m: np.ndarray) -> np.ndarray:
@@ -148,15 +156,23 @@ def _strand(points_m: list[np.ndarray], radii_mm: list[float]) -> tuple[Cone, ..
     )
 
 
+def _tip_at(bones: Skeleton, end: str, tip: str, tissue: float, radius_mm: float) -> float:
+    """Return where along the last bone the tip's sphere is, as a fraction of the bone's length.
+
+    `tissue` is the thickness of the soft tissue beyond the bone, in lengths of the bone.
+    """
+    length_mm = float(np.linalg.norm(bones.joint_m(tip) - bones.joint_m(end))) / MILLIMETRE_M
+    return 1.0 + tissue - radius_mm / length_mm
+
+
 def _finger(bones: Skeleton, finger: str) -> tuple[tuple[Cone, ...], tuple[Cone, ...]]:
-    root, middle, last, tip = _FINGER_RADII_MM[finger]
+    k = bones.thickness
+    root, middle, last, tip = (k * radius_mm for radius_mm in _FINGER_RADII_MM[finger])
     near, far, end = (
         f"{finger}-finger-phalanx-{b}" for b in ("proximal", "intermediate", "distal")
     )
-    end_length_mm = float(
-        np.linalg.norm(bones.joint_m(f"{finger}-finger-tip") - bones.joint_m(end)) / MILLIMETRE_M
-    )
-    tip_at = (end_length_mm + _FINGER_TIP_TISSUE_MM - tip) / end_length_mm
+    tissue = FINGER_TIP_TISSUE_MM / PHALANGES_MM[finger][-1]
+    tip_at = _tip_at(bones, end, f"{finger}-finger-tip", tissue, tip)
     strand = _strand(
         [
             bones.joint_m(near),
@@ -170,34 +186,32 @@ def _finger(bones: Skeleton, finger: str) -> tuple[tuple[Cone, ...], tuple[Cone,
     near_pad = _cone(
         bones.point_m(near, 0.40, dorsal_mm=-2.6),
         bones.point_m(near, 0.78, dorsal_mm=-2.2),
-        middle - 2.0,
-        middle - 2.1,
+        middle - 2.0 * k,
+        middle - 2.1 * k,
     )
     far_pad = _cone(
         bones.point_m(far, 0.30, dorsal_mm=-2.2),
         bones.point_m(far, 0.70, dorsal_mm=-1.9),
-        last - 1.0,
-        last - 1.3,
+        last - 1.0 * k,
+        last - 1.3 * k,
     )
     end_pad = _cone(
         bones.point_m(end, 0.35, dorsal_mm=-1.9),
         bones.point_m(end, 0.75, dorsal_mm=-1.7),
-        last - 1.9,
-        last - 2.1,
+        last - 1.9 * k,
+        last - 2.1 * k,
     )
     return (strand[0], near_pad), (*strand[1:], far_pad, end_pad)
 
 
 def _thumb(bones: Skeleton) -> tuple[tuple[Cone, ...], tuple[Cone, ...]]:
-    root, last, pad, tip = _THUMB_RADII_MM
+    k = bones.thickness
+    root, last, pad, tip = (k * radius_mm for radius_mm in _THUMB_RADII_MM)
     near, end = "thumb-phalanx-proximal", "thumb-phalanx-distal"
-    end_length_mm = float(
-        np.linalg.norm(bones.joint_m("thumb-tip") - bones.joint_m(end)) / MILLIMETRE_M
-    )
-    tip_at = (end_length_mm + _THUMB_TIP_TISSUE_MM - tip) / end_length_mm
+    tip_at = _tip_at(bones, end, "thumb-tip", _THUMB_TIP_TISSUE_MM / THUMB_MM[-1], tip)
     roots = _strand(
         [bones.point_m("thumb-metacarpal", 0.7), bones.point_m(near, 0.1), bones.joint_m(end)],
-        [root - 0.8, root, last - _JOINT_EXCESS_MM],
+        [root - 0.8 * k, root, last - _JOINT_EXCESS_MM],
     )
     # The thumb's last phalanx is wider than deep: two strands side by side.
     ends: list[Cone] = []
@@ -208,7 +222,7 @@ def _thumb(bones: Skeleton) -> tuple[tuple[Cone, ...], tuple[Cone, ...]]:
                 bones.point_m(end, 0.5, side_mm=side_mm, dorsal_mm=-1.2),
                 bones.point_m(end, tip_at, side_mm=side_mm, dorsal_mm=-0.6),
             ],
-            [last - 1.7, pad - 0.5, tip],
+            [last - 1.7 * k, pad - 0.5 * k, tip],
         )
     return roots, tuple(ends)
 
@@ -218,20 +232,23 @@ def _palm(bones: Skeleton) -> tuple[Cone, ...]:
     index, middle, ring, pinky = (f"{finger}-finger-metacarpal" for finger in FINGERS)
     knuckles = [f"{finger}-finger-phalanx-proximal" for finger in FINGERS]
     thumb = "thumb-metacarpal"
-    wrist_m = bones.joint_m("wrist")
+    k = bones.thickness
 
     def by_wrist(x_mm: float, y_mm: float, z_mm: float) -> np.ndarray:
-        return wrist_m + np.array([x_mm, y_mm, z_mm]) * MILLIMETRE_M
+        return bones.frames[0] @ np.array([x_mm, y_mm, z_mm]) * (k * MILLIMETRE_M)
+
+    def around(begin_m: np.ndarray, end_m: np.ndarray, begin_mm: float, end_mm: float) -> Cone:
+        return Cone(begin_m, end_m, begin_mm * (k * MILLIMETRE_M), end_mm * (k * MILLIMETRE_M))
 
     cones = [
         # Forearm stub: radius and ulna, the tendons between them on the palm side.
-        _cone(by_wrist(-13.0, -30.0, 0.0), by_wrist(-13.0, 6.0, 0.0), 17.5, 16.5),
-        _cone(by_wrist(12.5, -30.0, 0.5), by_wrist(12.0, 6.0, 0.5), 16.5, 15.5),
-        _cone(by_wrist(0.0, -30.0, -3.0), by_wrist(0.0, 8.0, -2.0), 17.0, 16.0),
+        around(by_wrist(-13.0, -30.0, 0.0), by_wrist(-13.0, 6.0, 0.0), 17.5, 16.5),
+        around(by_wrist(12.5, -30.0, 0.5), by_wrist(12.0, 6.0, 0.5), 16.5, 15.5),
+        around(by_wrist(0.0, -30.0, -3.0), by_wrist(0.0, 8.0, -2.0), 17.0, 16.0),
         # Carpus.
-        _cone(by_wrist(-12.0, 4.0, 0.0), at(index, 0.15), 15.5, 12.5),
-        _cone(by_wrist(0.0, 4.0, 0.0), at(middle, 0.15), 15.5, 12.5),
-        _cone(by_wrist(12.0, 4.0, 0.0), at(pinky, 0.15), 14.5, 12.0),
+        around(by_wrist(-12.0, 4.0, 0.0), at(index, 0.15), 15.5, 12.5),
+        around(by_wrist(0.0, 4.0, 0.0), at(middle, 0.15), 15.5, 12.5),
+        around(by_wrist(12.0, 4.0, 0.0), at(pinky, 0.15), 14.5, 12.0),
     ]
     # The four rays; the flesh lies deeper on the palm side than on the back.
     for name, base_mm, head_mm in (
@@ -240,12 +257,12 @@ def _palm(bones: Skeleton) -> tuple[Cone, ...]:
         (ring, 11.6, 11.4),
         (pinky, 11.0, 10.2),
     ):
-        cones.append(_cone(at(name, 0.1), at(name, 0.97, dorsal_mm=-1.0), base_mm, head_mm))
+        cones.append(around(at(name, 0.1), at(name, 0.97, dorsal_mm=-1.0), base_mm, head_mm))
     # Knuckles: they belong to the metacarpals, and stay when the fingers bend.
     rays = (index, middle, ring, pinky)
     for name, radius_mm in zip(rays, (7.4, 7.8, 7.2, 6.4), strict=True):
         cones.append(
-            _cone(at(name, 0.78, 0.0, 2.6), at(name, 1.0, 0.0, 2.6), radius_mm - 1.0, radius_mm)
+            around(at(name, 0.78, 0.0, 2.6), at(name, 1.0, 0.0, 2.6), radius_mm - 1.0, radius_mm)
         )
     # Pads below the fingers and webs between them: the skin of the palm reaches about 20 mm beyond
     # the knuckles' centres.
@@ -253,18 +270,18 @@ def _palm(bones: Skeleton) -> tuple[Cone, ...]:
         one, other = knuckles[i], knuckles[i + 1]
         low_m = 0.5 * (at(rays[i], 0.94, dorsal_mm=-2.0) + at(rays[i + 1], 0.94, dorsal_mm=-2.0))
         high_m = 0.5 * (at(one, 0.30, dorsal_mm=-2.5) + at(other, 0.33, dorsal_mm=-2.5))
-        cones.append(_cone(low_m, high_m, radius_mm + 2.0, radius_mm - 1.4))
+        cones.append(around(low_m, high_m, radius_mm + 2.0, radius_mm - 1.4))
     cones += [
         # Heel of the hand on the side of the little finger.
-        _cone(at(pinky, -0.08, 0.0, -5.8), at(pinky, 0.7, 1.0, -2.2), 12.8, 11.4),
+        around(at(pinky, -0.08, 0.0, -5.8), at(pinky, 0.7, 1.0, -2.2), 12.8, 11.4),
         # Ball of the thumb: around the metacarpal, and its short muscles on the palm side.
-        _cone(at(thumb, 0.05), at(thumb, 0.66), 12.0, 10.4),
-        _cone(at(thumb, 0.05, 4.0, -5.5), at(thumb, 0.65, 2.0, -5.5), 12.5, 10.5),
-        _cone(by_wrist(-9.0, 16.0, -8.0), at(thumb, 0.6, 3.0, -4.0), 12.0, 11.0),
+        around(at(thumb, 0.05), at(thumb, 0.66), 12.0, 10.4),
+        around(at(thumb, 0.05, 4.0, -5.5), at(thumb, 0.65, 2.0, -5.5), 12.5, 10.5),
+        around(by_wrist(-9.0, 16.0, -8.0), at(thumb, 0.6, 3.0, -4.0), 12.0, 11.0),
         # Web of the thumb: sheets from its metacarpal to that of the index finger.
-        _cone(at(thumb, 0.35, 0.0, -3.0), at(index, 0.35, 0.0, -3.0), 10.5, 10.0),
-        _cone(at(thumb, 0.6, 0.0, -3.0), at(index, 0.5, 0.0, -3.0), 8.5, 8.5),
-        _cone(at(thumb, 0.85, 0.0, -3.0), at(index, 0.66, 0.0, -3.0), 6.5, 7.5),
+        around(at(thumb, 0.35, 0.0, -3.0), at(index, 0.35, 0.0, -3.0), 10.5, 10.0),
+        around(at(thumb, 0.6, 0.0, -3.0), at(index, 0.5, 0.0, -3.0), 8.5, 8.5),
+        around(at(thumb, 0.85, 0.0, -3.0), at(index, 0.66, 0.0, -3.0), 6.5, 7.5),
     ]
     return tuple(cones)
 
@@ -273,6 +290,7 @@ def grown_flesh(bones: Skeleton) -> Flesh:
     """Return the flesh around a posed skeleton."""
     digits = [_thumb(bones), *(_finger(bones, finger) for finger in FINGERS)]
     return Flesh(
+        forearm=bones.frames[0][:, 1],
         palm=_palm(bones),
         roots=tuple(root for root, _ in digits),
         ends=tuple(end for _, end in digits),

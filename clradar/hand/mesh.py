@@ -10,8 +10,11 @@ import numpy as np
 
 from clradar.errors import ModelError
 from clradar.hand.flesh import PART_NAMES, Flesh, grown_flesh
-from clradar.hand.pose import HandPose, pose_by_name
-from clradar.hand.skeleton import JOINT_NAMES, posed_skeleton
+from clradar.hand.joints import JOINT_NAMES
+from clradar.hand.known_poses import pose_by_name
+from clradar.hand.pose import HandPose
+from clradar.hand.shape import AVERAGE, HandShape
+from clradar.hand.skeleton import posed_skeleton
 from clradar.model import checks
 
 if TYPE_CHECKING:
@@ -94,7 +97,10 @@ class HandMesh:
 
 
 def hand_joints(
-    pose: str | HandPose = "F", handedness: str = "right", center_m: Any = DEFAULT_CENTER_M
+    pose: str | HandPose = "F",
+    handedness: str = "right",
+    center_m: Any = DEFAULT_CENTER_M,
+    shape: HandShape = AVERAGE,
 ) -> np.ndarray:
     """Return the joints of a hand that stands in front of the radar, palm towards it.
 
@@ -106,6 +112,7 @@ def hand_joints(
         A right hand's thumb points to -x, a left hand is its mirror image.
     center_m : array_like, shape (3,), metres
         Where the centre of the flesh's bounding box goes, in the antenna frame.
+    shape : HandShape
 
     Returns
     -------
@@ -113,7 +120,7 @@ def hand_joints(
         Joint centres in the order of `JOINT_NAMES`: those of `hand_mesh` with the default edge
         length. Another edge length moves the box's centre, and so the joints, by up to 0.2 mm.
     """
-    return hand_mesh(pose, handedness=handedness, center_m=center_m).joints_m
+    return hand_mesh(pose, handedness=handedness, center_m=center_m, shape=shape).joints_m
 
 
 def hand_mesh(
@@ -121,6 +128,7 @@ def hand_mesh(
     edge_length_m: float = DEFAULT_EDGE_LENGTH_M,
     handedness: str = "right",
     center_m: Any = DEFAULT_CENTER_M,
+    shape: HandShape = AVERAGE,
 ) -> HandMesh:
     """Return the closed surface of a hand that stands in front of the radar, palm towards it.
 
@@ -135,6 +143,8 @@ def hand_mesh(
         A right hand's thumb points to -x, a left hand is its mirror image.
     center_m : array_like, shape (3,), metres
         Where the centre of the surface's bounding box goes, in the antenna frame.
+    shape : HandShape
+        Length, breadth, finger lengths, girth; an average adult's by default.
 
     Returns
     -------
@@ -153,7 +163,9 @@ def hand_mesh(
     checks.one_of("handedness", handedness, _HANDEDNESS)
     centre_m = checks.read_only("center_m", center_m, np.float64, (3,))
 
-    vertices_m, faces, joints_m, part = _right_hand(posed, spacing_m)
+    checks.instance("shape", shape, HandShape)
+
+    vertices_m, faces, joints_m, part = _right_hand(posed, spacing_m, shape)
     if handedness == "left":
         mirror = np.array([-1.0, 1.0, 1.0])
         # A mirror image turns every triangle inside out; exchanging two corners turns it back.
@@ -163,15 +175,20 @@ def hand_mesh(
 
 @lru_cache(maxsize=4)
 def _right_hand(
-    pose: HandPose, spacing_m: float
+    pose: HandPose, spacing_m: float, shape: HandShape = AVERAGE
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return vertices, faces, joints and parts of a right hand with its box around the origin."""
-    bones = posed_skeleton(pose)
+    turned = posed_skeleton(pose, shape)
+    # Sampled before the wrist turns it: the same fingers get the same triangles however the hand is
+    # held, in the smallest box.
+    turn = turned.frames[0]
+    bones = turned.turned(turn.T)
     flesh = grown_flesh(bones)
     vertices_m, faces = _surface(flesh, spacing_m)
     part = flesh.nearest_part(vertices_m[faces].mean(axis=1))
+    vertices_m = vertices_m @ turn.T
     centre_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
-    result = (vertices_m - centre_m, faces, bones.joints_m - centre_m, part)
+    result = (vertices_m - centre_m, faces, turned.joints_m - centre_m, part)
     for array in result:
         array.flags.writeable = False
     return result
