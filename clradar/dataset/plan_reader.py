@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -251,9 +251,7 @@ def _alpha(top: PlanTable) -> Alpha:
         return Alpha({}, top.draw("alpha", default, 0.0, 1.0, kinds))
     table = top.table("alpha")
     others = table.draw("others", default, 0.0, 1.0, kinds)
-    parts = {
-        name: table.draw(name, default, 0.0, 1.0, kinds) for name in PARTS if table.has(name)
-    }
+    parts = {name: table.draw(name, default, 0.0, 1.0, kinds) for name in PARTS if table.has(name)}
     table.done(PARTS)
     return Alpha(parts, others)
 
@@ -265,7 +263,7 @@ def _impairments(table: PlanTable) -> Impairments:
         for key in ("snr_db", "coupling_db")
     }
     delay = table.draw("coupling_delay_ps", zero, -1e6, 1e6)
-    if level["coupling_db"] is None and table.has("coupling_delay_ps"):
+    if level["coupling_db"] is None and delay.bounds() != (0.0, 0.0):
         table.mistake("coupling_delay_ps", "coupling_db with it", "none")
     adc_bits = table.whole("adc_bits", 14, 2, 24) if table.has("adc_bits") else None
     found = Impairments(
@@ -321,7 +319,9 @@ def _radar(table: PlanTable) -> Radar:
     steps = table.whole("steps", 128, 1, 4096)
     if stop < start or (stop == start) != (steps == 1):
         table.mistake(
-            "stop_ghz", "start_ghz < stop_ghz, or both the same with steps = 1", f"{start:g}, {stop:g}"
+            "stop_ghz",
+            "start_ghz < stop_ghz, or both the same with steps = 1",
+            f"{start:g}, {stop:g}",
         )
     table.done()
     return Radar(array, every, start, stop, steps)
@@ -409,9 +409,7 @@ def _image(table: PlanTable) -> Image:
 
 def grid_of(image: Image) -> VoxelGrid:
     """Return the voxel grid of a plan."""
-    x_m, y_m, z_m = (
-        (low / 1e3, high / 1e3) for low, high in (image.x_mm, image.y_mm, image.z_mm)
-    )
+    x_m, y_m, z_m = ((low / 1e3, high / 1e3) for low, high in (image.x_mm, image.y_mm, image.z_mm))
     return VoxelGrid.from_extent(x_m, y_m, z_m, [step / 1e3 for step in image.step_mm])
 
 
@@ -464,9 +462,3 @@ def _check_hands_are_seen(top: PlanTable, plan: Plan) -> None:
                 f"hands in the image (image.{key} is {first:g} to {last:g})",
                 f"{least:g} to {greatest:g}",
             )
-
-
-def plain_shapes(shapes: Sequence[HandShape]) -> list[dict[str, Any]]:
-    from clradar.dataset.hands import shape_record
-
-    return [shape_record(shape) for shape in shapes]

@@ -154,7 +154,9 @@ class PlanTable:
         if least < low or greatest > high:
             text = toml_text(found.to_plain())
             if found.kind == "normal":
-                text += f", which is [{least:g}, {greatest:g}] within {SIGMAS:g} standard deviations"
+                text += (
+                    f", which is [{least:g}, {greatest:g}] within {SIGMAS:g} standard deviations"
+                )
             self.mistake(key, f"values {_range(low, high, False)}", text)
             return default
         return found
