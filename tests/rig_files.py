@@ -196,7 +196,11 @@ class RigMaker:
         attributes = Attributes(POSITION=self.accessor(self.positions, "<f4"))
         for number in range(self.sets):
             part = slice(4 * number, 4 * number + 4)
-            setattr(attributes, f"JOINTS_{number}", self.accessor(self.joints_out[:, part], self.joint_type))
+            setattr(
+                attributes,
+                f"JOINTS_{number}",
+                self.accessor(self.joints_out[:, part], self.joint_type),
+            )
             setattr(
                 attributes,
                 f"WEIGHTS_{number}",

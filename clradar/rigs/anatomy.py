@@ -80,7 +80,9 @@ def check_joints(label: str, joints: np.ndarray) -> None:
                 f"{label}: expected joints apart from each other, got '{JOINT_NAMES[joint]}' and "
                 f"'{JOINT_NAMES[parent]}' at the same place"
             )
-    wrist, index, middle, pinky = joints[[WRIST, *(chain[1] for chain in (CHAINS[1], CHAINS[2], CHAINS[4]))]]
+    wrist, index, middle, pinky = joints[
+        [WRIST, *(chain[1] for chain in (CHAINS[1], CHAINS[2], CHAINS[4]))]
+    ]
     normal = np.cross(pinky - index, middle - wrist)
     if not np.linalg.norm(normal) > 1e-2 * reach(joints) ** 2:
         raise RigError(f"{label}: expected knuckles side by side, got all in line with the wrist")

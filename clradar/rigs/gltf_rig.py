@@ -193,7 +193,9 @@ def _piece(
     bone, weight = bones[vertex, column], weights[vertex, column]
     at = np.einsum("nij,nj->ni", matrices[bone][:, :3, :3], positions[vertex])
     points = at + matrices[bone][:, :3, 3]
-    return Surface.grouped(path, what, faces, len(positions), vertex, joint_of_bone[bone], weight, points)
+    return Surface.grouped(
+        path, what, faces, len(positions), vertex, joint_of_bone[bone], weight, points
+    )
 
 
 def _weights(

@@ -34,7 +34,11 @@ _FINGER_JOINTS = ("phalanx-proximal", "phalanx-intermediate", "phalanx-distal")
 _THUMB_JOINTS = ("metacarpal", "phalanx-proximal", "phalanx-distal")
 MANO_JOINTS: tuple[int, ...] = (
     JOINT_INDEX["wrist"],
-    *(JOINT_INDEX[f"{f}-finger-{b}"] for f in ("index", "middle", "pinky", "ring") for b in _FINGER_JOINTS),
+    *(
+        JOINT_INDEX[f"{f}-finger-{b}"]
+        for f in ("index", "middle", "pinky", "ring")
+        for b in _FINGER_JOINTS
+    ),
     *(JOINT_INDEX[f"thumb-{bone}"] for bone in _THUMB_JOINTS),
 )
 """The model's 16 joints, in its order, as places in `JOINT_NAMES`."""
@@ -63,7 +67,9 @@ def mano_rig(
         except UnsafePickle as error:
             fail(path, EXPECTED, f"a pickle with {error}")
         shapedirs = fields["shapedirs"]
-        amounts = checks.read_only("betas", [] if betas is None else betas, np.float64, (None,), allow_empty=True)
+        amounts = checks.read_only(
+            "betas", [] if betas is None else betas, np.float64, (None,), allow_empty=True
+        )
         if len(amounts) > shapedirs.shape[2]:
             checks.fail("betas", f"at most {shapedirs.shape[2]} numbers", f"{len(amounts)}")
         shaped = fields["v_template"] + shapedirs[:, :, : len(amounts)] @ amounts
@@ -189,7 +195,9 @@ def _blend_of(rig: Rig) -> PoseBlend:
     return rig.blend
 
 
-def theta_of_components(rig: Rig, coefficients: Any, global_rad: Any = (0.0, 0.0, 0.0)) -> np.ndarray:
+def theta_of_components(
+    rig: Rig, coefficients: Any, global_rad: Any = (0.0, 0.0, 0.0)
+) -> np.ndarray:
     """Return the pose theta (48,) of coefficients of the model's principal components.
 
     theta = [global, hands_mean + coefficients @ hands_components]

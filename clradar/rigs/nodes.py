@@ -85,7 +85,9 @@ def node_tree(path: Path, nodes: list[Any]) -> NodeTree:
     order = _from_roots(tuple(parents))
     if len(order) < len(nodes):
         caught = min(set(range(len(nodes))) - set(order))
-        fail(path, "nodes that form a tree", f"a cycle that holds '{names[caught]}' (node {caught})")
+        fail(
+            path, "nodes that form a tree", f"a cycle that holds '{names[caught]}' (node {caught})"
+        )
     world = np.empty((len(nodes), 4, 4))
     for i in order:
         own = _matrix(path, i, nodes[i])

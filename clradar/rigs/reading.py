@@ -66,9 +66,9 @@ def read_rig(
         return mano_rig(file, content, betas, unit, handedness)
     if betas is not None:
         checks.fail("betas", "a MANO model (.pkl, .npz) for them", f"{file.name}")
-    if not content.startswith(b"glTF") and not content[:64].lstrip(b"\xef\xbb\xbf \t\r\n").startswith(
-        b"{"
-    ):
+    if not content.startswith(b"glTF") and not content[:64].lstrip(
+        b"\xef\xbb\xbf \t\r\n"
+    ).startswith(b"{"):
         fail(file, EXPECTED, "something else")
     from clradar.rigs.gltf_rig import gltf_rig
     from clradar.rigs.names import read_mapping

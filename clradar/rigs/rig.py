@@ -200,7 +200,11 @@ class Rig:
         faces, part = self.faces, self._parts()
         if self.handedness == "left":
             mirror = np.array([-1.0, 1.0, 1.0])
-            vertices_m, places_m, faces = vertices_m * mirror, places_m * mirror, faces[:, [0, 2, 1]]
+            vertices_m, places_m, faces = (
+                vertices_m * mirror,
+                places_m * mirror,
+                faces[:, [0, 2, 1]],
+            )
         middle_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
         shift_m = centre_m - middle_m
         return HandMesh(vertices_m + shift_m, faces, places_m + shift_m, part)

@@ -93,9 +93,7 @@ class Surface:
         columns = [weight, *(weight * points[keep].T)]
         summed = np.stack([np.bincount(row, column, len(pair)) for column in columns], axis=1)
         vertex, joint = np.divmod(pair, len(JOINT_NAMES))
-        return cls(
-            number[faces], int(used.sum()), vertex, joint, summed[:, 0], summed[:, 1:]
-        )
+        return cls(number[faces], int(used.sum()), vertex, joint, summed[:, 0], summed[:, 1:])
 
     @classmethod
     def joined(cls, pieces: Sequence[Surface]) -> Surface:
