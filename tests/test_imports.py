@@ -16,7 +16,7 @@ LAYERS = (
     ("clradar.constants", "clradar.errors", "clradar.packing", "clradar.versions"),
     ("clradar.model",),
     ("clradar.arrays", "clradar.opencl", "clradar.reference", "clradar.hand"),
-    ("clradar.bundles", "clradar.bvh"),
+    ("clradar.bundles", "clradar.bvh", "clradar.rigs"),
     ("clradar.nearest", "clradar.normals", "clradar.streams", "clradar.room", "clradar.skeleton"),
     ("clradar.channel_errors", "clradar.block_tree", "clradar.length_blocks"),
     ("clradar.impair",),

@@ -45,7 +45,8 @@ class HandMesh:
     faces : array_like, shape (F, 3), int32
         Vertex indices, counter-clockwise seen from outside.
     joints_m : array_like, shape (25, 3), float64, metres
-        Joint centres in the antenna frame, in the order of `JOINT_NAMES`.
+        Joint centres in the antenna frame, in the order of `JOINT_NAMES`; NaN for a joint that a
+        rig of one's own does not have.
     part : array_like, shape (F,), int32
         For each face, the index into `part_names` of the part it belongs to.
     part_names : tuple of str
@@ -68,7 +69,7 @@ class HandMesh:
                 f"[{faces.min()}, {faces.max()}]",
             )
         joints_m = checks.read_only(
-            "HandMesh.joints_m", self.joints_m, np.float64, (len(JOINT_NAMES), 3)
+            "HandMesh.joints_m", self.joints_m, np.float64, (len(JOINT_NAMES), 3), finite=False
         )
         part_names = tuple(checks.text("HandMesh.part_names", n) for n in self.part_names)
         part = checks.read_only("HandMesh.part", self.part, np.int32, (len(faces),))
