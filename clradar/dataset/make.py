@@ -140,10 +140,13 @@ def recorded(recipe: Mapping[str, Any], scene: Scene, device: Device | str | Non
 
 
 def instrument(recipe: Mapping[str, Any]) -> tuple[AntennaArray, Waveform]:
-    """Return antennas and frequencies of a recipe."""
+    """Return antennas and frequencies of a recipe.
+
+    The same radar gives the same objects, and so does the same grid below: by that, image
+    formation knows that it need not choose antennas and frequencies anew.
+    """
     radar = recipe["radar"]
-    waveform = Waveform.sfcw(radar["start_hz"], radar["stop_hz"], radar["steps"])
-    return _array(radar["every"]), waveform
+    return _array(radar["every"]), _waveform(radar["start_hz"], radar["stop_hz"], radar["steps"])
 
 
 @lru_cache(maxsize=8)
@@ -151,10 +154,20 @@ def _array(every: int) -> AntennaArray:
     known = qar50()
     if every == 1:
         return known
-    return AntennaArray(known.tx_m[::every], known.rx_m[::every], f"{known.name}, every {every}th")
+    return AntennaArray(known.tx_m[::every], known.rx_m[::every], f"{known.name}, one in {every}")
+
+
+@lru_cache(maxsize=8)
+def _waveform(start_hz: float, stop_hz: float, steps: int) -> Waveform:
+    return Waveform.sfcw(start_hz, stop_hz, steps)
 
 
 def grid_of(recipe: Mapping[str, Any]) -> VoxelGrid:
     """Return the voxel grid of a recipe that has an image."""
     image = recipe["image"]
-    return VoxelGrid.from_extent(image["x_m"], image["y_m"], image["z_m"], image["step_m"])
+    return _grid(*(tuple(image[key]) for key in ("x_m", "y_m", "z_m", "step_m")))
+
+
+@lru_cache(maxsize=8)
+def _grid(x_m: Any, y_m: Any, z_m: Any, step_m: Any) -> VoxelGrid:
+    return VoxelGrid.from_extent(x_m, y_m, z_m, step_m)
