@@ -1,4 +1,4 @@
-"""Folders that long work is written into: one writer at a time, and nothing left of a killed one."""
+"""Folders that long work is written into: one writer at a time, nothing left of a killed one."""
 
 from __future__ import annotations
 

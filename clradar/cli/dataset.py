@@ -128,6 +128,7 @@ def replay_sample(
         print_line(line)
     count = len(found.differences)
     print_error(
-        f"sample {index}: {count} difference{'s' if count > 1 else ''} to {folder / found.stored_in}"
+        f"sample {index}: {count} difference{'s' if count > 1 else ''} to that in "
+        f"{folder / found.stored_in}"
     )
     raise typer.Exit(1)

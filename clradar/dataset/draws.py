@@ -35,9 +35,9 @@ class Draw:
         if self.kind == "fixed":
             return self.values[0]
         if self.kind == "uniform":
-            return float(random.uniform(*self.values))
+            return float(random.uniform(self.values[0], self.values[1]))
         if self.kind == "normal":
-            return float(random.normal(*self.values))
+            return float(random.normal(self.values[0], self.values[1]))
         return self.values[int(random.integers(len(self.values)))]
 
     def bounds(self) -> tuple[float, float]:

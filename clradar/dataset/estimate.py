@@ -66,7 +66,7 @@ class Estimate:
             f"one sample: {self.sample_s:.2f} s, {_bytes_text(self.sample_bytes)} "
             f"(the first of a process {self.first_s:.2f} s) on {self.device}",
             f"all {self.samples} samples: {_time_text(self.total_s)} one after the other, "
-            f"{_bytes_text(self.total_bytes)}, at most {_bytes_text(self.peak_bytes)} while it runs",
+            f"{_bytes_text(self.total_bytes)}, at most {_bytes_text(self.peak_bytes)} meanwhile",
         ]
 
 
@@ -80,7 +80,7 @@ def estimate(plan: Plan, *, device: str | None = None) -> Estimate:
     times_s, sizes = [], []
     level = plan.output.compression
     with tempfile.TemporaryDirectory(prefix="clradar-") as name:
-        parts = []
+        parts: list[Path] = []
         for sample in (0, min(1, plan.samples - 1)):
             start_s = perf_counter()
             part = Path(name) / f"{len(parts)}.h5"

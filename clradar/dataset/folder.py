@@ -257,7 +257,8 @@ def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any]) -> Manifest:
         others = sorted(e.name for e in path.iterdir() if e.name != LOCK and not _hidden(e))
         if others:
             raise OutputError(
-                f"{shown(path)}: holds files ({others[0]}, ...), but no data set; choose another folder"
+                f"{shown(path)}: holds files ({shown(others[0])}, ...), but no data set; choose "
+                "another folder"
             )
         return Manifest(plan, made_with)
     manifest = read_manifest(path)
@@ -267,8 +268,8 @@ def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any]) -> Manifest:
         more = len(different) - MOST_DIFFERENCES
         listed = "; ".join(different[:MOST_DIFFERENCES]) + (f"; {more} more" if more > 0 else "")
         raise OutputError(
-            f"{shown(path)}: was begun with another plan: {listed}. Take that plan to go on, or choose "
-            "another folder"
+            f"{shown(path)}: was begun with another plan: {listed}. Take that plan to go on, "
+            "or choose another folder"
         )
     return manifest
 

@@ -56,8 +56,10 @@ def shape_of(record: Mapping[str, Any]) -> HandShape:
     return HandShape(**{**record, "finger_lengths": tuple(record["finger_lengths"])})
 
 
-def shape_row(record: Mapping[str, Any]) -> list[float]:
-    """Return a shape as numbers, in the order of `SHAPE_COLUMNS`."""
+def shape_row(record: Mapping[str, Any] | None) -> list[float]:
+    """Return a shape as numbers, in the order of `SHAPE_COLUMNS`; NaN if there is none."""
+    if record is None:
+        return [float("nan")] * len(SHAPE_COLUMNS)
     return [
         record["length_m"],
         record["breadth_m"],

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from clradar.dataset.hands import ANGLES, SHAPE_COLUMNS, angles_rad, shape_row
 from clradar.dataset.make import grid_of, instrument
-from clradar.dataset.plan_reader import PARTS
+from clradar.dataset.plan import PARTS
 from clradar.hand import JOINT_NAMES
 
 FORMAT, VERSION = "dataset-shard", 1
@@ -82,7 +83,8 @@ LABELS: Mapping[str, Label] = {
     "pose": Label((), None, "name of the pose"),
     "handedness": Label((), None, "right or left"),
     "angles_rad": Label(("joint", "angle"), "rad", "joint angles"),
-    "shape": Label(("shape_parameter",), None, "shape of the hand"),
+    "shape": Label(("shape_parameter",), None, "shape of the hand; NaN: of a rig"),
+    "rig": Label((), None, "file of the rig, if any"),
     "center_m": Label(("coordinate",), "m", "centre of the hand's bounding box before its turn"),
     "rotation_rad": Label(("coordinate",), "rad", "turns about x, then y, then z"),
     "alpha": Label(("part",), None, "0 specular to 1 diffuse"),
@@ -97,7 +99,8 @@ def labels_of(recipes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "pose": [r["pose"]["name"] for r in recipes],
         "handedness": [r["hand"]["handedness"] for r in recipes],
         "angles_rad": np.array([angles_rad(r["pose"]) for r in recipes]),
-        "shape": np.array([shape_row(r["hand"]["shape"]) for r in recipes]),
+        "shape": np.array([shape_row(r["hand"].get("shape")) for r in recipes]),
+        "rig": [Path(r["hand"]["rig"]["file"]).name if "rig" in r["hand"] else "" for r in recipes],
         "center_m": np.array([r["placement"]["center_m"] for r in recipes]),
         "rotation_rad": np.array([r["placement"]["rotation_rad"] for r in recipes]),
         "alpha": np.array([[r["alpha"][name] for name in PARTS] for r in recipes]),

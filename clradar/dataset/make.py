@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,12 +15,14 @@ from clradar.arrays import qar50
 from clradar.backproject import backproject
 from clradar.channel_errors import draw_channels
 from clradar.dataset.hands import pose_of, shape_of
-from clradar.hand import HandMesh, hand_mesh
+from clradar.errors import ModelError
+from clradar.hand import HandMesh, HandPose, hand_mesh
 from clradar.impair import impair
 from clradar.model import AntennaArray, Capture, Scene, VoxelGrid, Waveform
 from clradar.opencl import Device
 from clradar.room import Wall, room_capture
 from clradar.synthesize import simulate
+from measurement_io.hashing import sha256_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,21 +86,59 @@ def make_sample(recipe: Mapping[str, Any], device: Device | str | None = None) -
 def placed_hand(recipe: Mapping[str, Any]) -> HandMesh:
     """Return the hand where the recipe puts it, metres, antenna frame."""
     hand, place = recipe["hand"], recipe["placement"]
-    mesh = hand_mesh(
-        pose_of(recipe["pose"]),
-        edge_length_m=hand["edge_length_m"],
-        handedness=hand["handedness"],
-        center_m=(0.0, 0.0, 0.0),
-        shape=shape_of(hand["shape"]),
-    )
+    pose = pose_of(recipe["pose"])
+    origin_m = (0.0, 0.0, 0.0)
+    if "rig" in hand:
+        mesh = posed_rig(hand["rig"], pose, hand["handedness"])
+    else:
+        mesh = hand_mesh(
+            pose,
+            edge_length_m=hand["edge_length_m"],
+            handedness=hand["handedness"],
+            center_m=origin_m,
+            shape=shape_of(hand["shape"]),
+        )
     matrix = rotation(place["rotation_rad"])
     centre_m = np.asarray(place["center_m"])
-    return HandMesh(
-        _moved(mesh.vertices_m, matrix, centre_m),
-        mesh.faces,
-        _moved(mesh.joints_m, matrix, centre_m),
-        mesh.part,
-        mesh.part_names,
+    return replace(
+        mesh,
+        vertices_m=_moved(mesh.vertices_m, matrix, centre_m),
+        joints_m=_moved(mesh.joints_m, matrix, centre_m),
+    )
+
+
+def posed_rig(record: Mapping[str, Any], pose: HandPose, handedness: str) -> HandMesh:
+    """Return a rig's hand in a pose about the origin; a hand of the other side is mirrored."""
+    rig = _rig(json.dumps(record))
+    mesh = rig.posed(pose, center_m=(0.0, 0.0, 0.0))
+    if rig.handedness == handedness:
+        return mesh
+    mirror = np.array([-1.0, 1.0, 1.0])
+    return replace(
+        mesh,
+        vertices_m=mesh.vertices_m * mirror,
+        joints_m=mesh.joints_m * mirror,
+        faces=mesh.faces[:, [0, 2, 1]],  # a mirror turns triangles inside out
+    )
+
+
+@lru_cache(maxsize=4)
+def _rig(text: str) -> Any:
+    from clradar.rigs import read_rig
+
+    record = json.loads(text)
+    for key in ("file", "mapping"):
+        wanted = record["sha256" if key == "file" else "mapping_sha256"]
+        if record[key] is not None and sha256_of(Path(record[key])) != wanted:
+            raise ModelError(
+                f"{record[key]}: expected the file of the plan (SHA-256 {wanted}), got another"
+            )
+    return read_rig(
+        record["file"],
+        mapping=record["mapping"],
+        unit=record["unit"],
+        handedness=record["handedness"],
+        betas=record["betas"] or None,
     )
 
 

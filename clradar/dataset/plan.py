@@ -13,6 +13,9 @@ from clradar.dataset.draws import Draw
 PRODUCTS = ("capture", "volume", "max_projection", "depth_map", "mesh", "joints")
 """What can be kept of a sample."""
 
+PARTS = ("palm", "thumb", "index", "middle", "ring", "pinky")
+"""Of a hand; each can have an alpha of its own."""
+
 IMAGES = ("volume", "max_projection", "depth_map")
 """The products for which an image is formed."""
 
@@ -40,7 +43,7 @@ class Poses:
 
 @dataclass(frozen=True, slots=True)
 class RigFile:
-    """A hand that somebody brought, as a file.
+    """A hand that somebody brought, as a file; see `clradar.rigs.read_rig`.
 
     Attributes
     ----------
@@ -48,13 +51,23 @@ class RigFile:
         Absolute path.
     sha256 : str
         Of its content.
+    handedness : "right" or "left"
+        Whose it is, as given or as found.
     mapping : str or None
         Absolute path of the file that gives its joints their names.
+    mapping_sha256 : str or None
+    unit : str, float or None
+    betas : tuple of float
+        Shape of a MANO hand.
     """
 
     file: str
     sha256: str
+    handedness: str
     mapping: str | None = None
+    mapping_sha256: str | None = None
+    unit: str | float | None = None
+    betas: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +76,9 @@ class Hands:
 
     Attributes
     ----------
-    handedness : "right", "left" or "both"
-        Both are as likely.
+    handedness : "right", "left", "both" or "as it is"
+        Both are as likely. A rig that is of the other hand is mirrored; "as it is" leaves rigs as
+        they are.
     shape : "default", "sampled" or "list"
     shapes : tuple of HandShape
         Of "list"; each is as likely.

@@ -73,14 +73,14 @@ class PlanTable:
         name = ".".join(part for part in (self._name, key) if part)
         return PlanTable(self._source, name, content, self._mistakes)
 
-    def checked(self, key: str, check: Callable[[], Value], default: Value) -> Value:
-        """Return what `check` returns; if it raises, note why and return the default."""
+    def checked(self, key: str, check: Callable[..., Value], *args: Any) -> Value | None:
+        """Return what `check` returns for `args`; if it raises, note why and return None."""
         try:
-            return check()
-        except ClradarError as error:
+            return check(*args)
+        except (ClradarError, OSError) as error:
             path = ".".join(part for part in (self._name, key) if part)
             self.note(f"{clean(self._source)}: {path}: {clean(error)}")
-            return default
+            return None
 
     def number(
         self, key: str, default: float, low: float, high: float, *, above: bool = False

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from clradar.dataset.draws import Draw, stream
 from clradar.dataset.hands import pose_record, shape_record
-from clradar.dataset.plan import ChannelErrors, Hands, Impairments, Plan, Poses
-from clradar.dataset.plan_reader import PARTS, simulation_settings
+from clradar.dataset.plan import PARTS, ChannelErrors, Hands, Impairments, Plan, Poses
+from clradar.dataset.plan_radar import simulation_settings
 from clradar.hand import HandPose, HandShape, interpolate_poses, random_pose, random_shape
 from clradar.model import checks
 
@@ -90,13 +91,20 @@ def _pose(poses: Poses, drawn: _Drawn, index: int) -> HandPose:
 
 def _hand(hands: Hands, drawn: _Drawn) -> Recipe:
     sides = ("right", "left") if hands.handedness == "both" else (hands.handedness,)
+    side = drawn.one_of("hands.handedness", sides)
+    if hands.rigs:
+        rig = drawn.one_of("hands.rigs", hands.rigs)
+        return {
+            "handedness": rig.handedness if side == "as it is" else side,
+            "rig": {**asdict(rig), "betas": list(rig.betas)},
+        }
     shape = HandShape()
     if hands.shape == "sampled":
         shape = random_shape(drawn.stream("hands.shape"))
     elif hands.shape == "list":
         shape = drawn.one_of("hands.shape", hands.shapes)
     return {
-        "handedness": drawn.one_of("hands.handedness", sides),
+        "handedness": side,
         "shape": shape_record(shape),
         "edge_length_m": hands.edge_mm / 1e3,
     }

@@ -104,7 +104,7 @@ def _how_far(one: np.ndarray, other: np.ndarray) -> str:
     with np.errstate(invalid="ignore"):
         error = np.nanmax(np.abs(other.astype(np.complex128) - one))
         peak = np.nanmax(np.abs(one))
-    return f"{changed} of {one.size} numbers differ, by up to {error:.3g} where the largest is {peak:.3g}"
+    return f"{changed} of {one.size} numbers differ, by up to {error:.3g}; the largest is {peak:.3g}"
 
 
 def _plain(recipe: Mapping[str, Any]) -> dict[str, Any]:
