@@ -70,6 +70,11 @@ FIELDS: Mapping[str, Field] = {
 """The arrays of samples, by the names that `make_sample` gives them."""
 
 
+def fields_of_products(products: Sequence[str]) -> list[str]:
+    """Return the arrays that stand for products: those of its name, or that begin with it."""
+    return [name for name in FIELDS if name in products or name.partition("_")[0] in products]
+
+
 @dataclass(frozen=True, slots=True)
 class Label:
     """One label of every sample, taken out of its recipe."""

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -87,7 +85,7 @@ def replay(
 
 
 def _different(stored: Sample, made: Sample) -> list[str]:
-    found = [f"recipe: {line}" for line in differences(_plain(stored.recipe), _plain(made.recipe))]
+    found = [f"recipe: {line}" for line in differences(dict(stored.recipe), dict(made.recipe))]
     for name in dict.fromkeys([*stored.arrays, *made.arrays]):
         one, other = stored.arrays.get(name), made.arrays.get(name)
         if one is None or other is None:
@@ -104,8 +102,4 @@ def _how_far(one: np.ndarray, other: np.ndarray) -> str:
     with np.errstate(invalid="ignore"):
         error = np.nanmax(np.abs(other.astype(np.complex128) - one))
         peak = np.nanmax(np.abs(one))
-    return f"{changed} of {one.size} numbers differ, by up to {error:.3g}; the largest is {peak:.3g}"
-
-
-def _plain(recipe: Mapping[str, Any]) -> dict[str, Any]:
-    return dict(recipe)
+    return f"{changed} of {one.size} numbers differ, by up to {error:.3g}; the peak is {peak:.3g}"

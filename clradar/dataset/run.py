@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from clradar import __version__
-from clradar.dataset.folder import Aside, begin, part_path
+from clradar.dataset.contact_sheet import CONTACT_SHEET, write_contact_sheet
+from clradar.dataset.folder import Aside, DatasetFolder, begin, part_path
 from clradar.dataset.make import make_sample
 from clradar.dataset.plan import Plan
 from clradar.dataset.recipe import recipe
 from clradar.dataset.shard import write_sample
+from clradar.dataset.summary import STATISTICS, TABLE, write_summary
 from clradar.errors import OutputError
 from clradar.opencl import Device, open_device
 from clradar.trace import Progress
@@ -151,5 +153,17 @@ def run(
             done += 1
             if progress is not None:
                 progress(done, plan.samples)
+        finish(folder)
         aside = folder.manifest.aside
         return RunResult(made, plan.samples, tuple(aside[sample] for sample in sorted(aside)))
+
+
+def finish(folder: DatasetFolder) -> None:
+    """Write statistics and contact sheet of a complete data set, where they are not there."""
+    manifest = folder.manifest
+    if not manifest.complete:
+        return
+    if not all((folder.path / name).is_file() for name in (STATISTICS, TABLE)):
+        write_summary(folder.path, manifest)
+    if not (folder.path / CONTACT_SHEET).is_file():
+        write_contact_sheet(folder.path, manifest)
