@@ -157,7 +157,7 @@ class RigMaker:
             self.weights[:, own] *= 0.5
 
     def _collect(self, world, parents, weights, keep) -> None:
-        self.joint_nodes = [i for i in keep if not (i in TIPS)]
+        self.joint_nodes = [i for i in keep if i not in TIPS]
         column = {bone: at for at, bone in enumerate(self.joint_nodes)}
         order = np.argsort(-weights, axis=1, kind="stable")[:, : 4 * self.sets]
         order = np.pad(order, ((0, 0), (0, 4 * self.sets - order.shape[1])))

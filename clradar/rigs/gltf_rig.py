@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from clradar.hand import JOINT_NAMES
-from clradar.rigs.anatomy import CHAINS, TIPS, WRIST, check_joints, side_of
+from clradar.rigs.anatomy import CHAINS, WRIST, check_joints, side_of
 from clradar.rigs.failures import fail, index, reading
 from clradar.rigs.gltf_file import EXPECTED, GltfFile
 from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
@@ -102,7 +102,7 @@ def _side(path: Path, hand: FoundJoints, joints: np.ndarray, handedness: str | N
 def _surface(file: GltfFile, tree: NodeTree, hand: FoundJoints) -> tuple[Surface, tuple[str, ...]]:
     """Return what is to be skinned, in the scene's coordinates, and the names of what is not."""
     # A tip is the end of the last bone and moves with it.
-    last = {digit[-1]: digit[-2] for digit in CHAINS}
+    last = {chain[-1]: chain[-2] for chain in CHAINS}
     nearest = tree.nearest_of({node: last.get(joint, joint) for joint, node in hand.nodes.items()})
     moved_by = [WRIST if joint is None else joint for joint in nearest]
     pieces, ignored = [], []

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.hand.joints import FINGERS, JOINT_INDEX, JOINT_NAMES
+from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
 from clradar.model import checks
 from clradar.rigs.anatomy import check_joints, side_of
 from clradar.rigs.failures import MAX_FILE_BYTES, fail, reading
@@ -97,10 +97,10 @@ def _rig(
     if side is None:
         fail(path, "a model that is seen to be a left or a right hand, or --rig-hand", "neither")
     weights = fields["weights"]
-    vertex, bone = np.nonzero(weights)
+    rows = np.argwhere(weights)
     surface = Surface.grouped(
-        path, "weights", fields["f"], len(shaped), vertex,
-        np.array(MANO_JOINTS)[bone], weights[vertex, bone], shaped[vertex],
+        path, "weights", fields["f"], len(shaped), rows[:, 0],
+        np.array(MANO_JOINTS)[rows[:, 1]], weights[rows[:, 0], rows[:, 1]], shaped[rows[:, 0]],
     )  # fmt: skip
     local = np.broadcast_to(np.eye(3), (len(JOINT_NAMES), 3, 3))
     return rig_of(str(path), joints, local, surface, side, unit, blend=_blend(fields))

@@ -187,10 +187,10 @@ def rig_of(
     joints_m = (joints - wrist) @ axes.T * unit_m
     points_m = (surface.points - surface.weight[:, None] * wrist) @ axes.T * unit_m
     flesh_m = {}
-    for digit in CHAINS:
-        rows = surface.joint == digit[-2]
+    for chain in CHAINS:
+        rows = surface.joint == chain[-2]
         if rows.any():
-            flesh_m[digit[-2]] = points_m[rows].sum(axis=0) / surface.weight[rows].sum()
+            flesh_m[chain[-2]] = points_m[rows].sum(axis=0) / surface.weight[rows].sum()
     frames = rest_frames(joints_m, axes @ local_axes, flesh_m)
     faces = surface.faces
     if _volume(rest @ axes.T, faces) < 0:  # a mirror in the file, or the one to a right hand
