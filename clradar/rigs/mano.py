@@ -241,7 +241,8 @@ def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
 
     _blend_of(rig)
     theta = checks.read_only("theta_rad", theta_rad, np.float64, (3 * len(MANO_JOINTS),))
-    own = Rotation.from_rotvec(theta.reshape(-1, 3)).as_matrix()
+    # SciPy takes no array that is read-only.
+    own = Rotation.from_rotvec(theta.reshape(-1, 3).copy()).as_matrix()
     absolute: list[np.ndarray] = []
     for parent, rotation in zip(_PARENTS, own, strict=True):
         absolute.append(rotation if parent < 0 else absolute[parent] @ rotation)
