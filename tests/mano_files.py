@@ -11,7 +11,7 @@ import sys
 import types
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from rig_files import bone_weights
@@ -56,7 +56,7 @@ def mano_model(side: str = "right") -> dict[str, Any]:
     x = (template - template.mean(axis=0)) / 0.1
     terms = np.concatenate([x, x**2, x[:, [0]] * x[:, [1]]], axis=1)
     shapedirs = 2e-3 * np.einsum("vt,tcb->vcb", terms, rng.normal(size=(7, 3, 10)))
-    posedirs = 1e-3 * rng.normal(size=(len(template), 3, 135)) * weights.max(axis=1)[:, None, None]
+    posedirs = 2e-4 * np.einsum("vt,tcb->vcb", terms, rng.normal(size=(7, 3, 135)))
     components, _ = np.linalg.qr(rng.normal(size=(45, 45)))
     return {
         "v_template": template,
@@ -100,7 +100,7 @@ def _regressor(vertices: np.ndarray, joints: np.ndarray) -> csc_matrix:
 class _Writer(pickle._Pickler):
     """Writes bytes as strings, as Python 2 did."""
 
-    dispatch = dict(pickle._Pickler.dispatch)
+    dispatch: ClassVar[dict[type, Any]] = dict(pickle._Pickler.dispatch)
 
     def _string(self, value: bytes) -> None:
         if self.bin:

@@ -32,9 +32,10 @@ UNITS_M = MappingProxyType({"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 25.4e-3, "
 """Units among which one is chosen by the hand's size; the last is that of files in which a scale of
 0.01 was applied twice."""
 
-REACH_M = (0.11, 0.21)
+REACH_M = (0.10, 0.25)
 """Wrist to the last joint of the middle finger, along the joints. The hand of this package has
-166 mm; adult means of hand length are 181 and 194 mm, that is with 8 % of tip (Greiner 1991)."""
+166 mm; adult means of hand length are 181 and 194 mm, with the last bone (Greiner 1991). Wider, and
+a hand of 10 inches could be one of 10 cm."""
 
 _GIVEN_REACH_M = (0.05, 0.40)
 """The same, where the user says the unit."""
