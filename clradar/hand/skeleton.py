@@ -172,30 +172,24 @@ def _frame_along(direction: np.ndarray) -> np.ndarray:
     return np.stack([side, along, np.cross(side, along)], axis=1)
 
 
-def _bent(angles: JointAngles, away: float) -> np.ndarray:
+def _rotation(angles: JointAngles, abduction_sign: float, twist_sign: float) -> np.ndarray:
     """Return the rotation (3, 3) of a joint in the axes of the bone before it.
 
-    Abduction comes first, about the dorsal axis, then flexion about the bending axis, which the
-    abduction has turned, then twist about the bone. `away` is +1 where abduction and twist are
-    positive towards the thumb, else -1.
+    Flexion comes first, about the bending axis of the bone before; then abduction, about the dorsal
+    axis that the flexion has turned; then twist about the bone. The signs say which way about the
+    axes of the skeleton the two are positive.
     """
     # Bending turns the bone (+y) towards the palm (-z), hence the negative turn about x.
     return (
-        _turn(2, away * angles.abduction_rad)
-        @ _turn(0, -angles.flexion_rad)
-        @ _turn(1, angles.twist_rad)
+        _turn(0, -angles.flexion_rad)
+        @ _turn(2, abduction_sign * angles.abduction_rad)
+        @ _turn(1, twist_sign * angles.twist_rad)
     )
 
 
 def _aimed(angles: JointAngles) -> np.ndarray:
-    """Return the rotation (3, 3) of the thumb's or the wrist's joint.
-
-    Flexion comes first, then abduction about the dorsal axis, which the flexion has turned, then
-    twist about the bone: the bone is aimed by two angles, and turned by the third.
-    """
-    return (
-        _turn(0, -angles.flexion_rad) @ _turn(2, angles.abduction_rad) @ _turn(1, -angles.twist_rad)
-    )
+    """Return the rotation (3, 3) of a joint of the thumb, or of the wrist."""
+    return _rotation(angles, 1.0, -1.0)
 
 
 _Chain = tuple[list[np.ndarray], list[np.ndarray]]
@@ -216,14 +210,14 @@ def _finger(finger: str, pose: HandPose, size: Proportions) -> _Chain:
     palm_frame = _frame_along(head_m - base_m)
     roll = _turn(1, np.deg2rad(_FINGER_ROLL_DEG[finger]))
     if metacarpal in pose.joints:
-        frame = palm_frame @ _bent(pose.angles(metacarpal), away)
+        frame = palm_frame @ _rotation(pose.angles(metacarpal), away, 1.0)
         # What the bone's end carries turns with it.
         turned = frame @ palm_frame.T
         head_m, palm_frame, roll = base_m + turned @ (head_m - base_m), frame, turned @ roll
     frames = []
     frame = roll
     for bone in bones:
-        frame = frame @ _bent(pose.angles(bone), away)
+        frame = frame @ _rotation(pose.angles(bone), away, 1.0)
         frames.append(frame)
     lengths_m = np.array(PHALANGES_MM[finger]) * size.digits[finger] * MILLIMETRE_M
     joints_m, frames = _chain(head_m, frames, lengths_m)
