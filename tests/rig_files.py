@@ -22,7 +22,7 @@ from pygltflib import (
     Skin,
 )
 
-from clradar.hand import JOINT_NAMES, hand_mesh, posed_skeleton
+from clradar.hand import JOINT_NAMES, HandPose, hand_mesh, posed_skeleton
 from clradar.hand.known_poses import pose_by_name
 
 PARENTS = [
@@ -61,7 +61,7 @@ class RigMaker:
 
     Attributes
     ----------
-    pose : str
+    pose : str or HandPose
         The pose at rest.
     units : float
         File units per metre, in the vertices.
@@ -69,7 +69,7 @@ class RigMaker:
         Scale of a node above the joints; the joints are in `units / scale`.
     turn : ndarray, shape (3, 3)
         Orthogonal; with a determinant of -1 the hand is mirrored.
-    name : callable
+    called : callable
         WebXR name -> name of the node.
     bones : bool
         Bones that are no joints of a hand: a forearm above the wrist, a twist bone in the index.
@@ -78,16 +78,20 @@ class RigMaker:
     weight_type, joint_type : str
     sets : int
         Sets of four weights.
+    siblings : bool
+        All joints are children of one node.
+    standing : str
+        The pose in which the nodes stand, if not that of the inverse bind matrices.
     edit : callable
-        Changes arrays or document before they are written.
+        Changes the arrays before they are written.
     """
 
-    pose: str = "flat"
+    pose: str | HandPose = "flat"
     units: float = 1.0
     scale: float = 1.0
     turn: np.ndarray = field(default_factory=lambda: np.eye(3))
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    name: Callable[[str], str] = str
+    called: Callable[[str], str] = str
     bones: bool = False
     skip: tuple[str, ...] = ()
     local_turns: bool = True
@@ -97,11 +101,14 @@ class RigMaker:
     sets: int = 1
     primitives: int = 1
     edge_length_m: float = 4e-3
+    siblings: bool = False
+    standing: str | None = None
     edit: Callable[[RigMaker], None] | None = None
 
     def build(self) -> GLTF2:
         mesh = hand_mesh(self.pose, edge_length_m=self.edge_length_m)
-        skeleton = posed_skeleton(pose_by_name(self.pose))
+        pose = self.pose if isinstance(self.pose, HandPose) else pose_by_name(self.pose)
+        skeleton = posed_skeleton(pose)
         shift = skeleton.joints_m[0] - mesh.joints_m[0]
         weights = bone_weights(mesh.vertices_m + shift, skeleton.joints_m)
         parents = list(PARENTS)
@@ -112,20 +119,10 @@ class RigMaker:
             weights[:, up] += weights[:, gone]
             weights[:, gone] = 0.0
 
-        def placed(points: np.ndarray) -> np.ndarray:
-            return (points @ self.turn.T + np.array(self.shift)) * self.units
-
         self.faces = mesh.faces if np.linalg.det(self.turn) > 0 else mesh.faces[:, [0, 2, 1]]
-        self.positions = placed(mesh.vertices_m + shift)
-        # A node's own axes: rotations, also where the hand is mirrored.
-        flip = np.diag([1.0, 1.0, np.linalg.det(self.turn)])
-        world = []
-        for joint_m, frame in zip(skeleton.joints_m, skeleton.frames, strict=True):
-            matrix = np.eye(4)
-            matrix[:3, :3] = self.turn @ frame @ flip if self.local_turns else np.eye(3)
-            matrix[:3, 3] = placed(joint_m)
-            world.append(matrix)
-        self.names = [self.name(n) for n in JOINT_NAMES]
+        self.positions = self.placed(mesh.vertices_m + shift)
+        world = [self.placed_node(skeleton, i) for i in range(len(JOINT_NAMES))]
+        self.names = [self.called(n) for n in JOINT_NAMES]
         keep = [i for i, n in enumerate(JOINT_NAMES) if n not in self.skip]
         if self.bones:
             self._add_bones(world, parents, weights, keep)
@@ -156,8 +153,25 @@ class RigMaker:
             self.weights[:, bone] = 0.5 * self.weights[:, own]
             self.weights[:, own] *= 0.5
 
+    def _stand(self, shrink, keep) -> dict[int, np.ndarray]:
+        skeleton = posed_skeleton(pose_by_name(self.standing))
+        return {b: shrink @ self.placed_node(skeleton, b) for b in keep}
+
+    def placed_node(self, skeleton, joint: int) -> np.ndarray:
+        """Return the node's matrix (4, 4) in the scene, in the file's unit."""
+        # A node's own axes are a rotation, also where the hand is mirrored.
+        flip = np.diag([1.0, 1.0, np.linalg.det(self.turn)])
+        matrix = np.eye(4)
+        if self.local_turns:
+            matrix[:3, :3] = self.turn @ skeleton.frames[joint] @ flip
+        matrix[:3, 3] = self.placed(skeleton.joints_m[joint])
+        return matrix
+
+    def placed(self, points: np.ndarray) -> np.ndarray:
+        return (points @ self.turn.T + np.array(self.shift)) * self.units
+
     def _collect(self, world, parents, weights, keep) -> None:
-        self.joint_nodes = [i for i in keep if not (i in TIPS)]
+        self.joint_nodes = [i for i in keep if i not in TIPS]
         column = {bone: at for at, bone in enumerate(self.joint_nodes)}
         order = np.argsort(-weights, axis=1, kind="stable")[:, : 4 * self.sets]
         order = np.pad(order, ((0, 0), (0, 4 * self.sets - order.shape[1])))
@@ -171,12 +185,13 @@ class RigMaker:
         shrink = np.diag([1 / self.scale] * 3 + [1.0])
         root = np.diag([self.scale] * 3 + [1.0])
         inside = {b: shrink @ world[b] for b in keep}
+        stand = inside if self.standing is None else self._stand(shrink, keep)
         top = Node(name="Armature", scale=[self.scale] * 3, children=[])
         document.nodes = [top]
         for bone in keep:
-            parent = parents[bone]
-            own = inside[bone] if parent < 0 else np.linalg.inv(inside[parent]) @ inside[bone]
-            children = [node_of[c] for c in keep if parents[c] == bone]
+            parent = -1 if self.siblings else parents[bone]
+            own = stand[bone] if parent < 0 else np.linalg.inv(stand[parent]) @ stand[bone]
+            children = [node_of[c] for c in keep if parents[c] == bone and not self.siblings]
             document.nodes.append(
                 Node(name=self.names[bone], matrix=own.T.reshape(-1).tolist(), children=children)
             )
@@ -230,7 +245,7 @@ class RigMaker:
                 bufferView=len(self.document.bufferViews) - 1,
                 componentType=_KINDS[dtype],
                 count=len(values),
-                type=_TYPES[values.shape[1]],
+                type=_TYPES.get(values.shape[1], "SCALAR"),
                 normalized=normalized,
             )
         )

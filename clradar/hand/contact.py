@@ -84,9 +84,7 @@ def _digit_spheres(flesh: Flesh) -> tuple[list[_Spheres], list[_Spheres], list[_
         bone = root[:1]
         webs.append(_spheres(bone, 0.0, _WEB))
         beyond, free = _spheres(bone, _WEB, 1.0), _spheres(end)
-        rests.append(
-            (np.concatenate([beyond[0], free[0]]), np.concatenate([beyond[1], free[1]]))
-        )
+        rests.append((np.concatenate([beyond[0], free[0]]), np.concatenate([beyond[1], free[1]])))
         ends.append(free)
     return webs, rests, ends
 

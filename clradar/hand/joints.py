@@ -2,11 +2,12 @@
 
 All angles are zero in the hand held flat: fingers straight and parallel, the thumb straight beside
 them, the palm towards the radar and the fingers up. Flexion bends towards the palm; the thumb's
-goes across the palm, at its last two joints towards its pad. Abduction spreads: index and middle finger
-towards the thumb, ring and little finger away from it, the thumb out of the plane of the palm
-towards its front, the wrist towards the thumb (radial deviation). Twist is about the bone that
+goes across the palm, at its last two joints towards its pad. Abduction spreads: index and middle
+finger towards the thumb, ring and little finger away from it, the thumb out of the plane of the
+palm towards its front, the wrist towards the thumb (radial deviation). Twist is about the bone that
 begins at the joint: it turns a finger's pad towards the thumb, the thumb's pad towards the fingers
-(opposition), and the whole hand into pronation.
+(opposition), and the whole hand into pronation. Flexion comes first, then abduction about the axis
+that it has turned, then twist, as the International Society of Biomechanics has it [2]_.
 
 References
 ----------
@@ -14,6 +15,8 @@ References
    1965: fingers, MCP -45 to 90 (passive), PIP 0 to 100, DIP 0 to 90; thumb, CMC flexion 15,
    extension 20, abduction 70, MCP 0 to 50, IP 0 to 80; wrist, flexion 80, extension 70, radial 20,
    ulnar 30 deviation; forearm, pronation 80, supination 80 degrees.
+.. [2] Wu et al., "ISB recommendation on definitions of joint coordinate systems ... Part II:
+   shoulder, elbow, wrist and hand", Journal of Biomechanics 38(5), 2005.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ towards +y, palm towards -z, thumb towards -x; a left hand is turned into a righ
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
@@ -31,9 +32,10 @@ UNITS_M = MappingProxyType({"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 25.4e-3, "
 """Units among which one is chosen by the hand's size; the last is that of files in which a scale of
 0.01 was applied twice."""
 
-REACH_M = (0.11, 0.21)
+REACH_M = (0.10, 0.25)
 """Wrist to the last joint of the middle finger, along the joints. The hand of this package has
-166 mm; adult means of hand length are 181 and 194 mm, that is with 8 % of tip (Greiner 1991)."""
+166 mm; adult means of hand length are 181 and 194 mm, with the last bone (Greiner 1991). Wider, and
+a hand of 10 inches could be one of 10 cm."""
 
 _GIVEN_REACH_M = (0.05, 0.40)
 """The same, where the user says the unit."""
@@ -88,7 +90,7 @@ def check_joints(label: str, joints: np.ndarray) -> None:
         raise RigError(f"{label}: expected knuckles side by side, got all in line with the wrist")
     across = _axes(joints)[:, 0]
     places = [float(joints[chain[1]] @ across) for chain in CHAINS[1:]]
-    if not all(a < b for a, b in zip(places, places[1:], strict=False)):
+    if not all(a < b for a, b in pairwise(places)):
         order = ", ".join(FINGERS[i] for i in np.argsort(places))
         raise RigError(
             f"{label}: expected the knuckles in the order {', '.join(FINGERS)}, got {order}: "
@@ -198,13 +200,13 @@ def rest_frames(
     frames = _reference()[1].copy()
     for chain in CHAINS:
         bones = [joint for joint in chain[:-1] if joint not in METACARPALS]
-        along = [_unit(joints_m[b] - joints_m[a]) for a, b in zip(bones, bones[1:], strict=False)]
+        along = [_unit(joints_m[b] - joints_m[a]) for a, b in pairwise(bones)]
         if known[chain[-1]]:
             along.append(_unit(joints_m[chain[-1]] - joints_m[bones[-1]]))
         else:
             along.append(_last_bone(bones, along, local_axes, flesh_m.get(bones[-1]), joints_m))
         axis = _thumb_axis(along[0]) if chain is CHAINS[0] else _finger_axis(bones[0], along[0])
-        bend = sum(np.cross(b, a) for a, b in zip(along, along[1:], strict=False))
+        bend = sum(np.cross(b, a) for a, b in pairwise(along))
         size = float(np.linalg.norm(bend))
         if size > _CLEAR_BEND and abs(bend @ axis) > _SAME_AXIS * size:
             axis = np.sign(bend @ axis) * bend / size

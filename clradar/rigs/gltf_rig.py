@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from clradar.hand import JOINT_NAMES
-from clradar.rigs.anatomy import CHAINS, TIPS, WRIST, check_joints, side_of
+from clradar.rigs.anatomy import CHAINS, WRIST, check_joints, side_of
 from clradar.rigs.failures import fail, index, reading
 from clradar.rigs.gltf_file import EXPECTED, GltfFile
 from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
@@ -35,7 +35,8 @@ def gltf_rig(
     the one of the inverse bind matrices, the skin is still that of the bind pose.
     """
     file = GltfFile(path, content)
-    with reading(path, EXPECTED):
+    # Numbers that overflow are looked for where they would be used.
+    with reading(path, EXPECTED), np.errstate(over="ignore", invalid="ignore"):
         document = file.document
         tree = node_tree(path, document.nodes)
         if not document.meshes:
@@ -46,7 +47,7 @@ def gltf_rig(
         if mapping is not None:
             hands = [hand_by_mapping(path, tree, mapping, mapping_name)]
         else:
-            hands = hands_by_name(path, tree, _searched(path, tree, document.skins))
+            hands = hands_by_name(path, tree, _joints_of(path, tree, document.skins))
         hand, joints, side = _chosen(path, tree, hands, handedness)
         surface, ignored = _surface(file, tree, hand)
         local = np.full((len(JOINT_NAMES), 3, 3), np.nan)
@@ -55,11 +56,10 @@ def gltf_rig(
         return rig_of(str(path), joints, local, surface, side, unit, ignored=ignored)
 
 
-def _searched(path: Path, tree: NodeTree, skins: list[Any]) -> list[int]:
-    """Return the joints of all skins and what is below them: tips often move nothing."""
+def _joints_of(path: Path, tree: NodeTree, skins: list[Any]) -> set[int]:
+    """Return the joints of all skins."""
     count = len(tree.names)
-    joints = [index(path, "joints of a skin", j, count) for skin in skins for j in skin.joints]
-    return sorted(tree.below(joints))
+    return {index(path, "joints of a skin", j, count) for skin in skins for j in skin.joints}
 
 
 def _chosen(
@@ -102,7 +102,7 @@ def _side(path: Path, hand: FoundJoints, joints: np.ndarray, handedness: str | N
 def _surface(file: GltfFile, tree: NodeTree, hand: FoundJoints) -> tuple[Surface, tuple[str, ...]]:
     """Return what is to be skinned, in the scene's coordinates, and the names of what is not."""
     # A tip is the end of the last bone and moves with it.
-    last = {digit[-1]: digit[-2] for digit in CHAINS}
+    last = {chain[-1]: chain[-2] for chain in CHAINS}
     nearest = tree.nearest_of({node: last.get(joint, joint) for joint, node in hand.nodes.items()})
     moved_by = [WRIST if joint is None else joint for joint in nearest]
     pieces, ignored = [], []
@@ -186,7 +186,7 @@ def _piece(
         bones, weights = _weights(file, what, attributes, len(positions))
     else:
         bones, weights = np.zeros((len(positions), 1), np.int64), np.ones((len(positions), 1))
-    moving = weights > 0
+    moving = weights != 0
     if int(bones[moving].max(initial=0)) >= len(matrices):
         fail(path, f"{what}: JOINTS below {len(matrices)}", int(bones[moving].max()))
     vertex, column = np.nonzero(moving)

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.hand.joints import FINGERS, JOINT_INDEX, JOINT_NAMES
+from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
 from clradar.model import checks
 from clradar.rigs.anatomy import check_joints, side_of
 from clradar.rigs.failures import MAX_FILE_BYTES, fail, reading
@@ -97,10 +97,10 @@ def _rig(
     if side is None:
         fail(path, "a model that is seen to be a left or a right hand, or --rig-hand", "neither")
     weights = fields["weights"]
-    vertex, bone = np.nonzero(weights)
+    rows = np.argwhere(weights)
     surface = Surface.grouped(
-        path, "weights", fields["f"], len(shaped), vertex,
-        np.array(MANO_JOINTS)[bone], weights[vertex, bone], shaped[vertex],
+        path, "weights", fields["f"], len(shaped), rows[:, 0],
+        np.array(MANO_JOINTS)[rows[:, 1]], weights[rows[:, 0], rows[:, 1]], shaped[rows[:, 0]],
     )  # fmt: skip
     local = np.broadcast_to(np.eye(3), (len(JOINT_NAMES), 3, 3))
     return rig_of(str(path), joints, local, surface, side, unit, blend=_blend(fields))
@@ -241,7 +241,8 @@ def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
 
     _blend_of(rig)
     theta = checks.read_only("theta_rad", theta_rad, np.float64, (3 * len(MANO_JOINTS),))
-    own = Rotation.from_rotvec(theta.reshape(-1, 3)).as_matrix()
+    # SciPy takes no array that is read-only.
+    own = Rotation.from_rotvec(theta.reshape(-1, 3).copy()).as_matrix()
     absolute: list[np.ndarray] = []
     for parent, rotation in zip(_PARENTS, own, strict=True):
         absolute.append(rotation if parent < 0 else absolute[parent] @ rotation)

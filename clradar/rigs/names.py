@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,7 +58,7 @@ def side_in(text: str) -> str | None:
     return found.pop() if len(found) == 1 else None
 
 
-def hands_by_name(path: Path, tree: NodeTree, nodes: Iterable[int]) -> list[FoundJoints]:
+def hands_by_name(path: Path, tree: NodeTree, skin: set[int]) -> list[FoundJoints]:
     """Return the hands whose joints bear WebXR names, all with the same words around them.
 
     Numbers, case and separators do not count: ``Index-Finger_Tip.R`` and ``b_r_index_finger_tip``
@@ -69,8 +69,9 @@ def hands_by_name(path: Path, tree: NodeTree, nodes: Iterable[int]) -> list[Foun
     path : Path
         For messages.
     tree : NodeTree
-    nodes : iterable of int
-        Where to look: the joints of a skin, then what is below them.
+    skin : set of int
+        Nodes that move a skin. Other nodes count where none of these bears the name: a tip often
+        moves nothing.
 
     Raises
     ------
@@ -78,7 +79,7 @@ def hands_by_name(path: Path, tree: NodeTree, nodes: Iterable[int]) -> list[Foun
         No hand is complete, or two nodes share a name.
     """
     groups: dict[tuple[str, ...], dict[int, list[int]]] = {}
-    for node in nodes:
+    for node in range(len(tree.names)):
         for joint, pattern in _PATTERNS.items():
             match = pattern.search(tree.names[node])
             if match is None:
@@ -87,6 +88,9 @@ def hands_by_name(path: Path, tree: NodeTree, nodes: Iterable[int]) -> list[Foun
             rest = (name[: match.start()], name[match.end() :])
             around = tuple(re.sub(r"[\W\d_]+", " ", part).strip().casefold() for part in rest)
             groups.setdefault(around, {}).setdefault(joint, []).append(node)
+    for group in groups.values():
+        for joint, found in group.items():
+            group[joint] = [node for node in found if node in skin] or found
     complete = {k: g for k, g in groups.items() if all(JOINT_INDEX[n] in g for n in REQUIRED)}
     if not complete:
         best = max(groups.values(), key=len, default={})

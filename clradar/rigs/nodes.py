@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,14 +41,6 @@ class NodeTree:
             above = None if parent < 0 else found[parent]
             found[node] = wanted.get(node, above)
         return found
-
-    def below(self, tops: Iterable[int]) -> set[int]:
-        """Return the given nodes with all their descendants."""
-        chosen = set(tops)
-        for node in self.from_roots():
-            if self.parents[node] in chosen:
-                chosen.add(node)
-        return chosen
 
     def from_roots(self) -> list[int]:
         """Return all nodes, each after its parent."""

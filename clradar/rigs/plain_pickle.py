@@ -22,6 +22,7 @@ import numpy as np
 from clradar.rigs.failures import clean
 
 _DTYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f[248])\Z")
+_OPCODES = {opcode.code: opcode for opcode in pickletools.opcodes}
 _MAX_DIMENSIONS = 32
 _MAX_OPERATIONS = 5_000_000
 
@@ -98,7 +99,8 @@ class Sparse:
         ):
             _refuse("a sparse matrix whose parts do not fit together")
         used = int(starts[-1])
-        outer = np.repeat(np.arange(major), np.diff(starts.astype(np.int64)))
+        lengths: np.ndarray = np.diff(starts.astype(np.int64))
+        outer = np.repeat(np.arange(major), lengths)
         matrix = np.zeros((major, minor))
         np.add.at(matrix, (outer, indices[:used].astype(np.int64)), data[:used])
         return matrix.T if self.columns else matrix
@@ -315,7 +317,7 @@ class _Machine:
         code = self._stream.read(1)
         if not code:
             _refuse("a pickle that is cut short")
-        opcode = pickletools.code2op.get(code.decode("latin-1"))
+        opcode = _OPCODES.get(code.decode("latin-1"))
         if opcode is None:
             _refuse(f"a byte {code!r} that is no pickle operation")
         if opcode.name == "STRING":  # pickletools wants ASCII; arrays of Python 2 are not

@@ -17,8 +17,8 @@ from clradar.rigs.anatomy import CHAINS, WRIST, parents_of
 
 # The ball of the thumb belongs to the palm, as it does in the hand of this package.
 _PART_OF_JOINT = np.zeros(len(JOINT_NAMES), dtype=np.int64)
-for _part, _digit in enumerate(CHAINS, start=1):
-    _PART_OF_JOINT[list(_digit[1:])] = _part
+for _part, _chain in enumerate(CHAINS, start=1):
+    _PART_OF_JOINT[list(_chain[1:])] = _part
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,8 +188,8 @@ class Rig:
         known, parents = self.known, parents_of(self.known)
         places_m = np.full_like(self.joints_m, np.nan)
         places_m[WRIST] = self.joints_m[WRIST]
-        for digit in CHAINS:
-            for joint in digit:
+        for chain in CHAINS:
+            for joint in chain:
                 if known[joint]:
                     up = parents[joint]
                     bone_m = self.joints_m[joint] - self.joints_m[up]

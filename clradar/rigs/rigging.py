@@ -73,6 +73,8 @@ class Surface:
         if not np.isfinite(weight).all() or (weight < 0).any():
             bad = int(vertex[~(weight >= 0) | ~np.isfinite(weight)][0])
             fail(path, f"{what}: weights from 0", f"NaN or a negative one at vertex {bad}")
+        if not np.isfinite(points).all():
+            fail(path, f"{what}: a finite place for every vertex", "an overflow")
         sums = np.bincount(vertex, weight, n_vertices)
         used = np.zeros(n_vertices, dtype=bool)
         used[faces] = True
@@ -118,7 +120,10 @@ class Surface:
             np.concatenate([self.rest(), dense], axis=1),
             axis=0, return_index=True, return_inverse=True,
         )  # fmt: skip
-        number = number.reshape(-1)
+        # The file's order, not that of the places.
+        order = np.argsort(first)
+        number = np.argsort(order)[number.reshape(-1)]
+        first = first[order]
         faces = number[self.faces]
         whole = (
             (faces[:, 0] != faces[:, 1])
@@ -126,7 +131,6 @@ class Surface:
             & (faces[:, 2] != faces[:, 0])
         )
         rows = np.flatnonzero(np.isin(self.vertex, first))
-        rows = rows[np.argsort(number[self.vertex[rows]], kind="stable")]
         return Surface(
             faces[whole], len(first), number[self.vertex[rows]],
             self.joint[rows], self.weight[rows], self.points[rows],
@@ -187,10 +191,10 @@ def rig_of(
     joints_m = (joints - wrist) @ axes.T * unit_m
     points_m = (surface.points - surface.weight[:, None] * wrist) @ axes.T * unit_m
     flesh_m = {}
-    for digit in CHAINS:
-        rows = surface.joint == digit[-2]
+    for chain in CHAINS:
+        rows = surface.joint == chain[-2]
         if rows.any():
-            flesh_m[digit[-2]] = points_m[rows].sum(axis=0) / surface.weight[rows].sum()
+            flesh_m[chain[-2]] = points_m[rows].sum(axis=0) / surface.weight[rows].sum()
     frames = rest_frames(joints_m, axes @ local_axes, flesh_m)
     faces = surface.faces
     if _volume(rest @ axes.T, faces) < 0:  # a mirror in the file, or the one to a right hand
