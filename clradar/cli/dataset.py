@@ -66,7 +66,7 @@ def command(
         return
     if output is None:
         raise wrong_usage("-o", "expected the folder of the data set, or --dry-run")
-    make(wanted, output, device)
+    make(wanted, output, device, force)
 
 
 def checked_plan(path: Path) -> Plan:
@@ -82,12 +82,12 @@ def checked_plan(path: Path) -> Plan:
         raise typer.Exit(1) from None
 
 
-def make(plan: Plan, output: Path, device: str | None) -> None:
+def make(plan: Plan, output: Path, device: str | None, force: bool) -> None:
     """Make a data set, or go on with one."""
     from clradar.dataset.run import run
 
     with progress_bar("samples") as progress:
-        result = run(plan, output, device=device, progress=progress)
+        result = run(plan, output, device=device, force=force, progress=progress)
     for aside in result.aside[:SHOWN_ASIDE]:
         print_warning(
             f"sample {aside.sample} was set aside after {aside.attempts} attempts: {aside.reason}"

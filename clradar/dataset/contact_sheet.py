@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.dataset.folder import Manifest
+from clradar.dataset.folder import CONTACT_SHEET, Manifest
 from clradar.dataset.layout import axes_of
 from clradar.dataset.make import Sample
 from clradar.dataset.stored import opened, row_of, sample_of
@@ -18,8 +18,6 @@ from measurement_io.atomic import replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-CONTACT_SHEET = "contact-sheet.png"
 
 MOST_SAMPLES, COLUMNS = 64, 8
 CELL_INCHES, TITLE_INCHES, MARGIN_INCHES = 1.15, 0.22, 0.12

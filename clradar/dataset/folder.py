@@ -4,6 +4,7 @@
     shards/shard-00000.h5    samples
     parts/00000123.h5        a finished sample whose shard is not
     parts/00000123.json      why a sample was set aside
+    statistics.json, statistics.csv, contact-sheet.png    once it is complete
 
 A shard counts once the manifest names it, and its parts go only then. So a process may be killed at
 any moment: what it was about to do is done again, from the same parts, with the same bytes.
@@ -12,6 +13,7 @@ any moment: what it was about to do is done again, from the same parts, with the
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -30,6 +32,10 @@ from measurement_io.work_folder import LOCK, differences, held, remove_temporari
 
 FORMAT, VERSION = "dataset", 1
 MANIFEST, SHARDS, PARTS = "manifest.json", "shards", "parts"
+STATISTICS, TABLE, CONTACT_SHEET = "statistics.json", "statistics.csv", "contact-sheet.png"
+SUMMARIES = (STATISTICS, TABLE, CONTACT_SHEET)
+"""What is written of a data set once it is complete."""
+
 MOST_DIFFERENCES = 5
 
 
@@ -227,7 +233,9 @@ class DatasetFolder:
 
 
 @contextmanager
-def begin(path: Path, plan: Plan, made_with: Mapping[str, Any]) -> Iterator[DatasetFolder]:
+def begin(
+    path: Path, plan: Plan, made_with: Mapping[str, Any], *, force: bool = False
+) -> Iterator[DatasetFolder]:
     """Begin a data set, or go on with the one that was begun; other processes are kept out.
 
     Parameters
@@ -236,6 +244,8 @@ def begin(path: Path, plan: Plan, made_with: Mapping[str, Any]) -> Iterator[Data
     plan : Plan
     made_with : mapping
         Versions and device, for the manifest of a new data set.
+    force : bool
+        Remove the data set of another plan that is in the folder; other files in it stay.
 
     Raises
     ------
@@ -243,7 +253,7 @@ def begin(path: Path, plan: Plan, made_with: Mapping[str, Any]) -> Iterator[Data
         The folder holds a data set of another plan, or files but no data set.
     """
     with held(path, "run of a data set"):
-        folder = DatasetFolder(path, _manifest(path, plan, made_with))
+        folder = DatasetFolder(path, _manifest(path, plan, made_with, force))
         for name in (SHARDS, PARTS):
             (path / name).mkdir(exist_ok=True)
         folder.tidy()
@@ -251,11 +261,11 @@ def begin(path: Path, plan: Plan, made_with: Mapping[str, Any]) -> Iterator[Data
         yield folder
 
 
-def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any]) -> Manifest:
+def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any], force: bool) -> Manifest:
     if not (path / MANIFEST).exists():
         # A kill before the manifest leaves the lock and hidden files only.
         others = sorted(e.name for e in path.iterdir() if e.name != LOCK and not _hidden(e))
-        if others:
+        if others and not force:
             raise OutputError(
                 f"{shown(path)}: holds files ({shown(others[0])}, ...), but no data set; choose "
                 "another folder"
@@ -264,14 +274,26 @@ def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any]) -> Manifest:
     manifest = read_manifest(path)
     plain = [json.loads(json.dumps(plan_record(p))) for p in (manifest.plan, plan)]
     different = differences(plain[0], plain[1])
+    if different and force:
+        _clear(path)
+        return Manifest(plan, made_with)
     if different:
         more = len(different) - MOST_DIFFERENCES
         listed = "; ".join(different[:MOST_DIFFERENCES]) + (f"; {more} more" if more > 0 else "")
         raise OutputError(
             f"{shown(path)}: was begun with another plan: {listed}. Take that plan to go on, "
-            "or choose another folder"
+            "choose another folder, or remove what is there with --force"
         )
     return manifest
+
+
+def _clear(path: Path) -> None:
+    """Remove a data set, and nothing else that is in its folder."""
+    # The manifest first: what is left if this is cut short then belongs to no data set.
+    for name in (MANIFEST, *SUMMARIES):
+        (path / name).unlink(missing_ok=True)
+    for name in (SHARDS, PARTS):
+        shutil.rmtree(path / name, ignore_errors=True)
 
 
 def _hidden(path: Path) -> bool:

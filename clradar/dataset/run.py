@@ -9,13 +9,21 @@ from pathlib import Path
 from typing import Any
 
 from clradar import __version__
-from clradar.dataset.contact_sheet import CONTACT_SHEET, write_contact_sheet
-from clradar.dataset.folder import Aside, DatasetFolder, begin, part_path
+from clradar.dataset.contact_sheet import write_contact_sheet
+from clradar.dataset.folder import (
+    CONTACT_SHEET,
+    STATISTICS,
+    TABLE,
+    Aside,
+    DatasetFolder,
+    begin,
+    part_path,
+)
 from clradar.dataset.make import make_sample
 from clradar.dataset.plan import Plan
 from clradar.dataset.recipe import recipe
 from clradar.dataset.shard import write_sample
-from clradar.dataset.summary import STATISTICS, TABLE, write_summary
+from clradar.dataset.summary import write_summary
 from clradar.errors import OutputError
 from clradar.opencl import Device, open_device
 from clradar.trace import Progress
@@ -116,6 +124,7 @@ def run(
     *,
     device: str | None = None,
     engine: Engine = serial,
+    force: bool = False,
     progress: Progress | None = None,
 ) -> RunResult:
     """Make a data set, or what is missing of it.
@@ -129,6 +138,8 @@ def run(
         See `clradar.open_device`.
     engine : callable
         See `Engine`.
+    force : bool
+        Remove the data set of another plan that is in the folder.
     progress : callable, optional
         Called with (done, total) samples.
 
@@ -137,7 +148,7 @@ def run(
     OutputError
         Another plan's data set is in the folder, or it cannot be written to.
     """
-    with begin(path, plan, made_with(open_device(device))) as folder:
+    with begin(path, plan, made_with(open_device(device)), force=force) as folder:
         folder.close_ready_shards()
         missing = folder.missing()
         done = plan.samples - len(missing)
