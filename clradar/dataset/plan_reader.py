@@ -98,7 +98,7 @@ def _output(table: PlanTable) -> Output:
     given = table.texts("products", ("max_projection", "depth_map", "joints"), "products")
     for name in given:
         if name not in PRODUCTS:
-            table.mistake("products", choice_text(name, PRODUCTS), name)
+            table.refuse("products", choice_text(name, PRODUCTS), name)
     if table.has("products") and not given:
         table.mistake("products", f"at least one of {', '.join(PRODUCTS)}", "none")
     found = Output(
