@@ -254,10 +254,11 @@ def begin(
     """
     with held(path, "run of a data set"):
         folder = DatasetFolder(path, _manifest(path, plan, made_with, force))
+        # The manifest first: a folder with anything else in it and without one is not touched.
+        folder.write_manifest()
         for name in (SHARDS, PARTS):
             (path / name).mkdir(exist_ok=True)
         folder.tidy()
-        folder.write_manifest()
         yield folder
 
 
