@@ -17,8 +17,8 @@ from measurement_io.hashing import sha256_of
 POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
 """Names that stand for many poses."""
 
-EDGE_MM = 2.5
-"""About 19 000 faces."""
+EDGE_MM = 2.0
+"""About 29 000 faces; see docs/datasets.md for what other lengths cost and err."""
 
 NEAREST_MM, FARTHEST_MM = 100.0, 3000.0
 """Where the centre of a hand may be along z."""
