@@ -25,6 +25,7 @@ import clradar
 from clradar.cli import main
 from clradar.dataset import PlanError, TorchDataset, make_sample, open_dataset, recipe, replay, run
 from clradar.dataset.check import check_dataset, describe_dataset
+from clradar.dataset.contact_sheet import contact_sheet
 from clradar.dataset.estimate import estimate
 from clradar.dataset.folder import (
     CONTACT_SHEET,
@@ -36,7 +37,7 @@ from clradar.dataset.folder import (
     DatasetFolder,
     read_manifest,
 )
-from clradar.dataset.layout import LABELS
+from clradar.dataset.layout import FIELDS, LABELS
 from clradar.dataset.make import _rig, rotation
 from clradar.dataset.plan import Plan
 from clradar.dataset.plan_reader import plan_from
@@ -631,6 +632,17 @@ def test_there_is_a_contact_sheet(made: Path) -> None:
         colours = len(np.unique(np.asarray(picture).reshape(-1, 4), axis=0))
     assert width > 2.5 * height  # five in a row
     assert colours > 100
+
+
+@pytest.mark.parametrize("products", [["volume"], ["depth_map"], ["capture"], ["mesh", "joints"]])
+def test_every_product_has_a_picture(products: list[str]) -> None:
+    names = [name for p in products for name in FIELDS if name.partition("_")[0] == p or name == p]
+    sample = make_sample({**recipe(PLAN, 2), "products": products}, DEVICE)
+    assert set(sample.arrays) == set(names)
+    axes = contact_sheet([sample]).axes
+    assert len(axes) == 1
+    drawn = len(axes[0].images) + len(axes[0].lines)
+    assert drawn == (6 if products == ["mesh", "joints"] else 1)  # the cloud, and five digits
 
 
 def test_summaries_that_were_lost_are_written_again(copy: Path) -> None:

@@ -134,6 +134,7 @@ def test_a_plan_comes_back_from_its_record() -> None:
         ({"output": {"products": ["joints"]}}, "impairments", "a product that they change"),
         ({"output": {"shard_size": 0}}, "output.shard_size", "from 1"),
         ({"output": {"compression": 10}}, "output.compression", "from 0 to 9"),
+        ({"samples": 10**6, "output": {"shard_size": 10}}, "output.shard_size", "at least 20 for"),
         ({"output": 5}, "output", "expected a table, got 5"),
     ],
 )

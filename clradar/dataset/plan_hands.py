@@ -11,8 +11,8 @@ from clradar.dataset.plan import PARTS, Alpha, Hands, Placement, Poses, RigFile
 from clradar.dataset.plan_table import PlanTable, choice_text
 from clradar.errors import ClradarError
 from clradar.hand import DIGITS, LETTERS, POSES, HandPose, HandShape, pose_by_name, read_pose
+from clradar.hashing import sha256_of
 from measurement_io.failures import clean
-from measurement_io.hashing import sha256_of
 
 POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
 """Names that stand for many poses."""
