@@ -1,5 +1,8 @@
 """Simulate, read, image and compare captures of near-field imaging radars."""
 
+from importlib import import_module
+from typing import Any
+
 from clradar import arrays
 from clradar.backproject import backproject
 from clradar.channel_errors import draw_channels
@@ -47,9 +50,17 @@ __all__ = [
     "draw_channels",
     "impair",
     "list_devices",
+    "open_dataset",
     "open_device",
     "room_capture",
     "simulate",
     "synthesize",
     "trace",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # It is made of all of the above, and needs xarray: imported when it is asked for.
+    if name == "open_dataset":
+        return import_module("clradar.dataset").open_dataset
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -13,6 +13,10 @@ class MeshError(ClradarError, ValueError):
     """A mesh file or a mesh cannot be used as a scene."""
 
 
+class RigError(ClradarError, ValueError):
+    """A file of a rigged hand is damaged, or holds no hand that a pose can move."""
+
+
 class DeviceError(ClradarError, RuntimeError):
     """OpenCL: no such device, a kernel that does not build, no memory, a failed launch."""
 

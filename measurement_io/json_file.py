@@ -1,4 +1,4 @@
-"""Read one JSON object from a file that may hold anything."""
+"""Read one JSON object from a file that may hold anything, and write JSON."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from measurement_io.atomic import replacing
 from measurement_io.failures import fail, read_bytes, reading
 from measurement_io.provenance import MAX_DEPTH, MAX_TEXT_BYTES
 
@@ -31,6 +32,13 @@ def read_json_object(path: Path) -> dict[str, Any]:
             fail(path, "a JSON object", type(value).__name__)
         _check_depth(path, value)
     return value
+
+
+def write_json(path: Path, value: object, *, force: bool) -> None:
+    """Write strict JSON (no NaN), indented, whole or not at all."""
+    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    with replacing(path, force=force) as temporary:
+        temporary.write_bytes(text.encode("utf-8"))
 
 
 def _check_depth(path: Path, value: dict[str, Any]) -> None:

@@ -9,10 +9,9 @@ from clradar.errors import ClradarError, ModelError
 from clradar.hand import (
     JOINT_NAMES,
     POSES,
-    FingerPose,
     HandMesh,
     HandPose,
-    ThumbPose,
+    JointAngles,
     hand_joints,
     hand_mesh,
     pose_by_name,
@@ -23,7 +22,8 @@ from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M, _right_hand
 from clradar.hand.skeleton import posed_skeleton
 
 FINGERS = ("index", "middle", "ring", "pinky")
-ALL_POSES = tuple(POSES)
+# The open hand and the letter that the figures below were taken of.
+ALL_POSES = ("flat", "F")
 # The outline hardly depends on the edge length; a coarse mesh is enough where only that counts.
 COARSE_M = 3e-3
 
@@ -97,33 +97,11 @@ def test_poses_are_found_in_any_case():
 
 
 def test_unknown_pose_is_refused_with_the_known_names():
-    with pytest.raises(ModelError, match=r"pose: expected one of 'flat', 'F', got 'spock'") as info:
+    with pytest.raises(ModelError, match=r"pose: expected one of 'flat', .* 'spock'") as info:
         pose_by_name("spock")
     assert isinstance(info.value, ClradarError)
     with pytest.raises(ModelError, match="pose: expected a string"):
         pose_by_name(7)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: FingerPose.from_degrees(140.0, 0.0, 0.0), "FingerPose.mcp_flexion_rad"),
-        (lambda: FingerPose.from_degrees(0.0, -30.0, 0.0), "FingerPose.pip_flexion_rad"),
-        (lambda: FingerPose(abduction_rad=float("nan")), "FingerPose.abduction_rad"),
-        (lambda: ThumbPose.from_degrees(0.0, 120.0, 0.0, 0.0, 0.0), "ThumbPose.cmc_abduction_rad"),
-        (lambda: HandPose("x", thumb=FingerPose()), "HandPose.thumb"),  # type: ignore[arg-type]
-        (lambda: HandPose(1), "HandPose.name"),  # type: ignore[arg-type]
-    ],
-)
-def test_impossible_angles_are_refused(make, message):
-    with pytest.raises(ModelError, match=message):
-        make()
-
-
-def test_angles_at_their_limits_are_accepted():
-    assert FingerPose.from_degrees(95.0, 115.0, 90.0, 30.0).pip_flexion_rad == pytest.approx(
-        np.deg2rad(115.0), abs=1e-12
-    )
 
 
 # --- skeleton
@@ -163,9 +141,12 @@ def test_frames_are_rotations_along_their_bones(pose):
 
 def test_bending_goes_towards_the_radar():
     straight = hand_joints("flat")
-    bent = hand_joints(
-        HandPose("hook", POSES["flat"].thumb, *(FingerPose.from_degrees(40.0, 40.0, 20.0),) * 4)
-    )
+    hook = {
+        f"{finger}-finger-phalanx-{bone}": JointAngles.from_degrees(angle_deg)
+        for finger in FINGERS
+        for bone, angle_deg in (("proximal", 40.0), ("intermediate", 40.0), ("distal", 20.0))
+    }
+    bent = hand_joints(HandPose("hook", hook))
     for finger in FINGERS:
         knuckle, tip = f"{finger}-finger-phalanx-proximal", f"{finger}-finger-tip"
         # Bent by 40, 80 and 100 degrees, even the little finger's bones of 33, 18 and 16 mm reach
@@ -457,12 +438,13 @@ def test_result_is_deterministic():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"pose": "Q9"}, "pose: expected one of"),
+        ({"pose": "Q10"}, "pose: expected one of"),
         ({"pose": None}, "pose: expected a string"),
         ({"edge_length_m": 0.0}, "edge_length_m: expected a positive number"),
         ({"edge_length_m": 1.7}, "edge_length_m: expected a length in"),
         ({"edge_length_m": 1e-5}, "edge_length_m: expected a length in"),
         ({"edge_length_m": "fine"}, "edge_length_m: expected a number"),
+        ({"shape": 1.0}, "shape: expected a HandShape"),
         ({"handedness": "both"}, "handedness: expected one of 'right', 'left'"),
         ({"center_m": (0.0, 0.0)}, "center_m: expected shape"),
         ({"center_m": (0.0, 0.0, float("nan"))}, "center_m: expected finite numbers"),

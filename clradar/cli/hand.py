@@ -12,6 +12,18 @@ import typer
 
 from clradar.cli.options import ForceOption, wrong_usage
 from clradar.cli.output import check_outputs, print_line, print_table, write_bytes, write_json
+from clradar.cli.rig_options import (
+    BetasOption,
+    MappingOption,
+    RigHandOption,
+    RigOption,
+    RigUnitOption,
+    ThetaOption,
+    check_alone,
+    described,
+    opened_rig,
+    posed_rig,
+)
 from clradar.errors import OutputError
 
 if TYPE_CHECKING:
@@ -24,14 +36,22 @@ EDGE_MM = 1.7
 
 
 def command(
-    pose: Annotated[str, typer.Argument(help="Name of the pose; --list shows them.")] = "F",
+    pose: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Argument(
+            help="Name of the pose (--list shows them), or a pose file (.toml, .json). [default: F]"
+        ),
+    ] = None,
     output: Annotated[
         Optional[Path],  # noqa: UP045
         typer.Option("-o", "--output", help=f"Mesh file: {', '.join(SUFFIXES)}."),
     ] = None,
     edge_mm: Annotated[
-        float, typer.Option("--edge-mm", metavar="MM", help="About the length of an edge.")
-    ] = EDGE_MM,
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            "--edge-mm", metavar="MM", help=f"About the length of an edge. [default: {EDGE_MM}]"
+        ),
+    ] = None,
     left: Annotated[bool, typer.Option("--left", help="A left hand.")] = False,
     center_mm: Annotated[
         tuple[float, float, float],
@@ -53,34 +73,67 @@ def command(
             help="Write the 25 joints, too: name: [x, y, z], metres, in the frame of the mesh.",
         ),
     ] = None,
+    rig: RigOption = None,
+    mapping: MappingOption = None,
+    rig_unit: RigUnitOption = None,
+    rig_hand: RigHandOption = None,
+    betas: BetasOption = None,
+    theta: ThetaOption = None,
     list_poses: Annotated[bool, typer.Option("--list", help="List the poses and exit.")] = False,
     force: ForceOption = False,
 ) -> None:
     """The mesh is closed, in metres and in the antenna frame, palm to the radar. A .glb file
     keeps palm, thumb, index, middle, ring and pinky apart, so that each can have its own alpha.
+
+    With --rig, a hand of one's own is posed: where it stands in its file, in which unit, and
+    which hand it is follow from its joints.
     """
-    from clradar.hand import POSES, hand_mesh
+    from clradar.hand import POSES, hand_mesh, pose_by_name, read_pose
 
     if list_poses:
-        print_table(("pose",), [(name,) for name in POSES])
+        print_table(("pose", "description"), [(n, pose.description) for n, pose in POSES.items()])
         return
     if output is None:
         raise wrong_usage("-o", "expected a mesh file to write, or --list")
     check_mesh_name(output)
-    check_outputs([output, joints], force=force)
-    mesh = hand_mesh(
-        pose,
-        edge_length_m=edge_mm / 1e3,
-        handedness="left" if left else "right",
-        center_m=[value / 1e3 for value in center_mm],
-    )
-    mesh = turned(mesh, turn_deg, [value / 1e3 for value in center_mm])
+    rig_options = {
+        "--mapping": mapping, "--rig-unit": rig_unit, "--rig-hand": rig_hand,
+        "--betas": betas, "--theta": theta,
+    }  # fmt: skip
+    if rig is None:
+        check_alone(rig_options)
+    elif left:
+        raise wrong_usage("--left", "a rig is a left or a right hand itself; see --rig-hand")
+    elif edge_mm is not None:
+        raise wrong_usage("--edge-mm", "a rig's mesh is taken as it is")
+    if theta is not None and pose is not None:
+        raise wrong_usage("--theta", f"expected instead of a pose, got '{pose}', too")
+    inputs = [path for path in (rig, mapping, theta) if path is not None]
+    check_outputs([output, joints], force=force, inputs=inputs)
+    pose = "F" if pose is None else pose
+    # A name without a suffix is no file, even where one of that name lies about.
+    posed = read_pose(pose) if Path(pose).suffix else pose_by_name(pose)
+    center_m = [value / 1e3 for value in center_mm]
+    if rig is None:
+        mesh = hand_mesh(
+            posed,
+            edge_length_m=(EDGE_MM if edge_mm is None else edge_mm) / 1e3,
+            handedness="left" if left else "right",
+            center_m=center_m,
+        )
+        what = f"hand '{pose}'"
+    else:
+        opened = opened_rig(rig, mapping, rig_unit, rig_hand, betas)
+        mesh = posed_rig(opened, posed, theta, center_m)
+        shown = f"theta of {theta}" if theta is not None else f"'{pose}'"
+        what = f"{rig}: {described(opened)}, {shown}"
+    mesh = turned(mesh, turn_deg, center_m)
     save_hand(output, mesh, force=force)
     if joints is not None:
         from clradar.cli.regions_file import joints_record
 
         write_json(joints, joints_record(mesh.joints_m), force=force)
-    print_line(f"{output}: hand '{pose}', {len(mesh.faces)} faces")
+    print_line(f"{output}: {what}, {len(mesh.faces)} faces")
 
 
 def check_mesh_name(path: Path) -> None:

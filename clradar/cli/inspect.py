@@ -15,8 +15,8 @@ def command(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="Capture, volume, recorded .npy frame, radar folder, or the <object>/<distance> "
-            "folder that holds one.",
+            help="Capture, volume, recorded .npy frame, radar folder, the <object>/<distance> "
+            "folder that holds one, or the folder of a data set.",
         ),
     ],
     check: Annotated[
@@ -27,10 +27,17 @@ def command(
     """Reads and changes nothing."""
     import json
 
+    from clradar.cli.output import progress_bar
+    from clradar.dataset.check import check_dataset, describe_dataset, is_dataset
     from measurement_io import check_file, describe
 
+    dataset = is_dataset(file)
     if check:
-        report = check_file(file)
+        if dataset:
+            with progress_bar("shards") as progress:
+                report = check_dataset(file, progress)
+        else:
+            report = check_file(file)
         record: dict[str, Any] = {
             "path": report.path,
             "ok": report.ok,
@@ -43,7 +50,7 @@ def command(
             print_error(f"{file}: {count} problem{'s' if count > 1 else ''} found")
             raise typer.Exit(1)
         return
-    found = describe(file)
+    found = describe_dataset(file) if dataset else describe(file)
     if as_json:
         print_text(json.dumps(found.to_dict(), indent=2, allow_nan=False))
     else:

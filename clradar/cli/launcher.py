@@ -30,6 +30,7 @@ COMMANDS = {
     "channels": "Measure gain and delay of every channel with a capture of a known target.",
     "correct": "Take measured channels off a capture.",
     "diagnose": "Say in which convention a capture was written: axes, sign, mirror, order.",
+    "dataset": "Make training data by a plan: posed hands, simulated and imaged.",
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
     "bench": "Time the core against other libraries on this machine.",
 }

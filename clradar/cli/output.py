@@ -165,7 +165,6 @@ def write_bytes(path: Path, content: bytes, *, force: bool) -> None:
 
 def write_json(path: Path, value: object, *, force: bool) -> None:
     """Write strict JSON (no NaN), indented, whole or not at all."""
-    import json
+    from measurement_io import json_file
 
-    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    write_bytes(path, text.encode("utf-8"), force=force)
+    json_file.write_json(path, value, force=force)

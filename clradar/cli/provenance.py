@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 import platform
 from collections.abc import Mapping, Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from clradar import __version__
-
-PACKAGES = ("numpy", "scipy", "pyopencl", "pocl-binary-distribution", "trimesh", "h5py")
-"""The packages whose version can change a result."""
-
-HASH_BLOCK_BYTES = 2**20
+from clradar.hashing import sha256_of
+from clradar.versions import package_versions
 
 
 def provenance(
@@ -46,23 +41,3 @@ def provenance(
         "options": dict(settings),
         "inputs": [{"file": path.name, "sha256": sha256_of(path)} for path in inputs],
     }
-
-
-def package_versions() -> dict[str, str]:
-    """Return the versions of the packages in `PACKAGES` that are installed."""
-    versions = {}
-    for name in PACKAGES:
-        try:
-            versions[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return versions
-
-
-def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file's content."""
-    state = hashlib.sha256()
-    with open(path, "rb") as file:
-        while block := file.read(HASH_BLOCK_BYTES):
-            state.update(block)
-    return state.hexdigest()

@@ -72,8 +72,11 @@ def read_joints(path: Path) -> np.ndarray:
         return joints
 
 
-def joints_record(joints: np.ndarray) -> dict[str, list[float]]:
-    """Return what `read_joints` reads."""
+def joints_record(joints: np.ndarray) -> dict[str, list[float] | None]:
+    """Return what `read_joints` reads; None, which it refuses, for a joint that is not known."""
     from clradar.hand import JOINT_NAMES
 
-    return {name: at.tolist() for name, at in zip(JOINT_NAMES, joints, strict=True)}
+    return {
+        name: at.tolist() if np.isfinite(at).all() else None
+        for name, at in zip(JOINT_NAMES, joints, strict=True)
+    }

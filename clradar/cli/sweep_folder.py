@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Iterator, Mapping, MutableMapping
-from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,22 +13,24 @@ import numpy as np
 
 from clradar.cli.output import write_json
 from clradar.errors import OutputError
+from measurement_io import work_folder
 from measurement_io.atomic import replacing
 from measurement_io.failures import read_bytes, reading
+from measurement_io.work_folder import LOCK, differences, remove_temporaries
 
 SETTINGS, TRANSFORM, RESULT = "settings.json", "transform.json", "sweep.json"
 TABLE, REGION_TABLE, FIGURE = "sweep.csv", "regions.csv", "sweep.png"
-WORK, LOCK = "work", ".lock"
+WORK = "work"
 
 # The settings first: what is left when a removal is cut short then belongs to no sweep.
 FILES = (SETTINGS, TRANSFORM, RESULT, TABLE, REGION_TABLE, FIGURE)
 
 LIMIT_BYTES = 2**20
 
-SHOWN = 60
-"""Characters of a setting's value in an error."""
-
 MOST_DIFFERENCES = 5
+
+held = partial(work_folder.held, work="sweep")
+"""Make the folder, and keep other processes from sweeping into it while the block runs."""
 
 
 class FolderStore(MutableMapping[str, dict[str, np.ndarray]]):
@@ -66,36 +67,6 @@ class FolderStore(MutableMapping[str, dict[str, np.ndarray]]):
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
-
-
-def remove_temporaries(folder: Path) -> None:
-    """Remove what a killed process was writing."""
-    for path in folder.glob(".*.tmp"):
-        with suppress(OSError):
-            path.unlink()
-
-
-@contextmanager
-def held(folder: Path) -> Iterator[None]:
-    """Make the folder, and keep other processes from sweeping into it while the block runs."""
-    import fcntl
-
-    try:
-        if os.path.lexists(folder) and not folder.is_dir():
-            raise OutputError(f"{folder}: expected a folder's name, got a file")
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = open(folder / LOCK, "ab")  # noqa: SIM115 - the block below closes it
-    except OutputError:
-        raise
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{folder}: cannot be written: {error}") from error
-    with lock:
-        try:
-            # The system lets go of it when the process ends, however it ends.
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise OutputError(f"{folder}: another sweep is writing into it") from error
-        yield
 
 
 def begin(folder: Path, settings: Mapping[str, Any], *, force: bool) -> None:
@@ -159,19 +130,6 @@ def _read_settings(path: Path, force: bool) -> dict[str, Any]:
 
 def _plain(settings: Mapping[str, Any]) -> Any:
     return json.loads(json.dumps(settings, allow_nan=False))
-
-
-def differences(before: Any, now: Any, name: str = "") -> list[str]:
-    """Return in words how two values of JSON differ, one line per setting."""
-    if isinstance(before, dict) and isinstance(now, dict):
-        found = []
-        for key in {**now, **before}:
-            found += differences(before.get(key), now.get(key), f"{name}.{key}" if name else key)
-        return found
-    if before == now:
-        return []
-    shown = [text if len(text) <= SHOWN else text[:SHOWN] + "…" for text in map(str, (before, now))]
-    return [f"{name} {shown[0]}, now {shown[1]}"]
 
 
 def is_finished(folder: Path) -> bool:

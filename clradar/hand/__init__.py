@@ -1,17 +1,33 @@
-"""A parametric hand: skeleton, poses, and a closed surface as a target in front of the radar."""
+"""A parametric hand: skeleton, poses, shapes, and a closed surface as a target for the radar."""
 
+from clradar.hand.joints import JOINT_NAMES, LIMITS_DEG
+from clradar.hand.known_poses import DIGITS, LETTERS, POSES, pose_by_name
 from clradar.hand.mesh import HandMesh, hand_joints, hand_mesh
-from clradar.hand.pose import POSES, FingerPose, HandPose, ThumbPose, pose_by_name
-from clradar.hand.skeleton import JOINT_NAMES
+from clradar.hand.pose import HandPose, JointAngles, interpolate_poses
+from clradar.hand.pose_file import read_pose, write_pose
+from clradar.hand.sampler import random_pose
+from clradar.hand.shape import ADULT_RANGES, HandShape, random_shape
+from clradar.hand.skeleton import Skeleton, posed_skeleton
 
 __all__ = [
+    "ADULT_RANGES",
+    "DIGITS",
     "JOINT_NAMES",
+    "LETTERS",
+    "LIMITS_DEG",
     "POSES",
-    "FingerPose",
     "HandMesh",
     "HandPose",
-    "ThumbPose",
+    "HandShape",
+    "JointAngles",
+    "Skeleton",
     "hand_joints",
     "hand_mesh",
+    "interpolate_poses",
     "pose_by_name",
+    "posed_skeleton",
+    "random_pose",
+    "random_shape",
+    "read_pose",
+    "write_pose",
 ]

@@ -19,36 +19,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clradar.hand.pose import FingerPose, HandPose, ThumbPose
+from clradar.hand.joints import FINGER_BONES, FINGERS, JOINT_INDEX, THUMB_BONES
+from clradar.hand.pose import HandPose, JointAngles
+from clradar.hand.shape import AVERAGE, HandShape
 
 MILLIMETRE_M = 1e-3
 
-FINGERS: tuple[str, ...] = ("index", "middle", "ring", "pinky")
-
-_FINGER_BONES = ("metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip")
-_THUMB_BONES = ("metacarpal", "phalanx-proximal", "phalanx-distal", "tip")
-
-JOINT_NAMES: tuple[str, ...] = (
-    "wrist",
-    *(f"thumb-{bone}" for bone in _THUMB_BONES),
-    *(f"{finger}-finger-{bone}" for finger in FINGERS for bone in _FINGER_BONES),
-)
-"""Joint names and their order: XRHandJoint of W3C WebXR Hand Input Module, Level 1.
-
-A joint carries the name of the bone that begins there; `tip` is the end of the last bone.
-"""
-
-_JOINT_INDEX = {name: i for i, name in enumerate(JOINT_NAMES)}
-
 # Proximal, intermediate, distal phalanx, in millimetres (Buryanov and Kotiuk 2010, rounded).
-_PHALANGES_MM: dict[str, tuple[float, float, float]] = {
+PHALANGES_MM: dict[str, tuple[float, float, float]] = {
     "index": (39.8, 22.4, 15.8),
     "middle": (44.6, 26.3, 17.4),
     "ring": (41.4, 25.7, 17.3),
     "pinky": (32.7, 18.1, 16.0),
 }
 # Metacarpal, proximal, distal.
-_THUMB_MM = (46.2, 31.6, 21.7)
+THUMB_MM = (46.2, 31.6, 21.7)
 
 # Base (carpometacarpal joint) and head (knuckle) of each metacarpal. The distances agree with the
 # published lengths 68.1, 64.6, 58.0 and 53.7 mm; the heads follow the transverse arch of the palm.
@@ -59,6 +44,14 @@ _METACARPALS_MM: dict[str, tuple[tuple[float, float, float], tuple[float, float,
     "pinky": ((18.5, 26.3, -2.5), (33.0, 77.8, -4.0)),
 }
 _THUMB_BASE_MM = (-21.0, 18.8, -8.0)
+
+# Bones and breadth at the knuckles of the hand that these figures describe: wrist crease to the tip
+# of the straight middle finger with 3.8 mm of soft tissue, and the flesh beside the two outer
+# knuckles' centres as measured on the surface.
+_PALM_LENGTH_MM = _METACARPALS_MM["middle"][1][1]
+FINGER_TIP_TISSUE_MM = 3.8
+_FINGER_LENGTH_MM = sum(PHALANGES_MM["middle"]) + FINGER_TIP_TISSUE_MM
+_KNUCKLES_MM = np.subtract(_METACARPALS_MM["pinky"][1], _METACARPALS_MM["index"][1])[:2]
 
 # Rotation of each finger's bending plane about the finger, positive towards the thumb's side: bent
 # fingers converge towards the thumb, which they meet in a pinch, instead of staying parallel.
@@ -80,14 +73,21 @@ class Skeleton:
     frames : ndarray, shape (25, 3, 3), float64
         Axes of the bone that begins at each joint, as columns: bending axis, along the bone, dorsal
         (the side of the nail). A tip has the axes of the last bone.
+    thickness : float
+        Factor of what lies around the bones, relative to the average hand.
     """
 
     joints_m: np.ndarray
     frames: np.ndarray
+    thickness: float = 1.0
+
+    def turned(self, rotation: np.ndarray) -> Skeleton:
+        """Return the skeleton after a rotation (3, 3) about the origin."""
+        return Skeleton(self.joints_m @ rotation.T, rotation @ self.frames, self.thickness)
 
     def joint_m(self, name: str) -> np.ndarray:
         """Return the centre (3,) of the joint called `name`, metres."""
-        return self.joints_m[_JOINT_INDEX[name]]
+        return self.joints_m[JOINT_INDEX[name]]
 
     def point_m(
         self, name: str, along: float, side_mm: float = 0.0, dorsal_mm: float = 0.0
@@ -101,16 +101,57 @@ class Skeleton:
         along : float
             Fraction of the bone's length from that joint.
         side_mm, dorsal_mm : float, millimetres
-            Offsets along the bending axis (away from the thumb) and towards the back of the bone.
+            Offsets along the bending axis (away from the thumb) and towards the back of the bone,
+            in an average hand; a thicker one has them larger.
 
         Returns
         -------
         ndarray, shape (3,), float64, metres
         """
-        at = _JOINT_INDEX[name]
+        at = JOINT_INDEX[name]
         begin_m, end_m = self.joints_m[at], self.joints_m[at + 1]
-        offset_m = np.array([side_mm, 0.0, dorsal_mm]) * MILLIMETRE_M
+        offset_m = np.array([side_mm, 0.0, dorsal_mm]) * (self.thickness * MILLIMETRE_M)
         return begin_m + along * (end_m - begin_m) + self.frames[at] @ offset_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proportions:
+    """What a shape makes of the average hand's figures.
+
+    Parameters
+    ----------
+    palm : ndarray, shape (3,)
+        Factors of the places of bones in the palm.
+    digits : dict of str to float
+        Factors of the lengths of the bones, for the thumb and each finger.
+    thickness : float
+        Factor of what lies around the bones.
+    """
+
+    palm: np.ndarray
+    digits: dict[str, float]
+    thickness: float
+
+
+def proportions(shape: HandShape) -> Proportions:
+    """Return the factors that give a hand its length, breadth, finger lengths and girth.
+
+    The fingers' factors are relative to the hand: the palm and all fingers are scaled until the
+    middle finger ends at the hand's length. The knuckles' places leave room for the flesh beside
+    them, so that the breadth is what it says for every girth.
+    """
+    middle = shape.finger_lengths[2]
+    scale = shape.length_m / MILLIMETRE_M / (_PALM_LENGTH_MM + middle * _FINGER_LENGTH_MM)
+    thickness = shape.girth * shape.breadth_m / AVERAGE.breadth_m
+    beside_mm = AVERAGE.breadth_m / MILLIMETRE_M - float(np.linalg.norm(_KNUCKLES_MM))
+    knuckles_mm = shape.breadth_m / MILLIMETRE_M - thickness * beside_mm
+    across_mm = float(np.sqrt(knuckles_mm**2 - (scale * _KNUCKLES_MM[1]) ** 2))
+    relative = dict(zip(("thumb", *FINGERS), shape.finger_lengths, strict=True))
+    return Proportions(
+        palm=np.array([across_mm / _KNUCKLES_MM[0], scale, thickness]),
+        digits={name: scale * factor for name, factor in relative.items()},
+        thickness=thickness,
+    )
 
 
 def _turn(axis: int, angle_rad: float) -> np.ndarray:
@@ -131,51 +172,82 @@ def _frame_along(direction: np.ndarray) -> np.ndarray:
     return np.stack([side, along, np.cross(side, along)], axis=1)
 
 
-def _chain(
-    base_m: np.ndarray, frame: np.ndarray, flexions_rad: tuple[float, ...], lengths_m: np.ndarray
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Return the joints after `base_m` and the bones' frames, bending joint by joint."""
-    joints_m, frames = [], []
-    for flexion_rad, length_m in zip(flexions_rad, lengths_m, strict=True):
-        # Bending turns the bone (+y) towards the palm (-z), hence the negative turn about x.
-        frame = frame @ _turn(0, -flexion_rad)
-        base_m = base_m + frame[:, 1] * length_m
-        joints_m.append(base_m)
-        frames.append(frame)
-    return joints_m, frames
+def _rotation(angles: JointAngles, abduction_sign: float, twist_sign: float) -> np.ndarray:
+    """Return the rotation (3, 3) of a joint in the axes of the bone before it.
 
-
-def _finger(finger: str, pose: FingerPose) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    base_m, head_m = np.array(_METACARPALS_MM[finger]) * MILLIMETRE_M
-    # A positive turn about the dorsal axis goes towards the thumb.
-    away = 1.0 if finger in ("index", "middle") else -1.0
-    frame = _turn(1, np.deg2rad(_FINGER_ROLL_DEG[finger])) @ _turn(2, away * pose.abduction_rad)
-    flexions_rad = (pose.mcp_flexion_rad, pose.pip_flexion_rad, pose.dip_flexion_rad)
-    lengths_m = np.array(_PHALANGES_MM[finger]) * MILLIMETRE_M
-    joints_m, frames = _chain(head_m, frame, flexions_rad, lengths_m)
+    Flexion comes first, about the bending axis of the bone before; then abduction, about the dorsal
+    axis that the flexion has turned; then twist about the bone. The signs say which way about the
+    axes of the skeleton the two are positive.
+    """
+    # Bending turns the bone (+y) towards the palm (-z), hence the negative turn about x.
     return (
-        [base_m, head_m, *joints_m],
-        [_frame_along(head_m - base_m), *frames, frames[-1]],
+        _turn(0, -angles.flexion_rad)
+        @ _turn(2, abduction_sign * angles.abduction_rad)
+        @ _turn(1, twist_sign * angles.twist_rad)
     )
 
 
-def _thumb(pose: ThumbPose) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    base_m = np.array(_THUMB_BASE_MM) * MILLIMETRE_M
-    frame = (
-        _THUMB_REST
-        @ _turn(0, -pose.cmc_flexion_rad)
-        @ _turn(2, pose.cmc_abduction_rad)
-        @ _turn(1, -pose.cmc_twist_rad)
-    )
-    flexions_rad = (0.0, pose.mcp_flexion_rad, pose.ip_flexion_rad)
-    joints_m, frames = _chain(base_m, frame, flexions_rad, np.array(_THUMB_MM) * MILLIMETRE_M)
-    return [base_m, *joints_m], [*frames, frames[-1]]
+def _aimed(angles: JointAngles) -> np.ndarray:
+    """Return the rotation (3, 3) of a joint of the thumb, or of the wrist."""
+    return _rotation(angles, 1.0, -1.0)
 
 
-def posed_skeleton(pose: HandPose) -> Skeleton:
-    """Return the skeleton of a right hand in its own frame."""
+_Chain = tuple[list[np.ndarray], list[np.ndarray]]
+
+
+def _chain(base_m: np.ndarray, frames: list[np.ndarray], lengths_m: np.ndarray) -> _Chain:
+    """Return the joints that begin and end bones of these frames, and a frame for each joint."""
+    joints_m = [base_m]
+    for frame, length_m in zip(frames, lengths_m, strict=True):
+        joints_m.append(joints_m[-1] + frame[:, 1] * length_m)
+    return joints_m, [*frames, frames[-1]]
+
+
+def _finger(finger: str, pose: HandPose, size: Proportions) -> _Chain:
+    metacarpal, *bones = (f"{finger}-finger-{bone}" for bone in FINGER_BONES[:-1])
+    base_m, head_m = np.array(_METACARPALS_MM[finger]) * size.palm * MILLIMETRE_M
+    away = 1.0 if finger in ("index", "middle") else -1.0
+    palm_frame = _frame_along(head_m - base_m)
+    roll = _turn(1, np.deg2rad(_FINGER_ROLL_DEG[finger]))
+    if metacarpal in pose.joints:
+        frame = palm_frame @ _rotation(pose.angles(metacarpal), away, 1.0)
+        # What the bone's end carries turns with it.
+        turned = frame @ palm_frame.T
+        head_m, palm_frame, roll = base_m + turned @ (head_m - base_m), frame, turned @ roll
+    frames = []
+    frame = roll
+    for bone in bones:
+        frame = frame @ _rotation(pose.angles(bone), away, 1.0)
+        frames.append(frame)
+    lengths_m = np.array(PHALANGES_MM[finger]) * size.digits[finger] * MILLIMETRE_M
+    joints_m, frames = _chain(head_m, frames, lengths_m)
+    return [base_m, *joints_m], [palm_frame, *frames]
+
+
+def _thumb(pose: HandPose, size: Proportions) -> _Chain:
+    base_m = np.array(_THUMB_BASE_MM) * size.palm * MILLIMETRE_M
+    frame, frames = _THUMB_REST, []
+    for bone in THUMB_BONES[:-1]:
+        frame = frame @ _aimed(pose.angles(f"thumb-{bone}"))
+        frames.append(frame)
+    return _chain(base_m, frames, np.array(THUMB_MM) * size.digits["thumb"] * MILLIMETRE_M)
+
+
+def posed_skeleton(pose: HandPose, shape: HandShape = AVERAGE) -> Skeleton:
+    """Return the skeleton of a right hand in its own frame.
+
+    The origin is the wrist. The angles of the wrist turn all the rest; with all of them 0 the
+    frame is that of the hand: +y along the fingers, palm towards -z, thumb towards -x.
+
+    Parameters
+    ----------
+    pose : HandPose
+    shape : HandShape
+    """
+    size = proportions(shape)
     joints_m, frames = [np.zeros(3)], [np.eye(3)]
-    for joints, axes in (_thumb(pose.thumb), *(_finger(f, getattr(pose, f)) for f in FINGERS)):
+    for joints, axes in (_thumb(pose, size), *(_finger(f, pose, size) for f in FINGERS)):
         joints_m += joints
         frames += axes
-    return Skeleton(np.stack(joints_m), np.stack(frames))
+    bones = Skeleton(np.stack(joints_m), np.stack(frames), size.thickness)
+    return bones.turned(_aimed(pose.angles("wrist"))) if "wrist" in pose.joints else bones

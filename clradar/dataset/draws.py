@@ -1,0 +1,79 @@
+"""Quantities of a plan that are fixed or drawn anew for every sample."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+KINDS = {"uniform": "[low, high]", "normal": "[mean, standard deviation]", "choice": "[a, b, ...]"}
+"""How a value can be drawn, and what is given for it."""
+
+SIGMAS = 6.0
+"""Normal draws are held to be within so many standard deviations: 1 in 500 million is not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """A number, fixed or drawn.
+
+    Attributes
+    ----------
+    kind : "fixed", "uniform", "normal" or "choice"
+    values : tuple of float
+        The number; low and high; mean and standard deviation; or the numbers to choose from, each
+        as likely as the others.
+    """
+
+    kind: str
+    values: tuple[float, ...]
+
+    def draw(self, random: np.random.Generator) -> float:
+        """Return one draw."""
+        if self.kind == "fixed":
+            return self.values[0]
+        if self.kind == "uniform":
+            return float(random.uniform(self.values[0], self.values[1]))
+        if self.kind == "normal":
+            return float(random.normal(self.values[0], self.values[1]))
+        return self.values[int(random.integers(len(self.values)))]
+
+    def bounds(self) -> tuple[float, float]:
+        """Return least and greatest; of a normal draw 6 standard deviations about the mean."""
+        if self.kind == "normal":
+            mean, deviation = self.values
+            return mean - SIGMAS * deviation, mean + SIGMAS * deviation
+        return min(self.values), max(self.values)
+
+    def to_plain(self) -> Any:
+        """Return it as a plan says it."""
+        return self.values[0] if self.kind == "fixed" else {self.kind: list(self.values)}
+
+
+def fixed(value: float) -> Draw:
+    return Draw("fixed", (value,))
+
+
+def stream(seed: int, index: int, quantity: str) -> np.random.Generator:
+    """Return the random numbers of one quantity of one sample.
+
+    They depend on the three arguments alone: another quantity in the plan, another order of making
+    the samples or another number of them leaves them as they are.
+
+    Parameters
+    ----------
+    seed : int
+        The plan's.
+    index : int
+        The sample's.
+    quantity : str
+        What is drawn, such as "placement.x_mm".
+
+    Notes
+    -----
+    PCG64 from ``SeedSequence(seed, spawn_key=(index, crc32(quantity)))``.
+    """
+    key = (index, zlib.crc32(quantity.encode("utf-8")))
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))

@@ -1,0 +1,68 @@
+"""Poses and shapes of hands as JSON values, and back, to the last bit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from clradar.hand import JOINT_NAMES, HandPose, HandShape, JointAngles
+
+ANGLES = ("flexion", "abduction", "twist")
+"""The order of a joint's angles wherever they are listed."""
+
+SHAPE_COLUMNS = (
+    "length_m",
+    "breadth_m",
+    *(f"finger_lengths.{digit}" for digit in ("thumb", "index", "middle", "ring", "pinky")),
+    "girth",
+)
+"""A shape as a row of numbers."""
+
+
+def pose_record(pose: HandPose) -> dict[str, Any]:
+    """Return name and angles; joints that are straight are left out."""
+    joints = {
+        joint: [getattr(angles, f"{name}_rad") for name in ANGLES]
+        for joint, angles in pose.joints.items()
+    }
+    return {"name": pose.name, "joints_rad": joints}
+
+
+def pose_of(record: Mapping[str, Any]) -> HandPose:
+    joints = {joint: JointAngles(*angles) for joint, angles in record["joints_rad"].items()}
+    return HandPose(record["name"], joints)
+
+
+def angles_rad(record: Mapping[str, Any]) -> np.ndarray:
+    """Return the angles of all joints, shape (25, 3), radians: `JOINT_NAMES` by `ANGLES`."""
+    found = np.zeros((len(JOINT_NAMES), len(ANGLES)))
+    for joint, angles in record["joints_rad"].items():
+        found[JOINT_NAMES.index(joint)] = angles
+    return found
+
+
+def shape_record(shape: HandShape) -> dict[str, Any]:
+    return {
+        "length_m": shape.length_m,
+        "breadth_m": shape.breadth_m,
+        "finger_lengths": list(shape.finger_lengths),
+        "girth": shape.girth,
+    }
+
+
+def shape_of(record: Mapping[str, Any]) -> HandShape:
+    return HandShape(**{**record, "finger_lengths": tuple(record["finger_lengths"])})
+
+
+def shape_row(record: Mapping[str, Any] | None) -> list[float]:
+    """Return a shape as numbers, in the order of `SHAPE_COLUMNS`; NaN if there is none."""
+    if record is None:
+        return [float("nan")] * len(SHAPE_COLUMNS)
+    return [
+        record["length_m"],
+        record["breadth_m"],
+        *record["finger_lengths"],
+        record["girth"],
+    ]

@@ -1,0 +1,132 @@
+"""A data set for PyTorch. Torch is imported when a sample is asked for, and not before."""
+
+from __future__ import annotations
+
+import os
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.dataset.index import read_index
+from clradar.dataset.layout import FIELDS, LABELS
+from clradar.dataset.plan import PRODUCTS
+from clradar.dataset.stored import opened
+from clradar.errors import ClradarError
+from clradar.model import checks
+
+OPEN_FILES = 8
+"""Shards that a process keeps open."""
+
+SIDES = ("right", "left")
+
+
+class TorchDataset:
+    """Samples as dictionaries of tensors, by number: what `torch.utils.data.DataLoader` takes.
+
+    Parameters
+    ----------
+    folder : path-like
+        What ``clradar dataset`` wrote.
+    names : sequence of str
+        What each sample holds: products that all have one shape ("max_projection", "depth_map",
+        "volume", "capture", "joints"), labels ("alpha", "angles_rad", "center_m", ...), "pose" and
+        "handedness" as numbers (see `poses`; 0 is right, 1 left), and "sample", its number in the
+        plan.
+    transform : callable, optional
+        Called with the dictionary; what it returns is the sample.
+
+    Attributes
+    ----------
+    poses : tuple of str
+        What the numbers of "pose" stand for.
+
+    Raises
+    ------
+    ModelError
+        A name that the data set does not have.
+    MeasurementError
+        The folder is no data set.
+
+    Notes
+    -----
+    It can be sent to the processes of a `DataLoader`, each of which opens files of its own. Depth
+    maps keep their NaN where there is no depth.
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        names: Sequence[str] = ("max_projection", "pose"),
+        transform: Callable[[dict[str, Any]], Any] | None = None,
+    ) -> None:
+        self._index = read_index(folder)
+        plan = self._index.manifest.plan
+        self.poses = tuple(pose.name for pose in plan.poses.poses)
+        self._names, self._transform = tuple(names), transform
+        numbers = [n for n, label in LABELS.items() if label.axes]
+        arrays = [n for n in PRODUCTS if n in plan.output.products and n in FIELDS]
+        known = [*arrays, *numbers, "handedness", "sample"]
+        if plan.poses.kind == "list":
+            known.append("pose")
+        for name in self._names:
+            checks.one_of("TorchDataset: names", name, tuple(known))
+        self._open: OrderedDict[Path, tuple[ExitStack, Any]] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._index)
+
+    def __getitem__(self, position: int) -> Any:
+        """Return the sample at a position, negative ones from the end.
+
+        Raises
+        ------
+        IndexError
+            There is no such position.
+        ClradarError
+            PyTorch is not installed.
+        """
+        try:
+            import torch
+        except ImportError as error:
+            raise ClradarError(f"TorchDataset: expected PyTorch, got {error}") from error
+        at = position + len(self) if position < 0 else position
+        if not 0 <= at < len(self):
+            raise IndexError(f"position {position} of a data set of {len(self)} samples")
+        path, row = self._index.locate(at)
+        file = self._file(path)
+        sample = {name: torch.as_tensor(self._value(file, name, row)) for name in self._names}
+        return sample if self._transform is None else self._transform(sample)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_open": OrderedDict()}
+
+    def close(self) -> None:
+        """Close the files; asking for a sample opens them again."""
+        while self._open:
+            self._open.popitem()[1][0].close()
+
+    def _value(self, file: Any, name: str, row: int) -> Any:
+        if name == "sample":
+            return int(file["entry/labels/sample"][row])
+        if name == "handedness":
+            return SIDES.index(file["entry/labels/handedness"][row].decode())
+        if name == "pose":
+            return self.poses.index(file["entry/labels/pose"][row].decode("utf-8"))
+        spec = FIELDS.get(name)
+        place = f"entry/labels/{name}" if spec is None else f"entry/{spec.group}/{spec.dataset}"
+        return np.asarray(file[place][row])
+
+    def _file(self, path: Path) -> Any:
+        if path in self._open:
+            self._open.move_to_end(path)
+            return self._open[path][1]
+        stack = ExitStack()
+        file = stack.enter_context(opened(path))
+        self._open[path] = (stack, file)
+        if len(self._open) > OPEN_FILES:
+            self._open.popitem(last=False)[1][0].close()
+        return file

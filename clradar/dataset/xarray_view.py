@@ -1,0 +1,202 @@
+"""A data set as an `xarray.Dataset` whose numbers are read when they are asked for."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clradar.dataset.folder import Manifest
+from clradar.dataset.index import Index, read_index
+from clradar.dataset.layout import FIELDS, LABELS, Field
+from clradar.dataset.plan_plain import plan_record
+from clradar.dataset.stored import fields_of, opened
+from clradar.errors import ClradarError
+from measurement_io.provenance import to_json
+
+if TYPE_CHECKING:
+    import xarray
+
+CHUNK_BYTES = 2**25
+"""About what one task of Dask reads."""
+
+NAMES = ("pose", "handedness", "rig")
+"""Labels that become coordinates of the samples."""
+
+INSTALL = "pip install 'clradar[dataset]'"
+
+
+class MissingPackage(ClradarError, ImportError):
+    """A package that only data sets need is not installed."""
+
+
+def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
+    """Return a data set with its axes, units and labels.
+
+    Parameters
+    ----------
+    folder : path-like
+        What ``clradar dataset`` wrote. Of one that is not complete, what is there.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `sample`, whose coordinate is the number in the plan: the products, each label, and
+        `pose`, `handedness` and `rig` as further coordinates. Everything but these is a Dask array
+        that reads its shard when it is computed. Meshes are one after the other along an axis of
+        their own: those of sample i begin at ``mesh_vertices_first[i]`` and end before
+        ``mesh_vertices_end[i]``; faces index the vertices of their own mesh. In `attrs`: `plan` and
+        `made_with` as JSON, `complete`, `set_aside`.
+
+    Raises
+    ------
+    MeasurementError
+        It is no data set, damaged, or has no closed shard.
+    MissingPackage
+        xarray or Dask is not installed.
+    """
+    try:
+        import dask.array  # noqa: F401 - asked for here, so that the error says what to install
+        import xarray
+    except ImportError as error:
+        raise MissingPackage(
+            f"open_dataset: expected xarray and dask, got {error}; {INSTALL}"
+        ) from (error)
+    index = read_index(folder)
+    shards = _Shards(index)
+    with opened(index.files[0]) as file:
+        coordinates = _coordinates(file)
+        names = fields_of(file)
+        labels = [name for name in LABELS if name not in NAMES]
+        variables: dict[str, Any] = {}
+        for name in names:
+            spec = FIELDS[name]
+            if spec.ragged:
+                variables |= shards.ragged(name, spec)
+            else:
+                place = f"entry/{spec.group}/{spec.dataset}"
+                variables[name] = shards.stacked(file, place, spec.axes)
+        for name in labels:
+            variables[name] = shards.stacked(file, f"entry/labels/{name}", LABELS[name].axes)
+    coordinates["sample"] = ("sample", shards.whole("entry/labels/sample"))
+    for name in NAMES:
+        texts = shards.whole(f"entry/labels/{name}")
+        coordinates[name] = ("sample", np.char.decode(texts, "utf-8"))
+    return xarray.Dataset(variables, coordinates, _attributes(index.manifest))
+
+
+def _coordinates(file: Any) -> dict[str, Any]:
+    """Return the axes that samples share, by name; positions of antennas along tx and rx."""
+    found = {}
+    for name, axis in file["entry/axes"].items():
+        values = axis[:]
+        if values.dtype.kind == "S":
+            values = np.char.decode(values, "utf-8")
+        dims = (name[:2], "coordinate") if name in ("tx_m", "rx_m") else (name,)
+        found[name] = (dims, values, _units(axis))
+    return found
+
+
+def _units(dataset: Any) -> dict[str, str]:
+    return {key: str(dataset.attrs[key]) for key in ("units", "long_name") if key in dataset.attrs}
+
+
+def _attributes(manifest: Manifest) -> dict[str, Any]:
+    return {
+        "complete": int(manifest.complete),
+        "set_aside": len(manifest.aside),
+        "plan": to_json("plan", plan_record(manifest.plan)),
+        "made_with": to_json("made_with", manifest.made_with),
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _Lazy:
+    """One array of one shard; opens the file for each reading, so it can go to any process."""
+
+    path: Path
+    place: str
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    ndim: int
+
+    def __getitem__(self, key: Any) -> np.ndarray:
+        with opened(self.path) as file:
+            found: np.ndarray = file[self.place][key]
+        return found.astype(self.dtype, copy=False)
+
+
+class _Shards:
+    """The same array of every shard, one after the other."""
+
+    def __init__(self, index: Index) -> None:
+        self._index = index
+
+    def whole(self, place: str) -> np.ndarray:
+        """Return a small array, read now."""
+        found = []
+        for path in self._index.files:
+            with opened(path) as file:
+                found.append(file[place][:])
+        return np.concatenate(found)
+
+    def stacked(self, file: Any, place: str, axes: Sequence[str]) -> Any:
+        """Return an array with one row per sample as a variable; `file` is any of the shards."""
+        import xarray
+
+        model = file[place]
+        dtype = model.dtype if model.dtype.kind != "S" else self._text_type(place)
+        rows = [(count, model.shape[1:]) for count in self._index.counts]
+        array = self._joined(place, rows, dtype)
+        return xarray.Variable(("sample", *axes), array, _units(model))
+
+    def _text_type(self, place: str) -> np.dtype:
+        """Return the type of texts that are as long as the longest of any shard."""
+        sizes = []
+        for path in self._index.files:
+            with opened(path) as file:
+                sizes.append(file[place].dtype.itemsize)
+        return np.dtype(f"S{max(sizes)}")
+
+    def ragged(self, name: str, spec: Field) -> dict[str, Any]:
+        """Return an array whose rows belong to samples, and where those of each sample are."""
+        import xarray
+
+        place = f"entry/{spec.group}/{spec.dataset}"
+        begins, ends, rows, offset = [], [], [], 0
+        for path in self._index.files:
+            with opened(path) as file:
+                first = file[f"{place}_first"][:]
+                model = file[place]
+                rest, dtype, units = model.shape[1:], model.dtype, _units(model)
+            begins.append(first[:-1] + offset)
+            ends.append(first[1:] + offset)
+            rows.append((int(first[-1]), rest))
+            offset += int(first[-1])
+        row = f"{name}_row"
+        return {
+            name: xarray.Variable((row, *spec.axes), self._joined(place, rows, dtype), units),
+            f"{name}_first": xarray.Variable(("sample",), np.concatenate(begins)),
+            f"{name}_end": xarray.Variable(("sample",), np.concatenate(ends)),
+        }
+
+    def _joined(self, place: str, rows: list[tuple[int, tuple[int, ...]]], dtype: Any) -> Any:
+        import dask.array
+
+        pieces = []
+        for path, sha256, (count, rest) in zip(
+            self._index.files, self._index.sha256, rows, strict=True
+        ):
+            row_bytes = max(1, int(np.prod(rest)) * dtype.itemsize)
+            step = max(1, min(count, CHUNK_BYTES // row_bytes))
+            shape = (count, *rest)
+            lazy = _Lazy(path, place, shape, np.dtype(dtype), len(shape))
+            name = f"{place}-{sha256}"
+            pieces.append(
+                dask.array.from_array(lazy, chunks=(step, *rest), name=name, asarray=False)
+            )
+        return pieces[0] if len(pieces) == 1 else dask.array.concatenate(pieces)

@@ -1,0 +1,293 @@
+"""What joint positions alone say of a hand: which one it is, its unit, and the axes of its bones.
+
+The canonical frame is that of `clradar.hand`: wrist at the origin, middle knuckle and fingers
+towards +y, palm towards -z, thumb towards -x; a left hand is turned into a right one by a mirror.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+from types import MappingProxyType
+
+import numpy as np
+
+from clradar.errors import RigError
+from clradar.hand import HandPose, pose_by_name, posed_skeleton
+from clradar.hand.joints import FINGERS, JOINT_INDEX, JOINT_NAMES
+
+WRIST = JOINT_INDEX["wrist"]
+CHAINS: tuple[tuple[int, ...], ...] = tuple(
+    tuple(i for name, i in JOINT_INDEX.items() if name.startswith(f"{digit}-"))
+    for digit in ("thumb", *FINGERS)
+)
+"""Joints of the thumb and the four fingers, from metacarpal to tip."""
+
+METACARPALS = tuple(chain[0] for chain in CHAINS[1:])
+TIPS = tuple(chain[-1] for chain in CHAINS)
+OPTIONAL = frozenset((*METACARPALS, *TIPS))
+"""Joints that a rig can do without: tips, and the metacarpals of the four fingers."""
+
+UNITS_M = MappingProxyType({"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 25.4e-3, "100 m": 100.0})
+"""Units among which one is chosen by the hand's size; the last is that of files in which a scale of
+0.01 was applied twice."""
+
+REACH_M = (0.10, 0.25)
+"""Wrist to the last joint of the middle finger, along the joints. The hand of this package has
+166 mm; adult means of hand length are 181 and 194 mm, with the last bone (Greiner 1991). Wider, and
+a hand of 10 inches could be one of 10 cm."""
+
+_GIVEN_REACH_M = (0.05, 0.40)
+"""The same, where the user says the unit."""
+
+# Sum of two sines: the mean bend of the fingers and the thumb's place in front of the palm.
+_CLEAR_CURL = 0.1
+
+# From this on a digit's own bones say about which axis it bends, unless that is an odd one.
+_CLEAR_BEND = np.sin(np.deg2rad(20.0))
+_SAME_AXIS = np.cos(np.deg2rad(45.0))
+
+# Two bones of a digit that lie along the same axis of their own frames: a convention of the rig.
+_SAME_LOCAL = np.cos(np.deg2rad(3.0))
+
+
+def parents_of(known: np.ndarray) -> np.ndarray:
+    """Return for every joint (25,) the one before it that the rig has; the wrist is its own."""
+    parents = np.zeros(len(JOINT_NAMES), dtype=np.int64)
+    for chain in CHAINS:
+        before = WRIST
+        for joint in chain:
+            parents[joint] = before
+            before = joint if known[joint] else before
+    return parents
+
+
+def check_joints(label: str, joints: np.ndarray) -> None:
+    """Raise `RigError` unless the joints (25, 3) are those of a hand: bones, and knuckles in order.
+
+    Parameters
+    ----------
+    label : str
+        Name of the file.
+    joints : ndarray, shape (25, 3), float64
+        NaN where the rig has none; in any unit.
+    """
+    known = np.isfinite(joints).all(axis=1)
+    for joint, parent in enumerate(parents_of(known)):
+        # A finger's metacarpal may begin at the wrist: some rigs let all of them begin there.
+        if not known[joint] or joint == WRIST or joint in METACARPALS:
+            continue
+        if not np.linalg.norm(joints[joint] - joints[parent]) > 1e-6 * reach(joints):
+            raise RigError(
+                f"{label}: expected joints apart from each other, got '{JOINT_NAMES[joint]}' and "
+                f"'{JOINT_NAMES[parent]}' at the same place"
+            )
+    wrist, index, middle, pinky = joints[
+        [WRIST, *(chain[1] for chain in (CHAINS[1], CHAINS[2], CHAINS[4]))]
+    ]
+    normal = np.cross(pinky - index, middle - wrist)
+    if not np.linalg.norm(normal) > 1e-2 * reach(joints) ** 2:
+        raise RigError(f"{label}: expected knuckles side by side, got all in line with the wrist")
+    across = _axes(joints)[:, 0]
+    places = [float(joints[chain[1]] @ across) for chain in CHAINS[1:]]
+    if not all(a < b for a, b in pairwise(places)):
+        order = ", ".join(FINGERS[i] for i in np.argsort(places))
+        raise RigError(
+            f"{label}: expected the knuckles in the order {', '.join(FINGERS)}, got {order}: "
+            "are the joints named rightly?"
+        )
+
+
+def reach(joints: np.ndarray) -> float:
+    """Return the length from the wrist along the middle finger's joints to the last before the tip.
+
+    The metacarpal's own joint is left out, so that it does not matter whether a rig has it.
+    """
+    chain = joints[[WRIST, *CHAINS[2][1:-1]]]
+    return float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum())
+
+
+def unit_of(label: str, joints: np.ndarray, given: str | float | None) -> float:
+    """Return metres per unit: the given one, or that of `UNITS_M` which makes it a hand's size.
+
+    Raises
+    ------
+    RigError
+        No unit makes it a hand, or the given one makes it none.
+    """
+    length = reach(joints)
+    fitting = [u for u, unit_m in UNITS_M.items() if REACH_M[0] <= length * unit_m <= REACH_M[1]]
+    what = "wrist to the last joint of the middle finger"
+    if given is None:
+        if not fitting:
+            low, high = (1e3 * r for r in REACH_M)
+            raise RigError(
+                f"{label}: expected a hand with {low:g} to {high:g} mm from {what} in one of the "
+                f"units {', '.join(UNITS_M)}, got {length:.4g} units; say the unit "
+                "(--rig-unit, or metres per unit)"
+            )
+        return UNITS_M[fitting[0]]
+    unit_m = UNITS_M[given] if isinstance(given, str) else given
+    low, high = _GIVEN_REACH_M
+    if not low <= length * unit_m <= high:
+        hint = f"; did you mean {fitting[0]}?" if fitting else ""
+        raise RigError(
+            f"{label}: expected {1e3 * low:g} to {1e3 * high:g} mm from {what}, got "
+            f"{1e3 * length * unit_m:.4g} mm with a unit of {unit_m:g} m{hint}"
+        )
+    return unit_m
+
+
+def side_of(joints: np.ndarray) -> str | None:
+    """Return "right" or "left" by where the fingers bend to and the thumb stands; None if neither.
+
+    A hand that is perfectly flat, with the thumb in its plane, is its own mirror image.
+    """
+    across, along, _ = _axes(joints).T
+    # For a right hand, whose index finger is at -x, this looks out of the back of the hand.
+    back = np.cross(across, along)
+    curl = np.mean([_unit(joints[d[-2]] - joints[d[1]]) @ back for d in CHAINS[1:]])
+    thumb = _unit(joints[CHAINS[0][2]] - joints[WRIST]) @ back
+    towards_palm = -float(curl + thumb)
+    if abs(towards_palm) < _CLEAR_CURL:
+        return None
+    return "right" if towards_palm > 0 else "left"
+
+
+def canonical_axes(joints: np.ndarray, side: str) -> np.ndarray:
+    """Return the matrix (3, 3) that turns offsets from the wrist into the canonical frame.
+
+    Parameters
+    ----------
+    joints : ndarray, shape (25, 3)
+        At least wrist and knuckles.
+    side : "right" or "left"
+        For a left hand the matrix holds a mirror.
+    """
+    mirror = np.diag([-1.0 if side == "left" else 1.0, 1.0, 1.0])
+    reference = _reference()[0]
+    # The same rule on the hand of this package is off its axes by a constant, which is taken back.
+    return _axes(reference) @ _axes(joints @ mirror).T @ mirror
+
+
+def rest_frames(
+    joints_m: np.ndarray, local_axes: np.ndarray, flesh_m: dict[int, np.ndarray]
+) -> np.ndarray:
+    """Return the axes of every bone of a rig at rest, as `Skeleton.frames` has them.
+
+    Parameters
+    ----------
+    joints_m : ndarray, shape (25, 3), float64, metres
+        In the canonical frame; NaN where the rig has none.
+    local_axes : ndarray, shape (25, 3, 3), float64
+        Rotation of the rig's own coordinates at each joint, in the canonical frame.
+    flesh_m : dict of int to ndarray, shape (3,), metres
+        Mean place of what moves with the last bone of each digit, for digits without a tip.
+
+    Returns
+    -------
+    ndarray, shape (25, 3, 3), float64
+        Columns: bending axis, along the bone, dorsal.
+
+    Notes
+    -----
+    The palm, with the finger metacarpals, is one rigid piece at rest: where a rig lets metacarpals
+    begin says nothing of how they are bent. A finger's axes are those that the joint angles of
+    `clradar.hand` lead to; where a digit is bent by more than 20 degrees in all, and within 45
+    degrees of that axis, it bends about the normal of its own plane.
+    """
+    known = np.isfinite(joints_m).all(axis=1)
+    frames = _reference()[1].copy()
+    for chain in CHAINS:
+        bones = [joint for joint in chain[:-1] if joint not in METACARPALS]
+        along = [_unit(joints_m[b] - joints_m[a]) for a, b in pairwise(bones)]
+        if known[chain[-1]]:
+            along.append(_unit(joints_m[chain[-1]] - joints_m[bones[-1]]))
+        else:
+            along.append(_last_bone(bones, along, local_axes, flesh_m.get(bones[-1]), joints_m))
+        axis = _thumb_axis(along[0]) if chain is CHAINS[0] else _finger_axis(bones[0], along[0])
+        bend = sum(np.cross(b, a) for a, b in pairwise(along))
+        size = float(np.linalg.norm(bend))
+        if size > _CLEAR_BEND and abs(bend @ axis) > _SAME_AXIS * size:
+            axis = np.sign(bend @ axis) * bend / size
+        for joint, direction in zip(bones, along, strict=True):
+            frames[joint] = _frame(axis, direction)
+        frames[chain[-1]] = frames[bones[-1]]
+    return frames
+
+
+def _last_bone(
+    bones: list[int],
+    along: list[np.ndarray],
+    local_axes: np.ndarray,
+    flesh_m: np.ndarray | None,
+    joints_m: np.ndarray,
+) -> np.ndarray:
+    """Return the direction of a digit's last bone, whose end the rig does not have.
+
+    Where the bones before it lie along the same axis of the rig's own coordinates, this one does;
+    otherwise it points to the middle of its flesh; without flesh it goes on straight.
+    """
+    first, second = (local_axes[b].T @ a for b, a in zip(bones[-3:-1], along[-2:], strict=True))
+    if first @ second > _SAME_LOCAL:
+        return _unit(local_axes[bones[-1]] @ (first + second))
+    if flesh_m is not None:
+        return _unit(flesh_m - joints_m[bones[-1]])
+    return along[-1]
+
+
+def _finger_axis(joint: int, along: np.ndarray) -> np.ndarray:
+    """Return the axis about which a finger bends whose first bone has this direction.
+
+    It solves along = R Rz(abduction) Rx(-flexion) y for the two angles, R being the frame of that
+    finger with all angles 0.
+    """
+    base = _reference()[1][joint]
+    x, y, _ = base.T @ along
+    if np.hypot(x, y) < np.sin(np.deg2rad(5.0)):  # bent by a right angle: any spread looks the same
+        x, y = 0.0, 1.0
+    spread = np.arctan2(-x, y)
+    return base @ np.array([np.cos(spread), np.sin(spread), 0.0])
+
+
+def _thumb_axis(along: np.ndarray) -> np.ndarray:
+    """Return the bending axis of a thumb: that of an open hand's, carried along the shortest way.
+
+    Where a straight thumb's nail looks to cannot be seen from its joints.
+    """
+    frame = _reference()[2]
+    cross, cosine = np.cross(frame[:, 1], along), float(frame[:, 1] @ along)
+    axis = frame[:, 0]
+    if cosine < -0.99:
+        return axis
+    # Rodrigues' formula with the sine inside the cross product.
+    return axis + np.cross(cross, axis) + np.cross(cross, np.cross(cross, axis)) / (1.0 + cosine)
+
+
+def _frame(axis: np.ndarray, along: np.ndarray) -> np.ndarray:
+    side = _unit(axis - (axis @ along) * along)
+    return np.stack([side, along, np.cross(side, along)], axis=1)
+
+
+def _axes(joints: np.ndarray) -> np.ndarray:
+    """Return axes (3, 3) as columns: from index to little knuckle, to the middle knuckle, normal.
+
+    Of a right hand these are nearly the canonical frame's.
+    """
+    index, middle, _, pinky = (joints[chain[1]] for chain in CHAINS[1:])
+    return _frame(pinky - index, _unit(middle - joints[WRIST]))
+
+
+@cache
+def _reference() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return joints and frames of the hand with all angles 0, and the thumb's frame when flat."""
+    straight = posed_skeleton(HandPose("straight"))
+    thumb = posed_skeleton(pose_by_name("flat")).frames[CHAINS[0][0]]
+    return straight.joints_m, straight.frames, thumb
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    norm = float(np.linalg.norm(vector))
+    if not norm > 0.0:
+        raise RigError("expected bones with a length, got two joints at the same place")
+    return vector / norm

@@ -1,0 +1,241 @@
+"""A rig from a skinned glTF file: joints, skin, and what the two say of the hand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.hand import JOINT_NAMES
+from clradar.rigs.anatomy import CHAINS, WRIST, check_joints, side_of
+from clradar.rigs.failures import fail, index, reading
+from clradar.rigs.gltf_file import EXPECTED, GltfFile
+from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
+from clradar.rigs.nodes import NodeTree, node_tree
+from clradar.rigs.rig import Rig
+from clradar.rigs.rigging import Surface, rig_of
+
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_MAX_SETS = 16
+
+
+def gltf_rig(
+    path: Path,
+    content: bytes,
+    mapping: Mapping[str, str | int] | None,
+    mapping_name: str,
+    unit: str | float | None,
+    handedness: str | None,
+) -> Rig:
+    """Return the rig of a glTF file's content.
+
+    Rest is the pose in which the file's nodes stand, which is what a viewer shows; where it is not
+    the one of the inverse bind matrices, the skin is still that of the bind pose.
+    """
+    file = GltfFile(path, content)
+    # Numbers that overflow are looked for where they would be used.
+    with reading(path, EXPECTED), np.errstate(over="ignore", invalid="ignore"):
+        document = file.document
+        tree = node_tree(path, document.nodes)
+        if not document.meshes:
+            fail(path, "a mesh with a skin", "no mesh")
+        skinned = [i for i, n in enumerate(document.nodes) if None not in (n.mesh, n.skin)]
+        if not skinned or not document.skins:
+            fail(path, "a mesh with a skin", "a mesh that no joint moves (not skinned)")
+        if mapping is not None:
+            hands = [hand_by_mapping(path, tree, mapping, mapping_name)]
+        else:
+            hands = hands_by_name(path, tree, _joints_of(path, tree, document.skins))
+        hand, joints, side = _chosen(path, tree, hands, handedness)
+        surface, ignored = _surface(file, tree, hand)
+        local = np.full((len(JOINT_NAMES), 3, 3), np.nan)
+        for joint, node in hand.nodes.items():
+            local[joint] = _rotation_of(tree.world[node][:3, :3])
+        return rig_of(str(path), joints, local, surface, side, unit, ignored=ignored)
+
+
+def _joints_of(path: Path, tree: NodeTree, skins: list[Any]) -> set[int]:
+    """Return the joints of all skins."""
+    count = len(tree.names)
+    return {index(path, "joints of a skin", j, count) for skin in skins for j in skin.joints}
+
+
+def _chosen(
+    path: Path, tree: NodeTree, hands: list[FoundJoints], handedness: str | None
+) -> tuple[FoundJoints, np.ndarray, str]:
+    """Return the one hand that is meant, its joints (25, 3), and its side."""
+    sided = []
+    for hand in hands:
+        joints = np.full((len(JOINT_NAMES), 3), np.nan)
+        for joint, node in hand.nodes.items():
+            joints[joint] = tree.world[node][:3, 3]
+        check_joints(str(path), joints)
+        sided.append((hand, joints, _side(path, hand, joints, handedness)))
+    fitting = [entry for entry in sided if handedness in (None, entry[2])]
+    if len(fitting) > 1:
+        fail(path, "one hand, or one of each side and --rig-hand", f"{len(fitting)} hands")
+    if not fitting:
+        fail(path, f"a {handedness} hand", f"a {sided[0][2]} one")
+    return fitting[0]
+
+
+def _side(path: Path, hand: FoundJoints, joints: np.ndarray, handedness: str | None) -> str:
+    seen = side_of(joints)
+    if hand.side is not None and seen not in (None, hand.side):
+        fail(
+            path,
+            f"a {hand.side} hand, as its joints are called",
+            f"a {seen} one by the place of its thumb and the bend of its fingers",
+        )
+    side = seen or hand.side or handedness or side_in(path.stem)
+    if side is None:
+        fail(
+            path,
+            "a hand that is seen to be a left or a right one, or names that say so, or --rig-hand",
+            "a flat one with its thumb in the plane of the palm",
+        )
+    return side
+
+
+def _surface(file: GltfFile, tree: NodeTree, hand: FoundJoints) -> tuple[Surface, tuple[str, ...]]:
+    """Return what is to be skinned, in the scene's coordinates, and the names of what is not."""
+    # A tip is the end of the last bone and moves with it.
+    last = {chain[-1]: chain[-2] for chain in CHAINS}
+    nearest = tree.nearest_of({node: last.get(joint, joint) for joint, node in hand.nodes.items()})
+    moved_by = [WRIST if joint is None else joint for joint in nearest]
+    pieces, ignored = [], []
+    document, path = file.document, file.path
+    for at, node in enumerate(document.nodes):
+        if node.mesh is None:
+            continue
+        mesh = document.meshes[index(path, f"mesh of node {at}", node.mesh, len(document.meshes))]
+        name = str(mesh.name or tree.names[at])
+        if node.skin is None:
+            if nearest[at] is None:
+                ignored.append(name)
+                continue
+            bones, matrices = np.array([at]), tree.world[[at]]
+        else:
+            bones, matrices = _skin(file, tree, node.skin)
+            if all(nearest[bone] is None for bone in bones):
+                ignored.append(name)
+                continue
+        joints = np.array([moved_by[bone] for bone in bones])
+        for number, primitive in enumerate(mesh.primitives):
+            what = f"mesh '{name}', primitive {number}"
+            piece = _piece(file, what, primitive, joints, matrices, node.skin is not None)
+            if piece is not None:
+                pieces.append(piece)
+    if not pieces:
+        fail(path, "a mesh with triangles that the hand's joints move", "none")
+    return Surface.joined(pieces), tuple(ignored)
+
+
+def _skin(file: GltfFile, tree: NodeTree, skin: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return a skin's nodes, and for each the matrix from the mesh to the scene at rest."""
+    skins, path = file.document.skins, file.path
+    entry = skins[index(path, "skin of a node", skin, len(skins))]
+    bones = np.array([index(path, "joints of a skin", j, len(tree.names)) for j in entry.joints])
+    if not len(bones):
+        fail(path, "a skin with joints", "none")
+    world = tree.world[bones]
+    if entry.inverseBindMatrices is None:
+        return bones, world
+    columns = file.array("inverseBindMatrices", entry.inverseBindMatrices)
+    if columns.shape[1] != 16 or len(columns) < len(bones) or columns.dtype.kind != "f":
+        fail(path, f"{len(bones)} inverse bind matrices of floats", f"shape {columns.shape}")
+    inverse = columns[: len(bones)].reshape(-1, 4, 4).swapaxes(1, 2).astype(np.float64)
+    if not np.isfinite(inverse).all():
+        fail(path, "finite inverse bind matrices", "NaN or infinite ones")
+    return bones, world @ inverse
+
+
+def _piece(
+    file: GltfFile,
+    what: str,
+    primitive: Any,
+    joint_of_bone: np.ndarray,
+    matrices: np.ndarray,
+    skinned: bool,
+) -> Surface | None:
+    """Return one primitive's triangles with their influences; None for points and lines."""
+    mode = _TRIANGLES if primitive.mode is None else primitive.mode
+    if mode not in (_TRIANGLES, _STRIP, _FAN):
+        return None
+    attributes, path = vars(primitive.attributes), file.path
+    if attributes.get("POSITION") is None:
+        fail(path, f"{what}: positions", "none")
+    positions = file.array(f"{what}: POSITION", attributes["POSITION"]).astype(np.float64)
+    if positions.shape[1] != 3 or not np.isfinite(positions).all():
+        fail(path, f"{what}: finite positions with 3 coordinates", "NaN, infinite or other ones")
+    if primitive.indices is None:
+        corners = np.arange(len(positions))
+    else:
+        raw = file.array(f"{what}: indices", primitive.indices)
+        if raw.dtype.kind != "u" or raw.shape[1] != 1:
+            fail(path, f"{what}: indices that are unsigned integers", raw.dtype)
+        corners = raw[:, 0].astype(np.int64)
+    if len(corners) and int(corners.max()) >= len(positions):
+        fail(path, f"{what}: indices below {len(positions)}", int(corners.max()))
+    faces = _triangles(path, what, corners, mode)
+    if not len(faces):
+        return None
+    if skinned:
+        bones, weights = _weights(file, what, attributes, len(positions))
+    else:
+        bones, weights = np.zeros((len(positions), 1), np.int64), np.ones((len(positions), 1))
+    moving = weights != 0
+    if int(bones[moving].max(initial=0)) >= len(matrices):
+        fail(path, f"{what}: JOINTS below {len(matrices)}", int(bones[moving].max()))
+    vertex, column = np.nonzero(moving)
+    bone, weight = bones[vertex, column], weights[vertex, column]
+    at = np.einsum("nij,nj->ni", matrices[bone][:, :3, :3], positions[vertex])
+    points = at + matrices[bone][:, :3, 3]
+    return Surface.grouped(
+        path, what, faces, len(positions), vertex, joint_of_bone[bone], weight, points
+    )
+
+
+def _weights(
+    file: GltfFile, what: str, attributes: dict[str, Any], n_vertices: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return bones and weights (V, 4 k) of all k sets of a primitive."""
+    bones, weights = [], []
+    for number in range(_MAX_SETS):
+        names = (f"JOINTS_{number}", f"WEIGHTS_{number}")
+        given = [attributes.get(name) is not None for name in names]
+        if not any(given):
+            break
+        if not all(given):
+            fail(file.path, f"{what}: {names[0]} and {names[1]}", "one of the two")
+        bone, weight = (file.array(f"{what}: {name}", attributes[name]) for name in names)
+        shape = (n_vertices, 4)
+        if bone.shape != shape or weight.shape != shape or bone.dtype.kind != "u":
+            found = f"{bone.dtype} {bone.shape} and {weight.shape}"
+            fail(file.path, f"{what}: 4 joints and weights per vertex, shape {shape}", found)
+        bones.append(bone.astype(np.int64))
+        weights.append(weight.astype(np.float64))
+    if not bones:
+        fail(file.path, f"{what}: JOINTS_0 and WEIGHTS_0", "none, though its node has a skin")
+    return np.concatenate(bones, axis=1), np.concatenate(weights, axis=1)
+
+
+def _triangles(path: Path, what: str, corners: np.ndarray, mode: int) -> np.ndarray:
+    if mode == _TRIANGLES:
+        if len(corners) % 3:
+            fail(path, f"{what}: three indices per triangle", f"{len(corners)}")
+        return corners.reshape(-1, 3)
+    n = max(len(corners) - 2, 0)
+    at = np.arange(n)
+    if mode == _FAN:
+        return np.stack([corners[np.zeros(n, np.int64)], corners[at + 1], corners[at + 2]], axis=1)
+    odd = at % 2  # every second triangle of a strip is turned over
+    return np.stack([corners[at], corners[at + 1 + odd], corners[at + 2 - odd]], axis=1)
+
+
+def _rotation_of(matrix: np.ndarray) -> np.ndarray:
+    """Return the directions of a node's axes, without its scale."""
+    norm = np.linalg.norm(matrix, axis=0)
+    return matrix / np.where(norm > 0.0, norm, 1.0)

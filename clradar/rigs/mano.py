@@ -1,0 +1,264 @@
+"""MANO hand models: Romero, Tzionas and Black, "Embodied Hands", ACM Trans. Graphics 36(6), 2017.
+
+The licence of the model files forbids passing them on; users bring their own. Equations are those
+of the paper and of SMPL (Loper et al., 2015), on which it builds:
+
+    T(beta, theta) = template + shapedirs beta + posedirs (R(theta) - I)
+    J(beta) = J_regressor (template + shapedirs beta)
+
+and linear blend skinning about the joints J with the weights of the file.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
+from clradar.model import checks
+from clradar.rigs.anatomy import check_joints, side_of
+from clradar.rigs.failures import MAX_FILE_BYTES, fail, reading
+from clradar.rigs.names import side_in
+from clradar.rigs.plain_pickle import UnsafePickle, as_array, load
+from clradar.rigs.rig import PoseBlend, Rig
+from clradar.rigs.rigging import Surface, rig_of
+
+EXPECTED = "a MANO hand model (.pkl or .npz)"
+
+_FINGER_JOINTS = ("phalanx-proximal", "phalanx-intermediate", "phalanx-distal")
+_THUMB_JOINTS = ("metacarpal", "phalanx-proximal", "phalanx-distal")
+MANO_JOINTS: tuple[int, ...] = (
+    JOINT_INDEX["wrist"],
+    *(
+        JOINT_INDEX[f"{f}-finger-{b}"]
+        for f in ("index", "middle", "pinky", "ring")
+        for b in _FINGER_JOINTS
+    ),
+    *(JOINT_INDEX[f"thumb-{bone}"] for bone in _THUMB_JOINTS),
+)
+"""The model's 16 joints, in its order, as places in `JOINT_NAMES`."""
+
+_PARENTS = (-1, 0, 1, 2, 0, 4, 5, 0, 7, 8, 0, 10, 11, 0, 13, 14)
+
+N_VERTICES = 778
+TIP_VERTICES = {"thumb": 744, "index": 320, "middle": 443, "ring": 554, "pinky": 671}
+"""Vertices of the 778 that stand for fingertips, as in the package smplx (vertex_ids.py)."""
+
+_N_ANGLES = 3 * (len(MANO_JOINTS) - 1)
+
+
+def mano_rig(
+    path: Path,
+    content: bytes,
+    betas: Sequence[float] | None,
+    unit: str | float | None,
+    handedness: str | None,
+) -> Rig:
+    """Return the rig of a MANO model of a shape."""
+    with reading(path, EXPECTED):
+        try:
+            model = _npz(path, content) if content.startswith(b"PK") else _pickled(path, content)
+            fields = _fields(path, model)
+        except UnsafePickle as error:
+            fail(path, EXPECTED, f"a pickle with {error}")
+        shapedirs = fields["shapedirs"]
+        amounts = checks.read_only(
+            "betas", [] if betas is None else betas, np.float64, (None,), allow_empty=True
+        )
+        if len(amounts) > shapedirs.shape[2]:
+            checks.fail("betas", f"at most {shapedirs.shape[2]} numbers", f"{len(amounts)}")
+        shaped = fields["v_template"] + shapedirs[:, :, : len(amounts)] @ amounts
+        return _rig(path, fields, shaped, unit, handedness)
+
+
+def _rig(
+    path: Path,
+    fields: dict[str, np.ndarray],
+    shaped: np.ndarray,
+    unit: str | float | None,
+    handedness: str | None,
+) -> Rig:
+    joints = np.full((len(JOINT_NAMES), 3), np.nan)
+    joints[list(MANO_JOINTS)] = fields["J_regressor"] @ shaped
+    if len(shaped) == N_VERTICES:
+        for finger, vertex in TIP_VERTICES.items():
+            name = "thumb-tip" if finger == "thumb" else f"{finger}-finger-tip"
+            joints[JOINT_INDEX[name]] = shaped[vertex]
+    check_joints(str(path), joints)
+    seen, named = side_of(joints), side_in(path.stem)
+    if handedness is not None and seen not in (None, handedness):
+        fail(path, f"a {handedness} hand", f"a {seen} one")
+    side = handedness or seen or named
+    if side is None:
+        fail(path, "a model that is seen to be a left or a right hand, or --rig-hand", "neither")
+    weights = fields["weights"]
+    rows = np.argwhere(weights)
+    surface = Surface.grouped(
+        path, "weights", fields["f"], len(shaped), rows[:, 0],
+        np.array(MANO_JOINTS)[rows[:, 1]], weights[rows[:, 0], rows[:, 1]], shaped[rows[:, 0]],
+    )  # fmt: skip
+    local = np.broadcast_to(np.eye(3), (len(JOINT_NAMES), 3, 3))
+    return rig_of(str(path), joints, local, surface, side, unit, blend=_blend(fields))
+
+
+def _pickled(path: Path, content: bytes) -> dict[str, np.ndarray]:
+    model = load(content)
+    if not isinstance(model, dict):
+        fail(path, EXPECTED, f"a pickle of {type(model).__name__}")
+    wanted = (*_SHAPES, *_OPTIONAL)
+    return {name: as_array(model[name]) for name in wanted if name in model}
+
+
+def _npz(path: Path, content: bytes) -> dict[str, np.ndarray]:
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        sizes = [entry.file_size for entry in archive.infolist()]
+        if sum(sizes) > MAX_FILE_BYTES:
+            fail(path, f"an archive of at most {MAX_FILE_BYTES} bytes", f"{sum(sizes)}")
+    model = {}
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        for name in (*_SHAPES, *_OPTIONAL):
+            if name not in arrays:
+                continue
+            try:
+                model[name] = arrays[name]
+            except ValueError as error:
+                fail(path, f"an array '{name}' of numbers", error)
+    return model
+
+
+_SHAPES = {
+    "v_template": "(V, 3)",
+    "shapedirs": "(V, 3, B)",
+    "posedirs": f"(V, 3, {3 * _N_ANGLES})",
+    "J_regressor": f"({len(MANO_JOINTS)}, V)",
+    "kintree_table": f"(2, {len(MANO_JOINTS)})",
+    "weights": f"(V, {len(MANO_JOINTS)})",
+    "f": "(F, 3)",
+}
+_OPTIONAL = {"hands_mean": f"({_N_ANGLES},)", "hands_components": f"(N, {_N_ANGLES})"}
+
+
+def _fields(path: Path, model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the model's arrays, checked; what is optional and missing is zeros."""
+    missing = [name for name in _SHAPES if name not in model]
+    if missing:
+        fail(path, f"{EXPECTED}, with '{missing[0]}'", f"only {sorted(model)}")
+    sizes: dict[str, int] = {}
+    fields = {}
+    for name, text in {**_SHAPES, **_OPTIONAL}.items():
+        if name not in model:
+            continue
+        array, axes = model[name], text.strip("(),").split(", ")
+        fits = array.ndim == len(axes) and array.dtype.kind in "iuf" and array.size > 0
+        for axis, n in zip(axes, array.shape, strict=False):
+            size = int(axis) if axis.isdecimal() else sizes.setdefault(axis, n)
+            fits = fits and n == size
+        if not fits:
+            known = ", ".join(f"{k} = {v}" for k, v in sizes.items())
+            fail(path, f"'{name}' of shape {text} with {known}", f"{array.dtype} {array.shape}")
+        if not np.isfinite(array).all():
+            fail(path, f"finite numbers in '{name}'", "NaN or infinite ones")
+        fields[name] = array.astype(np.int64 if name in ("f", "kintree_table") else np.float64)
+    faces, tree = fields["f"], fields["kintree_table"]
+    if faces.min() < 0 or faces.max() >= sizes["V"]:
+        fail(path, f"faces with vertices below {sizes['V']}", f"[{faces.min()}, {faces.max()}]")
+    # The root's parent is -1, written as an unsigned number.
+    parents = [-1 if p < 0 or p >= len(MANO_JOINTS) else int(p) for p in tree[0]]
+    if tuple(parents) != _PARENTS or tree[1].tolist() != list(range(len(MANO_JOINTS))):
+        fail(path, "the hierarchy of MANO's 16 joints in 'kintree_table'", parents)
+    fields.setdefault("hands_mean", np.zeros(_N_ANGLES))
+    fields.setdefault("hands_components", np.zeros((0, _N_ANGLES)))
+    return fields
+
+
+def _blend(fields: dict[str, np.ndarray]) -> PoseBlend:
+    used = np.unique(fields["f"])  # what no face uses is not kept
+    return PoseBlend(
+        joints=MANO_JOINTS[1:],
+        directions=np.ascontiguousarray(fields["posedirs"][used]),
+        hands_mean=fields["hands_mean"],
+        hands_components=fields["hands_components"],
+    )
+
+
+# --- poses in the model's own parameters
+
+
+def _blend_of(rig: Rig) -> PoseBlend:
+    if rig.blend is None:
+        checks.fail("rig", "a MANO model", rig.label)
+    return rig.blend
+
+
+def theta_of_components(
+    rig: Rig, coefficients: Any, global_rad: Any = (0.0, 0.0, 0.0)
+) -> np.ndarray:
+    """Return the pose theta (48,) of coefficients of the model's principal components.
+
+    theta = [global, hands_mean + coefficients @ hands_components]
+
+    Parameters
+    ----------
+    rig : Rig
+        Of a MANO model.
+    coefficients : array_like, shape (n,)
+        Up to as many as the model has components.
+    global_rad : array_like, shape (3,), radians
+        Rotation of the whole hand, axis times angle, in the model's frame.
+    """
+    blend = _blend_of(rig)
+    amounts = checks.read_only("coefficients", coefficients, np.float64, (None,), allow_empty=True)
+    if len(amounts) > len(blend.hands_components):
+        expected = f"at most {len(blend.hands_components)} coefficients"
+        checks.fail("coefficients", expected, len(amounts))
+    first = checks.read_only("global_rad", global_rad, np.float64, (3,))
+    rest = blend.hands_mean + amounts @ blend.hands_components[: len(amounts)]
+    return np.concatenate([first, rest])
+
+
+def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
+    """Return the absolute rotations that `Rig.turned` takes, of a pose theta.
+
+    Parameters
+    ----------
+    rig : Rig
+        Of a MANO model.
+    theta_rad : array_like, shape (48,), radians
+        Axis times angle of each of the 16 joints against its parent, in the model's order and
+        frame; the first turns the whole hand. Nothing is added: `hands_mean` is in it or not.
+
+    Returns
+    -------
+    ndarray, shape (25, 3, 3), float64
+        In the canonical frame of `clradar.hand`. Joints that MANO lacks turn with their parents.
+    """
+    from scipy.spatial.transform import Rotation
+
+    _blend_of(rig)
+    theta = checks.read_only("theta_rad", theta_rad, np.float64, (3 * len(MANO_JOINTS),))
+    # SciPy takes no array that is read-only.
+    own = Rotation.from_rotvec(theta.reshape(-1, 3).copy()).as_matrix()
+    absolute: list[np.ndarray] = []
+    for parent, rotation in zip(_PARENTS, own, strict=True):
+        absolute.append(rotation if parent < 0 else absolute[parent] @ rotation)
+    rotations = np.broadcast_to(absolute[0], (len(JOINT_NAMES), 3, 3)).copy()
+    rotations[list(MANO_JOINTS)] = absolute
+    return rig.axes @ rotations @ rig.axes.T
+
+
+def theta_of_rotations(rig: Rig, rotations: np.ndarray) -> np.ndarray:
+    """Return the pose theta (48,), radians, of absolute rotations (25, 3, 3); inverse of the above.
+
+    With `Rig.rotations` of a pose, this is that pose in MANO's own parameters.
+    """
+    from scipy.spatial.transform import Rotation
+
+    _blend_of(rig)
+    absolute = (rig.axes.T @ rotations @ rig.axes)[list(MANO_JOINTS)]
+    own = [r if p < 0 else absolute[p].T @ r for p, r in zip(_PARENTS, absolute, strict=True)]
+    return Rotation.from_matrix(np.stack(own)).as_rotvec().reshape(-1)

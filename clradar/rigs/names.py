@@ -1,0 +1,194 @@
+"""Which bones of a rig are which joints of a hand: by WebXR names, or by a mapping of one's own."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
+from clradar.rigs.anatomy import OPTIONAL
+from clradar.rigs.failures import fail, file_bytes, reading
+from clradar.rigs.nodes import NodeTree
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+REQUIRED = tuple(name for name in JOINT_NAMES if JOINT_INDEX[name] not in OPTIONAL)
+
+Mapped = dict[int, int]
+"""Joint (place in `JOINT_NAMES`) -> node."""
+
+MAX_MAPPING_BYTES = 2**16
+# A key of thousands of dotted parts keeps the parser of TOML busy for minutes.
+_MAX_LINE = 2**10
+
+# The words of a name in any case, with anything or nothing that is no letter between them.
+_PATTERNS = {
+    JOINT_INDEX[name]: re.compile(r"[\W\d_]*".join(name.split("-")), re.IGNORECASE)
+    for name in JOINT_NAMES
+}
+_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+")
+_SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
+
+
+@dataclass(frozen=True, slots=True)
+class FoundJoints:
+    """A hand's joints among the nodes.
+
+    Attributes
+    ----------
+    nodes : dict of int to int
+        Joint -> node.
+    side : "left", "right" or None
+        What the names say.
+    """
+
+    nodes: Mapped
+    side: str | None
+
+
+def side_in(text: str) -> str | None:
+    """Return which side a name speaks of: left, right, l, r as words of their own; None if not."""
+    found = {_SIDES[w.lower()] for w in _WORD.findall(text) if w.lower() in _SIDES}
+    return found.pop() if len(found) == 1 else None
+
+
+def hands_by_name(path: Path, tree: NodeTree, skin: set[int]) -> list[FoundJoints]:
+    """Return the hands whose joints bear WebXR names, all with the same words around them.
+
+    Numbers, case and separators do not count: ``Index-Finger_Tip.R`` and ``b_r_index_finger_tip``
+    are `index-finger-tip`, each with what is around it.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    tree : NodeTree
+    skin : set of int
+        Nodes that move a skin. Other nodes count where none of these bears the name: a tip often
+        moves nothing.
+
+    Raises
+    ------
+    RigError
+        No hand is complete, or two nodes share a name.
+    """
+    groups: dict[tuple[str, ...], dict[int, list[int]]] = {}
+    for node in range(len(tree.names)):
+        for joint, pattern in _PATTERNS.items():
+            match = pattern.search(tree.names[node])
+            if match is None:
+                continue
+            name = tree.names[node]
+            rest = (name[: match.start()], name[match.end() :])
+            around = tuple(re.sub(r"[\W\d_]+", " ", part).strip().casefold() for part in rest)
+            groups.setdefault(around, {}).setdefault(joint, []).append(node)
+    for group in groups.values():
+        for joint, found in group.items():
+            group[joint] = [node for node in found if node in skin] or found
+    complete = {k: g for k, g in groups.items() if all(JOINT_INDEX[n] in g for n in REQUIRED)}
+    if not complete:
+        best = max(groups.values(), key=len, default={})
+        missing = [name for name in REQUIRED if JOINT_INDEX[name] not in best]
+        more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+        fail(
+            path,
+            "the joints of a hand by their WebXR names, or by a mapping file (--mapping)",
+            f"none called '{missing[0]}'{more}",
+        )
+    hands = []
+    for around, group in complete.items():
+        nodes_of = {joint: _only(path, tree, joint, found) for joint, found in group.items()}
+        sides = {side_in(_outside(tree.names[n], joint)) for joint, n in nodes_of.items()}
+        side = sides.pop() if len(sides) == 1 else side_in(" ".join(around))
+        hands.append(FoundJoints(nodes_of, side))
+    return hands
+
+
+def _outside(name: str, joint: int) -> str:
+    return _PATTERNS[joint].sub(" ", name, count=1)
+
+
+def _only(path: Path, tree: NodeTree, joint: int, found: list[int]) -> int:
+    if len(found) > 1:
+        labels = " and ".join(tree.label(node) for node in found[:2])
+        fail(path, f"one joint '{JOINT_NAMES[joint]}' (--mapping can say which)", labels)
+    return found[0]
+
+
+def hand_by_mapping(
+    path: Path, tree: NodeTree, mapping: Mapping[str, str | int], source: str
+) -> FoundJoints:
+    """Return the joints that a mapping names.
+
+    Parameters
+    ----------
+    path : Path
+        The rig, for messages.
+    tree : NodeTree
+    mapping : mapping of str to (str or int)
+        WebXR name -> name of a node, or its number.
+    source : str
+        What the mapping is called in messages.
+    """
+    nodes: Mapped = {}
+    with reading(path, "a mapping of joints"):
+        for name, wanted in mapping.items():
+            if name not in JOINT_INDEX:
+                fail(path, f"WebXR joint names in {source}", repr(name))
+            nodes[JOINT_INDEX[name]] = _node(path, tree, name, wanted)
+        missing = [name for name in REQUIRED if JOINT_INDEX[name] not in nodes]
+        if missing:
+            fail(path, f"a node for '{missing[0]}' in {source}", "none")
+        taken: dict[int, int] = {}
+        for joint, node in nodes.items():
+            if node in taken:
+                names = f"'{JOINT_NAMES[taken[node]]}' and '{JOINT_NAMES[joint]}'"
+                fail(path, f"a node for each joint in {source}", f"{tree.label(node)} for {names}")
+            taken[node] = joint
+    sides = {side_in(tree.names[node]) for node in nodes.values()} - {None}
+    return FoundJoints(nodes, sides.pop() if len(sides) == 1 else None)
+
+
+def _node(path: Path, tree: NodeTree, name: str, wanted: str | int) -> int:
+    if type(wanted) is int:
+        if not 0 <= wanted < len(tree.names):
+            fail(path, f"a node below {len(tree.names)} for '{name}'", wanted)
+        return wanted
+    found = [i for i, known in enumerate(tree.names) if known == wanted]
+    if not found:
+        fail(path, f"a node called {wanted!r} for '{name}'", "none")
+    if len(found) > 1:
+        fail(path, f"one node called {wanted!r} for '{name}' (give its number)", f"nodes {found}")
+    return found[0]
+
+
+def read_mapping(path: Path) -> dict[str, str | int]:
+    """Return the table ``[joints]`` of a TOML file: WebXR name = name or number of a node.
+
+    Raises
+    ------
+    RigError
+        Missing, no TOML, or anything else in it.
+    """
+    expected = "a TOML file with a table [joints]: WebXR name = node"
+    content = file_bytes(path, expected, MAX_MAPPING_BYTES)
+    with reading(path, expected):
+        text = content.decode("utf-8-sig")
+        if max((len(line) for line in text.splitlines()), default=0) > _MAX_LINE:
+            fail(path, f"lines of at most {_MAX_LINE} characters", "a longer one")
+        table = tomllib.loads(text)
+        joints = table.pop("joints", None)
+        if table or not isinstance(joints, dict):
+            fail(path, expected, f"{', '.join(map(repr, table)) or 'no such table'}")
+        for name, node in joints.items():
+            if name not in JOINT_INDEX:
+                fail(path, "WebXR joint names", repr(name))
+            if type(node) not in (str, int):
+                fail(path, f"the name or number of a node for '{name}'", repr(node))
+        return joints

@@ -1,0 +1,85 @@
+"""Open a rig by what its file holds."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from clradar.model import checks
+from clradar.rigs.anatomy import UNITS_M
+from clradar.rigs.failures import fail, file_bytes
+from clradar.rigs.rig import Rig
+
+EXPECTED = "a rigged hand: skinned glTF (.glb, .gltf) or MANO (.pkl, .npz)"
+
+
+def read_rig(
+    path: str | os.PathLike[str],
+    *,
+    mapping: str | os.PathLike[str] | Mapping[str, str | int] | None = None,
+    unit: str | float | None = None,
+    handedness: str | None = None,
+    betas: Sequence[float] | None = None,
+) -> Rig:
+    """Return the rigged hand of a file.
+
+    Parameters
+    ----------
+    path : path-like
+        Skinned glTF 2.0 (`.glb`, or `.gltf` with its buffers) or a MANO model (`.pkl`, `.npz`); the
+        content decides which. Nothing of a pickle is run.
+    mapping : path-like or mapping, optional
+        Which node is which joint, for glTF files whose joints have no WebXR names: a TOML file
+        with a table ``[joints]``, or WebXR name -> name or number of a node.
+    unit : "m", "cm", "mm", "inch", or a number, metres, optional
+        The file's unit of length. By default that which makes it a hand (`UNITS_M`, `REACH_M`).
+    handedness : "right" or "left", optional
+        Which hand it is, or which of two. By default what names and shape say.
+    betas : sequence of float, optional
+        Shape of a MANO hand, up to as many as the model has; those left out are 0.
+
+    Returns
+    -------
+    Rig
+
+    Raises
+    ------
+    RigError
+        The file is damaged or no such hand; the message says what is wrong with it.
+    ModelError
+        An argument cannot be meant.
+    """
+    file = Path(path)
+    if handedness is not None:
+        checks.one_of("handedness", handedness, ("right", "left"))
+    if isinstance(unit, str):
+        checks.one_of("unit", unit, tuple(UNITS_M))
+    elif unit is not None:
+        unit = checks.positive("unit", unit)
+    content = file_bytes(file, EXPECTED)
+    if content.startswith(b"PK\x03\x04") or _is_pickle(file, content):
+        from clradar.rigs.mano import mano_rig
+
+        if mapping is not None:
+            checks.fail("mapping", "none for a MANO model, whose joints are known", "one")
+        return mano_rig(file, content, betas, unit, handedness)
+    if betas is not None:
+        checks.fail("betas", "a MANO model (.pkl, .npz) for them", f"{file.name}")
+    if not content.startswith(b"glTF") and not content[:64].lstrip(
+        b"\xef\xbb\xbf \t\r\n"
+    ).startswith(b"{"):
+        fail(file, EXPECTED, "something else")
+    from clradar.rigs.gltf_rig import gltf_rig
+    from clradar.rigs.names import read_mapping
+
+    name = "the mapping"
+    if mapping is not None and not isinstance(mapping, Mapping):
+        name = Path(mapping).name
+        mapping = read_mapping(Path(mapping))
+    return gltf_rig(file, content, mapping, name, unit, handedness)
+
+
+def _is_pickle(file: Path, content: bytes) -> bool:
+    # Protocol 2 and later begin with a byte of their own; earlier ones with any opcode.
+    return content.startswith(b"\x80") or file.suffix.lower() in (".pkl", ".pickle")

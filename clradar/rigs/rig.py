@@ -1,0 +1,235 @@
+"""A rigged hand at rest, and the surface it has in a pose: linear blend skinning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.errors import RigError
+from clradar.hand import JOINT_NAMES, HandMesh, HandPose, pose_by_name
+from clradar.hand.flesh import PART_NAMES
+from clradar.hand.mesh import DEFAULT_CENTER_M
+from clradar.hand.skeleton import posed_skeleton
+from clradar.model import checks
+from clradar.rigs.anatomy import CHAINS, WRIST, parents_of
+
+# The ball of the thumb belongs to the palm, as it does in the hand of this package.
+_PART_OF_JOINT = np.zeros(len(JOINT_NAMES), dtype=np.int64)
+for _part, _chain in enumerate(CHAINS, start=1):
+    _PART_OF_JOINT[list(_chain[1:])] = _part
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Influences:
+    """Which joint moves which vertex, and by how much: one row per pair with a weight.
+
+    Parameters
+    ----------
+    vertex, joint : array_like, shape (N,), int64
+        Ascending in vertex, then joint.
+    weight : array_like, shape (N,), float64
+        Sums to 1 over the rows of a vertex.
+    point_m : array_like, shape (N, 3), float64, metres
+        The weight times where the joint alone would have the vertex at rest.
+    """
+
+    vertex: np.ndarray
+    joint: np.ndarray
+    weight: np.ndarray
+    point_m: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name, dtype, shape in (
+            ("vertex", np.int64, (None,)),
+            ("joint", np.int64, (None,)),
+            ("weight", np.float64, (None,)),
+            ("point_m", np.float64, (None, 3)),
+        ):
+            value = checks.read_only(f"Influences.{name}", getattr(self, name), dtype, shape)
+            object.__setattr__(self, name, value)
+
+    def summed(self, values: np.ndarray, n_vertices: int) -> np.ndarray:
+        """Return the sums (n_vertices, k) of the rows (N, k) of every vertex."""
+        columns = [np.bincount(self.vertex, column, n_vertices) for column in values.T]
+        return np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseBlend:
+    """How a hand's surface changes with its pose before it is skinned (MANO).
+
+    Parameters
+    ----------
+    joints : tuple of int
+        The joints, without the root, in the model's order.
+    directions : array_like, shape (n_vertices, 3, 9 * len(joints)), float64, metres
+        Offset per element of (rotation of the joint against its parent) - identity, row by row.
+    hands_mean : array_like, shape (3 * len(joints),), float64, radians
+    hands_components : array_like, shape (n, 3 * len(joints)), float64
+    """
+
+    joints: tuple[int, ...]
+    directions: np.ndarray
+    hands_mean: np.ndarray
+    hands_components: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rig:
+    """A rigged hand at rest, in metres, in the frame of `clradar.hand`'s right hand.
+
+    Parameters
+    ----------
+    label : str
+        The file it came from.
+    handedness : "right" or "left"
+        Left hands are held as their mirror image and turned back when they are posed.
+    unit_m : float, metres
+        The file's unit of length, as given or as found.
+    axes : array_like, shape (3, 3), float64
+        Orthogonal: from the file's directions to this frame.
+    joints_m : array_like, shape (25, 3), float64, metres
+        In the order of `JOINT_NAMES`; NaN where the rig has none.
+    frames : array_like, shape (25, 3, 3), float64
+        Axes of the bones at rest as columns, as in `Skeleton.frames`.
+    faces : array_like, shape (F, 3), int32
+    influences : Influences
+    blend : PoseBlend, optional
+    ignored : tuple of str
+        Names of meshes of the file that do not belong to the hand.
+    """
+
+    label: str
+    handedness: str
+    unit_m: float
+    axes: np.ndarray
+    joints_m: np.ndarray
+    frames: np.ndarray
+    faces: np.ndarray
+    influences: Influences
+    blend: PoseBlend | None = None
+    ignored: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        checks.one_of("Rig.handedness", self.handedness, ("right", "left"))
+        n = len(JOINT_NAMES)
+        for name, dtype, shape, finite in (
+            ("axes", np.float64, (3, 3), True),
+            ("joints_m", np.float64, (n, 3), False),
+            ("frames", np.float64, (n, 3, 3), True),
+            ("faces", np.int32, (None, 3), True),
+        ):
+            value = checks.read_only(
+                f"Rig.{name}", getattr(self, name), dtype, shape, finite=finite
+            )
+            object.__setattr__(self, name, value)
+
+    @property
+    def known(self) -> np.ndarray:
+        """Which of the 25 joints the rig has, (25,), bool."""
+        return np.isfinite(self.joints_m).all(axis=1)
+
+    @property
+    def n_vertices(self) -> int:
+        return int(self.influences.vertex[-1]) + 1
+
+    def posed(self, pose: str | HandPose = "F", center_m: Any = DEFAULT_CENTER_M) -> HandMesh:
+        """Return the surface of this hand in a pose, palm towards the radar.
+
+        Parameters
+        ----------
+        pose : str or HandPose
+            A name in `POSES`, upper or lower case, or a pose of one's own. Every bone gets the
+            direction that it has in the hand of this package; the lengths are the rig's.
+        center_m : array_like, shape (3,), metres
+            Where the centre of the surface's bounding box goes, in the antenna frame.
+
+        Returns
+        -------
+        HandMesh
+            Its `joints_m` are NaN where the rig has no joint.
+
+        Raises
+        ------
+        ModelError
+            If an argument cannot be meant.
+        """
+        return self.turned(self.rotations(pose), center_m)
+
+    def rotations(self, pose: str | HandPose) -> np.ndarray:
+        """Return how a pose turns every bone from its rest, (25, 3, 3), float64.
+
+        R = F G^T of the axes F that the bone has in the pose and G that it has at rest.
+        """
+        wanted = pose if isinstance(pose, HandPose) else pose_by_name(pose)
+        return posed_skeleton(wanted).frames @ np.swapaxes(self.frames, 1, 2)
+
+    def turned(self, rotations: np.ndarray, center_m: Any = DEFAULT_CENTER_M) -> HandMesh:
+        """Return the surface with every bone turned from its rest by a rotation.
+
+        Parameters
+        ----------
+        rotations : ndarray, shape (25, 3, 3), float64
+            In the canonical frame, absolute, not against the parent; a tip's is not used.
+        center_m : array_like, shape (3,), metres
+
+        Returns
+        -------
+        HandMesh
+
+        Notes
+        -----
+        x' = sum_j w_j (q_j + R_j (x - p_j)): p_j is the joint at rest, q_j its place, which follows
+        from the parent's, q_j = q_parent + R_parent (p_j - p_parent).
+        """
+        centre_m = checks.read_only("center_m", center_m, np.float64, (3,))
+        known, parents = self.known, parents_of(self.known)
+        places_m = np.full_like(self.joints_m, np.nan)
+        places_m[WRIST] = self.joints_m[WRIST]
+        for chain in CHAINS:
+            for joint in chain:
+                if known[joint]:
+                    up = parents[joint]
+                    bone_m = self.joints_m[joint] - self.joints_m[up]
+                    places_m[joint] = places_m[up] + rotations[up] @ bone_m
+        vertices_m = self._skinned(rotations, places_m)
+        if not np.isfinite(vertices_m).all():
+            raise RigError(f"{self.label}: expected finite vertices, got NaN")
+        faces, part = self.faces, self._parts()
+        if self.handedness == "left":
+            mirror = np.array([-1.0, 1.0, 1.0])
+            vertices_m, places_m, faces = (
+                vertices_m * mirror,
+                places_m * mirror,
+                faces[:, [0, 2, 1]],
+            )
+        middle_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
+        shift_m = centre_m - middle_m
+        return HandMesh(vertices_m + shift_m, faces, places_m + shift_m, part)
+
+    def _skinned(self, rotations: np.ndarray, places_m: np.ndarray) -> np.ndarray:
+        rows = self.influences
+        points_m, weight = rows.point_m, rows.weight[:, None]
+        if self.blend is not None:
+            points_m = points_m + weight * self._blend_offsets_m(rotations)[rows.vertex]
+        offsets_m = points_m - weight * self.joints_m[rows.joint]
+        moved_m = np.einsum("nij,nj->ni", rotations[rows.joint], offsets_m)
+        return rows.summed(moved_m + weight * places_m[rows.joint], self.n_vertices)
+
+    def _blend_offsets_m(self, rotations: np.ndarray) -> np.ndarray:
+        blend = self.blend
+        assert blend is not None
+        joints = list(blend.joints)
+        parents = parents_of(self.known)[joints]
+        against = np.swapaxes(rotations[parents], 1, 2) @ rotations[joints]
+        own = self.axes.T @ against @ self.axes - np.eye(3)
+        return (blend.directions @ own.reshape(-1)) @ self.axes.T
+
+    def _parts(self) -> np.ndarray:
+        """Return for every face (F,) the part whose joints weigh most at its corners."""
+        rows = self.influences
+        share = np.zeros((self.n_vertices, len(PART_NAMES)))
+        np.add.at(share, (rows.vertex, _PART_OF_JOINT[rows.joint]), rows.weight)
+        return np.argmax(share[self.faces].sum(axis=1), axis=1).astype(np.int32)

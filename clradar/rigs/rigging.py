@@ -1,0 +1,219 @@
+"""From what a file holds to a rig: weights checked, unit and axes found, vertices welded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from clradar.hand import JOINT_NAMES
+from clradar.rigs.anatomy import CHAINS, WRIST, canonical_axes, reach, rest_frames, unit_of
+from clradar.rigs.failures import clean, fail
+from clradar.rigs.rig import Influences, PoseBlend, Rig
+
+WEIGHT_SUM = (0.9, 1.1)
+"""Sums of a vertex's weights that are taken for 1: bytes round by up to 1/510 per weight, tools cut
+off the fifth and further weights. What is farther off is no rounding."""
+
+MAX_VERTICES = 1_000_000
+
+# A hand with the whole forearm has about 2.5 times the reach; a whole body has ten times.
+_MAX_EXTENT = 6.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Triangles and their skin at rest, in the file's coordinates.
+
+    Attributes
+    ----------
+    faces : ndarray, shape (F, 3), int64
+    n_vertices : int
+    vertex, joint : ndarray, shape (N,), int64
+        Ascending in vertex, then joint; one row per pair.
+    weight : ndarray, shape (N,), float64
+        Sums to 1 over a vertex.
+    points : ndarray, shape (N, 3), float64
+        Weight times where that joint has the vertex.
+    """
+
+    faces: np.ndarray
+    n_vertices: int
+    vertex: np.ndarray
+    joint: np.ndarray
+    weight: np.ndarray
+    points: np.ndarray
+
+    @classmethod
+    def grouped(
+        cls,
+        path: Path,
+        what: str,
+        faces: np.ndarray,
+        n_vertices: int,
+        vertex: np.ndarray,
+        joint: np.ndarray,
+        weight: np.ndarray,
+        points: np.ndarray,
+    ) -> Surface:
+        """Check and normalise weights, and sum the rows of bones that move as one.
+
+        Parameters
+        ----------
+        points : ndarray, shape (N, 3)
+            Where the row's bone has the vertex, not weighted.
+
+        Raises
+        ------
+        RigError
+            Weights below 0, NaN, or with a sum that is not about 1 at a vertex that a face uses.
+        """
+        if not np.isfinite(weight).all() or (weight < 0).any():
+            bad = int(vertex[~(weight >= 0) | ~np.isfinite(weight)][0])
+            fail(path, f"{what}: weights from 0", f"NaN or a negative one at vertex {bad}")
+        if not np.isfinite(points).all():
+            fail(path, f"{what}: a finite place for every vertex", "an overflow")
+        sums = np.bincount(vertex, weight, n_vertices)
+        used = np.zeros(n_vertices, dtype=bool)
+        used[faces] = True
+        low, high = WEIGHT_SUM
+        odd = np.flatnonzero(used & ~((sums >= low) & (sums <= high)))
+        if len(odd):
+            fail(
+                path,
+                f"{what}: weights that sum to 1 (at least {low:g}, at most {high:g})",
+                f"{sums[odd[0]]:.4g} at vertex {odd[0]}"
+                + (f" and others at {len(odd) - 1} more" if len(odd) > 1 else ""),
+            )
+        keep = used[vertex]
+        number = np.cumsum(used) - 1
+        vertex, joint = number[vertex[keep]], joint[keep]
+        weight = weight[keep] / sums[used][vertex]
+        pair, row = np.unique(vertex * len(JOINT_NAMES) + joint, return_inverse=True)
+        columns = [weight, *(weight * points[keep].T)]
+        summed = np.stack([np.bincount(row, column, len(pair)) for column in columns], axis=1)
+        vertex, joint = np.divmod(pair, len(JOINT_NAMES))
+        return cls(number[faces], int(used.sum()), vertex, joint, summed[:, 0], summed[:, 1:])
+
+    @classmethod
+    def joined(cls, pieces: Sequence[Surface]) -> Surface:
+        """Return several surfaces as one, vertices at one place with one skin merged."""
+        offsets = np.cumsum([0, *(piece.n_vertices for piece in pieces)])
+        whole = cls(
+            np.concatenate([p.faces + o for p, o in zip(pieces, offsets, strict=False)]),
+            int(offsets[-1]),
+            np.concatenate([p.vertex + o for p, o in zip(pieces, offsets, strict=False)]),
+            *(
+                np.concatenate([getattr(p, name) for p in pieces])
+                for name in ("joint", "weight", "points")
+            ),
+        )
+        return whole._welded()
+
+    def _welded(self) -> Surface:
+        # Files split vertices where texture or colour has a seam; a surface has none there.
+        dense = np.zeros((self.n_vertices, len(JOINT_NAMES)))
+        dense[self.vertex, self.joint] = self.weight
+        _, first, number = np.unique(
+            np.concatenate([self.rest(), dense], axis=1),
+            axis=0, return_index=True, return_inverse=True,
+        )  # fmt: skip
+        # The file's order, not that of the places.
+        order = np.argsort(first)
+        number = np.argsort(order)[number.reshape(-1)]
+        first = first[order]
+        faces = number[self.faces]
+        whole = (
+            (faces[:, 0] != faces[:, 1])
+            & (faces[:, 1] != faces[:, 2])
+            & (faces[:, 2] != faces[:, 0])
+        )
+        rows = np.flatnonzero(np.isin(self.vertex, first))
+        return Surface(
+            faces[whole], len(first), number[self.vertex[rows]],
+            self.joint[rows], self.weight[rows], self.points[rows],
+        )  # fmt: skip
+
+    def rest(self) -> np.ndarray:
+        """Return the vertices (n_vertices, 3) at rest."""
+        columns = [np.bincount(self.vertex, column, self.n_vertices) for column in self.points.T]
+        return np.stack(columns, axis=1)
+
+
+def rig_of(
+    label: str,
+    joints: np.ndarray,
+    local_axes: np.ndarray,
+    surface: Surface,
+    side: str,
+    unit: str | float | None,
+    *,
+    blend: PoseBlend | None = None,
+    ignored: tuple[str, ...] = (),
+) -> Rig:
+    """Return the rig of a hand whose joints and side are known.
+
+    Parameters
+    ----------
+    label : str
+        Name of the file.
+    joints : ndarray, shape (25, 3), float64
+        In the file's coordinates and unit; NaN where the rig has none.
+    local_axes : ndarray, shape (25, 3, 3), float64
+        Directions of the rig's own coordinates at each joint, as columns.
+    surface : Surface
+        In the file's coordinates and unit.
+    side : "right" or "left"
+    unit : "m", "cm", "mm", "inch", a number of metres, or None
+        None: found from the hand's size.
+    blend : PoseBlend, optional
+    ignored : tuple of str
+    """
+    path = Path(label)
+    if surface.n_vertices > MAX_VERTICES:
+        fail(path, f"at most {MAX_VERTICES} vertices", surface.n_vertices)
+    if not len(surface.faces):
+        fail(path, "faces with three corners", "none")
+    label = clean(label)
+    unit_m = unit_of(label, joints, unit)
+    rest = surface.rest()
+    extent, size = float(np.ptp(rest, axis=0).max()), reach(joints)
+    if extent > _MAX_EXTENT * size:
+        fail(
+            path,
+            f"a hand, a mesh of at most {_MAX_EXTENT:g} times its length from wrist to finger",
+            f"{extent / size:.3g} times: take off what is not hand or forearm",
+        )
+    axes = canonical_axes(joints, side)
+    wrist = joints[WRIST]
+    joints_m = (joints - wrist) @ axes.T * unit_m
+    points_m = (surface.points - surface.weight[:, None] * wrist) @ axes.T * unit_m
+    flesh_m = {}
+    for chain in CHAINS:
+        rows = surface.joint == chain[-2]
+        if rows.any():
+            flesh_m[chain[-2]] = points_m[rows].sum(axis=0) / surface.weight[rows].sum()
+    frames = rest_frames(joints_m, axes @ local_axes, flesh_m)
+    faces = surface.faces
+    if _volume(rest @ axes.T, faces) < 0:  # a mirror in the file, or the one to a right hand
+        faces = faces[:, [0, 2, 1]]
+    return Rig(
+        label=label,
+        handedness=side,
+        unit_m=unit_m,
+        axes=axes,
+        joints_m=joints_m,
+        frames=frames,
+        faces=faces.astype(np.int32),
+        influences=Influences(surface.vertex, surface.joint, surface.weight, points_m),
+        blend=blend,
+        ignored=ignored,
+    )
+
+
+def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Return six times the volume, seen from the middle, which closes the wrist's opening well."""
+    corners = (vertices - vertices.mean(axis=0))[faces]
+    return float(np.einsum("ni,ni->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))

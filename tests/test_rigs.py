@@ -1,0 +1,801 @@
+"""Skinned glTF hands: found, measured, posed; and what is wrong with wrong ones."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from pygltflib import GLTF2, Sparse
+from pygltflib import AccessorSparseIndices as SparseIndices
+from pygltflib import AccessorSparseValues as SparseValues
+from rig_files import TIPS, RigMaker
+from scipy.spatial.transform import Rotation
+
+from clradar import Scene
+from clradar.cli import main
+from clradar.errors import ModelError, RigError
+from clradar.hand import (
+    JOINT_NAMES,
+    HandPose,
+    JointAngles,
+    hand_mesh,
+    pose_by_name,
+    posed_skeleton,
+    write_pose,
+)
+from clradar.rigs import UNITS_M, read_mapping, read_rig
+from clradar.rigs.anatomy import REACH_M
+
+JOINT_TOLERANCE_M = 1e-12
+"""Joints go through about ten products of 4x4 matrices of float64 with entries up to 4 m in the
+file's unit, each good to 1e-16 of that: some 1e-14 m."""
+
+VERTEX_TOLERANCE_M = 2e-6
+"""Vertices and inverse bind matrices are float32 in the file: 6e-8 of coordinates up to 4 m, once
+in the vertex and once in each of the matrix's products and translation."""
+
+NEAR_MEAN_M, NEAR_95_M = 1e-3, 4e-3
+"""How far skinned surfaces are from one grown in that pose, for poses in which no finger folds onto
+the palm: linear blending thins bent joints, and the weights come from distances to the bones. An
+eighth of the wavelength in the mean, a wavelength at the worst twentieth. Skin that followed the
+wrong bone would be centimetres off: a bent finger's last joint moves by 40 mm."""
+
+TURN = Rotation.from_rotvec([0.5, -1.2, 2.0]).as_matrix()
+MIRROR = np.diag([-1.0, 1.0, 1.0])
+TIP_NAMES = tuple(JOINT_NAMES[i] for i in TIPS)
+METACARPALS = tuple(n for n in JOINT_NAMES if n.endswith("finger-metacarpal"))
+
+
+def make(tmp_path: Path, name: str = "hand.glb", **settings: Any) -> Path:
+    return RigMaker(**settings).save(tmp_path / name)
+
+
+def joints_about_wrist(mesh: Any, side: str = "right") -> np.ndarray:
+    joints_m = mesh.joints_m - mesh.joints_m[0]
+    return joints_m * ([-1.0, 1.0, 1.0] if side == "left" else 1.0)
+
+
+def distances_m(mesh: Any, other: Any) -> np.ndarray:
+    """Distances of the vertices to the other surface, wrist on wrist."""
+    moved = mesh.vertices_m - mesh.joints_m[0] + other.joints_m[0]
+    return np.abs(trimesh.proximity.closest_point(other.to_trimesh(), moved)[1])
+
+
+# --- hands that are posed rightly however they come
+
+KINDS = {
+    "as it is": {},
+    "centimetres": {"units": 100.0, "turn": TURN, "shift": (1.0, -2.0, 3.0)},
+    "scaled armature": {"scale": 0.01, "turn": TURN, "bones": True},
+    "millimetres, left": {"units": 1e3, "turn": TURN @ MIRROR, "called": "{}_l".format},
+    "inches, upper case": {
+        "units": 1 / 25.4e-3,
+        "turn": TURN.T,
+        "called": lambda n: f"B_R_{n.upper().replace('-', '_')}_17",
+    },
+    "scaled twice": {"units": 0.01},
+    "siblings": {"siblings": True, "bones": True, "turn": TURN},
+    "bound flat, standing as F": {"standing": "F", "turn": TURN},
+    "bound as L": {"pose": "L", "turn": TURN},
+    "camel case": {
+        "called": lambda n: "Right" + "".join(w.title() for w in n.split("-")),
+        "weight_type": "<u1",
+        "index_type": "<u2",
+        "sets": 2,
+        "joint_type": "<u2",
+    },
+}
+FOUND = {
+    "centimetres": 1e-2, "millimetres, left": 1e-3, "inches, upper case": 25.4e-3,
+    "scaled twice": 100.0,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_joints_are_those_of_the_posed_skeleton(tmp_path: Path, kind: str) -> None:
+    rig = read_rig(make(tmp_path, **KINDS[kind]))
+    side = "left" if "left" in kind else "right"
+    assert rig.handedness == side
+    assert rig.unit_m == FOUND.get(kind, 1.0)
+    assert rig.known.all()
+    for pose in ("flat", "F", "A", "W"):
+        found = joints_about_wrist(rig.posed(pose), side)
+        expected = posed_skeleton(pose_by_name(pose)).joints_m
+        np.testing.assert_allclose(found, expected, atol=JOINT_TOLERANCE_M, rtol=0)
+
+
+@pytest.mark.parametrize("kind", ["centimetres", "millimetres, left", "bound flat, standing as F"])
+def test_the_surface_is_close_to_that_of_the_pose(tmp_path: Path, kind: str) -> None:
+    rig = read_rig(make(tmp_path, **KINDS[kind]))
+    for pose in ("F", "W"):
+        ours = hand_mesh(pose, edge_length_m=4e-3, handedness=rig.handedness)
+        posed = rig.posed(pose)
+        away_m = distances_m(posed, ours)
+        assert away_m.mean() < NEAR_MEAN_M
+        assert np.percentile(away_m, 95) < NEAR_95_M
+        assert posed.to_trimesh().volume > 0  # outside out
+        np.testing.assert_allclose(
+            0.5 * (posed.vertices_m.min(axis=0) + posed.vertices_m.max(axis=0)), [0.0, 0.0, 0.3],
+            atol=1e-12,
+        )  # fmt: skip
+
+
+def test_at_rest_the_surface_is_the_files_own(tmp_path: Path) -> None:
+    for settings in ({}, {"bones": True, "scale": 0.01, "turn": TURN}, {"primitives": 3}):
+        rig = read_rig(make(tmp_path, **settings))
+        ours = hand_mesh("flat", edge_length_m=4e-3)
+        posed = rig.posed("flat", center_m=(0.0, 0.01, 0.4))
+        assert len(posed.vertices_m) == len(ours.vertices_m)
+        away = np.sort(distances_m(posed, ours))
+        assert away[-1] < VERTEX_TOLERANCE_M
+        # Turned by nothing, every vertex is where its weights have it at rest, to the last bits.
+        same = rig.turned(np.broadcast_to(np.eye(3), (25, 3, 3)))
+        rest = rig.influences.summed(rig.influences.point_m, rig.n_vertices)
+        np.testing.assert_allclose(
+            same.vertices_m - same.joints_m[0], rest - rig.joints_m[0], atol=1e-15
+        )
+
+
+def test_the_result_does_not_depend_on_how_the_file_holds_the_hand(tmp_path: Path) -> None:
+    plain = read_rig(make(tmp_path)).posed("L")
+    for name, settings in (
+        ("a.glb", {"units": 100.0, "turn": TURN, "shift": (0.3, 0.1, -0.2)}),
+        ("b.glb", {"primitives": 4, "joint_type": "<u2"}),
+        ("c.glb", {"standing": "W"}),
+        ("d.glb", {"sets": 2}),
+        ("e.glb", {"siblings": True, "local_turns": False}),
+    ):
+        other = read_rig(make(tmp_path, name, **settings)).posed("L")
+        assert len(other.vertices_m) == len(plain.vertices_m), name
+        # Welding sorts the vertices by place, so they are matched as sets.
+        away_m = distances_m(other, plain)
+        assert away_m.max() < VERTEX_TOLERANCE_M, name
+
+
+def test_a_bent_finger_has_its_closed_form(tmp_path: Path) -> None:
+    """Index finger bent by 60 degrees at the knuckle, in a plane rolled by 8 degrees."""
+    straight = HandPose("straight")
+    bent = HandPose(
+        "bent", {"index-finger-phalanx-proximal": JointAngles.from_degrees(flexion_deg=60.0)}
+    )
+    rig = read_rig(make(tmp_path, pose=straight, units=100.0, turn=TURN, shift=(1.0, 1.0, 1.0)))
+    before, after = rig.posed(straight), rig.posed(bent)
+    knuckle, last = (JOINT_NAMES.index(f"index-finger-phalanx-{b}") for b in ("proximal", "distal"))
+    roll, angle = np.deg2rad(8.0), np.deg2rad(60.0)
+    along = [-np.sin(roll) * np.sin(angle), np.cos(angle), -np.cos(roll) * np.sin(angle)]
+    reach = np.linalg.norm(before.joints_m[last] - before.joints_m[knuckle])
+    at = after.joints_m[last] - after.joints_m[knuckle]
+    np.testing.assert_allclose(at, reach * np.array(along), atol=JOINT_TOLERANCE_M)
+    # Vertices that only the last bone moves turn about the bending axis with it.
+    rows = rig.influences
+    alone = rows.vertex[(rows.joint == last) & (rows.weight > 1 - 1e-6)]
+    assert len(alone) > 20
+    axis = np.array([np.cos(roll), 0.0, -np.sin(roll)])
+    turn = Rotation.from_rotvec(-angle * axis).as_matrix()
+    offsets = before.vertices_m[alone] - before.joints_m[knuckle]
+    np.testing.assert_allclose(
+        after.vertices_m[alone] - after.joints_m[knuckle], offsets @ turn.T,
+        atol=VERTEX_TOLERANCE_M,
+    )  # fmt: skip
+    # The rest of the hand stands still.
+    others = np.setdiff1d(np.arange(rig.n_vertices), rows.vertex[np.isin(rows.joint, range(6, 10))])
+    np.testing.assert_allclose(
+        after.vertices_m[others] - after.joints_m[0],
+        before.vertices_m[others] - before.joints_m[0],
+        atol=1e-14,
+    )
+
+
+def test_what_one_bone_moves_stays_rigid(tmp_path: Path) -> None:
+    rig = read_rig(make(tmp_path, bones=True))
+    rows = rig.influences
+    one, other = rig.posed("flat"), rig.posed("A")
+    for joint in range(25):
+        alone = rows.vertex[(rows.joint == joint) & (rows.weight == 1.0)][::7]
+        if len(alone) < 4:
+            continue
+        shapes = [m.vertices_m[alone] for m in (one, other)]
+        lengths = [np.linalg.norm(s[:, None] - s[None], axis=2) for s in shapes]
+        np.testing.assert_allclose(lengths[0], lengths[1], atol=1e-14)
+    # Bones keep their lengths.
+    for begin, end in ((7, 8), (8, 9), (2, 3), (0, 11)):
+        lengths = [np.linalg.norm(m.joints_m[end] - m.joints_m[begin]) for m in (one, other)]
+        assert lengths[0] == pytest.approx(lengths[1], abs=1e-14)
+
+
+def test_a_rig_keeps_its_own_proportions(tmp_path: Path) -> None:
+    """A hand stretched by 1.3 along the fingers: other lengths, the same directions."""
+
+    rig = read_rig(make(tmp_path, turn=np.diag([1.0, 1.3, 1.0]), local_turns=False))
+    found = rig.posed("L").joints_m
+    expected = posed_skeleton(pose_by_name("L")).joints_m
+    for begin in (7, 8, 9, 12, 13, 22, 23):
+        along, wanted = (j[begin + 1] - j[begin] for j in (found, expected))
+        cosine = along @ wanted / np.linalg.norm(along) / np.linalg.norm(wanted)
+        assert cosine == pytest.approx(1.0, abs=1e-12), JOINT_NAMES[begin]
+    assert np.linalg.norm(found[8] - found[7]) == pytest.approx(1.3 * 39.8e-3, rel=0.01)
+
+
+def test_tips_and_metacarpals_may_be_missing(tmp_path: Path) -> None:
+    whole = read_rig(make(tmp_path)).posed("F")
+    for name, skip in (("a.glb", TIP_NAMES), ("b.glb", (*TIP_NAMES, *METACARPALS))):
+        rig = read_rig(make(tmp_path, name, skip=skip, turn=TURN))
+        posed = rig.posed("F")
+        missing = [n for n, known in zip(JOINT_NAMES, rig.known, strict=True) if not known]
+        assert set(missing) == set(skip)
+        unknown = np.isnan(posed.joints_m).all(axis=1)
+        assert [n for n, gone in zip(JOINT_NAMES, unknown, strict=True) if gone] == missing
+        kept = ~unknown
+        np.testing.assert_allclose(
+            joints_about_wrist(posed)[kept], joints_about_wrist(whole)[kept],
+            atol=JOINT_TOLERANCE_M,
+        )  # fmt: skip
+        # The last bones lie along the same axis of their nodes as those before, as in this rig.
+        assert distances_m(posed, whole).max() < VERTEX_TOLERANCE_M
+
+
+def test_a_last_bone_without_tip_and_axes_points_to_its_flesh(tmp_path: Path) -> None:
+    """Nodes that all stand upright say nothing of where a bent finger's last bone points."""
+    rig = read_rig(make(tmp_path, pose="L", skip=TIP_NAMES, local_turns=False))
+    exact = read_rig(make(tmp_path, "b.glb", pose="L"))
+    for name in ("middle-finger-phalanx-distal", "thumb-phalanx-distal"):
+        at = JOINT_NAMES.index(name)
+        cosine = rig.frames[at][:, 1] @ exact.frames[at][:, 1]
+        assert np.rad2deg(np.arccos(cosine)) < 10.0, name  # it bends by more than 40 here
+
+
+def test_parts_are_those_of_the_digits(tmp_path: Path) -> None:
+    posed = read_rig(make(tmp_path)).posed("flat")
+    ours = hand_mesh("flat", edge_length_m=4e-3)
+    assert posed.part_names == ours.part_names
+    for part in range(1, 6):
+        shares = [m.to_trimesh().area_faces[m.part == part].sum() for m in (posed, ours)]
+        assert shares[0] == pytest.approx(shares[1], rel=0.35)
+    scene = Scene.from_mesh(posed, alpha=0.5)
+    assert scene.n_faces == len(posed.faces)
+
+
+def test_turned_wrists_turn_the_whole_hand(tmp_path: Path) -> None:
+    pose = HandPose("turned", {"wrist": JointAngles.from_degrees(flexion_deg=30.0)})
+    rig = read_rig(make(tmp_path, turn=TURN, bones=True))
+    found = joints_about_wrist(rig.posed(pose))
+    np.testing.assert_allclose(found, posed_skeleton(pose).joints_m, atol=JOINT_TOLERANCE_M)
+
+
+# --- how files hold it
+
+
+def test_buffers_may_be_beside_the_file_or_inside(tmp_path: Path) -> None:
+    plain = read_rig(make(tmp_path)).posed("F").vertices_m
+    for name, buffers in (("data.gltf", "data"), ("beside.gltf", "file")):
+        path = RigMaker().save(tmp_path / name, buffers)
+        np.testing.assert_array_equal(read_rig(path).posed("F").vertices_m, plain)
+    (tmp_path / "beside.bin").rename(tmp_path / "away.bin")
+    with pytest.raises(
+        RigError, match=r"beside.bin: expected buffer 0 of beside.gltf, got nothing"
+    ):
+        read_rig(tmp_path / "beside.gltf")
+    document = json.loads((tmp_path / "beside.gltf").read_text())
+    document["buffers"][0]["uri"] = "../away.bin"
+    (tmp_path / "beside.gltf").write_text(json.dumps(document))
+    with pytest.raises(RigError, match=r"buffer 0 in a file beside it or below, got '../away.bin'"):
+        read_rig(tmp_path / "beside.gltf")
+
+
+def test_interleaved_and_sparse_arrays_are_read(tmp_path: Path) -> None:
+    plain = read_rig(make(tmp_path)).posed("F").vertices_m
+    maker = RigMaker()
+    document = maker.build()
+    # Positions between other bytes: 12 of 20 belong to them, from the fifth on.
+    wide = np.zeros((len(maker.positions), 20), np.uint8)
+    wide[:, 4:16] = maker.positions.astype("<f4").view(np.uint8).reshape(-1, 12)
+    place = document.meshes[0].primitives[0].attributes.POSITION
+    at = maker.accessor(wide, "<u1")
+    accessor = document.accessors[place]
+    accessor.bufferView = document.accessors[at].bufferView
+    accessor.byteOffset = 4
+    document.bufferViews[accessor.bufferView].byteStride = 20
+    rewritten(document, maker, tmp_path / "wide.glb")
+    np.testing.assert_array_equal(read_rig(tmp_path / "wide.glb").posed("F").vertices_m, plain)
+
+    # Some positions are zeros in the array, and given in a sparse list.
+    maker = RigMaker()
+    document = maker.build()
+    given = np.arange(0, len(maker.positions), 3)
+    holes = maker.positions.copy()
+    holes[given] = 0.0
+    base = maker.accessor(holes, "<f4")
+    index, value = (
+        maker.accessor(given[:, None], "<u2"),
+        maker.accessor(maker.positions[given], "<f4"),
+    )
+    views = [document.accessors[i].bufferView for i in (index, value)]
+    document.accessors[base].sparse = Sparse(
+        count=len(given),
+        indices=SparseIndices(bufferView=views[0], componentType=5123),
+        values=SparseValues(bufferView=views[1]),
+    )
+    document.meshes[0].primitives[0].attributes.POSITION = base
+    rewritten(document, maker, tmp_path / "sparse.glb")
+    np.testing.assert_array_equal(read_rig(tmp_path / "sparse.glb").posed("F").vertices_m, plain)
+
+
+def rewritten(document: GLTF2, maker: RigMaker, path: Path) -> Path:
+    document.buffers[0].byteLength = len(maker.blob)
+    document.set_binary_blob(maker.blob)
+    document.save_binary(str(path))
+    return path
+
+
+def test_strips_fans_and_lists_without_indices_are_triangles(tmp_path: Path) -> None:
+    from clradar.rigs.gltf_rig import _triangles
+
+    corners = np.array([10, 11, 12, 13, 14])
+    # glTF 2.0, 3.7.2.1: p_i = {v_i, v_(i+1+i%2), v_(i+2-i%2)} and p_i = {v_(i+1), v_(i+2), v_0}.
+    strip = _triangles(tmp_path, "x", corners, 5)
+    assert strip.tolist() == [[10, 11, 12], [11, 13, 12], [12, 13, 14]]
+    fan = _triangles(tmp_path, "x", corners, 6)
+    assert [sorted(t) for t in fan.tolist()] == [[10, 11, 12], [10, 12, 13], [10, 13, 14]]
+
+    def unindexed(maker: RigMaker) -> None:
+        corners = maker.faces.reshape(-1)
+        maker.positions = maker.positions[corners]
+        maker.weights_out, maker.joints_out = maker.weights_out[corners], maker.joints_out[corners]
+
+    rig = read_rig(make(tmp_path, index_type=None, edit=unindexed))
+    plain = read_rig(make(tmp_path, "b.glb"))
+    assert rig.n_vertices == plain.n_vertices  # corners at one place with one skin are one vertex
+    assert rig.posed("F").to_trimesh().is_watertight
+
+
+def test_a_rigid_mesh_below_a_joint_moves_with_it(tmp_path: Path) -> None:
+    maker = RigMaker(called="{}.R".format)
+    document = maker.build()
+    count = len(document.nodes)
+    document.nodes += [document.nodes[0].__class__(name="ring", mesh=1)]
+    document.nodes += [document.nodes[0].__class__(name="table", mesh=1, translation=[0, -5, 0])]
+    bone = next(n for n in document.nodes if n.name == "ring-finger-phalanx-proximal.R")
+    bone.children.append(count)
+    document.scenes[0].nodes.append(count + 1)
+    small = 1e-3 * np.array([[0, 0, 12], [1, 0, 12], [0, 1, 12]])
+    primitive = document.meshes[0].primitives[0].__class__()
+    primitive.attributes.POSITION = maker.accessor(small, "<f4")
+    document.meshes.append(document.meshes[0].__class__(name="gem", primitives=[primitive]))
+    rig = read_rig(rewritten(document, maker, tmp_path / "ring.glb"))
+    assert rig.ignored == ("gem",)  # the one that stands beside the hand
+    skeleton = posed_skeleton(pose_by_name("A"))
+    at = JOINT_NAMES.index("ring-finger-phalanx-proximal")
+    expected = skeleton.joints_m[at] + small @ skeleton.frames[at].T
+    posed = rig.posed("A")
+    vertices = posed.vertices_m - posed.joints_m[0]
+    gap = np.linalg.norm(vertices[:, None] - expected, axis=2).min(axis=0)
+    assert gap.max() < VERTEX_TOLERANCE_M
+
+
+def test_two_hands_in_one_file_are_told_apart(tmp_path: Path) -> None:
+    right, left = RigMaker(called="{}.R".format), RigMaker(called="{}.L".format, turn=MIRROR)
+    one, other = right.build(), left.build()
+    nodes, views, accessors = len(one.nodes), len(one.bufferViews), len(one.accessors)
+    right.blob += b"\0" * (-len(right.blob) % 4)
+    for view in other.bufferViews:
+        view.byteOffset += len(right.blob)
+    for accessor in other.accessors:
+        accessor.bufferView += views
+    for node in other.nodes:
+        node.children = [c + nodes for c in node.children]
+        if node.mesh is not None:
+            node.mesh = node.skin = 1
+    skin, primitive = other.skins[0], other.meshes[0].primitives[0]
+    skin.joints = [j + nodes for j in skin.joints]
+    skin.inverseBindMatrices += accessors
+    primitive.indices += accessors
+    for key, value in list(vars(primitive.attributes).items()):
+        if value is not None:
+            setattr(primitive.attributes, key, value + accessors)
+    for name in ("nodes", "bufferViews", "accessors", "skins", "meshes"):
+        getattr(one, name).extend(getattr(other, name))
+    right.blob += left.blob
+    path = rewritten(one, right, tmp_path / "both.glb")
+    with pytest.raises(RigError, match="one hand, or one of each side and --rig-hand, got 2 hands"):
+        read_rig(path)
+    for side in ("right", "left"):
+        rig = read_rig(path, handedness=side)
+        alone = read_rig(make(tmp_path, turn=MIRROR if side == "left" else np.eye(3)))
+        assert rig.handedness == side
+        assert rig.ignored == ("skin",)
+        np.testing.assert_allclose(rig.posed("F").joints_m, alone.posed("F").joints_m, atol=1e-6)
+
+
+# --- mapping files
+
+
+def bones_of_a_game(name: str) -> str:
+    return f"Bone{JOINT_NAMES.index(name):03d}"
+
+
+def mapping_text(skip: tuple[str, ...] = ()) -> str:
+    lines = [f'"{n}" = "{bones_of_a_game(n)}"' for n in JOINT_NAMES if n not in skip]
+    return "\n".join(["[joints]", *lines])
+
+
+def test_a_mapping_file_names_the_joints(tmp_path: Path) -> None:
+    path = make(tmp_path, called=bones_of_a_game, turn=TURN)
+    with pytest.raises(RigError, match=r"hand.glb: .*WebXR names, or by a mapping file .*'wrist'"):
+        read_rig(path)
+    mapping = tmp_path / "m.toml"
+    mapping.write_text(mapping_text(skip=TIP_NAMES))
+    rig = read_rig(path, mapping=mapping)
+    assert rig.known.sum() == 20
+    by_number = {n: 1 + i for i, n in enumerate(JOINT_NAMES)}
+    again = read_rig(path, mapping=by_number)
+    assert again.known.all()
+    expected = posed_skeleton(pose_by_name("F")).joints_m
+    for each in (rig, again):
+        found = joints_about_wrist(each.posed("F"))[each.known]
+        np.testing.assert_allclose(found, expected[each.known], atol=JOINT_TOLERANCE_M)
+
+
+def swapped(one: str, other: str) -> str:
+    """The mapping with two fingers exchanged."""
+    text = mapping_text().replace(f'"{one}-', '"x-').replace(f'"{other}-', f'"{one}-')
+    return text.replace('"x-', f'"{other}-')
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[joints]\nwrist = 'Bone000'", "a node for 'thumb-metacarpal' in m.toml, got none"),
+        (mapping_text() + "\nhand = 'Bone001'", "WebXR joint names, got 'hand'"),
+        (mapping_text().replace("Bone003", "Bone999"), "a node called 'Bone999' for 'thumb-phal"),
+        (mapping_text().replace("Bone003", "Bone002"), "a node for each joint in m.toml, got 'B"),
+        (mapping_text().replace('"Bone003"', "99"), "a node below 27 for 'thumb-phalanx-distal'"),
+        (mapping_text().replace('"Bone003"', "[1]"), "the name or number of a node for 'thumb-p"),
+        ("[bones]\nwrist = 'x'", "a table .joints.: WebXR name = node, got 'bones'"),
+        ("wrist = ", "a TOML file"),
+        (swapped("index", "middle"), "in the order index, middle, ring, pinky, got middle, index"),
+    ],
+)  # fmt: skip
+def test_wrong_mappings_are_named(tmp_path: Path, text: str, message: str) -> None:
+    path = RigMaker(called=bones_of_a_game).save(tmp_path / "hand.glb")
+    mapping = tmp_path / "m.toml"
+    mapping.write_text(text)
+    with pytest.raises(RigError, match=message):
+        read_rig(path, mapping=mapping)
+
+
+def test_mappings_are_read_alone_too(tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text("[joints]\nwrist = 'a b'\nthumb-tip = 7")
+    assert read_mapping(tmp_path / "m.toml") == {"wrist": "a b", "thumb-tip": 7}
+
+
+# --- sides and units
+
+
+def test_a_name_that_contradicts_the_shape_is_an_error(tmp_path: Path) -> None:
+    path = RigMaker(called="{}_left".format).save(tmp_path / "hand.glb")
+    with pytest.raises(RigError, match=r"a left hand, as its joints are called, got a right one"):
+        read_rig(path)
+    path = make(tmp_path, "b.glb")
+    with pytest.raises(RigError, match=r"b\.glb: expected a left hand, got a right one"):
+        read_rig(path, handedness="left")
+
+
+def test_a_flat_hand_needs_a_word_about_its_side(tmp_path: Path) -> None:
+    """Squeezed into a plane, thumb and all, it is its own mirror image."""
+    settings = {"turn": np.diag([1.0, 1.0, 1e-3]), "local_turns": False}
+    path = RigMaker(**settings).save(tmp_path / "hand.glb")
+    with pytest.raises(RigError, match="seen to be a left or a right one, or names that say so"):
+        read_rig(path)
+    assert read_rig(path, handedness="left").handedness == "left"
+    for name, kind in (("hand_left.glb", str), ("c.glb", "Left_{}".format)):
+        named = RigMaker(called=kind, **settings).save(tmp_path / name)
+        assert read_rig(named).handedness == "left"
+
+
+def test_no_hand_fits_two_units() -> None:
+    low_m, high_m = REACH_M
+    spans = sorted((low_m / unit_m, high_m / unit_m) for unit_m in UNITS_M.values())
+    assert all(one[1] < other[0] for one, other in pairwise(spans))
+
+
+def test_units_are_found_or_given(tmp_path: Path) -> None:
+    odd = make(tmp_path, units=5.0)
+    with pytest.raises(RigError, match=r"100 to 250 mm .* m, cm, mm, inch.*, got 0.83.* units"):
+        read_rig(odd)
+    assert read_rig(odd, unit=0.2).unit_m == 0.2
+    plain = read_rig(make(tmp_path, "b.glb")).posed("F")
+    np.testing.assert_allclose(
+        read_rig(odd, unit=0.2).posed("F").vertices_m, plain.vertices_m, atol=VERTEX_TOLERANCE_M
+    )
+    with pytest.raises(RigError, match=r"50 to 400 mm .*, got 8.3.* mm with .*0.01 m"):
+        read_rig(odd, unit="cm")
+    with pytest.raises(RigError, match=r"did you mean m\?"):
+        read_rig(make(tmp_path, "c.glb"), unit="mm")
+    with pytest.raises(ModelError, match="unit"):
+        read_rig(odd, unit="furlong")
+    with pytest.raises(ModelError, match="unit"):
+        read_rig(odd, unit=-1.0)
+
+
+# --- wrong rigs
+
+
+def no_weights(document: GLTF2) -> None:
+    attributes = document.meshes[0].primitives[0].attributes
+    attributes.JOINTS_0 = attributes.WEIGHTS_0 = None
+
+
+def no_skin(document: GLTF2) -> None:
+    document.skins = []
+    document.nodes[-1].skin = None
+
+
+def cycle(document: GLTF2) -> None:
+    document.nodes[5].children.append(2)
+    document.nodes[2].name = document.nodes[2].name
+    for node in document.nodes:
+        if node is not document.nodes[5] and 2 in node.children:
+            node.children.remove(2)
+
+
+def two_parents(document: GLTF2) -> None:
+    document.nodes[0].children.append(5)
+
+
+def not_a_number(document: GLTF2) -> None:
+    document.nodes[4].matrix[3] = float("nan")
+
+
+def lost_view(document: GLTF2) -> None:
+    document.accessors[1].bufferView = 77
+
+
+def other_component(document: GLTF2) -> None:
+    document.accessors[1].componentType = 1234
+
+
+def too_many(document: GLTF2) -> None:
+    document.accessors[1].count += 1
+
+
+def short_skin(document: GLTF2) -> None:
+    document.skins[0].joints = document.skins[0].joints[:3]
+
+
+def draco(document: GLTF2) -> None:
+    document.extensionsRequired = ["KHR_draco_mesh_compression"]
+
+
+def version_1(document: GLTF2) -> None:
+    document.asset.version = "1.0"
+
+
+def zero_quaternion(document: GLTF2) -> None:
+    document.nodes[3].matrix = None
+    document.nodes[3].rotation = [0.0, 0.0, 0.0, 0.0]
+
+
+def one_place(document: GLTF2) -> None:
+    for node in document.nodes:
+        if node.name == "index-finger-phalanx-distal":
+            node.matrix = np.eye(4).reshape(-1).tolist()
+
+
+def lines(document: GLTF2) -> None:
+    document.meshes[0].primitives[0].mode = 1
+
+
+DOCUMENTS: list[tuple[Callable[[GLTF2], None], str]] = [
+    (no_weights, "mesh 'skin', primitive 0: JOINTS_0 and WEIGHTS_0, got none"),
+    (no_skin, "a mesh with a skin, got a mesh that no joint moves .not skinned."),
+    (cycle, "nodes that form a tree, got a cycle that holds 'thumb-metacarpal' .node 2."),
+    (two_parents, "one parent of node 5, got "),
+    (not_a_number, "matrix of node 4: finite numbers"),
+    (lost_view, r"bufferView of .*: a whole number in \[0, 5\), got 77"),
+    (other_component, "numbers of a known type, got type VEC3 of component type 1234"),
+    (too_many, r"mesh 'skin', primitive 0: POSITION: \d+ elements up to byte"),
+    (short_skin, r"JOINTS below 3, got \d+"),
+    (draco, "no extension for its geometry, got KHR_draco_mesh_compression"),
+    (version_1, "a glTF 2.0 file, got version 1.0"),
+    (zero_quaternion, "rotation of node 3: a quaternion, got zeros"),
+    (one_place, "'index-finger-phalanx-distal' and 'index-finger-phalanx-intermediate' at the sam"),
+    (lines, "a mesh with triangles that the hand's joints move, got none"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), DOCUMENTS, ids=lambda v: getattr(v, "__name__", ""))
+def test_wrong_documents_are_named(
+    tmp_path: Path, change: Callable[[GLTF2], None], message: str
+) -> None:
+    document = RigMaker().build()
+    change(document)
+    path = tmp_path / "hand.gltf"
+    maker = RigMaker()
+    maker.build()
+    (tmp_path / "hand.bin").write_bytes(maker.blob)
+    document.buffers[0].uri = "hand.bin"
+    # Not pygltflib's own writer, which refuses NaN.
+    record = json.loads(document.to_json(allow_nan=True))
+    path.write_text(json.dumps(record))
+    with pytest.raises(RigError, match=message) as caught:
+        read_rig(path)
+    assert str(caught.value).startswith(f"{path}: expected ")
+    assert "\n" not in str(caught.value)
+
+
+def edited(name: str, value: Any, rows: Any = 5) -> Callable[[RigMaker], None]:
+    def edit(maker: RigMaker) -> None:
+        values = np.array(getattr(maker, name))
+        values[rows] = value
+        setattr(maker, name, values)
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (edited("weights_out", 0.0), "weights that sum to 1 .*, got 0 at vertex 5"),
+        (edited("weights_out", [0.5, 0.2, 0.1, 0.0], slice(5, 8)), "0.8 at vertex 5 and others at"),
+        (edited("weights_out", [2.0, -1.0, 0.0, 0.0]), "NaN or a negative one at vertex 5"),
+        (edited("weights_out", np.nan), "NaN or a negative one at vertex 5"),
+        (edited("positions", np.nan), "finite positions"),
+        (edited("joints_out", 200), "JOINTS below 20, got 200"),
+        (edited("faces", 10**6), r"indices below \d+, got 1000000"),
+    ],
+)  # fmt: skip
+def test_wrong_arrays_are_named(
+    tmp_path: Path, edit: Callable[[RigMaker], None], message: str
+) -> None:
+    path = make(tmp_path, edit=edit)
+    with pytest.raises(RigError, match=message) as caught:
+        read_rig(path)
+    assert "mesh 'skin', primitive 0" in str(caught.value)
+
+
+def test_weights_that_nearly_sum_to_one_are_normalised(tmp_path: Path) -> None:
+    def scale(maker: RigMaker) -> None:
+        maker.weights_out = maker.weights_out * 0.95
+
+    plain = read_rig(make(tmp_path)).posed("F")
+    rig = read_rig(make(tmp_path, "b.glb", edit=scale))
+    np.testing.assert_allclose(
+        rig.influences.summed(rig.influences.weight[:, None], rig.n_vertices), 1.0, atol=1e-15
+    )
+    np.testing.assert_allclose(rig.posed("F").vertices_m, plain.vertices_m, atol=VERTEX_TOLERANCE_M)
+
+
+def test_missing_joints_are_named(tmp_path: Path) -> None:
+    for skip in (("ring-finger-phalanx-distal",), ("wrist", "thumb-metacarpal")):
+        path = RigMaker(called=lambda n: "spare" if n in skip else n).save(tmp_path / "hand.glb")  # noqa: B023
+        more = " and 1 more" if len(skip) == 2 else "$"
+        with pytest.raises(RigError, match=f"none called '{skip[0]}'{more}"):
+            read_rig(path)
+    path = RigMaker(called=lambda n: n.replace("pinky-finger-metacarpal", "Wrist_2")).save(
+        tmp_path / "hand.glb"
+    )
+    with pytest.raises(RigError, match=r"one joint 'wrist' .*got 'wrist' \(node 1\) and 'Wrist_2'"):
+        read_rig(path)
+
+
+def test_cut_and_foreign_files_are_named(tmp_path: Path) -> None:
+    content = make(tmp_path).read_bytes()
+    path = tmp_path / "cut.glb"
+    for size in (0, 3, 11, 19, 500, len(content) // 2, len(content) - 1):
+        path.write_bytes(content[:size])
+        with pytest.raises(RigError, match=r"cut.glb: expected "):
+            read_rig(path)
+    path.write_text("solid hand")
+    with pytest.raises(RigError, match=r"a rigged hand: skinned glTF .*got something else"):
+        read_rig(path)
+    hand_mesh("flat", edge_length_m=4e-3).to_trimesh().export(path)
+    with pytest.raises(RigError, match="a mesh that no joint moves"):
+        read_rig(path)
+    with pytest.raises(RigError, match="got nothing there"):
+        read_rig(tmp_path / "none.glb")
+    with pytest.raises(RigError, match="no regular file"):
+        read_rig(tmp_path)
+
+
+def test_damaged_files_raise_nothing_else(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    content = make(tmp_path).read_bytes()
+    path = tmp_path / "damaged.glb"
+    refused = 0
+    for _ in range(40):
+        damaged = bytearray(content)
+        for at in rng.integers(0, 12000, size=rng.integers(1, 6)):
+            damaged[at] = rng.integers(256)
+        path.write_bytes(damaged)
+        try:
+            read_rig(path).posed("flat")
+        except RigError:
+            refused += 1
+    assert refused > 20
+
+
+def test_a_whole_body_is_no_hand(tmp_path: Path) -> None:
+    path = make(tmp_path, edit=edited("positions", [0.0, -1.6, 0.0]))
+    with pytest.raises(RigError, match="take off what is not hand or forearm"):
+        read_rig(path)
+
+
+# --- command line
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    captured = capsys.readouterr()
+    return int(ended.value.code or 0), captured.out, captured.err
+
+
+def test_the_command_poses_a_rig(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    RigMaker(units=100.0, turn=TURN @ MIRROR, called=bones_of_a_game, skip=TIP_NAMES).save(
+        Path("hand.glb")
+    )
+    Path("m.toml").write_text(mapping_text(skip=TIP_NAMES))
+    write_pose("mine.toml", HandPose("mine", pose_by_name("L").joints))
+    options = ("--rig", "hand.glb", "--mapping", "m.toml", "-o")
+    code, out, _ = run(capsys, "hand", "L", *options, "hand.ply", "--joints", "j.json")
+    assert code == 0
+    assert "left hand, unit 10 mm, 20 of 25 joints, 'L'" in out
+    mesh = trimesh.load_mesh("hand.ply", process=False)
+    expected = read_rig("hand.glb", mapping="m.toml").posed("L")
+    np.testing.assert_allclose(mesh.vertices, expected.vertices_m, atol=1e-7)  # float32 in the file
+    joints = json.loads(Path("j.json").read_text())
+    assert joints["thumb-tip"] is None
+    np.testing.assert_array_equal(joints["wrist"], expected.joints_m[0])
+    assert run(capsys, "hand", "mine.toml", *options, "other.ply")[0] == 0
+    assert Path("other.ply").read_bytes() == Path("hand.ply").read_bytes()
+    assert run(capsys, "hand", "L", *options, "given.ply", "--rig-unit", "10")[0] == 0
+    assert Path("given.ply").read_bytes() == Path("hand.ply").read_bytes()
+    assert (
+        run(capsys, "hand", *options, "parts.glb", "--rig-unit", "cm", "--rig-hand", "left")[0] == 0
+    )
+    assert set(Scene.from_mesh("parts.glb").part_names) == set(hand_mesh().part_names)
+
+
+def test_the_command_refuses_in_one_line_and_writes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    make(tmp_path)
+    Path("text.glb").write_text("no mesh")
+    before = sorted(Path().iterdir())
+    for arguments, message in (
+        (("--rig", "text.glb"), "text.glb: expected a rigged hand"),
+        (("--rig", "none.glb"), "none.glb: expected a rigged hand"),
+        (("--rig", "hand.glb", "--rig-unit", "mm"), "did you mean m?"),
+        (("--rig", "hand.glb", "--rig-hand", "left"), "expected a left hand, got a right one"),
+        (("--rig", "hand.glb", "--mapping", "none.toml"), "none.toml: expected a TOML file"),
+        (("--rig", "hand.glb", "--betas", "1"), "betas: expected a MANO model"),
+    ):
+        code, out, err = run(capsys, "hand", "F", *arguments, "-o", "x.ply")
+        assert (code, out) == (1, ""), err
+        assert err.startswith("clradar: error: ")
+        assert message in err
+        assert err.count("\n") == 1
+    for arguments, message in (
+        (("--rig-unit", "mm"), "--rig-unit"),
+        (("--mapping", "m.toml"), "--rig"),
+        (("--rig", "hand.glb", "--left"), "--rig-hand"),
+        (("--rig", "hand.glb", "--edge-mm", "2"), "as it is"),
+        (("--rig", "hand.glb", "--rig-unit", "ell"), "--rig-unit"),
+        (("--rig", "hand.glb", "--rig-hand", "both"), "right or left"),
+        (("--rig", "hand.glb", "--theta", "t.json"), "instead of a pose"),
+    ):
+        code, _, err = run(capsys, "hand", "F", *arguments, "-o", "x.ply")
+        assert code == 2, err
+        assert message in err
+    assert sorted(Path().iterdir()) == before
