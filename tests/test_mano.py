@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import trimesh
 from mano_files import ORDER, PARENTS, mano_model, mano_pickle
+from rig_files import run
 
-from clradar.cli import main
 from clradar.errors import ModelError, RigError
 from clradar.hand import JOINT_NAMES, pose_by_name, posed_skeleton
 from clradar.rigs import (
@@ -324,14 +324,6 @@ def test_cut_models_are_named(tmp_path: Path, path: Path, model: dict[str, Any])
 
 
 # --- command line
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as ended:
-        main([str(a) for a in arguments])
-    captured = capsys.readouterr()
-    return int(ended.value.code or 0), captured.out, captured.err
 
 
 def test_the_command_poses_a_model(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -14,11 +15,10 @@ import trimesh
 from pygltflib import GLTF2, Sparse
 from pygltflib import AccessorSparseIndices as SparseIndices
 from pygltflib import AccessorSparseValues as SparseValues
-from rig_files import TIPS, RigMaker
+from rig_files import TIPS, RigMaker, run
 from scipy.spatial.transform import Rotation
 
 from clradar import Scene
-from clradar.cli import main
 from clradar.errors import ModelError, RigError
 from clradar.hand import (
     JOINT_NAMES,
@@ -742,14 +742,6 @@ def test_a_whole_body_is_no_hand(tmp_path: Path) -> None:
 # --- command line
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as ended:
-        main([str(a) for a in arguments])
-    captured = capsys.readouterr()
-    return int(ended.value.code or 0), captured.out, captured.err
-
-
 def test_the_command_poses_a_rig(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -812,3 +804,11 @@ def test_the_command_refuses_in_one_line_and_writes_nothing(
         assert code == 2, err
         assert message in err
     assert sorted(Path().iterdir()) == before
+
+
+def test_rigs_go_to_other_processes(tmp_path: Path) -> None:
+    rig = read_rig(make(tmp_path, turn=TURN @ MIRROR))
+    again = pickle.loads(pickle.dumps(rig))
+    np.testing.assert_array_equal(again.posed("A").vertices_m, rig.posed("A").vertices_m)
+    assert not again.influences.weight.flags.writeable
+    assert len(repr(rig)) < 1000
