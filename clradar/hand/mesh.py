@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clradar.errors import ModelError
+from clradar.hand.crossings import crossing_faces
 from clradar.hand.flesh import (
     PART_NAMES,
     Flesh,
@@ -186,15 +187,14 @@ def _right_hand(
     pose: HandPose, spacing_m: float, shape: HandShape = AVERAGE
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return vertices, faces, joints and parts of a right hand with its box around the origin."""
-    turned = posed_skeleton(pose, shape)
     # Sampled before the wrist turns it: the same fingers get the same triangles however the hand is
     # held, in the smallest box.
-    turn = turned.frames[0]
-    bones = turned.turned(turn.T)
+    unturned = replace(pose, joints={j: a for j, a in pose.joints.items() if j != "wrist"})
+    bones, turned = posed_skeleton(unturned, shape), posed_skeleton(pose, shape)
     flesh = grown_flesh(bones)
     vertices_m, faces, near = _surface(flesh, spacing_m)
     part = flesh.nearest_part(vertices_m[faces].mean(axis=1), near)
-    vertices_m = vertices_m @ turn.T
+    vertices_m = vertices_m @ turned.frames[0].T
     centre_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
     result = (vertices_m - centre_m, faces, turned.joints_m - centre_m, part)
     for array in result:
@@ -211,7 +211,7 @@ def _surface(flesh: Flesh, spacing_m: float) -> tuple[np.ndarray, np.ndarray, Ne
     raw, faces, _, _ = marching_cubes(distance_m / spacing_m, 0.0, gradient_direction="descent")
     vertices_m = near.low_m + 0.5 * spacing_m + raw.astype(np.float64) * spacing_m
     vertices_m, faces = _largest_component(vertices_m, faces.astype(np.int64))
-    vertices_m = _relaxed(flesh, vertices_m, faces, near)
+    vertices_m = _relaxed(flesh, vertices_m, faces, near, spacing_m)
     if not _is_closed(faces):
         raise ModelError("pose: expected one closed surface, got one with open edges")
     return vertices_m, faces.astype(np.int32), near
@@ -262,7 +262,7 @@ def _largest_component(vertices_m: np.ndarray, faces: np.ndarray) -> tuple[np.nd
 
 
 def _relaxed(
-    flesh: Flesh, vertices_m: np.ndarray, faces: np.ndarray, near: Neighbourhoods
+    flesh: Flesh, raw_m: np.ndarray, faces: np.ndarray, near: Neighbourhoods, spacing_m: float
 ) -> np.ndarray:
     """Return vertices moved along the surface to even out the triangles, and onto the surface.
 
@@ -271,17 +271,49 @@ def _relaxed(
     """
     from scipy.sparse import coo_matrix
 
-    n = len(vertices_m)
+    n = len(raw_m)
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     # Every edge of a closed surface belongs to two faces, once in each direction.
     links = coo_matrix((np.ones(len(ends)), tuple(ends.T)), shape=(n, n)).tocsr()
     weight = np.asarray(links.sum(axis=1))
+    vertices_m = raw_m
     for _ in range(2):
         normal = unit_vectors(flesh.slope(vertices_m, near)[1])
         step_m = 0.5 * (links @ vertices_m / weight.reshape(-1, 1) - vertices_m)
         step_m -= normal * np.einsum("ij,ij->i", step_m, normal)[:, None]
         vertices_m = vertices_m + step_m
         vertices_m = vertices_m - normal * flesh.distance_m(vertices_m, near)[:, None]
+    return _uncrossed(vertices_m, raw_m, faces, _facing(flesh, vertices_m, normal, near, spacing_m))
+
+
+def _facing(
+    flesh: Flesh,
+    vertices_m: np.ndarray,
+    normal: np.ndarray,
+    near: Neighbourhoods,
+    spacing_m: float,
+) -> np.ndarray:
+    """Return which vertices (V,) have skin in front of them, as where fingers touch."""
+    ahead_m = 2.0 * spacing_m
+    return flesh.distance_m(vertices_m + ahead_m * normal, near) < 0.9 * ahead_m
+
+
+def _uncrossed(
+    vertices_m: np.ndarray, raw_m: np.ndarray, faces: np.ndarray, facing: np.ndarray
+) -> np.ndarray:
+    """Return the vertices, those of faces that cross others back where marching cubes had them.
+
+    Its triangles stay in their cells and never cross, so that this comes to an end.
+    """
+    vertices_m = vertices_m.copy()
+    among = np.flatnonzero(facing[faces].any(axis=1))
+    back = np.zeros(len(vertices_m), dtype=bool)
+    while len(crossed := crossing_faces(vertices_m, faces, among)):
+        corners = faces[np.unique(crossed)]
+        if back[corners].all():
+            raise ModelError("pose: expected a surface without crossing faces, got one with some")
+        back[corners] = True
+        vertices_m[back] = raw_m[back]
     return vertices_m
 
 

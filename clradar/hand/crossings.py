@@ -1,0 +1,82 @@
+"""Find faces of a mesh that run through one another."""
+
+from __future__ import annotations
+
+import numpy as np
+
+# An edge whose slope against a triangle is less lies in its plane, up to rounding: as it is where
+# many triangles share a plane, without crossing.
+_LEAST_SLOPE = 1e-7
+
+
+def crossing_faces(
+    vertices_m: np.ndarray, faces: np.ndarray, among: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the pairs of faces that cross without sharing a corner.
+
+    Two triangles cross if an edge of one meets the other, unless it lies in its plane.
+
+    Parameters
+    ----------
+    vertices_m : ndarray, shape (V, 3), metres
+    faces : ndarray, shape (F, 3), int
+    among : ndarray, int, optional
+        Indices of the faces to look at; all of them by default.
+
+    Returns
+    -------
+    ndarray, shape (N, 2), int
+        Indices into `faces`.
+    """
+    chosen = np.arange(len(faces)) if among is None else among
+    corners = faces[chosen]
+    triangles_m = vertices_m[corners]
+    one, other = _close_pairs(triangles_m)
+    apart = (corners[one][:, :, None] != corners[other][:, None, :]).all(axis=(1, 2))
+    one, other = one[apart], other[apart]
+    crossed = np.zeros(len(one), dtype=bool)
+    for a, b in ((one, other), (other, one)):
+        for k in range(3):
+            begin_m, end_m = triangles_m[a, k], triangles_m[a, (k + 1) % 3]
+            crossed |= _edge_meets(begin_m, end_m - begin_m, triangles_m[b])
+    return chosen[np.stack([one[crossed], other[crossed]], axis=1)]
+
+
+def _close_pairs(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pairs of triangles (N, 3, 3) whose bounding boxes meet, each pair once."""
+    from scipy.spatial import cKDTree
+
+    none = np.zeros(0, dtype=np.int64)
+    if len(triangles_m) < 2:
+        return none, none
+    centre_m = triangles_m.mean(axis=1)
+    radius_m = np.linalg.norm(triangles_m - centre_m[:, None], axis=2).max(axis=1)
+    pairs = cKDTree(centre_m).query_pairs(2.0 * float(radius_m.max()), output_type="ndarray")
+    one, other = pairs.T
+    low_m, high_m = triangles_m.min(axis=1), triangles_m.max(axis=1)
+    for axis in range(3):
+        meet = low_m[one, axis] <= high_m[other, axis]
+        meet &= low_m[other, axis] <= high_m[one, axis]
+        one, other = one[meet], other[meet]
+    return one, other
+
+
+def _edge_meets(begin_m: np.ndarray, edge_m: np.ndarray, triangles_m: np.ndarray) -> np.ndarray:
+    """Return for N edges and N triangles whether the edge meets the triangle.
+
+    After Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", Journal of
+    Graphics Tools 2(1), 1997.
+    """
+    first_m = triangles_m[:, 1] - triangles_m[:, 0]
+    second_m = triangles_m[:, 2] - triangles_m[:, 0]
+    from_corner_m = begin_m - triangles_m[:, 0]
+    across = np.cross(edge_m, second_m)
+    turned = np.cross(from_corner_m, first_m)
+    determinant = np.einsum("ij,ij->i", first_m, across)
+    size = np.linalg.norm(np.cross(first_m, second_m), axis=1) * np.linalg.norm(edge_m, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        u = np.einsum("ij,ij->i", from_corner_m, across) / determinant
+        v = np.einsum("ij,ij->i", edge_m, turned) / determinant
+        t = np.einsum("ij,ij->i", second_m, turned) / determinant
+        inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0)
+        return inside & (t >= 0.0) & (t <= 1.0) & (np.abs(determinant) > _LEAST_SLOPE * size)
