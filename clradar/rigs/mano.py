@@ -72,7 +72,8 @@ def mano_rig(
     if len(amounts) > shapedirs.shape[2]:
         checks.fail("betas", f"at most {shapedirs.shape[2]} numbers", f"{len(amounts)}")
     shaped = fields["v_template"] + shapedirs[:, :, : len(amounts)] @ amounts
-    return _rig(path, fields, shaped, unit, handedness)
+    with reading(path, EXPECTED):
+        return _rig(path, fields, shaped, unit, handedness)
 
 
 def _rig(
