@@ -149,15 +149,3 @@ def mano_pickle(model: dict[str, Any], protocol: int = 2, python_2: bool = True)
         writer = _Writer if python_2 else pickle.Pickler
         writer(stream, protocol).dump(content)
         return stream.getvalue()
-
-
-def refused_pickle() -> bytes:
-    """Return a pickle that would run a command where it is loaded as usual."""
-
-    class Bad:
-        def __reduce__(self) -> Any:
-            import os
-
-            return os.system, ("touch /tmp/clradar-was-run",)
-
-    return pickle.dumps({"v_template": Bad()}, protocol=2)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pytest
 from pygltflib import (
     GLTF2,
     Accessor,
@@ -22,7 +23,8 @@ from pygltflib import (
     Skin,
 )
 
-from clradar.hand import JOINT_NAMES, HandPose, hand_mesh, posed_skeleton
+from clradar.cli import main
+from clradar.hand import JOINT_NAMES, HandPose, Skeleton, hand_mesh, posed_skeleton
 from clradar.hand.known_poses import pose_by_name
 
 PARENTS = [
@@ -55,6 +57,10 @@ def bone_weights(vertices: np.ndarray, joints: np.ndarray) -> np.ndarray:
     return weights / weights.sum(axis=1, keepdims=True)
 
 
+def posed(pose: str | HandPose) -> Skeleton:
+    return posed_skeleton(pose if isinstance(pose, HandPose) else pose_by_name(pose))
+
+
 @dataclass
 class RigMaker:
     """A hand of this package as a skinned glTF file; the fields say what is odd about it.
@@ -80,7 +86,7 @@ class RigMaker:
         Sets of four weights.
     siblings : bool
         All joints are children of one node.
-    standing : str
+    standing : HandPose or str
         The pose in which the nodes stand, if not that of the inverse bind matrices.
     edit : callable
         Changes the arrays before they are written.
@@ -102,13 +108,12 @@ class RigMaker:
     primitives: int = 1
     edge_length_m: float = 4e-3
     siblings: bool = False
-    standing: str | None = None
+    standing: HandPose | str | None = None
     edit: Callable[[RigMaker], None] | None = None
 
     def build(self) -> GLTF2:
         mesh = hand_mesh(self.pose, edge_length_m=self.edge_length_m)
-        pose = self.pose if isinstance(self.pose, HandPose) else pose_by_name(self.pose)
-        skeleton = posed_skeleton(pose)
+        skeleton = posed(self.pose)
         shift = skeleton.joints_m[0] - mesh.joints_m[0]
         weights = bone_weights(mesh.vertices_m + shift, skeleton.joints_m)
         parents = list(PARENTS)
@@ -148,13 +153,13 @@ class RigMaker:
         self.names += ["Forearm", "index_helper"]
         keep += [forearm, twist]
         self.weights = np.concatenate([weights, np.zeros((len(weights), 2))], axis=1)
-        # Half of the proximal phalanx's weight is the helper's, half of the wrist's the forearm's.
+        # Half of the phalanx's weight is the helper's, half of the wrist's the forearm's.
         for bone, own in ((twist, 7), (forearm, 0)):
             self.weights[:, bone] = 0.5 * self.weights[:, own]
             self.weights[:, own] *= 0.5
 
     def _stand(self, shrink, keep) -> dict[int, np.ndarray]:
-        skeleton = posed_skeleton(pose_by_name(self.standing))
+        skeleton = posed(self.standing)
         return {b: shrink @ self.placed_node(skeleton, b) for b in keep}
 
     def placed_node(self, skeleton, joint: int) -> np.ndarray:
@@ -264,3 +269,12 @@ class RigMaker:
             document.buffers[0].uri = path.with_suffix(".bin").name
             path.write_text(document.to_json())
         return path
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    """Return exit status and both streams of a command line."""
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    captured = capsys.readouterr()
+    return int(ended.value.code or 0), captured.out, captured.err

@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from clradar.errors import RigError
+from clradar.errors import ModelError, RigError
 from clradar.hand import HandPose, pose_by_name, posed_skeleton
 from clradar.hand.joints import FINGERS, JOINT_INDEX, JOINT_NAMES
 
@@ -289,5 +289,5 @@ def _reference() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _unit(vector: np.ndarray) -> np.ndarray:
     norm = float(np.linalg.norm(vector))
     if not norm > 0.0:
-        raise RigError("expected bones with a length, got two joints at the same place")
+        raise ModelError("joints: expected bones with a length, got two joints at the same place")
     return vector / norm

@@ -66,13 +66,13 @@ def mano_rig(
             fields = _fields(path, model)
         except UnsafePickle as error:
             fail(path, EXPECTED, f"a pickle with {error}")
-        shapedirs = fields["shapedirs"]
-        amounts = checks.read_only(
-            "betas", [] if betas is None else betas, np.float64, (None,), allow_empty=True
-        )
-        if len(amounts) > shapedirs.shape[2]:
-            checks.fail("betas", f"at most {shapedirs.shape[2]} numbers", f"{len(amounts)}")
-        shaped = fields["v_template"] + shapedirs[:, :, : len(amounts)] @ amounts
+    shapedirs = fields["shapedirs"]
+    given = [] if betas is None else betas
+    amounts = checks.read_only("betas", given, np.float64, (None,), allow_empty=True)
+    if len(amounts) > shapedirs.shape[2]:
+        checks.fail("betas", f"at most {shapedirs.shape[2]} numbers", f"{len(amounts)}")
+    shaped = fields["v_template"] + shapedirs[:, :, : len(amounts)] @ amounts
+    with reading(path, EXPECTED):
         return _rig(path, fields, shaped, unit, handedness)
 
 

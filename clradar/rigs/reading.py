@@ -9,7 +9,11 @@ from pathlib import Path
 from clradar.model import checks
 from clradar.rigs.anatomy import UNITS_M
 from clradar.rigs.failures import fail, file_bytes
+from clradar.rigs.gltf_file import GLB_MAGIC
 from clradar.rigs.rig import Rig
+
+# White space of JSON, and the mark that some editors put before a text in UTF-8.
+_BLANKS = b"\xef\xbb\xbf \t\r\n"
 
 EXPECTED = "a rigged hand: skinned glTF (.glb, .gltf) or MANO (.pkl, .npz)"
 
@@ -66,9 +70,7 @@ def read_rig(
         return mano_rig(file, content, betas, unit, handedness)
     if betas is not None:
         checks.fail("betas", "a MANO model (.pkl, .npz) for them", f"{file.name}")
-    if not content.startswith(b"glTF") and not content[:64].lstrip(
-        b"\xef\xbb\xbf \t\r\n"
-    ).startswith(b"{"):
+    if not content.startswith(GLB_MAGIC) and content[:64].lstrip(_BLANKS)[:1] != b"{":
         fail(file, EXPECTED, "something else")
     from clradar.rigs.gltf_rig import gltf_rig
     from clradar.rigs.names import read_mapping

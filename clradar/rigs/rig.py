@@ -13,6 +13,7 @@ from clradar.hand.flesh import PART_NAMES
 from clradar.hand.mesh import DEFAULT_CENTER_M
 from clradar.hand.skeleton import posed_skeleton
 from clradar.model import checks
+from clradar.model.record import reduced, summary
 from clradar.rigs.anatomy import CHAINS, WRIST, parents_of
 
 # The ball of the thumb belongs to the palm, as it does in the hand of this package.
@@ -21,7 +22,7 @@ for _part, _chain in enumerate(CHAINS, start=1):
     _PART_OF_JOINT[list(_chain[1:])] = _part
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Influences:
     """Which joint moves which vertex, and by how much: one row per pair with a weight.
 
@@ -40,6 +41,9 @@ class Influences:
     weight: np.ndarray
     point_m: np.ndarray
 
+    __repr__ = summary
+    __reduce__ = reduced
+
     def __post_init__(self) -> None:
         for name, dtype, shape in (
             ("vertex", np.int64, (None,)),
@@ -56,7 +60,7 @@ class Influences:
         return np.stack(columns, axis=1)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PoseBlend:
     """How a hand's surface changes with its pose before it is skinned (MANO).
 
@@ -75,8 +79,23 @@ class PoseBlend:
     hands_mean: np.ndarray
     hands_components: np.ndarray
 
+    __repr__ = summary
+    __reduce__ = reduced
 
-@dataclass(frozen=True, slots=True, eq=False)
+    def __post_init__(self) -> None:
+        n = len(self.joints)
+        for name, shape in (
+            ("directions", (None, 3, 9 * n)),
+            ("hands_mean", (3 * n,)),
+            ("hands_components", (None, 3 * n)),
+        ):
+            value = checks.read_only(
+                f"PoseBlend.{name}", getattr(self, name), np.float64, shape, allow_empty=True
+            )
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Rig:
     """A rigged hand at rest, in metres, in the frame of `clradar.hand`'s right hand.
 
@@ -111,6 +130,9 @@ class Rig:
     influences: Influences
     blend: PoseBlend | None = None
     ignored: tuple[str, ...] = ()
+
+    __repr__ = summary
+    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         checks.one_of("Rig.handedness", self.handedness, ("right", "left"))

@@ -1,0 +1,357 @@
+"""MANO models: files read without running them, and the model's equations."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from mano_files import ORDER, PARENTS, mano_model, mano_pickle
+from rig_files import run
+
+from clradar.errors import ModelError, RigError
+from clradar.hand import JOINT_NAMES, pose_by_name, posed_skeleton
+from clradar.rigs import (
+    read_rig,
+    rotations_of_theta,
+    theta_of_components,
+    theta_of_rotations,
+)
+from clradar.rigs.plain_pickle import UnsafePickle, load
+
+TOLERANCE_M = 1e-13
+"""float64 throughout: sums of some hundred products of numbers below 1 m, 1e-16 each."""
+
+AT = [JOINT_NAMES.index(name) for name in ORDER]
+
+
+@pytest.fixture(scope="module")
+def model() -> dict[str, Any]:
+    return mano_model()
+
+
+@pytest.fixture(scope="module")
+def path(model: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("mano") / "MANO_RIGHT.pkl"
+    file.write_bytes(mano_pickle(model))
+    return file
+
+
+def rodrigues(vector: np.ndarray) -> np.ndarray:
+    angle = np.linalg.norm(vector)
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def reference(model: dict[str, Any], betas: np.ndarray, theta: np.ndarray) -> tuple[Any, Any]:
+    """Vertices and 16 joints of the model: the paper's equations, one vertex at a time, with 4x4
+    matrices as in SMPL: G_k = prod [R | J], G'_k = G_k with G_k J_k taken off."""
+    shaped = model["v_template"] + np.einsum("vcb,b->vc", model["shapedirs"], betas)
+    joints = model["J_regressor"].toarray() @ shaped
+    rotations = [rodrigues(v) for v in theta.reshape(16, 3)]
+    feature = np.concatenate([(r - np.eye(3)).ravel() for r in rotations[1:]])
+    posed = shaped + np.einsum("vcp,p->vc", model["posedirs"], feature)
+    chain: list[np.ndarray] = []
+    for k, parent in enumerate(PARENTS):
+        local = np.eye(4)
+        local[:3, :3] = rotations[k]
+        local[:3, 3] = joints[k] - (joints[parent] if parent >= 0 else 0.0)
+        chain.append(local if parent < 0 else chain[parent] @ local)
+    places = np.array([g[:3, 3] for g in chain])
+    vertices = np.zeros_like(posed)
+    for k, g in enumerate(chain):
+        moved = (posed - joints[k]) @ g[:3, :3].T + g[:3, 3]
+        vertices += model["weights"][:, [k]] * moved
+    return vertices, places
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_theta_and_beta_give_the_models_own_surface(tmp_path: Path, side: str, seed: int) -> None:
+    made = mano_model(side)
+    file = tmp_path / "model.pkl"
+    file.write_bytes(mano_pickle(made))
+    rng = np.random.default_rng(seed)
+    betas, theta = rng.normal(size=10) * seed, 0.6 * rng.normal(size=48)
+    rig = read_rig(file, betas=betas)
+    assert rig.handedness == side
+    posed = rig.turned(rotations_of_theta(rig, theta))
+    vertices, joints = reference(made, betas, theta)
+    # Into our frame: the orthogonal matrix of the rig, the mirror of a left hand, the wrist.
+    mirror = np.diag([-1.0 if side == "left" else 1.0, 1.0, 1.0])
+    expected = (vertices - joints[0]) @ rig.axes.T @ mirror
+    found = posed.vertices_m - posed.joints_m[0]
+    np.testing.assert_allclose(found, expected, atol=TOLERANCE_M, rtol=0)
+    np.testing.assert_allclose(
+        posed.joints_m[AT] - posed.joints_m[0], (joints - joints[0]) @ rig.axes.T @ mirror,
+        atol=TOLERANCE_M, rtol=0,
+    )  # fmt: skip
+    assert np.linalg.det(rig.axes @ mirror) == pytest.approx(1.0)
+    assert posed.to_trimesh().volume > 0
+
+
+def test_without_pose_and_shape_it_is_the_template(path: Path, model: dict[str, Any]) -> None:
+    rig = read_rig(path)
+    posed = rig.turned(rotations_of_theta(rig, np.zeros(48)))
+    expected = (model["v_template"] - model["J"][0]) @ rig.axes.T
+    # The regressor's joints are those of `J` as far as its pseudo-inverse goes.
+    np.testing.assert_allclose(posed.vertices_m - posed.joints_m[0], expected, atol=1e-12)
+    np.testing.assert_array_equal(posed.faces, model["f"])
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_pose_files_pose_it(tmp_path: Path, side: str) -> None:
+    file = tmp_path / "hand.pkl"
+    file.write_bytes(mano_pickle(mano_model(side)))
+    rig = read_rig(file)
+    assert rig.unit_m == 1.0
+    unknown = {n for n, known in zip(JOINT_NAMES, rig.known, strict=True) if not known}
+    assert unknown == {n for n in JOINT_NAMES if n.endswith(("tip", "finger-metacarpal"))}
+    mirror = np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])
+    for pose in ("F", "A", "L"):
+        posed = rig.posed(pose)
+        expected = posed_skeleton(pose_by_name(pose)).joints_m[AT]
+        found = (posed.joints_m[AT] - posed.joints_m[0]) * mirror
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+        # The same in the model's own parameters.
+        theta = theta_of_rotations(rig, rig.rotations(pose))
+        again = rig.turned(rotations_of_theta(rig, theta))
+        np.testing.assert_allclose(again.vertices_m, posed.vertices_m, atol=TOLERANCE_M)
+
+
+def test_components_are_added_to_the_mean(path: Path, model: dict[str, Any]) -> None:
+    rig = read_rig(path)
+    amounts, first = np.array([0.5, -1.0, 2.0]), [0.1, 0.2, 0.3]
+    theta = theta_of_components(rig, amounts, first)
+    hand = model["hands_mean"] + model["hands_components"][:3].T @ amounts
+    np.testing.assert_allclose(theta, [*first, *hand], atol=1e-15)
+    with pytest.raises(ModelError, match="at most 45 coefficients, got 46"):
+        theta_of_components(rig, np.zeros(46))
+
+
+def test_the_shape_changes_joints_and_surface(path: Path, model: dict[str, Any]) -> None:
+    plain, other = read_rig(path), read_rig(path, betas=[2.0])
+    shaped = model["v_template"] + 2.0 * model["shapedirs"][:, :, 0]
+    joints = model["J_regressor"].toarray() @ shaped
+    lengths = [np.linalg.norm(r.joints_m[AT[2]] - r.joints_m[AT[1]]) for r in (plain, other)]
+    assert lengths[1] == pytest.approx(np.linalg.norm(joints[2] - joints[1]), abs=1e-13)
+    assert abs(lengths[1] - lengths[0]) > 1e-4
+    with pytest.raises(ModelError, match="betas: expected at most 10 numbers, got 11"):
+        read_rig(path, betas=np.zeros(11))
+    with pytest.raises(ModelError, match="betas"):
+        read_rig(path, betas=[np.nan])
+    with pytest.raises(ModelError, match="theta_rad"):
+        rotations_of_theta(plain, np.zeros(45))
+
+
+def test_fingertips_are_vertices_of_the_released_mesh() -> None:
+    """A mesh of 778 vertices has its tips at the vertices that are in use everywhere."""
+    from clradar.rigs.mano import TIP_VERTICES, _fields, _rig
+
+    made = {k: v for k, v in mano_model().items() if isinstance(v, np.ndarray)}
+    made["J_regressor"] = mano_model()["J_regressor"].toarray()
+    have = len(made["v_template"])
+    assert have > 778
+    # As many as there are in the released files; the faces of the rest are left out.
+    keep = slice(0, 778)
+    cut = {**made, **{k: made[k][keep] for k in ("v_template", "shapedirs", "posedirs", "weights")}}
+    cut["f"] = made["f"][(made["f"] < 778).all(axis=1)]
+    cut["J_regressor"] = np.linalg.lstsq(
+        np.vstack([cut["v_template"].T, np.ones(778)]),
+        np.vstack([made["J"].T, np.ones(16)]), rcond=None,
+    )[0].T  # fmt: skip
+    fields = _fields(Path("m.npz"), cut)
+    rig = _rig(Path("m.npz"), fields, fields["v_template"], None, "right")
+    assert rig.known[JOINT_NAMES.index("thumb-tip")]
+    for finger, vertex in TIP_VERTICES.items():
+        name = "thumb-tip" if finger == "thumb" else f"{finger}-finger-tip"
+        expected = (cut["v_template"][vertex] - made["J"][0]) @ rig.axes.T
+        np.testing.assert_allclose(rig.joints_m[JOINT_NAMES.index(name)], expected, atol=1e-12)
+
+
+# --- files
+
+
+@pytest.mark.parametrize(
+    ("protocol", "python_2"), [(0, True), (1, True), (2, True), (0, False), (2, False), (5, False)]
+)
+def test_pickles_of_every_protocol_are_read(
+    tmp_path: Path, path: Path, model: dict[str, Any], protocol: int, python_2: bool
+) -> None:
+    file = tmp_path / "model.pkl"
+    file.write_bytes(mano_pickle(model, protocol, python_2))
+    found, expected = read_rig(file, betas=[1.0, -1.0]), read_rig(path, betas=[1.0, -1.0])
+    np.testing.assert_array_equal(found.posed("F").vertices_m, expected.posed("F").vertices_m)
+
+
+def as_npz(model: dict[str, Any]) -> bytes:
+    plain = {k: v.toarray() if hasattr(v, "toarray") else v for k, v in model.items()}
+    stream = io.BytesIO()
+    np.savez(stream, **plain)
+    return stream.getvalue()
+
+
+def test_npz_files_are_read(tmp_path: Path, path: Path, model: dict[str, Any]) -> None:
+    file = tmp_path / "model.npz"
+    file.write_bytes(as_npz(model))
+    np.testing.assert_array_equal(
+        read_rig(file).posed("F").vertices_m, read_rig(path).posed("F").vertices_m
+    )
+    np.savez(file, **{**model, "J_regressor": np.array(model["J_regressor"], dtype=object)})
+    with pytest.raises(RigError, match="an array 'J_regressor' of numbers, got Object arrays"):
+        read_rig(file)
+
+
+class Runs:
+    """Whose pickle would run a command."""
+
+    def __init__(self, call: Any) -> None:
+        self.call = call
+
+    def __reduce__(self) -> Any:
+        return self.call
+
+
+def test_names_that_no_model_needs_are_refused_and_not_run(
+    tmp_path: Path, model: dict[str, Any]
+) -> None:
+    import os
+
+    trace = tmp_path / "was-run"
+    calls = {
+        "posix.system": (os.system, (f"touch {trace}",)),
+        "builtins.eval": (eval, (f"open({str(trace)!r}, 'w')",)),
+        "builtins.getattr": (getattr, (model, "clear")),
+        "numpy.load": (np.load, (str(trace),)),
+    }
+    for name, call in calls.items():
+        for protocol in (0, 2, 4):
+            file = tmp_path / "model.pkl"
+            file.write_bytes(pickle.dumps({"v_template": Runs(call)}, protocol))
+            expected = name.replace("builtins", "(__builtin__|builtins)")
+            with pytest.raises(RigError, match=rf"the name {expected}, which no hand model needs"):
+                read_rig(file)
+    assert not trace.exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"\x80\x02}q\x00U\x01aK\x01s", "cut short"),
+        (b"\x80\x02K\x01", "cut short"),
+        (b"\x80\x02K\x01.", "a pickle of int"),
+        (b"\x80\x02cos\nsystem\n.", "the name os.system"),
+        (b"\x80\x02(cos\nsystem\nU\x01ao.", "the name os.system"),
+        (b"(ios\nsystem\n.", "the name os.system"),
+        (b"\x80\x02\x82\x01.", "the pickle operation EXT1"),
+        (b"Pname\n.", "the pickle operation PERSID"),
+        (b"\x80\x02h\x07.", "memo entry 7, which was never stored"),
+        (b"\x80\x020.", "takes more than it has"),
+        (b"\x80\x02e.", "without the mark"),
+        (b"\x80\x02]K\x01}s.", "takes more than it has|no dictionary"),
+        (b"\x80\x02}]K\x01s.", "key that is no string"),
+        (b"\x80\x02cnumpy\ndtype\n(K\x01tR.", "a data type that is not given by its code"),
+        (b"\x80\x02K\x01K\x02\x86R.", "takes more|no name"),
+        (b"\xff\xff", "no pickle operation"),
+    ],
+)
+def test_odd_pickles_are_refused(tmp_path: Path, content: bytes, message: str) -> None:
+    file = tmp_path / "model.pkl"
+    file.write_bytes(content)
+    with pytest.raises(RigError, match=message) as caught:
+        read_rig(file)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_array_needs_all_its_bytes() -> None:
+    for array in (np.arange(6.0).reshape(2, 3), np.asfortranarray(np.eye(3, 2)), np.array(7)):
+        for protocol in range(6):
+            again = load(pickle.dumps(array, protocol))
+            np.testing.assert_array_equal(again.value, array)
+    whole = pickle.dumps(np.arange(6.0), 2)
+    with pytest.raises(UnsafePickle, match="with 48 bytes of data"):
+        load(whole.replace(b"K\x06\x85", b"K\x07\x85"))
+    with pytest.raises(UnsafePickle, match="numbers of type '<U1'"):
+        load(pickle.dumps(np.array(["a"])))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"weights": None}, "with 'weights', got only .'J_regressor', 'f'"),
+        ({"weights": lambda w: 0.5 * w}, "weights: weights that sum to 1 .* got 0.5 at vertex 0"),
+        ({"weights": lambda w: w[:-1]}, r"'weights' of shape \(V, 16\) with V = \d+"),
+        ({"posedirs": lambda p: p[:, :, :100]}, r"'posedirs' of shape \(V, 3, 135\)"),
+        ({"v_template": lambda v: v * np.nan}, "finite numbers in 'v_template'"),
+        ({"f": lambda f: f + np.uint32(10**6)}, "faces with vertices below"),
+        ({"kintree_table": lambda k: k[:, ::-1]}, "the hierarchy of MANO's 16 joints"),
+        ({"J_regressor": lambda j: j * 0.0}, "at the same place"),
+    ],
+    ids=lambda v: next(iter(v)) if isinstance(v, dict) else "",
+)
+def test_wrong_models_are_named(
+    tmp_path: Path, model: dict[str, Any], change: dict[str, Any], message: str
+) -> None:
+    ((name, function),) = change.items()
+    changed = dict(model)
+    if function is None:
+        del changed[name]
+    else:
+        value = model[name]
+        changed[name] = function(value.toarray() if hasattr(value, "toarray") else value)
+    file = tmp_path / "model.npz"
+    file.write_bytes(as_npz(changed))
+    with pytest.raises(RigError, match=message) as caught:
+        read_rig(file)
+    assert str(caught.value).startswith(f"{file}: expected ")
+
+
+def test_cut_models_are_named(tmp_path: Path, path: Path, model: dict[str, Any]) -> None:
+    for name, content in (("a.pkl", path.read_bytes()), ("a.npz", as_npz(model))):
+        file = tmp_path / name
+        for size in (len(content) // 3, len(content) - 40):
+            file.write_bytes(content[:size])
+            with pytest.raises(RigError, match=f"{name}: expected a MANO hand model"):
+                read_rig(file)
+
+
+# --- command line
+
+
+def test_the_command_poses_a_model(
+    tmp_path: Path, path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, "hand", "L", "--rig", path, "--betas", "1,-0.5", "-o", "a.ply")
+    assert code == 0, err
+    assert "right hand, unit 1000 mm, 16 of 25 joints, 'L'" in out
+    expected = read_rig(path, betas=[1.0, -0.5]).posed("L")
+    mesh = trimesh.load_mesh("a.ply", process=False)
+    np.testing.assert_allclose(mesh.vertices, expected.vertices_m, atol=1e-7)
+    theta = 0.2 * np.arange(48) / 48
+    Path("t.json").write_text(json.dumps(theta.tolist()))
+    code, _, err = run(capsys, "hand", "--rig", path, "--theta", "t.json", "-o", "b.ply")
+    assert code == 0, err
+    rig = read_rig(path)
+    mesh = trimesh.load_mesh("b.ply", process=False)
+    expected = rig.turned(rotations_of_theta(rig, theta))
+    np.testing.assert_allclose(mesh.vertices, expected.vertices_m, atol=1e-7)
+    Path("t.json").write_text("[1, 2]")
+    for arguments, message in (
+        (("--theta", "t.json"), "t.json: expected a JSON list of 48 numbers, got 2"),
+        (("--betas", ",".join("1" * 11)), "betas: expected at most 10 numbers"),
+        (("--mapping", "t.json"), "mapping: expected none for a MANO model"),
+    ):
+        code, _, err = run(capsys, "hand", "--rig", path, *arguments, "-o", "x.ply")
+        assert (code, err.count("\n")) == (1, 1)
+        assert message in err
+    assert run(capsys, "hand", "--rig", path, "--betas", "x", "-o", "x.ply")[0] == 2
+    assert not Path("x.ply").exists()
