@@ -24,7 +24,10 @@ EDGE_MM = 1.7
 
 
 def command(
-    pose: Annotated[str, typer.Argument(help="Name of the pose; --list shows them.")] = "F",
+    pose: Annotated[
+        str,
+        typer.Argument(help="Name of a pose (--list shows them), or a pose file: .toml or .json."),
+    ] = "F",
     output: Annotated[
         Optional[Path],  # noqa: UP045
         typer.Option("-o", "--output", help=f"Mesh file: {', '.join(SUFFIXES)}."),
@@ -33,6 +36,30 @@ def command(
         float, typer.Option("--edge-mm", metavar="MM", help="About the length of an edge.")
     ] = EDGE_MM,
     left: Annotated[bool, typer.Option("--left", help="A left hand.")] = False,
+    length_mm: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            "--length-mm", metavar="MM", help="Wrist crease to middle fingertip. [default: 187.4]"
+        ),
+    ] = None,
+    breadth_mm: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option("--breadth-mm", metavar="MM", help="Across the knuckles. [default: 85.6]"),
+    ] = None,
+    finger_lengths: Annotated[
+        tuple[float, float, float, float, float],
+        typer.Option(
+            "--finger-lengths",
+            metavar="T I M R P",
+            help="Thumb to little finger, relative to an average hand of this length.",
+        ),
+    ] = (1.0, 1.0, 1.0, 1.0, 1.0),
+    girth: Annotated[
+        float,
+        typer.Option(
+            "--girth", help="Thickness, relative to that of an average hand of this breadth."
+        ),
+    ] = 1.0,
     center_mm: Annotated[
         tuple[float, float, float],
         typer.Option("--center-mm", metavar="X Y Z", help="Centre of the bounding box."),
@@ -59,7 +86,7 @@ def command(
     """The mesh is closed, in metres and in the antenna frame, palm to the radar. A .glb file
     keeps palm, thumb, index, middle, ring and pinky apart, so that each can have its own alpha.
     """
-    from clradar.hand import POSES, hand_mesh, pose_by_name, read_pose
+    from clradar.hand import POSES, HandShape, hand_mesh, pose_by_name, read_pose
 
     if list_poses:
         print_table(("pose", "description"), [(n, pose.description) for n, pose in POSES.items()])
@@ -68,6 +95,9 @@ def command(
         raise wrong_usage("-o", "expected a mesh file to write, or --list")
     check_mesh_name(output)
     check_outputs([output, joints], force=force)
+    sizes_mm = {"length_m": length_mm, "breadth_m": breadth_mm}
+    sizes_m = {name: value / 1e3 for name, value in sizes_mm.items() if value is not None}
+    shape = HandShape(finger_lengths=finger_lengths, girth=girth, **sizes_m)
     # A name without a suffix is no file, even where one of that name lies about.
     posed = read_pose(pose) if Path(pose).suffix else pose_by_name(pose)
     mesh = hand_mesh(
@@ -75,6 +105,7 @@ def command(
         edge_length_m=edge_mm / 1e3,
         handedness="left" if left else "right",
         center_m=[value / 1e3 for value in center_mm],
+        shape=shape,
     )
     mesh = turned(mesh, turn_deg, [value / 1e3 for value in center_mm])
     save_hand(output, mesh, force=force)
@@ -82,7 +113,7 @@ def command(
         from clradar.cli.regions_file import joints_record
 
         write_json(joints, joints_record(mesh.joints_m), force=force)
-    print_line(f"{output}: hand '{pose}', {len(mesh.faces)} faces")
+    print_line(f"{output}: hand '{posed.name}', {len(mesh.faces)} faces")
 
 
 def check_mesh_name(path: Path) -> None:
