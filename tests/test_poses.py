@@ -293,8 +293,8 @@ OUT = {
 def test_the_right_fingers_are_out():
     for sign, out in OUT.items():
         for finger in FINGERS:
-            # Straight is 1. The least folded ones close the rings of D, F, 6, 7, 8 and 9: 60 degrees
-            # over two joints leave 0.95 of the length.
+            # Straight is 1. The least folded ones are those that meet the thumb, in 6 to 9: two
+            # joints that share 60 degrees leave 0.95 of the length.
             reach = reach_m(sign, finger)
             assert reach > 0.98 if finger[0] in out else reach < 0.95, (sign, finger, reach)
 
