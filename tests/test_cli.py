@@ -124,7 +124,7 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
     [
         ("devices", ("CLRADAR_DEVICE",)),
         ("demo", ("--full", "--force", "--device", "SNR", "variance of the noise")),
-        ("hand", ("--edge-mm", "--left", "--list", "--joints", "metres")),
+        ("hand", ("--edge-mm", "--left", "--list", "--joints", "--length-mm", "metres")),
         (
             "simulate",
             ("--alpha", "--unit", "--transform", "--samples-per-mm2", "--rays-per-sample",
@@ -269,7 +269,7 @@ def test_wrong_usage_is_2(
         (["simulate", "hand.ply", "-o", "no/x.h5"], ("no/x.h5", "folder")),
         (["simulate", "hand.ply", "-o", "."], ("folder",)),
         (["simulate", "hand.ply", "-o", "hand.ply", "--force"], ("also an input",)),
-        (["hand", "Q", "-o", "x.ply"], ("pose", "'Q'")),
+        (["hand", "J", "-o", "x.ply"], ("pose", "'J'")),
         (["hand", "F", "-o", "x.stp"], (".ply", "'.stp'")),
         (["image", "hand.ply", "-o", "x.h5"], ("hand.ply", "something else")),
         (["image", "volume.h5", "-o", "x.h5"], ("expected a capture", "a volume")),
@@ -469,7 +469,31 @@ def test_devices_without_opencl(run: Run, monkeypatch: pytest.MonkeyPatch) -> No
 def test_hand_lists_its_poses(run: Run) -> None:
     outcome = run("hand", "--list")
     assert outcome.status == 0
-    assert {"F", "flat"} <= set(outcome.out.split())
+    assert {"A", "F", "Y", "0", "9", "flat"} <= set(outcome.out.split())
+    assert "Fist with the thumb across the front of the fingers." in outcome.out
+
+
+def test_a_hand_of_a_pose_file_and_of_another_size(run: Run, made: Path, tmp_path: Path) -> None:
+    from clradar.hand import HandPose, pose_by_name, write_pose
+
+    pose = tmp_path / "mine.toml"
+    write_pose(pose, HandPose("mine", pose_by_name("F").joints))
+    whole, small = tmp_path / "whole.ply", tmp_path / "small.ply"
+    outcome = run("hand", pose, "-o", whole, "--edge-mm", EDGE_MM)
+    assert outcome.status == 0, outcome.err
+    assert "hand 'mine'" in outcome.out
+    same = clradar.Scene.from_mesh(made / "hand.ply")
+    assert clradar.Scene.from_mesh(whole).digest() == same.digest()
+    outcome = run("hand", "F", "-o", small, "--edge-mm", EDGE_MM, "--length-mm", "165",
+                  "--breadth-mm", "75", "--girth", "0.95",
+                  "--finger-lengths", "1", "1", "1.02", "1", "0.98")  # fmt: skip
+    assert outcome.status == 0, outcome.err
+    extents = [np.ptp(clradar.Scene.from_mesh(path).vertices_m, axis=0) for path in (whole, small)]
+    # Length and breadth are 0.88 of the default's; the hand is a stub of forearm longer.
+    assert (extents[1][:2] / extents[0][:2] < 0.92).all()
+    one_error_line(run("hand", "F", "-o", tmp_path / "x.ply", "--length-mm", "30"), "length_m")
+    pose.write_text('name = "x"\n[joints.elbow]\nflexion_deg = 1', encoding="utf-8")
+    one_error_line(run("hand", pose, "-o", tmp_path / "x.ply"), "mine.toml", "elbow")
 
 
 def test_a_left_hand_is_the_mirror_image(run: Run, made: Path, tmp_path: Path) -> None:

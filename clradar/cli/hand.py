@@ -53,6 +53,30 @@ def command(
         ),
     ] = None,
     left: Annotated[bool, typer.Option("--left", help="A left hand.")] = False,
+    length_mm: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            "--length-mm", metavar="MM", help="Wrist crease to middle fingertip. [default: 187.4]"
+        ),
+    ] = None,
+    breadth_mm: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option("--breadth-mm", metavar="MM", help="Across the knuckles. [default: 85.6]"),
+    ] = None,
+    finger_lengths: Annotated[
+        Optional[tuple[float, float, float, float, float]],  # noqa: UP045
+        typer.Option(
+            "--finger-lengths",
+            metavar="T I M R P",
+            help="Thumb to little finger, relative to an average hand of this length.",
+        ),
+    ] = None,
+    girth: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            "--girth", help="Thickness, relative to that of an average hand of this breadth."
+        ),
+    ] = None,
     center_mm: Annotated[
         tuple[float, float, float],
         typer.Option("--center-mm", metavar="X Y Z", help="Centre of the bounding box."),
@@ -88,7 +112,7 @@ def command(
     With --rig, a hand of one's own is posed: where it stands in its file, in which unit, and
     which hand it is follow from its joints.
     """
-    from clradar.hand import POSES, hand_mesh, pose_by_name, read_pose
+    from clradar.hand import POSES, HandShape, hand_mesh, pose_by_name, read_pose
 
     if list_poses:
         print_table(("pose", "description"), [(n, pose.description) for n, pose in POSES.items()])
@@ -100,12 +124,19 @@ def command(
         "--mapping": mapping, "--rig-unit": rig_unit, "--rig-hand": rig_hand,
         "--betas": betas, "--theta": theta,
     }  # fmt: skip
+    shape_options = {
+        "--length-mm": length_mm, "--breadth-mm": breadth_mm,
+        "--finger-lengths": finger_lengths, "--girth": girth,
+    }  # fmt: skip
+    given = [name for name, value in shape_options.items() if value is not None]
     if rig is None:
         check_alone(rig_options)
     elif left:
         raise wrong_usage("--left", "a rig is a left or a right hand itself; see --rig-hand")
     elif edge_mm is not None:
         raise wrong_usage("--edge-mm", "a rig's mesh is taken as it is")
+    elif given:
+        raise wrong_usage(given[0], "a rig has the size and shape of its own mesh")
     if theta is not None and pose is not None:
         raise wrong_usage("--theta", f"expected instead of a pose, got '{pose}', too")
     inputs = [path for path in (rig, mapping, theta) if path is not None]
@@ -115,13 +146,21 @@ def command(
     posed = read_pose(pose) if Path(pose).suffix else pose_by_name(pose)
     center_m = [value / 1e3 for value in center_mm]
     if rig is None:
+        average = HandShape()
+        shape = HandShape(
+            length_m=average.length_m if length_mm is None else length_mm / 1e3,
+            breadth_m=average.breadth_m if breadth_mm is None else breadth_mm / 1e3,
+            finger_lengths=finger_lengths or average.finger_lengths,
+            girth=average.girth if girth is None else girth,
+        )
         mesh = hand_mesh(
             posed,
             edge_length_m=(EDGE_MM if edge_mm is None else edge_mm) / 1e3,
             handedness="left" if left else "right",
             center_m=center_m,
+            shape=shape,
         )
-        what = f"hand '{pose}'"
+        what = f"hand '{posed.name}'"
     else:
         opened = opened_rig(rig, mapping, rig_unit, rig_hand, betas)
         mesh = posed_rig(opened, posed, theta, center_m)

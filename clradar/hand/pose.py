@@ -107,7 +107,8 @@ class HandPose:
 def check_angles(joint: str, angles: Any) -> None:
     """Raise `ModelError` unless the hand has this joint and it can take these angles."""
     if joint not in LIMITS_DEG:
-        checks.fail("joints", "one of " + ", ".join(JOINT_NAMES), repr(joint))
+        example = "one of the 25 of WebXR Hand Input, such as 'index-finger-phalanx-proximal'"
+        checks.fail("joint", example, repr(joint))
     checks.instance(f"joint {joint}", angles, JointAngles)
     for angle_deg, (name, (low_deg, high_deg)) in zip(
         angles.degrees(), LIMITS_DEG[joint].items(), strict=True

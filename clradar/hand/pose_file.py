@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from clradar.errors import MeasurementError, ModelError, OutputError
-from clradar.hand.joints import ANGLES, JOINT_NAMES
+from clradar.hand.joints import ANGLES
 from clradar.hand.pose import HandPose, JointAngles, check_angles
 
 if sys.version_info >= (3, 11):
@@ -51,7 +51,7 @@ def parse_pose(content: bytes, path: Path) -> HandPose:
     try:
         text = content.decode("utf-8-sig")
         if path.suffix.lower() == ".json":
-            parsed = json.loads(text)
+            parsed = json.loads(text, object_pairs_hook=_without_repetition)
         else:
             if max((len(line) for line in text.splitlines()), default=0) > _MAX_LINE:
                 _fail(path, f"lines of at most {_MAX_LINE} characters", "a longer one")
@@ -109,6 +109,14 @@ def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = Fa
             temporary.unlink()
 
 
+def _without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) != len(pairs):
+        keys = [key for key, _ in pairs]
+        raise ValueError(f"the key {max(keys, key=keys.count)!r} twice in one object")
+    return table
+
+
 def _shown(path: Path) -> str:
     return str(path).encode("utf-8", "backslashreplace").decode("utf-8")
 
@@ -136,11 +144,13 @@ def _brief(value: Any) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-def _table(path: Path, place: str, value: Any, keys: tuple[str, ...]) -> dict[str, Any]:
+def _table(
+    path: Path, place: str, value: Any, keys: tuple[str, ...] | None = None
+) -> dict[str, Any]:
     if not isinstance(value, dict):
         _fail(path, f"{place} to be a table", _brief(value))
     for key in value:
-        if key not in keys:
+        if keys is not None and key not in keys:
             raise MeasurementError(
                 f"{_shown(path)}: {place}: expected one of {', '.join(keys)}, got {_brief(key)}"
             )
@@ -159,13 +169,13 @@ def _pose(path: Path, parsed: Any) -> HandPose:
         _fail(path, "a table joints, with the angles of each joint", "none")
     angle_keys = tuple(f"{name}_deg" for name in ANGLES)
     joints = {}
-    for joint, table in _table(path, "joints", top["joints"], JOINT_NAMES).items():
+    for joint, table in _table(path, "joints", top["joints"]).items():
         given = _table(path, f"joints.{joint}", table, angle_keys)
         try:
             angles = JointAngles.from_degrees(**given)
             check_angles(joint, angles)
         except ModelError as error:
-            place = "" if f"joint {joint}" in str(error) else f"joint {joint}: "
+            place = "" if str(error).startswith("joint") else f"joint {joint}: "
             raise MeasurementError(f"{_shown(path)}: {place}{error}") from error
         joints[joint] = angles
     return HandPose(texts["name"], joints, texts["description"], texts["source"])

@@ -1,0 +1,423 @@
+"""Poses: records, limits, files, the letters and digits, interpolation, and random ones."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clradar.errors import MeasurementError, ModelError, OutputError
+from clradar.hand import (
+    DIGITS,
+    JOINT_NAMES,
+    LETTERS,
+    LIMITS_DEG,
+    POSES,
+    HandPose,
+    JointAngles,
+    hand_mesh,
+    interpolate_poses,
+    posed_skeleton,
+    random_pose,
+    read_pose,
+    write_pose,
+)
+from clradar.hand.contact import overlaps
+from clradar.hand.crossings import crossing_faces
+from clradar.hand.sampler import MOST_OVERLAP_M, MOST_PALM_OVERLAP_M
+
+FINGERS = ("index", "middle", "ring", "pinky")
+SIGNS = (*LETTERS, *DIGITS)
+COARSE_M = 3.5e-3
+
+# The search for the letters' angles lets digits touch; skin gives way by about as much.
+MOST_LETTER_OVERLAP_M = 1e-3
+# A thumb's ball and a palm's pads give way more: what is pressed there is hidden from the radar.
+MOST_LETTER_PALM_OVERLAP_M = 3.5e-3
+
+MCP = "{}-finger-phalanx-proximal"
+PIP = "{}-finger-phalanx-intermediate"
+
+
+def joint(pose: str, name: str) -> np.ndarray:
+    """Where a joint is, metres, in the hand's own frame: the wrist's turn is undone."""
+    bones = posed_skeleton(POSES[pose])
+    return bones.frames[0].T @ bones.joints_m[JOINT_NAMES.index(name)]
+
+
+def reach_m(pose: str, finger: str) -> float:
+    """How far the fingertip is from the knuckle, over what it is straight: 1 is straight."""
+    names = [f"{finger}-finger-{b}" for b in ("phalanx-proximal", "phalanx-intermediate")]
+    names += [f"{finger}-finger-{b}" for b in ("phalanx-distal", "tip")]
+    at = [joint(pose, name) for name in names]
+    whole_m = sum(np.linalg.norm(b - a) for a, b in pairwise(at))
+    return float(np.linalg.norm(at[-1] - at[0]) / whole_m)
+
+
+def tip(pose: str, digit: str) -> np.ndarray:
+    return joint(pose, "thumb-tip" if digit == "thumb" else f"{digit}-finger-tip")
+
+
+def gap_m(pose: str, one: str, other: str) -> float:
+    return float(np.linalg.norm(tip(pose, one) - tip(pose, other)))
+
+
+# --- records
+
+
+def test_a_pose_is_hashable_comparable_and_picklable():
+    angles = {"wrist": JointAngles.from_degrees(10.0, -5.0, 20.0), "thumb-tip": JointAngles()}
+    pose = HandPose("mine", angles, "what it is")
+    same = HandPose("mine", dict(reversed(angles.items())))
+    assert pose == same
+    assert hash(pose) == hash(same)
+    assert pose != HandPose("mine")
+    again = pickle.loads(pickle.dumps(pose))
+    assert again == pose
+    assert again.description == "what it is"
+    # Joints without angles are none, and the caller's mapping is not the record's.
+    assert set(pose.joints) == {"wrist"}
+    assert pose.angles("thumb-tip") == JointAngles()
+    angles.clear()
+    assert pose == same
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: HandPose(1), "HandPose.name: expected a string"),  # type: ignore[arg-type]
+        (lambda: HandPose("x", 7), "HandPose.joints: expected a mapping"),  # type: ignore[arg-type]
+        (lambda: HandPose("x", {"elbow": JointAngles()}), "joint: expected .* 'elbow'"),
+        (lambda: HandPose("x", {"wrist": 1.0}), "joint wrist: expected a JointAngles"),  # type: ignore[dict-item]
+        (lambda: JointAngles("a"), "JointAngles.flexion_rad: expected a number"),  # type: ignore[arg-type]
+        (lambda: JointAngles(twist_rad=float("nan")), "JointAngles.twist_rad: .* finite"),
+        (
+            lambda: HandPose("x", {"thumb-phalanx-distal": JointAngles(2.0)}),
+            r"joint thumb-phalanx-distal: flexion: .* \[-30, 90\] degrees, got 114.592 degrees",
+        ),
+        (
+            lambda: HandPose("x", {"ring-finger-tip": JointAngles(0.1)}),
+            "joint ring-finger-tip: flexion: expected 0",
+        ),
+    ],
+)
+def test_poses_that_cannot_be_are_refused(make, message):
+    with pytest.raises(ModelError, match=message):
+        make()
+
+
+def test_every_angle_is_accepted_at_its_limits_and_refused_beyond():
+    for name, limits in LIMITS_DEG.items():
+        for i, angle_limits in enumerate(limits.values()):
+            for limit_deg, beyond_deg in zip(angle_limits, (-0.1, 0.1), strict=True):
+                angles_deg = [0.0, 0.0, 0.0]
+                angles_deg[i] = limit_deg
+                HandPose("limit", {name: JointAngles.from_degrees(*angles_deg)})
+                angles_deg[i] += beyond_deg
+                with pytest.raises(ModelError, match=f"joint {name}"):
+                    HandPose("beyond", {name: JointAngles.from_degrees(*angles_deg)})
+
+
+# --- kinematics
+
+
+def test_angles_turn_the_way_they_are_said_to():
+    def moved(name: str, angles_deg: tuple[float, float, float], watched: str) -> np.ndarray:
+        bent = posed_skeleton(HandPose("x", {name: JointAngles.from_degrees(*angles_deg)}))
+        at = JOINT_NAMES.index(watched)
+        return bent.joints_m[at] - posed_skeleton(HandPose("rest")).joints_m[at]
+
+    for finger, away in (("index", -1), ("middle", -1), ("ring", 1), ("pinky", 1)):
+        knuckle, end = MCP.format(finger), f"{finger}-finger-tip"
+        assert moved(knuckle, (20.0, 0.0, 0.0), end)[2] < -5e-3  # to the palm's side
+        assert away * moved(knuckle, (0.0, 15.0, 0.0), end)[0] > 5e-3
+        # A twisted finger's bending plane leans towards the thumb (-x).
+        twisted = {knuckle: JointAngles.from_degrees(0.0, 0.0, 20.0)}
+        hook = {PIP.format(finger): JointAngles.from_degrees(90.0)}
+        at = JOINT_NAMES.index(end)
+        straight, leaning = (posed_skeleton(HandPose("x", j)) for j in (hook, hook | twisted))
+        assert leaning.joints_m[at, 0] < straight.joints_m[at, 0] - 5e-3
+    thumb = "thumb-metacarpal"
+    assert moved(thumb, (20.0, 0.0, 0.0), "thumb-tip")[0] > 5e-3  # across the palm
+    assert moved(thumb, (0.0, 20.0, 0.0), "thumb-tip")[2] < -5e-3  # to the palm's side
+    assert moved("wrist", (20.0, 0.0, 0.0), "middle-finger-tip")[2] < -0.05
+    assert moved("wrist", (0.0, 20.0, 0.0), "middle-finger-tip")[0] < -0.05  # to the thumb's side
+    # Pronation of a raised right hand brings the thumb to the front.
+    assert moved("wrist", (0.0, 0.0, 20.0), "thumb-metacarpal")[2] < -5e-3
+
+
+def test_the_wrist_turns_the_hand_as_one():
+    wrist = {"wrist": JointAngles.from_degrees(30.0, -20.0, 50.0)}
+    turned = posed_skeleton(HandPose("x", {**POSES["F"].joints, **wrist}))
+    still = posed_skeleton(POSES["F"])
+    # Rotations of metres: a few rounding errors.
+    np.testing.assert_allclose(turned.joints_m, still.joints_m @ turned.frames[0].T, atol=1e-15)
+    np.testing.assert_allclose(turned.frames, turned.frames[0] @ still.frames, atol=1e-14)
+
+
+def test_hollowing_the_palm_carries_the_finger_along():
+    hollow = {"pinky-finger-metacarpal": JointAngles.from_degrees(20.0)}
+    bent, flat = (posed_skeleton(HandPose("x", j)) for j in (hollow, {}))
+    at = [JOINT_NAMES.index(f"pinky-finger-{b}") for b in ("metacarpal", "phalanx-proximal", "tip")]
+    np.testing.assert_array_equal(bent.joints_m[at[0]], flat.joints_m[at[0]])
+    for bones in (bent, flat):
+        # The knuckle keeps its place on the metacarpal and the finger its angle to it.
+        along = bones.joints_m[at[1]] - bones.joints_m[at[0]]
+        assert np.linalg.norm(along) == pytest.approx(53.7e-3, abs=0.2e-3)
+    ends = [np.linalg.norm(b.joints_m[at[2]] - b.joints_m[at[0]]) for b in (bent, flat)]
+    assert ends[0] == pytest.approx(ends[1], abs=1e-15)
+    assert bent.joints_m[at[2], 2] < flat.joints_m[at[2], 2] - 0.03
+
+
+# --- files
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+def test_a_written_pose_is_read_again(tmp_path: Path, suffix: str):
+    for i, pose in enumerate((POSES["K"], POSES["G"], HandPose("bare"),
+                              HandPose('odd "name" \\ \x7f\té', {}, "line\nbreak"))):  # fmt: skip
+        path = tmp_path / f"{i}{suffix}"
+        write_pose(path, pose)
+        again = read_pose(path)
+        assert again == pose
+        assert (again.description, again.source) == (pose.description, pose.source)
+        with pytest.raises(OutputError, match="exists already"):
+            write_pose(path, pose)
+        write_pose(path, pose, force=True)
+    # Other angles come back to the last bit but one.
+    pose = random_pose(np.random.default_rng(5))
+    path = tmp_path / f"random{suffix}"
+    write_pose(path, pose)
+    for name, angles in pose.joints.items():
+        np.testing.assert_allclose(
+            read_pose(path).angles(name).degrees(), angles.degrees(), rtol=4 * np.finfo(float).eps
+        )
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('name = "x"', "expected a table joints"),
+        ("[joints]", "expected a name, got none"),
+        ('name = 3\n[joints]', "name to be a string, got 3"),
+        ('name = "x"\nshape = 1\n[joints]', "expected one of name, .* got 'shape'"),
+        ('name = "x"\njoints = 5', "expected joints to be a table, got 5"),
+        ('name = "x"\n[joints.elbow]\nflexion_deg = 1', "joint: .* got 'elbow'"),
+        ('name = "x"\n[joints]\nwrist = 1', "joints.wrist to be a table"),
+        ('name = "x"\n[joints.wrist]\nflexion = 1', "joints.wrist: .* got 'flexion'"),
+        ('name = "x"\n[joints.wrist]\nflexion_deg = "1"', "joint wrist: flexion_deg: .* '1'"),
+        ('name = "x"\n[joints.wrist]\nflexion_deg = true', "joint wrist: flexion_deg: .* True"),
+        ('name = "x"\n[joints.wrist]\nflexion_deg = [1]', "joint wrist: flexion_deg: .* number"),
+        ('name = "x"\n[joints.wrist]\nflexion_deg = nan', "joint wrist: flexion_deg: .* finite"),
+        (
+            'name = "x"\n[joints.wrist]\nabduction_deg = -91',
+            r"joint wrist: abduction: expected an angle in \[-90, 110\] degrees, got -91 degrees",
+        ),
+        ('name = "x"\n[joints.wrist]\n[joints.wrist]', "expected a pose"),
+        ("name = ", "expected a pose"),
+        ("a." * 3000 + "b = 1", "lines of at most"),
+    ],
+)  # fmt: skip
+def test_files_that_are_no_pose_are_refused_with_their_name(tmp_path: Path, text, message):
+    path = tmp_path / "bad.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(MeasurementError, match=rf"bad\.toml: .*{message}") as info:
+        read_pose(path)
+    assert "\n" not in str(info.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[1]", "{", '{"name": "x", "name": "y", "joints": {}}', "[" * 100_000,
+     '{"name": "x", "joints": {"wrist": {"flexion_deg": NaN}}}',
+     '{"name": "x", "joints": {"wrist": {"flexion_deg": 1e999}}}'],
+)  # fmt: skip
+def test_json_that_is_no_pose_is_refused(tmp_path: Path, text):
+    path = tmp_path / "bad.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(MeasurementError, match=r"bad\.json"):
+        read_pose(path)
+
+
+def test_what_is_no_file_of_a_pose_is_refused(tmp_path: Path):
+    (tmp_path / "big.json").write_text(json.dumps({"name": "x" * 300_000, "joints": {}}))
+    (tmp_path / "latin.toml").write_bytes(b'name = "\xff"')
+    for name in ("big.json", "latin.toml", "none.toml", "none.txt"):
+        with pytest.raises(MeasurementError, match=name):
+            read_pose(tmp_path / name)
+    with pytest.raises(MeasurementError, match="no regular file"):
+        read_pose(_folder(tmp_path / "folder.toml"))
+    for name in ("x.txt", "none/x.toml", "nul\0.toml"):
+        with pytest.raises(OutputError):
+            write_pose(tmp_path / name, POSES["F"])
+
+
+def _folder(path: Path) -> Path:
+    path.mkdir()
+    return path
+
+
+# --- letters and digits
+
+
+def test_all_signs_are_there_and_described():
+    assert set(POSES) == {"flat", *"ABCDEFGHIKLMNOPQRSTUVWXY", *"0123456789"}
+    assert len(POSES) == 35
+    for name, pose in POSES.items():
+        assert pose.name == name
+        assert pose.description
+        assert name == "flat" or "Handshape" in pose.source
+
+
+@pytest.mark.parametrize("sign", SIGNS)
+def test_digits_of_a_sign_touch_and_do_not_run_into_one_another(sign):
+    for found in overlaps(POSES[sign]):
+        palm = "palm" in found.parts
+        assert found.depth_m < (MOST_LETTER_PALM_OVERLAP_M if palm else MOST_LETTER_OVERLAP_M)
+
+
+# Fingers that point out of the hand, by sign; all others are folded (0, C, E, O and X: curved).
+OUT = {
+    "A": "", "B": "imrp", "D": "i", "F": "mrp", "G": "i", "H": "im", "I": "p", "K": "im", "L": "i",
+    "M": "", "N": "", "P": "im", "Q": "i", "R": "im", "S": "", "T": "", "U": "im", "V": "im",
+    "W": "imr", "Y": "p", "1": "i", "2": "im", "3": "im", "4": "imrp", "5": "imrp", "6": "imr",
+    "7": "imp", "8": "irp", "9": "mrp",
+}  # fmt: skip
+
+
+def test_the_right_fingers_are_out():
+    for sign, out in OUT.items():
+        for finger in FINGERS:
+            # Straight is 1. The least folded ones are those that meet the thumb, in 6 to 9: two
+            # joints that share 60 degrees leave 0.95 of the length.
+            reach = reach_m(sign, finger)
+            assert reach > 0.98 if finger[0] in out else reach < 0.95, (sign, finger, reach)
+
+
+def test_the_tips_that_ought_to_touch_do():
+    # Tips are 4 and 6 mm below the skin, whose pads press against each other: 10 to 20 mm.
+    for sign, finger in (("F", "index"), ("9", "index"), ("8", "middle"), ("7", "ring"),
+                         ("6", "pinky"), ("D", "middle"), ("O", "index"), ("O", "middle"),
+                         ("0", "index")):  # fmt: skip
+        assert gap_m(sign, "thumb", finger) < 0.020, (sign, finger)
+    assert gap_m("C", "thumb", "index") > 0.035
+    assert gap_m("U", "index", "middle") < 0.025
+    for sign in ("V", "2", "3", "K"):
+        assert gap_m(sign, "index", "middle") > 0.040
+    # Crossed: in U the index finger is on the thumb's side (-x), in R on the other.
+    assert tip("U", "index")[0] < tip("U", "middle")[0] - 0.010
+    assert tip("R", "index")[0] > tip("R", "middle")[0] + 0.008
+    # Hooked: the tip of X comes down in front of the finger.
+    assert joint("X", "index-finger-phalanx-intermediate")[1] > tip("X", "index")[1] + 0.003
+
+
+def test_the_fists_differ_by_the_thumb():
+    def across(sign: str) -> float:
+        """Where the thumb's tip is among the knuckles: 0 at the index, 3 at the little finger."""
+        knuckles = [joint(sign, MCP.format(finger))[0] for finger in FINGERS]
+        return float(np.interp(tip(sign, "thumb")[0], knuckles, range(4), left=-1.0))
+
+    # A beside the index finger; T, N and M between two fingers each; S in front of them.
+    assert across("A") == -1.0
+    assert 0.1 < across("T") < 1.0 < across("N") < 2.0 < across("M") < 3.0
+    # In S the thumb is in front of the fingers, in T, N and M behind their middle bones.
+    front = joint("S", PIP.format("middle"))[2]
+    assert tip("S", "thumb")[2] < front
+    for sign, finger in (("N", "middle"), ("M", "ring")):
+        assert tip(sign, "thumb")[2] > joint(sign, PIP.format(finger))[2] + 0.008
+    # In E the fingertips stand on the thumb.
+    assert joint("E", "thumb-phalanx-distal")[1] < tip("E", "middle")[1]
+    assert gap_m("E", "thumb", "ring") < 0.025
+
+
+def test_turned_signs_point_where_they_should():
+    def pointing(sign: str, finger: str) -> np.ndarray:
+        bones = posed_skeleton(POSES[sign])
+        ends = [JOINT_NAMES.index(f"{finger}-finger-{b}") for b in ("phalanx-proximal", "tip")]
+        along = bones.joints_m[ends[1]] - bones.joints_m[ends[0]]
+        return along / np.linalg.norm(along)
+
+    # Sideways, to the signer's left (-x), the back of the hand to the viewer (-z).
+    for sign in ("G", "H"):
+        assert pointing(sign, "index")[0] < -0.9
+        assert posed_skeleton(POSES[sign]).frames[0][2, 2] < -0.9
+    assert pointing("Q", "index")[1] < -0.8
+    assert pointing("P", "index")[2] < -0.9  # towards the viewer
+    assert pointing("P", "middle")[1] < -0.6
+    assert pointing("K", "index")[1] > 0.9
+
+
+@pytest.mark.parametrize("sign", ["K", "M", "Q", "S"])
+def test_surface_of_a_sign_is_closed_and_runs_through_itself_nowhere(sign):
+    check_surface(hand_mesh(sign, COARSE_M))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("edge_length_m", [1.4e-3, 1.7e-3, COARSE_M])
+@pytest.mark.parametrize("sign", POSES)
+def test_every_surface_is_closed_and_runs_through_itself_nowhere(sign, edge_length_m):
+    check_surface(hand_mesh(sign, edge_length_m))
+
+
+def check_surface(mesh):
+    surface = mesh.to_trimesh()
+    assert surface.is_watertight
+    assert surface.is_winding_consistent
+    assert surface.body_count == 1
+    assert surface.volume > 0
+    assert len(crossing_faces(mesh.vertices_m, mesh.faces)) == 0
+
+
+# --- between poses, and random ones
+
+
+def test_interpolation_ends_at_its_poses_and_is_linear():
+    a, b = POSES["A"], POSES["Y"]
+    assert interpolate_poses(a, b, 0.0).joints == a.joints
+    assert interpolate_poses(a, b, 1.0).joints == b.joints
+    half = interpolate_poses(a, b, 0.5)
+    for name in JOINT_NAMES:
+        middle = 0.5 * (np.array(a.angles(name).degrees()) + b.angles(name).degrees())
+        # Sums of angles below 180 degrees: a few rounding errors.
+        np.testing.assert_allclose(half.angles(name).degrees(), middle, atol=1e-12)
+    for share in (-0.1, 1.1, float("nan"), "half"):
+        with pytest.raises(ModelError, match="share"):
+            interpolate_poses(a, b, share)  # type: ignore[arg-type]
+    with pytest.raises(ModelError, match="expected a HandPose"):
+        interpolate_poses("A", b, 0.5)  # type: ignore[arg-type]
+
+
+def test_random_poses_follow_from_the_generator_alone():
+    one, same = (random_pose(np.random.default_rng(7)) for _ in range(2))
+    assert one == same
+    rng = np.random.default_rng(7)
+    assert random_pose(rng) == one
+    assert random_pose(rng) != one
+
+
+def test_random_poses_are_plausible():
+    poses = [random_pose(np.random.default_rng(seed)) for seed in range(60)]
+    for pose in poses:
+        for found in overlaps(pose):
+            palm = "palm" in found.parts
+            assert found.depth_m <= (MOST_PALM_OVERLAP_M if palm else MOST_OVERLAP_M)
+    bent = np.array([[p.angles(PIP.format(f)).flexion_rad for f in FINGERS] for p in poses])
+    together = np.corrcoef(bent.T)
+    # Neighbours bend together: drawn with correlations of 0.6, of which 60 samples keep 0.25 at
+    # four standard errors (0.08 each).
+    assert (np.diag(together, 1) > 0.25).all()
+    # All of the range is used: straight fingers and folded ones.
+    assert (np.rad2deg(bent.min(axis=0)) < 15).all()
+    assert (np.rad2deg(bent.max(axis=0)) > 90).all()
+    last = [[p.angles(f"{f}-finger-phalanx-distal").flexion_rad for f in FINGERS] for p in poses]
+    assert np.corrcoef(np.ravel(last), bent.ravel())[0, 1] > 0.9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_surface_of_a_random_pose_is_sound(seed):
+    check_surface(hand_mesh(random_pose(np.random.default_rng(seed)), COARSE_M))
