@@ -1,0 +1,60 @@
+"""How well can a small classifier tell the letters of the manual alphabet in radar images?
+
+    clradar dataset plans/letters.toml -o letters --workers 2
+    python train_letters.py letters
+
+Of every letter a quarter of the samples is kept back: hands, places and alphas not trained on.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from scipy.ndimage import gaussian_filter, zoom
+from sklearn.decomposition import PCA
+from sklearn.metrics import ConfusionMatrixDisplay
+from sklearn.pipeline import make_pipeline
+from sklearn.svm import SVC
+
+import clradar
+
+RANGE_DB, DEPTH_M, PIXEL_MM = 25.0, 0.04, 6.0
+
+
+def features(image: np.ndarray, depth_m: np.ndarray, step: float) -> np.ndarray:
+    """Brightness and depth below the nearest point, both moved to the middle of the brightness."""
+    bright = 1 + 20 * np.log10(np.maximum(image / image.max(), 1e-6)) / RANGE_DB
+    bright = np.maximum(bright, 0)
+    near = np.nan_to_num(np.maximum(1 - (depth_m - np.nanmin(depth_m)) / DEPTH_M, 0))
+    at = [np.average(i, weights=bright**2) for i in np.indices(bright.shape)]
+    shift = [n // 2 - round(a) for n, a in zip(bright.shape, at, strict=True)]
+    both = [gaussian_filter(np.roll(part, shift, (0, 1)), 0.5 / step) for part in (bright, near)]
+    return np.concatenate([zoom(part, step, order=1).ravel() for part in both])
+
+
+def main(folder: str = "letters") -> None:
+    data = clradar.open_dataset(folder)
+    step = abs(float(data.x_m[1] - data.x_m[0])) * 1e3 / PIXEL_MM
+    images = zip(data.max_projection.values, data.depth_map.values, strict=True)
+    x, y = np.array([features(i, d, step) for i, d in images]), data.pose.values
+    kept = data.sample.values // len(set(y)) % 4 == 3
+    pca = PCA(min(100, int((~kept).sum()) - 1), whiten=True, random_state=0)
+    model = make_pipeline(pca, SVC(C=10)).fit(x[~kept], y[~kept])
+    found = model.predict(x[kept])
+    print(f"learnt from {(~kept).sum()} samples; guessing would be right for {1 / len(set(y)):.3f}")
+    print(f"right of {kept.sum()} unseen: {np.mean(found == y[kept]):.3f}")
+    wrong, n = np.unique([f"{a}>{b}" for a, b in zip(y[kept], found, strict=True) if a != b], return_counts=True)
+    print("taken for another most often:", *wrong[np.argsort(-n)][:8])
+    _, axes = plt.subplots(figsize=(9, 9), layout="constrained")
+    ConfusionMatrixDisplay.from_predictions(y[kept], found, ax=axes, colorbar=False)
+    plt.savefig("confusion.png", dpi=100)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
