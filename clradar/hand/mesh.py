@@ -171,7 +171,6 @@ def hand_mesh(
         checks.fail("edge_length_m", f"a length in [{low_m:g}, {high_m:g}] m", f"{spacing_m:g} m")
     checks.one_of("handedness", handedness, _HANDEDNESS)
     centre_m = checks.read_only("center_m", center_m, np.float64, (3,))
-
     checks.instance("shape", shape, HandShape)
 
     vertices_m, faces, joints_m, part = _right_hand(posed, spacing_m, shape)
@@ -303,7 +302,7 @@ def _uncrossed(
 ) -> np.ndarray:
     """Return the vertices, those of faces that cross others back where marching cubes had them.
 
-    Its triangles stay in their cells and never cross, so that this comes to an end.
+    Its triangles stay in their cells, where they may touch but not cross.
     """
     vertices_m = vertices_m.copy()
     among = np.flatnonzero(facing[faces].any(axis=1))
@@ -311,7 +310,7 @@ def _uncrossed(
     while len(crossed := crossing_faces(vertices_m, faces, among)):
         corners = faces[np.unique(crossed)]
         if back[corners].all():
-            raise ModelError("pose: expected a surface without crossing faces, got one with some")
+            break
         back[corners] = True
         vertices_m[back] = raw_m[back]
     return vertices_m
