@@ -77,8 +77,7 @@ def backproject(
     Raises
     ------
     ModelError
-        Unknown method or window, a tolerance out of range or for another method than "fast", or
-        more than 1024 transmitters or receivers for "fast".
+        Unknown method or window, or a tolerance out of range or for another method than "fast".
     DeviceError
         The device is missing, out of memory or fails. A volume larger than its memory is tiled.
     """
@@ -93,10 +92,8 @@ def backproject(
         former = Fast(capture, grid, weights, opened, tolerance_db)
     else:
         former = (Exact if method == "exact" else Range)(capture, grid, weights, opened)
-    planes = former.run(progress)
-    data = np.empty(grid.shape, dtype=np.complex64)
-    np.divide(planes[0], capture.data.size, out=data.real, casting="same_kind")
-    np.divide(planes[1], capture.data.size, out=data.imag, casting="same_kind")
+    data = former.run(progress)
+    data.view(np.float32)[...] /= capture.data.size
     data.flags.writeable = False
     meta = {
         "kind": "image",
