@@ -63,6 +63,12 @@ def parts(turns: np.ndarray) -> np.ndarray:
     return np.concatenate([phasor.real, phasor.imag])[None]
 
 
+@pytest.fixture(autouse=True)
+def always_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However few the voxels are."""
+    monkeypatch.setattr(tree, "FEW_TERMS", 0)
+
+
 # Skeletons ----------------------------------------------------------------------------------------
 
 
@@ -218,6 +224,17 @@ def test_far_voxels_get_phases_of_two_numbers() -> None:
     for grid, expected in ((PAPER_COARSE, False), (far, True)):
         error = tree._float32_error(QAR50, k, grid)
         assert (error > tree.FLOAT32_SHARE * 1e-4) is expected
+
+
+def test_few_terms_are_summed_as_they_stand(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture, grid = noise(QAR50, Waveform([77e9])), GRIDS["a line"]
+    want = backproject(capture, grid, method="exact", device=device).data
+    monkeypatch.setattr(tree, "FEW_TERMS", want.size * capture.data.size)
+    np.testing.assert_array_equal(backproject(capture, grid, device=device).data, want)
+    monkeypatch.setattr(tree, "FEW_TERMS", want.size * capture.data.size - 1)
+    assert (backproject(capture, grid, device=device).data != want).any()
 
 
 def test_levels_that_do_not_pay_are_left_out() -> None:

@@ -28,6 +28,10 @@ TILE_VOXELS = 2**23
 """Voxels of one tree. Larger grids are cut, by their own size alone, so that what fits into a
 device's memory has no part in the result."""
 
+FEW_TERMS = 2**30
+"""Voxels times pairs times frequencies up to which the sum as it stands takes no longer than the
+choice of antennas and frequencies: about 0.1 s."""
+
 TILE_STEPS = 1000
 """Steps of progress per tile, whose trees differ."""
 
