@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from clradar.formers import tree
 from clradar.formers.exact import Exact
 from clradar.formers.range_profiles import Range
-from clradar.formers.tree import DEFAULT_TOLERANCE_DB, TOLERANCE_DB, Fast
 from clradar.model import Capture, Volume, VoxelGrid, checks
 from clradar.opencl import Device, open_device
 from clradar.trace import Progress
@@ -59,7 +59,8 @@ def backproject(
         All take any antennas, any frequencies and any grid. "exact": the brute-force sum, at -80 dB
         of the image's RMS or better. "range": one range profile per pair, read by linear
         interpolation, about -54 dB. "fast": the sum over a tree of blocks of voxels, to
-        `tolerance_db`; some hundred times faster than "range" for large grids.
+        `tolerance_db`; some hundred times faster than "range" for large grids, and the brute-force
+        sum for grids so small that it is the faster.
     window : "rect", "hann", "taylor", or array_like of shape (n_freq,)
         Weights w_n over frequency; see `frequency_weights`.
     tolerance_db : float, optional
@@ -77,8 +78,7 @@ def backproject(
     Raises
     ------
     ModelError
-        Unknown method or window, a tolerance out of range or for another method than "fast", or
-        more than 1024 transmitters or receivers for "fast".
+        Unknown method or window, or a tolerance out of range or for another method than "fast".
     DeviceError
         The device is missing, out of memory or fails. A volume larger than its memory is tiled.
     """
@@ -88,15 +88,15 @@ def backproject(
     weights = frequency_weights(window, capture.waveform.n_freq)
     tolerance_db = _tolerance_db(method, tolerance_db)
     opened = open_device(device)
-    former: Exact | Range | Fast
-    if method == "fast":
-        former = Fast(capture, grid, weights, opened, tolerance_db)
+    former: Exact | Range | tree.Fast
+    if method == "range":
+        former = Range(capture, grid, weights, opened)
+    elif method == "fast" and np.prod(grid.shape) * capture.data.size > tree.FEW_TERMS:
+        former = tree.Fast(capture, grid, weights, opened, tolerance_db)
     else:
-        former = (Exact if method == "exact" else Range)(capture, grid, weights, opened)
-    planes = former.run(progress)
-    data = np.empty(grid.shape, dtype=np.complex64)
-    np.divide(planes[0], capture.data.size, out=data.real, casting="same_kind")
-    np.divide(planes[1], capture.data.size, out=data.imag, casting="same_kind")
+        former = Exact(capture, grid, weights, opened)
+    data = former.run(progress)
+    data.view(np.float32)[...] /= capture.data.size
     data.flags.writeable = False
     meta = {
         "kind": "image",
@@ -111,11 +111,11 @@ def backproject(
 
 def _tolerance_db(method: str, given: float | None) -> float:
     if given is None:
-        return DEFAULT_TOLERANCE_DB
+        return tree.DEFAULT_TOLERANCE_DB
     if method != "fast":
         checks.fail("backproject: tolerance_db", "none for a method other than 'fast'", repr(given))
     value = checks.real("backproject: tolerance_db", given)
-    low, high = TOLERANCE_DB
+    low, high = tree.TOLERANCE_DB
     if not low <= value <= high:
         checks.fail("backproject: tolerance_db", f"{low:g} to {high:g} dB", f"{value:g}")
     return value

@@ -15,10 +15,38 @@
 #ifndef CLR_LEAF
 #error "CLR_LEAF (most rows or columns of a smallest block, held in private memory) is missing"
 #endif
+#ifndef CLR_FAR
+#error "CLR_FAR (1 where float32 is too coarse for the phase over a block) is missing"
+#endif
 
 #include "common/phase.h"
 
 #define TILE 4 /* rows of the result that one pass makes */
+
+#if CLR_FAR
+/* Over blocks of many wavelengths a float32 has no digits left for the phase: lengths and wavenumbers are
+ * kept as hi + lo. */
+typedef dual leglength;
+
+/* The coordinate of a place, given as at + rest, from an antenna. */
+static inline dual from_antenna(realw at, realw rest, realw hi, realw lo) {
+    dual d = two_sum(at, -hi);
+    d.lo += rest - lo;
+    return d;
+}
+
+static inline dual leg_difference(dual vx, dual vy, dual vz, dual cx, dual cy, dual cz) {
+    const dual v = dual_length(vx, vy, vz), c = dual_length(cx, cy, cz);
+    dual d = two_sum(v.hi, -c.hi);
+    d.lo += v.lo - c.lo;
+    return two_sum(d.hi, d.lo);
+}
+
+static inline void cos_sin_of(dual length, float k_hi, float k_lo, realw *cosine, realw *sine) {
+    cos_sin_cycles(cycles(length, make_wavenumber((realw)(k_hi), (realw)(k_lo))), cosine, sine);
+}
+#else
+typedef realw leglength;
 
 /* x reduced to half a turn, for |x| < 2^22. */
 static inline realw one_turn(realw x) {
@@ -26,11 +54,17 @@ static inline realw one_turn(realw x) {
     return x - ((x + magic) - magic);
 }
 
+static inline void cos_sin_of(realw length, float k_hi, float k_lo, realw *cosine, realw *sine) {
+    cos_sin_cycles(one_turn(length * k_hi), cosine, sine);
+}
+#endif
+
 /* How each antenna's phase turns from a block's centre to that of a block in it. Item = CLR_WIDTH
  * antennas of one block.
  *
- * antennas  float (3, n_columns)               x, y, z, metres; n_columns a multiple of CLR_WIDTH
- * k         float (n_m)                        cycles per metre
+ * antennas  float (6, n_columns)               x, y, z as hi, then as lo, metres; n_columns a multiple of
+ *                                              CLR_WIDTH
+ * k         float (2, n_m)                     cycles per metre as hi, then lo
  * centres   float (n_blocks, 3)                metres
  * parents   float (n_parents, 3)
  * parent    int (n_blocks)
@@ -44,6 +78,15 @@ __kernel void block_turns(const uint n_columns, const uint n_blocks, const uint 
     const realw ax = LOADW(antennas + column), ay = LOADW(antennas + n_columns + column);
     const realw az = LOADW(antennas + 2 * n_columns + column);
     __global const float *c = centres + 3 * block, *p = parents + 3 * parent[block];
+#if CLR_FAR
+    const realw bx = LOADW(antennas + 3 * n_columns + column);
+    const realw by = LOADW(antennas + 4 * n_columns + column);
+    const realw bz = LOADW(antennas + 5 * n_columns + column), none = 0.0f;
+    const dual length = leg_difference(
+        from_antenna(c[0], none, ax, bx), from_antenna(c[1], none, ay, by),
+        from_antenna(c[2], none, az, bz), from_antenna(p[0], none, ax, bx),
+        from_antenna(p[1], none, ay, by), from_antenna(p[2], none, az, bz));
+#else
     const realw cx = c[0] - ax, cy = c[1] - ay, cz = c[2] - az;
     const realw px = p[0] - ax, py = p[1] - ay, pz = p[2] - az;
     const realw lengths = sqrt(cx * cx + cy * cy + cz * cz) + sqrt(px * px + py * py + pz * pz);
@@ -51,10 +94,11 @@ __kernel void block_turns(const uint n_columns, const uint n_blocks, const uint 
     const realw product =
         (c[0] - p[0]) * (cx + px) + (c[1] - p[1]) * (cy + py) + (c[2] - p[2]) * (cz + pz);
     const realw length = lengths > 0.0f ? product / lengths : (realw)(0.0f);
+#endif
     __global float *out = turns + (size_t)2 * block * n_m * n_columns + column;
     for (uint m = 0; m < n_m; ++m) {
         realw cosine, sine;
-        cos_sin_cycles(one_turn(length * k[m]), &cosine, &sine);
+        cos_sin_of(length, k[m], k[n_m + m], &cosine, &sine);
         STOREW(cosine, out);
         STOREW(sine, out + n_columns);
         out += 2 * n_columns;
@@ -215,31 +259,50 @@ __kernel void reduce_frequencies(const uint n_values, const uint n_blocks, const
     }
 }
 
-/* |v - a| - |c - a| per lane, for v = c + offset. */
-static inline realw leg_from_centre(const realw ox, const realw oy, const realw oz, const float cx,
-                                    const float cy, const float cz) {
-    const realw vx = ox + cx, vy = oy + cy, vz = oz + cz;
+/* CLR_WIDTH voxels of a block with centre c, from there, metres: what float32 leaves of a coordinate is
+ * told by CLR_FAR only. */
+typedef struct {
+    realw x, y, z;
+#if CLR_FAR
+    realw x_rest, y_rest, z_rest;
+#endif
+} offsets;
+
+/* |v - a| - |c - a| per lane, for v = c + o and an antenna float (6): x, y, z as hi, then as lo. */
+static inline leglength leg_from_centre(const offsets o, __global const float *c,
+                                        __global const float *a) {
+#if CLR_FAR
+    const realw none = 0.0f;
+    const dual cx = from_antenna(c[0], none, a[0], a[3]);
+    const dual cy = from_antenna(c[1], none, a[1], a[4]);
+    const dual cz = from_antenna(c[2], none, a[2], a[5]);
+    const dual ox = {o.x, o.x_rest}, oy = {o.y, o.y_rest}, oz = {o.z, o.z_rest};
+    return leg_difference(dual_add(cx, ox), dual_add(cy, oy), dual_add(cz, oz), cx, cy, cz);
+#else
+    const float cx = c[0] - a[0], cy = c[1] - a[1], cz = c[2] - a[2];
+    const realw vx = o.x + cx, vy = o.y + cy, vz = o.z + cz;
     const realw lengths =
         sqrt(vx * vx + vy * vy + vz * vz) + sqrt((realw)(cx * cx + cy * cy + cz * cz));
-    const realw product = ox * (vx + cx) + oy * (vy + cy) + oz * (vz + cz);
+    const realw product = o.x * (vx + cx) + o.y * (vy + cy) + o.z * (vz + cz);
     return lengths > 0.0f ? product / lengths : (realw)(0.0f);
+#endif
 }
 
 /* The image in the smallest blocks. Item = CLR_WIDTH voxels of one block.
  *
- * offsets  float (3, n_voxels)                 voxels from the block's centre, metres; n_voxels is a
- *                                              multiple of CLR_WIDTH
+ * offset   float (6, n_voxels)                 voxels from the block's centre, x, y, z as hi, then as lo,
+ *                                              metres; n_voxels is a multiple of CLR_WIDTH
  * centres  float (n_blocks, 3)                 metres
  * rests    float (n_blocks, 3)                 what the centre's float32 leaves of it, metres
  * first    int (n_blocks, 3)                   x, y, z index of the block's first voxel
  * place    int (n_voxels, 3)                   x, y, z index of a voxel in its block
- * rows, columns  float (n, 3)                  antennas, metres
- * k        float (n_m)                         cycles per metre
+ * rows, columns  float (n, 6)                  antennas: x, y, z as hi, then as lo, metres
+ * k        float (2, n_m)                      cycles per metre as hi, then lo
  * volume   float (2, n_z, n_y, n_x)            out: real, imaginary part */
 __kernel void image_of_blocks(const uint n_voxels, const uint n_blocks, const uint n_m,
                               const uint n_rows, const uint n_columns, const uint n_padded,
                               const uint n_x, const uint n_y, const uint n_z,
-                              __global const float *g, __global const float *offsets,
+                              __global const float *g, __global const float *offset,
                               __global const float *centres, __global const float *rests,
                               __global const int *first, __global const int *place,
                               __global const float *rows, __global const float *columns,
@@ -247,21 +310,25 @@ __kernel void image_of_blocks(const uint n_voxels, const uint n_blocks, const ui
     const uint voxel = (uint)get_global_id(0) * CLR_WIDTH, block = (uint)get_global_id(1);
     if (voxel >= n_voxels || block >= n_blocks) return;
     __global const float *c = centres + 3 * block, *rest = rests + 3 * block;
-    const realw ox = LOADW(offsets + voxel) + rest[0];
-    const realw oy = LOADW(offsets + n_voxels + voxel) + rest[1];
-    const realw oz = LOADW(offsets + 2 * n_voxels + voxel) + rest[2];
-    realw row_m[CLR_LEAF], column_m[CLR_LEAF], column_re[CLR_LEAF], column_im[CLR_LEAF];
-    for (uint i = 0; i < n_rows; ++i)
-        row_m[i] = leg_from_centre(ox, oy, oz, c[0] - rows[3 * i], c[1] - rows[3 * i + 1],
-                                   c[2] - rows[3 * i + 2]);
-    for (uint i = 0; i < n_columns; ++i)
-        column_m[i] = leg_from_centre(ox, oy, oz, c[0] - columns[3 * i], c[1] - columns[3 * i + 1],
-                                      c[2] - columns[3 * i + 2]);
+    __global const float *at = offset + voxel;
+    offsets o;
+    o.x = LOADW(at) + rest[0];
+    o.y = LOADW(at + n_voxels) + rest[1];
+    o.z = LOADW(at + 2 * n_voxels) + rest[2];
+#if CLR_FAR
+    o.x_rest = LOADW(at + 3 * n_voxels) + ((LOADW(at) - o.x) + rest[0]);
+    o.y_rest = LOADW(at + 4 * n_voxels) + ((LOADW(at + n_voxels) - o.y) + rest[1]);
+    o.z_rest = LOADW(at + 5 * n_voxels) + ((LOADW(at + 2 * n_voxels) - o.z) + rest[2]);
+#endif
+    leglength row_m[CLR_LEAF], column_m[CLR_LEAF];
+    realw column_re[CLR_LEAF], column_im[CLR_LEAF];
+    for (uint i = 0; i < n_rows; ++i) row_m[i] = leg_from_centre(o, c, rows + 6 * i);
+    for (uint i = 0; i < n_columns; ++i) column_m[i] = leg_from_centre(o, c, columns + 6 * i);
     realw sum_re = 0.0f, sum_im = 0.0f;
     __global const float *in = g + (size_t)block * n_m * n_rows * 2 * n_padded;
     for (uint m = 0; m < n_m; ++m) {
         for (uint i = 0; i < n_columns; ++i)
-            cos_sin_cycles(one_turn(column_m[i] * k[m]), &column_re[i], &column_im[i]);
+            cos_sin_of(column_m[i], k[m], k[n_m + m], &column_re[i], &column_im[i]);
         for (uint i = 0; i < n_rows; ++i) {
             realw re = 0.0f, im = 0.0f;
             for (uint j = 0; j < n_columns; ++j) {
@@ -271,7 +338,7 @@ __kernel void image_of_blocks(const uint n_voxels, const uint n_blocks, const ui
             }
             in += 2 * n_padded;
             realw cosine, sine;
-            cos_sin_cycles(one_turn(row_m[i] * k[m]), &cosine, &sine);
+            cos_sin_of(row_m[i], k[m], k[n_m + m], &cosine, &sine);
             sum_re = fused(re, cosine, fused(-im, sine, sum_re));
             sum_im = fused(re, sine, fused(im, cosine, sum_im));
         }
@@ -288,9 +355,9 @@ __kernel void image_of_blocks(const uint n_voxels, const uint n_blocks, const ui
         __global const int *s = place + 3 * (voxel + lane), *f = first + 3 * block;
         const uint x = (uint)(f[0] + s[0]), y = (uint)(f[1] + s[1]), z = (uint)(f[2] + s[2]);
         if (x < n_x && y < n_y && z < n_z) {
-            const size_t at = ((size_t)z * n_y + y) * n_x + x;
-            volume[at] = out_re[lane];
-            volume[plane + at] = out_im[lane];
+            const size_t index = ((size_t)z * n_y + y) * n_x + x;
+            volume[index] = out_re[lane];
+            volume[plane + index] = out_im[lane];
         }
     }
 }

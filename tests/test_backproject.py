@@ -13,6 +13,7 @@ import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, reference
 from clradar.backproject import METHODS, frequency_weights
 from clradar.errors import DeviceError, ModelError
+from clradar.formers import tree
 from clradar.formers.exact import CHUNK_TX
 from clradar.formers.tiled import CHUNK_RX
 
@@ -35,6 +36,13 @@ C = 299_792_458.0
 QAR50 = clradar.arrays.qar50()
 SWEEP = Waveform.sfcw(72e9, 82e9, 128)
 SHORT = Waveform.sfcw(72e9, 82e9, 11)
+
+
+@pytest.fixture(autouse=True)
+def always_a_tree(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For "fast", however few the voxels are; point targets show what users get."""
+    if "point" not in request.fixturenames:
+        monkeypatch.setattr(tree, "FEW_TERMS", 0)
 
 
 @pytest.fixture(params=[1, 8], ids=["one lane", "eight lanes"])

@@ -12,7 +12,7 @@ from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, ref
 from clradar.block_tree import block_sizes, leaf_voxels, levels
 from clradar.errors import ModelError
 from clradar.formers import tree
-from clradar.skeleton import SLACK, decompose, skeleton
+from clradar.skeleton import SLACK, decompose, rms, skeleton
 
 QAR50 = clradar.arrays.qar50()
 SWEEP = Waveform.sfcw(72e9, 82e9, 128)
@@ -57,6 +57,18 @@ def error_db(capture: Capture, grid: VoxelGrid, device: clradar.Device, **option
     return float(20 * np.log10(np.sqrt(np.mean(np.abs(error) ** 2)) / rms))
 
 
+def parts(turns: np.ndarray) -> np.ndarray:
+    """Real and imaginary parts of phasors, as one kind of samples."""
+    phasor = np.exp(2j * np.pi * turns)
+    return np.concatenate([phasor.real, phasor.imag])[None]
+
+
+@pytest.fixture(autouse=True)
+def always_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However few the voxels are."""
+    monkeypatch.setattr(tree, "FEW_TERMS", 0)
+
+
 # Skeletons ----------------------------------------------------------------------------------------
 
 
@@ -65,20 +77,35 @@ def test_a_skeleton_gives_back_functions_of_its_kind() -> None:
     at = np.sort(rng.uniform(-1, 1, 50))
 
     def draw() -> np.ndarray:
-        return np.exp(2j * np.pi * rng.uniform(-1, 1, (300, 1)) * at)
+        return parts(rng.uniform(-1, 1, (300, 1)) * at)
 
     found = skeleton(draw, 1e-3)
     fresh = draw()
-    error = fresh - fresh[:, found.index] @ found.weights.T
-    assert np.sqrt(np.mean(np.abs(error) ** 2)) <= 1.5 * SLACK * 1e-3
+    error = fresh - fresh[..., found.index] @ found.weights.T
+    assert rms(error) <= 1.5 * SLACK * 1e-3
     # Four turns at most over the interval: 2 per turn is the least, and a few for the ends.
     assert 4 <= len(found.index) <= 10
     np.testing.assert_array_equal(found.weights[found.index], np.eye(len(found.index)))
     assert (np.diff(found.index) > 0).all()
 
 
+def test_every_kind_of_functions_is_held_to_the_tolerance() -> None:
+    """A rare kind that varies three times as fast does not hide behind the others."""
+    rng = np.random.default_rng(0)
+    at = np.sort(rng.uniform(-1, 1, 60))
+    fastest = np.repeat([1.0, 1.0, 1.0, 3.0], 100)[:, None]
+
+    def draw() -> np.ndarray:
+        return parts(fastest * rng.uniform(-1, 1, (400, 1)) * at).reshape(4, -1, 60)
+
+    found = skeleton(draw, 1e-3)
+    fresh = draw()
+    error = rms(fresh - fresh[..., found.index] @ found.weights.T)
+    assert (error <= 1.5 * SLACK * 1e-3).all()
+
+
 def test_points_that_coincide_need_one_of_them() -> None:
-    samples = np.exp(2j * np.pi * np.random.default_rng(0).uniform(size=(40, 2)))[:, [0, 1, 0, 0]]
+    samples = parts(np.random.default_rng(0).uniform(size=(40, 2)))[0][:, [0, 1, 0, 0]]
     found = decompose(samples, 1e-6)
     assert len(found.index) == 2
     np.testing.assert_allclose(samples[:, found.index] @ found.weights.T, samples, atol=1e-12)
@@ -88,7 +115,7 @@ def test_functions_without_anything_in_common_keep_all_points() -> None:
     rng = np.random.default_rng(0)
 
     def draw() -> np.ndarray:
-        return np.exp(2j * np.pi * rng.uniform(size=(12, 9)))
+        return parts(rng.uniform(size=(12, 9)))
 
     found = skeleton(draw, 1e-6)
     np.testing.assert_array_equal(found.index, np.arange(9))
@@ -151,6 +178,9 @@ def test_the_error_is_what_was_asked_for(
 
 
 GRIDS = {
+    "a few centimetres away": extent((-0.1, 0.1), (-0.1, 0.1), (0.03, 0.05), 4e-3),
+    "through the antennas": extent((-0.08, 0.08), (-0.08, 0.08), (-0.024, 0.024), 4e-3),
+    "wavelengths from voxel to voxel": extent((-8.0, 9.0), (2.0, 6.0), (1.0, 12.0), 1.0),
     "off axis": extent((0.3, 0.34), (-0.2, -0.16), (0.2, 0.24), 2e-3),
     "to the aperture's edges and near": extent((-0.072, 0.072), (-0.072, 0.072), (0.08, 0.1), 4e-3),
     "far away": extent((-0.3, 0.3), (-0.3, 0.3), (1.9, 2.1), 2e-2),
@@ -162,9 +192,56 @@ GRIDS = {
 
 
 @pytest.mark.parametrize("name", GRIDS)
-def test_any_grid(device: clradar.Device, name: str) -> None:
+@pytest.mark.parametrize("tolerance_db", [-50.0, -80.0])
+def test_any_grid(device: clradar.Device, name: str, tolerance_db: float) -> None:
     capture = noise(QAR50, Waveform.sfcw(72e9, 82e9, 17))
-    assert error_db(capture, GRIDS[name], device) <= -50.0
+    assert error_db(capture, GRIDS[name], device, tolerance_db=tolerance_db) <= tolerance_db
+
+
+def test_corners_and_voxels_next_to_antennas_are_no_worse(device: clradar.Device) -> None:
+    """Where the error of a few voxels alone could be large: each held to the tolerance itself."""
+    ring = np.arange(44) * 2 * np.pi / 44
+    ring_m = 0.08 * np.stack([np.cos(ring), np.sin(ring), 0 * ring], axis=1)
+    capture = noise(AntennaArray(ring_m, ring_m[::2]), Waveform.sfcw(60e9, 84e9, 40))
+    grid = extent((-0.098, 0.098), (-0.098, 0.098), (0.02, 0.06), 4e-3)
+    volume = backproject(capture, grid, tolerance_db=-60, device=device)
+    last = np.array(grid.counts) - 1
+    corners = np.array(np.meshgrid(*zip((0, 0, 0), last, strict=True))).reshape(3, -1).T
+    every = np.argwhere(np.ones(grid.shape))[:, ::-1]
+    distance = np.linalg.norm(
+        grid.origin_m + grid.spacing_m * every - ring_m[:, None], axis=-1
+    ).min(axis=0)
+    for at in (corners, every[np.argsort(distance)[:100]]):
+        want = reference.backproject(capture, grid.origin_m + grid.spacing_m * at)
+        error = volume.data[at[:, 2], at[:, 1], at[:, 0]] - want
+        rms_image = np.sqrt(np.mean(np.abs(volume.data) ** 2))
+        assert 20 * np.log10(np.sqrt(np.mean(np.abs(error) ** 2)) / rms_image) <= -60.0
+
+
+def test_far_voxels_get_phases_of_two_numbers() -> None:
+    far = GRIDS["wavelengths from voxel to voxel"]
+    k = SWEEP.frequencies_hz / 299_792_458.0
+    for grid, expected in ((PAPER_COARSE, False), (far, True)):
+        error = tree._float32_error(QAR50, k, grid)
+        assert (error > tree.FLOAT32_SHARE * 1e-4) is expected
+
+
+def test_few_terms_are_summed_as_they_stand(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture, grid = noise(QAR50, Waveform([77e9])), GRIDS["a line"]
+    want = backproject(capture, grid, method="exact", device=device).data
+    monkeypatch.setattr(tree, "FEW_TERMS", want.size * capture.data.size)
+    np.testing.assert_array_equal(backproject(capture, grid, device=device).data, want)
+    monkeypatch.setattr(tree, "FEW_TERMS", want.size * capture.data.size - 1)
+    assert (backproject(capture, grid, device=device).data != want).any()
+
+
+def test_levels_that_do_not_pay_are_left_out() -> None:
+    """Of one voxel, and of voxels that have nothing in common, the sum is taken as it stands."""
+    assert len(levels(QAR50, SWEEP, GRIDS["a voxel"], 3e-3)) == 1
+    sizes = block_sizes(PAPER_COARSE, leaf_voxels(PAPER_COARSE, 3.9e-3))
+    assert len(levels(QAR50, SWEEP, PAPER_COARSE, 1e-4)) < len(sizes)
 
 
 RNG = np.random.default_rng(5)
@@ -194,6 +271,24 @@ def test_pieces_of_a_large_grid_fit_together(
         assert error_db(capture, grid, device) <= -50.0
 
 
+def test_large_arrays_are_imaged_in_parts(device: clradar.Device) -> None:
+    """More antennas than a work-item holds; 33 x 33 and 5 of them."""
+    array = AntennaArray(flat(33), flat(5)[:5])
+    assert [len(a.tx_m) for _, _, a in tree._antenna_parts(array)] == [544, 545]
+    grid = extent((-0.02, 0.02), (-0.03, 0.03), (0.2, 0.21), 2e-3)
+    capture = scatterers(array, Waveform.sfcw(72e9, 82e9, 5), grid)
+    assert error_db(capture, grid, device) <= -50.0
+
+
+def test_parts_of_both_sides_make_up_the_whole(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tree, "MAX_ANTENNAS", 40)
+    assert len(tree._antenna_parts(QAR50)) == 9
+    capture = scatterers(QAR50, Waveform.sfcw(72e9, 82e9, 5), PAPER_COARSE)
+    assert error_db(capture, PAPER_COARSE, device) <= -50.0
+
+
 # Wrong arguments ----------------------------------------------------------------------------------
 
 
@@ -212,9 +307,3 @@ def test_wrong_tolerances_are_refused(
     capture = noise(QAR50, Waveform.sfcw(72e9, 82e9, 2))
     with pytest.raises(ModelError, match=message):
         backproject(capture, GRIDS["a voxel"], device=device, **options)  # type: ignore[arg-type]
-
-
-def test_too_many_antennas_are_refused(device: clradar.Device) -> None:
-    array = AntennaArray(flat(33), [[0.0, 0.0, 0.0]])
-    with pytest.raises(ModelError, match="'range' or 'exact' for more than 1024"):
-        backproject(noise(array, Waveform([77e9])), GRIDS["a voxel"], method="fast", device=device)

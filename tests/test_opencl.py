@@ -437,6 +437,19 @@ def test_programs_are_built_once_per_options(device: clradar.Device, kernel_text
         build(device, "scale.cl", Options(offset=2))
 
 
+def test_a_damaged_cache_of_pyopencl_is_no_error(
+    device: clradar.Device, kernel_text: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What another processor has left there does not load: "INVALID_BINARY"."""
+
+    def broken(*args: object, **options: object) -> None:
+        raise RuntimeError("clCreateProgramWithBinary failed: INVALID_BINARY")
+
+    monkeypatch.setattr("pyopencl.cache._create_built_program_from_source_cached", broken)
+    kernel_text(KERNEL)
+    assert list(build(device, "scale.cl", Options(offset=5)).kernels) == ["scale"]
+
+
 def test_a_build_error_has_device_options_and_log(
     device: clradar.Device, kernel_text: Callable
 ) -> None:

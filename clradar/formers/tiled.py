@@ -51,9 +51,8 @@ class Former:
         self.program = build(device, self.kernel_file, Options(self.width, chunk))
 
     def run(self, progress: Progress | None) -> np.ndarray:
-        """Return the unscaled sum, shape (2, n_z, n_y, n_x), float32."""
-        nx, ny, nz = self.grid.counts
-        out = np.empty((2, nz, ny, nx), dtype=np.float32)
+        """Return the unscaled sum, shape (n_z, n_y, n_x), complex64."""
+        out = np.empty(self.grid.shape, dtype=np.complex64)
         tiles = list(self.tiles())
         steps = self.steps_per_tile()
         with Buffers(self.device) as buffers:
@@ -66,8 +65,8 @@ class Former:
                 for j in self.add_all(buffers, axes, volume, tile):
                     if progress is not None:
                         progress(i * steps + j, len(tiles) * steps)
-                part = buffers.read(volume, shape, np.float32)
-                out[:, tile.z, tile.y] = part[..., :nx]
+                part = buffers.read(volume, shape, np.float32)[..., : self.grid.counts[0]]
+                out.real[tile.z, tile.y], out.imag[tile.z, tile.y] = part
                 if progress is not None:
                     progress((i + 1) * steps, len(tiles) * steps)
         return out

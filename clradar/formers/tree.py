@@ -10,8 +10,9 @@ import numpy as np
 
 from clradar.block_tree import Level, levels
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import Capture, VoxelGrid, checks
+from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform
 from clradar.opencl import Buffers, Device, Program, build
+from clradar.packing import antenna_rows, hi_lo
 from clradar.trace import Progress
 
 TOLERANCE_DB = (-80.0, -30.0)
@@ -20,11 +21,22 @@ TOLERANCE_DB = (-80.0, -30.0)
 DEFAULT_TOLERANCE_DB = -50.0
 
 MAX_ANTENNAS = 1024
-"""Transmitters or receivers: a work-item holds one number for each in private memory."""
+"""Transmitters or receivers of one tree: a work-item holds one number for each in private memory.
+Of larger arrays the images of the parts are added up."""
 
-TILE_VOXELS = 2**24
+TILE_VOXELS = 2**23
 """Voxels of one tree. Larger grids are cut, by their own size alone, so that what fits into a
 device's memory has no part in the result."""
+
+FEW_TERMS = 2**30
+"""Voxels times pairs times frequencies up to which the sum as it stands takes no longer than the
+choice of antennas and frequencies: about 0.1 s."""
+
+TILE_STEPS = 1000
+"""Steps of progress per tile, whose trees differ."""
+
+FLOAT32_SHARE = 0.3
+"""Share of the tolerance that single float32 phases may take; beyond it they are made of two."""
 
 ROW_TILE = 4
 """TILE of the kernels: weights are padded to a multiple."""
@@ -43,6 +55,7 @@ class _Options:
     width: int
     rows: int
     leaf: int
+    far: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,38 +107,38 @@ class Fast:
         device: Device,
         tolerance_db: float,
     ) -> None:
-        array = capture.array
-        most = max(array.n_tx, array.n_rx)
-        if most > MAX_ANTENNAS:
-            checks.fail(
-                "backproject: method",
-                f"'range' or 'exact' for more than {MAX_ANTENNAS} transmitters or receivers",
-                f"'fast' for {array.n_tx} and {array.n_rx}",
-            )
         self.capture, self.grid, self.device = capture, grid, device
         self.weights, self.tolerance = weights, 10.0 ** (tolerance_db / 20.0)
-        self.k = capture.waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
 
     def run(self, progress: Progress | None) -> np.ndarray:
-        """Return the unscaled sum, shape (2, n_z, n_y, n_x), float32."""
-        out = np.empty((2, *self.grid.shape), dtype=np.float32)
+        """Return the unscaled sum, shape (n_z, n_y, n_x), complex64."""
+        out = np.zeros(self.grid.shape, dtype=np.complex64)
         tiles = list(_tiles(self.grid))
+        parts = _antenna_parts(self.capture.array)
+        steps = len(parts) * len(tiles)
         with Buffers(self.device) as buffers:
-            cube = buffers.upload(self._cube())
-            for i, (part, grid) in enumerate(tiles):
-                tree = _Tree(self.capture, grid, self.k, self.tolerance, self.device, buffers)
-                out[:, part[0], part[1]] = tree.image(cube, progress, i, len(tiles))
+            for i, (tx, rx, array) in enumerate(parts):
+                cube = buffers.upload(self._cube(tx, rx))
+                for j, (place, grid) in enumerate(tiles):
+                    tree = _Tree(
+                        array, self.capture.waveform, grid, self.tolerance, self.device, buffers
+                    )
+                    image = tree.image(cube, progress, i * len(tiles) + j, steps)
+                    out.real[place] += image[0]
+                    out.imag[place] += image[1]
+                    del image  # before the next is read
+                buffers.release(cube)
         return out
 
-    def _cube(self) -> np.ndarray:
-        """Return the capture as one block: shape (n_freq, n_tx, 2, padded n_rx), float32."""
-        array = self.capture.array
-        shape = (len(self.k), array.n_tx, 2, _padded(array.n_rx, _unit(self.device)))
+    def _cube(self, tx: slice, rx: slice) -> np.ndarray:
+        """Return some antennas' data as one block: (n_freq, n_tx, 2, padded n_rx), float32."""
+        data = self.capture.data[tx, rx].transpose(2, 0, 1)
+        n_rx = data.shape[2]
+        shape = (*data.shape[:2], 2, _padded(n_rx, _unit(self.device)))
         cube = np.zeros(shape, dtype=np.float32)
-        data = self.capture.data.transpose(2, 0, 1)
         weights = self.weights[:, None, None]
-        np.multiply(data.real, weights, out=cube[:, :, 0, : array.n_rx], casting="same_kind")
-        np.multiply(data.imag, weights, out=cube[:, :, 1, : array.n_rx], casting="same_kind")
+        np.multiply(data.real, weights, out=cube[:, :, 0, :n_rx], casting="same_kind")
+        np.multiply(data.imag, weights, out=cube[:, :, 1, :n_rx], casting="same_kind")
         return cube
 
 
@@ -134,17 +147,19 @@ class _Tree:
 
     def __init__(
         self,
-        capture: Capture,
+        array: AntennaArray,
+        waveform: Waveform,
         grid: VoxelGrid,
-        k: np.ndarray,
         tolerance: float,
         device: Device,
         buffers: Buffers,
     ) -> None:
-        self.array, self.grid, self.k = capture.array, grid, k
+        self.array, self.grid = array, grid
+        self.k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
         self.device, self.buffers, self.width = device, buffers, device.width
         self.unit = _unit(device)
-        self.levels = levels(capture.array, capture.waveform, grid, tolerance)
+        self.levels = levels(array, waveform, grid, tolerance)
+        self.far = _float32_error(array, self.k, grid) > FLOAT32_SHARE * tolerance
         chunk = GPU_CHUNK_BYTES if device.info.kind == "gpu" else CPU_CHUNK_BYTES
         self.chunk_bytes = min(chunk, device.budget_bytes // 16)
         self.done = 0
@@ -156,14 +171,8 @@ class _Tree:
         self.steps = [self._step(i) for i in range(len(self.levels))]
         self.program = self._program()
         self.leaf = self._leaf()
-        n_leaves = int(np.prod(self.levels[-1].counts))
-
-        def report() -> None:
-            if progress is not None:
-                progress(tile * n_leaves + self.done, n_tiles * n_leaves)
-
-        self.report = report
-        report()
+        self.progress, self.tile, self.n_tiles = progress, tile, n_tiles
+        self._report()
         root = _Blocks(np.zeros((1, 3), np.int64), np.zeros((1, 3), np.float32), cube)
         self._descend(0, root, np.zeros((1, 3), np.int64), np.zeros(1, np.int32))
         out = self.buffers.read(self.volume, shape, np.float32)
@@ -172,11 +181,16 @@ class _Tree:
             self.buffers.release(buffer)
         return out
 
+    def _report(self) -> None:
+        if self.progress is not None:
+            of_tile = TILE_STEPS * self.done // int(np.prod(self.levels[-1].counts))
+            self.progress(TILE_STEPS * self.tile + of_tile, TILE_STEPS * self.n_tiles)
+
     def _program(self) -> Program:
         """Build the kernels; sizes are rounded up, so that similar images share a program."""
         leaf = max(self.steps[-1].rows_left, self.steps[-1].columns_left)
         rows = max(max(step.n_rows, step.n_columns) for step in self.steps)
-        options = _Options(self.width, _padded(rows, 32), _padded(leaf, 16))
+        options = _Options(self.width, _padded(rows, 32), _padded(leaf, 16), self.far)
         return build(self.device, "backproject_fast.cl", options)
 
     def _step(self, i: int) -> _Step:
@@ -192,7 +206,7 @@ class _Tree:
         buffers = {
             "rows": up(self._antenna_planes(rows[0])),
             "columns": up(self._antenna_planes(columns[0])),
-            "k": up(k.astype(np.float32)),
+            "k": up(np.stack(hi_lo(k))),
             "row_weights": up(_weights(rows[1], self.unit)),
             "column_weights": up(_weights(columns[1], ROW_TILE)),
             "frequency_weights": up(_weights(level.frequency_weights, ROW_TILE)),
@@ -203,8 +217,8 @@ class _Tree:
         )  # fmt: skip
 
     def _antenna_planes(self, antennas_m: np.ndarray) -> np.ndarray:
-        planes = np.zeros((3, _padded(len(antennas_m), self.unit)), np.float32)
-        planes[:, : len(antennas_m)] = antennas_m.T
+        planes = np.zeros((6, _padded(len(antennas_m), self.unit)), np.float32)
+        planes[:, : len(antennas_m)] = antenna_rows(antennas_m).T
         return planes
 
     def _leaf(self) -> dict[str, Any]:
@@ -219,11 +233,11 @@ class _Tree:
         # The last step's columns have become rows.
         rows, columns = (rx_m, tx_m) if len(self.levels) % 2 else (tx_m, rx_m)
         arrays = {
-            "offsets": offset_m.T.astype(np.float32),
+            "offsets": antenna_rows(offset_m).T,
             "place": place.astype(np.int32),
-            "rows": rows.astype(np.float32),
-            "columns": columns.astype(np.float32),
-            "k": self.k[level.frequency].astype(np.float32),
+            "rows": antenna_rows(rows),
+            "columns": antenna_rows(columns),
+            "k": np.stack(hi_lo(self.k[level.frequency])),
         }
         return {name: self.buffers.upload(array) for name, array in arrays.items()}
 
@@ -246,7 +260,7 @@ class _Tree:
             else:
                 self._image_of(blocks)
                 self.done += len(blocks.index)
-                self.report()
+                self._report()
             self.buffers.release(blocks.g)
 
     def _block_bytes(self, step: _Step) -> int:
@@ -356,6 +370,17 @@ class _Tree:
             self.buffers.release(buffer)
 
 
+def _antenna_parts(array: AntennaArray) -> list[tuple[slice, slice, AntennaArray]]:
+    """Return which Tx and Rx are imaged at a time, and these as an array."""
+    if max(array.n_tx, array.n_rx) <= MAX_ANTENNAS:
+        return [(slice(None), slice(None), array)]
+    sides = []
+    for n in (array.n_tx, array.n_rx):
+        n_parts = -(-n // MAX_ANTENNAS)
+        sides.append([slice(i * n // n_parts, (i + 1) * n // n_parts) for i in range(n_parts)])
+    return [(t, r, AntennaArray(array.tx_m[t], array.rx_m[r])) for t in sides[0] for r in sides[1]]
+
+
 def _tiles(grid: VoxelGrid) -> Iterator[tuple[tuple[slice, slice], VoxelGrid]]:
     """Yield the pieces of a grid: slices along z and y, and the piece."""
     nx, ny, nz = grid.counts
@@ -370,6 +395,19 @@ def _tiles(grid: VoxelGrid) -> Iterator[tuple[tuple[slice, slice], VoxelGrid]]:
             origin_m = grid.origin_m + grid.spacing_m * np.array([0, y, z])
             piece = VoxelGrid(origin_m, grid.spacing_m, counts)
             yield (slice(z, z + counts[2]), slice(y, y + counts[1])), piece
+
+
+def _float32_error(array: AntennaArray, k: np.ndarray, grid: VoxelGrid) -> float:
+    """Return the largest phase error, radians, of legs that are single float32 numbers of metres.
+
+    From the centre of a block to what is in it legs change by half the block's diagonal at most,
+    and the largest block is the grid. Beside the rounding of such a difference and of k there is
+    that of the antennas' coordinates, which counts twice where the leg turns round.
+    """
+    diagonal_m = np.linalg.norm(grid.spacing_m * (np.array(grid.counts) - 1))
+    coordinate_m = max(np.abs(array.tx_m).max(), np.abs(array.rx_m).max())
+    leg_m = 2.0 * 0.5 * diagonal_m + 2.0 * coordinate_m
+    return float(2.0 * np.pi * k.max() * leg_m * 2.0**-25)
 
 
 def _unit(device: Device) -> int:

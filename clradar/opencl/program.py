@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -12,6 +13,11 @@ import pyopencl as cl
 from clradar.errors import DeviceError
 from clradar.opencl.device import Device
 from clradar.opencl.sources import source
+
+CACHE_FAILURE = "PYOPENCL_CACHE_FAILURE_FATAL"
+"""pyopencl keeps what it has built in the user's cache. What another processor or a damaged file
+has left there does not load; pyopencl then builds from source only if this variable is set and
+empty, and stops with a KeyError where it is missing."""
 
 OTHER_DEVICE_HINT = "choose another device with CLRADAR_DEVICE=... (see `clradar devices`)"
 
@@ -91,6 +97,7 @@ def build(device: Device, file: str, options: Any) -> Program:
         # A checker should see the code as written, and Oclgrind does not know all that its own
         # optimiser makes of it. CLR_CHECKED marks the few places that avoid its faults.
         flags += ["-cl-opt-disable", "-DCLR_CHECKED"]
+    os.environ.setdefault(CACHE_FAILURE, "")
     try:
         with warnings.catch_warnings():
             # Drivers print remarks on success, which pyopencl turns into warnings.
