@@ -176,6 +176,11 @@ class DatasetFolder:
         """Note that a sample cannot be made; the data set goes on without it."""
         write_json(self._note(aside.sample), _record(aside), force=True)
 
+    def forget_notes(self) -> None:
+        """Make samples missing again that are noted as set aside in shards that are not closed."""
+        for path in (self.path / PARTS).glob("*.json"):
+            path.unlink(missing_ok=True)
+
     def close_ready_shards(self) -> None:
         """Close every shard that has all its samples; called when a run begins."""
         for number in range(self.plan.n_shards):
