@@ -27,7 +27,7 @@ DEVICE = "DEVICE"
 START_S = 120.0
 """How long workers may take to start: Python and its packages over a slow network file system."""
 
-CONNECT_S = 15.0
+CONNECT_S = 10.0
 
 BLAS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
@@ -90,7 +90,7 @@ def local_cluster(shares: Sequence[Share]) -> Iterator[tuple[Client, Callable[[]
 
 def dashboard_text(client: Client) -> str:
     """Return where the dashboard is, and what it takes to see it."""
-    hint = "" if find_spec("bokeh") else " (a page of text; with plots where bokeh is installed)"
+    hint = "" if find_spec("bokeh") else " (needs: pip install bokeh)"
     return f"dashboard: {client.dashboard_link}{hint}"
 
 

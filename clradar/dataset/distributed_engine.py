@@ -236,7 +236,7 @@ class Distributed:
             self._pending.update(futures)
             return futures
 
-        finished = as_completed(submitted(window))
+        finished = as_completed(submitted(window), loop=self.client.loop)
         for future in finished:
             self._pending.discard(future)
             finished.update(submitted(1))
