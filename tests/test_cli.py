@@ -155,6 +155,7 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
         ("correct", ("--channels", "--keep-noisy", "--frame", "--variant")),
         ("diagnose", ("--expect-mm", "--json", "--output", "--frame", "--variant", "--device")),
         ("inspect", ("--check", "--json")),
+        ("dataset", ("[PLAN.toml]", "--output", "--dry-run", "--replay", "DIR N")),
         ("bench", ("--device", "--only", "--quick", "--repeats", "--json", "clradar[bench]")),
         ("compare", ("MEASURED", "SIMULATED", "--json", "--dynamic-range-db", "docs/metrics.md")),
         ("align", ("MEASURED", "[SIMULATED]", "--mesh", "--unit", "-o", "--search-deg")),

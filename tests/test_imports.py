@@ -13,7 +13,8 @@ PACKAGES = ("clradar", "measurement_io", "calibration")
 
 # A module imports from lower layers, or from its own package. The last one is the public interface.
 LAYERS = (
-    ("clradar.constants", "clradar.errors", "clradar.packing", "clradar.versions"),
+    ("clradar.constants", "clradar.errors", "clradar.packing"),
+    ("clradar.hashing", "clradar.versions"),
     ("clradar.model",),
     ("clradar.arrays", "clradar.opencl", "clradar.reference", "clradar.hand"),
     ("clradar.bundles", "clradar.bvh", "clradar.rigs"),

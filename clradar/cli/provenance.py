@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from clradar import __version__
+from clradar.hashing import sha256_of
 from clradar.versions import package_versions
-from measurement_io.hashing import sha256_of
 
 
 def provenance(

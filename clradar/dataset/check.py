@@ -14,10 +14,10 @@ from clradar.dataset.layout import FIELDS, Field, axes_of, fields_of_products, l
 from clradar.dataset.recipe import recipe
 from clradar.dataset.stored import fields_of, opened
 from clradar.errors import ClradarError
+from clradar.hashing import sha256_of
 from clradar.trace import Progress
 from measurement_io import CheckReport, Description, Fact
 from measurement_io.failures import clean, shown
-from measurement_io.hashing import sha256_of
 
 MOST_LISTED = 10
 """Samples that a problem names."""

@@ -25,8 +25,8 @@ from clradar.dataset.plan_plain import plan_record
 from clradar.dataset.plan_reader import plan_from
 from clradar.dataset.shard import assemble
 from clradar.errors import OutputError
+from clradar.hashing import sha256_of
 from measurement_io.failures import fail, reading, shown
-from measurement_io.hashing import sha256_of
 from measurement_io.json_file import read_json_object, write_json
 from measurement_io.work_folder import LOCK, differences, held, remove_temporaries
 
@@ -259,10 +259,11 @@ def begin(
     """
     with held(path, "run of a data set"):
         folder = DatasetFolder(path, _manifest(path, plan, made_with, force))
+        # The manifest first: a folder with anything else in it and without one is not touched.
+        folder.write_manifest()
         for name in (SHARDS, PARTS):
             (path / name).mkdir(exist_ok=True)
         folder.tidy()
-        folder.write_manifest()
         yield folder
 
 

@@ -17,12 +17,12 @@ from clradar.channel_errors import draw_channels
 from clradar.dataset.hands import pose_of, shape_of
 from clradar.errors import ModelError
 from clradar.hand import HandMesh, HandPose, hand_mesh
+from clradar.hashing import sha256_of
 from clradar.impair import impair
 from clradar.model import AntennaArray, Capture, Scene, VoxelGrid, Waveform
 from clradar.opencl import Device
 from clradar.room import Wall, room_capture
 from clradar.synthesize import simulate
-from measurement_io.hashing import sha256_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

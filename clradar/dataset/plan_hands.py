@@ -11,14 +11,14 @@ from clradar.dataset.plan import PARTS, Alpha, Hands, Placement, Poses, RigFile
 from clradar.dataset.plan_table import PlanTable, choice_text
 from clradar.errors import ClradarError
 from clradar.hand import DIGITS, LETTERS, POSES, HandPose, HandShape, pose_by_name, read_pose
+from clradar.hashing import sha256_of
 from measurement_io.failures import clean
-from measurement_io.hashing import sha256_of
 
 POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
 """Names that stand for many poses."""
 
-EDGE_MM = 2.5
-"""About 19 000 faces."""
+EDGE_MM = 2.0
+"""About 29 000 faces; see docs/datasets.md for what other lengths cost and err."""
 
 NEAREST_MM, FARTHEST_MM = 100.0, 3000.0
 """Where the centre of a hand may be along z."""
@@ -31,7 +31,7 @@ def poses_of(table: PlanTable, folder: Path) -> Poses:
     found: list[HandPose] = []
     for name in _names(table):
         if not any(known.casefold() == name.casefold() for known in POSES):
-            table.mistake("names", choice_text(name, tuple(POSES)), name)
+            table.refuse("names", choice_text(name, tuple(POSES)), name)
         else:
             found.append(pose_by_name(name))
     for i, name in enumerate(table.texts("files", (), "names of pose files")):
@@ -41,7 +41,7 @@ def poses_of(table: PlanTable, folder: Path) -> Poses:
     order = table.one_of("order", "cycle", ("cycle", "random"))
     share = table.draw("share", Draw("uniform", (0.0, 1.0)), 0.0, 1.0, ("uniform", "choice"))
     if table.has("share") and kind != "interpolation":
-        table.mistake("share", 'no share unless kind = "interpolation"', table.raw("share"))
+        table.refuse("share", 'no share unless kind = "interpolation"', table.raw("share"))
     if kind == "sampler" and found:
         table.mistake("kind", 'no poses with "sampler", which makes its own', f"{len(found)} poses")
     elif kind != "sampler" and not any(table.has(k) for k in ("names", "files", "resolved")):
@@ -61,7 +61,7 @@ def _names(table: PlanTable) -> tuple[str, ...]:
         if given in POSE_SETS:
             return POSE_SETS[given]
         choices = (*POSE_SETS, "a list of names")
-        table.mistake("names", choice_text(given, choices), given)
+        table.refuse("names", choice_text(given, choices), given)
         return ()
     return table.texts("names", (), "names of poses")
 
@@ -71,7 +71,7 @@ def _resolved_poses(table: PlanTable) -> list[HandPose]:
     found = []
     given = table.raw("resolved", [])
     if not isinstance(given, list):
-        table.mistake("resolved", "a list of poses with their angles", given)
+        table.refuse("resolved", "a list of poses with their angles", given)
         return []
     for i, record in enumerate(given):
         try:
@@ -89,9 +89,9 @@ def hands_of(table: PlanTable, folder: Path) -> Hands:
     default = "list" if shapes else "default"
     shape = table.one_of("shape", default, ("default", "sampled", "list"))
     if (shape == "list") != bool(shapes):
-        table.mistake("shapes", 'a list of shapes with shape = "list", and else none', shape)
+        table.refuse("shapes", 'a list of shapes with shape = "list", and else none', shape)
     if rigs and shape != "default":
-        table.mistake("shape", "none where there are rigs, which have their own", shape)
+        table.refuse("shape", "none where there are rigs, which have their own", shape)
     edge_mm = table.number("edge_mm", EDGE_MM, 0.5, 4.0)
     table.done()
     return Hands(handedness, shape, tuple(shapes), tuple(rigs), edge_mm)
@@ -100,7 +100,7 @@ def hands_of(table: PlanTable, folder: Path) -> Hands:
 def _rigs(table: PlanTable, folder: Path) -> list[RigFile]:
     given = table.raw("rigs", [])
     if not isinstance(given, list):
-        table.mistake("rigs", "a list of rig files", given)
+        table.refuse("rigs", "a list of rig files", given)
         return []
     found = []
     for i, content in enumerate(given):
@@ -132,7 +132,7 @@ def _rig(table: PlanTable, folder: Path) -> RigFile | None:
     file, mapping = table.raw("file"), table.raw("mapping")
     for key, value in (("file", file), ("mapping", mapping)):
         if (value is not None or key == "file") and not (isinstance(value, str) and value):
-            table.mistake(key, "the name of a file", value)
+            table.refuse(key, "the name of a file", value)
             return None
     options = {key: table.raw(key) for key in ("unit", "handedness", "betas") if table.has(key)}
     table.done()
@@ -158,7 +158,7 @@ def _rig(table: PlanTable, folder: Path) -> RigFile | None:
 def _shapes(table: PlanTable) -> list[HandShape]:
     given = table.raw("shapes", [])
     if not isinstance(given, list):
-        table.mistake("shapes", "a list of tables", given)
+        table.refuse("shapes", "a list of tables", given)
         return []
     found = []
     for i, content in enumerate(given):

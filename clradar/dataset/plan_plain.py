@@ -19,7 +19,7 @@ def plan_record(plan: Plan) -> dict[str, Any]:
     """
     record = _plain(plan)
     poses = record["poses"]
-    poses["resolved"] = poses.pop("poses")
+    poses["resolved"] = poses.pop("poses", [])
     if plan.poses.kind != "interpolation":
         del poses["share"]
     return record

@@ -60,7 +60,7 @@ def _channels(table: PlanTable) -> ChannelErrors:
 def _walls(table: PlanTable) -> tuple[WallPlan, ...]:
     given = table.raw("walls", [])
     if not isinstance(given, list):
-        table.mistake("walls", "a list of tables", given)
+        table.refuse("walls", "a list of tables", given)
         return ()
     found = []
     for i, content in enumerate(given):
@@ -68,7 +68,7 @@ def _walls(table: PlanTable) -> tuple[WallPlan, ...]:
         point = inner.numbers("point_mm", (0.0, 0.0, 1000.0), 3)
         normal = inner.numbers("normal", (0.0, 0.0, -1.0), 3)
         if not any(normal):
-            inner.mistake("normal", "a direction", list(normal))
+            inner.refuse("normal", "a direction", list(normal))
         amplitude = inner.number("amplitude", 1.0, -1e12, 1e12)
         inner.done()
         found.append(WallPlan(point, normal, amplitude))
@@ -145,12 +145,13 @@ def image_of(table: PlanTable) -> Image:
     for key, (first, last) in GRID_MM.items():
         low, high = table.numbers(key, (first, last), 2)
         if high < low:
-            table.mistake(key, "[first, last] with first <= last", [low, high])
+            table.refuse(key, "[first, last] with first <= last", [low, high])
+            low, high = first, last
         extents.append((low, high))
     step = table.raw("step_mm", STEP_MM)
     steps = (float(step),) * 3 if is_number(step) else table.numbers("step_mm", (STEP_MM,) * 3, 3)
     if min(steps) <= 0:
-        table.mistake("step_mm", "a positive step, or three of them", step)
+        table.refuse("step_mm", "a positive step, or three of them", step)
         steps = (STEP_MM,) * 3
     method = table.one_of("method", "fast", METHODS)
     tolerance = None

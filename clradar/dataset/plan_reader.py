@@ -23,6 +23,9 @@ MAX_PLAN_BYTES = 2**20
 MAX_LINE = 2**14
 MAX_SAMPLES = 10**8
 MAX_SHARD = 4096
+MAX_SHARDS = 50_000
+"""What a manifest has room for."""
+
 EXPECTED = "a plan of a data set (a TOML file, see docs/datasets.md)"
 
 
@@ -98,7 +101,7 @@ def _output(table: PlanTable) -> Output:
     given = table.texts("products", ("max_projection", "depth_map", "joints"), "products")
     for name in given:
         if name not in PRODUCTS:
-            table.mistake("products", choice_text(name, PRODUCTS), name)
+            table.refuse("products", choice_text(name, PRODUCTS), name)
     if table.has("products") and not given:
         table.mistake("products", f"at least one of {', '.join(PRODUCTS)}", "none")
     found = Output(
@@ -112,6 +115,13 @@ def _output(table: PlanTable) -> Output:
 
 def _check_together(top: PlanTable, plan: Plan) -> None:
     """Note what only two tables together can get wrong."""
+    if plan.n_shards > MAX_SHARDS:
+        least = -(-plan.samples // MAX_SHARDS)
+        top.mistake(
+            "output.shard_size",
+            f"at least {least} for {plan.samples} samples ({MAX_SHARDS} files)",
+            f"{plan.output.shard_size}",
+        )
     channels = plan.impairments.channels
     count = -(-94 // plan.radar.every)
     if channels is not None:

@@ -46,13 +46,16 @@ class PlanTable:
         self._asked: list[str] = []
         self._content = content if isinstance(content, dict) else {}
         if not isinstance(content, dict):
-            self.mistake("", "a table", content)
+            self.refuse("", "a table", content)
 
-    def mistake(self, key: str, expected: str, got: object) -> None:
-        """Note that a key has a value that cannot be meant."""
+    def mistake(self, key: str, expected: str, words: str) -> None:
+        """Note that what a key says cannot be meant; `words` say what was found."""
         path = ".".join(part for part in (self._name, key) if part)
-        text = got if isinstance(got, str) else toml_text(got)
-        self.note(f"{clean(self._source)}: {path}: expected {expected}, got {clean(text)}")
+        self.note(f"{clean(self._source)}: {path}: expected {expected}, got {clean(words)}")
+
+    def refuse(self, key: str, expected: str, value: object) -> None:
+        """Note that a key has a value that cannot be meant."""
+        self.mistake(key, expected, toml_text(value))
 
     def note(self, line: str) -> None:
         self._mistakes.append(line)
@@ -88,28 +91,28 @@ class PlanTable:
         """Return a number from `low` (above it, if `above`) to `high`."""
         value = self.raw(key, default)
         if not is_number(value) or not low <= value <= high or (above and value == low):
-            self.mistake(key, f"a number {_range(low, high, above)}", value)
+            self.refuse(key, f"a number {_range(low, high, above)}", value)
             return default
         return float(value)
 
     def whole(self, key: str, default: int, low: int, high: int) -> int:
         value = self.raw(key, default)
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            self.mistake(key, f"a whole number from {low} to {high}", value)
+            self.refuse(key, f"a whole number from {low} to {high}", value)
             return default
         return value
 
     def one_of(self, key: str, default: str, choices: Sequence[str]) -> str:
         value = self.raw(key, default)
         if not isinstance(value, str) or value not in choices:
-            self.mistake(key, choice_text(value, choices), value)
+            self.refuse(key, choice_text(value, choices), value)
             return default
         return value
 
     def numbers(self, key: str, default: Sequence[float], count: int) -> tuple[float, ...]:
         value = self.raw(key, list(default))
         if not isinstance(value, list) or len(value) != count or not all(map(is_number, value)):
-            self.mistake(key, f"a list of {count} numbers", value)
+            self.refuse(key, f"a list of {count} numbers", value)
             return tuple(default)
         return tuple(float(v) for v in value)
 
@@ -120,7 +123,7 @@ class PlanTable:
             isinstance(v, int) and not isinstance(v, bool) and low <= v <= high for v in value
         )
         if not good or len(set(value)) != len(value):
-            self.mistake(key, f"a list of different whole numbers from {low} to {high}", value)
+            self.refuse(key, f"a list of different whole numbers from {low} to {high}", value)
             return ()
         return tuple(value)
 
@@ -128,7 +131,7 @@ class PlanTable:
         value = self.raw(key, list(default))
         good = isinstance(value, list) and all(isinstance(v, str) and v for v in value)
         if not good:
-            self.mistake(key, f"a list of {what}", value)
+            self.refuse(key, f"a list of {what}", value)
             return tuple(default)
         if len(set(value)) != len(value):
             twice = sorted({v for v in value if value.count(v) > 1})
@@ -166,7 +169,7 @@ class PlanTable:
             return fixed(float(value))
         expected = "a number or " + " or ".join(f"{{ {k} = {KINDS[k]} }}" for k in kinds)
         if not isinstance(value, dict) or len(value) != 1:
-            self.mistake(key, expected, value)
+            self.refuse(key, expected, value)
             return None
         kind, given = next(iter(value.items()))
         if kind not in kinds:
@@ -174,17 +177,17 @@ class PlanTable:
             self.mistake(key, expected + near, f"{{ {kind} = ... }}")
             return None
         if not isinstance(given, list) or not given or not all(map(is_number, given)):
-            self.mistake(f"{key}.{kind}", f"a list {KINDS[kind]} of numbers", given)
+            self.refuse(f"{key}.{kind}", f"a list {KINDS[kind]} of numbers", given)
             return None
         values = tuple(float(v) for v in given)
         if kind != "choice" and len(values) != 2:
-            self.mistake(f"{key}.{kind}", f"two numbers {KINDS[kind]}", given)
+            self.refuse(f"{key}.{kind}", f"two numbers {KINDS[kind]}", given)
             return None
         if kind == "uniform" and values[1] < values[0]:
-            self.mistake(f"{key}.{kind}", "[low, high] with low <= high", given)
+            self.refuse(f"{key}.{kind}", "[low, high] with low <= high", given)
             return None
         if kind == "normal" and values[1] < 0:
-            self.mistake(f"{key}.{kind}", "a standard deviation that is not negative", given)
+            self.refuse(f"{key}.{kind}", "a standard deviation that is not negative", given)
             return None
         return Draw(kind, values)
 
