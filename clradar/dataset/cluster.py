@@ -11,6 +11,7 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
+from multiprocessing import resource_tracker
 from typing import Any
 
 import dask
@@ -131,6 +132,8 @@ def _interrupts_kept_back() -> Iterator[None]:
     A terminal sends the signal to all processes. Workers inherit the mask of the thread that starts
     them, so only this process hears it, and ends them in order.
     """
+    # A thread that finds no resource tracker starts one, and unmasks the signal.
+    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

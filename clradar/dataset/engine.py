@@ -93,11 +93,17 @@ class Engine(Protocol):
         """Make no more; nothing is written any longer when this returns."""
 
 
-@dataclass(frozen=True, slots=True)
 class Serial:
-    """Makes one sample after the other in this process."""
+    """Makes one sample after the other in this process.
 
-    device: str | None = None
+    Parameters
+    ----------
+    device : str or None
+        See `clradar.open_device`.
+    """
+
+    def __init__(self, device: str | None = None) -> None:
+        self.device = device
 
     def made_with(self) -> Mapping[str, Any]:
         return made_with(open_device(self.device))
