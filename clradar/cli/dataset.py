@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -128,6 +129,8 @@ def engine(workers: int | None, scheduler: str | None, device: str | None) -> It
         raise ClusterError(
             f"--workers and --scheduler need Dask: pip install 'clradar[dataset]' ({error})"
         ) from error
+    # What becomes of the samples is said here; workers that die are not news.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     if scheduler is not None:
         with running_cluster(scheduler) as client:
             print_line(dashboard_text(client))

@@ -90,8 +90,9 @@ def local_cluster(shares: Sequence[Share]) -> Iterator[tuple[Client, Callable[[]
 
 
 def dashboard_text(client: Client) -> str:
-    """Return where the dashboard is, and what it takes to see it."""
-    hint = "" if find_spec("bokeh") else " (needs: pip install bokeh)"
+    """Return where the dashboard is, and what it takes to see that of a cluster of our own."""
+    own = client.cluster is not None
+    hint = " (needs: pip install bokeh)" if own and find_spec("bokeh") is None else ""
     return f"dashboard: {client.dashboard_link}{hint}"
 
 

@@ -165,6 +165,12 @@ class Distributed:
             They differ, so that a sample's bits would depend on who makes it.
         """
         facts = self._asked(worker_facts, self.device)
+        for address, fact in facts.items():
+            if fact["clradar"] != __version__:
+                raise ClusterError(
+                    f"{address}: expected clradar {__version__} as on the client, "
+                    f"got {fact['clradar']}"
+                )
         first, *others = facts.items()
         for address, fact in others:
             different = differences(first[1], fact)
@@ -173,11 +179,6 @@ class Distributed:
                     f"{address}: expected a worker that is as {first[0]}, since a sample's bits "
                     f"depend on it: {'; '.join(different)}"
                 )
-        if first[1]["clradar"] != __version__:
-            raise ClusterError(
-                f"{first[0]}: expected clradar {__version__} as on the client, "
-                f"got {first[1]['clradar']}"
-            )
         return first[1]
 
     def _asked(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:

@@ -224,10 +224,14 @@ class DatasetFolder:
             self.part(sample).unlink(missing_ok=True)
             self._note(sample).unlink(missing_ok=True)
 
-    def tidy(self) -> None:
-        """Remove what a killed process left: half-written files, parts of finished shards."""
+    def remove_half_written(self) -> None:
+        """Remove files that a killed process was writing."""
         for folder in (self.path, self.path / SHARDS, self.path / PARTS):
             remove_temporaries(folder)
+
+    def tidy(self) -> None:
+        """Remove what a killed process left: half-written files, parts of finished shards."""
+        self.remove_half_written()
         for path in (self.path / PARTS).iterdir():
             sample = path.stem
             if (

@@ -13,7 +13,7 @@ from clradar.dataset.folder import CONTACT_SHEET, STATISTICS, TABLE, Aside, Data
 from clradar.dataset.plan import Plan
 from clradar.dataset.reopen import reopen
 from clradar.dataset.summary import write_summary
-from clradar.errors import DeviceError
+from clradar.errors import DeviceError, OutputError
 from clradar.trace import Progress
 from measurement_io.work_folder import differences
 
@@ -93,7 +93,12 @@ def run(
             made = _make_missing(folder, engine, progress)
         finally:
             engine.stop()
-            folder.tidy()  # of workers that were killed
+            folder.remove_half_written()  # of workers that were killed
+        if not folder.manifest.complete:
+            raise OutputError(
+                f"{path}: parts that were made are not to be seen here yet; the same command goes on"
+            )
+        folder.tidy()  # of workers that were taken for dead
         finish(folder)
         aside = folder.manifest.aside
         return RunResult(made, plan.samples, tuple(aside[sample] for sample in sorted(aside)))
