@@ -35,3 +35,7 @@ class CalibrationError(ClradarError, ValueError):
 
 class OutputError(ClradarError, OSError):
     """An output cannot be written: it exists already, or its folder does not."""
+
+
+class ClusterError(ClradarError, RuntimeError):
+    """Processes on this or other machines cannot be started, reached, or do not fit together."""

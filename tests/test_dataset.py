@@ -26,6 +26,7 @@ from clradar.cli import main
 from clradar.dataset import PlanError, TorchDataset, make_sample, open_dataset, recipe, replay, run
 from clradar.dataset.check import check_dataset, describe_dataset
 from clradar.dataset.contact_sheet import contact_sheet
+from clradar.dataset.engine import Outcome, PartMaker, Serial
 from clradar.dataset.estimate import estimate
 from clradar.dataset.folder import (
     CONTACT_SHEET,
@@ -41,7 +42,6 @@ from clradar.dataset.layout import FIELDS, LABELS
 from clradar.dataset.make import _rig, rotation
 from clradar.dataset.plan import Plan
 from clradar.dataset.plan_reader import plan_from
-from clradar.dataset.run import Outcome, PartMaker, serial
 from clradar.dataset.stored import opened, sample_of
 from clradar.errors import ClradarError, MeasurementError, ModelError, OutputError
 from clradar.hand import JOINT_NAMES, POSES, HandShape, hand_mesh
@@ -104,14 +104,15 @@ def digests(folder: Path) -> dict[str, str]:
     }
 
 
-class Counting:
+class Counting(Serial):
     """An engine in some order that counts what it makes, and may stop before the end."""
 
     def __init__(self, *, backwards: bool = False, stop_after: int | None = None) -> None:
+        super().__init__(DEVICE)
         self.backwards, self.stop_after = backwards, stop_after
         self.made: list[int] = []
 
-    def __call__(self, samples: Sequence[int], make: PartMaker) -> Iterator[Outcome]:
+    def outcomes(self, samples: Sequence[int], make: PartMaker) -> Iterator[Outcome]:
         for sample in reversed(samples) if self.backwards else samples:
             if self.stop_after is not None and len(self.made) == self.stop_after:
                 raise KeyboardInterrupt
@@ -120,18 +121,19 @@ class Counting:
             yield sample
 
 
-def failing(bad: int, error: Exception) -> Any:
+def failing(bad: int, error: Exception) -> Serial:
     """Return an engine for which one sample fails."""
 
-    def engine(samples: Sequence[int], make: PartMaker) -> Iterator[Outcome]:
-        def tried(sample: int) -> int:
-            if sample == bad:
-                raise error
-            return make(sample)
+    class Failing(Serial):
+        def outcomes(self, samples: Sequence[int], make: Any) -> Iterator[Outcome]:
+            def tried(sample: int) -> int:
+                if sample == bad:
+                    raise error
+                return make(sample)
 
-        return serial(samples, tried)
+            return Serial.outcomes(self, samples, tried)  # type: ignore[arg-type]
 
-    return engine
+    return Failing(DEVICE)
 
 
 # What a sample is
@@ -273,7 +275,7 @@ def test_rigs_are_hands_too(tmp_path: Path) -> None:
 
 
 def test_the_order_of_making_changes_no_byte(made: Path, tmp_path: Path) -> None:
-    run(PLAN, tmp_path / "other", device=DEVICE, engine=Counting(backwards=True))
+    run(PLAN, tmp_path / "other", engine=Counting(backwards=True))
     assert digests(tmp_path / "other") == digests(made)
 
 
@@ -282,12 +284,12 @@ def test_a_run_that_was_stopped_goes_on_with_what_is_missing(light: Path, tmp_pa
         folder = tmp_path / f"stopped-{stop}"
         first, second = Counting(stop_after=stop), Counting()
         with pytest.raises(KeyboardInterrupt):
-            run(LIGHT, folder, device=DEVICE, engine=first)
+            run(LIGHT, folder, engine=first)
         assert not (folder / CONTACT_SHEET).exists()
         # What a killed process was writing.
         (folder / "parts" / ".00000003.h5.abc.tmp").write_bytes(b"half")
         (folder / "shards" / ".shard-00001.h5.abc.tmp").write_bytes(b"half")
-        run(LIGHT, folder, device=DEVICE, engine=second)
+        run(LIGHT, folder, engine=second)
         assert sorted(first.made + second.made) == list(range(7))
         assert digests(folder) == digests(light)
 
@@ -311,15 +313,15 @@ def test_a_kill_while_a_shard_is_closed_loses_nothing(
         else:
             patch.setattr(DatasetFolder, step, killed)
         with pytest.raises(KeyboardInterrupt):
-            run(LIGHT, tmp_path / "killed", device=DEVICE, engine=first)
-    run(LIGHT, tmp_path / "killed", device=DEVICE, engine=second)
+            run(LIGHT, tmp_path / "killed", engine=first)
+    run(LIGHT, tmp_path / "killed", engine=second)
     assert sorted(first.made + second.made) == list(range(7))
     assert digests(tmp_path / "killed") == digests(light)
 
 
 def test_a_sample_that_fails_is_set_aside_and_the_run_goes_on(tmp_path: Path) -> None:
     engine = failing(1, ValueError("it\nis poisoned"))
-    result = run(LIGHT, tmp_path, device=DEVICE, engine=engine)
+    result = run(LIGHT, tmp_path, engine=engine)
     assert result.aside == (Aside(1, "ValueError: it is poisoned", 2),)
     assert read_manifest(tmp_path).aside == {1: result.aside[0]}
     report = check_dataset(tmp_path)
@@ -330,11 +332,12 @@ def test_a_sample_that_fails_is_set_aside_and_the_run_goes_on(tmp_path: Path) ->
 
 
 def test_a_shard_may_lose_all_its_samples(tmp_path: Path) -> None:
-    def engine(samples: Sequence[int], make: PartMaker) -> Iterator[Outcome]:
-        for sample in samples:
-            yield Aside(sample, "no", 2) if sample < 3 else make(sample)
+    class Losing(Serial):
+        def outcomes(self, samples: Sequence[int], make: PartMaker) -> Iterator[Outcome]:
+            for sample in samples:
+                yield Aside(sample, "no", 2) if sample < 3 else make(sample)
 
-    run(LIGHT, tmp_path, device=DEVICE, engine=engine)
+    run(LIGHT, tmp_path, engine=Losing(DEVICE))
     assert check_dataset(tmp_path).ok
     assert len(open_dataset(tmp_path).sample) == 4
 
@@ -342,7 +345,7 @@ def test_a_shard_may_lose_all_its_samples(tmp_path: Path) -> None:
 def test_a_full_disk_ends_the_run(tmp_path: Path) -> None:
     error = OutputError("no space left on device")
     with pytest.raises(OutputError, match="no space left"):
-        run(LIGHT, tmp_path, device=DEVICE, engine=failing(4, error))
+        run(LIGHT, tmp_path, engine=failing(4, error))
     result = run(LIGHT, tmp_path, device=DEVICE)
     assert (result.made, result.aside) == (3, ())
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
@@ -15,8 +18,10 @@ from clradar.cli.output import (
     print_warning,
     progress_bar,
 )
+from clradar.errors import ClusterError
 
 if TYPE_CHECKING:
+    from clradar.dataset.engine import Engine
     from clradar.dataset.plan import Plan
 
 SHOWN_ASIDE = 20
@@ -47,12 +52,38 @@ def command(
             "bit.",
         ),
     ] = None,
+    workers: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option(
+            "--workers",
+            metavar="N",
+            min=1,
+            help="Make samples in N processes, each with a GPU or a share of the cores. "
+            "[default: in this process]",
+        ),
+    ] = None,
+    scheduler: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Make samples on the workers of a Dask scheduler, tcp://HOST:PORT; see "
+            "docs/datasets-cluster.md.",
+        ),
+    ] = None,
+    retry: Annotated[
+        bool,
+        typer.Option("--retry", help="Try the samples again that were set aside."),
+    ] = False,
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
     """Makes training data: posed hands, simulated and imaged, with what they are made of as labels.
-    The same command again goes on where it stopped.
+    The same command again goes on where it stopped. A sample that cannot be made is set aside; the
+    exit status is 1 as long as any is.
     """
+    if workers is not None and scheduler is not None:
+        raise wrong_usage("--scheduler", "expected no --workers with it: it has its own")
     if replay is not None:
         if plan is not None or dry_run:
             raise wrong_usage("--replay", "expected no plan and no --dry-run with it")
@@ -66,7 +97,8 @@ def command(
         return
     if output is None:
         raise wrong_usage("-o", "expected the folder of the data set, or --dry-run")
-    make(wanted, output, device, force)
+    with engine(workers, scheduler, device) as chosen:
+        make(wanted, output, chosen, force=force, retry=retry)
 
 
 def checked_plan(path: Path) -> Plan:
@@ -82,12 +114,55 @@ def checked_plan(path: Path) -> Plan:
         raise typer.Exit(1) from None
 
 
-def make(plan: Plan, output: Path, device: str | None, force: bool) -> None:
+@contextmanager
+def engine(workers: int | None, scheduler: str | None, device: str | None) -> Iterator[Engine]:
+    """Yield what makes the samples: this process, new ones, or those of a running cluster."""
+    from clradar.dataset.engine import Serial
+
+    if workers is None and scheduler is None:
+        yield Serial(device)
+        return
+    try:
+        from clradar.dataset.cluster import dashboard_text, local_cluster, running_cluster
+        from clradar.dataset.distributed_engine import Distributed
+    except ImportError as error:
+        raise ClusterError(
+            f"--workers and --scheduler need Dask: pip install 'clradar[dataset]' ({error})"
+        ) from error
+    # What becomes of the samples is said here; workers that die are not news.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    if scheduler is not None:
+        with running_cluster(scheduler) as client:
+            print_line(dashboard_text(client))
+            yield Distributed(client, device)
+        return
+    from clradar.dataset.shares import shares
+
+    assert workers is not None
+    with local_cluster(shares(workers, device)) as (client, end):
+        print_line(dashboard_text(client))
+        # Each worker has its device in CLRADAR_DEVICE.
+        yield Distributed(client, end_workers=end)
+
+
+def make(plan: Plan, output: Path, chosen: Engine, *, force: bool, retry: bool) -> None:
     """Make a data set, or go on with one."""
     from clradar.dataset.run import run
 
-    with progress_bar("samples") as progress:
-        result = run(plan, output, device=device, force=force, progress=progress)
+    try:
+        with progress_bar("samples") as progress:
+            result = run(
+                plan,
+                output,
+                engine=chosen,
+                force=force,
+                retry=retry,
+                progress=progress,
+                warn=print_warning,
+            )
+    except KeyboardInterrupt:
+        print_error(f"interrupted; the same command goes on with {output}")
+        raise
     for aside in result.aside[:SHOWN_ASIDE]:
         print_warning(
             f"sample {aside.sample} was set aside after {aside.attempts} attempts: {aside.reason}"
@@ -96,6 +171,12 @@ def make(plan: Plan, output: Path, device: str | None, force: bool) -> None:
         print_warning(f"{len(result.aside) - SHOWN_ASIDE} more were set aside; see manifest.json")
     there = result.samples - len(result.aside)
     print_line(f"{output}: {there} of {result.samples} samples, {result.made} of them made now")
+    if result.aside:
+        count = len(result.aside)
+        print_error(
+            f"{output}: {count} sample{'s' if count > 1 else ''} set aside; --retry tries again"
+        )
+        raise typer.Exit(1)
 
 
 def print_estimate(plan: Plan, device: str | None) -> None:

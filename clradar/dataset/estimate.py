@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
+from clradar.dataset.engine import made_with
 from clradar.dataset.make import make_sample
 from clradar.dataset.plan import Plan
 from clradar.dataset.recipe import recipe
-from clradar.dataset.run import made_with
 from clradar.dataset.shard import assemble, write_sample
 from clradar.opencl import open_device
 

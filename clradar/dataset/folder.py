@@ -176,6 +176,11 @@ class DatasetFolder:
         """Note that a sample cannot be made; the data set goes on without it."""
         write_json(self._note(aside.sample), _record(aside), force=True)
 
+    def forget_notes(self) -> None:
+        """Make samples missing again that are noted as set aside in shards that are not closed."""
+        for path in (self.path / PARTS).glob("*.json"):
+            path.unlink(missing_ok=True)
+
     def close_ready_shards(self) -> None:
         """Close every shard that has all its samples; called when a run begins."""
         for number in range(self.plan.n_shards):
@@ -219,10 +224,14 @@ class DatasetFolder:
             self.part(sample).unlink(missing_ok=True)
             self._note(sample).unlink(missing_ok=True)
 
-    def tidy(self) -> None:
-        """Remove what a killed process left: half-written files, parts of finished shards."""
+    def remove_half_written(self) -> None:
+        """Remove files that a killed process was writing."""
         for folder in (self.path, self.path / SHARDS, self.path / PARTS):
             remove_temporaries(folder)
+
+    def tidy(self) -> None:
+        """Remove what a killed process left: half-written files, parts of finished shards."""
+        self.remove_half_written()
         for path in (self.path / PARTS).iterdir():
             sample = path.stem
             if (

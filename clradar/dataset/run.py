@@ -2,91 +2,23 @@
 
 from __future__ import annotations
 
-import platform
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from clradar import __version__
 from clradar.dataset.contact_sheet import write_contact_sheet
-from clradar.dataset.folder import (
-    CONTACT_SHEET,
-    STATISTICS,
-    TABLE,
-    Aside,
-    DatasetFolder,
-    begin,
-    part_path,
-)
-from clradar.dataset.make import make_sample
+from clradar.dataset.engine import Engine, PartMaker, Serial, absolute, is_device_fault
+from clradar.dataset.folder import CONTACT_SHEET, STATISTICS, TABLE, Aside, DatasetFolder, begin
 from clradar.dataset.plan import Plan
-from clradar.dataset.recipe import recipe
-from clradar.dataset.shard import write_sample
+from clradar.dataset.reopen import reopen
 from clradar.dataset.summary import write_summary
-from clradar.errors import OutputError
-from clradar.opencl import Device, open_device
+from clradar.errors import DeviceError, OutputError
 from clradar.trace import Progress
-from clradar.versions import package_versions
-from measurement_io.failures import clean
+from measurement_io.work_folder import differences
 
-ATTEMPTS = 2
-"""How often a sample is tried before it is set aside."""
-
-
-@dataclass(frozen=True, slots=True)
-class PartMaker:
-    """Makes one sample and writes its part. Can be sent to another process.
-
-    Attributes
-    ----------
-    folder : Path
-        Of the data set; every process that makes parts has to see it under this name.
-    plan : Plan
-    device : str or None
-        See `clradar.open_device`; opened where the part is made.
-    """
-
-    folder: Path
-    plan: Plan
-    device: str | None = None
-
-    def __call__(self, sample: int) -> int:
-        """Make sample `sample`, write its part whole or not at all, return its number."""
-        device = open_device(self.device)
-        made = make_sample(recipe(self.plan, sample), device)
-        target = part_path(self.folder, sample)
-        output = self.plan.output
-        write_sample(target, made, made_with(device), compression=output.compression, force=True)
-        return sample
-
-
-Outcome = int | Aside
-"""A sample that is made, or why it is not."""
-
-Engine = Callable[[Sequence[int], PartMaker], Iterator[Outcome]]
-"""Makes the parts of samples in any order, and yields what became of each as soon as it is known.
-
-An `OutputError` of a part (a full disk) ends the run; any other error is the sample's.
-"""
-
-
-def serial(samples: Sequence[int], make: PartMaker) -> Iterator[Outcome]:
-    """Make one sample after the other in this process: the engine that needs nothing."""
-    for sample in samples:
-        yield _tried(sample, make)
-
-
-def _tried(sample: int, make: PartMaker) -> Outcome:
-    for attempt in range(1, ATTEMPTS + 1):
-        try:
-            return make(sample)
-        except OutputError:
-            raise
-        except Exception as error:
-            if attempt == ATTEMPTS:
-                return Aside(sample, clean(f"{type(error).__name__}: {error}"), attempt)
-    raise AssertionError("unreachable")
+STOP_AFTER = 10
+"""Samples in a row that the device refused: then it is the device's fault, not theirs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,24 +40,16 @@ class RunResult:
     aside: tuple[Aside, ...]
 
 
-def made_with(device: Device) -> dict[str, Any]:
-    """Return the versions and the device that a sample's bits depend on."""
-    return {
-        "clradar": __version__,
-        "packages": package_versions(),
-        "python": platform.python_version(),
-        "device": dict(device.describe()),
-    }
-
-
 def run(
     plan: Plan,
     path: Path,
     *,
     device: str | None = None,
-    engine: Engine = serial,
+    engine: Engine | None = None,
     force: bool = False,
+    retry: bool = False,
     progress: Progress | None = None,
+    warn: Callable[[str], None] | None = None,
 ) -> RunResult:
     """Make a data set, or what is missing of it.
 
@@ -135,38 +59,82 @@ def run(
     path : Path
         Its folder; one that was begun with the same plan is gone on with.
     device : str or None
-        See `clradar.open_device`.
-    engine : callable
-        See `Engine`.
+        See `clradar.open_device`; of the engine that is used if none is given.
+    engine : Engine, optional
+        One sample after the other in this process by default.
     force : bool
         Remove the data set of another plan that is in the folder.
+    retry : bool
+        Try the samples again that earlier runs set aside.
     progress : callable, optional
         Called with (done, total) samples.
+    warn : callable, optional
+        Called with a line about something that may not be meant.
 
     Raises
     ------
     OutputError
-        Another plan's data set is in the folder, or it cannot be written to.
+        Another plan's data set is in the folder, another process makes it, or it cannot be written
+        to.
+    DeviceError
+        There is no such device, or it refused `STOP_AFTER` samples in a row.
+    ClusterError
+        The engine's workers do not fit, or are gone.
     """
-    with begin(path, plan, made_with(open_device(device)), force=force) as folder:
-        folder.close_ready_shards()
-        missing = folder.missing()
-        done = plan.samples - len(missing)
-        made = 0
-        for outcome in engine(missing, PartMaker(path, plan, device)):
-            if isinstance(outcome, Aside):
-                folder.set_aside(outcome)
-                sample = outcome.sample
-            else:
-                sample = outcome
-                made += 1
-            folder.close_shard_of(sample)
-            done += 1
-            if progress is not None:
-                progress(done, plan.samples)
+    engine = Serial(device) if engine is None else engine
+    made_with = engine.made_with()
+    with begin(path, plan, made_with, force=force) as folder:
+        if warn is not None:
+            for line in differences(folder.manifest.made_with, made_with):
+                warn(f"{path}: was begun with {line}; the bits of samples depend on it")
+        if retry:
+            reopen(folder)
+        try:
+            made = _make_missing(folder, engine, progress)
+        finally:
+            engine.stop()
+            folder.remove_half_written()  # of workers that were killed
+        if not folder.manifest.complete:
+            raise OutputError(
+                f"{path}: parts that were made are not to be seen here yet; the same command goes on"
+            )
+        folder.tidy()  # of workers that were taken for dead
         finish(folder)
         aside = folder.manifest.aside
         return RunResult(made, plan.samples, tuple(aside[sample] for sample in sorted(aside)))
+
+
+def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | None) -> int:
+    """Make what is missing, close each shard that is complete, return how many were made."""
+    folder.close_ready_shards()
+    missing = folder.missing()
+    if not missing:
+        return 0
+    size, total = folder.plan.output.shard_size, folder.plan.samples
+    open_in = Counter(sample // size for sample in missing)
+    done = total - len(missing)
+    made = refused = 0
+    maker = PartMaker(absolute(folder.path), folder.plan, engine.device)
+    for outcome in engine.outcomes(missing, maker):
+        if isinstance(outcome, Aside):
+            folder.set_aside(outcome)
+            sample = outcome.sample
+            refused = refused + 1 if is_device_fault(outcome) else 0
+        else:
+            sample = outcome
+            made, refused = made + 1, 0
+        open_in[sample // size] -= 1
+        if not open_in[sample // size]:
+            folder.close_shard_of(sample)
+        done += 1
+        if progress is not None:
+            progress(done, total)
+        if isinstance(outcome, Aside) and refused == STOP_AFTER:
+            raise DeviceError(
+                f"{STOP_AFTER} samples in a row were refused, the last by {outcome.reason}; "
+                "see to the device, then go on with --retry"
+            )
+    return made
 
 
 def finish(folder: DatasetFolder) -> None:

@@ -4,7 +4,24 @@ No other package imports pyopencl.
 """
 
 from clradar.opencl.buffers import Buffers
-from clradar.opencl.device import Device, DeviceInfo, list_devices, open_device
+from clradar.opencl.device import (
+    Device,
+    DeviceInfo,
+    devices_like,
+    forget_devices,
+    list_devices,
+    open_device,
+)
 from clradar.opencl.program import Program, build
 
-__all__ = ["Buffers", "Device", "DeviceInfo", "Program", "build", "list_devices", "open_device"]
+__all__ = [
+    "Buffers",
+    "Device",
+    "DeviceInfo",
+    "Program",
+    "build",
+    "devices_like",
+    "forget_devices",
+    "list_devices",
+    "open_device",
+]

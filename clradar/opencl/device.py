@@ -158,6 +158,35 @@ def open_device(
     return _open(info.selector, memory_limit_bytes, width)
 
 
+def forget_devices() -> None:
+    """Let `open_device` open every device anew; those that are open stay so for who has them.
+
+    After a failed launch a driver may refuse everything in the same context.
+    """
+    _open.cache_clear()
+
+
+def devices_like(device: str | None = None) -> list[DeviceInfo]:
+    """Return the device that `open_device` would open and all others of its name and driver.
+
+    Parameters
+    ----------
+    device : str or None
+        As `open_device` takes it. A selector means that device alone.
+
+    Raises
+    ------
+    DeviceError
+        No such device.
+    """
+    chosen = default_device() if device is None else _select(device, "device")
+    wanted = device or os.environ.get("CLRADAR_DEVICE") or os.environ.get("PYOPENCL_CTX") or ""
+    if wanted.strip().replace(":", "").isdigit():
+        return [chosen]
+    kind = (chosen.name, chosen.platform, chosen.version)
+    return [info for info in list_devices() if (info.name, info.platform, info.version) == kind]
+
+
 def default_device() -> DeviceInfo:
     """Return the device that None stands for, without opening it."""
     for variable in ("CLRADAR_DEVICE", "PYOPENCL_CTX"):

@@ -1,0 +1,293 @@
+"""Make samples on the workers of a Dask cluster, of this machine or of many.
+
+Dask places the samples, tries failed ones again, and starts dead workers anew. Here it is only said
+how many are on their way at a time, and what becomes of each.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from distributed import CancelledError, Client, Future, KilledWorker, as_completed
+
+from clradar import __version__
+from clradar.dataset.cluster import DEVICE
+from clradar.dataset.engine import ATTEMPTS, Outcome, PartMaker, made_with, reason_of
+from clradar.dataset.folder import Aside
+from clradar.errors import ClusterError, OutputError
+from clradar.opencl import open_device
+from measurement_io.atomic import replacing
+from measurement_io.failures import shown
+from measurement_io.work_folder import differences
+
+WAITING = 2
+"""Samples on their way per worker: the one being made, and the next at hand."""
+
+KILLED = "its worker process died each time"
+
+
+class SampleError(Exception):
+    """A sample could not be made; the text says why. It can be sent between processes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a worker cannot go on, whatever the sample."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Contract:
+    """What a worker has to agree with. Checked by each process before its first sample.
+
+    Attributes
+    ----------
+    version : str
+        Of clradar.
+    sign : Path
+        A file in the data set's folder.
+    content : str
+        What it holds, by which another machine's folder of the same name is told apart.
+    files : tuple of str
+        Other files that samples need.
+    """
+
+    version: str
+    sign: Path
+    content: str
+    files: tuple[str, ...]
+
+    def breach(self) -> str | None:
+        """Return what is otherwise in this process, or None."""
+        if self.version != __version__:
+            return f"expected clradar {self.version} as on the client, got {__version__}"
+        try:
+            content = self.sign.read_text(encoding="ascii")
+        except (OSError, ValueError):
+            content = ""
+        folder = self.sign.parent
+        if content != self.content:
+            return f"cannot see the folder {shown(folder)} of the client; share it under this name"
+        if not os.access(folder, os.W_OK | os.X_OK):
+            return f"may not write into {shown(folder)}"
+        for file in self.files:
+            if not os.path.isfile(file):
+                return f"cannot see {shown(file)}; share it under this name"
+        return None
+
+
+@lru_cache(maxsize=4)
+def _breach(contract: Contract) -> str | None:
+    return contract.breach()
+
+
+def make_part(sample: int, make: PartMaker, contract: Contract) -> int | Refusal:
+    """Make a sample; what Dask runs.
+
+    Raises
+    ------
+    SampleError
+        The sample cannot be made: Dask tries it again.
+    """
+    breach = _breach(contract)
+    if breach is not None:
+        return Refusal(breach)
+    try:
+        return make(sample)
+    except OutputError as error:
+        return Refusal(str(error))
+    except Exception as error:
+        raise SampleError(reason_of(error)) from None
+
+
+def worker_facts(device: str | None) -> dict[str, Any]:
+    """Return versions and device of the worker that runs this."""
+    return made_with(open_device(device))
+
+
+class Distributed:
+    """An engine that makes samples on the workers of a Dask client.
+
+    Parameters
+    ----------
+    client : distributed.Client
+    device : str or None
+        See `clradar.open_device`; None is what each worker takes by itself (CLRADAR_DEVICE).
+    end_workers : callable, optional
+        Ends the workers, if they are this process's own.
+    """
+
+    def __init__(
+        self,
+        client: Client,
+        device: str | None = None,
+        *,
+        end_workers: Callable[[], None] | None = None,
+    ) -> None:
+        self.client, self.device = client, device
+        self._end_workers = end_workers
+        self._pending: set[Future] = set()
+
+    def workers(self) -> list[str]:
+        """Return the addresses of the workers that have a device to make samples on.
+
+        Raises
+        ------
+        ClusterError
+            There is none: their samples would wait for ever.
+        """
+        scheduler = self.client.scheduler_info(n_workers=-1)
+        known = scheduler["workers"]
+        found = [address for address, worker in known.items() if worker["resources"].get(DEVICE)]
+        if not found:
+            raise ClusterError(
+                f"{scheduler['address']}: expected workers with a device, got {len(known)} "
+                f"without; start some by: dask worker {scheduler['address']} --nthreads 1 "
+                f'--memory-limit 0 --resources "{DEVICE}=1"'
+            )
+        return found
+
+    def made_with(self) -> Mapping[str, Any]:
+        """Return versions and device of all workers.
+
+        Raises
+        ------
+        ClusterError
+            They differ, so that a sample's bits would depend on who makes it.
+        """
+        facts = self._asked(worker_facts, self.device)
+        for address, fact in facts.items():
+            if fact["clradar"] != __version__:
+                raise ClusterError(
+                    f"{address}: expected clradar {__version__} as on the client, "
+                    f"got {fact['clradar']}"
+                )
+        first, *others = facts.items()
+        for address, fact in others:
+            different = differences(first[1], fact)
+            if different:
+                raise ClusterError(
+                    f"{address}: expected a worker that is as {first[0]}, since a sample's bits "
+                    f"depend on it: {'; '.join(different)}"
+                )
+        return first[1]
+
+    def _asked(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
+        answers = self.client.run(function, *arguments, workers=self.workers(), on_error="return")
+        for address, answer in answers.items():
+            if isinstance(answer, Exception):
+                raise ClusterError(
+                    f"{address}: cannot make samples of clradar {__version__}: {reason_of(answer)}"
+                ) from answer
+        return answers
+
+    def outcomes(self, samples: Sequence[int], make: PartMaker) -> Iterator[Outcome]:
+        """Yield what became of each sample as soon as it is known.
+
+        When a worker dies, Dask blames all samples that it had. So those that are blamed too often
+        are tried once more at the end, each alone in the whole cluster.
+
+        Raises
+        ------
+        OutputError
+            A part cannot be written.
+        ClusterError
+            A worker does not see the folder or has another version; or the scheduler is gone.
+        """
+        with _contract(make) as contract:
+            for address, breach in self._asked(_breach, contract).items():
+                if breach is not None:
+                    raise ClusterError(f"{address}: {breach}")
+            blamed = []
+            for outcome in self._made(samples, make, contract, WAITING * len(self.workers())):
+                if isinstance(outcome, Aside) and outcome.reason == KILLED:
+                    blamed.append(outcome.sample)
+                else:
+                    yield outcome
+            yield from self._made(sorted(blamed), make, contract, 1)
+
+    def _made(
+        self, samples: Sequence[int], make: PartMaker, contract: Contract, window: int
+    ) -> Iterator[Outcome]:
+        left = iter(samples)
+        run = secrets.token_hex(4)
+
+        def submitted(count: int) -> list[Future]:
+            futures = [
+                self.client.submit(
+                    make_part,
+                    sample,
+                    make,
+                    contract,
+                    key=("sample", run, sample),
+                    resources={DEVICE: 1},
+                    retries=ATTEMPTS - 1,
+                )
+                for sample in islice(left, count)
+            ]
+            self._pending.update(futures)
+            return futures
+
+        finished = as_completed(submitted(window), loop=self.client.loop)
+        for future in finished:
+            self._pending.discard(future)
+            finished.update(submitted(1))
+            yield _outcome(future)
+
+    def stop(self) -> None:
+        """Make no more, and end the workers if they are this process's own.
+
+        Samples that workers of a running cluster have begun come to their end there; then their
+        parts are there for the next run.
+        """
+        with suppress(Exception):
+            self.client.cancel(list(self._pending))
+        self._pending.clear()
+        if self._end_workers is not None:
+            self._end_workers()
+
+
+def _outcome(future: Future) -> Outcome:
+    sample = future.key[-1]
+    try:
+        made = future.result()
+    except SampleError as error:
+        return Aside(sample, str(error), ATTEMPTS)
+    except KilledWorker as error:
+        return Aside(sample, KILLED, error.allowed_failures + 1)
+    except CancelledError as error:
+        raise ClusterError(
+            "the scheduler is gone, or took the samples back; the same command goes on"
+        ) from error
+    except Exception as error:
+        raise ClusterError(f"sample {sample}: a worker failed: {reason_of(error)}") from error
+    if isinstance(made, Refusal):
+        raise OutputError(made.reason)
+    return made
+
+
+@contextmanager
+def _contract(make: PartMaker) -> Iterator[Contract]:
+    """Yield what workers have to agree with, and leave its sign in the folder meanwhile."""
+    content = secrets.token_hex(16)
+    # By its name, a later run takes it for what a killed process left.
+    sign = make.folder / f".visible.{content}.tmp"
+    files = []
+    for rig in make.plan.hands.rigs:
+        files += [rig.file] if rig.mapping is None else [rig.file, rig.mapping]
+    with replacing(sign) as temporary:
+        temporary.write_text(content, encoding="ascii")
+    try:
+        yield Contract(__version__, sign, content, tuple(str(file) for file in files))
+    finally:
+        with suppress(OSError):
+            sign.unlink()

@@ -1,0 +1,160 @@
+"""Data sets whose making is killed at random moments, again and again. All slow."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from test_dataset_engine import PLAN, SAMPLES, files_of
+
+pytestmark = pytest.mark.slow
+
+MANY = 150
+KILLS = int(os.environ.get("CLRADAR_TEST_KILLS", "25"))
+SEED = int(os.environ.get("CLRADAR_TEST_KILLS_SEED", "1"))
+STARTED = "dashboard:"
+
+
+@pytest.fixture(scope="module")
+def plan_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("plan") / "plan.toml"
+    text = PLAN.replace(f"samples = {SAMPLES}", f"samples = {MANY}")
+    path.write_text(text.replace("shard_size = 3", "shard_size = 7"), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def undisturbed(plan_file: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    folder = tmp_path_factory.mktemp("undisturbed") / "set"
+    subprocess.run(command(plan_file, folder), check=True)
+    return files_of(folder)
+
+
+def command(plan_file: Path, folder: Path, *more: str) -> list[str]:
+    start = [sys.executable, "-m", "clradar.cli", "dataset", str(plan_file), "-o", str(folder)]
+    return [*start, "--device", "pocl", *more] if "--scheduler" not in more else [*start, *more]
+
+
+def started(arguments: list[str]) -> subprocess.Popen[str]:
+    """Start a command in a process group of its own."""
+    return subprocess.Popen(
+        arguments,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def test_kills_at_random_moments_change_nothing(
+    plan_file: Path, undisturbed: dict[str, bytes], tmp_path: Path
+) -> None:
+    draw = random.Random(SEED)
+    folder, done, begun = tmp_path / "set", 0, []
+    while done < KILLS:
+        process = started(command(plan_file, folder, "--workers", "2"))
+        assert process.stdout is not None
+        if draw.random() < 0.8:  # else while everything starts
+            assert STARTED in process.stdout.readline()
+        time.sleep(draw.uniform(0.0, 4.0))
+        victim = draw.choice(["client", "group", "worker", "interrupt"])
+        children = psutil.Process(process.pid).children(recursive=True)
+        if victim == "worker":
+            workers = [c for c in children if "spawn_main" in " ".join(c.cmdline())]
+            if workers and process.poll() is None:
+                draw.choice(workers).kill()
+                done += 1
+                time.sleep(draw.uniform(0.0, 6.0))
+        if process.poll() is None:
+            if victim == "interrupt":
+                os.killpg(process.pid, signal.SIGINT)
+                said = process.communicate(timeout=60)[1]
+                assert process.returncode in (0, 130)
+                assert "Traceback" not in said, said
+            elif victim == "group":
+                os.killpg(process.pid, signal.SIGKILL)
+            else:
+                process.kill()
+            done += 1
+        process.communicate()
+        _, alive = psutil.wait_procs(children, timeout=30)
+        assert not alive, "workers outlived their client"
+        begun.append(len(files_of(folder)) if folder.is_dir() else 0)
+        if (folder / "contact-sheet.png").is_file():
+            assert files_of(folder) == undisturbed
+            folder = folder.with_name(f"set-{done}")
+    subprocess.run(command(plan_file, folder), check=True)
+    assert files_of(folder) == undisturbed
+    print(f"{done} kills in {len(begun)} runs, files there after each: {begun}")
+
+
+@pytest.fixture
+def scheduler(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[str]]]]:
+    """A scheduler with three workers on this machine's loopback."""
+    environment = {**os.environ, "POCL_MAX_PTHREAD_COUNT": "1", "CLRADAR_DEVICE": "pocl"}
+    file = tmp_path / "scheduler.json"
+    place = ["--scheduler-file", str(file)]
+    host = ["--host", "127.0.0.1", "--no-dashboard"]
+    options = ["--nthreads", "1", "--memory-limit", "0", "--resources", "DEVICE=1"]
+    dask = [sys.executable, "-m", "dask"]
+    with open(tmp_path / "log", "w", encoding="utf-8") as log:
+        streams: dict[str, Any] = {"stdout": log, "stderr": log}
+        processes = [
+            subprocess.Popen([*dask, "scheduler", "--port", "0", *host, *place], **streams)
+        ]
+        processes += [
+            subprocess.Popen(
+                [*dask, "worker", *place, *host, *options],
+                env=environment,
+                start_new_session=True,
+                cwd=tmp_path,
+                **streams,
+            )
+            for _ in range(3)
+        ]
+        try:
+            while not file.is_file():
+                time.sleep(0.1)
+            import json
+
+            yield json.loads(file.read_text())["address"], processes
+        finally:
+            for process in processes:
+                for child in psutil.Process(process.pid).children(recursive=True):
+                    with suppress(psutil.NoSuchProcess):
+                        child.kill()
+                process.kill()
+                process.wait()
+
+
+def test_a_scheduler_with_three_workers(
+    plan_file: Path,
+    undisturbed: dict[str, bytes],
+    scheduler: tuple[str, list[subprocess.Popen[str]]],
+    tmp_path: Path,
+) -> None:
+    address, processes = scheduler
+    folder = tmp_path / "set"
+    run = command(plan_file, folder, "--scheduler", address)
+    process = started(run)
+    time.sleep(8)
+    # One worker with its nanny for good, one worker that its nanny starts anew, and the client.
+    os.killpg(processes[1].pid, signal.SIGKILL)
+    time.sleep(1)
+    for child in psutil.Process(processes[2].pid).children(recursive=True):
+        child.kill()
+    time.sleep(1)
+    process.kill()
+    process.wait()
+    subprocess.run(run, check=True)
+    assert files_of(folder) == undisturbed
