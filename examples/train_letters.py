@@ -10,12 +10,8 @@ from __future__ import annotations
 
 import sys
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter, zoom
 from sklearn.decomposition import PCA
 from sklearn.metrics import ConfusionMatrixDisplay
@@ -49,11 +45,13 @@ def main(folder: str = "letters") -> None:
     found = model.predict(x[kept])
     print(f"learnt from {(~kept).sum()} samples; guessing would be right for {1 / len(set(y)):.3f}")
     print(f"right of {kept.sum()} unseen: {np.mean(found == y[kept]):.3f}")
-    wrong, n = np.unique([f"{a}>{b}" for a, b in zip(y[kept], found, strict=True) if a != b], return_counts=True)
-    print("taken for another most often:", *wrong[np.argsort(-n)][:8])
-    _, axes = plt.subplots(figsize=(9, 9), layout="constrained")
+    pairs = [f"{a}>{b}" for a, b in zip(y[kept], found, strict=True) if a != b]
+    wrong, times = np.unique(pairs, return_counts=True)
+    print("taken for another most often:", *wrong[np.argsort(-times)][:8])
+    figure = Figure(figsize=(9, 9), layout="constrained")
+    axes = figure.subplots()
     ConfusionMatrixDisplay.from_predictions(y[kept], found, ax=axes, colorbar=False)
-    plt.savefig("confusion.png", dpi=100)
+    figure.savefig("confusion.png", dpi=100)
 
 
 if __name__ == "__main__":
