@@ -155,6 +155,6 @@ def test_a_scheduler_with_three_workers(
         child.kill()
     time.sleep(1)
     process.kill()
-    process.wait()
+    process.communicate()
     subprocess.run(run, check=True)
     assert files_of(folder) == undisturbed

@@ -52,11 +52,12 @@ def local_cluster(shares: Sequence[Share]) -> Iterator[tuple[Client, Callable[[]
     """
     threads = str(min(share.threads for share in shares))
     settings = {
-        # Read by numpy when it is loaded, so set before a process starts.
-        f"distributed.nanny.pre-spawn-environ.{name}": threads
-        for name in BLAS_VARIABLES
+        # Read by numpy when it is loaded, so set before a process starts. They take the place of
+        # Dask's MALLOC_TRIM_THRESHOLD_, by which every large array costs page faults anew and a
+        # sample a third more.
+        "distributed.nanny.pre-spawn-environ": dict.fromkeys(BLAS_VARIABLES, threads),
+        "distributed.worker.multiprocessing-method": "spawn",
     }
-    settings["distributed.worker.multiprocessing-method"] = "spawn"
     scheduler = {
         "cls": Scheduler,
         "options": {"host": HERE, "port": 0, "dashboard": True, "dashboard_address": f"{HERE}:0"},

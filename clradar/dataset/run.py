@@ -96,7 +96,7 @@ def run(
             folder.remove_half_written()  # of workers that were killed
         if not folder.manifest.complete:
             raise OutputError(
-                f"{path}: parts that were made are not to be seen here yet; the same command goes on"
+                f"{path}: not all parts that were made are seen here; the same command goes on"
             )
         folder.tidy()  # of workers that were taken for dead
         finish(folder)

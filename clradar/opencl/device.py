@@ -80,6 +80,8 @@ class Device:
     width : int
         Lanes per work-item: 8 on a CPU, where wide vectors pay, and 1 on a GPU, where neighbouring
         items are the lanes.
+    launched : list or None
+        Of a device that was opened with ``profiling=True``: the events of its kernels.
     """
 
     info: DeviceInfo
@@ -88,11 +90,27 @@ class Device:
     budget_bytes: int
     width: int
     programs: dict[Any, Any] = field(default_factory=dict, repr=False)
+    launched: list[Any] | None = None
 
     @property
     def max_buffer_bytes(self) -> int:
         """Largest single buffer that one call may plan with."""
         return min(self.budget_bytes, self.info.max_alloc_bytes)
+
+    def kernel_time_s(self) -> float:
+        """Return how long the device has run kernels since this was asked last.
+
+        Raises
+        ------
+        DeviceError
+            It was not opened with ``profiling=True``.
+        """
+        if self.launched is None:
+            raise DeviceError(f"device {self.info.label}: expected it opened with profiling=True")
+        self.queue.finish()
+        time_s = sum(1e-9 * (event.profile.end - event.profile.start) for event in self.launched)
+        self.launched.clear()
+        return time_s
 
     def describe(self) -> Mapping[str, str]:
         """Return what goes into a file's provenance."""
@@ -119,6 +137,7 @@ def open_device(
     *,
     memory_limit_bytes: int | None = None,
     width: int | None = None,
+    profiling: bool = False,
 ) -> Device:
     """Return an opened device.
 
@@ -133,6 +152,8 @@ def open_device(
         Plan with at most this much device memory; three quarters of the device's by default.
     width : 1 or 8, optional
         Build the kernels for this many lanes per work-item instead of what suits the device's kind.
+    profiling : bool
+        Measure how long kernels run, see `Device.kernel_time_s`.
 
     Raises
     ------
@@ -140,10 +161,10 @@ def open_device(
         No such device, or it cannot be opened. There is no fallback to another one.
     """
     if isinstance(device, Device):
-        if memory_limit_bytes is not None or width is not None:
+        if memory_limit_bytes is not None or width is not None or profiling:
             raise DeviceError(
-                "device: expected its name together with memory_limit_bytes or width, got a "
-                "clradar.Device, whose limit and width are settled"
+                "device: expected its name together with memory_limit_bytes, width or profiling, "
+                "got a clradar.Device, whose limit and width are settled"
             )
         return device
     if device is not None and not isinstance(device, str):
@@ -155,7 +176,7 @@ def open_device(
     if width not in (None, 1, 8):
         checks.fail("width", "1 or 8 lanes per work-item", repr(width))
     info = default_device() if device is None else _select(device, "device")
-    return _open(info.selector, memory_limit_bytes, width)
+    return _open(info.selector, memory_limit_bytes, width, profiling)
 
 
 def forget_devices() -> None:
@@ -270,11 +291,14 @@ def _rank(info: DeviceInfo) -> int:
 
 
 @lru_cache(maxsize=32)
-def _open(selector: str, memory_limit_bytes: int | None, width: int | None) -> Device:
+def _open(
+    selector: str, memory_limit_bytes: int | None, width: int | None, profiling: bool
+) -> Device:
     info, dev = next(pair for pair in _found() if pair[0].selector == selector)
     try:
         context = cl.Context([dev])
-        queue = cl.CommandQueue(context)
+        properties = cl.command_queue_properties.PROFILING_ENABLE if profiling else 0
+        queue = cl.CommandQueue(context, properties=properties)
     except cl.Error as error:
         raise DeviceError(
             f"device {info.label} cannot be opened ({error}); choose another with "
@@ -285,4 +309,5 @@ def _open(selector: str, memory_limit_bytes: int | None, width: int | None) -> D
         budget = min(budget, memory_limit_bytes)
     if width is None:
         width = 1 if info.kind == "gpu" else 8
-    return Device(info, context, queue, budget, width)
+    launched: list[Any] | None = [] if profiling else None
+    return Device(info, context, queue, budget, width, launched=launched)

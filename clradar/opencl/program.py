@@ -51,6 +51,8 @@ class Program:
             kernel.set_args(*args)
             event = cl.enqueue_nd_range_kernel(self.device.queue, kernel, global_size, local)
             self.device.queue.flush()
+            if self.device.launched is not None:
+                self.device.launched.append(event)
             return event
 
         event = self._checked(name, global_size, enqueue)
