@@ -8,7 +8,7 @@ export CLRADAR_DEVICE ?= pocl
 # Processes that run the tests.
 JOBS ?= 2
 
-.PHONY: demo test test-slow fuzz memcheck lint format figures bench clean
+.PHONY: demo test test-slow test-intel fuzz memcheck lint format figures bench clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
@@ -18,6 +18,11 @@ test: $(VENV)/.installed-dev
 
 test-slow: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -m slow --timeout 3600
+
+# What runs on a device, on Intel's CPU runtime (260 MB, proprietary licence; AMD's processors too). It
+# would become the default device, so it has an environment of its own.
+test-intel: $(VENV)-intel/.installed
+	CLRADAR_TEST_DEVICES=intel $(VENV)-intel/bin/python -m pytest -n $(JOBS) --dist loadfile -k intel
 
 # 100 000 mutated files for every reader, and 20 000 guided by coverage: some hours.
 fuzz: $(VENV)/.installed-fuzz
@@ -41,8 +46,10 @@ figures: $(VENV)/.installed
 	$(BIN)/clradar demo --full --force -o demo-full
 	cp demo-full/comparison.png docs/images/comparison.png
 
+# Against peers, each with its check: first interleaved, for ratios, then by pytest-benchmark.
 bench: $(VENV)/.installed-bench
 	$(BIN)/clradar bench
+	$(BIN)/python -m pytest benchmarks
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -68,6 +75,11 @@ $(VENV)-memcheck/.installed: pyproject.toml
 	$(VENV)-memcheck/bin/python -m pip install --quiet --editable ".[test,memcheck]"
 	touch $@
 
+$(VENV)-intel/.installed: pyproject.toml
+	$(PYTHON) -m venv $(VENV)-intel
+	$(VENV)-intel/bin/python -m pip install --quiet --editable ".[test,intel]"
+	touch $@
+
 clean:
-	rm -rf $(VENV) $(VENV)-memcheck demo demo-full fuzz-faults dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-intel $(VENV)-memcheck demo demo-full fuzz-faults dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

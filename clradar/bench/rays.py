@@ -27,10 +27,10 @@ def visibility(device: clradar.Device, repeats: int, n_points: int) -> list[Row]
     """Rays from points of a mesh to the Tx: the bulk of the tracing."""
     rows = []
     for name, scene in (("closed", meshes.ball(203, 202)), ("concave", meshes.waves(708))):
-        with _surface(scene, n_points, device) as surface:
-            origins, directions = _rays_of(surface)
+        with surface_of(scene, n_points, device) as surface:
+            origins, directions = rays_of(surface)
             ours = partial(surface.seen_bits, ARRAY.tx_m)
-            queries, names = _peers(scene, origins, directions, "blocked")
+            queries, names = peers_of(scene, origins, directions, "blocked")
             seen = surface.seen_from(ARRAY.tx_m).ravel()
             differ = [float(np.mean(seen == peer())) for peer, _ in queries]
             times = interleaved_s([ours, *(run for _, run in queries)], repeats, PAUSE_S)
@@ -43,11 +43,11 @@ def bounces(device: clradar.Device, repeats: int, n_rays: int) -> list[Row]:
     """Incoherent rays: off random points of a mesh, in random order, to all sides."""
     rows = []
     for name, scene in (("closed", meshes.ball(203, 202)), ("concave", meshes.waves(708))):
-        origins, directions = _bounces_of(scene, n_rays)
+        origins, directions = bounces_of(scene, n_rays)
         with NearestHits(scene.triangles_m, origins, directions, device) as rays:
             rays.trace()
             face = rays.hits()[1]
-            queries, names = _peers(scene, origins, directions, "faces")
+            queries, names = peers_of(scene, origins, directions, "faces")
             differ = [float(np.mean(face != peer())) for peer, _ in queries]
             times = interleaved_s([rays.trace, *(run for _, run in queries)], repeats, PAUSE_S)
         what = f"bounces, {n_rays / 1e6:.2g} M rays, {scene.n_faces} faces, {name}"
@@ -60,7 +60,7 @@ def trees(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list[
     rows = []
     for n in cells:
         triangles = meshes.waves(n).triangles_m
-        works = [partial(_our_tree, triangles, device), partial(_embree_tree, triangles)]
+        works = [partial(our_tree, triangles, device), partial(embree_tree, triangles)]
         ours_s, theirs_s = np.median(interleaved_s(works, repeats), axis=0)
         rows.append(
             {
@@ -82,9 +82,9 @@ def growth(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list
     try:
         for n in cells:
             scene = meshes.waves(n)
-            surface = _surface(scene, 16384, device).__enter__()
+            surface = surface_of(scene, 16384, device).__enter__()
             opened.append(surface)
-            rays = NearestHits(scene.triangles_m, *_bounces_of(scene, 300_000), device).__enter__()
+            rays = NearestHits(scene.triangles_m, *bounces_of(scene, 300_000), device).__enter__()
             opened.append(rays)
             works += [partial(surface.seen_bits, ARRAY.tx_m), rays.trace]
             faces.append(scene.n_faces)
@@ -107,23 +107,23 @@ def growth(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list
     return rows
 
 
-def _our_tree(triangles_m: np.ndarray, device: clradar.Device) -> None:
+def our_tree(triangles_m: np.ndarray, device: clradar.Device) -> None:
     flatten(build_bvh(triangles_m, device), triangles_m, LIFT_M)
 
 
-def _embree_tree(triangles_m: np.ndarray) -> None:
+def embree_tree(triangles_m: np.ndarray) -> None:
     one = np.ones((1, 3), np.float32)
     embree = EmbreeRays(triangles_m)
     embree.prepare(one, one)
     embree.faces()  # it builds when first asked
 
 
-def _surface(scene: clradar.Scene, n_points: int, device: clradar.Device) -> VisibleSurface:
+def surface_of(scene: clradar.Scene, n_points: int, device: clradar.Device) -> VisibleSurface:
     area_mm2 = face_normals(scene.triangles_m)[1].sum() * 1e6
     return VisibleSurface(scene, n_points / area_mm2, 0.2, device)
 
 
-def _rays_of(surface: VisibleSurface) -> tuple[np.ndarray, np.ndarray]:
+def rays_of(surface: VisibleSurface) -> tuple[np.ndarray, np.ndarray]:
     """From each point to each Tx, one point after the other, as `visible_antennas` asks."""
     n = len(surface.points_m)
     normals = surface._buffers.read(surface._geometric, (n, 3), np.float32).astype(np.float64)
@@ -135,7 +135,7 @@ def _rays_of(surface: VisibleSurface) -> tuple[np.ndarray, np.ndarray]:
     return origins.reshape(-1, 3), directions.reshape(-1, 3)
 
 
-def _bounces_of(scene: clradar.Scene, n_rays: int) -> tuple[np.ndarray, np.ndarray]:
+def bounces_of(scene: clradar.Scene, n_rays: int) -> tuple[np.ndarray, np.ndarray]:
     """Diffuse rays off random points, from the side of each face that the normal is on."""
     rng = np.random.default_rng(3)
     triangles = scene.triangles_m
@@ -149,7 +149,7 @@ def _bounces_of(scene: clradar.Scene, n_rays: int) -> tuple[np.ndarray, np.ndarr
     return origins.astype(np.float32), away.astype(np.float32)
 
 
-def _peers(
+def peers_of(
     scene: clradar.Scene, origins: np.ndarray, directions: np.ndarray, query: str
 ) -> tuple[list[tuple[Callable[[], np.ndarray], Callable[[], Any]]], list[str]]:
     """For each peer: the query with its answers as an array, the query that is timed; its name."""

@@ -20,7 +20,8 @@ class Effort:
     repeats: int
 
 
-def _noise() -> clradar.Capture:
+def noise() -> clradar.Capture:
+    """Return a capture of noise: every voxel of its images matters alike."""
     rng = np.random.default_rng(1)
     re, im = rng.normal(size=(2, ARRAY.n_tx, ARRAY.n_rx, WAVEFORM.n_freq)).astype(np.float32)
     return clradar.Capture(re + 1j * im, ARRAY, WAVEFORM)
@@ -47,11 +48,11 @@ def _phasor_sum(device: clradar.Device, effort: Effort) -> list[Row]:
 
 
 def _images(device: clradar.Device, effort: Effort) -> list[Row]:
-    return rows.images(device, effort.repeats, _noise(), 5 if effort.quick else 81)
+    return rows.images(device, effort.repeats, noise(), 5 if effort.quick else 81)
 
 
 def _exact(device: clradar.Device, effort: Effort) -> list[Row]:
-    return [rows.exact_image(device, effort.repeats, _noise())]
+    return [rows.exact_image(device, effort.repeats, noise())]
 
 
 def _commands(device: clradar.Device, effort: Effort) -> list[Row]:

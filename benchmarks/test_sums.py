@@ -1,0 +1,44 @@
+"""The phasor sum against finufft, with equal and with unequal steps, held against float64."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+import clradar
+from clradar.bench.rows import WAVEFORM, PhasorSum
+
+Measured = Callable[[Callable[[], Any]], Any]
+N_PATHS = 1_000_000
+
+OURS_DB, PEER_DB = -120.0, -95.0
+"""Ours: a few float32 roundings of terms of one pair, compensated. The peer: 1e-5 was asked for."""
+
+
+@pytest.fixture(scope="module")
+def work(device: clradar.Device) -> PhasorSum:
+    return PhasorSum(device, N_PATHS)
+
+
+@pytest.mark.benchmark(group="phasor sum, 1 M paths")
+@pytest.mark.parametrize("steps", ["equal", "unequal"])
+def test_ours(measured: Measured, work: PhasorSum, steps: str) -> None:
+    waveform = WAVEFORM if steps == "equal" else work.unequal
+    data: np.ndarray = measured(partial(work.ours, waveform))
+    assert work.error_db(data, waveform) <= OURS_DB
+
+
+@pytest.mark.benchmark(group="phasor sum, 1 M paths")
+def test_finufft(measured: Measured, work: PhasorSum) -> None:
+    """Its points and strengths included."""
+
+    def both() -> np.ndarray:
+        work.prepare()
+        return work.peer.transform()
+
+    data: np.ndarray = measured(both)
+    assert work.error_db(data) <= PEER_DB
