@@ -94,6 +94,9 @@ def leaf_voxels(grid: VoxelGrid, wavelength_m: float) -> Triple:
             break
         shortest = min(room, key=lambda i: size[i] * grid.spacing_m[i])
         size[shortest] *= 2
+    while np.prod(size) > MOST_LEAF:
+        longest = max(range(3), key=lambda i: size[i] * grid.spacing_m[i])
+        size[longest] //= 2
     return size[0], size[1], size[2]
 
 
@@ -144,7 +147,7 @@ def _worthwhile(array: AntennaArray, waveform: Waveform, found: list[Level]) -> 
     voxels are far apart, the sum from larger blocks is the quicker. Prices are in terms of that sum
     and were measured with 8 lanes on PoCL.
     """
-    way_down, least, best = 0.0, np.inf, 1
+    way_down, least, best = 0.0, np.inf, len(found)
     r, c, m = array.n_tx, array.n_rx, waveform.n_freq
     for i, level in enumerate(found):
         rows, columns, frequencies = len(level.tx), len(level.rx), len(level.frequency)

@@ -144,9 +144,10 @@ def test_blocks_halve_down_to_about_a_wavelength() -> None:
         ((3, 2, 1), 1e-3, (4, 2, 1)),
         ((40, 40, 40), 2e-2, (2, 2, 2)),
         ((400, 400, 400), 0.25e-3, (16, 16, 32)),
+        ((800, 800, 800), 0.01e-3, (64, 64, 64)),
     ],
 )
-def test_the_smallest_blocks_have_eight_voxels_where_the_grid_has(
+def test_the_smallest_blocks_have_eight_voxels_where_the_grid_has_and_not_too_many(
     counts: tuple[int, int, int], step: float, leaf: tuple[int, int, int]
 ) -> None:
     assert leaf_voxels(VoxelGrid(np.zeros(3), np.full(3, step), counts), 3.9e-3) == leaf
