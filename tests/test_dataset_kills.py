@@ -60,11 +60,12 @@ def test_kills_at_random_moments_change_nothing(
     plan_file: Path, undisturbed: dict[str, bytes], tmp_path: Path
 ) -> None:
     draw = random.Random(SEED)
-    folder, done, begun = tmp_path / "set", 0, []
+    folder, done, there = tmp_path / "set", 0, []
     while done < KILLS:
         process = started(command(plan_file, folder, "--workers", "2"))
         assert process.stdout is not None
-        if draw.random() < 0.8:  # else while everything starts
+        begun = draw.random() < 0.8
+        if begun:  # else while everything starts
             assert STARTED in process.stdout.readline()
         time.sleep(draw.uniform(0.0, 4.0))
         victim = draw.choice(["client", "group", "worker", "interrupt"])
@@ -79,8 +80,9 @@ def test_kills_at_random_moments_change_nothing(
             if victim == "interrupt":
                 os.killpg(process.pid, signal.SIGINT)
                 said = process.communicate(timeout=60)[1]
-                assert process.returncode in (0, 130)
-                assert "Traceback" not in said, said
+                if begun:  # Python itself has to start before it can say something
+                    assert process.returncode in (0, 130)
+                    assert "Traceback" not in said, said
             elif victim == "group":
                 os.killpg(process.pid, signal.SIGKILL)
             else:
@@ -89,13 +91,13 @@ def test_kills_at_random_moments_change_nothing(
         process.communicate()
         _, alive = psutil.wait_procs(children, timeout=30)
         assert not alive, "workers outlived their client"
-        begun.append(len(files_of(folder)) if folder.is_dir() else 0)
+        there.append(len(files_of(folder)) if folder.is_dir() else 0)
         if (folder / "contact-sheet.png").is_file():
             assert files_of(folder) == undisturbed
             folder = folder.with_name(f"set-{done}")
     subprocess.run(command(plan_file, folder), check=True)
     assert files_of(folder) == undisturbed
-    print(f"{done} kills in {len(begun)} runs, files there after each: {begun}")
+    print(f"{done} kills in {len(there)} runs, files there after each: {there}")
 
 
 @pytest.fixture

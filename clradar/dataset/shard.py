@@ -6,7 +6,10 @@ compressed chunks are copied from the files of single samples as they are.
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -20,6 +23,9 @@ from measurement_io.atomic import replacing
 
 CHUNK_BYTES = 2**20
 SMALL_BYTES = 2**16
+LIBRARY = ("v110", "v110")
+"""Versions of HDF5 whose format is written: it says which bytes."""
+
 RAGGED_ROWS = 2**14
 
 
@@ -39,8 +45,15 @@ def write_sample(
     force : bool
         Replace an existing file.
     """
+    import h5py
+
+    # In memory first: where HDF5 itself meets a full disk, it cannot close its file any more.
+    with h5py.File(path.name, "x", driver="core", backing_store=False, libver=LIBRARY) as file:
+        _fill(file, [dict(sample.recipe)], [_text(made_with)], compression, sample.arrays, [])
+        file.flush()
+        content = file.id.get_file_image()
     with replacing(path, force=force) as temporary:
-        _write(temporary, [dict(sample.recipe)], [_text(made_with)], compression, sample.arrays, [])
+        temporary.write_bytes(content)
 
 
 def assemble(path: Path, parts: Sequence[Path], *, compression: int) -> None:
@@ -48,14 +61,25 @@ def assemble(path: Path, parts: Sequence[Path], *, compression: int) -> None:
     import h5py
 
     with ExitStack() as stack, replacing(path, force=True) as temporary:
+        _check_room(path, sum(part.stat().st_size for part in parts))
         files = [stack.enter_context(h5py.File(part, "r")) for part in parts]
         recipes = [json.loads(file["entry/labels/recipe"][0]) for file in files]
         made_with = [file["entry/labels/made_with"][0].decode() for file in files]
-        _write(temporary, recipes, made_with, compression, {}, files)
+        with h5py.File(temporary, "x", libver=LIBRARY) as file:
+            _fill(file, recipes, made_with, compression, {}, files)
 
 
-def _write(
-    path: Path,
+def _check_room(path: Path, size: int) -> None:
+    """Raise `OSError` where a shard does not fit; it takes less than its parts."""
+    free = shutil.disk_usage(path.parent).free
+    if size > free:
+        raise OSError(
+            errno.ENOSPC, f"{os.strerror(errno.ENOSPC)}, {size} bytes are needed, {free} are free"
+        )
+
+
+def _fill(
+    file: Any,
     recipes: list[dict[str, Any]],
     made_with: list[str],
     compression: int,
@@ -63,31 +87,28 @@ def _write(
     files: Sequence[Any],
 ) -> None:
     """Write a shard of the samples in `files`, or of the one in `arrays`."""
-    import h5py
-
     axes = axes_of(recipes[0])
     names = [name for name in FIELDS if name in arrays or (files and _holds(files[0], name))]
-    with h5py.File(path, "x", libver=("v110", "v110")) as file:
-        file.attrs["NX_class"] = "NXroot"
-        file.attrs["default"] = "entry"
-        file.attrs["clradar_format"] = FORMAT
-        file.attrs["clradar_version"] = VERSION
-        entry = file.create_group("entry")
-        entry.attrs["NX_class"] = "NXentry"
-        entry.attrs["default"] = FIELDS[names[0]].group
-        store = _Store(entry, compression)
-        store.labels(recipes, made_with)
-        store.axes(axes)
-        for name in names:
-            spec = FIELDS[name]
-            group = store.data_group(spec)
-            if spec.ragged:
-                pieces = [f[_place(spec)][:] for f in files] if files else [arrays[name]]
-                store.ragged(group, spec, pieces)
-            elif files:
-                store.copied(group, spec, [f[_place(spec)] for f in files])
-            else:
-                store.array(group, spec.dataset, arrays[name][None], spec.units, spec.long_name)
+    file.attrs["NX_class"] = "NXroot"
+    file.attrs["default"] = "entry"
+    file.attrs["clradar_format"] = FORMAT
+    file.attrs["clradar_version"] = VERSION
+    entry = file.create_group("entry")
+    entry.attrs["NX_class"] = "NXentry"
+    entry.attrs["default"] = FIELDS[names[0]].group
+    store = _Store(entry, compression)
+    store.labels(recipes, made_with)
+    store.axes(axes)
+    for name in names:
+        spec = FIELDS[name]
+        group = store.data_group(spec)
+        if spec.ragged:
+            pieces = [f[_place(spec)][:] for f in files] if files else [arrays[name]]
+            store.ragged(group, spec, pieces)
+        elif files:
+            store.copied(group, spec, [f[_place(spec)] for f in files])
+        else:
+            store.array(group, spec.dataset, arrays[name][None], spec.units, spec.long_name)
 
 
 def _place(spec: Field) -> str:
