@@ -2,9 +2,7 @@
 
     clradar dataset plans/letters.toml -o letters --workers 2
     python train_letters.py letters
-
-Of every letter a quarter of the samples is kept back: hands, places and alphas not trained on.
-"""
+A quarter of the samples is kept back: hands, places and alphas that were not trained on."""
 
 from __future__ import annotations
 
@@ -36,14 +34,17 @@ def features(image: np.ndarray, depth_m: np.ndarray, step: float) -> np.ndarray:
 
 def main(folder: str = "letters") -> None:
     data = clradar.open_dataset(folder)
-    step = abs(float(data.x_m[1] - data.x_m[0])) * 1e3 / PIXEL_MM
-    images = zip(data.max_projection.values, data.depth_map.values, strict=True)
-    x, y = np.array([features(i, d, step) for i, d in images]), data.pose.values
+    step = float(data.x_m[1] - data.x_m[0]) * 1e3 / PIXEL_MM
+    images, depths_m, y = data.max_projection.values, data.depth_map.values, data.pose.values
+    x = np.array([features(i, d, step) for i, d in zip(images, depths_m, strict=True)])
+    # The mirror image of a right hand is a left hand with the same letter.
+    mirrored = zip(images[..., ::-1], depths_m[..., ::-1], strict=True)
+    x_mirrored = np.array([features(i, d, step) for i, d in mirrored])
     kept = data.sample.values // len(set(y)) % 4 == 3
-    pca = PCA(min(100, int((~kept).sum()) - 1), whiten=True, random_state=0)
-    model = make_pipeline(pca, SVC(C=10)).fit(x[~kept], y[~kept])
+    seen = np.concatenate([x[~kept], x_mirrored[~kept]])
+    model = make_pipeline(PCA(min(100, len(seen) - 1), random_state=0), SVC(C=10))
+    model.fit(seen, np.tile(y[~kept], 2))
     found = model.predict(x[kept])
-    print(f"learnt from {(~kept).sum()} samples; guessing would be right for {1 / len(set(y)):.3f}")
     print(f"right of {kept.sum()} unseen: {np.mean(found == y[kept]):.3f}")
     pairs = [f"{a}>{b}" for a, b in zip(y[kept], found, strict=True) if a != b]
     wrong, times = np.unique(pairs, return_counts=True)

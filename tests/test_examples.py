@@ -150,8 +150,7 @@ def test_train_letters(tmp_path: Path) -> None:
         tmp_path,
     )
     run(plan, tmp_path / "letters")
-    learnt, right, _ = output_of("train_letters.py", tmp_path, "letters").splitlines()
-    assert numbers(learnt) == [18, 0.5]
+    right = output_of("train_letters.py", tmp_path, "letters").splitlines()[0]
     # 5 of 6: guessing is right as often once in nine times, and the seed is fixed.
     assert numbers(right)[0] == 6
     assert numbers(right)[1] >= 0.8
