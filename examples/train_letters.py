@@ -1,8 +1,7 @@
-"""How well can a small classifier tell the letters of the manual alphabet in radar images?
+"""How well can a small classifier tell letters in radar images of hands that it was not taught on?
 
-    clradar dataset plans/letters.toml -o letters --workers 2
-    python train_letters.py letters
-A quarter of the samples is kept back: hands, places and alphas that were not trained on."""
+clradar dataset plans/letters.toml -o letters --workers 2 && python train_letters.py letters
+"""
 
 from __future__ import annotations
 
