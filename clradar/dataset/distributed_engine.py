@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from distributed import CancelledError, Client, Future, KilledWorker, as_completed
@@ -30,6 +31,9 @@ from measurement_io.work_folder import differences
 
 WAITING = 2
 """Samples on their way per worker: the one being made, and the next at hand."""
+
+LOOK_S = 10.0
+"""How often it is looked how many workers there are."""
 
 KILLED = "its worker process died each time"
 
@@ -136,25 +140,20 @@ class Distributed:
         self.client, self.device = client, device
         self._end_workers = end_workers
         self._pending: set[Future] = set()
+        self._window, self._looked_s = 1, -LOOK_S
 
     def workers(self) -> list[str]:
-        """Return the addresses of the workers that have a device to make samples on.
+        """Return the addresses of the workers that have a device to make samples on."""
+        known = self.client.scheduler_info(n_workers=-1)["workers"]
+        return [address for address, worker in known.items() if worker["resources"].get(DEVICE)]
 
-        Raises
-        ------
-        ClusterError
-            There is none: their samples would wait for ever.
-        """
-        scheduler = self.client.scheduler_info(n_workers=-1)
-        known = scheduler["workers"]
-        found = [address for address, worker in known.items() if worker["resources"].get(DEVICE)]
-        if not found:
-            raise ClusterError(
-                f"{scheduler['address']}: expected workers with a device, got {len(known)} "
-                f"without; start some by: dask worker {scheduler['address']} --nthreads 1 "
-                f'--memory-limit 0 --resources "{DEVICE}=1"'
-            )
-        return found
+    def window(self) -> int:
+        """Return how many samples may be on their way; more when workers have come."""
+        now_s = monotonic()
+        if now_s >= self._looked_s + LOOK_S:
+            self._looked_s = now_s
+            self._window = max(1, WAITING * len(self.workers()))
+        return self._window
 
     def made_with(self) -> Mapping[str, Any]:
         """Return versions and device of all workers.
@@ -162,7 +161,8 @@ class Distributed:
         Raises
         ------
         ClusterError
-            They differ, so that a sample's bits would depend on who makes it.
+            There are none: samples would wait for ever. Or they differ, so that a sample's bits
+            would depend on who makes it.
         """
         facts = self._asked(worker_facts, self.device)
         for address, fact in facts.items():
@@ -182,7 +182,14 @@ class Distributed:
         return first[1]
 
     def _asked(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
-        answers = self.client.run(function, *arguments, workers=self.workers(), on_error="return")
+        workers = self.workers()
+        if not workers:
+            address = self.client.scheduler_info(n_workers=0)["address"]
+            raise ClusterError(
+                f"{address}: expected workers with a device, got none; start some by: "
+                f'dask worker {address} --nthreads 1 --memory-limit 0 --resources "{DEVICE}=1"'
+            )
+        answers = self.client.run(function, *arguments, workers=workers, on_error="return")
         for address, answer in answers.items():
             if isinstance(answer, Exception):
                 raise ClusterError(
@@ -208,20 +215,24 @@ class Distributed:
                 if breach is not None:
                     raise ClusterError(f"{address}: {breach}")
             blamed = []
-            for outcome in self._made(samples, make, contract, WAITING * len(self.workers())):
+            for outcome in self._made(samples, make, contract, self.window):
                 if isinstance(outcome, Aside) and outcome.reason == KILLED:
                     blamed.append(outcome.sample)
                 else:
                     yield outcome
-            yield from self._made(sorted(blamed), make, contract, 1)
+            yield from self._made(sorted(blamed), make, contract, lambda: 1)
 
     def _made(
-        self, samples: Sequence[int], make: PartMaker, contract: Contract, window: int
+        self,
+        samples: Sequence[int],
+        make: PartMaker,
+        contract: Contract,
+        window: Callable[[], int],
     ) -> Iterator[Outcome]:
         left = iter(samples)
         run = secrets.token_hex(4)
 
-        def submitted(count: int) -> list[Future]:
+        def submitted() -> list[Future]:
             futures = [
                 self.client.submit(
                     make_part,
@@ -232,15 +243,15 @@ class Distributed:
                     resources={DEVICE: 1},
                     retries=ATTEMPTS - 1,
                 )
-                for sample in islice(left, count)
+                for sample in islice(left, max(0, window() - len(self._pending)))
             ]
             self._pending.update(futures)
             return futures
 
-        finished = as_completed(submitted(window), loop=self.client.loop)
+        finished = as_completed(submitted(), loop=self.client.loop)
         for future in finished:
             self._pending.discard(future)
-            finished.update(submitted(1))
+            finished.update(submitted())
             yield _outcome(future)
 
     def stop(self) -> None:
