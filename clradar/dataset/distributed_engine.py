@@ -6,6 +6,7 @@ how many are on their way at a time, and what becomes of each.
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
+from socket import gethostname
 from time import monotonic
 from typing import Any
 
@@ -49,14 +51,21 @@ class Refusal:
     reason: str
 
 
+def worker_facts(device: str | None) -> dict[str, Any]:
+    """Return versions and device of the worker that runs this."""
+    return made_with(open_device(device))
+
+
 @dataclass(frozen=True, slots=True)
 class Contract:
     """What a worker has to agree with. Checked by each process before its first sample.
 
     Attributes
     ----------
-    version : str
-        Of clradar.
+    made_with : str
+        Versions and device, as JSON.
+    device : str or None
+        See `clradar.open_device`.
     sign : Path
         A file in the data set's folder.
     content : str
@@ -65,15 +74,17 @@ class Contract:
         Other files that samples need.
     """
 
-    version: str
+    made_with: str
+    device: str | None
     sign: Path
     content: str
     files: tuple[str, ...]
 
     def breach(self) -> str | None:
         """Return what is otherwise in this process, or None."""
-        if self.version != __version__:
-            return f"expected clradar {self.version} as on the client, got {__version__}"
+        different = differences(json.loads(self.made_with), worker_facts(self.device))
+        if different:
+            return f"expected versions and device of the other workers: {'; '.join(different)}"
         try:
             content = self.sign.read_text(encoding="ascii")
         except (OSError, ValueError):
@@ -104,18 +115,13 @@ def make_part(sample: int, make: PartMaker, contract: Contract) -> int | Refusal
     """
     breach = _breach(contract)
     if breach is not None:
-        return Refusal(breach)
+        return Refusal(f"worker on {gethostname()}: {breach}")
     try:
         return make(sample)
     except OutputError as error:
         return Refusal(str(error))
     except Exception as error:
         raise SampleError(reason_of(error)) from None
-
-
-def worker_facts(device: str | None) -> dict[str, Any]:
-    """Return versions and device of the worker that runs this."""
-    return made_with(open_device(device))
 
 
 class Distributed:
@@ -210,7 +216,7 @@ class Distributed:
         ClusterError
             A worker does not see the folder or has another version; or the scheduler is gone.
         """
-        with _contract(make) as contract:
+        with _contract(make, self.made_with()) as contract:
             for address, breach in self._asked(_breach, contract).items():
                 if breach is not None:
                     raise ClusterError(f"{address}: {breach}")
@@ -287,18 +293,18 @@ def _outcome(future: Future) -> Outcome:
 
 
 @contextmanager
-def _contract(make: PartMaker) -> Iterator[Contract]:
+def _contract(make: PartMaker, made_with: Mapping[str, Any]) -> Iterator[Contract]:
     """Yield what workers have to agree with, and leave its sign in the folder meanwhile."""
     content = secrets.token_hex(16)
     # By its name, a later run takes it for what a killed process left.
     sign = make.folder / f".visible.{content}.tmp"
-    files = []
+    files: list[str] = []
     for rig in make.plan.hands.rigs:
         files += [rig.file] if rig.mapping is None else [rig.file, rig.mapping]
     with replacing(sign) as temporary:
         temporary.write_text(content, encoding="ascii")
     try:
-        yield Contract(__version__, sign, content, tuple(str(file) for file in files))
+        yield Contract(json.dumps(made_with), make.device, sign, content, tuple(files))
     finally:
         with suppress(OSError):
             sign.unlink()
