@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ import pytest
 
 from clradar.cli import main
 from clradar.dataset import Plan, read_plan, run
-from clradar.dataset.engine import ATTEMPTS, Serial
+from clradar.dataset.engine import ATTEMPTS, PartMaker, Serial
 from clradar.dataset.run import STOP_AFTER
 from clradar.dataset.shares import Share, _dealt
 from clradar.errors import DeviceError, ModelError, OutputError
@@ -282,6 +284,21 @@ def test_a_full_disk_of_a_worker_ends_the_run(
     faults({})
     run(plan, tmp_path, engine=distributed(cluster))
     assert files_of(tmp_path) == undisturbed
+
+
+def test_a_worker_that_does_not_fit_says_why(plan: Plan, tmp_path: Path) -> None:
+    from clradar.dataset.distributed_engine import _contract, make_part, worker_facts
+
+    make, facts = PartMaker(tmp_path, plan, "pocl"), worker_facts("pocl")
+    with _contract(make, facts) as contract:
+        assert contract.breach() is None
+        assert "cannot see the folder" in str(replace(contract, content="other").breach())
+        assert "cannot see /none" in str(replace(contract, files=("/none",)).breach())
+        older = json.dumps({**facts, "clradar": "0.0.1"})
+        refusal = make_part(0, make, replace(contract, made_with=older))
+        assert "device of the other workers: clradar 0.0.1, now" in getattr(refusal, "reason", "")
+    assert "cannot see the folder" in str(contract.breach())
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow

@@ -25,9 +25,6 @@ from measurement_io.failures import clean
 DEVICE = "DEVICE"
 """The Dask resource of which each worker has as many as it makes samples at a time."""
 
-START_S = 120.0
-"""How long workers may take to start: Python and its packages over a slow network file system."""
-
 CONNECT_S = 10.0
 
 BLAS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")

@@ -6,6 +6,7 @@ how many are on their way at a time, and what becomes of each.
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,6 +15,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
+from socket import gethostname
+from time import monotonic
 from typing import Any
 
 from distributed import CancelledError, Client, Future, KilledWorker, as_completed
@@ -31,6 +34,9 @@ from measurement_io.work_folder import differences
 WAITING = 2
 """Samples on their way per worker: the one being made, and the next at hand."""
 
+LOOK_S = 10.0
+"""How often it is looked how many workers there are."""
+
 KILLED = "its worker process died each time"
 
 
@@ -45,14 +51,21 @@ class Refusal:
     reason: str
 
 
+def worker_facts(device: str | None) -> dict[str, Any]:
+    """Return versions and device of the worker that runs this."""
+    return made_with(open_device(device))
+
+
 @dataclass(frozen=True, slots=True)
 class Contract:
     """What a worker has to agree with. Checked by each process before its first sample.
 
     Attributes
     ----------
-    version : str
-        Of clradar.
+    made_with : str
+        Versions and device, as JSON.
+    device : str or None
+        See `clradar.open_device`.
     sign : Path
         A file in the data set's folder.
     content : str
@@ -61,15 +74,17 @@ class Contract:
         Other files that samples need.
     """
 
-    version: str
+    made_with: str
+    device: str | None
     sign: Path
     content: str
     files: tuple[str, ...]
 
     def breach(self) -> str | None:
         """Return what is otherwise in this process, or None."""
-        if self.version != __version__:
-            return f"expected clradar {self.version} as on the client, got {__version__}"
+        different = differences(json.loads(self.made_with), worker_facts(self.device))
+        if different:
+            return f"expected versions and device of the other workers: {'; '.join(different)}"
         try:
             content = self.sign.read_text(encoding="ascii")
         except (OSError, ValueError):
@@ -100,18 +115,13 @@ def make_part(sample: int, make: PartMaker, contract: Contract) -> int | Refusal
     """
     breach = _breach(contract)
     if breach is not None:
-        return Refusal(breach)
+        return Refusal(f"worker on {gethostname()}: {breach}")
     try:
         return make(sample)
     except OutputError as error:
         return Refusal(str(error))
     except Exception as error:
         raise SampleError(reason_of(error)) from None
-
-
-def worker_facts(device: str | None) -> dict[str, Any]:
-    """Return versions and device of the worker that runs this."""
-    return made_with(open_device(device))
 
 
 class Distributed:
@@ -136,25 +146,20 @@ class Distributed:
         self.client, self.device = client, device
         self._end_workers = end_workers
         self._pending: set[Future] = set()
+        self._window, self._looked_s = 1, -LOOK_S
 
     def workers(self) -> list[str]:
-        """Return the addresses of the workers that have a device to make samples on.
+        """Return the addresses of the workers that have a device to make samples on."""
+        known = self.client.scheduler_info(n_workers=-1)["workers"]
+        return [address for address, worker in known.items() if worker["resources"].get(DEVICE)]
 
-        Raises
-        ------
-        ClusterError
-            There is none: their samples would wait for ever.
-        """
-        scheduler = self.client.scheduler_info(n_workers=-1)
-        known = scheduler["workers"]
-        found = [address for address, worker in known.items() if worker["resources"].get(DEVICE)]
-        if not found:
-            raise ClusterError(
-                f"{scheduler['address']}: expected workers with a device, got {len(known)} "
-                f"without; start some by: dask worker {scheduler['address']} --nthreads 1 "
-                f'--memory-limit 0 --resources "{DEVICE}=1"'
-            )
-        return found
+    def window(self) -> int:
+        """Return how many samples may be on their way; more when workers have come."""
+        now_s = monotonic()
+        if now_s >= self._looked_s + LOOK_S:
+            self._looked_s = now_s
+            self._window = max(1, WAITING * len(self.workers()))
+        return self._window
 
     def made_with(self) -> Mapping[str, Any]:
         """Return versions and device of all workers.
@@ -162,7 +167,8 @@ class Distributed:
         Raises
         ------
         ClusterError
-            They differ, so that a sample's bits would depend on who makes it.
+            There are none: samples would wait for ever. Or they differ, so that a sample's bits
+            would depend on who makes it.
         """
         facts = self._asked(worker_facts, self.device)
         for address, fact in facts.items():
@@ -182,7 +188,14 @@ class Distributed:
         return first[1]
 
     def _asked(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
-        answers = self.client.run(function, *arguments, workers=self.workers(), on_error="return")
+        workers = self.workers()
+        if not workers:
+            address = self.client.scheduler_info(n_workers=0)["address"]
+            raise ClusterError(
+                f"{address}: expected workers with a device, got none; start some by: "
+                f'dask worker {address} --nthreads 1 --memory-limit 0 --resources "{DEVICE}=1"'
+            )
+        answers = self.client.run(function, *arguments, workers=workers, on_error="return")
         for address, answer in answers.items():
             if isinstance(answer, Exception):
                 raise ClusterError(
@@ -203,25 +216,29 @@ class Distributed:
         ClusterError
             A worker does not see the folder or has another version; or the scheduler is gone.
         """
-        with _contract(make) as contract:
+        with _contract(make, self.made_with()) as contract:
             for address, breach in self._asked(_breach, contract).items():
                 if breach is not None:
                     raise ClusterError(f"{address}: {breach}")
             blamed = []
-            for outcome in self._made(samples, make, contract, WAITING * len(self.workers())):
+            for outcome in self._made(samples, make, contract, self.window):
                 if isinstance(outcome, Aside) and outcome.reason == KILLED:
                     blamed.append(outcome.sample)
                 else:
                     yield outcome
-            yield from self._made(sorted(blamed), make, contract, 1)
+            yield from self._made(sorted(blamed), make, contract, lambda: 1)
 
     def _made(
-        self, samples: Sequence[int], make: PartMaker, contract: Contract, window: int
+        self,
+        samples: Sequence[int],
+        make: PartMaker,
+        contract: Contract,
+        window: Callable[[], int],
     ) -> Iterator[Outcome]:
         left = iter(samples)
         run = secrets.token_hex(4)
 
-        def submitted(count: int) -> list[Future]:
+        def submitted() -> list[Future]:
             futures = [
                 self.client.submit(
                     make_part,
@@ -232,15 +249,15 @@ class Distributed:
                     resources={DEVICE: 1},
                     retries=ATTEMPTS - 1,
                 )
-                for sample in islice(left, count)
+                for sample in islice(left, max(0, window() - len(self._pending)))
             ]
             self._pending.update(futures)
             return futures
 
-        finished = as_completed(submitted(window), loop=self.client.loop)
+        finished = as_completed(submitted(), loop=self.client.loop)
         for future in finished:
             self._pending.discard(future)
-            finished.update(submitted(1))
+            finished.update(submitted())
             yield _outcome(future)
 
     def stop(self) -> None:
@@ -276,18 +293,18 @@ def _outcome(future: Future) -> Outcome:
 
 
 @contextmanager
-def _contract(make: PartMaker) -> Iterator[Contract]:
+def _contract(make: PartMaker, made_with: Mapping[str, Any]) -> Iterator[Contract]:
     """Yield what workers have to agree with, and leave its sign in the folder meanwhile."""
     content = secrets.token_hex(16)
     # By its name, a later run takes it for what a killed process left.
     sign = make.folder / f".visible.{content}.tmp"
-    files = []
+    files: list[str] = []
     for rig in make.plan.hands.rigs:
         files += [rig.file] if rig.mapping is None else [rig.file, rig.mapping]
     with replacing(sign) as temporary:
         temporary.write_text(content, encoding="ascii")
     try:
-        yield Contract(__version__, sign, content, tuple(str(file) for file in files))
+        yield Contract(json.dumps(made_with), make.device, sign, content, tuple(files))
     finally:
         with suppress(OSError):
             sign.unlink()
