@@ -100,6 +100,25 @@ def test_kills_at_random_moments_change_nothing(
     print(f"{done} kills in {len(there)} runs, files there after each: {there}")
 
 
+def test_whoever_presses_ctrl_c_again_and_again_does_not_wait_for_ever(
+    plan_file: Path, undisturbed: dict[str, bytes], tmp_path: Path
+) -> None:
+    folder = tmp_path / "set"
+    for delay_s in (0.0, 0.5, 2.0, 4.0):
+        process = started(command(plan_file, folder, "--workers", "2"))
+        assert process.stdout is not None
+        assert STARTED in process.stdout.readline()
+        time.sleep(delay_s)
+        end_s = time.monotonic() + 60
+        while process.poll() is None:
+            os.killpg(process.pid, signal.SIGINT)
+            time.sleep(0.1)
+            assert time.monotonic() < end_s
+        process.communicate()
+    subprocess.run(command(plan_file, folder), check=True)
+    assert files_of(folder) == undisturbed
+
+
 @pytest.fixture
 def scheduler(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[str]]]]:
     """A scheduler with three workers on this machine's loopback."""

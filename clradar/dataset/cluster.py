@@ -83,8 +83,17 @@ def local_cluster(shares: Sequence[Share]) -> Iterator[tuple[Client, Callable[[]
                 )
         except Exception as error:
             raise ClusterError(f"the workers did not start: {clean(error)}") from error
-        with cluster, Client(cluster, set_as_default=False) as client:
-            yield client, cluster.close
+
+        def end() -> None:
+            # Ctrl-C would cancel the closing, and closing again would wait for it for ever.
+            with _interrupts_kept_back():
+                cluster.close()
+
+        try:
+            with Client(cluster, set_as_default=False) as client:
+                yield client, end
+        finally:
+            end()
 
 
 def dashboard_text(client: Client) -> str:
