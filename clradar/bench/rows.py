@@ -19,6 +19,7 @@ import numpy as np
 
 import clradar
 from clradar.bench import peers
+from clradar.block_tree import levels
 from clradar.formers.range_profiles import Range
 
 C_M_PER_S = 299_792_458.0
@@ -156,15 +157,23 @@ class Image:
 def images(
     device: clradar.Device, repeats: int, capture: clradar.Capture, planes: int
 ) -> list[Row]:
-    """By range and by fast, against the same peer."""
+    """By range and by fast, against the same peer.
+
+    The first image by fast chooses antennas and frequencies, the next has them already.
+    """
     image = Image(device, capture, planes)
     ours, fast = partial(image.ours, "range"), partial(image.ours, "fast")
+
+    def fast_anew() -> np.ndarray:
+        levels.cache_clear()
+        return fast()
+
     by_range = ours()
     error = relative_rms_db(image.theirs(), by_range)
     fast_error = relative_rms_db(fast(), by_range)
-    times_s = interleaved_s([ours, fast, image.theirs], repeats)
-    ours_s, fast_s, theirs_s = np.median(times_s, axis=0)
-    ratio, fast_ratio = np.median(times_s[:, 2:] / times_s[:, :2], axis=0)
+    times_s = interleaved_s([ours, fast_anew, fast, image.theirs], repeats)
+    ours_s, fast_s, again_s, theirs_s = np.median(times_s, axis=0)
+    ratio, fast_ratio, again_ratio = np.median(times_s[:, 3:] / times_s[:, :3], axis=0)
     work = image.voxel_pairs
     peer = f"numba, two threads, blocked, {work / theirs_s / 1e6:.0f} M/s (profiles given)"
     return [
@@ -177,10 +186,10 @@ def images(
         },
         {
             "work": f"image by fast, 201 x 201 x {planes}, -50 dB asked for",
-            "ours": f"{fast_s:.2f} s",
+            "ours": f"{fast_s:.2f} s, and {again_s:.2f} s for the next of the same array and grid",
             "peer": peer,
             "ratio": float(fast_ratio),
-            "check": f"{fast_error:.0f} dB to the image by range",
+            "check": f"{again_ratio:.1f} x for the next; {fast_error:.0f} dB to the image by range",
         },
     ]
 
