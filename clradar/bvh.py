@@ -305,11 +305,6 @@ def _area(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return size[0] * size[1] + size[1] * size[2] + size[2] * size[0]
 
 
-def _empty_box() -> np.ndarray:
-    far = np.float32(EMPTY_M)
-    return np.array([[far, far, far, -far, -far, -far]], dtype=np.float32)
-
-
 def _leaf(first: Any, count: Any) -> Any:
     return -(first * 16 + count) - 1
 

@@ -17,9 +17,13 @@ SHOWN = 60
 """Characters of a setting's value in an error."""
 
 
+TEMPORARY = ".*.tmp"
+"""Names of what is being written (`measurement_io.atomic`)."""
+
+
 def remove_temporaries(folder: Path) -> None:
     """Remove what a killed process was writing."""
-    for path in folder.glob(".*.tmp"):
+    for path in folder.glob(TEMPORARY):
         with suppress(OSError):
             path.unlink()
 

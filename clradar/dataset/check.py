@@ -199,11 +199,11 @@ def _array_problems(
     rigged: bool,
 ) -> Iterator[str]:
     place = f"{spec.group}/{spec.dataset}"
-    array = file[f"entry/{place}"]
+    array = file[spec.place]
     rest = tuple(sizes.get(axis, 3) for axis in spec.axes)
     rows = len(expected)
     if spec.ragged:
-        first = file[f"entry/{place}_first"][:]
+        first = file[spec.first_place][:]
         rows = int(first[-1])
         if len(first) != len(expected) + 1 or first[0] != 0 or (np.diff(first) <= 0).any():
             yield f"{name}: {place}_first: expected ascending places of {len(expected)} samples"

@@ -28,7 +28,7 @@ from clradar.errors import OutputError
 from clradar.hashing import sha256_of
 from measurement_io.failures import fail, reading, shown
 from measurement_io.json_file import read_json_object, write_json
-from measurement_io.work_folder import LOCK, differences, held, remove_temporaries
+from measurement_io.work_folder import LOCK, TEMPORARY, differences, held, remove_temporaries
 
 FORMAT, VERSION = "dataset", 1
 MANIFEST, SHARDS, PARTS = "manifest.json", "shards", "parts"
@@ -274,7 +274,7 @@ def begin(
 def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any], force: bool) -> Manifest:
     if not (path / MANIFEST).exists():
         # A kill before the manifest leaves the lock and hidden files only.
-        others = sorted(e.name for e in path.iterdir() if e.name != LOCK and not _hidden(e))
+        others = sorted(e.name for e in path.iterdir() if e.name != LOCK and not e.match(TEMPORARY))
         if others and not force:
             raise OutputError(
                 f"{shown(path)}: holds files ({shown(others[0])}, ...), but no data set; choose "
@@ -304,7 +304,3 @@ def _clear(path: Path) -> None:
         (path / name).unlink(missing_ok=True)
     for name in (SHARDS, PARTS):
         shutil.rmtree(path / name, ignore_errors=True)
-
-
-def _hidden(path: Path) -> bool:
-    return path.name.startswith(".") and path.name.endswith(".tmp")

@@ -7,10 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.hand import JOINT_NAMES, HandPose, HandShape, JointAngles
-
-ANGLES = ("flexion", "abduction", "twist")
-"""The order of a joint's angles wherever they are listed."""
+from clradar.hand import ANGLES, JOINT_NAMES, HandPose, HandShape, JointAngles
 
 SHAPE_COLUMNS = (
     "length_m",

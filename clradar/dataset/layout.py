@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from clradar.dataset.hands import ANGLES, SHAPE_COLUMNS, angles_rad, shape_row
+from clradar.dataset.hands import SHAPE_COLUMNS, angles_rad, shape_row
 from clradar.dataset.make import grid_of, instrument
-from clradar.dataset.plan import PARTS
-from clradar.hand import JOINT_NAMES
+from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
 
 FORMAT, VERSION = "dataset-shard", 1
 
@@ -45,6 +44,16 @@ class Field:
     units: str | None
     long_name: str
     ragged: bool = False
+
+    @property
+    def place(self) -> str:
+        """Where it is in a shard."""
+        return f"entry/{self.group}/{self.dataset}"
+
+    @property
+    def first_place(self) -> str:
+        """Where a shard says at which row each sample of a ragged array begins, and the end."""
+        return f"{self.place}_first"
 
 
 FIELDS: Mapping[str, Field] = {
@@ -108,7 +117,7 @@ def labels_of(recipes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "rig": [Path(r["hand"]["rig"]["file"]).name if "rig" in r["hand"] else "" for r in recipes],
         "center_m": np.array([r["placement"]["center_m"] for r in recipes]),
         "rotation_rad": np.array([r["placement"]["rotation_rad"] for r in recipes]),
-        "alpha": np.array([[r["alpha"][name] for name in PARTS] for r in recipes]),
+        "alpha": np.array([[r["alpha"][name] for name in PART_NAMES] for r in recipes]),
     }
 
 
@@ -126,7 +135,7 @@ def axes_of(recipe: Mapping[str, Any]) -> dict[str, Axis]:
         "joint": Axis(JOINT_NAMES, None),
         "coordinate": Axis(COORDINATES, None),
         "angle": Axis(ANGLES, None),
-        "part": Axis(PARTS, None),
+        "part": Axis(PART_NAMES, None),
         "shape_parameter": Axis(SHAPE_COLUMNS, None),
     }
     if "capture" in recipe["products"]:

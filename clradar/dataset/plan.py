@@ -13,9 +13,6 @@ from clradar.dataset.draws import Draw
 PRODUCTS = ("capture", "volume", "max_projection", "depth_map", "mesh", "joints")
 """What can be kept of a sample."""
 
-PARTS = ("palm", "thumb", "index", "middle", "ring", "pinky")
-"""Of a hand; each can have an alpha of its own."""
-
 IMAGES = ("volume", "max_projection", "depth_map")
 """The products for which an image is formed."""
 

@@ -7,10 +7,19 @@ from typing import Any
 
 from clradar.dataset.draws import Draw, fixed
 from clradar.dataset.hands import pose_of, shape_of
-from clradar.dataset.plan import PARTS, Alpha, Hands, Placement, Poses, RigFile
+from clradar.dataset.plan import Alpha, Hands, Placement, Poses, RigFile
 from clradar.dataset.plan_table import PlanTable, choice_text
 from clradar.errors import ClradarError
-from clradar.hand import DIGITS, LETTERS, POSES, HandPose, HandShape, pose_by_name, read_pose
+from clradar.hand import (
+    DIGITS,
+    LETTERS,
+    PART_NAMES,
+    POSES,
+    HandPose,
+    HandShape,
+    pose_by_name,
+    read_pose,
+)
 from clradar.hashing import sha256_of
 from measurement_io.failures import clean
 
@@ -198,11 +207,13 @@ def alpha_of(top: PlanTable) -> Alpha:
     kinds = ("uniform", "choice")
     default = fixed(0.5)
     given = top.raw("alpha", 0.5)
-    names = (*PARTS, "others")
+    names = (*PART_NAMES, "others")
     if not isinstance(given, dict) or (len(given) == 1 and next(iter(given)) not in names):
         return Alpha({}, top.draw("alpha", default, 0.0, 1.0, kinds))
     table = top.table("alpha")
     others = table.draw("others", default, 0.0, 1.0, kinds)
-    parts = {name: table.draw(name, default, 0.0, 1.0, kinds) for name in PARTS if table.has(name)}
-    table.done(PARTS)
+    parts = {
+        name: table.draw(name, default, 0.0, 1.0, kinds) for name in PART_NAMES if table.has(name)
+    }
+    table.done(PART_NAMES)
     return Alpha(parts, others)

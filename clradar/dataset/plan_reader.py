@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,15 +11,10 @@ from clradar.dataset.plan import PRODUCTS, Output, Plan
 from clradar.dataset.plan_hands import alpha_of, hands_of, placement_of, poses_of
 from clradar.dataset.plan_radar import image_of, impairments_of, radar_of, simulation_of
 from clradar.dataset.plan_table import PlanError, PlanTable, choice_text
-from measurement_io.failures import clean, fail, read_bytes, reading, shown
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from measurement_io.failures import shown
+from measurement_io.toml_file import read_toml
 
 MAX_PLAN_BYTES = 2**20
-MAX_LINE = 2**14
 MAX_SAMPLES = 10**8
 MAX_SHARD = 4096
 MAX_SHARDS = 50_000
@@ -41,17 +35,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
         The file is missing or no TOML.
     """
     path = Path(path)
-    content = read_bytes(path, EXPECTED, MAX_PLAN_BYTES)
-    with reading(path, EXPECTED):
-        text = content.decode("utf-8-sig")
-        # A key of thousands of dotted parts keeps the parser busy for minutes.
-        longest = max((len(line) for line in text.splitlines()), default=0)
-        if longest > MAX_LINE:
-            fail(path, f"lines of at most {MAX_LINE} characters", f"{longest}")
-        try:
-            parsed = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            fail(path, EXPECTED, clean(error))
+    parsed = read_toml(path, EXPECTED, MAX_PLAN_BYTES)
     return plan_from(parsed, shown(path), path.absolute().parent)
 
 

@@ -50,12 +50,16 @@ class PlanTable:
 
     def mistake(self, key: str, expected: str, words: str) -> None:
         """Note that what a key says cannot be meant; `words` say what was found."""
-        path = ".".join(part for part in (self._name, key) if part)
-        self.note(f"{clean(self._source)}: {path}: expected {expected}, got {clean(words)}")
+        self.note(
+            f"{clean(self._source)}: {self._place(key)}: expected {expected}, got {clean(words)}"
+        )
 
     def refuse(self, key: str, expected: str, value: object) -> None:
         """Note that a key has a value that cannot be meant."""
         self.mistake(key, expected, toml_text(value))
+
+    def _place(self, key: str) -> str:
+        return ".".join(part for part in (self._name, key) if part)
 
     def note(self, line: str) -> None:
         self._mistakes.append(line)
@@ -73,16 +77,14 @@ class PlanTable:
         return self.inner(key, self.raw(key, {}))
 
     def inner(self, key: str, content: Any) -> PlanTable:
-        name = ".".join(part for part in (self._name, key) if part)
-        return PlanTable(self._source, name, content, self._mistakes)
+        return PlanTable(self._source, self._place(key), content, self._mistakes)
 
     def checked(self, key: str, check: Callable[..., Value], *args: Any) -> Value | None:
         """Return what `check` returns for `args`; if it raises, note why and return None."""
         try:
             return check(*args)
         except (ClradarError, OSError) as error:
-            path = ".".join(part for part in (self._name, key) if part)
-            self.note(f"{clean(self._source)}: {path}: {clean(error)}")
+            self.note(f"{clean(self._source)}: {self._place(key)}: {clean(error)}")
             return None
 
     def number(
@@ -196,11 +198,8 @@ class PlanTable:
         names = list(dict.fromkeys([*self._asked, *known]))
         for key in self._content:
             if key not in names:
-                path = ".".join(part for part in (self._name, key) if part)
-                self.note(
-                    f"{clean(self._source)}: {clean(path)}: unknown key; expected one of "
-                    f"{', '.join(names)}{nearest(key, names)}"
-                )
+                remark = f"unknown key; expected one of {', '.join(names)}{nearest(key, names)}"
+                self.note(f"{clean(self._source)}: {clean(self._place(key))}: {remark}")
 
 
 def is_number(value: object) -> bool:

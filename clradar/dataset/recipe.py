@@ -9,9 +9,16 @@ import numpy as np
 
 from clradar.dataset.draws import Draw, stream
 from clradar.dataset.hands import pose_record, shape_record
-from clradar.dataset.plan import PARTS, ChannelErrors, Hands, Impairments, Plan, Poses
+from clradar.dataset.plan import ChannelErrors, Hands, Impairments, Plan, Poses
 from clradar.dataset.plan_radar import simulation_settings
-from clradar.hand import HandPose, HandShape, interpolate_poses, random_pose, random_shape
+from clradar.hand import (
+    PART_NAMES,
+    HandPose,
+    HandShape,
+    interpolate_poses,
+    random_pose,
+    random_shape,
+)
 from clradar.model import checks
 
 VERSION = 1
@@ -125,7 +132,7 @@ def _placement(plan: Plan, drawn: _Drawn) -> Recipe:
 def _alpha(plan: Plan, drawn: _Drawn) -> dict[str, float]:
     others = drawn.number("alpha.others", plan.alpha.others)
     own = {name: drawn.number(f"alpha.{name}", draw) for name, draw in plan.alpha.parts.items()}
-    return {name: own.get(name, others) for name in PARTS}
+    return {name: own.get(name, others) for name in PART_NAMES}
 
 
 def _simulation(plan: Plan, drawn: _Drawn) -> Recipe:

@@ -103,20 +103,16 @@ def _fill(
         spec = FIELDS[name]
         group = store.data_group(spec)
         if spec.ragged:
-            pieces = [f[_place(spec)][:] for f in files] if files else [arrays[name]]
+            pieces = [f[spec.place][:] for f in files] if files else [arrays[name]]
             store.ragged(group, spec, pieces)
         elif files:
-            store.copied(group, spec, [f[_place(spec)] for f in files])
+            store.copied(group, spec, [f[spec.place] for f in files])
         else:
             store.array(group, spec.dataset, arrays[name][None], spec.units, spec.long_name)
 
 
-def _place(spec: Field) -> str:
-    return f"entry/{spec.group}/{spec.dataset}"
-
-
 def _holds(file: Any, name: str) -> bool:
-    return _place(FIELDS[name]) in file
+    return FIELDS[name].place in file
 
 
 def _text(value: Mapping[str, Any]) -> str:

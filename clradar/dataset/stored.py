@@ -45,7 +45,7 @@ def opened(path: Path) -> Iterator[Any]:
 
 def fields_of(file: Any) -> list[str]:
     """Return which arrays of `FIELDS` a shard has."""
-    return [name for name, f in FIELDS.items() if f"entry/{f.group}/{f.dataset}" in file]
+    return [name for name, f in FIELDS.items() if f.place in file]
 
 
 def sample_of(file: Any, row: int) -> Sample:
@@ -53,9 +53,9 @@ def sample_of(file: Any, row: int) -> Sample:
     arrays = {}
     for name in fields_of(file):
         spec = FIELDS[name]
-        dataset = file[f"entry/{spec.group}/{spec.dataset}"]
+        dataset = file[spec.place]
         if spec.ragged:
-            first = file[f"entry/{spec.group}/{spec.dataset}_first"]
+            first = file[spec.first_place]
             arrays[name] = dataset[int(first[row]) : int(first[row + 1])]
         else:
             arrays[name] = dataset[row]

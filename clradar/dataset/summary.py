@@ -150,7 +150,7 @@ def _add_shard(summary: Summary, file: Any) -> None:
         spec = FIELDS[name]
         if spec.ragged or name == "joints":
             continue
-        data = file[f"entry/{spec.group}/{spec.dataset}"]
+        data = file[spec.place]
         for at in range(0, len(samples), BLOCK):
             block = data[at : at + BLOCK].reshape(len(samples[at : at + BLOCK]), -1)
             for what, unit, values in _product_numbers(name, block):

@@ -117,7 +117,7 @@ class TorchDataset:
         if name == "pose":
             return self.poses.index(file["entry/labels/pose"][row].decode("utf-8"))
         spec = FIELDS.get(name)
-        place = f"entry/labels/{name}" if spec is None else f"entry/{spec.group}/{spec.dataset}"
+        place = f"entry/labels/{name}" if spec is None else spec.place
         return np.asarray(file[place][row])
 
     def _file(self, path: Path) -> Any:

@@ -78,7 +78,7 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
             if spec.ragged:
                 variables |= shards.ragged(name, spec)
             else:
-                place = f"entry/{spec.group}/{spec.dataset}"
+                place = spec.place
                 variables[name] = shards.stacked(file, place, spec.axes)
         for name in labels:
             variables[name] = shards.stacked(file, f"entry/labels/{name}", LABELS[name].axes)
@@ -166,7 +166,7 @@ class _Shards:
         """Return an array whose rows belong to samples, and where those of each sample are."""
         import xarray
 
-        place = f"entry/{spec.group}/{spec.dataset}"
+        place = spec.place
         begins, ends, rows, offset = [], [], [], 0
         for path in self._index.files:
             with opened(path) as file:

@@ -1,6 +1,7 @@
 """A parametric hand: skeleton, poses, shapes, and a closed surface as a target for the radar."""
 
-from clradar.hand.joints import JOINT_NAMES, LIMITS_DEG
+from clradar.hand.flesh import PART_NAMES
+from clradar.hand.joints import ANGLES, JOINT_NAMES, LIMITS_DEG
 from clradar.hand.known_poses import DIGITS, LETTERS, POSES, pose_by_name
 from clradar.hand.mesh import HandMesh, hand_joints, hand_mesh
 from clradar.hand.pose import HandPose, JointAngles, interpolate_poses
@@ -11,10 +12,12 @@ from clradar.hand.skeleton import Skeleton, posed_skeleton
 
 __all__ = [
     "ADULT_RANGES",
+    "ANGLES",
     "DIGITS",
     "JOINT_NAMES",
     "LETTERS",
     "LIMITS_DEG",
+    "PART_NAMES",
     "POSES",
     "HandMesh",
     "HandPose",

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 from pathlib import Path
 
-from measurement_io.failures import clean, fail, read_bytes, reading, shown
+from measurement_io.failures import reading, shown
 from measurement_io.layouts.description import (
     FREQUENCY_UNITS_HZ,
     KNOWN_ARRAYS,
@@ -22,14 +21,9 @@ from measurement_io.layouts.description import (
     Select,
 )
 from measurement_io.layouts.toml_table import Table
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from measurement_io.toml_file import read_toml
 
 MAX_LAYOUT_BYTES = 2**18
-_MAX_LINE = 2**14
 _EXPECTED = "a layout (a TOML file, see docs/layouts.md)"
 _SLICE = re.compile(r"(-?[0-9]{0,9}):(-?[0-9]{0,9})(?::(-?[0-9]{1,9}))?\Z")
 _COORDINATES = ("x", "y", "z")
@@ -45,17 +39,8 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
         the file, the key, what was expected and what was found.
     """
     path = Path(path)
-    content = read_bytes(path, _EXPECTED, MAX_LAYOUT_BYTES)
+    parsed = read_toml(path, _EXPECTED, MAX_LAYOUT_BYTES)
     with reading(path, _EXPECTED):
-        text = content.decode("utf-8-sig")
-        # A key of thousands of dotted parts keeps the parser busy for minutes.
-        longest = max((len(line) for line in text.splitlines()), default=0)
-        if longest > _MAX_LINE:
-            fail(path, f"lines of at most {_MAX_LINE} characters", f"{longest}")
-        try:
-            parsed = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            fail(path, _EXPECTED, clean(error))
         return _layout(shown(path), parsed, path.absolute())
 
 
