@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from clradar.closed import outward_side
 from clradar.model import checks
 from clradar.opencl import Buffers, Device, build
 
@@ -203,6 +204,8 @@ def flatten(
         nodes[:, 4 + axis] = np.where(box >= 0, high[box, axis] + pad, -far)
     nodes.view(np.int32)[:, 0] = children
     nodes.view(np.int32)[0, 7, 0] = len(leaf)
+    nodes[0, 7, 1] = outward_side(np.asarray(triangles_m, dtype=np.float32))
+    nodes[0, 7, 2:5], nodes[0, 7, 5:8] = nodes[0, 1:4].min(axis=1), nodes[0, 4:7].max(axis=1)
     return nodes.reshape(-1, 8 * WIDTH), records, -(-most_kept // 16) * 16
 
 

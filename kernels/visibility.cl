@@ -342,6 +342,9 @@ static inline void see_bundles(const float3 p, const float3 normal, const float 
                                __global uchar *out) {
     const int n_bundles = as_int(bundle[0]);
     bundle += 8;
+    __global const float *bounds = nodes + NODE_BOUNDS;
+    const int inner = -(int)nodes[NODE_OUTWARD];
+    bool asked = false, inside = false;
     for (int b = 0; b < n_bundles; ++b, bundle += BUNDLE_FLOATS) {
         const int n_used = as_int(bundle[BUNDLE_GROUPS]);
         float8 direction[3 * GROUPS], distance[GROUPS];
@@ -361,6 +364,15 @@ static inline void see_bundles(const float3 p, const float3 normal, const float 
             uint possible = lanes8(middle * (float)side > -spread) & ((1u << n_used) - 1u);
             if (!possible) continue;
             const float3 o = p + normal * ((float)side * 2.0f * delta);
+            if (side == inner) {
+                const int8 beyond = (lx > bounds[3]) | (ly > bounds[4]) | (lz > bounds[5]) |
+                                    (hx < bounds[0]) | (hy < bounds[1]) | (hz < bounds[2]);
+                if (!(possible & ~lanes8(beyond))) {
+                    if (!asked) inside = inside_closed(nodes, triangles, o, normal * (float)side, delta);
+                    asked = true;
+                    if (inside) continue;
+                }
+            }
             ulong open = 0;
             float8 most_distance = (float8)(0.0f);
             for (int g = 0; g < n_used; ++g) {

@@ -3,7 +3,7 @@
  * nodes: float (n_nodes, 64). A node holds the boxes of up to eight children, each padded by the host by
  * the error bound delta below, so that no box test misses what an exact one finds:
  *     [0..7] children, int bits   [8..15] lo x   [16..23] lo y   [24..31] lo z
- *     [32..39] hi x   [40..47] hi y   [48..55] hi z   [56..63] unused
+ *     [32..39] hi x   [40..47] hi y   [48..55] hi z   [56..63] see below
  * A child >= 0 is a node; a child < 0 is a leaf, the block -(child + 1) of triangles. Where there are fewer
  * children, the other boxes are empty (lo > hi).
  *
@@ -11,7 +11,10 @@
  * 8 block + column. Its rows:
  *     [0..2] v0   [3..5] e1 = v1-v0   [6..8] e2 = v2-v0   [9..11] N = e1 x e2 (from float64)
  * In a column that is not used all are 0, and nothing hits it. After the last block: int (n_blocks, 8), the face at
- * each slot. Word 56 of the first node is n_blocks.
+ * each slot.
+ *
+ * What the first node does not use: word 56, int: n_blocks; 57: 0 if the surface is not closed, else the
+ * side of its faces, 1 or -1, that the outside is on as a rule; 58 to 63: low and high corner of all boxes.
  *
  * Triangle test (Moeller and Trumbore 1997, written for many directions from one origin o): with
  * T = v0 - o, u |d.N| = +-d.(e2 x T), v |d.N| = +-d.(T x e1), t = T.N / d.N. In float32, with unit
@@ -37,6 +40,8 @@
 #define NODE_FLOATS 64
 #define NODE_LOW 8
 #define NODE_HIGH 32
+#define NODE_OUTWARD 57
+#define NODE_BOUNDS 58
 #define BLOCK 8
 #define BLOCK_FLOATS (12 * BLOCK)
 #define ROW_E1 (3 * BLOCK)
@@ -202,16 +207,44 @@ typedef struct {
     float u, v;
 } hit_record;
 
+/* Where in a node the sides are that a ray enters a box by; it leaves by the others. */
+typedef struct {
+    int x, y, z;
+} slabs;
+
+static inline slabs slabs_of(const float3 inverse) {
+    return (slabs){inverse.x < 0.0f ? NODE_HIGH : NODE_LOW,
+                   (inverse.y < 0.0f ? NODE_HIGH : NODE_LOW) + 8,
+                   (inverse.z < 0.0f ? NODE_HIGH : NODE_LOW) + 16};
+}
+
+/* Which boxes of a node a ray passes through within reach, and how near. */
+static inline uint boxes_hit(__global const float *node, const slabs in, const float3 inverse,
+                             const float3 moved, const float reach, float8 *near) {
+    const int both = NODE_LOW + NODE_HIGH;
+    *near = larger8(larger8(fused8(LOAD8(node + in.x), (float8)(inverse.x), (float8)(moved.x)),
+                            fused8(LOAD8(node + in.y), (float8)(inverse.y), (float8)(moved.y))),
+                    larger8(fused8(LOAD8(node + in.z), (float8)(inverse.z), (float8)(moved.z)),
+                            (float8)(0.0f)));
+    const float8 far = smaller8(
+        smaller8(fused8(LOAD8(node + both - in.x), (float8)(inverse.x), (float8)(moved.x)),
+                 fused8(LOAD8(node + both + 16 - in.y), (float8)(inverse.y), (float8)(moved.y))),
+        smaller8(fused8(LOAD8(node + both + 32 - in.z), (float8)(inverse.z), (float8)(moved.z)),
+                 (float8)(reach)));
+    return lanes8(*near <= far);
+}
+
+/* Products of eight vectors with one. */
+static inline float8 along8(const float8 x, const float8 y, const float8 z, const float3 d) {
+    return fused8(x, (float8)(d.x), fused8(y, (float8)(d.y), z * d.z));
+}
+
 /* Nearest triangle along o + t d, 0 < t < reach; with `any`, whichever is found first. */
 static inline hit_record traced(__global const float *nodes, __global const float *triangles,
                                 const float3 o, const float3 d, float reach, const bool any) {
     const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
     const float3 moved = -o * inverse;
-    /* Where in a node the sides are that the ray enters a box by; it leaves by the others. */
-    const int x = inverse.x < 0.0f ? NODE_HIGH : NODE_LOW;
-    const int y = (inverse.y < 0.0f ? NODE_HIGH : NODE_LOW) + 8;
-    const int z = (inverse.z < 0.0f ? NODE_HIGH : NODE_LOW) + 16;
-    const int both = NODE_LOW + NODE_HIGH;
+    const slabs slab = slabs_of(inverse);
     hit_record best;
     best.distance = -1.0f;
     best.triangle = -1;
@@ -223,15 +256,8 @@ static inline hit_record traced(__global const float *nodes, __global const floa
     for (;;) {
         if (child >= 0) {
             __global const float *node = nodes + (size_t)child * NODE_FLOATS;
-            const float8 near = larger8(
-                larger8(fused8(LOAD8(node + x), (float8)(inverse.x), (float8)(moved.x)),
-                        fused8(LOAD8(node + y), (float8)(inverse.y), (float8)(moved.y))),
-                larger8(fused8(LOAD8(node + z), (float8)(inverse.z), (float8)(moved.z)), (float8)(0.0f)));
-            const float8 far = smaller8(
-                smaller8(fused8(LOAD8(node + both - x), (float8)(inverse.x), (float8)(moved.x)),
-                         fused8(LOAD8(node + both + 16 - y), (float8)(inverse.y), (float8)(moved.y))),
-                smaller8(fused8(LOAD8(node + both + 32 - z), (float8)(inverse.z), (float8)(moved.z)), (float8)(reach)));
-            uint hit = lanes8(near <= far);
+            float8 near;
+            uint hit = boxes_hit(node, slab, inverse, moved, reach, &near);
             if (hit) {
                 __global const int *children = (__global const int *)node;
                 const int one = lowest(hit);
@@ -266,9 +292,8 @@ static inline hit_record traced(__global const float *nodes, __global const floa
             const int block = -(child + 1);
             __global const float *rows = triangles + (size_t)block * BLOCK_FLOATS;
             const seen_block s = block_from(rows, o, 0, 1, 2);
-            const float8 size = fused8(s.nx, d.x, fused8(s.ny, d.y, s.nz * d.z));
-            const float8 u = fused8(s.q2x, d.x, fused8(s.q2y, d.y, s.q2z * d.z));
-            const float8 v = fused8(s.q1x, d.x, fused8(s.q1y, d.y, s.q1z * d.z));
+            const float8 size = along8(s.nx, s.ny, s.nz, d);
+            const float8 u = along8(s.q2x, s.q2y, s.q2z, d), v = along8(s.q1x, s.q1y, s.q1z, d);
             int8 hit = (u >= -s.eu) & (v >= -s.ev) & (u + v <= size + s.ew) & (size > s.edge_on) &
                        (s.height > 0.0f) & (s.height < reach * size);
             if (any8(hit)) {
@@ -302,5 +327,42 @@ static inline hit_record traced(__global const float *nodes, __global const floa
             if (top == 0) return best;
             child = stack[--top];
         } while (entry[top] > reach);
+    }
+}
+
+/* Whether a point is inside a closed surface: whether a ray from it, which nothing limits, crosses an odd
+ * number of faces. Then no ray from it to what is outside of all boxes is free. False where an edge is
+ * too close to the ray, or a face to the point, to count in float32. */
+static inline bool inside_closed(__global const float *nodes, __global const float *triangles,
+                                 const float3 o, const float3 d, const float delta) {
+    const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
+    const float3 moved = -o * inverse;
+    const slabs slab = slabs_of(inverse);
+    int stack[CLR_STACK];
+    int top = 0, child = 0;
+    uint count = 0;
+    for (;;) {
+        if (child >= 0) {
+            __global const float *node = nodes + (size_t)child * NODE_FLOATS;
+            float8 near;
+            uint hit = boxes_hit(node, slab, inverse, moved, FLT_MAX, &near);
+            for (; hit; hit &= hit - 1) {
+                stack[top] = ((__global const int *)node)[lowest(hit)];
+                fetch_child(nodes, triangles, stack[top++]);
+            }
+        } else {
+            const seen_block s =
+                block_from(triangles + (size_t)-(child + 1) * BLOCK_FLOATS, o, 0, 1, 2);
+            const float8 size = along8(s.nx, s.ny, s.nz, d);
+            const float8 u = along8(s.q2x, s.q2y, s.q2z, d), v = along8(s.q1x, s.q1y, s.q1z, d);
+            const int8 maybe = (u >= -s.eu) & (v >= -s.ev) & (u + v <= size + s.ew) &
+                               (size >= -s.edge_on) & (s.edge_on > 0.0f);
+            const int8 surely = maybe & (u > s.eu) & (v > s.ev) & (u + v < size - s.ew) &
+                                (size > s.edge_on) & (s.height > delta * 0x1p21f * s.edge_on);
+            if (any8(maybe & ~surely)) return false;
+            count += popcount(lanes8(surely));
+        }
+        if (top == 0) return count & 1;
+        child = stack[--top];
     }
 }
