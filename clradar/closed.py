@@ -1,4 +1,4 @@
-"""Whether a surface is closed: what tells the tracer that a point inside it sees nothing outside."""
+"""Whether a surface is closed: a point inside it sees nothing outside, which spares rays."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ def outward_side(triangles_m: np.ndarray) -> int:
     """Return on which side of its faces the outside of a closed surface is.
 
     A surface is closed if every edge belongs to an even number of faces: what begins inside cannot
-    leave without passing through a face [1]_. Edges are not sorted; each has a 64-bit value from the
-    bits of its corners, and the exclusive or of all of them is 0 if each comes in pairs (and by chance
-    in one case of 2^64).
+    leave without passing through a face [1]_. Edges are not sorted; each has a 64-bit value from
+    the bits of its corners, and the exclusive or of all of them is 0 if each comes in pairs (and by
+    chance in one case of 2^64).
 
     Parameters
     ----------

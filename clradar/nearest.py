@@ -11,6 +11,9 @@ from clradar.bvh import build_bvh, error_bound_m, flatten
 from clradar.model import checks
 from clradar.opencl import Buffers, Device, build
 
+CACHE_BYTES = 2**22
+"""Of a tree of up to this size a core's cache holds what rays need most."""
+
 
 @dataclass(frozen=True, slots=True)
 class _NearestOptions:
@@ -48,6 +51,7 @@ class NearestHits:
             options = _NearestOptions(self._device.width, stack)
             self._program = build(self._device, "nearest.cl", options)
             self._put = [self._buffers.upload(a) for a in (nodes, records, at, away)]
+            self._order, self._cells = (self._buffers.empty(size * len(at)) for size in (4, 2))
             self._out = [self._buffers.empty(size * len(at)) for size in (4, 4, 8)]
         except BaseException:
             self._buffers.__exit__(None, None, None)
@@ -60,7 +64,23 @@ class NearestHits:
     def trace(self) -> None:
         """Find the hits, which stay on the device."""
         n = len(self._rays[0])
-        self._program.launch("nearest_hits", (n,), np.uint32(n), *self._put, *self._out)
+        nodes, triangles, *rays = self._put
+        self._buffers.write(self._order, self._neighbours_first(n))
+        self._program.launch(
+            "nearest_hits", (n,), np.uint32(n), nodes, triangles, self._order, *rays, *self._out
+        )
+
+    def _neighbours_first(self, n: int) -> np.ndarray:
+        """Return in which order a CPU reads least from memory.
+
+        Of a tree that stays in its cache it gains nothing, and a GPU would wait for the host.
+        """
+        nodes, records, origins, _ = self._put
+        if self._device.info.kind != "cpu" or nodes.size + records.size < CACHE_BYTES:
+            return np.arange(n, dtype=np.uint32)
+        self._program.launch("ray_cells", (n,), np.uint32(n), nodes, origins, self._cells)
+        cells = self._buffers.read(self._cells, n, np.uint16)
+        return np.argsort(cells, kind="stable").astype(np.uint32)
 
     def hits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what `trace` found.

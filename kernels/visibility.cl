@@ -11,6 +11,9 @@
  *
  * On a GPU, item = one point and 8 antennas, one ray after the other.
  *
+ * Half of the points of a closed surface would have their rays go through what it encloses. One ray tells
+ * that a point's side is inside (inside_closed); then no antenna outside of all boxes is seen.
+ *
  * The origin is lifted off its face by 2 delta towards the antenna (see common/bvh.h), so that
  * its own face and coincident ones are never hit. */
 #include "common/width.h"
@@ -365,9 +368,9 @@ static inline void see_bundles(const float3 p, const float3 normal, const float 
             if (!possible) continue;
             const float3 o = p + normal * ((float)side * 2.0f * delta);
             if (side == inner) {
-                const int8 beyond = (lx > bounds[3]) | (ly > bounds[4]) | (lz > bounds[5]) |
+                const int8 outside = (lx > bounds[3]) | (ly > bounds[4]) | (lz > bounds[5]) |
                                     (hx < bounds[0]) | (hy < bounds[1]) | (hz < bounds[2]);
-                if (!(possible & ~lanes8(beyond))) {
+                if (!(possible & ~lanes8(outside))) {
                     if (!asked) inside = inside_closed(nodes, triangles, o, normal * (float)side, delta);
                     asked = true;
                     if (inside) continue;
@@ -460,12 +463,22 @@ static inline void see_bundles(const float3 p, const float3 normal, const float 
 
 #else
 
+/* Whether all of a sphere is outside of all boxes. */
+static inline bool beyond(__global const float *bounds, const float3 centre, const float radius) {
+    const float3 low = load3(bounds) - radius, high = load3(bounds + 3) + radius;
+    return centre.x < low.x || centre.y < low.y || centre.z < low.z || centre.x > high.x ||
+           centre.y > high.y || centre.z > high.z;
+}
+
 /* Set the bits of a group of 8 antennas, one ray after the other. */
 static inline void see_group(const float3 p, const float3 normal, const uint n_antennas,
                              const uint stride, const uint group, const float delta,
                              const float radius, __global const float *nodes,
                              __global const float *triangles, __global const float *antennas,
                              __global uchar *out) {
+    __global const float *bounds = nodes + NODE_BOUNDS;
+    const int inner = -(int)nodes[NODE_OUTWARD];
+    bool asked = false, inside = false;
     uint bits = 0;
     for (uint b = 0; b < GROUP && group * GROUP + b < n_antennas; ++b) {
         __global const float *at = antennas + group * GROUP + b;
@@ -474,6 +487,11 @@ static inline void see_group(const float3 p, const float3 normal, const uint n_a
             const float above = dot3(antenna - p, normal) * (float)side;
             if (!(above > -radius)) continue;
             const float3 o = p + normal * ((float)side * 2.0f * delta);
+            if (side == inner && beyond(bounds, antenna, radius)) {
+                if (!asked) inside = inside_closed(nodes, triangles, o, normal * (float)side, delta);
+                asked = true;
+                if (inside) continue;
+            }
             const float3 d = antenna - o + normal * (lift_of(above, radius) * (float)side);
             const float distance = length3(d);
             if (traced(nodes, triangles, o, d * (1.0f / distance), distance, true).triangle < 0)

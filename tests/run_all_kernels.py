@@ -14,9 +14,8 @@ import numpy as np
 import pyopencl as cl
 
 import clradar
-from clradar import block_tree
+from clradar import block_tree, nearest
 from clradar.formers import tree
-from clradar.nearest import NearestHits
 from clradar.opencl import Buffers, open_device
 from clradar.opencl.program import Program
 
@@ -91,12 +90,16 @@ def everything(width: int) -> None:
     away = rng.normal(size=(13, 3))
     away[:3] = np.eye(3)
     away /= np.linalg.norm(away, axis=1)[:, None]
-    with NearestHits(soup, rng.uniform(-0.1, 0.1, (13, 3)), away, device) as rays:
+    nearest.CACHE_BYTES = 0  # rays are sorted
+    with nearest.NearestHits(soup, rng.uniform(-0.1, 0.1, (13, 3)), away, device) as rays:
         rays.trace()
         assert (rays.hits()[1] >= 0).any()
     soup[:, :, 2] += 0.3
     blocky = clradar.Scene(soup.reshape(-1, 3), np.arange(303).reshape(-1, 3), alpha=0.5)
     clradar.trace(blocky, array, rays_per_face=1, reception_radius_m=0.05, device=device)
+    corners = vertices[:4] + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.02], [0.01, 0, -0.02]])
+    closed = clradar.Scene(corners, [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]], alpha=0.5)
+    clradar.trace(closed, array, rays_per_face=2, reception_radius_m=0.05, device=device)
     one_face = clradar.Scene(vertices[:3], [[0, 1, 2]], alpha=0.5)
     paths = clradar.trace(one_face, array, rays_per_face=7, reception_radius_m=0.05, device=device)
     capture = clradar.synthesize(paths, array, waveform, device=device)

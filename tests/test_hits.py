@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapes import bowl, box, plate, random_soup, sphere, with_degenerate
 
-from clradar import reference
+from clradar import nearest, reference
 from clradar.bundles import GROUP, bundled, items
 from clradar.bvh import build_bvh, error_bound_m, flatten
 from clradar.hand import hand_mesh, pose_by_name
@@ -195,6 +195,18 @@ def test_no_hit_where_there_is_nothing(device):
     distance, face, _ = Rays(empty, origin, direction).nearest(device)
     assert (face == -1).all()
     assert (distance < 0).all()
+
+
+@pytest.mark.parametrize("n_rays", [1, 5, 3001])
+def test_the_order_of_the_rays_changes_no_answer(n_rays, device, monkeypatch):
+    rng = np.random.default_rng(12)
+    origin, direction = all_round(rng, n_rays)
+    origin[::7] *= 100  # outside of all boxes
+    rays = Rays(MESHES["soup"], origin, direction)
+    as_given = rays.nearest(device)
+    monkeypatch.setattr(nearest, "CACHE_BYTES", 0)
+    for a, b in zip(as_given, rays.nearest(device), strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 def seen(mesh, point, normal, tx, device) -> np.ndarray:

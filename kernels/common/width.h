@@ -31,12 +31,17 @@ static inline int any8(int8 v) {
     return two.x | two.y;
 }
 
+/* Begin to load what is at an address. */
+static inline void fetch(__global const float *p) {
+#if defined(__x86_64__) || defined(__aarch64__)
+    __builtin_prefetch((const void *)(size_t)p);
+#endif
+}
+
 /* Begin to load 384 bytes. */
 static inline void fetch384(__global const float *p) {
-#if defined(__x86_64__) || defined(__aarch64__)
 #pragma unroll
-    for (int line = 0; line < 6; ++line) __builtin_prefetch((const void *)(size_t)(p + 16 * line));
-#endif
+    for (int line = 0; line < 6; ++line) fetch(p + 16 * line);
 }
 
 /* Index of the lowest bit that is set; clz() is a library call, too. */
