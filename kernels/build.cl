@@ -10,10 +10,6 @@
 /* A box as (-low, high), so that the box around two is the larger of each component. */
 #define NOTHING ((float8)(-FLT_MAX))
 
-static inline float8 larger8(float8 a, float8 b) {
-    return a > b ? a : b;
-}
-
 /* Half the surface. */
 static inline float area(const float8 box) {
     const float4 size = box.lo + box.hi;

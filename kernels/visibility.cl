@@ -127,6 +127,11 @@ static inline int8 met_by(const boxes8 box, const float a_low, const float a_hig
            (larger8(box.start * b_high, box.end * b_high) >= box.b_from);
 }
 
+static inline int8 met_in(const boxes8 box, const slopes of) {
+    return met_by(box, of.a_centre - of.a_extent, of.a_centre + of.a_extent,
+                  of.b_centre - of.b_extent, of.b_centre + of.b_extent);
+}
+
 /* Those that are much smaller than the shaft is wide. */
 static inline int8 small_in(const boxes8 box, const slopes of, const float times) {
     return box.start * (2.0f * (of.a_extent + of.b_extent)) >
@@ -153,10 +158,15 @@ static inline shaft_block shaft_block_from(const search *s, const int child) {
     return block;
 }
 
+/* Inside all edges of which of its triangles some ray of a shaft may pass. */
+static inline int8 edges_met(const shaft_block *block, const slopes of) {
+    return (most_of(block->u, of) >= 0.0f) & (most_of(block->v, of) >= 0.0f) &
+           (most_of(block->w, of) >= 0.0f);
+}
+
 /* Which of its triangles may block a ray of a shaft. */
 static inline int8 may_block(const shaft_block *block, const slopes of) {
-    return (most_of(block->u, of) >= 0.0f) & (most_of(block->v, of) >= 0.0f) &
-           (most_of(block->w, of) >= 0.0f) & (most_of(block->facing, of) > 0.0f) &
+    return edges_met(block, of) & (most_of(block->facing, of) > 0.0f) &
            (block->seen.height > 0.0f);
 }
 
@@ -227,20 +237,13 @@ __attribute__((noinline)) static ulong unblocked_apart(const search *s, const in
             const slopes of = who < RAYS ? of_group(s, who) : of_ray(s, who - RAYS);
             if (child >= 0) {
                 const boxes8 box = boxes_of(s, s->nodes + (size_t)child * NODE_FLOATS);
-                const int8 met = met_by(box, of.a_centre - of.a_extent, of.a_centre + of.a_extent,
-                                        of.b_centre - of.b_extent, of.b_centre + of.b_extent);
-                uint hit = lanes8(met) & within;
+                uint hit = lanes8(met_in(box, of)) & within;
                 const uint small =
                     who < RAYS ? hit & lanes8(small_in(box, of, FEW_OF_GROUP)) : 0;
                 if (small) {
                     for (uint rest = (uint)(open >> 8 * g & 0xff); rest; rest &= rest - 1) {
                         const int ray = 8 * g + lowest(rest);
-                        const slopes one = of_ray(s, ray);
-                        const uint some =
-                            small & lanes8(met_by(box, one.a_centre - one.a_extent,
-                                                  one.a_centre + one.a_extent,
-                                                  one.b_centre - one.b_extent,
-                                                  one.b_centre + one.b_extent));
+                        const uint some = small & lanes8(met_in(box, of_ray(s, ray)));
                         stack[top] = child;
                         whose[top] = (uchar)(RAYS + ray);
                         waiting[top] = (uchar)some;
@@ -306,10 +309,7 @@ static inline ulong unblocked(const search *s, ulong open) {
                 for (int g = 0; g < s->n_used; ++g) {
                     if (!(open >> 8 * g & 0xff)) continue;
                     const slopes of = of_group(s, g);
-                    pairs |= (ulong)lanes8(hit & (most_of(block.u, of) >= 0.0f) &
-                                           (most_of(block.v, of) >= 0.0f) &
-                                           (most_of(block.w, of) >= 0.0f))
-                             << 8 * g;
+                    pairs |= (ulong)lanes8(hit & edges_met(&block, of)) << 8 * g;
                 }
                 open = left_open(s, &block, pairs, open);
                 if (!open) return 0;

@@ -14,7 +14,7 @@ PACKAGES = ("clradar", "measurement_io", "calibration")
 # A module imports from lower layers, or from its own package. The last one is the public interface.
 LAYERS = (
     ("clradar.constants", "clradar.errors", "clradar.packing"),
-    ("clradar.hashing", "clradar.versions"),
+    ("clradar.hashing", "clradar.versions", "clradar.closed"),
     ("clradar.model",),
     ("clradar.arrays", "clradar.opencl", "clradar.reference", "clradar.hand"),
     ("clradar.bundles", "clradar.bvh", "clradar.rigs"),

@@ -121,14 +121,6 @@ static inline uint lanes8(int8 v) {
     return (uint)(two.x | two.y);
 }
 
-static inline float8 smaller8(float8 a, float8 b) {
-    return a < b ? a : b;
-}
-
-static inline float8 larger8(float8 a, float8 b) {
-    return a > b ? a : b;
-}
-
 static inline float8 absolute8(float8 v) {
     return as_float8(as_int8(v) & 0x7fffffff);
 }

@@ -24,6 +24,14 @@ typedef struct __attribute__((packed)) {
 #define LOAD8I(p) (((__global const loose8i *)(p))->v)
 #define STORE8(x, p) (((__global loose8 *)(p))->v = (x))
 
+static inline float8 smaller8(float8 a, float8 b) {
+    return a < b ? a : b;
+}
+
+static inline float8 larger8(float8 a, float8 b) {
+    return a > b ? a : b;
+}
+
 /* Whether any lane of a comparison holds; any() is a library call too. */
 static inline int any8(int8 v) {
     const int4 four = v.lo | v.hi;
