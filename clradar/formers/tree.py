@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -87,13 +87,20 @@ class _Blocks:
     index : ndarray, shape (n, 3), int
         x, y, z index of each block.
     centre_m : ndarray, shape (n, 3), float32
+    centres : Buffer
+        The same.
     g : Buffer
         float (n, frequencies, rows, 2, columns), see the kernels.
     """
 
     index: np.ndarray
     centre_m: np.ndarray
+    centres: Any
     g: Any
+
+    def release(self, buffers: Buffers) -> None:
+        buffers.release(self.centres)
+        buffers.release(self.g)
 
 
 class Fast:
@@ -173,10 +180,12 @@ class _Tree:
         self.leaf = self._leaf()
         self.progress, self.tile, self.n_tiles = progress, tile, n_tiles
         self._report()
-        root = _Blocks(np.zeros((1, 3), np.int64), np.zeros((1, 3), np.float32), cube)
+        middle_m = np.zeros((1, 3), np.float32)
+        centre = self.buffers.upload(middle_m)
+        root = _Blocks(np.zeros((1, 3), np.int64), middle_m, centre, cube)
         self._descend(0, root, np.zeros((1, 3), np.int64), np.zeros(1, np.int32))
         out = self.buffers.read(self.volume, shape, np.float32)
-        held = [self.volume, *self.leaf.values()]
+        held = [self.volume, centre, *self.leaf.values()]
         for buffer in held + [b for step in self.steps for b in step.buffers.values()]:
             self.buffers.release(buffer)
         return out
@@ -261,7 +270,7 @@ class _Tree:
                 self._image_of(blocks)
                 self.done += len(blocks.index)
                 self._report()
-            self.buffers.release(blocks.g)
+            blocks.release(self.buffers)
 
     def _block_bytes(self, step: _Step) -> int:
         """Device memory that a step takes per block."""
@@ -286,54 +295,53 @@ class _Tree:
     def _reduced(self, i: int, above: _Blocks, index: np.ndarray, parent: np.ndarray) -> _Blocks:
         """Return blocks of level i, summed from those of the level above."""
         step, buffers, u = self.steps[i], self.buffers, np.uint32
-        constants, launch, width = step.buffers, self.program.launch, self.width
+        constants, start, width = step.buffers, self.program.start, self.width
         n, n_m = len(index), step.n_frequencies
         centre_m = self._centres_m(step.level, index).astype(np.float32)
         rows, columns = _padded(step.n_rows, self.unit), _padded(step.n_columns, self.unit)
         row_left = _padded(step.rows_left, self.unit)
 
-        parents = buffers.upload(parent)
+        started: list[Callable[[], None]] = []
+        parents, centres = buffers.upload(parent), buffers.upload(centre_m)
         if i == 0:
             row_turns = buffers.upload(self._first_turns(step.row_antennas_m, centre_m))
             column_turns = buffers.upload(self._first_turns(step.column_antennas_m, centre_m))
-            held = [parents, row_turns, column_turns]
         else:
             row_turns = buffers.empty(8 * n * n_m * rows)
             column_turns = buffers.empty(8 * n * n_m * columns)
-            places = [buffers.upload(centre_m), buffers.upload(above.centre_m)]
             for name, count, turns in (
                 ("rows", rows, row_turns),
                 ("columns", columns, column_turns),
             ):
-                launch(
+                started.append(start(
                     "block_turns", (count // width, n), u(count), u(n), u(n_m), constants[name],
-                    constants["k"], *places, parents, turns,
-                )  # fmt: skip
-            held = [parents, row_turns, column_turns, *places]
+                    constants["k"], centres, above.centres, parents, turns,
+                ))  # fmt: skip
 
         swapped = buffers.empty(8 * n * n_m * step.n_columns * row_left)
-        launch(
+        started.append(start(
             "reduce_and_swap", (columns // width, n_m, n), u(columns), u(n_m), u(n),
             u(step.n_rows), u(row_left), u(step.n_columns), u(rows), above.g, parents, row_turns,
             constants["row_weights"], swapped,
-        )  # fmt: skip
+        ))  # fmt: skip
         reduced = buffers.empty(8 * n * n_m * step.columns_left * row_left)
-        launch(
+        started.append(start(
             "reduce_rows", (row_left // width, n_m, n), u(row_left), u(n_m), u(n),
             u(step.n_columns), u(step.columns_left), u(_padded(step.columns_left, ROW_TILE)),
             u(columns), swapped, column_turns, constants["column_weights"], reduced,
-        )  # fmt: skip
-        for buffer in [*held, swapped]:
-            buffers.release(buffer)
+        ))  # fmt: skip
         n_values = 2 * step.columns_left * row_left
         g = buffers.empty(4 * n * step.frequencies_left * n_values)
-        launch(
+        started.append(start(
             "reduce_frequencies", (n_values // width, n), u(n_values), u(n), u(n_m),
             u(step.frequencies_left), u(_padded(step.frequencies_left, ROW_TILE)), reduced,
             constants["frequency_weights"], g,
-        )  # fmt: skip
-        buffers.release(reduced)
-        return _Blocks(index, centre_m, g)
+        ))  # fmt: skip
+        for wait in started:
+            wait()
+        for buffer in (parents, row_turns, column_turns, swapped, reduced):
+            buffers.release(buffer)
+        return _Blocks(index, centre_m, centres, g)
 
     def _first_turns(self, antennas_m: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
         """Return the turns to the first block: whole lengths, so in float64."""
@@ -354,7 +362,6 @@ class _Tree:
         own = [
             self.buffers.upload(array)
             for array in (
-                blocks.centre_m,
                 (exact_m - blocks.centre_m).astype(np.float32),
                 (blocks.index * np.array(step.level.voxels)).astype(np.int32),
             )
@@ -363,8 +370,8 @@ class _Tree:
             "image_of_blocks", (n_voxels // self.width, n), u(n_voxels), u(n),
             u(step.frequencies_left), u(step.columns_left), u(step.rows_left),
             u(_padded(step.rows_left, self.unit)), *(u(c) for c in self.grid.counts),
-            blocks.g, leaf["offsets"], *own, leaf["place"], leaf["rows"], leaf["columns"],
-            leaf["k"], self.volume,
+            blocks.g, leaf["offsets"], blocks.centres, *own, leaf["place"], leaf["rows"],
+            leaf["columns"], leaf["k"], self.volume,
         )  # fmt: skip
         for buffer in own:
             self.buffers.release(buffer)
