@@ -76,7 +76,9 @@ class NearestHits:
         Of a tree that stays in its cache it gains nothing, and a GPU would wait for the host.
         """
         nodes, records, origins, _ = self._put
-        if self._device.info.kind != "cpu" or nodes.size + records.size < CACHE_BYTES:
+        info = self._device.info
+        waits = info.kind != "cpu" and not info.is_interpreter
+        if waits or nodes.size + records.size < CACHE_BYTES:
             return np.arange(n, dtype=np.uint32)
         self._program.launch("ray_cells", (n,), np.uint32(n), nodes, origins, self._cells)
         cells = self._buffers.read(self._cells, n, np.uint16)
