@@ -49,19 +49,26 @@ class _ExpectedOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expectations:
-    """Expected receptions of some samples, sorted by pair, then sample.
+    """Expected receptions of some samples, on the device, until the next ones are asked for.
 
     Attributes
     ----------
-    pair : ndarray, shape (n,), uint32
-    path : ndarray, shape (n, 4), float32
-        Length as hi + lo, metres; amplitude; unused.
+    start : ndarray, shape (n_tx * n_rx + 1,), uint32
+        The first path of each pair, and how many there are. A pair's are in the order of samples.
+    length : Buffer
+        float (n, 2): hi + lo, metres.
+    amplitude : Buffer
+        float (n)
+    longest_m : float, metres
+        No path of the scene is longer.
     statistics : TraceStatistics
         Without outgoing and absorbed rays: none is drawn.
     """
 
-    pair: np.ndarray
-    path: np.ndarray
+    start: np.ndarray
+    length: Any
+    amplitude: Any
+    longest_m: float
     statistics: TraceStatistics
 
 
@@ -83,6 +90,9 @@ class ExpectedTracer(LitSurface):
         )
         self._rx_columns = up(np.ascontiguousarray(antenna_rows(rx).T))
         self._tx_rows = up(antenna_rows(array.tx_m))
+        places = (self._scene.triangles_m.reshape(-1, 3), array.tx_m, array.rx_m)
+        point_m, *antennas_m = (np.linalg.norm(at, axis=1).max() for at in places)
+        self._longest_m = float(2 * point_m + sum(antennas_m))
         rules = np.concatenate([_rule(EDGE_NODES), _rule(FINE_NODES)])
         self._rule = up(rules.astype(np.float32))
         self._lobes = build(self.device, "lobes.cl", _LobeOptions(1, spreading))
@@ -98,8 +108,8 @@ class ExpectedTracer(LitSurface):
         per_sample = 44 + self._n_tx_groups
         free = min(self._buffers.free_bytes, 4 * self.device.max_buffer_bytes) - 8 * n_pairs
         room = min(BATCH_BYTES, max(0, free) // 2)
-        fits = room // (2 * shares + legs + 16 * n_pairs + per_sample + self._n_rx_groups)
-        largest = self.device.max_buffer_bytes // max(shares, 16 * n_pairs)
+        fits = room // (2 * shares + legs + 12 * n_pairs + per_sample + self._n_rx_groups)
+        largest = self.device.max_buffer_bytes // max(shares, 8 * n_pairs)
         batch = int(max(1, min(BATCH_SAMPLES, self.n_samples, fits, largest)))
         tile = int(max(1, min(TILE_SAMPLES, self.n_samples, max(0, free) // 4 // per_sample)))
         empty = self._buffers.empty
@@ -112,8 +122,10 @@ class ExpectedTracer(LitSurface):
         self._shares = empty(shares * batch)
         self._pending = empty(shares * batch)
         self._counts = empty(4 * self.array.n_tx * self._padded)
-        self._starts = empty(4 * n_pairs)
-        self._paths = empty(16 * n_pairs * batch)
+        self._starts = empty(4 * (n_pairs + 1))
+        # Eight at least, which the sum reads at a time.
+        self._length = self._buffers.zeros(8 * max(8, n_pairs * batch))
+        self._amplitude = self._buffers.zeros(4 * max(8, n_pairs * batch))
 
     def tiles(self, progress: Progress | None = None) -> Iterator[Expectations]:
         """Yield the expected receptions of all samples, batch by batch, sorted by pair."""
@@ -139,15 +151,12 @@ class ExpectedTracer(LitSurface):
 
     def _expectations(self, columns: list[np.ndarray], statistics: TraceStatistics) -> Expectations:
         count = len(columns[0])
-        counts = np.zeros(self.array.n_tx * self.array.n_rx, np.int64)
+        start = np.zeros(self.array.n_tx * self.array.n_rx + 1, np.uint32)
         if count:
-            counts = self._find_shares(columns, count)
-        total = int(counts.sum())
-        paths = np.zeros((0, 4), np.float32)
-        if total:
-            paths = self._emit(counts, count, total)
-        pair = np.repeat(np.arange(len(counts), dtype=np.uint32), counts)
-        return Expectations(pair, paths, statistics)
+            np.cumsum(self._find_shares(columns, count), out=start[1:])
+        if start[-1]:
+            self._emit(start, count)
+        return Expectations(start, self._length, self._amplitude, self._longest_m, statistics)
 
     def _find_shares(self, columns: list[np.ndarray], count: int) -> np.ndarray:
         s, array, u = self.settings, self.array, np.uint32
@@ -178,16 +187,15 @@ class ExpectedTracer(LitSurface):
         counts = self._buffers.read(self._counts, (array.n_tx, self._padded), np.float32)
         return counts[:, : array.n_rx].ravel().astype(np.int64)
 
-    def _emit(self, counts: np.ndarray, count: int, total: int) -> np.ndarray:
+    def _emit(self, start: np.ndarray, count: int) -> None:
         array, u = self.array, np.uint32
-        self._buffers.write(self._starts, (np.cumsum(counts) - counts).astype(np.uint32))
+        self._buffers.write(self._starts, start)
         self._expected.launch(
             "expected_paths", (self._padded // self.device.width, array.n_tx), u(count),
             u(array.n_tx), u(array.n_rx), u(self._padded),
             np.float32(self.settings.rays_per_sample), self._discs, self._tx_lobes, self._shares,
-            self._starts, self._paths,
+            self._starts, self._length, self._amplitude,
         )  # fmt: skip
-        return self._buffers.read(self._paths, (total, 4), np.float32)
 
 
 def _rule(nodes: int) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.expected import ExpectedTracer
+from clradar.expected import Expectations, ExpectedTracer
 from clradar.length_blocks import MOMENTS, length_blocks
 from clradar.model import AntennaArray, Capture, Paths, Scene, TraceStatistics, Waveform, checks
 from clradar.normals import CREASE_DEG
@@ -29,6 +29,7 @@ GROUP_PAIRS = 16
 @dataclass(frozen=True, slots=True)
 class _SynthesizeOptions:
     width: int
+    in_parts: bool
 
 
 def synthesize(
@@ -150,13 +151,18 @@ def simulate(
     n_paths = 0
     tracer_type = ExpectedTracer if settings.estimator == "expected" else Tracer
     with (
-        PhasorSum(array, waveform, opened) as total,
+        # The sum, which may be using the tracer's memory, ends first.
         tracer_type(scene, array, settings, opened) as tracer,
+        PhasorSum(array, waveform, opened, settings.estimator == "expected") as total,
     ):
         for tile in tracer.tiles(progress):
-            total.add(tile.pair, tile.path)
+            if isinstance(tile, Expectations):
+                total.add_on_device(tile.start, tile.length, tile.amplitude, tile.longest_m)
+                n_paths += int(tile.start[-1])
+            else:
+                total.add(tile.pair, tile.path)
+                n_paths += len(tile.pair)
             statistics = statistics + tile.statistics
-            n_paths += len(tile.pair)
         data = total.result()
     meta = simulated_meta(scene, settings, statistics, n_paths, opened)
     return Capture(data, array, waveform, meta)
@@ -198,17 +204,20 @@ class PhasorSum:
     """The running sum of one capture on a device.
 
     A context manager. Where the state of all pairs exceeds the device's memory, that of a part of
-    them is there at a time, and the parts stay on the host between calls.
+    them is there at a time, and the parts stay on the host between calls. `on_device`: whether
+    paths come from a kernel (`add_on_device`) or from the host (`add`, `add_columns`).
     """
 
-    def __init__(self, array: AntennaArray, waveform: Waveform, device: Device) -> None:
+    def __init__(
+        self, array: AntennaArray, waveform: Waveform, device: Device, on_device: bool = False
+    ) -> None:
         self._array, self._device, self._waveform = array, device, waveform
         self._n_pairs = array.n_tx * array.n_rx
         self._width = device.width
         self._n_columns = -(-waveform.n_freq // self._width) * self._width
         self._blocks = length_blocks(waveform)
         self._buffers = Buffers(device)
-        self._program = build(device, "synthesize.cl", _SynthesizeOptions(self._width))
+        self._program = build(device, "synthesize.cl", _SynthesizeOptions(self._width, on_device))
         self._running: list[Any] = []
 
     def __enter__(self) -> PhasorSum:
@@ -272,7 +281,12 @@ class PhasorSum:
         ModelError
             A path of more than 2^21 wavelengths.
         """
-        longest_m = length_m.max(initial=0.0)
+        self._check_length(length_m.max(initial=0.0))
+        for at in range(0, len(pair), self._call_paths):
+            part = slice(at, at + self._call_paths)
+            self._add_call(pair[part], length_m[part], amplitude[part])
+
+    def _check_length(self, longest_m: float) -> None:
         if longest_m > self._blocks.longest_m:
             checks.fail(
                 "paths",
@@ -280,28 +294,57 @@ class PhasorSum:
                 f"{self._waveform.frequencies_hz[-1]:g} Hz)",
                 f"{longest_m:g} m",
             )
-        for at in range(0, len(pair), self._call_paths):
-            part = slice(at, at + self._call_paths)
-            self._add_call(pair[part], length_m[part], amplitude[part])
 
     def _add_call(self, pair: np.ndarray, length_m: np.ndarray, amplitude: np.ndarray) -> None:
         if len(pair) < self._width:  # the kernel reads as many as it has lanes
             fill = (0, self._width - len(pair))
             length_m, amplitude = np.pad(length_m, fill), np.pad(amplitude, fill)
         columns = [self._buffers.borrow(length_m), self._buffers.borrow(amplitude)]
+        first, stop = int(pair[0]), int(pair[-1]) + 1
+        starts = np.searchsorted(pair, np.arange(first, stop + 1, dtype=pair.dtype))
+        self._start(starts.astype(np.uint32), first, len(length_m), columns, columns)
+
+    def add_on_device(
+        self, start: np.ndarray, length: Any, amplitude: Any, longest_m: float
+    ) -> None:
+        """Add paths that a kernel wrote; the commands that follow may overwrite them.
+
+        Parameters
+        ----------
+        start : ndarray, shape (n_pairs + 1,), uint32
+            The first path of each pair, and how many there are.
+        length : Buffer
+            float (n, 2): hi + lo, metres; like `amplitude` of no fewer than eight paths.
+        amplitude : Buffer
+            float (n)
+        longest_m : float, metres
+            No path is longer.
+
+        Raises
+        ------
+        ModelError
+            More than 2^21 wavelengths.
+        """
+        self._check_length(longest_m)
+        total = max(int(start[-1]), self._width)
+        self._start(start, 0, total, [length, amplitude], [])
+
+    def _start(
+        self, starts: np.ndarray, at: int, total: int, columns: list[Any], borrowed: list[Any]
+    ) -> None:
+        """Add paths of successive pairs from `at` on; `borrowed` is let go of when that is done."""
         for part in self._slices:
-            first, stop = max(part.first, int(pair[0])), min(part.stop, int(pair[-1]) + 1)
+            first, stop = max(part.first, at), min(part.stop, at + len(starts) - 1)
             if first >= stop:
                 continue
-            starts = np.searchsorted(pair, np.arange(first, stop + 1, dtype=pair.dtype))
-            start = self._buffers.borrow(starts.astype(np.uint32))
+            start = self._buffers.borrow(starts[first - at : stop - at + 1])
             self._fetch(part)
             wait = self._program.start(
                 "add_paths",
                 (stop - first,),
                 np.uint32(part.stop - part.first),
                 np.uint32(first - part.first),
-                np.uint32(len(length_m)),
+                np.uint32(total),
                 np.uint32(self._n_columns),
                 np.uint32(self._blocks.n_slots),
                 np.float32(self._blocks.block_m),
@@ -317,12 +360,12 @@ class PhasorSum:
             if len(self._slices) == 1:
                 # While it runs the host can prepare the next call.
                 self._finish_call()
-                self._running = [wait, *columns, start]
+                self._running = [wait, *borrowed, start]
                 return
             wait()
             self._store(part)
             self._buffers.release(start)
-        for column in columns:
+        for column in borrowed:
             self._buffers.release(column)
 
     def _finish_call(self) -> None:

@@ -219,12 +219,13 @@ __kernel void expected_shares(const uint n_samples, const uint n_tx, const uint 
 }
 
 /* start  uint (n_tx * n_rx + 1)  first path of each pair
- * path   float (n_paths, 4)      out: length hi, length lo, amplitude, unused; metres */
+ * length     float (n_paths, 2)  out: hi and lo, metres
+ * amplitude  float (n_paths)     out */
 __kernel void expected_paths(const uint n_samples, const uint n_tx, const uint n_rx,
                              const uint n_padded, const float rays,
                              __global const float *direction, __global const float *tx_lobe,
                              __global const float *share, __global const uint *start,
-                             __global float *path) {
+                             __global float *length, __global float *amplitude) {
     const uint block = (uint)get_global_id(0), tx = (uint)get_global_id(1);
     if (block * CLR_WIDTH >= n_padded || tx >= n_tx) return;
     const uint first = block * CLR_WIDTH;
@@ -244,20 +245,19 @@ __kernel void expected_paths(const uint n_samples, const uint n_tx, const uint n
         there.lo = (realw)(t[12]);
         back.hi = LOADW(row + 4 * n_padded);
         back.lo = LOADW(row + 5 * n_padded);
-        const dual length = dual_add(there, back);
-        const realw amplitude = p * LOADW(row + 6 * n_padded) * (rays * t[13]);
+        const dual d = dual_add(there, back);
+        const realw a = p * LOADW(row + 6 * n_padded) * (rays * t[13]);
 #if CLR_WIDTH == 8
-#define EMIT(n) EMIT_ONE(n, p.s##n, length.hi.s##n, length.lo.s##n, amplitude.s##n)
+#define EMIT(n) EMIT_ONE(n, p.s##n, d.hi.s##n, d.lo.s##n, a.s##n)
 #else
-#define EMIT(n) EMIT_ONE(n, p, length.hi, length.lo, amplitude)
+#define EMIT(n) EMIT_ONE(n, p, d.hi, d.lo, a)
 #endif
-#define EMIT_ONE(n, p, hi, lo, a)                          \
-    if (p > LEAST_SHARE) {                                 \
-        __global float *to = path + 4 * (size_t)next[n]++; \
-        to[0] = hi;                                        \
-        to[1] = lo;                                        \
-        to[2] = a;                                         \
-        to[3] = 0.0f;                                      \
+#define EMIT_ONE(n, p, hi, lo, a)      \
+    if (p > LEAST_SHARE) {             \
+        const size_t at = next[n]++;   \
+        length[2 * at] = hi;           \
+        length[2 * at + 1] = lo;       \
+        amplitude[at] = a;             \
     }
         EMIT(0)
 #if CLR_WIDTH == 8

@@ -12,6 +12,10 @@
  * its pair, in the order of the pair's paths, and the state is kept between calls: the result is the same
  * to the bit however the paths are split into calls. Moments and sums are hi + lo, so a million equal paths do
  * not drift. */
+#ifndef CLR_IN_PARTS
+#error "CLR_IN_PARTS (1 where lengths come as hi + lo) is missing"
+#endif
+
 #include "common/phase.h"
 
 #define MOMENTS 8
@@ -107,6 +111,18 @@ static inline dual split(const intw upper, const intw lower) {
     return r;
 }
 
+/* Lengths as they come: float64 from the host, or hi + lo from another kernel, in as many bytes. */
+static inline dual taken(const intw upper, const intw lower) {
+#if CLR_IN_PARTS
+    dual r;
+    r.hi = AS_REALW(lower);
+    r.lo = AS_REALW(upper);
+    return r;
+#else
+    return split(upper, lower);
+#endif
+}
+
 #if CLR_WIDTH == 8
 typedef struct __attribute__((packed)) {
     int8 v;
@@ -115,12 +131,12 @@ typedef struct __attribute__((packed)) {
 static inline dual load_lengths(__global const int2 *p) {
     const int8 a = ((__global const loose_int8 *)p)->v;
     const int8 b = ((__global const loose_int8 *)(p + 4))->v;
-    return split((int8)(a.s1, a.s3, a.s5, a.s7, b.s1, b.s3, b.s5, b.s7),
+    return taken((int8)(a.s1, a.s3, a.s5, a.s7, b.s1, b.s3, b.s5, b.s7),
                  (int8)(a.s0, a.s2, a.s4, a.s6, b.s0, b.s2, b.s4, b.s6));
 }
 #else
 static inline dual load_lengths(__global const int2 *p) {
-    return split(p->y, p->x);
+    return taken(p->y, p->x);
 }
 #endif
 
@@ -136,7 +152,8 @@ static inline dual load_lengths(__global const int2 *p) {
  *
  * Item = one pair: first_pair + its index in this call.
  * start      uint (items + 1)            first path of each pair in this call
- * length     int2 (n_paths)              float64 metres as lower and upper 32 bits
+ * length     int2 (n_paths)              float64 metres as lower and upper 32 bits, or, where CLR_IN_PARTS is 1,
+ *                                        float2: metres as hi + lo
  * amplitude  float (n_paths)
  * per_half_block  2 / W
  * k_hi, k_lo  k as hi + lo */

@@ -4,6 +4,7 @@ one."""
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ import clradar
 from clradar import AntennaArray, Scene, Waveform, reference
 from clradar.errors import ModelError
 from clradar.expected import ExpectedTracer
-from clradar.trace import resolve_settings, samples_per_face
+from clradar.trace import TraceSettings, resolve_settings, samples_per_face
 
 module = importlib.import_module("clradar.expected")
 
@@ -105,6 +106,21 @@ MEAN_TOLERANCE = 1e-3
 """Of the sum of all probabilities: 6e-4 at worst, and the reference's."""
 
 
+def expectations(
+    scene: Scene, array: AntennaArray, settings: TraceSettings, device
+) -> Iterator[tuple[np.ndarray, ...]]:
+    """Yield pair, length and amplitude of some paths at a time, as the phasor sum gets them."""
+    with ExpectedTracer(scene, array, settings, device) as tracer:
+        for tile in tracer.tiles():
+            assert len(tile.start) == array.n_tx * array.n_rx + 1
+            assert tile.start[0] == 0
+            n = int(tile.start[-1])
+            pair = np.repeat(np.arange(array.n_tx * array.n_rx), np.diff(tile.start.astype(int)))
+            length = tracer._buffers.read(tile.length, (n, 2), np.float32).astype(float).sum(axis=1)
+            assert length.max(initial=0.0) <= tile.longest_m
+            yield pair, length, tracer._buffers.read(tile.amplitude, n, np.float32)
+
+
 def shares(scene: Scene, device, **arguments) -> np.ndarray:
     """What the kernel finds, as the reference orders it: (n_samples, n_tx, n_rx)."""
     settings = resolve_settings(rays_per_sample=1, estimator="expected", **arguments)
@@ -114,16 +130,14 @@ def shares(scene: Scene, device, **arguments) -> np.ndarray:
         scene, FEW, counts, **{k: getattr(settings, k) for k in names}
     )
     found = np.zeros_like(wanted)
-    with ExpectedTracer(scene, FEW, settings, device) as tracer:
-        for tile in tracer.tiles():
-            assert (np.diff(tile.pair.astype(int)) >= 0).all()
-            for pair, path in zip(tile.pair, tile.path, strict=True):
-                tx, rx = divmod(int(pair), FEW.n_rx)
-                off = np.abs(length[:, tx, rx] - (float(path[0]) + float(path[1])))
-                s = int(off.argmin())
-                assert off[s] < 1e-7  # a sample's coordinates in float32, twice
-                assert found[s, tx, rx] == 0
-                found[s, tx, rx] = path[2]
+    for tile in expectations(scene, FEW, settings, device):
+        for pair, length_m, share in zip(*tile, strict=True):
+            tx, rx = divmod(int(pair), FEW.n_rx)
+            off = np.abs(length[:, tx, rx] - length_m)
+            s = int(off.argmin())
+            assert off[s] < 1e-7  # a sample's coordinates in float32, twice
+            assert found[s, tx, rx] == 0
+            found[s, tx, rx] = share
     peak = wanted.max()
     assert peak > 0
     assert np.abs(found - wanted).max() <= SHARE_TOLERANCE * peak
@@ -178,11 +192,10 @@ def check_mean(scene: Scene, device, rays: int = 1500, **arguments) -> None:
     found = np.bincount(paths.pair, minlength=n_pairs)
     mean, variance = np.zeros((2, n_pairs))
     settings = resolve_settings(estimator="expected", **common)
-    with ExpectedTracer(scene, ARRAY, settings, device) as tracer:
-        for tile in tracer.tiles():
-            share = tile.path[:, 2].astype(float) / rays
-            mean += np.bincount(tile.pair, rays * share, n_pairs)
-            variance += np.bincount(tile.pair, rays * share * (1 - share), n_pairs)
+    for pair, _, amplitude in expectations(scene, ARRAY, settings, device):
+        share = amplitude.astype(float) / rays
+        mean += np.bincount(pair, rays * share, n_pairs)
+        variance += np.bincount(pair, rays * share * (1 - share), n_pairs)
     often = variance > 5
     assert often.sum() >= 10
     z = (found - mean)[often] / np.sqrt(variance[often])
@@ -261,10 +274,9 @@ def from_the_plate(scene: Scene, array: AntennaArray, device, **common) -> tuple
     """Expected and drawn receptions per Rx by way of a plate at 0.3 m, not of what is nearer."""
     settings = resolve_settings(estimator="expected", **common)
     mean = np.zeros(array.n_rx)
-    with ExpectedTracer(scene, array, settings, device) as tracer:
-        for tile in tracer.tiles():
-            far = tile.path[:, 0] > 0.55
-            mean += np.bincount(tile.pair[far], tile.path[far, 2], array.n_rx)
+    for pair, length_m, amplitude in expectations(scene, array, settings, device):
+        far = length_m > 0.55
+        mean += np.bincount(pair[far], amplitude[far], array.n_rx)
     paths = clradar.trace(scene, array, device=device, **common)
     return mean, np.bincount(paths.rx[paths.length_m > 0.55], minlength=array.n_rx)
 
