@@ -795,6 +795,7 @@ def test_the_command_refuses_in_one_line_and_writes_nothing(
         (("--rig-unit", "mm"), "--rig-unit"),
         (("--mapping", "m.toml"), "--rig"),
         (("--rig", "hand.glb", "--left"), "--rig-hand"),
+        (("--rig", "hand.glb", "--device", "pocl"), "--device"),
         (("--rig", "hand.glb", "--edge-mm", "2"), "as it is"),
         (("--rig", "hand.glb", "--rig-unit", "ell"), "--rig-unit"),
         (("--rig", "hand.glb", "--rig-hand", "both"), "right or left"),

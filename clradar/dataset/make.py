@@ -51,7 +51,7 @@ def make_sample(recipe: Mapping[str, Any], device: Device | str | None = None) -
     """
     products = recipe["products"]
     arrays: dict[str, np.ndarray] = {}
-    mesh = placed_hand(recipe)
+    mesh = placed_hand(recipe, device)
     if "joints" in products:
         arrays["joints"] = mesh.joints_m
     if "mesh" in products:
@@ -83,7 +83,7 @@ def make_sample(recipe: Mapping[str, Any], device: Device | str | None = None) -
     return Sample(recipe, arrays)
 
 
-def placed_hand(recipe: Mapping[str, Any]) -> HandMesh:
+def placed_hand(recipe: Mapping[str, Any], device: Device | str | None = None) -> HandMesh:
     """Return the hand where the recipe puts it, metres, antenna frame."""
     hand, place = recipe["hand"], recipe["placement"]
     pose = pose_of(recipe["pose"])
@@ -97,6 +97,7 @@ def placed_hand(recipe: Mapping[str, Any]) -> HandMesh:
             handedness=hand["handedness"],
             center_m=origin_m,
             shape=shape_of(hand["shape"]),
+            device=device,
         )
     matrix = rotation(place["rotation_rad"])
     centre_m = np.asarray(place["center_m"])
