@@ -170,6 +170,8 @@ def command(
         mesh = posed_rig(opened, posed, theta, center_m)
         shown = f"theta of {theta}" if theta is not None else f"'{pose}'"
         what = f"{rig}: {described(opened)}, {shown}"
+    if not np.isfinite(turn_deg):
+        raise wrong_usage("--turn-deg", f"expected an angle in degrees, got {turn_deg:g}")
     mesh = turned(mesh, turn_deg, center_m)
     save_hand(output, mesh, force=force)
     if joints is not None:
