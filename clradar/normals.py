@@ -10,6 +10,10 @@ from clradar.model import Scene, checks
 CREASE_DEG = 30.0
 """Faces that meet at more than this angle keep an edge between them."""
 
+KNOWN_DEG = 60.0
+"""Normals that a scene has are used at faces that are tilted against them by no more. At a vertex
+in a fold between two surfaces that touch, the normal is that of one of them."""
+
 
 def corner_normals(
     scene: Scene, normals: str = "smooth", crease_deg: float = CREASE_DEG
@@ -22,7 +26,8 @@ def corner_normals(
     normals : "smooth" or "face"
         "smooth": the average, weighted by corner angle, over the faces around the vertex that are
         connected to this face by edges at which they meet at no more than `crease_deg`. Vertices at
-        the same place count as one, whatever the file says. "face": the face's own normal.
+        the same place count as one, whatever the file says. Where the scene has a normal that is no
+        more than `KNOWN_DEG` off that of the face, it is that one. "face": the face's own normal.
     crease_deg : float, degrees, 0 to 180
 
     Returns
@@ -61,7 +66,18 @@ def corner_normals(
     with np.errstate(invalid="ignore", divide="ignore"):
         smooth = np.where(norm > 1e-9, total / norm, 0.0)[group].reshape(-1, 3, 3)
     cancelled = (np.abs(smooth).sum(axis=2) == 0)[:, :, None]
-    return np.where(cancelled, flat, smooth), face_normal
+    found = np.where(cancelled, flat, smooth)
+    return _known(scene, found, face_normal), face_normal
+
+
+def _known(scene: Scene, found: np.ndarray, face_normal: np.ndarray) -> np.ndarray:
+    """Return the scene's own normals where it has them and they fit the face, `found` elsewhere."""
+    if scene.normals is None:
+        return found
+    given = scene.normals[scene.faces]
+    cosine = np.einsum("fka,fa->fk", given, face_normal)[:, :, None]
+    fits = np.abs(cosine) >= np.cos(np.radians(KNOWN_DEG))
+    return np.where(fits, np.sign(cosine) * given, found)
 
 
 def _smooth_corner_pairs(

@@ -152,7 +152,9 @@ def test_a_sample_is_what_its_parts_give_by_themselves(made: Path) -> None:
     vertices_m = mesh.vertices_m @ turn.T + place["center_m"]
     joints_m = mesh.joints_m @ turn.T + place["center_m"]
     alpha = {name: wanted["alpha"][name] for name in mesh.part_names}
-    scene = clradar.Scene(vertices_m, mesh.faces, 0.5, mesh.part, mesh.part_names).with_alpha(alpha)
+    scene = clradar.Scene(
+        vertices_m, mesh.faces, 0.5, mesh.part, mesh.part_names, mesh.normals @ turn.T
+    ).with_alpha(alpha)
     array = clradar.arrays.qar50()
     array = clradar.AntennaArray(array.tx_m[::8], array.rx_m[::8], "thinned")
     waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)

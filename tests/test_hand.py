@@ -210,9 +210,8 @@ def test_coarse_surfaces_keep_their_shape(pose, edge_length_m):
 @pytest.mark.parametrize("pose", ALL_POSES)
 def test_vertices_lie_on_the_flesh_and_normals_agree_with_it(pose):
     posed = POSES[pose]
-    vertices_m, faces, joints_m, _ = _right_hand(
-        posed, DEFAULT_EDGE_LENGTH_M, AVERAGE, clradar.open_device()
-    )
+    mesh = _right_hand(posed, DEFAULT_EDGE_LENGTH_M, AVERAGE, clradar.open_device())
+    vertices_m, faces, joints_m = mesh.vertices_m, mesh.faces, mesh.joints_m
     bones = posed_skeleton(posed)
     flesh = grown_flesh(bones)
     # The cached surface is centred on its box; the wrist is the origin of the flesh's frame.
@@ -232,6 +231,12 @@ def test_vertices_lie_on_the_flesh_and_normals_agree_with_it(pose):
     # folds at webs and at the contact are sharper, hence the share.
     assert (cosine > 0.985).mean() > 0.98
     assert (cosine > 0.0).all()
+    # The surface's own normals are the field's slope where the vertices are.
+    outward = gradients(flesh, own_m) @ bones.frames[0].T
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    cosine = np.einsum("ij,ij->i", mesh.normals, outward)
+    # Where two parts are equally near, a rounding decides whose slope it is.
+    assert (cosine > 1 - 1e-6).mean() > 0.999
 
 
 def test_hand_stands_inside_the_imaging_volume():

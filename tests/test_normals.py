@@ -151,3 +151,20 @@ def test_three_faces_at_one_edge():
 def test_what_cannot_be_meant_is_refused(arguments, message):
     with pytest.raises(ModelError, match=message):
         corner_normals(Scene(*MESHES["box"]), *arguments)
+
+
+def test_known_normals_are_used_where_they_fit_the_face():
+    vertices, faces = sphere((0, 0, 0.3), 0.05, 1)
+    exact = (vertices - [0, 0, 0.3]) / 0.05
+    found = corner_normals(Scene(vertices, faces))[0]
+    sense = np.where(np.arange(len(vertices)) % 2, -1.0, 1.0)[:, None]
+    known = exact * sense  # of either sense
+    known[3] = 0.0
+    tilted = np.cross(exact[5], [0.3, 0.4, 0.5])
+    known[5] = tilted / np.linalg.norm(tilted)  # 90 degrees off
+    corners = corner_normals(Scene(vertices, faces, normals=known))[0]
+    other = np.isin(faces, (3, 5))
+    np.testing.assert_array_equal(corners[other], found[other])
+    np.testing.assert_allclose(corners[~other], exact[faces][~other], atol=1e-12)
+    flat = corner_normals(Scene(vertices, faces, normals=known), "face")[0]
+    np.testing.assert_array_equal(flat, corner_normals(Scene(vertices, faces), "face")[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 from pathlib import Path
 from typing import Any
@@ -302,3 +303,68 @@ def test_the_digest_tells_scenes_apart() -> None:
     assert scene.digest() == Scene.from_mesh(box()).digest()
     assert scene.digest() != Scene.from_mesh(box(1e-9)).digest()
     assert scene.digest() != scene.with_alpha(0.4).digest()
+
+
+# Normals of the surface that the faces stand for
+
+
+def ellipsoid() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices and faces of a unit sphere, the matrix that makes it one, and its normals."""
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    turn = trimesh.transformations.rotation_matrix(0.7, [1.0, 2.0, 3.0])
+    matrix = turn @ np.diag([-0.2, 0.1, 0.05, 1.0])  # mirrored
+    matrix[:3, 3] = [0.1, 0.0, 0.3]
+    inner = (ball.vertices @ matrix[:3, :3].T) @ np.linalg.inv(matrix[:3, :3] @ matrix[:3, :3].T)
+    return (
+        np.asarray(ball.vertices),
+        np.asarray(ball.faces),
+        matrix,
+        inner / np.linalg.norm(inner, axis=1, keepdims=True),
+    )
+
+
+def test_normals_are_transformed_with_the_surface() -> None:
+    vertices, faces, matrix, normals = ellipsoid()
+    ball = Scene(vertices, faces, normals=vertices)
+    np.testing.assert_allclose(ball.transformed(matrix).normals, normals, atol=1e-12)
+
+    class Smooth:
+        normals = vertices
+
+        def to_trimesh(self) -> trimesh.Trimesh:
+            return trimesh.Trimesh(vertices, faces, process=False)
+
+    made = Scene.from_mesh(Smooth(), transform=matrix)
+    np.testing.assert_allclose(made.normals, normals, atol=1e-12)
+    assert Scene.from_mesh(Smooth().to_trimesh()).normals is None
+
+
+def test_normals_that_are_not_known_stay_so() -> None:
+    vertices, faces, matrix, normals = ellipsoid()
+    known = normals.copy()
+    known[::3] = 0.0
+    some = Scene(vertices, faces, normals=known)
+    assert (some.transformed(matrix).normals[::3] == 0).all()
+    plain = Scene(vertices, faces)
+    both = Scene.combine([plain, some])
+    assert (both.normals[: len(vertices)] == 0).all()
+    np.testing.assert_array_equal(both.normals[len(vertices) :], known)
+    assert Scene.combine([plain, plain]).normals is None
+
+
+def test_normals_of_another_length_are_refused() -> None:
+    vertices, faces, _, normals = ellipsoid()
+    wrong = normals.copy()
+    wrong[7] *= 1.1
+    with pytest.raises(ModelError, match=r"Scene.normals: expected unit length, or 0, got .* 7$"):
+        Scene(vertices, faces, normals=wrong)
+    with pytest.raises(ModelError, match=r"Scene.normals: .*shape"):
+        Scene(vertices, faces, normals=normals[1:])
+
+
+def test_normals_count_in_the_digest_and_survive_pickling() -> None:
+    vertices, faces, _, normals = ellipsoid()
+    scene = Scene(vertices, faces, normals=normals)
+    assert scene.digest() != Scene(vertices, faces).digest()
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(scene)).normals, normals)
+    np.testing.assert_array_equal(scene.with_alpha(0.1).normals, normals)

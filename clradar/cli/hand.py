@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
@@ -202,9 +201,7 @@ def turned(mesh: HandMesh, angle_deg: float, center_m: Sequence[float]) -> HandM
     cosine, sine = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     matrix = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
     centre_m = np.asarray(center_m, dtype=np.float64)
-    vertices_m = (mesh.vertices_m - centre_m) @ matrix.T + centre_m
-    joints_m = (mesh.joints_m - centre_m) @ matrix.T + centre_m
-    return replace(mesh, vertices_m=vertices_m, joints_m=joints_m)
+    return mesh.moved(np.eye(3), -centre_m).moved(matrix, centre_m)
 
 
 def save_hand(path: Path, mesh: HandMesh, *, force: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -101,11 +101,7 @@ def placed_hand(recipe: Mapping[str, Any], device: Device | str | None = None) -
         )
     matrix = rotation(place["rotation_rad"])
     centre_m = np.asarray(place["center_m"])
-    return replace(
-        mesh,
-        vertices_m=_moved(mesh.vertices_m, matrix, centre_m),
-        joints_m=_moved(mesh.joints_m, matrix, centre_m),
-    )
+    return mesh.moved(matrix, centre_m)
 
 
 def posed_rig(record: Mapping[str, Any], pose: HandPose, handedness: str) -> HandMesh:
@@ -114,13 +110,7 @@ def posed_rig(record: Mapping[str, Any], pose: HandPose, handedness: str) -> Han
     mesh = rig.posed(pose, center_m=(0.0, 0.0, 0.0))
     if rig.handedness == handedness:
         return mesh
-    mirror = np.array([-1.0, 1.0, 1.0])
-    return replace(
-        mesh,
-        vertices_m=mesh.vertices_m * mirror,
-        joints_m=mesh.joints_m * mirror,
-        faces=mesh.faces[:, [0, 2, 1]],  # a mirror turns triangles inside out
-    )
+    return mesh.moved(np.diag([-1.0, 1.0, 1.0]), np.zeros(3))
 
 
 @lru_cache(maxsize=4)
@@ -152,17 +142,10 @@ def rotation(angles_rad: Any) -> np.ndarray:
     return turn_z @ turn_y @ turn_x
 
 
-def _moved(points_m: np.ndarray, matrix: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    # Written out: what a library for matrices does may depend on its number of threads.
-    x, y, z = points_m.T
-    turned = [m[0] * x + m[1] * y + m[2] * z for m in matrix]
-    return np.stack(turned, axis=1) + centre_m
-
-
 def scene_of(mesh: HandMesh, alpha: Mapping[str, float]) -> Scene:
     """Return the scene of a hand whose parts have these alphas."""
     values = np.array([alpha[name] for name in mesh.part_names])[mesh.part]
-    return Scene(mesh.vertices_m, mesh.faces, values, mesh.part, mesh.part_names)
+    return Scene(mesh.vertices_m, mesh.faces, values, mesh.part, mesh.part_names, mesh.normals)
 
 
 def recorded(recipe: Mapping[str, Any], scene: Scene, device: Device | str | None) -> Capture:

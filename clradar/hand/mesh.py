@@ -52,6 +52,9 @@ class HandMesh:
         For each face, the index into `part_names` of the part it belongs to.
     part_names : tuple of str
         Names of the parts: palm, thumb, index, middle, ring, pinky.
+    normals : array_like, shape (V, 3), float64, optional
+        Outward unit normals of the surface that the faces stand for, at each vertex; None for a rig
+        of one's own.
     """
 
     vertices_m: np.ndarray
@@ -59,6 +62,7 @@ class HandMesh:
     joints_m: np.ndarray
     part: np.ndarray
     part_names: tuple[str, ...] = PART_NAMES
+    normals: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         vertices_m = checks.read_only("HandMesh.vertices_m", self.vertices_m, np.float64, (None, 3))
@@ -80,7 +84,11 @@ class HandMesh:
                 f"indices in [0, {len(part_names) - 1}]",
                 f"[{part.min()}, {part.max()}]",
             )
+        normals = self.normals
+        if normals is not None:
+            normals = checks.read_only("HandMesh.normals", normals, np.float64, vertices_m.shape)
         for name, value in (
+            ("normals", normals),
             ("vertices_m", vertices_m),
             ("faces", faces),
             ("joints_m", joints_m),
@@ -89,6 +97,25 @@ class HandMesh:
         ):
             object.__setattr__(self, name, value)
 
+    def moved(self, matrix: np.ndarray, shift_m: np.ndarray) -> HandMesh:
+        """Return the mesh turned, or mirrored, and then shifted.
+
+        Parameters
+        ----------
+        matrix : ndarray, shape (3, 3)
+            Orthogonal.
+        shift_m : ndarray, shape (3,), metres
+        """
+        normals = None if self.normals is None else _turned(self.normals, matrix)
+        return replace(
+            self,
+            vertices_m=_turned(self.vertices_m, matrix) + shift_m,
+            joints_m=_turned(self.joints_m, matrix) + shift_m,
+            # A mirror image turns every triangle inside out; exchanging two corners turns it back.
+            faces=self.faces if np.linalg.det(matrix) > 0 else self.faces[:, [0, 2, 1]],
+            normals=normals,
+        )
+
     def to_trimesh(self) -> trimesh.Trimesh:
         """Return the surface as a `trimesh.Trimesh` in metres, vertices and faces in this order."""
         import trimesh
@@ -96,6 +123,12 @@ class HandMesh:
         return trimesh.Trimesh(
             vertices=np.array(self.vertices_m), faces=np.array(self.faces), process=False
         )
+
+
+def _turned(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    # Written out: what a library for matrices does may depend on its number of threads.
+    x, y, z = vectors.T
+    return np.stack([m[0] * x + m[1] * y + m[2] * z for m in matrix], axis=1)
 
 
 def hand_joints(
@@ -176,19 +209,13 @@ def hand_mesh(
     centre_m = checks.read_only("center_m", center_m, np.float64, (3,))
     checks.instance("shape", shape, HandShape)
 
-    vertices_m, faces, joints_m, part = _right_hand(posed, spacing_m, shape, open_device(device))
-    if handedness == "left":
-        mirror = np.array([-1.0, 1.0, 1.0])
-        # A mirror image turns every triangle inside out; exchanging two corners turns it back.
-        vertices_m, joints_m, faces = vertices_m * mirror, joints_m * mirror, faces[:, [0, 2, 1]]
-    return HandMesh(vertices_m + centre_m, faces, joints_m + centre_m, part)
+    right = _right_hand(posed, spacing_m, shape, open_device(device))
+    return right.moved(np.diag([-1.0 if handedness == "left" else 1.0, 1.0, 1.0]), centre_m)
 
 
 @lru_cache(maxsize=4)
-def _right_hand(
-    pose: HandPose, spacing_m: float, shape: HandShape, device: Device
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return vertices, faces, joints and parts of a right hand with its box around the origin."""
+def _right_hand(pose: HandPose, spacing_m: float, shape: HandShape, device: Device) -> HandMesh:
+    """Return a right hand with its box around the origin."""
     # Sampled before the wrist turns it: the same fingers get the same triangles however the hand is
     # held, in the smallest box.
     unturned = replace(pose, joints={j: a for j, a in pose.joints.items() if j != "wrist"})
@@ -197,12 +224,11 @@ def _right_hand(
         field = FleshField(grown_flesh(bones), spacing_m, buffers)
         vertices_m, faces = _surface(field, spacing_m)
         part = field.nearest_parts(vertices_m[faces].mean(axis=1))
+        normals = _unit_vectors(field.gradients(vertices_m))
     vertices_m = vertices_m @ turned.frames[0].T
+    normals = normals @ turned.frames[0].T
     centre_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
-    result = (vertices_m - centre_m, faces, turned.joints_m - centre_m, part)
-    for array in result:
-        array.flags.writeable = False
-    return result
+    return HandMesh(vertices_m - centre_m, faces, turned.joints_m - centre_m, part, normals=normals)
 
 
 def _surface(field: FleshField, spacing_m: float) -> tuple[np.ndarray, np.ndarray]:

@@ -36,11 +36,15 @@ class Scene:
         Index into `part_names` of each face.
     part_names : tuple of str
         Unique names of the parts.
+    normals : array_like, shape (n_vertices, 3), float64, optional
+        Normals of the smooth surface that the faces stand for, of either sense: of unit length, or
+        0 at a vertex where it is not known. There, and without, they are found from the faces.
 
     Raises
     ------
     ModelError
-        Wrong shapes, NaN, no face, indices outside the vertices, alpha outside [0, 1].
+        Wrong shapes, NaN, no face, indices outside the vertices, alpha outside [0, 1], normals that
+        are not of unit length.
     """
 
     vertices_m: np.ndarray
@@ -48,6 +52,7 @@ class Scene:
     alpha: np.ndarray | float = 0.5
     part: np.ndarray | int = 0
     part_names: tuple[str, ...] = ("mesh",)
+    normals: np.ndarray | None = None
 
     __repr__ = summary
     __reduce__ = reduced
@@ -79,6 +84,8 @@ class Scene:
             )
         object.__setattr__(self, "part", part)
         object.__setattr__(self, "part_names", names)
+        if self.normals is not None:
+            object.__setattr__(self, "normals", _unit_normals(self.normals, len(vertices)))
 
     @classmethod
     def from_mesh(
@@ -95,7 +102,8 @@ class Scene:
         ----------
         mesh : path, trimesh.Trimesh, trimesh.Scene, (vertices, faces), or an object that has
             ``to_trimesh()``. Files may be anything that trimesh reads. Every named geometry of
-            the file becomes a part.
+            the file becomes a part. The last may have `normals`, shape (n_vertices, 3), too; those
+            in files are not used.
         alpha : float, array_like of shape (n_faces,), or mapping part name -> float
             0 specular ... 1 diffuse. An array goes part by part, in the order of `part_names`.
         unit : "m", "cm" or "mm"
@@ -137,12 +145,15 @@ class Scene:
         except ModelError as error:
             raise MeshError(f"{label}: {error}") from error
         _check_size(label, vertices_m[np.unique(all_faces)], unit)
+        normals = getattr(mesh, "normals", None) if hasattr(mesh, "to_trimesh") else None
+        if normals is not None:
+            scene = replace(scene, normals=_transformed_normals(np.asarray(normals), matrix))
         return scene.with_alpha(alpha)
 
     @classmethod
     def combine(cls, scenes: Iterable[Scene]) -> Scene:
         """Put several scenes into one; each keeps its alpha, and names stay unique."""
-        vertices, faces, alpha, part = [], [], [], []
+        vertices, faces, alpha, part, normals = [], [], [], [], []
         names: list[str] = []
         offset = 0
         for scene in scenes:
@@ -152,6 +163,8 @@ class Scene:
             faces.append(scene.faces.astype(np.int64) + offset)
             alpha.append(scene.alpha)
             part.append(scene.part + len(names))
+            unknown = np.zeros_like(scene.vertices_m)
+            normals.append(unknown if scene.normals is None else scene.normals)
             for name in scene.part_names:
                 names.append(_unused(name, names))
             offset += len(scene.vertices_m)
@@ -163,6 +176,7 @@ class Scene:
             np.concatenate(alpha),
             np.concatenate(part),
             tuple(names),
+            np.concatenate(normals) if any(n.any() for n in normals) else None,
         )
 
     def with_alpha(self, alpha: float | np.ndarray | Mapping[str, float]) -> Scene:
@@ -182,7 +196,9 @@ class Scene:
     def transformed(self, transform: Any) -> Scene:
         """Return the scene moved by a 4x4 affine transform, shape (4, 4)."""
         matrix = checks.transform("Scene.transformed: transform", transform)
-        return replace(self, vertices_m=self.vertices_m @ matrix[:3, :3].T + matrix[:3, 3])
+        normals = None if self.normals is None else _transformed_normals(self.normals, matrix)
+        vertices_m = self.vertices_m @ matrix[:3, :3].T + matrix[:3, 3]
+        return replace(self, vertices_m=vertices_m, normals=normals)
 
     @property
     def n_faces(self) -> int:
@@ -194,9 +210,10 @@ class Scene:
         return self.vertices_m[self.faces]
 
     def digest(self) -> str:
-        """Return a SHA-256 of the triangles and alpha, for provenance."""
+        """Return a SHA-256 of the triangles, alpha and given normals, for provenance."""
         state = hashlib.sha256()
-        for array in (self.triangles_m, np.asarray(self.alpha)):
+        normals = [] if self.normals is None else [self.normals[self.faces]]
+        for array in (self.triangles_m, np.asarray(self.alpha), *normals):
             state.update(np.ascontiguousarray(array).tobytes())
         return state.hexdigest()
 
@@ -208,6 +225,23 @@ def _alpha_of_faces(alpha: Any, n_faces: int) -> np.ndarray:
     if values.min() < 0.0 or values.max() > 1.0:
         checks.fail("alpha", "values in [0, 1]", f"[{values.min():g}, {values.max():g}]")
     return values
+
+
+def _unit_normals(normals: Any, n_vertices: int) -> np.ndarray:
+    given = checks.read_only("Scene.normals", normals, np.float64, (n_vertices, 3))
+    length = np.linalg.norm(given, axis=1)
+    wrong = np.flatnonzero((length > 0) & (np.abs(length - 1.0) > 1e-3))
+    if len(wrong):
+        found = f"length {length[wrong[0]]:.4g} at vertex {wrong[0]}"
+        checks.fail("Scene.normals", "unit length, or 0", found)
+    return given
+
+
+def _transformed_normals(normals: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Return normals of what an affine transform makes of a surface: by the inverse, transposed."""
+    turned = normals @ np.linalg.inv(matrix[:3, :3])
+    length = np.linalg.norm(turned, axis=1, keepdims=True)
+    return turned / np.where(length > 0, length, 1.0)
 
 
 def _unused(name: str, taken: list[str]) -> str:
