@@ -460,8 +460,10 @@ def with_nan(array: np.ndarray) -> np.ndarray:
     [
         (lambda f: flipped(f / "shards" / "shard-00001.h5"), "expected SHA-256"),
         (lambda f: (f / "shards" / "shard-00001.h5").unlink(), "got nothing there"),
-        (lambda f: (f / "shards" / "more.h5").write_bytes(b""), "expected no such file"),
+        (lambda f: (f / "shards" / "more.h5").write_bytes(b""), "can be removed by hand"),
         (lambda f: (f / "parts" / "00000001.h5").write_bytes(b""), "left over"),
+        (lambda f: (f / "parts" / "1.csv").write_bytes(b""), "1.csv: is not of this data set"),
+        (lambda f: flipped(f / "shards" / "shard-00001.h5"), "delete the file, and the same"),
         (lambda f: (f / MANIFEST).write_text("{"), "manifest.json"),
         (lambda f: (f / MANIFEST).unlink(), "manifest.json"),
         (changed("entry/labels/sample", lambda a: a + 1), "expected the samples 2, 3, got 3, 4"),

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from clradar.dataset.engine import made_with
-from clradar.dataset.folder import read_manifest
+from clradar.dataset.folder import place_of, read_manifest
 from clradar.dataset.make import Sample, make_sample
 from clradar.dataset.recipe import recipe
 from clradar.dataset.shard import write_sample
-from clradar.dataset.stored import made_with_of, opened, place_of, row_of, sample_of
+from clradar.dataset.stored import made_with_of, opened, row_of, sample_of
 from clradar.opencl import open_device
 from measurement_io.work_folder import differences
 

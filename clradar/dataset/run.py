@@ -10,6 +10,7 @@ from pathlib import Path
 from clradar.dataset.contact_sheet import write_contact_sheet
 from clradar.dataset.engine import Engine, PartMaker, Serial, absolute, is_device_fault
 from clradar.dataset.folder import CONTACT_SHEET, STATISTICS, TABLE, Aside, DatasetFolder, begin
+from clradar.dataset.mend import mend
 from clradar.dataset.plan import Plan
 from clradar.dataset.reopen import reopen
 from clradar.dataset.summary import write_summary
@@ -63,7 +64,7 @@ def run(
     engine : Engine, optional
         One sample after the other in this process by default.
     force : bool
-        Remove the data set of another plan that is in the folder.
+        Remove the data set that is in the folder, of this plan or another, and begin anew.
     retry : bool
         Try the samples again that earlier runs set aside.
     progress : callable, optional
@@ -87,6 +88,9 @@ def run(
         if warn is not None:
             for line in differences(folder.manifest.made_with, made_with):
                 warn(f"{path}: was begun with {line}; the bits of samples depend on it")
+        for line in mend(folder):
+            if warn is not None:
+                warn(line)
         if retry:
             reopen(folder)
         try:
