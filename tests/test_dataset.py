@@ -212,6 +212,35 @@ def test_samples_do_not_depend_on_what_was_made_before() -> None:
             assert again.arrays[name].tobytes() == array.tobytes(), name
 
 
+def test_a_recipe_may_be_its_text(made: Path) -> None:
+    text = open_dataset(made).recipe.values[1]
+    wanted = make_sample(recipe(PLAN, 1), DEVICE)
+    for given in (text, text.encode()):
+        again = make_sample(given, DEVICE)
+        assert again.recipe == wanted.recipe
+        for name, array in wanted.arrays.items():
+            assert again.arrays[name].tobytes() == array.tobytes(), name
+
+
+def test_what_a_recipe_leaves_out_is_none_or_one_error() -> None:
+    whole = {**recipe(PLAN, 1), "products": ["capture"]}
+    clean = make_sample({**whole, "impairments": None}, DEVICE).arrays["capture"]
+    bare = {key: value for key, value in whole.items() if key not in ("impairments", "image")}
+    for without in (bare, {**whole, "impairments": {}}):
+        assert make_sample(without, DEVICE).arrays["capture"].tobytes() == clean.tobytes()
+    noisy = make_sample({**whole, "impairments": {"snr_db": 3.0}}, DEVICE).arrays["capture"]
+    assert noisy.tobytes() != clean.tobytes()
+    for given, words in (
+        ({**whole, "hand": {}}, "got no 'edge_length_m'"),
+        ({}, "'products'"),
+        ("{", "no JSON"),
+        ("[1]", "got list"),
+        (3, "got int"),
+    ):
+        with pytest.raises(ModelError, match=words):
+            make_sample(given, DEVICE)  # type: ignore[arg-type]
+
+
 THREADS = """
 import hashlib, json, sys
 from pathlib import Path
@@ -263,8 +292,18 @@ def test_rigs_are_hands_too(tmp_path: Path) -> None:
     assert view.rig.values.tolist() == ["hand.glb"] * 2
     assert np.isnan(view["shape"].values).all()
 
-    (tmp_path / "hand.glb").write_bytes(b"another file")
+    (tmp_path / "hand.glb").rename(tmp_path / "away.glb")
     _rig.cache_clear()
+    for begun in (
+        lambda: make_sample(recipe(plan, 0), DEVICE),
+        lambda: replay(tmp_path / "out", 0, device=DEVICE),
+        lambda: run(plan, tmp_path / "more", device=DEVICE),
+    ):
+        with pytest.raises(ModelError, match=r"hand\.glb: expected the file of .* nothing there"):
+            begun()
+    (tmp_path / "hand.glb").write_bytes(b"another file")
+    with pytest.raises(ModelError, match="got another"):
+        run(plan, tmp_path / "more", device=DEVICE)
     with pytest.raises(ModelError, match="expected the file of the plan"):
         make_sample(recipe(plan, 0), DEVICE)
     with pytest.raises(PlanError, match=r"hands.rigs\[0\]"):
@@ -358,6 +397,23 @@ def test_another_plan_is_one_error_unless_forced(copy: Path) -> None:
     assert run(LIGHT, copy, device=DEVICE, force=True).made == 7
     assert check_dataset(copy).ok
     assert (copy / "thesis.tex").read_text() == "mine"
+
+
+def test_what_differs_is_named_down_to_its_key(copy: Path) -> None:
+    manifest = json.loads((copy / MANIFEST).read_text())
+    rig = {"file": "/somewhere/" + 80 * "a" + "/one.glb", "handedness": "left", "sha256": 64 * "0"}
+    manifest["plan"]["hands"] |= {"shape": "default", "rigs": [rig, rig]}
+    (copy / MANIFEST).write_text(json.dumps(manifest))
+    content = tiny()
+    content["hands"] |= {"shape": "default", "rigs": [rig, {**rig, "sha256": 64 * "1"}]}
+    with pytest.raises(OutputError, match=r"another plan: hands.rigs\[1\].sha256 0+…, now 1+…\. "):
+        run(plan_from(content, "plan", Path()), copy, device=DEVICE)
+    content["hands"]["rigs"][1] = {**rig, "file": rig["file"].replace("one", "two")}
+    with pytest.raises(OutputError, match=r"rigs\[1\].file …a+/one.glb, now …a+/two.glb\. "):
+        run(plan_from(content, "plan", Path()), copy, device=DEVICE)
+    content["hands"]["rigs"] = [rig]
+    with pytest.raises(OutputError, match=r"another plan: hands.rigs of 2, now of 1\. "):
+        run(plan_from(content, "plan", Path()), copy, device=DEVICE)
 
 
 def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
@@ -518,6 +574,9 @@ def test_xarray_has_the_numbers_axes_units_and_labels(made: Path) -> None:
         np.testing.assert_array_equal(view.mesh_vertices[first:end].values, again["mesh_vertices"])
         assert json.loads(one.recipe.values.item()) == recipe(PLAN, sample)
         assert one.alpha.sel(part="palm") == recipe(PLAN, sample)["alpha"]["palm"]
+    for text in (view.recipe.values[1], view.made_with.values[1]):
+        assert isinstance(text, str)
+        assert isinstance(json.loads(text), dict)
     assert view.depth_map.attrs["units"] == "m"
     assert view.joint.values.tolist() == list(JOINT_NAMES)
     assert view.capture.dims == ("sample", "tx", "rx", "frequency_hz")

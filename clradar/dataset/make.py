@@ -23,6 +23,7 @@ from clradar.model import AntennaArray, Capture, Scene, VoxelGrid, Waveform
 from clradar.opencl import Device
 from clradar.room import Wall, room_capture
 from clradar.synthesize import simulate
+from measurement_io.failures import clean, shown
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,13 +34,16 @@ class Sample:
     arrays: Mapping[str, np.ndarray]
 
 
-def make_sample(recipe: Mapping[str, Any], device: Device | str | None = None) -> Sample:
+def make_sample(
+    recipe: Mapping[str, Any] | str | bytes, device: Device | str | None = None
+) -> Sample:
     """Make the sample that a recipe describes.
 
     Parameters
     ----------
-    recipe : mapping
-        As `clradar.dataset.recipe` returns it.
+    recipe : mapping, or its JSON text
+        As `clradar.dataset.recipe` returns it, or as it is stored with a sample
+        (``open_dataset(folder).recipe.values[0]``).
     device : Device, str or None
         See `clradar.open_device`.
 
@@ -48,7 +52,40 @@ def make_sample(recipe: Mapping[str, Any], device: Device | str | None = None) -
     Sample
         The products that the recipe lists. On the same device and driver they are the same bits,
         whatever was made before and however many threads there are.
+
+    Raises
+    ------
+    ModelError
+        It is no recipe, lacks something, or a rig's file is not that of the plan.
+    DeviceError
+        There is no such device, or it refuses.
     """
+    recipe = _recipe(recipe)
+    try:
+        return _made(recipe, device)
+    except KeyError as error:
+        raise ModelError(
+            f"recipe: expected all keys that clradar.dataset.recipe gives, got no {error}"
+        ) from error
+
+
+def _recipe(given: Mapping[str, Any] | str | bytes) -> Mapping[str, Any]:
+    found: Any = given
+    if isinstance(given, str | bytes):
+        try:
+            found = json.loads(given)
+        except ValueError as error:
+            raise ModelError(
+                f"recipe: expected JSON text of a recipe, got no JSON: {clean(error)}"
+            ) from error
+    if not isinstance(found, Mapping):
+        raise ModelError(
+            f"recipe: expected a mapping, or its JSON text, got {type(found).__name__}"
+        )
+    return found
+
+
+def _made(recipe: Mapping[str, Any], device: Device | str | None) -> Sample:
     products = recipe["products"]
     arrays: dict[str, np.ndarray] = {}
     mesh = placed_hand(recipe)
@@ -58,7 +95,7 @@ def make_sample(recipe: Mapping[str, Any], device: Device | str | None = None) -
         arrays["mesh_vertices"] = mesh.vertices_m.astype(np.float32)
         arrays["mesh_faces"] = mesh.faces
         arrays["mesh_part"] = mesh.part.astype(np.uint8)
-    image = recipe["image"]
+    image = recipe.get("image")
     if image is None and "capture" not in products:
         return Sample(recipe, arrays)
     capture = recorded(recipe, scene_of(mesh, recipe["alpha"]), device)
@@ -127,12 +164,7 @@ def _rig(text: str) -> Any:
     from clradar.rigs import read_rig
 
     record = json.loads(text)
-    for key in ("file", "mapping"):
-        wanted = record["sha256" if key == "file" else "mapping_sha256"]
-        if record[key] is not None and sha256_of(Path(record[key])) != wanted:
-            raise ModelError(
-                f"{record[key]}: expected the file of the plan (SHA-256 {wanted}), got another"
-            )
+    check_rig_files(record)
     return read_rig(
         record["file"],
         mapping=record["mapping"],
@@ -140,6 +172,23 @@ def _rig(text: str) -> Any:
         handedness=record["handedness"],
         betas=record["betas"] or None,
     )
+
+
+def check_rig_files(record: Mapping[str, Any]) -> None:
+    """Raise `ModelError` unless the files of a rig are those of the plan."""
+    for key in ("file", "mapping"):
+        if record[key] is None:
+            continue
+        wanted = record["sha256" if key == "file" else "mapping_sha256"]
+        expected = f"{shown(record[key])}: expected the file of the plan (SHA-256 {wanted})"
+        try:
+            found = sha256_of(Path(record[key]))
+        except FileNotFoundError as error:
+            raise ModelError(f"{expected}, got nothing there") from error
+        except (OSError, ValueError) as error:
+            raise ModelError(f"{expected}, got none that can be read: {clean(error)}") from error
+        if found != wanted:
+            raise ModelError(f"{expected}, got another")
 
 
 def rotation(angles_rad: Any) -> np.ndarray:
@@ -168,14 +217,14 @@ def recorded(recipe: Mapping[str, Any], scene: Scene, device: Device | str | Non
     """Return what the recipe's radar records of a scene, impairments included."""
     array, waveform = instrument(recipe)
     capture = simulate(scene, array, waveform, device=device, **recipe["simulation"])
-    faults = recipe["impairments"]
-    if faults is None:
+    faults = recipe.get("impairments")
+    if not faults:
         return capture
     settings = {key: value for key, value in faults.items() if key not in ("channels", "walls")}
-    channels = faults["channels"]
+    channels = faults.get("channels")
     if channels is not None:
         settings["channels"] = draw_channels(array, waveform, **channels)
-    if faults["walls"]:
+    if faults.get("walls"):
         walls = [Wall(**wall) for wall in faults["walls"]]
         settings["room"] = room_capture(array, waveform, walls)
     return impair(capture, **settings)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from clradar.dataset.contact_sheet import write_contact_sheet
 from clradar.dataset.engine import Engine, PartMaker, Serial, absolute, is_device_fault
 from clradar.dataset.folder import CONTACT_SHEET, STATISTICS, TABLE, Aside, DatasetFolder, begin
+from clradar.dataset.make import check_rig_files
 from clradar.dataset.mend import mend
 from clradar.dataset.plan import Plan
 from clradar.dataset.reopen import reopen
@@ -74,6 +75,8 @@ def run(
 
     Raises
     ------
+    ModelError
+        The file of a rig is not that of the plan.
     OutputError
         Another plan's data set is in the folder, another process makes it, or it cannot be written
         to.
@@ -114,6 +117,8 @@ def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | No
     missing = folder.missing()
     if not missing:
         return 0
+    for rig in folder.plan.hands.rigs:
+        check_rig_files(asdict(rig))
     size, total = folder.plan.output.shard_size, folder.plan.samples
     open_in = Counter(sample // size for sample in missing)
     done = total - len(missing)
