@@ -129,8 +129,7 @@ def engine(workers: int | None, scheduler: str | None, device: str | None) -> It
         raise ClusterError(
             f"--workers and --scheduler need Dask: pip install 'clradar[dataset]' ({error})"
         ) from error
-    # What becomes of the samples is said here; workers that die are not news.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    _quiet_dask()
     if scheduler is not None:
         with running_cluster(scheduler) as client:
             print_line(dashboard_text(client))
@@ -143,6 +142,15 @@ def engine(workers: int | None, scheduler: str | None, device: str | None) -> It
         print_line(dashboard_text(client))
         # Each worker has its device in CLRADAR_DEVICE.
         yield Distributed(client, end_workers=end)
+
+
+def _quiet_dask() -> None:
+    """Silence Dask's own words: what becomes of samples and workers is said here."""
+    # Dask gives some of its loggers levels of their own, so that the parent's does not count.
+    known = list(logging.root.manager.loggerDict)
+    for name in {"distributed", "tornado.application", "asyncio", *known}:
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def make(plan: Plan, output: Path, chosen: Engine, *, force: bool, retry: bool) -> None:

@@ -20,6 +20,7 @@ from time import monotonic
 from typing import Any
 
 from distributed import CancelledError, Client, Future, KilledWorker, as_completed
+from distributed.comm import CommClosedError
 
 from clradar import __version__
 from clradar.dataset.cluster import DEVICE
@@ -281,7 +282,7 @@ def _outcome(future: Future) -> Outcome:
         return Aside(sample, str(error), ATTEMPTS)
     except KilledWorker as error:
         return Aside(sample, KILLED, error.allowed_failures + 1)
-    except CancelledError as error:
+    except (CancelledError, CommClosedError) as error:
         raise ClusterError(
             "the scheduler is gone, or took the samples back; the same command goes on"
         ) from error
