@@ -279,7 +279,9 @@ def test_bits_do_not_depend_on_the_number_of_threads(tmp_path: Path) -> None:
     assert len(found) == 1
 
 
-def test_rigs_are_hands_too(tmp_path: Path) -> None:
+def test_rigs_are_hands_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     RigMaker().save(tmp_path / "hand.glb")
     plan_text = "samples = 2\n[poses]\nnames = ['B']\n[hands]\nrigs = ['hand.glb']\n"
     plan_text += "handedness = 'both'\n[output]\nproducts = ['mesh', 'joints']\n"
@@ -292,8 +294,30 @@ def test_rigs_are_hands_too(tmp_path: Path) -> None:
     assert view.rig.values.tolist() == ["hand.glb"] * 2
     assert np.isnan(view["shape"].values).all()
 
+    # The folder's name is in none of the bytes.
+    (tmp_path / "else" / "where").mkdir(parents=True)
+    for name in ("plan.toml", "hand.glb"):
+        shutil.copy(tmp_path / name, tmp_path / "else" / "where" / name)
+    moved = clradar.dataset.read_plan(tmp_path / "else" / "where" / "plan.toml")  # type: ignore[attr-defined]
+    run(moved, tmp_path / "else" / "out", device=DEVICE)
+    assert digests(tmp_path / "else" / "out") == digests(tmp_path / "out")
+    assert str(tmp_path) not in (tmp_path / "out" / MANIFEST).read_text()
+    assert run(moved, tmp_path / "out", device=DEVICE).made == 0
+
     (tmp_path / "hand.glb").rename(tmp_path / "away.glb")
     _rig.cache_clear()
+    assert replay(tmp_path / "out", 0, device=DEVICE, rigs=moved.folder).differences == ()
+    # In the data set's folder it is found, too; the current folder is first, if it is that file.
+    shutil.copy(moved.folder / "hand.glb", tmp_path / "else" / "out")
+    (tmp_path / "else" / "hand.glb").write_bytes(b"another")
+    monkeypatch.chdir(tmp_path / "else")
+    assert replay(tmp_path / "else" / "out", 0, device=DEVICE).differences == ()
+    arguments = ["--replay", str(tmp_path / "out"), "0", "--rigs", str(moved.folder)]
+    with pytest.raises(SystemExit) as ended:
+        main(["dataset", "--device", DEVICE, *arguments])
+    assert not ended.value.code
+    assert "sample 0: the same bits" in capsys.readouterr().out
+    (tmp_path / "else" / "hand.glb").unlink()
     for begun in (
         lambda: make_sample(recipe(plan, 0), DEVICE),
         lambda: replay(tmp_path / "out", 0, device=DEVICE),
@@ -305,7 +329,7 @@ def test_rigs_are_hands_too(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="got another"):
         run(plan, tmp_path / "more", device=DEVICE)
     with pytest.raises(ModelError, match="expected the file of the plan"):
-        make_sample(recipe(plan, 0), DEVICE)
+        make_sample(recipe(plan, 0), DEVICE, rigs=tmp_path)
     with pytest.raises(PlanError, match=r"hands.rigs\[0\]"):
         clradar.dataset.read_plan(tmp_path / "plan.toml")  # type: ignore[attr-defined]
 
@@ -404,14 +428,14 @@ def test_what_differs_is_named_down_to_its_key(copy: Path) -> None:
     rig = {"file": "/somewhere/" + 80 * "a" + "/one.glb", "handedness": "left", "sha256": 64 * "0"}
     manifest["plan"]["hands"] |= {"shape": "default", "rigs": [rig, rig]}
     (copy / MANIFEST).write_text(json.dumps(manifest))
-    content = tiny()
-    content["hands"] |= {"shape": "default", "rigs": [rig, {**rig, "sha256": 64 * "1"}]}
+    rigs = [rig, {**rig, "sha256": 64 * "1"}]
+    content = tiny(hands={"shape": "default", "rigs": rigs})
     with pytest.raises(OutputError, match=r"another plan: hands.rigs\[1\].sha256 0+…, now 1+…\. "):
         run(plan_from(content, "plan", Path()), copy, device=DEVICE)
-    content["hands"]["rigs"][1] = {**rig, "file": rig["file"].replace("one", "two")}
+    rigs[1] = {**rig, "file": rig["file"].replace("one", "two")}
     with pytest.raises(OutputError, match=r"rigs\[1\].file …a+/one.glb, now …a+/two.glb\. "):
         run(plan_from(content, "plan", Path()), copy, device=DEVICE)
-    content["hands"]["rigs"] = [rig]
+    rigs.pop()
     with pytest.raises(OutputError, match=r"another plan: hands.rigs of 2, now of 1\. "):
         run(plan_from(content, "plan", Path()), copy, device=DEVICE)
 
@@ -746,7 +770,11 @@ def test_a_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_wrong_usage_is_status_two(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments in (["dataset"], ["dataset", "plan.toml", "--replay", "x", "1"]):
+    for arguments in (
+        ["dataset"],
+        ["dataset", "plan.toml", "--replay", "x", "1"],
+        ["dataset", "plan.toml", "--rigs", "x", "-o", "y"],
+    ):
         with pytest.raises(SystemExit) as ended:
             main(arguments)
         assert ended.value.code == 2

@@ -52,6 +52,15 @@ def command(
             "bit.",
         ),
     ] = None,
+    rigs: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--rigs",
+            metavar="FOLDER",
+            help="With --replay: what the plan's names of rig files are relative to. [default: the "
+            "current folder, then the data set's]",
+        ),
+    ] = None,
     workers: Annotated[
         Optional[int],  # noqa: UP045
         typer.Option(
@@ -87,8 +96,10 @@ def command(
     if replay is not None:
         if plan is not None or dry_run:
             raise wrong_usage("--replay", "expected no plan and no --dry-run with it")
-        replay_sample(replay[0], replay[1], device, output, force)
+        replay_sample(replay[0], replay[1], device, output, force, rigs)
         return
+    if rigs is not None:
+        raise wrong_usage("--rigs", "expected it with --replay only: a plan's own folder counts")
     if plan is None:
         raise wrong_usage("PLAN.toml", "expected a plan, or --replay DIR N")
     wanted = checked_plan(plan)
@@ -196,13 +207,18 @@ def print_estimate(plan: Plan, device: str | None) -> None:
 
 
 def replay_sample(
-    folder: Path, index: int, device: str | None, output: Path | None, force: bool
+    folder: Path,
+    index: int,
+    device: str | None,
+    output: Path | None,
+    force: bool,
+    rigs: Path | None,
 ) -> None:
     """Make one sample again and say whether it is the stored one."""
     from clradar.dataset.replay import replay
 
     check_outputs([output], force=force)
-    found = replay(folder, index, device=device, output=output, force=force)
+    found = replay(folder, index, device=device, output=output, force=force, rigs=rigs)
     if output is not None:
         print_line(f"{output}: sample {index}, made again")
     if found.stored_in is None:

@@ -299,9 +299,8 @@ def _contract(make: PartMaker, made_with: Mapping[str, Any]) -> Iterator[Contrac
     content = secrets.token_hex(16)
     # By its name, a later run takes it for what a killed process left.
     sign = make.folder / f".visible.{content}.tmp"
-    files: list[str] = []
-    for rig in make.plan.hands.rigs:
-        files += [rig.file] if rig.mapping is None else [rig.file, rig.mapping]
+    names = [name for rig in make.plan.hands.rigs for name in (rig.file, rig.mapping)]
+    files = [str(make.plan.folder / name) for name in names if name is not None]
     with replacing(sign) as temporary:
         temporary.write_text(content, encoding="ascii")
     try:

@@ -328,6 +328,7 @@ def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any], force: bool)
             f"{shown(path)}: was begun with another plan: {listed}. Take that plan to go on, "
             "choose another folder, or remove what is there with --force"
         )
+    manifest.plan = plan  # the same, but it knows where rigs are
     return manifest
 
 

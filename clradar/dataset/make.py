@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -34,8 +35,15 @@ class Sample:
     arrays: Mapping[str, np.ndarray]
 
 
+Folders = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+"""One folder, or several of which the first that holds a file counts."""
+
+
 def make_sample(
-    recipe: Mapping[str, Any] | str | bytes, device: Device | str | None = None
+    recipe: Mapping[str, Any] | str | bytes,
+    device: Device | str | None = None,
+    *,
+    rigs: Folders = "",
 ) -> Sample:
     """Make the sample that a recipe describes.
 
@@ -46,6 +54,9 @@ def make_sample(
         (``open_dataset(folder).recipe.values[0]``).
     device : Device, str or None
         See `clradar.open_device`.
+    rigs : path-like, or a sequence of them
+        The folder that the recipe's name of a rig's file is relative to; the current one by
+        default. Of several, the first that holds the file counts.
 
     Returns
     -------
@@ -62,7 +73,7 @@ def make_sample(
     """
     recipe = _recipe(recipe)
     try:
-        return _made(recipe, device)
+        return _made(recipe, device, rigs)
     except KeyError as error:
         raise ModelError(
             f"recipe: expected all keys that clradar.dataset.recipe gives, got no {error}"
@@ -85,10 +96,10 @@ def _recipe(given: Mapping[str, Any] | str | bytes) -> Mapping[str, Any]:
     return found
 
 
-def _made(recipe: Mapping[str, Any], device: Device | str | None) -> Sample:
+def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders) -> Sample:
     products = recipe["products"]
     arrays: dict[str, np.ndarray] = {}
-    mesh = placed_hand(recipe)
+    mesh = placed_hand(recipe, rigs)
     if "joints" in products:
         arrays["joints"] = mesh.joints_m
     if "mesh" in products:
@@ -120,13 +131,13 @@ def _made(recipe: Mapping[str, Any], device: Device | str | None) -> Sample:
     return Sample(recipe, arrays)
 
 
-def placed_hand(recipe: Mapping[str, Any]) -> HandMesh:
+def placed_hand(recipe: Mapping[str, Any], rigs: Folders = "") -> HandMesh:
     """Return the hand where the recipe puts it, metres, antenna frame."""
     hand, place = recipe["hand"], recipe["placement"]
     pose = pose_of(recipe["pose"])
     origin_m = (0.0, 0.0, 0.0)
     if "rig" in hand:
-        mesh = posed_rig(hand["rig"], pose, hand["handedness"])
+        mesh = posed_rig(hand["rig"], pose, hand["handedness"], rigs)
     else:
         mesh = hand_mesh(
             pose,
@@ -144,9 +155,12 @@ def placed_hand(recipe: Mapping[str, Any]) -> HandMesh:
     )
 
 
-def posed_rig(record: Mapping[str, Any], pose: HandPose, handedness: str) -> HandMesh:
+def posed_rig(
+    record: Mapping[str, Any], pose: HandPose, handedness: str, rigs: Folders = ""
+) -> HandMesh:
     """Return a rig's hand in a pose about the origin; a hand of the other side is mirrored."""
-    rig = _rig(json.dumps(record))
+    folders = (rigs,) if isinstance(rigs, str | os.PathLike) else rigs
+    rig = _rig(json.dumps(record), tuple(os.path.abspath(folder) for folder in folders))
     mesh = rig.posed(pose, center_m=(0.0, 0.0, 0.0))
     if rig.handedness == handedness:
         return mesh
@@ -160,11 +174,10 @@ def posed_rig(record: Mapping[str, Any], pose: HandPose, handedness: str) -> Han
 
 
 @lru_cache(maxsize=4)
-def _rig(text: str) -> Any:
+def _rig(text: str, folders: tuple[str, ...]) -> Any:
     from clradar.rigs import read_rig
 
-    record = json.loads(text)
-    check_rig_files(record)
+    record = found_rig(json.loads(text), folders)
     return read_rig(
         record["file"],
         mapping=record["mapping"],
@@ -174,21 +187,37 @@ def _rig(text: str) -> Any:
     )
 
 
-def check_rig_files(record: Mapping[str, Any]) -> None:
-    """Raise `ModelError` unless the files of a rig are those of the plan."""
+def found_rig(record: Mapping[str, Any], folders: Sequence[str | Path]) -> dict[str, Any]:
+    """Return the record of a rig with the places of its files.
+
+    Raises
+    ------
+    ModelError
+        They are not there, or not those of the plan.
+    """
+    found = dict(record)
     for key in ("file", "mapping"):
-        if record[key] is None:
-            continue
-        wanted = record["sha256" if key == "file" else "mapping_sha256"]
-        expected = f"{shown(record[key])}: expected the file of the plan (SHA-256 {wanted})"
+        if record[key] is not None:
+            wanted = record["sha256" if key == "file" else "mapping_sha256"]
+            found[key] = _place_of(record[key], wanted, folders)
+    return found
+
+
+def _place_of(name: str, sha256: str, folders: Sequence[str | Path]) -> str:
+    """Return where the file of this name and content is."""
+    places = list(dict.fromkeys(os.path.join(folder, name) for folder in folders))
+    got = "nothing there"
+    for place in places:
         try:
-            found = sha256_of(Path(record[key]))
-        except FileNotFoundError as error:
-            raise ModelError(f"{expected}, got nothing there") from error
+            if sha256_of(Path(place)) == sha256:
+                return place
+            got = "another"
+        except FileNotFoundError:
+            pass
         except (OSError, ValueError) as error:
-            raise ModelError(f"{expected}, got none that can be read: {clean(error)}") from error
-        if found != wanted:
-            raise ModelError(f"{expected}, got another")
+            got = f"none that can be read: {clean(error)}"
+    looked = " or ".join(map(shown, places))
+    raise ModelError(f"{looked}: expected the file of the plan (SHA-256 {sha256}), got {got}")
 
 
 def rotation(angles_rad: Any) -> np.ndarray:

@@ -156,10 +156,10 @@ def _rig(table: PlanTable, folder: Path) -> RigFile | None:
         except ClradarError as error:  # it speaks of the command's option
             raise MeasurementError(str(error).replace("--mapping", "the key mapping")) from error
         return RigFile(
-            file=str(path),
+            file=file,
             sha256=sha256_of(path),
             handedness=rig.handedness,
-            mapping=None if names is None else str(names),
+            mapping=mapping,
             mapping_sha256=None if names is None else sha256_of(names),
             unit=options.get("unit"),
             betas=tuple(float(beta) for beta in options.get("betas", ())),

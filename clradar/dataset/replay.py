@@ -45,6 +45,7 @@ def replay(
     device: str | None = None,
     output: Path | None = None,
     force: bool = False,
+    rigs: Path | None = None,
 ) -> Replay:
     """Make sample `index` of a data set again, from the plan alone.
 
@@ -58,11 +59,14 @@ def replay(
         Where to write the sample made, as a shard of one sample.
     force : bool
         Replace an existing file.
+    rigs : Path, optional
+        The folder that the plan's names of rig files are relative to; by default the current
+        folder, then the data set's.
 
     Raises
     ------
     ModelError
-        The plan has no such sample.
+        The plan has no such sample, or the file of its rig is not that of the plan.
     MeasurementError
         The folder is no data set, or damaged.
     """
@@ -70,7 +74,8 @@ def replay(
     wanted = recipe(manifest.plan, index)
     opened_device = open_device(device)
     now = made_with(opened_device)
-    made = make_sample(wanted, opened_device)
+    folders = (Path(), folder) if rigs is None else rigs
+    made = make_sample(wanted, opened_device, rigs=folders)
     if output is not None:
         compression = manifest.plan.output.compression
         write_sample(output, made, now, compression=compression, force=force)

@@ -10,7 +10,7 @@ from pathlib import Path
 from clradar.dataset.contact_sheet import write_contact_sheet
 from clradar.dataset.engine import Engine, PartMaker, Serial, absolute, is_device_fault
 from clradar.dataset.folder import CONTACT_SHEET, STATISTICS, TABLE, Aside, DatasetFolder, begin
-from clradar.dataset.make import check_rig_files
+from clradar.dataset.make import found_rig
 from clradar.dataset.mend import mend
 from clradar.dataset.plan import Plan
 from clradar.dataset.reopen import reopen
@@ -118,7 +118,7 @@ def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | No
     if not missing:
         return 0
     for rig in folder.plan.hands.rigs:
-        check_rig_files(asdict(rig))
+        found_rig(asdict(rig), (folder.plan.folder,))
     size, total = folder.plan.output.shard_size, folder.plan.samples
     open_in = Counter(sample // size for sample in missing)
     done = total - len(missing)
