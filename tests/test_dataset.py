@@ -605,6 +605,9 @@ def test_xarray_has_the_numbers_axes_units_and_labels(made: Path) -> None:
             np.testing.assert_array_equal(one[name].values, again[name])
         first, end = int(one.mesh_vertices_first), int(one.mesh_vertices_end)
         np.testing.assert_array_equal(view.mesh_vertices[first:end].values, again["mesh_vertices"])
+        # Counted from 0 within the sample, as the docs have it.
+        faces = view.mesh_faces[int(one.mesh_faces_first) : int(one.mesh_faces_end)].values
+        assert (faces.min(), faces.max()) == (0, end - first - 1)
         assert json.loads(one.recipe.values.item()) == recipe(PLAN, sample)
         assert one.alpha.sel(part="palm") == recipe(PLAN, sample)["alpha"]["palm"]
     for text in (view.recipe.values[1], view.made_with.values[1]):

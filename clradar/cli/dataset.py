@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from clradar.cli.options import DeviceOption, ForceOption, wrong_usage
+from clradar.cli.options import DeviceOption, wrong_usage
 from clradar.cli.output import (
     check_outputs,
     print_error,
@@ -85,7 +85,14 @@ def command(
         typer.Option("--retry", help="Try the samples again that were set aside."),
     ] = False,
     device: DeviceOption = None,
-    force: ForceOption = False,
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force",
+            help="Remove the data set that is in the folder, of this plan or another, and begin "
+            "anew; with --replay replace the file.",
+        ),
+    ] = False,
 ) -> None:
     """Makes training data: posed hands, simulated and imaged, with what they are made of as labels.
     The same command again goes on where it stopped. A sample that cannot be made is set aside; the
