@@ -145,6 +145,30 @@ def test_a_sample_that_was_set_aside_stays_so_when_its_shard_is_made_again(tmp_p
     assert digests(tmp_path) == before
 
 
+@pytest.mark.parametrize("at", [1, 2, 3, 4])
+def test_a_kill_while_it_mends_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: int
+) -> None:
+    run(PLAN, tmp_path, engine=Stopping(7, aside=4))
+    before = digests(tmp_path)
+    shortened(tmp_path / "shards" / "shard-00001.h5")
+    write_manifest = DatasetFolder.write_manifest
+    calls = []
+
+    def killed(self: DatasetFolder) -> None:
+        calls.append(self)
+        if len(calls) == at:
+            raise KeyboardInterrupt
+        write_manifest(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(DatasetFolder, "write_manifest", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run(PLAN, tmp_path, device=DEVICE)
+    run(PLAN, tmp_path, device=DEVICE)
+    assert digests(tmp_path) == before
+
+
 @pytest.mark.parametrize("damage", [None, shortened, flipped])
 def test_a_manifest_without_sizes_is_read_and_its_shards_verified_once(
     made: Path, copy: Path, damage: Callable[[Path], None] | None
