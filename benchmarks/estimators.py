@@ -57,7 +57,7 @@ def relative_rms_db(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def study(alpha: float, device: Any) -> list[dict[str, Any]]:
-    scene = clradar.Scene.from_mesh(hand_mesh("F"), alpha=alpha)
+    scene = clradar.Scene.from_mesh(hand_mesh("F", device=device), alpha=alpha)
     reference, _ = run(scene, "expected", REFERENCE_PER_MM2, 1, REFERENCE_SEED, device)
     rows = []
     for estimator, cases in (("expected", EXPECTED), ("stochastic", STOCHASTIC)):
@@ -117,8 +117,9 @@ def main() -> None:
         rows = json.loads(record.read_text())["rows"]
     else:
         device = clradar.open_device(given.device)
-        run(clradar.Scene.from_mesh(hand_mesh("F"), alpha=0.5), "expected", 0.01, 1, 0, device)
-        run(clradar.Scene.from_mesh(hand_mesh("F"), alpha=0.5), "stochastic", 0.1, 1, 0, device)
+        warm = clradar.Scene.from_mesh(hand_mesh("F", device=device), alpha=0.5)
+        run(warm, "expected", 0.01, 1, 0, device)
+        run(warm, "stochastic", 0.1, 1, 0, device)
         rows = [row for alpha in given.alpha for row in study(alpha, device)]
         result = {"device": dict(device.describe()), "rows": rows}
         record.write_text(json.dumps(result, indent=1) + "\n")

@@ -43,7 +43,7 @@ Works = list[tuple[int, Callable[[], Any]]]
 
 
 def _simulations(device: clradar.Device) -> Works:
-    scene = clradar.Scene.from_mesh(hand_mesh("F"), alpha=0.5)
+    scene = clradar.Scene.from_mesh(hand_mesh("F", device=device), alpha=0.5)
     works: Works = []
     for per_mm2 in (0.1, 0.4, 1.6, 6.4):
         run = partial(

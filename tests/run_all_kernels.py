@@ -16,6 +16,9 @@ import pyopencl as cl
 import clradar
 from clradar import block_tree, nearest
 from clradar.formers import tree
+from clradar.hand import POSES, posed_skeleton
+from clradar.hand.flesh import grown_flesh
+from clradar.hand.flesh_field import FleshField
 from clradar.opencl import Buffers, open_device
 from clradar.opencl.program import Program
 
@@ -119,6 +122,14 @@ def everything(width: int) -> None:
         for method in ("exact", "range", "fast"):
             clradar.backproject(capture, grid, method=method, device=device)
         tree.FLOAT32_SHARE = -tree.FLOAT32_SHARE
+    # Points within the cells and beyond them.
+    with Buffers(device) as buffers:
+        field = FleshField(grown_flesh(posed_skeleton(POSES["F"])), 0.02, buffers)
+        assert (field.node_distances_m() < 0).any()
+        points_m = rng.uniform(-0.2, 0.3, (13, 3))
+        assert np.isfinite(field.distances_m(points_m)).all()
+        assert np.isfinite(field.gradients(points_m)).all()
+        assert (field.nearest_parts(points_m) < 6).all()
     print(*sorted(launched))
 
 

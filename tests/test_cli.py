@@ -124,7 +124,10 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
     [
         ("devices", ("CLRADAR_DEVICE",)),
         ("demo", ("--full", "--force", "--device", "SNR", "variance of the noise")),
-        ("hand", ("--edge-mm", "--left", "--list", "--joints", "--length-mm", "metres")),
+        (
+            "hand",
+            ("--edge-mm", "--left", "--list", "--joints", "--length-mm", "--device", "metres"),
+        ),
         (
             "simulate",
             ("--alpha", "--unit", "--transform", "--samples-per-mm2", "--rays-per-sample",
@@ -265,6 +268,7 @@ def test_wrong_usage_is_2(
         (["simulate", "hand.ply", "-o", "x.h5", "--unit", "mm"], ("unit='mm'", "did you mean")),
         (["simulate", "hand.ply", "-o", "x.h5", "--alpha", "nail=0"], ("hand.ply", "nail")),
         (["simulate", "hand.ply", "-o", "x.h5", "--device", "abacus"], ("abacus",)),
+        (["hand", "-o", "x.ply", "--device", "abacus"], ("abacus",)),
         (["simulate", "hand.ply", "-o", "x.h5", "--samples-per-mm2", "-1"], ("positive",)),
         (["simulate", "hand.ply", "-o", "no/x.h5"], ("no/x.h5", "folder")),
         (["simulate", "hand.ply", "-o", "."], ("folder",)),

@@ -276,6 +276,25 @@ def test_a_worker_that_is_killed_costs_nothing(
     assert files_of(tmp_path) == undisturbed
 
 
+def test_a_run_ends_after_samples_that_nobody_waits_for(cluster: Any, tmp_path: Path) -> None:
+    """What a dead worker held is made again by another, which may be late."""
+    begun, late = tmp_path / "begun", tmp_path / "late"
+
+    def slowly(begun: Path, late: Path) -> None:
+        begun.touch()
+        time.sleep(0.7)
+        late.touch()
+
+    future = cluster.submit(slowly, begun, late, key=("sample", "run", 1), resources={"DEVICE": 1})
+    while not begun.exists():
+        time.sleep(0.01)
+    future.cancel()
+    distributed(cluster)._await_late("another run")
+    assert not late.exists()
+    distributed(cluster)._await_late("run")
+    assert late.exists()
+
+
 def test_a_full_disk_of_a_worker_ends_the_run(
     plan: Plan, undisturbed: dict[str, bytes], cluster: Any, faults: Any, tmp_path: Path
 ) -> None:

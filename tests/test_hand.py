@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from flesh_fields import distances_m, gradients
 
 import clradar
 from clradar.errors import ClradarError, ModelError
@@ -17,10 +18,10 @@ from clradar.hand import (
     hand_mesh,
     pose_by_name,
 )
-from clradar.hand.cones import Cone, smooth_minimum
-from clradar.hand.crossings import crossing_faces
-from clradar.hand.flesh import PART_NAMES, grown_flesh, neighbourhoods
+from clradar.hand.crossings import crossing_faces, faces_beside
+from clradar.hand.flesh import PART_NAMES, grown_flesh
 from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M, _right_hand
+from clradar.hand.shape import AVERAGE
 from clradar.hand.skeleton import posed_skeleton
 
 FINGERS = ("index", "middle", "ring", "pinky")
@@ -209,21 +210,24 @@ def test_coarse_surfaces_keep_their_shape(pose, edge_length_m):
 @pytest.mark.parametrize("pose", ALL_POSES)
 def test_vertices_lie_on_the_flesh_and_normals_agree_with_it(pose):
     posed = POSES[pose]
-    vertices_m, faces, _, _ = _right_hand(posed, DEFAULT_EDGE_LENGTH_M)
+    vertices_m, faces, joints_m, _ = _right_hand(
+        posed, DEFAULT_EDGE_LENGTH_M, AVERAGE, clradar.open_device()
+    )
     bones = posed_skeleton(posed)
     flesh = grown_flesh(bones)
     # The cached surface is centred on its box; the wrist is the origin of the flesh's frame.
-    shift_m = _right_hand(posed, DEFAULT_EDGE_LENGTH_M)[2][0] - bones.joints_m[0]
-    own_m = vertices_m - shift_m
+    own_m = vertices_m - (joints_m[0] - bones.joints_m[0])
     # Two Newton steps from within a tenth of a millimetre end well below a micrometre on smooth
     # skin; only the narrow folds, where the field's slope drops, keep a few micrometres.
-    off_m = np.abs(flesh.distance_m(own_m))
+    off_m = np.abs(distances_m(flesh, own_m))
     assert np.percentile(off_m, 99) < 5e-6
     assert off_m.max() < 1e-4
     corners = own_m[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    cosine = np.einsum("ij,ij->i", normal, flesh.normals(corners.mean(axis=1)))
+    outward = gradients(flesh, corners.mean(axis=1))
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    cosine = np.einsum("ij,ij->i", normal, outward)
     # An edge of 1.7 mm on a radius of 6 mm tilts a face by at most 8 degrees (cosine 0.990); the
     # folds at webs and at the contact are sharper, hence the share.
     assert (cosine > 0.985).mean() > 0.98
@@ -288,7 +292,7 @@ def test_joints_lie_inside_the_surface(pose, handedness):
 @pytest.mark.parametrize("pose", ALL_POSES)
 def test_joints_lie_deep_in_the_flesh(pose):
     bones = posed_skeleton(POSES[pose])
-    depth_mm = -grown_flesh(bones).distance_m(bones.joints_m) * 1e3
+    depth_mm = -distances_m(grown_flesh(bones), bones.joints_m) * 1e3
     is_tip = np.array([name.endswith("tip") for name in JOINT_NAMES])
     # The pulp beyond the last bone is 3.8 mm thick (thumb 5.7 mm); a pinky's last joint is 15 mm
     # thick, 7 mm to each side.
@@ -467,73 +471,7 @@ def test_mesh_record_checks_its_fields():
         HandMesh(mesh.vertices_m, mesh.faces, mesh.joints_m[:24], mesh.part)
 
 
-# --- distances
-
-
-def test_cone_distance_is_that_of_its_spheres():
-    cone = Cone(np.array([0.0, 0.0, 0.0]), np.array([0.03, 0.02, -0.01]), 0.012, 0.005)
-    points_m = np.random.default_rng(1).uniform(-0.05, 0.06, (400, 3))
-    along = np.linspace(0.0, 1.0, 4001)
-    centres_m = along[:, None] * cone.end_m
-    radii_m = cone.begin_radius_m + along * (cone.end_radius_m - cone.begin_radius_m)
-    distance_m = np.linalg.norm(points_m[:, None] - centres_m[None], axis=2) - radii_m
-    # Spheres 0.0094 mm apart on the axis miss the nearest one by half of that, which changes a
-    # distance in second order: (5e-6 m)**2 / 2 over the distance to the axis, seldom below 1 mm.
-    np.testing.assert_allclose(cone.distance_m(points_m), distance_m.min(axis=1), atol=2e-8)
-
-
-def test_smooth_minimum_stays_within_its_bound():
-    a, b = np.random.default_rng(2).uniform(-1.0, 1.0, (2, 1000))
-    blended = smooth_minimum(a, b, 0.4)
-    # At most a quarter of the blend below the minimum, and equal to it where nothing overlaps.
-    assert (blended <= np.minimum(a, b)).all()
-    assert (blended >= np.minimum(a, b) - 0.1 - 1e-15).all()
-    far = np.abs(a - b) >= 0.4
-    np.testing.assert_array_equal(blended[far], np.minimum(a, b)[far])
-
-
-def test_flesh_never_overestimates_a_distance():
-    # The coarse-to-fine sampling leaves out cells by this property.
-    flesh = grown_flesh(posed_skeleton(POSES["F"]))
-    rng = np.random.default_rng(3)
-    from_m = rng.uniform([-0.09, -0.02, -0.08], [0.06, 0.2, 0.03], (3000, 3))
-    to_m = from_m + rng.normal(scale=5e-3, size=from_m.shape)
-    change_m = np.abs(flesh.distance_m(from_m) - flesh.distance_m(to_m))
-    # Slope at most 1, up to the rounding of distances near 0.1 m.
-    assert (change_m <= np.linalg.norm(to_m - from_m, axis=1) + 1e-15).all()
-
-
-def test_slopes_are_the_derivatives_of_distances():
-    flesh = grown_flesh(posed_skeleton(POSES["S"]))
-    points_m = np.random.default_rng(4).uniform(
-        [-0.05, -0.02, -0.08], [0.05, 0.12, 0.03], (2000, 3)
-    )
-    distance_m, gradient = flesh.slope(points_m)
-    np.testing.assert_array_equal(distance_m, flesh.distance_m(points_m))
-    step_m = 1e-6
-    for axis in range(3):
-        shift_m = step_m * np.eye(3)[axis]
-        ahead_m, behind_m = (flesh.distance_m(points_m + s * shift_m) for s in (1.0, -1.0))
-        slope = (ahead_m - behind_m) / (2.0 * step_m)
-        # Curvatures below 1/mm change a slope by 1e-3 over the step, but for the few points that
-        # have a crease of the plain minima within a micrometre.
-        assert (np.abs(slope - gradient[:, axis]) < 2e-3).mean() > 0.999
-
-
-@pytest.mark.parametrize("pose", ["F", "S"])
-def test_cones_left_out_far_away_are_not_missed(pose):
-    flesh = grown_flesh(posed_skeleton(POSES[pose]))
-    low_m, high_m = flesh.bounds_m()
-    cell_m = 7e-3
-    shape = tuple(int(n) for n in np.ceil((high_m - low_m) / cell_m))
-    near = neighbourhoods(flesh, low_m, cell_m, shape)
-    assert near.matters.mean() < 0.6  # else it is of no use
-    points_m = np.random.default_rng(5).uniform(low_m, high_m, (20_000, 3))
-    # What `neighbourhoods` states.
-    np.testing.assert_allclose(
-        flesh.distance_m(points_m, near), flesh.distance_m(points_m), rtol=0, atol=1e-7
-    )
-    np.testing.assert_array_equal(flesh.nearest_part(points_m, near), flesh.nearest_part(points_m))
+# --- crossings
 
 
 def test_crossing_faces_are_found():
@@ -553,6 +491,13 @@ def test_crossing_faces_are_found():
         both = np.concatenate([ball.vertices, ball.vertices + np.array([shift, 0.1, 0.2])])
         pairs = crossing_faces(both, np.concatenate([ball.faces, ball.faces + len(ball.vertices)]))
         assert (len(pairs) > 50) == crossed
+        both_faces = np.concatenate([ball.faces, ball.faces + len(ball.vertices)])
+        first = np.arange(len(both_faces)) < len(ball.faces)
+        beside = faces_beside(both, both_faces, np.arange(0, len(both_faces), 2), first)
+        assert set(beside) >= {face for face in pairs.ravel() if face % 2 == 0}
+        # Two apart by 0.1 have none of the other ball beside them that is not near that gap.
+        others = both[both_faces[beside[beside >= len(ball.faces)]]].mean(axis=1)
+        assert (np.linalg.norm(others, axis=1) < 1.5).all()
         one, other = np.sort(pairs, axis=1).T
         assert (one < len(ball.faces)).all()
         assert (other >= len(ball.faces)).all()

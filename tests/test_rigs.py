@@ -600,6 +600,10 @@ def one_place(document: GLTF2) -> None:
             node.matrix = np.eye(4).reshape(-1).tolist()
 
 
+def no_inverse(document: GLTF2) -> None:
+    document.skins[0].inverseBindMatrices = None
+
+
 def lines(document: GLTF2) -> None:
     document.meshes[0].primitives[0].mode = 1
 
@@ -618,6 +622,7 @@ DOCUMENTS: list[tuple[Callable[[GLTF2], None], str]] = [
     (version_1, "a glTF 2.0 file, got version 1.0"),
     (zero_quaternion, "rotation of node 3: a quaternion, got zeros"),
     (one_place, "'index-finger-phalanx-distal' and 'index-finger-phalanx-intermediate' at the sam"),
+    (no_inverse, "vertices of fingers that mostly lie within 0.5 .* inverse bind matrices missing"),
     (lines, "a mesh with triangles that the hand's joints move, got none"),
 ]
 
@@ -795,6 +800,7 @@ def test_the_command_refuses_in_one_line_and_writes_nothing(
         (("--rig-unit", "mm"), "--rig-unit"),
         (("--mapping", "m.toml"), "--rig"),
         (("--rig", "hand.glb", "--left"), "--rig-hand"),
+        (("--rig", "hand.glb", "--device", "pocl"), "--device"),
         (("--rig", "hand.glb", "--edge-mm", "2"), "as it is"),
         (("--rig", "hand.glb", "--rig-unit", "ell"), "--rig-unit"),
         (("--rig", "hand.glb", "--rig-hand", "both"), "right or left"),

@@ -159,7 +159,7 @@ def run_demo(folder: Path, settings: DemoSettings, device: Device) -> None:
     array, waveform = arrays.qar50(), Waveform.sfcw(72e9, 82e9, 128)
     with stages.stage("meshes: hand F and flat"):
         for name, pose in ((HAND, "F"), (FLAT_HAND, "flat")):
-            mesh = turned(hand_mesh(pose), settings.turn_deg, DEFAULT_CENTER_M)
+            mesh = turned(hand_mesh(pose, device=device), settings.turn_deg, DEFAULT_CENTER_M)
             save_hand(folder / name, mesh, force=True)
     # From the file, so that `clradar simulate` on it gives what the demo has.
     scene = Scene.from_mesh(folder / HAND)

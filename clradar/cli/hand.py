@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 import numpy as np
 import typer
 
-from clradar.cli.options import ForceOption, wrong_usage
+from clradar.cli.options import DeviceOption, ForceOption, wrong_usage
 from clradar.cli.output import check_outputs, print_line, print_table, write_bytes, write_json
 from clradar.cli.rig_options import (
     BetasOption,
@@ -104,6 +104,7 @@ def command(
     betas: BetasOption = None,
     theta: ThetaOption = None,
     list_poses: Annotated[bool, typer.Option("--list", help="List the poses and exit.")] = False,
+    device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
     """The mesh is closed, in metres and in the antenna frame, palm to the radar. A .glb file
@@ -135,6 +136,8 @@ def command(
         raise wrong_usage("--left", "a rig is a left or a right hand itself; see --rig-hand")
     elif edge_mm is not None:
         raise wrong_usage("--edge-mm", "a rig's mesh is taken as it is")
+    elif device is not None:
+        raise wrong_usage("--device", "a rig's mesh is posed without one")
     elif given:
         raise wrong_usage(given[0], "a rig has the size and shape of its own mesh")
     if theta is not None and pose is not None:
@@ -159,6 +162,7 @@ def command(
             handedness="left" if left else "right",
             center_m=center_m,
             shape=shape,
+            device=device,
         )
         what = f"hand '{posed.name}'"
     else:
@@ -166,6 +170,8 @@ def command(
         mesh = posed_rig(opened, posed, theta, center_m)
         shown = f"theta of {theta}" if theta is not None else f"'{pose}'"
         what = f"{rig}: {described(opened)}, {shown}"
+    if not np.isfinite(turn_deg):
+        raise wrong_usage("--turn-deg", f"expected an angle in degrees, got {turn_deg:g}")
     mesh = turned(mesh, turn_deg, center_m)
     save_hand(output, mesh, force=force)
     if joints is not None:

@@ -136,10 +136,16 @@ def _unit(text: str) -> str | float:
 
     if text in UNITS_M:
         return text
-    values = _numbers("--rig-unit", text)
-    if len(values) != 1 or not values[0] > 0:
-        raise wrong_usage("--rig-unit", f"expected a unit or a positive number, got '{text}'")
-    return values[0] / 1e3
+    try:
+        value_mm = float(text)
+    except ValueError:
+        value_mm = 0.0
+    if not 0 < value_mm < float("inf"):
+        raise wrong_usage(
+            "--rig-unit",
+            f"expected one of {', '.join(UNITS_M)}, or a positive number of mm, got '{text}'",
+        )
+    return value_mm / 1e3
 
 
 def _numbers(option: str, text: str) -> list[float]:

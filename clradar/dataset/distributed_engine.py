@@ -16,7 +16,7 @@ from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from socket import gethostname
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any
 
 from distributed import CancelledError, Client, Future, KilledWorker, as_completed
@@ -34,6 +34,9 @@ from measurement_io.work_folder import differences
 
 WAITING = 2
 """Samples on their way per worker: the one being made, and the next at hand."""
+
+LATE_S, LATE_STEP_S = 120.0, 0.05
+"""How long to wait for samples that are made twice, and how often to look."""
 
 LOOK_S = 10.0
 """How often it is looked how many workers there are."""
@@ -260,6 +263,18 @@ class Distributed:
             self._pending.discard(future)
             finished.update(submitted())
             yield _outcome(future)
+        self._await_late(run)
+
+    def _await_late(self, run: str) -> None:
+        """Wait for samples that are made twice, so that no part is written after all is done.
+
+        What a dying worker held is made again by another, also if it had been heard of already.
+        """
+        until_s = monotonic() + LATE_S
+        while monotonic() < until_s:
+            if not any(self.client.run(_is_busy, run, on_error="ignore").values()):
+                return
+            sleep(LATE_STEP_S)
 
     def stop(self) -> None:
         """Make no more, and end the workers if they are this process's own.
@@ -272,6 +287,12 @@ class Distributed:
         self._pending.clear()
         if self._end_workers is not None:
             self._end_workers()
+
+
+def _is_busy(run: str, dask_worker: Any) -> bool:
+    """Return whether a worker is making a sample of a run, wanted or not."""
+    keys = list(dask_worker.active_threads.values())
+    return any(isinstance(key, tuple) and key[:2] == ("sample", run) for key in keys)
 
 
 def _outcome(future: Future) -> Outcome:

@@ -99,7 +99,7 @@ def _recipe(given: Mapping[str, Any] | str | bytes) -> Mapping[str, Any]:
 def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders) -> Sample:
     products = recipe["products"]
     arrays: dict[str, np.ndarray] = {}
-    mesh = placed_hand(recipe, rigs)
+    mesh = placed_hand(recipe, device, rigs)
     if "joints" in products:
         arrays["joints"] = mesh.joints_m
     if "mesh" in products:
@@ -131,7 +131,9 @@ def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders)
     return Sample(recipe, arrays)
 
 
-def placed_hand(recipe: Mapping[str, Any], rigs: Folders = "") -> HandMesh:
+def placed_hand(
+    recipe: Mapping[str, Any], device: Device | str | None = None, rigs: Folders = ""
+) -> HandMesh:
     """Return the hand where the recipe puts it, metres, antenna frame."""
     hand, place = recipe["hand"], recipe["placement"]
     pose = pose_of(recipe["pose"])
@@ -145,6 +147,7 @@ def placed_hand(recipe: Mapping[str, Any], rigs: Folders = "") -> HandMesh:
             handedness=hand["handedness"],
             center_m=origin_m,
             shape=shape_of(hand["shape"]),
+            device=device,
         )
     matrix = rotation(place["rotation_rad"])
     centre_m = np.asarray(place["center_m"])

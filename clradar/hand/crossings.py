@@ -42,6 +42,46 @@ def crossing_faces(
     return chosen[np.stack([one[crossed], other[crossed]], axis=1)]
 
 
+def faces_beside(
+    vertices_m: np.ndarray, faces: np.ndarray, among: np.ndarray, chosen: np.ndarray
+) -> np.ndarray:
+    """Return which faces may touch a chosen one: all that do, and others.
+
+    Parameters
+    ----------
+    vertices_m : ndarray, shape (V, 3), metres
+    faces : ndarray, shape (F, 3), int
+    among : ndarray, int
+        Indices of the faces to look at.
+    chosen : ndarray, shape (F,), bool
+        At least one of the faces to look at.
+
+    Returns
+    -------
+    ndarray, int
+        Those of `among`.
+    """
+    from scipy.spatial import cKDTree
+
+    centre_m, radius_m = _balls(vertices_m[faces[among]])
+    tree = cKDTree(centre_m[chosen[among]])
+    apart_m, _ = tree.query(centre_m, distance_upper_bound=_reach_m(radius_m))
+    return among[np.isfinite(apart_m)]
+
+
+def _balls(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the middles (N, 3) of triangles (N, 3, 3), and how far their corners are (N,)."""
+    centre_m = (triangles_m[:, 0] + triangles_m[:, 1] + triangles_m[:, 2]) / 3.0
+    from_m = triangles_m - centre_m[:, None]
+    return centre_m, np.sqrt(np.einsum("ijk,ijk->ij", from_m, from_m).max(axis=1))
+
+
+def _reach_m(radius_m: np.ndarray) -> float:
+    """Return how far apart the middles of two triangles that touch can be."""
+    # A little more, for rounding.
+    return 2.0 * float(radius_m.max()) * (1.0 + 1e-9)
+
+
 def _close_pairs(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the pairs of triangles (N, 3, 3) whose bounding boxes meet, each pair once."""
     from scipy.spatial import cKDTree
@@ -49,9 +89,8 @@ def _close_pairs(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     none = np.zeros(0, dtype=np.int64)
     if len(triangles_m) < 2:
         return none, none
-    centre_m = triangles_m.mean(axis=1)
-    radius_m = np.linalg.norm(triangles_m - centre_m[:, None], axis=2).max(axis=1)
-    pairs = cKDTree(centre_m).query_pairs(2.0 * float(radius_m.max()), output_type="ndarray")
+    centre_m, radius_m = _balls(triangles_m)
+    pairs = cKDTree(centre_m).query_pairs(_reach_m(radius_m), output_type="ndarray")
     one, other = pairs.T
     low_m, high_m = triangles_m.min(axis=1), triangles_m.max(axis=1)
     for axis in range(3):

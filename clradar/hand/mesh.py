@@ -9,24 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clradar.errors import ModelError
-from clradar.hand.crossings import crossing_faces
-from clradar.hand.flesh import (
-    PART_NAMES,
-    Flesh,
-    Neighbourhoods,
-    grown_flesh,
-    neighbourhoods,
-    unit_vectors,
-)
+from clradar.hand.crossings import crossing_faces, faces_beside
+from clradar.hand.flesh import PART_NAMES, grown_flesh
+from clradar.hand.flesh_field import FleshField
 from clradar.hand.joints import JOINT_NAMES
 from clradar.hand.known_poses import pose_by_name
 from clradar.hand.pose import HandPose
 from clradar.hand.shape import AVERAGE, HandShape
 from clradar.hand.skeleton import posed_skeleton
 from clradar.model import checks
+from clradar.opencl import Buffers, Device, open_device
 
 if TYPE_CHECKING:
     import trimesh
+    from scipy.sparse import csr_array
 
 DEFAULT_EDGE_LENGTH_M = 1.7e-3
 """About 41 000 faces; the mean edge, 1.6 mm, is below half a wavelength at 82 GHz (1.8 mm)."""
@@ -37,9 +33,6 @@ DEFAULT_CENTER_M = (0.0, 0.0, 0.300)
 _EDGE_LIMITS_M = (0.5e-3, 4e-3)
 
 _HANDEDNESS = ("right", "left")
-
-# Fine nodes per coarse cell: one in _COARSE**3 nodes is sampled to find where the surface can be.
-_COARSE = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +103,7 @@ def hand_joints(
     handedness: str = "right",
     center_m: Any = DEFAULT_CENTER_M,
     shape: HandShape = AVERAGE,
+    device: Device | str | None = None,
 ) -> np.ndarray:
     """Return the joints of a hand that stands in front of the radar, palm towards it.
 
@@ -122,6 +116,8 @@ def hand_joints(
     center_m : array_like, shape (3,), metres
         Where the centre of the flesh's bounding box goes, in the antenna frame.
     shape : HandShape
+    device : Device, str or None
+        Where the surface is sampled, see `clradar.open_device`.
 
     Returns
     -------
@@ -129,7 +125,8 @@ def hand_joints(
         Joint centres in the order of `JOINT_NAMES`: those of `hand_mesh` with the default edge
         length. Another edge length moves the box's centre, and so the joints, by up to 0.2 mm.
     """
-    return hand_mesh(pose, handedness=handedness, center_m=center_m, shape=shape).joints_m
+    mesh = hand_mesh(pose, handedness=handedness, center_m=center_m, shape=shape, device=device)
+    return mesh.joints_m
 
 
 def hand_mesh(
@@ -138,6 +135,7 @@ def hand_mesh(
     handedness: str = "right",
     center_m: Any = DEFAULT_CENTER_M,
     shape: HandShape = AVERAGE,
+    device: Device | str | None = None,
 ) -> HandMesh:
     """Return the closed surface of a hand that stands in front of the radar, palm towards it.
 
@@ -154,15 +152,20 @@ def hand_mesh(
         Where the centre of the surface's bounding box goes, in the antenna frame.
     shape : HandShape
         Length, breadth, finger lengths, girth; an average adult's by default.
+    device : Device, str or None
+        Where the surface is sampled, see `clradar.open_device`.
 
     Returns
     -------
     HandMesh
+        On the same device and driver the same bits.
 
     Raises
     ------
     ModelError
         If an argument cannot be meant.
+    DeviceError
+        The device is missing, out of memory or fails.
     """
     posed = pose if isinstance(pose, HandPose) else pose_by_name(pose)
     spacing_m = checks.positive("edge_length_m", edge_length_m)
@@ -173,7 +176,7 @@ def hand_mesh(
     centre_m = checks.read_only("center_m", center_m, np.float64, (3,))
     checks.instance("shape", shape, HandShape)
 
-    vertices_m, faces, joints_m, part = _right_hand(posed, spacing_m, shape)
+    vertices_m, faces, joints_m, part = _right_hand(posed, spacing_m, shape, open_device(device))
     if handedness == "left":
         mirror = np.array([-1.0, 1.0, 1.0])
         # A mirror image turns every triangle inside out; exchanging two corners turns it back.
@@ -183,16 +186,17 @@ def hand_mesh(
 
 @lru_cache(maxsize=4)
 def _right_hand(
-    pose: HandPose, spacing_m: float, shape: HandShape = AVERAGE
+    pose: HandPose, spacing_m: float, shape: HandShape, device: Device
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return vertices, faces, joints and parts of a right hand with its box around the origin."""
     # Sampled before the wrist turns it: the same fingers get the same triangles however the hand is
     # held, in the smallest box.
     unturned = replace(pose, joints={j: a for j, a in pose.joints.items() if j != "wrist"})
     bones, turned = posed_skeleton(unturned, shape), posed_skeleton(pose, shape)
-    flesh = grown_flesh(bones)
-    vertices_m, faces, near = _surface(flesh, spacing_m)
-    part = flesh.nearest_part(vertices_m[faces].mean(axis=1), near)
+    with Buffers(device) as buffers:
+        field = FleshField(grown_flesh(bones), spacing_m, buffers)
+        vertices_m, faces = _surface(field, spacing_m)
+        part = field.nearest_parts(vertices_m[faces].mean(axis=1))
     vertices_m = vertices_m @ turned.frames[0].T
     centre_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
     result = (vertices_m - centre_m, faces, turned.joints_m - centre_m, part)
@@ -201,100 +205,87 @@ def _right_hand(
     return result
 
 
-def _surface(flesh: Flesh, spacing_m: float) -> tuple[np.ndarray, np.ndarray, Neighbourhoods]:
+def _surface(field: FleshField, spacing_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices (V, 3), metres, and faces (F, 3), int32, of the flesh's surface."""
     from skimage.measure import marching_cubes
 
-    distance_m, near = _sampled(flesh, spacing_m)
     # In units of the spacing: marching cubes works in single precision with absolute tolerances.
-    raw, faces, _, _ = marching_cubes(distance_m / spacing_m, 0.0, gradient_direction="descent")
-    vertices_m = near.low_m + 0.5 * spacing_m + raw.astype(np.float64) * spacing_m
-    vertices_m, faces = _largest_component(vertices_m, faces.astype(np.int64))
-    vertices_m = _relaxed(flesh, vertices_m, faces, near, spacing_m)
-    if not _is_closed(faces):
+    distance = field.node_distances_m() / np.float32(spacing_m)
+    raw, faces, _, _ = marching_cubes(distance, 0.0, gradient_direction="descent")
+    raw_m = field.first_m + raw.astype(np.float64) * spacing_m
+    raw_m, faces, links = _largest_component(raw_m, faces)
+    if not _is_closed(links):
         raise ModelError("pose: expected one closed surface, got one with open edges")
-    return vertices_m, faces.astype(np.int32), near
+    vertices_m, normal = _relaxed(field, raw_m, links)
+    facing = _facing(field, vertices_m, normal, spacing_m)
+    return _uncrossed(vertices_m, raw_m, faces, facing), faces
 
 
-def _sampled(flesh: Flesh, spacing_m: float) -> tuple[np.ndarray, Neighbourhoods]:
-    """Return signed distances on a grid (n_x, n_y, n_z), and the cells of its nodes.
-
-    The nodes are half a spacing inside their cells, _COARSE along each axis. A distance never
-    overestimates, so a cell whose centre is farther from the surface than its corners are from the
-    centre holds no surface, and its nodes need only a sign.
-    """
-    cell_m = _COARSE * spacing_m
-    low_m, high_m = flesh.bounds_m()
-    # The first node is a spacing outside.
-    low_m, high_m = low_m - spacing_m, high_m + spacing_m
-    n_cells = np.ceil((high_m - low_m) / cell_m).astype(int)
-    shape = (int(n_cells[0]), int(n_cells[1]), int(n_cells[2]))
-    near = neighbourhoods(flesh, low_m - 0.5 * spacing_m, cell_m, shape)
-    cells = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1)
-    cells = cells.reshape(-1, 3)
-    coarse_m = flesh.distance_m(near.low_m + (cells + 0.5) * cell_m, near)
-    # Nodes one step outside the cell count too: the surface may run between two cells.
-    crossed = np.abs(coarse_m) <= 0.5 * (_COARSE + 1) * np.sqrt(3.0) * spacing_m
-    blocks = np.broadcast_to(
-        coarse_m.reshape(shape)[:, None, :, None, :, None],
-        (shape[0], _COARSE, shape[1], _COARSE, shape[2], _COARSE),
-    )
-    distance_m = np.ascontiguousarray(blocks).reshape(tuple(n_cells * _COARSE))
-    inner = np.stack(np.meshgrid(*(np.arange(_COARSE),) * 3, indexing="ij"), axis=-1)
-    nodes = (cells[crossed][:, None, :] * _COARSE + inner.reshape(1, -1, 3)).reshape(-1, 3)
-    distance_m[tuple(nodes.T)] = flesh.distance_m(low_m + nodes * spacing_m, near)
-    return distance_m, near
-
-
-def _largest_component(vertices_m: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the connected surface with the most faces, without unused vertices."""
-    from scipy.sparse import coo_matrix
+def _largest_component(
+    vertices_m: np.ndarray, faces: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, csr_array]:
+    """Return the connected surface with the most faces, without unused vertices, and its links."""
     from scipy.sparse.csgraph import connected_components
 
-    n = len(vertices_m)
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
-    links = coo_matrix((np.ones(len(ends), dtype=bool), tuple(ends.T)), shape=(n, n))
-    _, label = connected_components(links, directed=False)
+    links = _links(faces, len(vertices_m))
+    count, label = connected_components(links, directed=False)
+    if count == 1:
+        return vertices_m, faces, links
     keep = label[faces[:, 0]] == np.argmax(np.bincount(label[faces[:, 0]]))
-    used, renumbered = np.unique(faces[keep], return_inverse=True)
-    return vertices_m[used], renumbered.reshape(-1, 3)
+    used = np.zeros(len(vertices_m), dtype=bool)
+    used[faces[keep]] = True
+    faces = (np.cumsum(used, dtype=np.int32) - 1)[faces[keep]]
+    return vertices_m[used], faces, _links(faces, int(used.sum()))
+
+
+def _links(faces: np.ndarray, n: int) -> csr_array:
+    """Return how often an edge goes from one of `n` vertices to another, float64."""
+    from scipy.sparse import coo_array
+
+    begin = faces.T.reshape(-1)
+    end = faces[:, [1, 2, 0]].T.reshape(-1)
+    return coo_array((np.ones(len(begin)), (begin, end)), shape=(n, n)).tocsr()
+
+
+def _is_closed(links: csr_array) -> bool:
+    """Return whether every edge occurs exactly once in each direction."""
+    links.sort_indices()
+    back = links.T.tocsr()
+    back.sort_indices()
+    same = np.array_equal(links.indptr, back.indptr) and np.array_equal(links.indices, back.indices)
+    return bool(same and (links.data == 1.0).all())
 
 
 def _relaxed(
-    flesh: Flesh, raw_m: np.ndarray, faces: np.ndarray, near: Neighbourhoods, spacing_m: float
-) -> np.ndarray:
+    field: FleshField, vertices_m: np.ndarray, links: csr_array
+) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices moved along the surface to even out the triangles, and onto the surface.
 
     Marching cubes leaves slivers where the surface passes close to a grid node; moving each vertex
-    half-way to the mean of its neighbours, in the tangent plane only, opens them.
+    half-way to the mean of its neighbours, in the tangent plane only, opens them. Also returned are
+    the normals (V, 3) along which the vertices came back to the surface.
     """
-    from scipy.sparse import coo_matrix
-
-    n = len(raw_m)
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    # Every edge of a closed surface belongs to two faces, once in each direction.
-    links = coo_matrix((np.ones(len(ends)), tuple(ends.T)), shape=(n, n)).tocsr()
-    weight = np.asarray(links.sum(axis=1))
-    vertices_m = raw_m
+    weight = links.sum(axis=1).reshape(-1, 1)
     for _ in range(2):
-        normal = unit_vectors(flesh.slope(vertices_m, near)[1])
-        step_m = 0.5 * (links @ vertices_m / weight.reshape(-1, 1) - vertices_m)
+        normal = _unit_vectors(field.gradients(vertices_m))
+        step_m = 0.5 * (links @ vertices_m / weight - vertices_m)
         step_m -= normal * np.einsum("ij,ij->i", step_m, normal)[:, None]
         vertices_m = vertices_m + step_m
-        vertices_m = vertices_m - normal * flesh.distance_m(vertices_m, near)[:, None]
-    return _uncrossed(vertices_m, raw_m, faces, _facing(flesh, vertices_m, normal, near, spacing_m))
+        vertices_m = vertices_m - normal * field.distances_m(vertices_m)[:, None]
+    return vertices_m, normal
+
+
+def _unit_vectors(vectors: np.ndarray) -> np.ndarray:
+    vectors = vectors.astype(np.float64)
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-30)
 
 
 def _facing(
-    flesh: Flesh,
-    vertices_m: np.ndarray,
-    normal: np.ndarray,
-    near: Neighbourhoods,
-    spacing_m: float,
+    field: FleshField, vertices_m: np.ndarray, normal: np.ndarray, spacing_m: float
 ) -> np.ndarray:
     """Return which vertices (V,) have skin in front of them, as where fingers touch."""
     ahead_m = 2.0 * spacing_m
-    return flesh.distance_m(vertices_m + ahead_m * normal, near) < 0.9 * ahead_m
+    return field.distances_m(vertices_m + ahead_m * normal) < 0.9 * ahead_m
 
 
 def _uncrossed(
@@ -308,18 +299,13 @@ def _uncrossed(
     among = np.flatnonzero(facing[faces].any(axis=1))
     back = np.zeros(len(vertices_m), dtype=bool)
     while len(crossed := crossing_faces(vertices_m, faces, among)):
-        corners = faces[np.unique(crossed)]
-        if back[corners].all():
+        moved = np.zeros(len(vertices_m), dtype=bool)
+        moved[faces[np.unique(crossed)]] = True
+        moved &= ~back
+        if not moved.any():
             break
-        back[corners] = True
-        vertices_m[back] = raw_m[back]
+        back |= moved
+        vertices_m[moved] = raw_m[moved]
+        # Only with a face that moved can there be a crossing that was not there before.
+        among = faces_beside(vertices_m, faces, among, moved[faces].any(axis=1))
     return vertices_m
-
-
-def _is_closed(faces: np.ndarray) -> bool:
-    """Return whether every edge occurs exactly once in each direction."""
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    n = int(faces.max()) + 1
-    forward, backward = ends[:, 0] * n + ends[:, 1], ends[:, 1] * n + ends[:, 0]
-    unique = np.unique(forward)
-    return len(unique) == len(forward) and np.array_equal(unique, np.unique(backward))

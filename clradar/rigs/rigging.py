@@ -23,6 +23,11 @@ MAX_VERTICES = 1_000_000
 _MAX_EXTENT = 6.0
 
 
+_MAX_AWAY = 0.5
+"""Lengths from wrist to finger. What a metacarpal holds is up to 0.4 away from it, what a phalanx
+holds 0.2. A skin without its inverse bind matrices has everything one way from the wrist off."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """Triangles and their skin at rest, in the file's coordinates.
@@ -186,6 +191,17 @@ def rig_of(
             f"a hand, a mesh of at most {_MAX_EXTENT:g} times its length from wrist to finger",
             f"{extent / size:.3g} times: take off what is not hand or forearm",
         )
+    held = (surface.joint != WRIST) & (surface.weight > 0.5)
+    if held.any():
+        at = surface.points[held] / surface.weight[held, None]
+        away = float(np.median(np.linalg.norm(at - joints[surface.joint[held]], axis=1))) / size
+        if away > _MAX_AWAY:
+            fail(
+                path,
+                f"vertices of fingers that mostly lie within {_MAX_AWAY:g} hand lengths of their "
+                "joint",
+                f"{away:.2g}: are the inverse bind matrices missing, or another skin's?",
+            )
     axes = canonical_axes(joints, side)
     wrist = joints[WRIST]
     joints_m = (joints - wrist) @ axes.T * unit_m

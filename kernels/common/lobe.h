@@ -49,18 +49,6 @@ typedef struct {
     realw ratio;           /* sin theta / sin beta_c where not around */
 } disc;
 
-static inline realw choose(intw condition, realw yes, realw no) {
-    return condition ? yes : no;
-}
-
-static inline realw lesser(realw a, realw b) {
-    return a < b ? a : b;
-}
-
-static inline realw greater(realw a, realw b) {
-    return a > b ? a : b;
-}
-
 /* Angle of (x, y), y >= 0, from the x axis, 0 to pi. The polynomial is atan's on [0, 1] to 1e-7. */
 static inline realw angle(realw y, realw x) {
     const realw size = x < 0.0f ? -x : x;

@@ -78,6 +78,8 @@ typedef int8 intw;
 #define FIRSTW(v) ((v).s0)
 #define AS_INTW(v) as_int8(v)
 #define AS_REALW(v) as_float8(v)
+#define TO_INTW(v) convert_int8_rtz(v)
+#define TO_REALW(v) convert_float8(v)
 #define LANE_INDEX ((realw)(0.0f, 1.0f, 2.0f, 3.0f, 4.0f, 5.0f, 6.0f, 7.0f))
 #elif CLR_WIDTH == 1
 typedef float realw;
@@ -88,10 +90,25 @@ typedef int intw;
 #define FIRSTW(v) (v)
 #define AS_INTW(v) as_int(v)
 #define AS_REALW(v) as_float(v)
+#define TO_INTW(v) ((int)(v))
+#define TO_REALW(v) ((float)(v))
 #define LANE_INDEX (0.0f)
 #else
 #error "CLR_WIDTH must be 1 or 8"
 #endif
+
+/* Lane by lane. */
+static inline realw choose(intw condition, realw yes, realw no) {
+    return condition ? yes : no;
+}
+
+static inline realw lesser(realw a, realw b) {
+    return a < b ? a : b;
+}
+
+static inline realw greater(realw a, realw b) {
+    return a > b ? a : b;
+}
 
 /* a b + c, in one instruction where the device has one. OpenCL's fma() is a library call on PoCL, ten
  * times slower; nothing here needs its single rounding. */
