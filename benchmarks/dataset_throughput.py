@@ -78,14 +78,14 @@ def alone(path: Path, samples: int) -> dict[str, float]:
         wall_s = timed_run(plan, Serial(DEVICE), Path(name) / "set")
         processor_s = time.process_time() - before_s
     device = open_device(DEVICE, profiling=True)
-    make_sample(recipe(plan, 0), device)
+    make_sample(recipe(plan, 0), device, rigs=plan.folder)
     device.kernel_time_s()
     # Kernels run in PoCL's thread, all else in this one, since numpy has one thread.
     clocks = (time.perf_counter, time.process_time, time.thread_time)
     made = []
     begun_s = [clock() for clock in clocks]
     for sample in range(samples):
-        made.append(make_sample(recipe(plan, sample), device))
+        made.append(make_sample(recipe(plan, sample), device, rigs=plan.folder))
     made_s, all_s, host_s = (clock() - begun for clock, begun in zip(clocks, begun_s, strict=True))
     events_s = device.kernel_time_s()
     close_s = closing_s(plan, made, made_with(device))

@@ -1,5 +1,6 @@
 """How well can a small classifier tell letters in radar images of hands that it was not taught on?
 
+pip install 'clradar[dataset]' scikit-learn
 clradar dataset plans/letters.toml -o letters --workers 2 && python train_letters.py letters
 """
 
@@ -10,10 +11,14 @@ import sys
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter, zoom
-from sklearn.decomposition import PCA
-from sklearn.metrics import ConfusionMatrixDisplay
-from sklearn.pipeline import make_pipeline
-from sklearn.svm import SVC
+
+try:
+    from sklearn.decomposition import PCA
+    from sklearn.metrics import ConfusionMatrixDisplay
+    from sklearn.pipeline import make_pipeline
+    from sklearn.svm import SVC
+except ImportError as error:
+    sys.exit(f"train_letters.py: needs scikit-learn: pip install scikit-learn ({error})")
 
 import clradar
 
@@ -35,11 +40,14 @@ def main(folder: str = "letters") -> None:
     data = clradar.open_dataset(folder)
     step = float(data.x_m[1] - data.x_m[0]) * 1e3 / PIXEL_MM
     images, depths_m, y = data.max_projection.values, data.depth_map.values, data.pose.values
+    kept = data.sample.values // len(set(y)) % 4 == 3
+    if len(set(y)) < 2 or set(y[kept]) != set(y[~kept]):
+        got = f"{len(y)} samples of {len(set(y))} poses"
+        sys.exit(f"{folder}: expected at least two poses and four samples of each, got {got}")
     x = np.array([features(i, d, step) for i, d in zip(images, depths_m, strict=True)])
     # The mirror image of a right hand is a left hand with the same letter.
     mirrored = zip(images[..., ::-1], depths_m[..., ::-1], strict=True)
     x_mirrored = np.array([features(i, d, step) for i, d in mirrored])
-    kept = data.sample.values // len(set(y)) % 4 == 3
     seen = np.concatenate([x[~kept], x_mirrored[~kept]])
     model = make_pipeline(PCA(min(100, len(seen) - 1), random_state=0), SVC(C=10))
     model.fit(seen, np.tile(y[~kept], 2))

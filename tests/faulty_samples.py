@@ -60,7 +60,7 @@ def _fault(sample: int, kinds: tuple[str, ...]) -> str | None:
     return kind
 
 
-def _faulty_make(recipe: Mapping[str, Any], device: Any) -> Any:
+def _faulty_make(recipe: Mapping[str, Any], device: Any, **settings: Any) -> Any:
     fault = _fault(recipe["sample"], ("raise", "device", "kill"))
     if fault == "raise":
         raise ValueError(f"sample {recipe['sample']} is poisoned")
@@ -68,7 +68,7 @@ def _faulty_make(recipe: Mapping[str, Any], device: Any) -> Any:
         raise DeviceError("the device refused")
     if fault == "kill":
         os.kill(os.getpid(), signal.SIGKILL)
-    return _make_sample(recipe, device)
+    return _make_sample(recipe, device, **settings)
 
 
 def _faulty_write(path: Path, sample: Any, made_with: Any, **options: Any) -> None:

@@ -214,6 +214,35 @@ def test_samples_do_not_depend_on_what_was_made_before() -> None:
             assert again.arrays[name].tobytes() == array.tobytes(), name
 
 
+def test_a_recipe_may_be_its_text(made: Path) -> None:
+    text = open_dataset(made).recipe.values[1]
+    wanted = make_sample(recipe(PLAN, 1), DEVICE)
+    for given in (text, text.encode()):
+        again = make_sample(given, DEVICE)
+        assert again.recipe == wanted.recipe
+        for name, array in wanted.arrays.items():
+            assert again.arrays[name].tobytes() == array.tobytes(), name
+
+
+def test_what_a_recipe_leaves_out_is_none_or_one_error() -> None:
+    whole = {**recipe(PLAN, 1), "products": ["capture"]}
+    clean = make_sample({**whole, "impairments": None}, DEVICE).arrays["capture"]
+    bare = {key: value for key, value in whole.items() if key not in ("impairments", "image")}
+    for without in (bare, {**whole, "impairments": {}}):
+        assert make_sample(without, DEVICE).arrays["capture"].tobytes() == clean.tobytes()
+    noisy = make_sample({**whole, "impairments": {"snr_db": 3.0}}, DEVICE).arrays["capture"]
+    assert noisy.tobytes() != clean.tobytes()
+    for given, words in (
+        ({**whole, "hand": {}}, "got no 'edge_length_m'"),
+        ({}, "'products'"),
+        ("{", "no JSON"),
+        ("[1]", "got list"),
+        (3, "got int"),
+    ):
+        with pytest.raises(ModelError, match=words):
+            make_sample(given, DEVICE)  # type: ignore[arg-type]
+
+
 THREADS = """
 import hashlib, json, sys
 from pathlib import Path
@@ -252,7 +281,9 @@ def test_bits_do_not_depend_on_the_number_of_threads(tmp_path: Path) -> None:
     assert len(found) == 1
 
 
-def test_rigs_are_hands_too(tmp_path: Path) -> None:
+def test_rigs_are_hands_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     RigMaker().save(tmp_path / "hand.glb")
     plan_text = "samples = 2\n[poses]\nnames = ['B']\n[hands]\nrigs = ['hand.glb']\n"
     plan_text += "handedness = 'both'\n[output]\nproducts = ['mesh', 'joints']\n"
@@ -265,10 +296,42 @@ def test_rigs_are_hands_too(tmp_path: Path) -> None:
     assert view.rig.values.tolist() == ["hand.glb"] * 2
     assert np.isnan(view["shape"].values).all()
 
-    (tmp_path / "hand.glb").write_bytes(b"another file")
+    # The folder's name is in none of the bytes.
+    (tmp_path / "else" / "where").mkdir(parents=True)
+    for name in ("plan.toml", "hand.glb"):
+        shutil.copy(tmp_path / name, tmp_path / "else" / "where" / name)
+    moved = clradar.dataset.read_plan(tmp_path / "else" / "where" / "plan.toml")  # type: ignore[attr-defined]
+    run(moved, tmp_path / "else" / "out", device=DEVICE)
+    assert digests(tmp_path / "else" / "out") == digests(tmp_path / "out")
+    assert str(tmp_path) not in (tmp_path / "out" / MANIFEST).read_text()
+    assert run(moved, tmp_path / "out", device=DEVICE).made == 0
+
+    (tmp_path / "hand.glb").rename(tmp_path / "away.glb")
     _rig.cache_clear()
+    assert replay(tmp_path / "out", 0, device=DEVICE, rigs=moved.folder).differences == ()
+    # In the data set's folder it is found, too; the current folder is first, if it is that file.
+    shutil.copy(moved.folder / "hand.glb", tmp_path / "else" / "out")
+    (tmp_path / "else" / "hand.glb").write_bytes(b"another")
+    monkeypatch.chdir(tmp_path / "else")
+    assert replay(tmp_path / "else" / "out", 0, device=DEVICE).differences == ()
+    arguments = ["--replay", str(tmp_path / "out"), "0", "--rigs", str(moved.folder)]
+    with pytest.raises(SystemExit) as ended:
+        main(["dataset", "--device", DEVICE, *arguments])
+    assert not ended.value.code
+    assert "sample 0: the same bits" in capsys.readouterr().out
+    (tmp_path / "else" / "hand.glb").unlink()
+    for begun in (
+        lambda: make_sample(recipe(plan, 0), DEVICE),
+        lambda: replay(tmp_path / "out", 0, device=DEVICE),
+        lambda: run(plan, tmp_path / "more", device=DEVICE),
+    ):
+        with pytest.raises(ModelError, match=r"hand\.glb: expected the file of .* nothing there"):
+            begun()
+    (tmp_path / "hand.glb").write_bytes(b"another file")
+    with pytest.raises(ModelError, match="got another"):
+        run(plan, tmp_path / "more", device=DEVICE)
     with pytest.raises(ModelError, match="expected the file of the plan"):
-        make_sample(recipe(plan, 0), DEVICE)
+        make_sample(recipe(plan, 0), DEVICE, rigs=tmp_path)
     with pytest.raises(PlanError, match=r"hands.rigs\[0\]"):
         clradar.dataset.read_plan(tmp_path / "plan.toml")  # type: ignore[attr-defined]
 
@@ -360,6 +423,23 @@ def test_another_plan_is_one_error_unless_forced(copy: Path) -> None:
     assert run(LIGHT, copy, device=DEVICE, force=True).made == 7
     assert check_dataset(copy).ok
     assert (copy / "thesis.tex").read_text() == "mine"
+
+
+def test_what_differs_is_named_down_to_its_key(copy: Path) -> None:
+    manifest = json.loads((copy / MANIFEST).read_text())
+    rig = {"file": "/somewhere/" + 80 * "a" + "/one.glb", "handedness": "left", "sha256": 64 * "0"}
+    manifest["plan"]["hands"] |= {"shape": "default", "rigs": [rig, rig]}
+    (copy / MANIFEST).write_text(json.dumps(manifest))
+    rigs = [rig, {**rig, "sha256": 64 * "1"}]
+    content = tiny(hands={"shape": "default", "rigs": rigs})
+    with pytest.raises(OutputError, match=r"another plan: hands.rigs\[1\].sha256 0+…, now 1+…\. "):
+        run(plan_from(content, "plan", Path()), copy, device=DEVICE)
+    rigs[1] = {**rig, "file": rig["file"].replace("one", "two")}
+    with pytest.raises(OutputError, match=r"rigs\[1\].file …a+/one.glb, now …a+/two.glb\. "):
+        run(plan_from(content, "plan", Path()), copy, device=DEVICE)
+    rigs.pop()
+    with pytest.raises(OutputError, match=r"another plan: hands.rigs of 2, now of 1\. "):
+        run(plan_from(content, "plan", Path()), copy, device=DEVICE)
 
 
 def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
@@ -462,8 +542,10 @@ def with_nan(array: np.ndarray) -> np.ndarray:
     [
         (lambda f: flipped(f / "shards" / "shard-00001.h5"), "expected SHA-256"),
         (lambda f: (f / "shards" / "shard-00001.h5").unlink(), "got nothing there"),
-        (lambda f: (f / "shards" / "more.h5").write_bytes(b""), "expected no such file"),
+        (lambda f: (f / "shards" / "more.h5").write_bytes(b""), "can be removed by hand"),
         (lambda f: (f / "parts" / "00000001.h5").write_bytes(b""), "left over"),
+        (lambda f: (f / "parts" / "1.csv").write_bytes(b""), "1.csv: is not of this data set"),
+        (lambda f: flipped(f / "shards" / "shard-00001.h5"), "delete the file, and the same"),
         (lambda f: (f / MANIFEST).write_text("{"), "manifest.json"),
         (lambda f: (f / MANIFEST).unlink(), "manifest.json"),
         (changed("entry/labels/sample", lambda a: a + 1), "expected the samples 2, 3, got 3, 4"),
@@ -501,6 +583,15 @@ def test_a_data_set_that_is_not_complete_says_so(
     assert len(open_dataset(tmp_path).sample) == 3
 
 
+def test_inspect_of_an_empty_folder_speaks_of_data_sets_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["inspect", str(tmp_path)])
+    assert ended.value.code == 1
+    assert "nor is it a data set, which has manifest.json" in capsys.readouterr().err
+
+
 # Reading
 
 
@@ -516,8 +607,14 @@ def test_xarray_has_the_numbers_axes_units_and_labels(made: Path) -> None:
             np.testing.assert_array_equal(one[name].values, again[name])
         first, end = int(one.mesh_vertices_first), int(one.mesh_vertices_end)
         np.testing.assert_array_equal(view.mesh_vertices[first:end].values, again["mesh_vertices"])
+        # Counted from 0 within the sample, as the docs have it.
+        faces = view.mesh_faces[int(one.mesh_faces_first) : int(one.mesh_faces_end)].values
+        assert (faces.min(), faces.max()) == (0, end - first - 1)
         assert json.loads(one.recipe.values.item()) == recipe(PLAN, sample)
         assert one.alpha.sel(part="palm") == recipe(PLAN, sample)["alpha"]["palm"]
+    for text in (view.recipe.values[1], view.made_with.values[1]):
+        assert isinstance(text, str)
+        assert isinstance(json.loads(text), dict)
     assert view.depth_map.attrs["units"] == "m"
     assert view.joint.values.tolist() == list(JOINT_NAMES)
     assert view.capture.dims == ("sample", "tx", "rx", "frequency_hz")
@@ -678,7 +775,11 @@ def test_a_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_wrong_usage_is_status_two(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments in (["dataset"], ["dataset", "plan.toml", "--replay", "x", "1"]):
+    for arguments in (
+        ["dataset"],
+        ["dataset", "plan.toml", "--replay", "x", "1"],
+        ["dataset", "plan.toml", "--rigs", "x", "-o", "y"],
+    ):
         with pytest.raises(SystemExit) as ended:
             main(arguments)
         assert ended.value.code == 2

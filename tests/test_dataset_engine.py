@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -343,6 +344,9 @@ def test_an_address_without_a_scheduler_is_one_error(
         assert f"{address}: expected the address of a Dask scheduler" in told
         assert len(told.splitlines()) == 1
     assert not (tmp_path / "x").exists()
+    # Nor do tracebacks come of a scheduler that is lost later: they go through these.
+    for name in ("distributed", "distributed.client", "tornado.application"):
+        assert not logging.getLogger(name).isEnabledFor(logging.ERROR), name
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from dataset_plans import TINY, tiny
+from rig_files import RigMaker
 
 from clradar.dataset import PlanError, read_plan, recipe
 from clradar.dataset.draws import Draw, fixed, stream
@@ -19,7 +20,15 @@ from clradar.dataset.plan import Plan
 from clradar.dataset.plan_plain import plan_digest, plan_record
 from clradar.dataset.plan_reader import plan_from
 from clradar.errors import MeasurementError, ModelError
-from clradar.hand import LETTERS, POSES, HandPose, HandShape, interpolate_poses, write_pose
+from clradar.hand import (
+    JOINT_NAMES,
+    LETTERS,
+    POSES,
+    HandPose,
+    HandShape,
+    interpolate_poses,
+    write_pose,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 HERE = Path()
@@ -94,7 +103,12 @@ def test_a_plan_comes_back_from_its_record() -> None:
         ({"poses": {"files": ["none.toml"]}}, "poses.files[0]", "none.toml"),
         ({"hands": {"handedness": "rihgt"}}, "hands.handedness", "did you mean 'right'?"),
         ({"hands": {"shape": "list"}}, "hands.shapes", "a list of shapes"),
-        ({"hands": {"shape": None, "shapes": [{"length_mm": 18}]}}, "hands.shapes[0]", "length_m"),
+        (
+            {"hands": {"shape": None, "shapes": [{"length_mm": 400}]}},
+            "hands.shapes[0].length_mm",
+            "expected a number from 120 to 260, got 400",
+        ),
+        ({"seed": 1e3}, "seed", "got the decimal number 1000.0; write 1000"),
         ({"hands": {"edge_mm": 0.1}}, "hands.edge_mm", "from 0.5 to 4"),
         ({"hands": {"shape": None, "rigs": ["none.glb"]}}, "hands.rigs[0]", "none.glb"),
         ({"placement": {"x_mm": {"unifrom": [0, 1]}}}, "placement.x_mm", "did you mean 'uniform'?"),
@@ -146,6 +160,23 @@ def test_a_mistake_is_one_line_with_its_key(tables: dict[str, Any], key: str, wo
     assert line.startswith(f"plan.toml: {key}: ")
     assert words in line
     assert "\n" not in line
+
+
+def test_a_kind_of_draw_that_is_not_for_this_key_is_no_slip() -> None:
+    content = tiny()
+    content["alpha"] = {"others": {"normal": [0.5, 0.1]}}
+    (line,) = mistakes(content)
+    assert line.endswith("or { choice = [a, b, ...] }, got { normal = ... }")
+
+
+def test_mistakes_in_rigs_speak_of_the_key(tmp_path: Path) -> None:
+    maker = RigMaker(called=lambda name: f"bone {JOINT_NAMES.index(name)}")
+    maker.save(tmp_path / "hand.glb")
+    content = tiny(hands={"shape": None, "rigs": ["hand.glb"]})
+    with pytest.raises(PlanError) as caught:
+        plan_from(content, "plan.toml", tmp_path)
+    (line,) = caught.value.mistakes
+    assert "a mapping file (the key mapping)" in line
 
 
 def test_all_mistakes_are_found_at_once() -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from clradar.cli.options import DeviceOption, ForceOption, wrong_usage
+from clradar.cli.options import DeviceOption, wrong_usage
 from clradar.cli.output import (
     check_outputs,
     print_error,
@@ -52,6 +52,15 @@ def command(
             "bit.",
         ),
     ] = None,
+    rigs: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--rigs",
+            metavar="FOLDER",
+            help="With --replay: what the plan's names of rig files are relative to. [default: the "
+            "current folder, then the data set's]",
+        ),
+    ] = None,
     workers: Annotated[
         Optional[int],  # noqa: UP045
         typer.Option(
@@ -76,7 +85,14 @@ def command(
         typer.Option("--retry", help="Try the samples again that were set aside."),
     ] = False,
     device: DeviceOption = None,
-    force: ForceOption = False,
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force",
+            help="Remove the data set that is in the folder, of this plan or another, and begin "
+            "anew; with --replay replace the file.",
+        ),
+    ] = False,
 ) -> None:
     """Makes training data: posed hands, simulated and imaged, with what they are made of as labels.
     The same command again goes on where it stopped. A sample that cannot be made is set aside; the
@@ -87,8 +103,10 @@ def command(
     if replay is not None:
         if plan is not None or dry_run:
             raise wrong_usage("--replay", "expected no plan and no --dry-run with it")
-        replay_sample(replay[0], replay[1], device, output, force)
+        replay_sample(replay[0], replay[1], device, output, force, rigs)
         return
+    if rigs is not None:
+        raise wrong_usage("--rigs", "expected it with --replay only: a plan's own folder counts")
     if plan is None:
         raise wrong_usage("PLAN.toml", "expected a plan, or --replay DIR N")
     wanted = checked_plan(plan)
@@ -129,8 +147,7 @@ def engine(workers: int | None, scheduler: str | None, device: str | None) -> It
         raise ClusterError(
             f"--workers and --scheduler need Dask: pip install 'clradar[dataset]' ({error})"
         ) from error
-    # What becomes of the samples is said here; workers that die are not news.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    _quiet_dask()
     if scheduler is not None:
         with running_cluster(scheduler) as client:
             print_line(dashboard_text(client))
@@ -143,6 +160,15 @@ def engine(workers: int | None, scheduler: str | None, device: str | None) -> It
         print_line(dashboard_text(client))
         # Each worker has its device in CLRADAR_DEVICE.
         yield Distributed(client, end_workers=end)
+
+
+def _quiet_dask() -> None:
+    """Silence Dask's own words: what becomes of samples and workers is said here."""
+    # Dask gives some of its loggers levels of their own, so that the parent's does not count.
+    known = list(logging.root.manager.loggerDict)
+    for name in {"distributed", "tornado.application", "asyncio", *known}:
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def make(plan: Plan, output: Path, chosen: Engine, *, force: bool, retry: bool) -> None:
@@ -188,13 +214,18 @@ def print_estimate(plan: Plan, device: str | None) -> None:
 
 
 def replay_sample(
-    folder: Path, index: int, device: str | None, output: Path | None, force: bool
+    folder: Path,
+    index: int,
+    device: str | None,
+    output: Path | None,
+    force: bool,
+    rigs: Path | None,
 ) -> None:
     """Make one sample again and say whether it is the stored one."""
     from clradar.dataset.replay import replay
 
     check_outputs([output], force=force)
-    found = replay(folder, index, device=device, output=output, force=force)
+    found = replay(folder, index, device=device, output=output, force=force, rigs=rigs)
     if output is not None:
         print_line(f"{output}: sample {index}, made again")
     if found.stored_in is None:

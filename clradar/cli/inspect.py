@@ -29,6 +29,7 @@ def command(
 
     from clradar.cli.output import progress_bar
     from clradar.dataset.check import check_dataset, describe_dataset, is_dataset
+    from clradar.errors import MeasurementError
     from measurement_io import check_file, describe
 
     dataset = is_dataset(file)
@@ -50,7 +51,14 @@ def command(
             print_error(f"{file}: {count} problem{'s' if count > 1 else ''} found")
             raise typer.Exit(1)
         return
-    found = describe_dataset(file) if dataset else describe(file)
+    try:
+        found = describe_dataset(file) if dataset else describe(file)
+    except MeasurementError as error:
+        if dataset or not file.is_dir():
+            raise
+        raise MeasurementError(
+            f"{error}; nor is it a data set, which has manifest.json and shards"
+        ) from error
     if as_json:
         print_text(json.dumps(found.to_dict(), indent=2, allow_nan=False))
     else:

@@ -9,8 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from clradar.dataset.folder import MANIFEST, PARTS, SHARDS, Manifest, ShardEntry, read_manifest
+from clradar.dataset.folder import (
+    MANIFEST,
+    PART_NAME,
+    PARTS,
+    SHARDS,
+    Manifest,
+    ShardEntry,
+    read_manifest,
+)
 from clradar.dataset.layout import FIELDS, Field, axes_of, fields_of_products, labels_of
+from clradar.dataset.mend import shard_fault
 from clradar.dataset.recipe import recipe
 from clradar.dataset.stored import fields_of, opened
 from clradar.errors import ClradarError
@@ -18,9 +27,13 @@ from clradar.hashing import sha256_of
 from clradar.trace import Progress
 from measurement_io import CheckReport, Description, Fact
 from measurement_io.failures import clean, shown
+from measurement_io.work_folder import TEMPORARY
 
 MOST_LISTED = 10
 """Samples that a problem names."""
+
+LEFT_OVER = "left over; the same command removes it"
+FOREIGN = "is not of this data set; it can be removed by hand"
 
 BLOCK_BYTES = 2**28
 """Of an array that is looked at at a time."""
@@ -41,27 +54,48 @@ def describe_dataset(folder: Path) -> Description:
     """
     manifest = read_manifest(folder)
     plan = manifest.plan
-    stored = sum(entry.samples for entry in manifest.shards.values())
-    files = [folder / entry.file for entry in manifest.shards.values() if entry.file is not None]
-    size = sum(file.stat().st_size for file in files if file.is_file())
+    faults = _shard_faults(folder, manifest)
+    whole = [entry for number, entry in manifest.shards.items() if number not in faults]
+    complete = manifest.complete and not faults
+    stored = sum(entry.samples for entry in whole)
+    size = sum((folder / entry.file).stat().st_size for entry in whole if entry.file is not None)
     names = [pose.name for pose in plan.poses.poses]
     device = manifest.made_with.get("device", {})
     facts = [
         Fact("samples", f"{stored} of {plan.samples}", {"stored": stored, "plan": plan.samples}),
-        Fact("complete", "yes" if manifest.complete else "no", manifest.complete),
+        Fact("complete", _complete_text(complete, len(manifest.aside)), complete),
         Fact("set aside", f"{len(manifest.aside)}", sorted(manifest.aside)),
         Fact(
             "shards",
-            f"{len(manifest.shards)} of {plan.n_shards}, {size / 2**20:.1f} MiB",
-            {"closed": len(manifest.shards), "plan": plan.n_shards, "bytes": size},
+            f"{len(whole)} of {plan.n_shards}, {size / 2**20:.1f} MiB",
+            {"closed": len(whole), "plan": plan.n_shards, "bytes": size},
         ),
         Fact("products", ", ".join(plan.output.products), list(plan.output.products)),
         Fact("poses", f"{plan.poses.kind} of {len(names)}: {clean(', '.join(names))}", names),
         Fact("seed", f"{plan.seed}", plan.seed),
         Fact("made with", clean(json.dumps(device)), dict(manifest.made_with)),
     ]
-    missing = () if manifest.complete else ("shards: the run has not come to its end",)
-    return Description(shown(folder), "data set", tuple(facts), (), missing)
+    missing = [f"{line}; the same command makes it again" for line in faults.values()]
+    if not manifest.complete:
+        missing.append("shards: the run has not come to its end")
+    return Description(shown(folder), "data set", tuple(facts), (), tuple(missing))
+
+
+def _shard_faults(folder: Path, manifest: Manifest) -> dict[int, str]:
+    """Return what is seen of shards without reading them: those that are missing or too short."""
+    found = {}
+    for number, entry in manifest.shards.items():
+        if entry.file is not None:
+            fault = shard_fault(folder / entry.file, entry)
+            if fault is not None:
+                found[number] = f"{clean(entry.file)}: {fault}"
+    return found
+
+
+def _complete_text(complete: bool, aside: int) -> str:
+    if not complete:
+        return "no"
+    return f"yes, but for {aside} set aside" if aside else "yes"
 
 
 def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport:
@@ -127,11 +161,15 @@ def _strangers(folder: Path, manifest: Manifest) -> list[str]:
         name = f"{SHARDS}/{path.name}"
         # Of a shard that was written when the run was killed; going on writes it again.
         if name not in known and (manifest.complete or path.suffix != ".h5"):
-            found.append(f"{clean(name)}: expected no such file, got one")
-    parts = sorted((folder / PARTS).glob("*")) if manifest.complete else []
-    return found + [
-        f"{PARTS}/{clean(path.name)}: left over; the same command removes it" for path in parts
-    ]
+            own = path.match(TEMPORARY)
+            found.append(f"{clean(name)}: {LEFT_OVER if own else FOREIGN}")
+    for path in sorted((folder / PARTS).glob("*")):
+        name = f"{PARTS}/{clean(path.name)}"
+        if not (PART_NAME.fullmatch(path.name) or path.match(TEMPORARY)):
+            found.append(f"{name}: {FOREIGN}")
+        elif manifest.complete:
+            found.append(f"{name}: {LEFT_OVER}")
+    return found
 
 
 def _shard_problems(folder: Path, manifest: Manifest, entry: ShardEntry) -> Iterator[str]:
@@ -146,12 +184,18 @@ def _shard_problems(folder: Path, manifest: Manifest, entry: ShardEntry) -> Iter
         return
     path = folder / entry.file
     if not path.is_file():
-        yield f"{clean(entry.file)}: expected a shard, got nothing there"
+        yield (
+            f"{clean(entry.file)}: expected a shard, got nothing there; the same command makes it "
+            "again"
+        )
         return
     digest = sha256_of(path)
     if digest != entry.sha256:
         # It is not opened: HDF5's library is not safe against damaged files.
-        yield f"{clean(entry.file)}: expected SHA-256 {entry.sha256}, got {digest}"
+        yield (
+            f"{clean(entry.file)}: expected SHA-256 {entry.sha256}, got {digest}; delete the file, "
+            "and the same command makes it again"
+        )
         return
     with opened(path) as file:
         yield from _content_problems(entry.file, file, manifest, expected)

@@ -20,6 +20,7 @@ from time import monotonic, sleep
 from typing import Any
 
 from distributed import CancelledError, Client, Future, KilledWorker, as_completed
+from distributed.comm import CommClosedError
 
 from clradar import __version__
 from clradar.dataset.cluster import DEVICE
@@ -302,7 +303,7 @@ def _outcome(future: Future) -> Outcome:
         return Aside(sample, str(error), ATTEMPTS)
     except KilledWorker as error:
         return Aside(sample, KILLED, error.allowed_failures + 1)
-    except CancelledError as error:
+    except (CancelledError, CommClosedError) as error:
         raise ClusterError(
             "the scheduler is gone, or took the samples back; the same command goes on"
         ) from error
@@ -319,9 +320,8 @@ def _contract(make: PartMaker, made_with: Mapping[str, Any]) -> Iterator[Contrac
     content = secrets.token_hex(16)
     # By its name, a later run takes it for what a killed process left.
     sign = make.folder / f".visible.{content}.tmp"
-    files: list[str] = []
-    for rig in make.plan.hands.rigs:
-        files += [rig.file] if rig.mapping is None else [rig.file, rig.mapping]
+    names = [name for rig in make.plan.hands.rigs for name in (rig.file, rig.mapping)]
+    files = [str(make.plan.folder / name) for name in names if name is not None]
     with replacing(sign) as temporary:
         temporary.write_text(content, encoding="ascii")
     try:

@@ -54,7 +54,7 @@ class PartMaker:
         """
         try:
             device = open_device(self.device)
-            made = make_sample(recipe(self.plan, sample), device)
+            made = make_sample(recipe(self.plan, sample), device, rigs=self.plan.folder)
         except DeviceError:
             forget_devices()
             raise

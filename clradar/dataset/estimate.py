@@ -84,7 +84,7 @@ def estimate(plan: Plan, *, device: str | None = None) -> Estimate:
         for sample in (0, min(1, plan.samples - 1)):
             start_s = perf_counter()
             part = Path(name) / f"{len(parts)}.h5"
-            made = make_sample(recipe(plan, sample), opened)
+            made = make_sample(recipe(plan, sample), opened, rigs=plan.folder)
             write_sample(part, made, made_with(opened), compression=level, force=True)
             times_s.append(perf_counter() - start_s)
             parts.append(part)

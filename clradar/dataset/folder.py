@@ -13,13 +13,14 @@ any moment: what it was about to do is done again, from the same parts, with the
 from __future__ import annotations
 
 import json
-import shutil
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from clradar.dataset.parts import check_part
 from clradar.dataset.plan import Plan
 from clradar.dataset.plan_plain import plan_record
 from clradar.dataset.plan_reader import plan_from
@@ -37,6 +38,9 @@ SUMMARIES = (STATISTICS, TABLE, CONTACT_SHEET)
 """What is written of a data set once it is complete."""
 
 MOST_DIFFERENCES = 5
+
+SHARD_NAME, PART_NAME = re.compile(r"shard-\d{5,}\.h5"), re.compile(r"\d{8,}\.(h5|json)")
+"""Files that are a data set's; others in its folders are left alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +72,19 @@ class ShardEntry:
     sha256 : str or None
     samples : int
         How many it holds.
+    size_bytes : int or None
+        Of the file; None if there is none, and in older manifests.
     """
 
     number: int
     file: str | None
     sha256: str | None
     samples: int
+    size_bytes: int | None = None
+
+
+def with_size(entry: ShardEntry, path: Path) -> ShardEntry:
+    return replace(entry, size_bytes=path.stat().st_size)
 
 
 @dataclass(slots=True)
@@ -138,6 +149,17 @@ def part_path(folder: Path, sample: int) -> Path:
     return folder / PARTS / f"{sample:08d}.h5"
 
 
+def place_of(folder: Path, manifest: Manifest, sample: int) -> Path | None:
+    """Return the file that holds a sample, or None if it is not made yet or set aside."""
+    entry = manifest.shards.get(sample // manifest.plan.output.shard_size)
+    if entry is None:
+        part = part_path(folder, sample)
+        return part if part.is_file() else None
+    if entry.file is None or sample in manifest.aside:
+        return None
+    return folder / entry.file
+
+
 class DatasetFolder:
     """A data set that is being written. Make one with `begin`.
 
@@ -158,7 +180,7 @@ class DatasetFolder:
     def shard(self, number: int) -> Path:
         return self.path / SHARDS / f"shard-{number:05d}.h5"
 
-    def _note(self, sample: int) -> Path:
+    def note(self, sample: int) -> Path:
         return self.path / PARTS / f"{sample:08d}.json"
 
     def missing(self) -> list[int]:
@@ -169,17 +191,22 @@ class DatasetFolder:
             for number in range(self.plan.n_shards)
             if number not in self.manifest.shards
             for sample in self.plan.shard_samples(number)
-            if self.part(sample).name not in there and self._note(sample).name not in there
+            if self.part(sample).name not in there and self.note(sample).name not in there
         ]
 
     def set_aside(self, aside: Aside) -> None:
         """Note that a sample cannot be made; the data set goes on without it."""
-        write_json(self._note(aside.sample), _record(aside), force=True)
+        write_json(self.note(aside.sample), _record(aside), force=True)
 
     def forget_notes(self) -> None:
         """Make samples missing again that are noted as set aside in shards that are not closed."""
-        for path in (self.path / PARTS).glob("*.json"):
-            path.unlink(missing_ok=True)
+        for path in self.own_parts():
+            if path.suffix == ".json":
+                path.unlink(missing_ok=True)
+
+    def own_parts(self) -> list[Path]:
+        """Return the files of single samples, and the notes on those set aside."""
+        return [path for path in (self.path / PARTS).iterdir() if PART_NAME.fullmatch(path.name)]
 
     def close_ready_shards(self) -> None:
         """Close every shard that has all its samples; called when a run begins."""
@@ -197,18 +224,19 @@ class DatasetFolder:
         parts = [self.part(sample) for sample in samples if self.part(sample).is_file()]
         # A sample that was made is not aside, whatever a note says.
         notes = [
-            self._note(sample)
+            self.note(sample)
             for sample in samples
-            if not self.part(sample).is_file() and self._note(sample).is_file()
+            if not self.part(sample).is_file() and self.note(sample).is_file()
         ]
         if len(parts) + len(notes) < len(samples):
             return
         entry = ShardEntry(number, None, None, 0)
         if parts:
             target = self.shard(number)
-            assemble(target, parts, compression=self.plan.output.compression)
+            self._assemble(target, parts)
             name = f"{SHARDS}/{target.name}"
-            entry = ShardEntry(number, name, sha256_of(target), len(parts))
+            size_bytes = target.stat().st_size
+            entry = ShardEntry(number, name, sha256_of(target), len(parts), size_bytes)
         for note in notes:
             aside = Aside(**read_json_object(note))
             self.manifest.aside[aside.sample] = aside
@@ -216,13 +244,21 @@ class DatasetFolder:
         self.write_manifest()
         self._remove_parts(number)
 
+    def _assemble(self, target: Path, parts: list[Path]) -> None:
+        try:
+            assemble(target, parts, compression=self.plan.output.compression)
+        except Exception:
+            for part in parts:  # the error is to name the part where it is one's fault
+                check_part(part, self.plan, int(part.stem))
+            raise
+
     def write_manifest(self) -> None:
         write_json(self.path / MANIFEST, self.manifest.record(), force=True)
 
     def _remove_parts(self, number: int) -> None:
         for sample in self.plan.shard_samples(number):
             self.part(sample).unlink(missing_ok=True)
-            self._note(sample).unlink(missing_ok=True)
+            self.note(sample).unlink(missing_ok=True)
 
     def remove_half_written(self) -> None:
         """Remove files that a killed process was writing."""
@@ -232,12 +268,10 @@ class DatasetFolder:
     def tidy(self) -> None:
         """Remove what a killed process left: half-written files, parts of finished shards."""
         self.remove_half_written()
-        for path in (self.path / PARTS).iterdir():
-            sample = path.stem
-            if (
-                sample.isdigit()
-                and int(sample) // self.plan.output.shard_size in self.manifest.shards
-            ):
+        for path in self.own_parts():
+            sample = int(path.stem)
+            done = sample // self.plan.output.shard_size in self.manifest.shards
+            if done or sample >= self.plan.samples:
                 path.unlink(missing_ok=True)
 
 
@@ -254,7 +288,7 @@ def begin(
     made_with : mapping
         Versions and device, for the manifest of a new data set.
     force : bool
-        Remove the data set of another plan that is in the folder; other files in it stay.
+        Remove the data set that is in the folder, of this plan or another; other files in it stay.
 
     Raises
     ------
@@ -282,11 +316,11 @@ def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any], force: bool)
             )
         return Manifest(plan, made_with)
     manifest = read_manifest(path)
-    plain = [json.loads(json.dumps(plan_record(p))) for p in (manifest.plan, plan)]
-    different = differences(plain[0], plain[1])
-    if different and force:
+    if force:
         _clear(path)
         return Manifest(plan, made_with)
+    plain = [json.loads(json.dumps(plan_record(p))) for p in (manifest.plan, plan)]
+    different = differences(plain[0], plain[1])
     if different:
         more = len(different) - MOST_DIFFERENCES
         listed = "; ".join(different[:MOST_DIFFERENCES]) + (f"; {more} more" if more > 0 else "")
@@ -294,6 +328,7 @@ def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any], force: bool)
             f"{shown(path)}: was begun with another plan: {listed}. Take that plan to go on, "
             "choose another folder, or remove what is there with --force"
         )
+    manifest.plan = plan  # the same, but it knows where rigs are
     return manifest
 
 
@@ -302,5 +337,9 @@ def _clear(path: Path) -> None:
     # The manifest first: what is left if this is cut short then belongs to no data set.
     for name in (MANIFEST, *SUMMARIES):
         (path / name).unlink(missing_ok=True)
-    for name in (SHARDS, PARTS):
-        shutil.rmtree(path / name, ignore_errors=True)
+    for name, own in ((SHARDS, SHARD_NAME), (PARTS, PART_NAME)):
+        if (path / name).is_dir():
+            remove_temporaries(path / name)
+            for file in (path / name).iterdir():
+                if own.fullmatch(file.name):
+                    file.unlink(missing_ok=True)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -23,6 +24,7 @@ from clradar.model import AntennaArray, Capture, Scene, VoxelGrid, Waveform
 from clradar.opencl import Device
 from clradar.room import Wall, room_capture
 from clradar.synthesize import simulate
+from measurement_io.failures import clean, shown
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,32 +35,78 @@ class Sample:
     arrays: Mapping[str, np.ndarray]
 
 
-def make_sample(recipe: Mapping[str, Any], device: Device | str | None = None) -> Sample:
+Folders = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+"""One folder, or several of which the first that holds a file counts."""
+
+
+def make_sample(
+    recipe: Mapping[str, Any] | str | bytes,
+    device: Device | str | None = None,
+    *,
+    rigs: Folders = "",
+) -> Sample:
     """Make the sample that a recipe describes.
 
     Parameters
     ----------
-    recipe : mapping
-        As `clradar.dataset.recipe` returns it.
+    recipe : mapping, or its JSON text
+        As `clradar.dataset.recipe` returns it, or as it is stored with a sample
+        (``open_dataset(folder).recipe.values[0]``).
     device : Device, str or None
         See `clradar.open_device`.
+    rigs : path-like, or a sequence of them
+        The folder that the recipe's name of a rig's file is relative to; the current one by
+        default. Of several, the first that holds the file counts.
 
     Returns
     -------
     Sample
         The products that the recipe lists. On the same device and driver they are the same bits,
         whatever was made before and however many threads there are.
+
+    Raises
+    ------
+    ModelError
+        It is no recipe, lacks something, or a rig's file is not that of the plan.
+    DeviceError
+        There is no such device, or it refuses.
     """
+    recipe = _recipe(recipe)
+    try:
+        return _made(recipe, device, rigs)
+    except KeyError as error:
+        raise ModelError(
+            f"recipe: expected all keys that clradar.dataset.recipe gives, got no {error}"
+        ) from error
+
+
+def _recipe(given: Mapping[str, Any] | str | bytes) -> Mapping[str, Any]:
+    found: Any = given
+    if isinstance(given, str | bytes):
+        try:
+            found = json.loads(given)
+        except ValueError as error:
+            raise ModelError(
+                f"recipe: expected JSON text of a recipe, got no JSON: {clean(error)}"
+            ) from error
+    if not isinstance(found, Mapping):
+        raise ModelError(
+            f"recipe: expected a mapping, or its JSON text, got {type(found).__name__}"
+        )
+    return found
+
+
+def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders) -> Sample:
     products = recipe["products"]
     arrays: dict[str, np.ndarray] = {}
-    mesh = placed_hand(recipe, device)
+    mesh = placed_hand(recipe, device, rigs)
     if "joints" in products:
         arrays["joints"] = mesh.joints_m
     if "mesh" in products:
         arrays["mesh_vertices"] = mesh.vertices_m.astype(np.float32)
         arrays["mesh_faces"] = mesh.faces
         arrays["mesh_part"] = mesh.part.astype(np.uint8)
-    image = recipe["image"]
+    image = recipe.get("image")
     if image is None and "capture" not in products:
         return Sample(recipe, arrays)
     capture = recorded(recipe, scene_of(mesh, recipe["alpha"]), device)
@@ -83,13 +131,15 @@ def make_sample(recipe: Mapping[str, Any], device: Device | str | None = None) -
     return Sample(recipe, arrays)
 
 
-def placed_hand(recipe: Mapping[str, Any], device: Device | str | None = None) -> HandMesh:
+def placed_hand(
+    recipe: Mapping[str, Any], device: Device | str | None = None, rigs: Folders = ""
+) -> HandMesh:
     """Return the hand where the recipe puts it, metres, antenna frame."""
     hand, place = recipe["hand"], recipe["placement"]
     pose = pose_of(recipe["pose"])
     origin_m = (0.0, 0.0, 0.0)
     if "rig" in hand:
-        mesh = posed_rig(hand["rig"], pose, hand["handedness"])
+        mesh = posed_rig(hand["rig"], pose, hand["handedness"], rigs)
     else:
         mesh = hand_mesh(
             pose,
@@ -104,9 +154,12 @@ def placed_hand(recipe: Mapping[str, Any], device: Device | str | None = None) -
     return mesh.moved(matrix, centre_m)
 
 
-def posed_rig(record: Mapping[str, Any], pose: HandPose, handedness: str) -> HandMesh:
+def posed_rig(
+    record: Mapping[str, Any], pose: HandPose, handedness: str, rigs: Folders = ""
+) -> HandMesh:
     """Return a rig's hand in a pose about the origin; a hand of the other side is mirrored."""
-    rig = _rig(json.dumps(record))
+    folders = (rigs,) if isinstance(rigs, str | os.PathLike) else rigs
+    rig = _rig(json.dumps(record), tuple(os.path.abspath(folder) for folder in folders))
     mesh = rig.posed(pose, center_m=(0.0, 0.0, 0.0))
     if rig.handedness == handedness:
         return mesh
@@ -114,16 +167,10 @@ def posed_rig(record: Mapping[str, Any], pose: HandPose, handedness: str) -> Han
 
 
 @lru_cache(maxsize=4)
-def _rig(text: str) -> Any:
+def _rig(text: str, folders: tuple[str, ...]) -> Any:
     from clradar.rigs import read_rig
 
-    record = json.loads(text)
-    for key in ("file", "mapping"):
-        wanted = record["sha256" if key == "file" else "mapping_sha256"]
-        if record[key] is not None and sha256_of(Path(record[key])) != wanted:
-            raise ModelError(
-                f"{record[key]}: expected the file of the plan (SHA-256 {wanted}), got another"
-            )
+    record = found_rig(json.loads(text), folders)
     return read_rig(
         record["file"],
         mapping=record["mapping"],
@@ -131,6 +178,39 @@ def _rig(text: str) -> Any:
         handedness=record["handedness"],
         betas=record["betas"] or None,
     )
+
+
+def found_rig(record: Mapping[str, Any], folders: Sequence[str | Path]) -> dict[str, Any]:
+    """Return the record of a rig with the places of its files.
+
+    Raises
+    ------
+    ModelError
+        They are not there, or not those of the plan.
+    """
+    found = dict(record)
+    for key in ("file", "mapping"):
+        if record[key] is not None:
+            wanted = record["sha256" if key == "file" else "mapping_sha256"]
+            found[key] = _place_of(record[key], wanted, folders)
+    return found
+
+
+def _place_of(name: str, sha256: str, folders: Sequence[str | Path]) -> str:
+    """Return where the file of this name and content is."""
+    places = list(dict.fromkeys(os.path.join(folder, name) for folder in folders))
+    got = "nothing there"
+    for place in places:
+        try:
+            if sha256_of(Path(place)) == sha256:
+                return place
+            got = "another"
+        except FileNotFoundError:
+            pass
+        except (OSError, ValueError) as error:
+            got = f"none that can be read: {clean(error)}"
+    looked = " or ".join(map(shown, places))
+    raise ModelError(f"{looked}: expected the file of the plan (SHA-256 {sha256}), got {got}")
 
 
 def rotation(angles_rad: Any) -> np.ndarray:
@@ -152,14 +232,14 @@ def recorded(recipe: Mapping[str, Any], scene: Scene, device: Device | str | Non
     """Return what the recipe's radar records of a scene, impairments included."""
     array, waveform = instrument(recipe)
     capture = simulate(scene, array, waveform, device=device, **recipe["simulation"])
-    faults = recipe["impairments"]
-    if faults is None:
+    faults = recipe.get("impairments")
+    if not faults:
         return capture
     settings = {key: value for key, value in faults.items() if key not in ("channels", "walls")}
-    channels = faults["channels"]
+    channels = faults.get("channels")
     if channels is not None:
         settings["channels"] = draw_channels(array, waveform, **channels)
-    if faults["walls"]:
+    if faults.get("walls"):
         walls = [Wall(**wall) for wall in faults["walls"]]
         settings["room"] = room_capture(array, waveform, walls)
     return impair(capture, **settings)

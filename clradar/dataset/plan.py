@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from clradar.dataset.draws import Draw
@@ -45,13 +46,13 @@ class RigFile:
     Attributes
     ----------
     file : str
-        Absolute path.
+        As the plan has it; relative to the plan's folder, see `Plan.folder`.
     sha256 : str
         Of its content.
     handedness : "right" or "left"
         Whose it is, as given or as found.
     mapping : str or None
-        Absolute path of the file that gives its joints their names.
+        The file that gives its joints their names, likewise.
     mapping_sha256 : str or None
     unit : str, float or None
     betas : tuple of float
@@ -243,6 +244,12 @@ class Plan:
     """A data set as a plan file describes it, with everything that it left out filled in.
 
     Make one with `clradar.dataset.read_plan`.
+
+    Attributes
+    ----------
+    folder : Path
+        What the names of rig files are relative to. Not a part of what the plan says: a plan in
+        another folder is the same plan.
     """
 
     seed: int
@@ -256,6 +263,7 @@ class Plan:
     simulation: Simulation
     image: Image
     output: Output
+    folder: Path = field(default=Path(), compare=False)
 
     @property
     def n_shards(self) -> int:

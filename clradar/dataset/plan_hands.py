@@ -9,7 +9,7 @@ from clradar.dataset.draws import Draw, fixed
 from clradar.dataset.hands import pose_of, shape_of
 from clradar.dataset.plan import Alpha, Hands, Placement, Poses, RigFile
 from clradar.dataset.plan_table import PlanTable, choice_text
-from clradar.errors import ClradarError
+from clradar.errors import ClradarError, MeasurementError
 from clradar.hand import (
     DIGITS,
     LETTERS,
@@ -20,6 +20,7 @@ from clradar.hand import (
     pose_by_name,
     read_pose,
 )
+from clradar.hand.shape import BREADTH_LIMITS_M, FACTOR_LIMITS, LENGTH_LIMITS_M
 from clradar.hashing import sha256_of
 from measurement_io.failures import clean
 
@@ -150,12 +151,15 @@ def _rig(table: PlanTable, folder: Path) -> RigFile | None:
 
     def read() -> RigFile:
         # The file is read once to see that it is a rig, so that no sample finds out.
-        rig = read_rig(path, mapping=names, **options)
+        try:
+            rig = read_rig(path, mapping=names, **options)
+        except ClradarError as error:  # it speaks of the command's option
+            raise MeasurementError(str(error).replace("--mapping", "the key mapping")) from error
         return RigFile(
-            file=str(path),
+            file=file,
             sha256=sha256_of(path),
             handedness=rig.handedness,
-            mapping=None if names is None else str(names),
+            mapping=mapping,
             mapping_sha256=None if names is None else sha256_of(names),
             unit=options.get("unit"),
             betas=tuple(float(beta) for beta in options.get("betas", ())),
@@ -173,13 +177,15 @@ def _shapes(table: PlanTable) -> list[HandShape]:
     for i, content in enumerate(given):
         inner = table.inner(f"shapes[{i}]", content)
         average = HandShape()
-        values: dict[str, Any] = {"girth": inner.number("girth", average.girth, 0.0, 10.0)}
-        for key in ("length", "breadth"):
+        values: dict[str, Any] = {"girth": inner.number("girth", average.girth, *FACTOR_LIMITS)}
+        for key, limits_m in (("length", LENGTH_LIMITS_M), ("breadth", BREADTH_LIMITS_M)):
             value_m = getattr(average, f"{key}_m")
             if inner.has(f"{key}_m"):  # a manifest's, which has to come back to the last bit
-                values[f"{key}_m"] = inner.number(f"{key}_m", value_m, 0.0, 1.0)
+                values[f"{key}_m"] = inner.number(f"{key}_m", value_m, *limits_m)
             elif inner.has(f"{key}_mm"):
-                values[f"{key}_m"] = inner.number(f"{key}_mm", 0.0, 0.0, 1000.0) / 1e3
+                low_mm, high_mm = (1e3 * limit_m for limit_m in limits_m)
+                value_mm = inner.number(f"{key}_mm", 1e3 * value_m, low_mm, high_mm)
+                values[f"{key}_m"] = value_mm / 1e3
             else:
                 values[f"{key}_m"] = value_m
         values["finger_lengths"] = inner.numbers("finger_lengths", average.finger_lengths, 5)

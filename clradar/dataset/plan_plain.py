@@ -18,6 +18,7 @@ def plan_record(plan: Plan) -> dict[str, Any]:
     package or the pose files do.
     """
     record = _plain(plan)
+    del record["folder"]
     poses = record["poses"]
     poses["resolved"] = poses.pop("poses", [])
     if plan.poses.kind != "interpolation":

@@ -64,6 +64,7 @@ def plan_from(parsed: Mapping[str, Any], source: str, folder: Path) -> Plan:
         simulation=simulation_of(top.table("simulation")),
         image=image_of(top.table("image")),
         output=_output(top.table("output")),
+        folder=folder.absolute(),
     )
     top.done()
     if not mistakes:

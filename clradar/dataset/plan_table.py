@@ -12,6 +12,9 @@ from measurement_io.failures import clean
 
 Value = TypeVar("Value")
 
+LONGEST = 1e15
+"""Decimal numbers below this are shown as the whole number that may be meant."""
+
 
 class PlanError(MeasurementError):
     """A plan has mistakes.
@@ -99,8 +102,12 @@ class PlanTable:
 
     def whole(self, key: str, default: int, low: int, high: int) -> int:
         value = self.raw(key, default)
+        expected = f"a whole number from {low} to {high}"
+        if isinstance(value, float) and value.is_integer() and abs(value) < LONGEST:
+            self.mistake(key, expected, f"the decimal number {value!r}; write {int(value)}")
+            return default
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            self.refuse(key, f"a whole number from {low} to {high}", value)
+            self.refuse(key, expected, value)
             return default
         return value
 
@@ -175,7 +182,7 @@ class PlanTable:
             return None
         kind, given = next(iter(value.items()))
         if kind not in kinds:
-            near = nearest(kind, kinds)
+            near = "" if kind in KINDS else nearest(kind, kinds)
             self.mistake(key, expected + near, f"{{ {kind} = ... }}")
             return None
         if not isinstance(given, list) or not given or not all(map(is_number, given)):

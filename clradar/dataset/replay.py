@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from clradar.dataset.engine import made_with
-from clradar.dataset.folder import read_manifest
+from clradar.dataset.folder import place_of, read_manifest
 from clradar.dataset.make import Sample, make_sample
 from clradar.dataset.recipe import recipe
 from clradar.dataset.shard import write_sample
-from clradar.dataset.stored import made_with_of, opened, place_of, row_of, sample_of
+from clradar.dataset.stored import made_with_of, opened, row_of, sample_of
 from clradar.opencl import open_device
 from measurement_io.work_folder import differences
 
@@ -45,6 +45,7 @@ def replay(
     device: str | None = None,
     output: Path | None = None,
     force: bool = False,
+    rigs: Path | None = None,
 ) -> Replay:
     """Make sample `index` of a data set again, from the plan alone.
 
@@ -58,11 +59,14 @@ def replay(
         Where to write the sample made, as a shard of one sample.
     force : bool
         Replace an existing file.
+    rigs : Path, optional
+        The folder that the plan's names of rig files are relative to; by default the current
+        folder, then the data set's.
 
     Raises
     ------
     ModelError
-        The plan has no such sample.
+        The plan has no such sample, or the file of its rig is not that of the plan.
     MeasurementError
         The folder is no data set, or damaged.
     """
@@ -70,7 +74,8 @@ def replay(
     wanted = recipe(manifest.plan, index)
     opened_device = open_device(device)
     now = made_with(opened_device)
-    made = make_sample(wanted, opened_device)
+    folders = (Path(), folder) if rigs is None else rigs
+    made = make_sample(wanted, opened_device, rigs=folders)
     if output is not None:
         compression = manifest.plan.output.compression
         write_sample(output, made, now, compression=compression, force=force)

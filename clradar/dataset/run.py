@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from clradar.dataset.contact_sheet import write_contact_sheet
 from clradar.dataset.engine import Engine, PartMaker, Serial, absolute, is_device_fault
 from clradar.dataset.folder import CONTACT_SHEET, STATISTICS, TABLE, Aside, DatasetFolder, begin
+from clradar.dataset.make import found_rig
+from clradar.dataset.mend import mend
 from clradar.dataset.plan import Plan
 from clradar.dataset.reopen import reopen
 from clradar.dataset.summary import write_summary
@@ -63,7 +65,7 @@ def run(
     engine : Engine, optional
         One sample after the other in this process by default.
     force : bool
-        Remove the data set of another plan that is in the folder.
+        Remove the data set that is in the folder, of this plan or another, and begin anew.
     retry : bool
         Try the samples again that earlier runs set aside.
     progress : callable, optional
@@ -73,6 +75,8 @@ def run(
 
     Raises
     ------
+    ModelError
+        The file of a rig is not that of the plan.
     OutputError
         Another plan's data set is in the folder, another process makes it, or it cannot be written
         to.
@@ -87,6 +91,9 @@ def run(
         if warn is not None:
             for line in differences(folder.manifest.made_with, made_with):
                 warn(f"{path}: was begun with {line}; the bits of samples depend on it")
+        for line in mend(folder):
+            if warn is not None:
+                warn(line)
         if retry:
             reopen(folder)
         try:
@@ -110,6 +117,8 @@ def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | No
     missing = folder.missing()
     if not missing:
         return 0
+    for rig in folder.plan.hands.rigs:
+        found_rig(asdict(rig), (folder.plan.folder,))
     size, total = folder.plan.output.shard_size, folder.plan.samples
     open_in = Counter(sample // size for sample in missing)
     done = total - len(missing)

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from clradar.dataset.folder import Manifest, part_path
 from clradar.dataset.layout import FIELDS, FORMAT, VERSION
 from clradar.dataset.make import Sample
 from measurement_io.failures import fail, reading, regular_file_size
@@ -65,17 +64,6 @@ def sample_of(file: Any, row: int) -> Sample:
 def made_with_of(file: Any, row: int) -> dict[str, Any]:
     """Return versions and device that made one sample of an open shard."""
     return json.loads(file["entry/labels/made_with"][row])
-
-
-def place_of(folder: Path, manifest: Manifest, sample: int) -> Path | None:
-    """Return the file that holds a sample, or None if it is not made yet or set aside."""
-    entry = manifest.shards.get(sample // manifest.plan.output.shard_size)
-    if entry is None:
-        part = part_path(folder, sample)
-        return part if part.is_file() else None
-    if entry.file is None or sample in manifest.aside:
-        return None
-    return folder / entry.file
 
 
 def row_of(file: Any, path: Path, sample: int) -> int:

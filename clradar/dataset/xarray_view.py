@@ -50,7 +50,8 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
         that reads its shard when it is computed. Meshes are one after the other along an axis of
         their own: those of sample i begin at ``mesh_vertices_first[i]`` and end before
         ``mesh_vertices_end[i]``; faces index the vertices of their own mesh. In `attrs`: `plan` and
-        `made_with` as JSON, `complete`, `set_aside`.
+        `made_with` as JSON, `complete`, `set_aside`. Recipes are JSON texts:
+        ``make_sample(view.recipe.values[0])`` makes a sample again.
 
     Raises
     ------
@@ -127,6 +128,8 @@ class _Lazy:
     def __getitem__(self, key: Any) -> np.ndarray:
         with opened(self.path) as file:
             found: np.ndarray = file[self.place][key]
+        if self.dtype.kind == "U":
+            found = np.char.decode(found, "utf-8")
         return found.astype(self.dtype, copy=False)
 
 
@@ -155,12 +158,12 @@ class _Shards:
         return xarray.Variable(("sample", *axes), array, _units(model))
 
     def _text_type(self, place: str) -> np.dtype:
-        """Return the type of texts that are as long as the longest of any shard."""
+        """Return the type of texts that holds the longest of any shard."""
         sizes = []
         for path in self._index.files:
             with opened(path) as file:
                 sizes.append(file[place].dtype.itemsize)
-        return np.dtype(f"S{max(sizes)}")
+        return np.dtype(f"U{max(sizes)}")  # no text has more characters than bytes
 
     def ragged(self, name: str, spec: Field) -> dict[str, Any]:
         """Return an array whose rows belong to samples, and where those of each sample are."""

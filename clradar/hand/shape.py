@@ -11,9 +11,9 @@ import numpy as np
 from clradar.model import checks
 
 # Beyond these the bones no longer fit into the flesh.
-_LENGTH_LIMITS_M = (0.12, 0.26)
-_BREADTH_LIMITS_M = (0.06, 0.12)
-_FACTOR_LIMITS = (0.7, 1.3)
+LENGTH_LIMITS_M = (0.12, 0.26)
+BREADTH_LIMITS_M = (0.06, 0.12)
+FACTOR_LIMITS = (0.7, 1.3)
 
 N_DIGITS = 5
 
@@ -41,14 +41,14 @@ class HandShape:
     girth: float = 1.0
 
     def __post_init__(self) -> None:
-        for name, limits in (("length_m", _LENGTH_LIMITS_M), ("breadth_m", _BREADTH_LIMITS_M)):
+        for name, limits in (("length_m", LENGTH_LIMITS_M), ("breadth_m", BREADTH_LIMITS_M)):
             object.__setattr__(self, name, _within(name, getattr(self, name), limits, " m"))
         lengths = checks.read_only(
             "HandShape.finger_lengths", self.finger_lengths, np.float64, (N_DIGITS,)
         )
-        factors = tuple(_within("finger_lengths", f, _FACTOR_LIMITS, "") for f in lengths.tolist())
+        factors = tuple(_within("finger_lengths", f, FACTOR_LIMITS, "") for f in lengths.tolist())
         object.__setattr__(self, "finger_lengths", factors)
-        object.__setattr__(self, "girth", _within("girth", self.girth, _FACTOR_LIMITS, ""))
+        object.__setattr__(self, "girth", _within("girth", self.girth, FACTOR_LIMITS, ""))
 
 
 def _within(name: str, value: object, limits: tuple[float, float], unit: str) -> float:
