@@ -36,8 +36,8 @@ class FinufftPhasorSum:
     Of what finufft offers this was the fastest here that keeps its accuracy: a plan per thread,
     which takes the points of one pair after the other and does not sort them. Python's threads wait
     for each other between these short calls: on a quiet machine one is faster than two. `nufft1d1`
-    pair by pair takes three times as long. One two-dimensional transform with the pair as second coordinate
-    takes about as long, but 8836 modes leave complex64 only -68 dB.
+    pair by pair takes three times as long. One two-dimensional transform with the pair as second
+    coordinate takes about as long, but 8836 modes leave complex64 only -68 dB.
     """
 
     def __init__(self, start: np.ndarray, frequencies_hz: np.ndarray, eps: float) -> None:
