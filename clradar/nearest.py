@@ -51,7 +51,9 @@ class NearestHits:
             options = _NearestOptions(self._device.width, stack)
             self._program = build(self._device, "nearest.cl", options)
             self._put = [self._buffers.upload(a) for a in (nodes, records, at, away)]
-            self._order, self._cells = (self._buffers.empty(size * len(at)) for size in (4, 2))
+            self._order = self._buffers.upload(np.arange(len(at), dtype=np.uint32))
+            self._cells = self._buffers.empty(2 * len(at))
+            self._sorts = self._pays_to_sort()
             self._out = [self._buffers.empty(size * len(at)) for size in (4, 4, 8)]
         except BaseException:
             self._buffers.__exit__(None, None, None)
@@ -65,21 +67,21 @@ class NearestHits:
         """Find the hits, which stay on the device."""
         n = len(self._rays[0])
         nodes, triangles, *rays = self._put
-        self._buffers.write(self._order, self._neighbours_first(n))
+        if self._sorts:
+            self._buffers.write(self._order, self._neighbours_first(n))
         self._program.launch(
             "nearest_hits", (n,), np.uint32(n), nodes, triangles, self._order, *rays, *self._out
         )
 
-    def _neighbours_first(self, n: int) -> np.ndarray:
-        """Return in which order a CPU reads least from memory.
-
-        Of a tree that stays in its cache it gains nothing, and a GPU would wait for the host.
-        """
-        nodes, records, origins, _ = self._put
-        info = self._device.info
+    def _pays_to_sort(self) -> bool:
+        """Return whether a tree does not stay in the cache. A GPU would wait for the host."""
+        info, (nodes, records, *_) = self._device.info, self._put
         waits = info.kind != "cpu" and not info.is_interpreter
-        if waits or nodes.size + records.size < CACHE_BYTES:
-            return np.arange(n, dtype=np.uint32)
+        return not waits and nodes.size + records.size >= CACHE_BYTES
+
+    def _neighbours_first(self, n: int) -> np.ndarray:
+        """Return in which order a CPU reads least from memory."""
+        nodes, _, origins, _ = self._put
         self._program.launch("ray_cells", (n,), np.uint32(n), nodes, origins, self._cells)
         cells = self._buffers.read(self._cells, n, np.uint16)
         return np.argsort(cells, kind="stable").astype(np.uint32)
