@@ -23,10 +23,10 @@ from statistics import median
 from typing import Any
 
 from clradar.dataset import Plan, Sample, make_sample, read_plan, recipe, run
-from clradar.dataset.engine import Serial, made_with
-from clradar.dataset.shard import assemble, write_sample
-from clradar.dataset.shares import Share
-from clradar.hashing import sha256_of
+from clradar.dataset.engine.processors import Share
+from clradar.dataset.engine.serial import Serial, made_with
+from clradar.dataset.store.shard import assemble, write_sample
+from clradar.files.hashing import sha256_of
 from clradar.opencl import open_device
 
 LETTERS = Path(__file__).parents[1] / "examples" / "plans" / "letters.toml"
@@ -128,9 +128,9 @@ def on_one_core(path: Path, samples: int) -> dict[str, float]:
 
 def on_workers(path: Path, samples: int, workers: int) -> dict[str, float]:
     """Measure a run on so many workers of one core each."""
-    from clradar.dataset.cluster import DEVICE as RESOURCE
-    from clradar.dataset.cluster import local_cluster
-    from clradar.dataset.distributed_engine import Distributed
+    from clradar.dataset.engine.cluster import DEVICE as RESOURCE
+    from clradar.dataset.engine.cluster import local_cluster
+    from clradar.dataset.engine.distributed import Distributed
 
     begun_s = time.perf_counter()
     with (

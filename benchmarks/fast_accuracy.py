@@ -21,7 +21,7 @@ import numpy as np
 
 import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform
-from clradar.formers import tree
+from clradar.imaging import tree
 
 C_M_PER_S = 299_792_458.0
 N_VOXELS = 400

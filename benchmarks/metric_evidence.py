@@ -21,8 +21,8 @@ from metric_images import HANDS, SHIFTS_MM, Hand, Shot, Store, along
 
 import clradar
 from clradar.compare import HEADLINE_METRIC, HIGHER_IS_BETTER, Metrics, compare
+from clradar.files.atomic import replacing
 from clradar.plot import save_figure
-from measurement_io.atomic import replacing
 
 ROOT = Path(__file__).resolve().parents[1]
 BEGIN, END = "<!-- benchmarks/metric_evidence.py -->\n", "<!-- until here -->\n"

@@ -11,9 +11,9 @@ from hand_poses import poses
 from scipy.spatial.transform import Rotation
 
 import clradar
+from clradar.files.atomic import replacing
 from clradar.hand import hand_mesh
 from clradar.hand.mesh import DEFAULT_CENTER_M
-from measurement_io.atomic import replacing
 
 ARRAY = clradar.arrays.qar50()
 WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 128)

@@ -20,11 +20,11 @@ import numpy as np
 
 import clradar
 from clradar.bench import meshes
+from clradar.bench.nearest import NearestHits
 from clradar.bench.rays import bounces_of, our_tree, surface_of
 from clradar.bench.rows import ARRAY, WAVEFORM, PhasorSum, interleaved_s
 from clradar.bench.suite import noise
 from clradar.hand import hand_mesh
-from clradar.nearest import NearestHits
 
 REPEATS = 3
 PIECES = {

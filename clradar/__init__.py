@@ -5,9 +5,10 @@ from typing import Any
 
 from clradar import arrays
 from clradar.backproject import backproject
-from clradar.channel_errors import draw_channels
 from clradar.compare import Metrics, compare
-from clradar.impair import impair
+from clradar.impairments.channel_errors import draw_channels
+from clradar.impairments.environment import Wall, room_capture
+from clradar.impairments.impair import impair
 from clradar.model import (
     AntennaArray,
     Capture,
@@ -22,9 +23,9 @@ from clradar.model import (
     Waveform,
 )
 from clradar.opencl import Device, list_devices, open_device
-from clradar.room import Wall, room_capture
 from clradar.synthesize import simulate, synthesize
 from clradar.trace import trace
+from clradar.tracing.settings import SimulationSettings
 
 __version__ = "0.1.0"
 
@@ -38,6 +39,7 @@ __all__ = [
     "Metrics",
     "Paths",
     "Scene",
+    "SimulationSettings",
     "TraceStatistics",
     "Volume",
     "VoxelGrid",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from clradar.formers import tree
-from clradar.formers.exact import Exact
-from clradar.formers.range_profiles import Range
+from clradar.imaging import fast
+from clradar.imaging.exact import Exact
+from clradar.imaging.range_profiles import Range
 from clradar.model import Capture, Volume, VoxelGrid, checks
+from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
-from clradar.trace import Progress
 
 METHODS = ("exact", "range", "fast")
 DEFAULT_METHOD = "fast"
@@ -88,11 +88,11 @@ def backproject(
     weights = frequency_weights(window, capture.waveform.n_freq)
     tolerance_db = _tolerance_db(method, tolerance_db)
     opened = open_device(device)
-    former: Exact | Range | tree.Fast
+    former: Exact | Range | fast.Fast
     if method == "range":
         former = Range(capture, grid, weights, opened)
-    elif method == "fast" and np.prod(grid.shape) * capture.data.size > tree.FEW_TERMS:
-        former = tree.Fast(capture, grid, weights, opened, tolerance_db)
+    elif method == "fast" and np.prod(grid.shape) * capture.data.size > fast.FEW_TERMS:
+        former = fast.Fast(capture, grid, weights, opened, tolerance_db)
     else:
         former = Exact(capture, grid, weights, opened)
     data = former.run(progress)
@@ -111,11 +111,11 @@ def backproject(
 
 def _tolerance_db(method: str, given: float | None) -> float:
     if given is None:
-        return tree.DEFAULT_TOLERANCE_DB
+        return fast.DEFAULT_TOLERANCE_DB
     if method != "fast":
         checks.fail("backproject: tolerance_db", "none for a method other than 'fast'", repr(given))
     value = checks.real("backproject: tolerance_db", given)
-    low, high = tree.TOLERANCE_DB
+    low, high = fast.TOLERANCE_DB
     if not low <= value <= high:
         checks.fail("backproject: tolerance_db", f"{low:g} to {high:g} dB", f"{value:g}")
     return value

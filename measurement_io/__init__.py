@@ -1,12 +1,11 @@
 """Recorded captures and the native HDF5 file, as records of `clradar`."""
 
-from measurement_io.channels_file import open_channels, save_channels
 from measurement_io.check import CheckReport, check_file
 from measurement_io.describe import describe
 from measurement_io.facts import Description, Fact
 from measurement_io.layouts.apply import open_with_layout
 from measurement_io.layouts.description import Layout
-from measurement_io.layouts.skeleton import LayoutNeeded
+from measurement_io.layouts.draft import LayoutNeeded
 from measurement_io.layouts.toml_reader import read_layout
 from measurement_io.maroon.alignment import SensorAlignment, read_alignment
 from measurement_io.maroon.metadata import MaskBox, RecordingMetadata, read_metadata
@@ -14,7 +13,8 @@ from measurement_io.maroon.product_writer import write_products
 from measurement_io.maroon.recording import Recording, open_recording
 from measurement_io.maroon.recording_writer import save_recording
 from measurement_io.maroon.writer import save_maroon_frame
-from measurement_io.native import open_volume, save_capture, save_volume
+from measurement_io.native.captures_volumes import open_volume, save_capture, save_volume
+from measurement_io.native.channels_file import open_channels, save_channels
 from measurement_io.opening import open_capture
 from measurement_io.transform_file import read_transform
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from clradar import arrays
+from clradar.files.failures import fail, read_bytes, reading
 from clradar.model import AntennaArray
-from measurement_io.failures import fail, read_bytes, reading
 
 CHANNELS = 96
 """Channels of the instrument; the first and the last are no imaging antennas."""

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from clradar.errors import MeasurementError
-from measurement_io import channels_file, native, native_scheme
-from measurement_io.failures import reading, shown
-from measurement_io.layouts.skeleton import layout_needed
+from clradar.files.failures import reading, shown
+from measurement_io.layouts.draft import layout_needed
 from measurement_io.maroon.folders import find_radar_folder
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.inspection import inspect_folders
 from measurement_io.maroon.recording_check import check_frames, check_products
+from measurement_io.native import captures_volumes as native
+from measurement_io.native import channels_file
+from measurement_io.native import scheme as native_scheme
 from measurement_io.opening import SUPPORTED, kind_of
 
 

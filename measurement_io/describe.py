@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from measurement_io import channels_file, native
+from clradar.files.failures import clean, reading, shown
 from measurement_io.facts import (
     Description,
     Fact,
@@ -13,10 +13,11 @@ from measurement_io.facts import (
     channels_facts,
     volume_facts,
 )
-from measurement_io.failures import clean, reading, shown
 from measurement_io.layouts.containers import open_container
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.inspection import inspect_recording
+from measurement_io.native import captures_volumes as native
+from measurement_io.native import channels_file
 from measurement_io.opening import SUPPORTED, kind_of
 
 

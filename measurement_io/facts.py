@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from clradar.files.failures import clean
 from clradar.model import AntennaArray, Capture, ChannelCalibration, Volume, Waveform
-from measurement_io.failures import clean
 
 _META_LINES = 40
 

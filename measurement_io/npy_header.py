@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from measurement_io.failures import clean, fail
+from clradar.files.failures import clean, fail
 
 NPY_MAGIC = b"\x93NUMPY"
 _MAX_HEADER_BYTES = 2**16

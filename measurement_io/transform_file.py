@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from clradar.errors import ModelError
+from clradar.files.failures import fail, read_bytes, reading
 from clradar.model import checks
-from measurement_io.failures import fail, read_bytes, reading
 
 TRANSFORM_LIMIT_BYTES = 2**20
 

@@ -13,7 +13,7 @@ import pytest
 from dataset_plans import tiny
 
 from clradar.dataset import run
-from clradar.dataset.plan_reader import plan_from
+from clradar.dataset.plan.reader import plan_from
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 

@@ -10,11 +10,11 @@ import numpy as np
 
 import clradar
 from clradar.bench import meshes
+from clradar.bench.nearest import NearestHits
 from clradar.bench.peers import EmbreeRays, MitsubaRays
 from clradar.bench.rows import ARRAY, Row, interleaved_s
-from clradar.bvh import build_bvh, face_normals, flatten
-from clradar.nearest import NearestHits
-from clradar.visible import VisibleSurface
+from clradar.geometry.bvh import build_bvh, face_normals, flatten
+from clradar.tracing.visible_surface import VisibleSurface
 
 PAUSE_S = 0.1
 """Mitsuba's threads wait actively for a while after each call."""

@@ -19,8 +19,8 @@ import numpy as np
 
 import clradar
 from clradar.bench import peers
-from clradar.block_tree import levels
-from clradar.formers.range_profiles import Range
+from clradar.imaging.block_tree import levels
+from clradar.imaging.range_profiles import Range
 
 C_M_PER_S = 299_792_458.0
 ARRAY = clradar.arrays.qar50()

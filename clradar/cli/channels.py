@@ -132,7 +132,7 @@ def command(
     from dataclasses import replace
 
     from calibration import estimate_channels
-    from calibration.channels_figure import channels_figure
+    from calibration.channels.figure import channels_figure
     from clradar.plot import save_figure
     from measurement_io import open_capture, save_channels
 

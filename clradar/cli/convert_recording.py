@@ -138,7 +138,7 @@ def _of_folder(source: Path, wanted: Wanted) -> tuple[Path, str]:
 
 
 def _one_frame(recording: Recording, frame: int) -> Recording:
-    from measurement_io.failures import fail
+    from clradar.files.failures import fail
     from measurement_io.maroon.folders import ranges
 
     numbers = recording.frame_numbers
@@ -195,7 +195,7 @@ def _by_variant(sources: Sequence[Path], wanted: Wanted) -> tuple[_Files, _Files
 def _variant_of(path: Path) -> str:
     """Return which variant a frame is by its name, or a capture by what it came with; else raw."""
     from measurement_io.maroon.folders import VARIANTS, frame_file
-    from measurement_io.native import read_header
+    from measurement_io.native.captures_volumes import read_header
     from measurement_io.opening import kind_of
 
     kind = kind_of(path)

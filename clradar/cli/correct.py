@@ -35,7 +35,7 @@ def command(
     frequencies is refused.
     """
     from calibration import correct
-    from calibration.correction import MASKS
+    from calibration.channels.correction import MASKS
     from measurement_io import open_capture, open_channels
 
     check_outputs([output], force=force, inputs=[capture, channels])

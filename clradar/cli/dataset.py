@@ -21,8 +21,8 @@ from clradar.cli.output import (
 from clradar.errors import ClusterError
 
 if TYPE_CHECKING:
-    from clradar.dataset.engine import Engine
-    from clradar.dataset.plan import Plan
+    from clradar.dataset.engine.serial import Engine
+    from clradar.dataset.plan.plan import Plan
 
 SHOWN_ASIDE = 20
 """Samples set aside that are named at the end; the manifest has all."""
@@ -121,8 +121,8 @@ def command(
 
 def checked_plan(path: Path) -> Plan:
     """Return a plan; all its mistakes are printed, each on its line."""
-    from clradar.dataset.plan_reader import read_plan
-    from clradar.dataset.plan_table import PlanError
+    from clradar.dataset.plan.reader import read_plan
+    from clradar.dataset.plan.table import PlanError
 
     try:
         return read_plan(path)
@@ -135,14 +135,14 @@ def checked_plan(path: Path) -> Plan:
 @contextmanager
 def engine(workers: int | None, scheduler: str | None, device: str | None) -> Iterator[Engine]:
     """Yield what makes the samples: this process, new ones, or those of a running cluster."""
-    from clradar.dataset.engine import Serial
+    from clradar.dataset.engine.serial import Serial
 
     if workers is None and scheduler is None:
         yield Serial(device)
         return
     try:
-        from clradar.dataset.cluster import dashboard_text, local_cluster, running_cluster
-        from clradar.dataset.distributed_engine import Distributed
+        from clradar.dataset.engine.cluster import dashboard_text, local_cluster, running_cluster
+        from clradar.dataset.engine.distributed import Distributed
     except ImportError as error:
         raise ClusterError(
             f"--workers and --scheduler need Dask: pip install 'clradar[dataset]' ({error})"
@@ -153,7 +153,7 @@ def engine(workers: int | None, scheduler: str | None, device: str | None) -> It
             print_line(dashboard_text(client))
             yield Distributed(client, device)
         return
-    from clradar.dataset.shares import shares
+    from clradar.dataset.engine.processors import shares
 
     assert workers is not None
     with local_cluster(shares(workers, device)) as (client, end):
@@ -173,7 +173,7 @@ def _quiet_dask() -> None:
 
 def make(plan: Plan, output: Path, chosen: Engine, *, force: bool, retry: bool) -> None:
     """Make a data set, or go on with one."""
-    from clradar.dataset.run import run
+    from clradar.dataset.engine.run import run
 
     try:
         with progress_bar("samples") as progress:
@@ -207,7 +207,7 @@ def make(plan: Plan, output: Path, chosen: Engine, *, force: bool, retry: bool) 
 
 def print_estimate(plan: Plan, device: str | None) -> None:
     """Say what a plan would take, from one sample that is made for it."""
-    from clradar.dataset.estimate import estimate
+    from clradar.dataset.engine.estimate import estimate
 
     for line in estimate(plan, device=device).lines():
         print_line(line)
@@ -222,7 +222,7 @@ def replay_sample(
     rigs: Path | None,
 ) -> None:
     """Make one sample again and say whether it is the stored one."""
-    from clradar.dataset.replay import replay
+    from clradar.dataset.engine.replay import replay
 
     check_outputs([output], force=force)
     found = replay(folder, index, device=device, output=output, force=force, rigs=rigs)

@@ -21,7 +21,6 @@ from clradar import (
     compare,
     simulate,
 )
-from clradar.bvh import face_normals
 from clradar.cli.compare import metrics_records, print_metrics
 from clradar.cli.hand import save_hand, turned
 from clradar.cli.images import form_image, labels_of, recording_files, save_image
@@ -29,6 +28,7 @@ from clradar.cli.output import print_line, progress_bar, write_json
 from clradar.cli.provenance import provenance
 from clradar.cli.simulate import save_with_provenance
 from clradar.errors import OutputError
+from clradar.geometry.bvh import face_normals
 from clradar.hand import hand_mesh
 from clradar.hand.mesh import DEFAULT_CENTER_M
 from clradar.plot import comparison_figure, save_figure

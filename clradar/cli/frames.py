@@ -31,8 +31,8 @@ def load_mean(
     Frames that are not there are left out; a warning says how many the recording was to have.
     """
     from calibration import average_frames
+    from clradar.files.failures import fail
     from measurement_io import open_recording
-    from measurement_io.failures import fail
 
     chosen = variant or "raw"
     recording = open_recording(path, variant=chosen)

@@ -22,7 +22,7 @@ def open_image(
     `frame` and `variant` choose from a recording; that there is nothing to choose from is an error.
     """
     from measurement_io import open_capture, open_volume
-    from measurement_io.native import read_header
+    from measurement_io.native.captures_volumes import read_header
     from measurement_io.opening import kind_of
 
     chosen = frame is not None or variant is not None

@@ -28,7 +28,7 @@ def command(
     import json
 
     from clradar.cli.output import progress_bar
-    from clradar.dataset.check import check_dataset, describe_dataset, is_dataset
+    from clradar.dataset.store.check import check_dataset, describe_dataset, is_dataset
     from clradar.errors import MeasurementError
     from measurement_io import check_file, describe
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from clradar.errors import OutputError
-from clradar.trace import Progress
+from clradar.model.progress import Progress
 
 
 def one_line(text: object) -> str:
@@ -157,7 +157,7 @@ def _place(path: Path) -> Path:
 
 def write_bytes(path: Path, content: bytes, *, force: bool) -> None:
     """Write a small file whole or not at all."""
-    from measurement_io.atomic import replacing
+    from clradar.files.atomic import replacing
 
     with replacing(path, force=force) as temporary, open(temporary, "xb") as file:
         file.write(content)
@@ -165,6 +165,6 @@ def write_bytes(path: Path, content: bytes, *, force: bool) -> None:
 
 def write_json(path: Path, value: object, *, force: bool) -> None:
     """Write strict JSON (no NaN), indented, whole or not at all."""
-    from measurement_io import json_file
+    from clradar.files import json_file
 
     json_file.write_json(path, value, force=force)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from clradar import __version__
-from clradar.hashing import sha256_of
+from clradar.files.hashing import sha256_of
 from clradar.versions import package_versions
 
 

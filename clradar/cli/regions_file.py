@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from measurement_io.failures import fail, read_bytes, reading
+from clradar.files.failures import fail, read_bytes, reading
 
 if TYPE_CHECKING:
     from calibration import Regions

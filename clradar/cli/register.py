@@ -95,7 +95,7 @@ def command(
 
     from calibration import register
     from clradar import Capture, Scene, open_device
-    from measurement_io.atomic import new_folder, swap_folder
+    from clradar.files.atomic import new_folder, swap_folder
 
     fixed = read_alpha(alpha)
     check_folder(output, force=force)

@@ -110,7 +110,7 @@ def posed_rig(rig: Rig, pose: HandPose, theta: Path | None, center_m: Sequence[f
 
 def read_theta(path: Path) -> list[float]:
     """Return the numbers of a JSON list."""
-    from measurement_io.failures import fail, read_bytes, reading
+    from clradar.files.failures import fail, read_bytes, reading
 
     expected = "a JSON list of 48 numbers"
     content = read_bytes(path, expected, THETA_LIMIT_BYTES)

@@ -34,8 +34,8 @@ from clradar.cli.simulation_options import (
     TransformOption,
 )
 from clradar.errors import ModelError
-from clradar.normals import CREASE_DEG
-from clradar.trace import EXPECTED_SAMPLES_PER_MM2
+from clradar.geometry.normals import CREASE_DEG
+from clradar.tracing.settings import EXPECTED_SAMPLES_PER_MM2
 
 if TYPE_CHECKING:
     from clradar import Capture, Scene

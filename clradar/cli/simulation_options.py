@@ -8,7 +8,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from clradar.trace import RAYS_PER_SAMPLE, RECEPTION_RADIUS_M, SAMPLES_PER_MM2
+from clradar.tracing.settings import RAYS_PER_SAMPLE, RECEPTION_RADIUS_M, SAMPLES_PER_MM2
 
 RECEPTION_RADIUS_MM = 1e3 * RECEPTION_RADIUS_M
 

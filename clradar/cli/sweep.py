@@ -62,7 +62,7 @@ from clradar.cli.simulation_options import (
     SamplesOption,
     TransformOption,
 )
-from clradar.normals import CREASE_DEG
+from clradar.geometry.normals import CREASE_DEG
 
 if TYPE_CHECKING:
     import numpy as np
@@ -171,12 +171,12 @@ def command(
     --force begins anew. What is found and how sure it is: docs/sweep.md.
     """
     from calibration import sweep
-    from calibration.alpha_sweep import check_place
+    from calibration.roughness.sweep import check_place
     from clradar import Scene, Volume, open_device
     from clradar.cli import sweep_folder as folder
     from clradar.compare import METRICS, depth_map_of
     from clradar.model import checks
-    from clradar.trace import resolve_settings
+    from clradar.tracing.settings import resolve_settings
     from measurement_io import read_transform
 
     alphas = read_alphas(alpha)
@@ -199,7 +199,7 @@ def command(
         "amplitude": amplitude.value,
         "pattern_exponent": pattern_exponent,
     }
-    resolved = asdict(resolve_settings(**simulation, seed=seed))  # type: ignore[arg-type]
+    resolved = asdict(resolve_settings(**simulation, seed=seed))
     if regions is not None and max_bounces > 1:
         raise wrong_usage(
             "--max-bounces",
@@ -405,7 +405,7 @@ def sha256(*arrays: np.ndarray) -> str:
 
 def write_results(folder: Path, result: Sweep, origin: dict[str, Any], measured: str) -> None:
     """Write figure, tables and last the JSON file, which says that all is there."""
-    from calibration.sweep_figure import sweep_figure
+    from calibration.roughness.figure import sweep_figure
     from clradar.cli import sweep_folder as names
     from clradar.plot import save_figure
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from clradar.cli.output import write_json
 from clradar.errors import OutputError
-from measurement_io import work_folder
-from measurement_io.atomic import replacing
-from measurement_io.failures import read_bytes, reading
-from measurement_io.work_folder import LOCK, differences, remove_temporaries
+from clradar.files import work_folder
+from clradar.files.atomic import replacing
+from clradar.files.failures import read_bytes, reading
+from clradar.files.work_folder import LOCK, differences, remove_temporaries
 
 SETTINGS, TRANSFORM, RESULT = "settings.json", "transform.json", "sweep.json"
 TABLE, REGION_TABLE, FIGURE = "sweep.csv", "regions.csv", "sweep.png"

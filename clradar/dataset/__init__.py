@@ -5,13 +5,13 @@
 `clradar.dataset.run.run` makes a data set; ``docs/datasets.md`` says what plans can ask for.
 """
 
-from clradar.dataset.make import Sample, make_sample
-from clradar.dataset.plan import Plan
-from clradar.dataset.plan_reader import read_plan
-from clradar.dataset.plan_table import PlanError
-from clradar.dataset.recipe import recipe
-from clradar.dataset.replay import replay
-from clradar.dataset.run import run
+from clradar.dataset.engine.replay import replay
+from clradar.dataset.engine.run import run
+from clradar.dataset.plan.plan import Plan
+from clradar.dataset.plan.reader import read_plan
+from clradar.dataset.plan.recipe import recipe
+from clradar.dataset.plan.table import PlanError
+from clradar.dataset.sample import Sample, make_sample
 from clradar.dataset.torch_dataset import TorchDataset
 from clradar.dataset.xarray_view import open_dataset
 

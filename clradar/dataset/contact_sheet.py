@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.dataset.folder import CONTACT_SHEET, Manifest
-from clradar.dataset.layout import axes_of
-from clradar.dataset.make import Sample
-from clradar.dataset.stored import opened, row_of, sample_of
+from clradar.dataset.sample import Sample
+from clradar.dataset.store.fields import axes_of
+from clradar.dataset.store.folder import CONTACT_SHEET, Manifest
+from clradar.dataset.store.stored import opened, row_of, sample_of
+from clradar.files.atomic import replacing
 from clradar.hand import JOINT_NAMES
 from clradar.plot import AMPLITUDE_BACKGROUND, png_bytes
-from measurement_io.atomic import replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from clradar.dataset.folder import STATISTICS, TABLE, Manifest
-from clradar.dataset.layout import FIELDS, LABELS
-from clradar.dataset.stored import fields_of, opened
-from measurement_io.atomic import replacing
-from measurement_io.json_file import write_json
+from clradar.dataset.store.fields import FIELDS, LABELS
+from clradar.dataset.store.folder import STATISTICS, TABLE, Manifest
+from clradar.dataset.store.stored import fields_of, opened
+from clradar.files.atomic import replacing
+from clradar.files.json_file import write_json
 
 FAULTS = {"snr_db": "dB", "coupling_db": "dB", "iq_gain_db": "dB", "iq_phase_rad": "rad"}
 """Impairments that may differ from sample to sample, and their units."""

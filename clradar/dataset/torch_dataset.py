@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from clradar.dataset.index import read_index
-from clradar.dataset.layout import FIELDS, LABELS
-from clradar.dataset.plan import PRODUCTS
-from clradar.dataset.stored import opened
+from clradar.dataset.plan.plan import PRODUCTS
+from clradar.dataset.store.fields import FIELDS, LABELS
+from clradar.dataset.store.index import read_index
+from clradar.dataset.store.stored import opened
 from clradar.errors import ClradarError
 from clradar.model import checks
 

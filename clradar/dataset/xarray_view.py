@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.dataset.folder import Manifest
-from clradar.dataset.index import Index, read_index
-from clradar.dataset.layout import FIELDS, LABELS, Field
-from clradar.dataset.plan_plain import plan_record
-from clradar.dataset.stored import fields_of, opened
+from clradar.dataset.plan.plain import plan_record
+from clradar.dataset.store.fields import FIELDS, LABELS, Field
+from clradar.dataset.store.folder import Manifest
+from clradar.dataset.store.index import Index, read_index
+from clradar.dataset.store.stored import fields_of, opened
 from clradar.errors import ClradarError
-from measurement_io.provenance import to_json
+from clradar.files.json_text import to_json
 
 if TYPE_CHECKING:
     import xarray

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from clradar.files.failures import fail, reading, shown
 from clradar.model import AntennaArray, Capture, Waveform, checks
-from measurement_io.failures import fail, reading, shown
 from measurement_io.layouts.container import Container
 from measurement_io.layouts.containers import EXPECTED, open_container
 from measurement_io.layouts.cube import DataShape, data_shape, read_cube

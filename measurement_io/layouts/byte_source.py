@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from measurement_io.failures import clean, fail
+from clradar.files.failures import clean, fail
 
 MAX_ARRAY_BYTES = 2**29
 """Most that one key may take in memory, after single frames were picked from it."""

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from measurement_io.failures import clean, fail
+from clradar.files.failures import clean, fail
 
 MAX_KEYS = 10_000
 MAX_DEPTH = 16

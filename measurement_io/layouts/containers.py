@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from measurement_io.failures import fail, reading, regular_file_size
-from measurement_io.hdf5_guard import HDF5_MAGIC
+from clradar.files.failures import fail, reading, regular_file_size
+from measurement_io.confined.hdf5_guard import HDF5_MAGIC
 from measurement_io.layouts.container import Container
 from measurement_io.layouts.hdf5_container import opened_hdf5
 from measurement_io.layouts.mat5_container import HEADER_BYTES, mat5_order, opened_mat5

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from measurement_io.failures import clean, fail
+from clradar.files.failures import clean, fail
 from measurement_io.layouts.byte_source import MAX_ARRAY_BYTES
 from measurement_io.layouts.container import Container, Key
 from measurement_io.layouts.description import DataLayout

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from measurement_io.failures import clean, fail
+from clradar.files.failures import clean, fail
 from measurement_io.layouts.container import Container
 from measurement_io.layouts.description import FREQUENCY_UNITS_HZ, FrequencyLayout
 from measurement_io.layouts.real_values import real_list, real_number

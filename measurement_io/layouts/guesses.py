@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.errors import MeasurementError
-from measurement_io.failures import clean, reading
+from clradar.files.failures import clean, reading
 from measurement_io.layouts.container import Container, Key
 from measurement_io.layouts.containers import EXPECTED
 from measurement_io.layouts.description import FREQUENCY_UNITS_HZ, LENGTH_UNITS_PER_M

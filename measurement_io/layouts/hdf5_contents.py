@@ -16,9 +16,9 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from measurement_io import hdf5_guard
-from measurement_io.failures import clean, fail
-from measurement_io.hdf5_guard import DEFLATE, FLETCHER32, LZF, SHUFFLE
+from clradar.files.failures import clean, fail
+from measurement_io.confined import hdf5_guard
+from measurement_io.confined.hdf5_guard import DEFLATE, FLETCHER32, LZF, SHUFFLE
 from measurement_io.layouts.byte_source import check_size
 from measurement_io.layouts.container import (
     MAX_DEPTH,

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
-from measurement_io.failures import clean, fail
+from clradar.files.failures import clean, fail
 from measurement_io.layouts.byte_source import (
     MAX_INFLATED_BYTES,
     ByteSource,

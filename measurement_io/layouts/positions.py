@@ -9,8 +9,8 @@ from typing import NoReturn
 import numpy as np
 
 from clradar import arrays
+from clradar.files.failures import clean, fail
 from measurement_io.antenna_file import read_position_file
-from measurement_io.failures import clean, fail
 from measurement_io.layouts.container import Container
 from measurement_io.layouts.description import (
     LENGTH_UNITS_PER_M,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from measurement_io.failures import clean, fail
+from clradar.files.failures import clean, fail
 from measurement_io.layouts.container import Container
 
 MAX_META_NUMBERS = 1000

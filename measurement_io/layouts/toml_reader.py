@@ -6,7 +6,8 @@ import os
 import re
 from pathlib import Path
 
-from measurement_io.failures import reading, shown
+from clradar.files.failures import reading, shown
+from clradar.files.toml_file import read_toml
 from measurement_io.layouts.description import (
     FREQUENCY_UNITS_HZ,
     KNOWN_ARRAYS,
@@ -21,7 +22,6 @@ from measurement_io.layouts.description import (
     Select,
 )
 from measurement_io.layouts.toml_table import Table
-from measurement_io.toml_file import read_toml
 
 MAX_LAYOUT_BYTES = 2**18
 _EXPECTED = "a layout (a TOML file, see docs/layouts.md)"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from clradar.errors import MeasurementError
-from measurement_io.failures import clean
+from clradar.files.failures import clean
 
 _MISSING = object()
 

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from clradar.errors import ModelError
+from clradar.files.failures import clean, fail, reading, shown
+from clradar.files.json_file import read_json_object
 from clradar.model import checks
-from measurement_io.failures import clean, fail, reading, shown
-from measurement_io.json_file import read_json_object
 
 RADAR = "radar"
 MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])

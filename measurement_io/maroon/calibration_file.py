@@ -16,9 +16,9 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from measurement_io.atomic import replacing
-from measurement_io.failures import clean, fail
-from measurement_io.json_file import read_json_object
+from clradar.files.atomic import replacing
+from clradar.files.failures import clean, fail
+from clradar.files.json_file import read_json_object
 
 CALIBRATION_FILE = "calibration.json"
 MAX_POSITION_M = 1e3

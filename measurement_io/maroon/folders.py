@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 
-from measurement_io.failures import clean, fail, reading
+from clradar.files.failures import clean, fail, reading
 
 VARIANTS = ("raw", "emptyfiltered")
 FRAMES_FOLDER = "calibrated_data"

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from clradar.files.failures import clean, fail, reading, shown
 from clradar.model import AntennaArray, Capture, Waveform
 from measurement_io.antenna_file import CHANNELS, IMAGING, antenna_array
-from measurement_io.failures import clean, fail, reading, shown
 from measurement_io.maroon.folders import FrameFile, find_frame, find_radar_folder, frame_file
 from measurement_io.maroon.frame_file import read_frame_dictionary
 

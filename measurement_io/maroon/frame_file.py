@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from measurement_io.failures import clean, fail, fail_from, read_bytes, reading
+from clradar.files.failures import clean, fail, fail_from, read_bytes, reading
 from measurement_io.maroon.pickle_scan import UnsafePickle
 from measurement_io.maroon.restricted_pickle import PickledArray, load
 from measurement_io.npy_header import read_npy_header

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from clradar.errors import MeasurementError
+from clradar.files.failures import clean, shown
 from measurement_io.facts import Fact, capture_facts
-from measurement_io.failures import clean, shown
 from measurement_io.maroon import folders
 from measurement_io.maroon.calibration_file import (
     CALIBRATION_FILE,

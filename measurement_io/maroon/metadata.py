@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from clradar.files.failures import clean, fail, reading
+from clradar.files.json_file import read_json_object
 from clradar.model import checks
-from measurement_io.failures import clean, fail, reading
-from measurement_io.json_file import read_json_object
 
 DISTANCE_FOLDERS = ("30", "40", "50")
 """Names of distance folders that say the distance, in centimetres."""

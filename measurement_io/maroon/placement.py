@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from clradar.errors import MeasurementError
+from clradar.files.failures import clean
 from clradar.model import Scene
 from measurement_io.facts import Fact, json_line, millimetres
-from measurement_io.failures import clean
 from measurement_io.maroon.alignment import (
     SensorAlignment,
     named_transforms,

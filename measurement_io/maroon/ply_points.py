@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from measurement_io.failures import clean, fail, reading, regular_file_size
+from clradar.files.failures import clean, fail, reading, regular_file_size
 
 MAX_HEADER_BYTES = 2**16
 MAX_PROPERTIES = 64

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from measurement_io.failures import fail, read_bytes, reading
+from clradar.files.failures import fail, read_bytes, reading
 
 MAX_PIXELS = 2**24
 """Largest image: 4096 x 4096."""

@@ -11,9 +11,9 @@ import numpy as np
 
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ModelError
+from clradar.files.atomic import refuse_existing, replacing
+from clradar.files.failures import fail
 from clradar.model import DepthMap, Volume, VoxelGrid, checks
-from measurement_io.atomic import refuse_existing, replacing
-from measurement_io.failures import fail
 from measurement_io.maroon.calibration_file import (
     CALIBRATION_FILE,
     AmplitudeEntry,

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.files.failures import fail, reading
 from clradar.model import DepthMap, VoxelGrid, checks
-from measurement_io.failures import fail, reading
 from measurement_io.maroon.calibration_file import (
     CALIBRATION_FILE,
     FrameEntry,

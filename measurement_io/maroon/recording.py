@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from clradar.errors import MeasurementError
+from clradar.files.failures import clean, fail, read_bytes, reading, shown
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Waveform, checks
 from measurement_io.antenna_file import antenna_array
-from measurement_io.failures import clean, fail, read_bytes, reading, shown
 from measurement_io.maroon import folders
 from measurement_io.maroon.alignment import SensorAlignment, read_alignment
 from measurement_io.maroon.frame import read_frame_file, read_time_stamp

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from clradar.errors import MeasurementError
+from clradar.files.failures import clean
 from clradar.model import Waveform
-from measurement_io.failures import clean
 from measurement_io.maroon import folders, products
 from measurement_io.maroon.calibration_file import CALIBRATION_FILE, read_calibration_file
 from measurement_io.maroon.frame import first_time_stamp, read_frame_file

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from clradar.errors import ModelError, OutputError
+from clradar.files.atomic import move_folder, new_folder, swap_folder
+from clradar.files.failures import clean, regular_file_size, shown
+from clradar.files.json_file import read_json_object
+from clradar.files.json_text import to_json
 from clradar.model import Capture, Volume, VoxelGrid, Waveform, checks
-from measurement_io.atomic import move_folder, new_folder, swap_folder
-from measurement_io.failures import clean, regular_file_size, shown
-from measurement_io.json_file import read_json_object
 from measurement_io.maroon.calibration_file import (
     CALIBRATION_FILE,
     write_calibration_file,
@@ -37,7 +38,6 @@ from measurement_io.maroon.writer import (
     time_stamp,
     write_frame_file,
 )
-from measurement_io.provenance import to_json
 
 SIDE_FILES = (METADATA_FILE, ALIGNMENT_FILE)
 MAX_FRAMES = 1_000_000

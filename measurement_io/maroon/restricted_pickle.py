@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from measurement_io.failures import clean
+from clradar.files.failures import clean
 from measurement_io.maroon.pickle_scan import UnsafePickle, scan
 
 _MULTIARRAY = ("numpy.core.multiarray", "numpy._core.multiarray")

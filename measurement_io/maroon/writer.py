@@ -15,10 +15,10 @@ import numpy as np
 
 from clradar import arrays
 from clradar.errors import ModelError, OutputError
+from clradar.files.atomic import replacing
+from clradar.files.failures import clean, shown
 from clradar.model import Capture, Waveform, checks
 from measurement_io.antenna_file import CHANNELS, IMAGING
-from measurement_io.atomic import replacing
-from measurement_io.failures import clean, shown
 from measurement_io.maroon.calibration_file import CALIBRATION_FILE, write_calibration_file
 from measurement_io.maroon.folders import FRAMES_FOLDER, VARIANTS, RadarFolderName
 from measurement_io.maroon.product_writer import grid_entry

@@ -114,7 +114,8 @@ def _watched(
 ) -> tuple[str | None, int]:
     """Run one worker; return what it died of (None: of nothing) and the input it had come to."""
     here = Path(__file__).resolve().parent
-    paths = [str(here.parent), str(here.parents[1]), os.environ.get("PYTHONPATH", "")]
+    folders = [here.parent, here.parent / "support", here.parents[1]]
+    paths = [*map(str, folders), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
     command = [sys.executable, "-m", "fuzz.worker", target]
     command += [str(seed), str(start), str(stop), str(folder)]

@@ -27,7 +27,7 @@ import reader_probes
 
 from fuzz.oracle import Watch, judge, resident_peak_bytes
 from fuzz.targets import Target
-from measurement_io import hdf5_process
+from measurement_io.confined import hdf5_process
 
 ADDRESS_SPACE_BYTES = 8 * 2**30
 """What a worker may allocate on top of what it has, so that a bomb does not take the machine."""

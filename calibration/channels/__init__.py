@@ -1,0 +1,1 @@
+"""Estimation and correction of channel errors."""

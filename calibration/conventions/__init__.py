@@ -1,0 +1,1 @@
+"""The conventions a capture was written in: sign, axes, array order."""

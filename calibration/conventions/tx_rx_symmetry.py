@@ -1,0 +1,175 @@
+"""Whether the array itself can tell swapped Tx and Rx, and what the data say where it hardly can.
+
+Data whose axes are swapped is imaged with the legs (rx_i, tx_j) where (tx_i, rx_j) are right. If an
+isometry g of space has g(tx_i) = rx_i and g(rx_j) = tx_j, then every path length to g(v) is that to
+v: the image is the right one, moved by g, and exactly as sharp.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.conventions.search_region import window_of
+from clradar.backproject import frequency_weights
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.model import AntennaArray, Capture, checks
+
+SAME_PLACE = 1 / 200
+"""Antennas whose images under the isometry are closer than this many wavelengths coincide: two legs
+that differ by so little differ in phase by 0.03 rad at most."""
+
+TRIMMING_ROUNDS = 5
+
+RIDGE = 1e-2
+"""Of the fit of point reflectivities, relative to the diagonal of its normal matrix: neighbouring
+voxels look nearly alike to the array."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SwapIsometry:
+    """The isometry v -> matrix v + shift that maps Tx on Rx and Rx on Tx, as far as it does.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (3, 3), float64
+        Orthogonal; the determinant may be -1.
+    shift_m : ndarray, shape (3,), float64, metres
+    moved_tx, moved_rx : ndarray, shape (n,), bool
+        Antennas i for which g(tx_i) is not rx_i, and g(rx_i) is not tx_i.
+    largest_m : float, metres
+        How far off the worst of them is.
+    """
+
+    matrix: np.ndarray
+    shift_m: np.ndarray
+    moved_tx: np.ndarray
+    moved_rx: np.ndarray
+    largest_m: float
+
+    def __post_init__(self) -> None:
+        for name, dtype, shape in (
+            ("matrix", np.float64, (3, 3)),
+            ("shift_m", np.float64, (3,)),
+            ("moved_tx", np.bool_, (None,)),
+            ("moved_rx", np.bool_, (None,)),
+        ):
+            value = checks.read_only(f"SwapIsometry.{name}", getattr(self, name), dtype, shape)
+            object.__setattr__(self, name, value)
+
+    @property
+    def exact(self) -> bool:
+        return not (self.moved_tx.any() or self.moved_rx.any())
+
+    def apply(self, points_m: np.ndarray) -> np.ndarray:
+        return points_m @ self.matrix.T + self.shift_m
+
+
+def swap_isometry(array: AntennaArray, wavelength_m: float) -> SwapIsometry | None:
+    """Return the isometry that maps at least half of the antennas, None if there is none.
+
+    Found by the orthogonal Procrustes problem on the better half of the antennas, again and again;
+    reflections are allowed, but none that maps what is in front of the array behind it.
+    """
+    if array.n_tx != array.n_rx:
+        return None
+    source = np.concatenate([array.tx_m, array.rx_m])
+    target = np.concatenate([array.rx_m, array.tx_m])
+    kept = np.ones(len(source), dtype=bool)
+    for _ in range(TRIMMING_ROUNDS):
+        matrix, shift_m = _procrustes(source[kept], target[kept])
+        off_m = np.linalg.norm(source @ matrix.T + shift_m - target, axis=1)
+        kept = off_m <= max(float(np.median(off_m)), 1e-9)
+    moved = off_m > SAME_PLACE * wavelength_m
+    if matrix[2, 2] <= 0 or 2 * np.count_nonzero(moved) > len(moved):
+        return None
+    n = array.n_tx
+    return SwapIsometry(matrix, shift_m, moved[:n], moved[n:], float(off_m.max()))
+
+
+def _procrustes(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    a, b = source.mean(axis=0), target.mean(axis=0)
+    u, stretch, vt = np.linalg.svd((target - b).T @ (source - a))
+    matrix = u @ vt
+    # Antennas in one plane leave the side of that plane open: boresight stays in front.
+    flat = stretch[2] <= 1e-9 * max(float(stretch[0]), 1e-30)
+    if flat and matrix[2, 2] < 0:
+        matrix = u @ np.diag([1.0, 1.0, -1.0]) @ vt
+    return matrix, b - matrix @ a
+
+
+def swap_sigma(capture: Capture, isometry: SwapIsometry, points_m: np.ndarray) -> float:
+    """Return by how many standard errors the data prefer their axes as they are to swapped ones.
+
+    The pairs that the isometry maps see the same under both hypotheses. The reflectivities of a few
+    points, fitted to these pairs alone, predict what the other pairs record under either, p and p',
+    and the real part of <s, p - p'> is positive if the axes are right and negative if they are
+    swapped. Its standard error is that of the sums, channel by channel, of what the better
+    prediction leaves unexplained, so that scatter among the channels counts whatever its cause.
+
+    Parameters
+    ----------
+    capture : Capture
+        Axes as in the file; phase sign and frequency order are right.
+    isometry : SwapIsometry
+        Not an exact one.
+    points_m : ndarray, shape (n, 3), metres
+        Where the image with the axes as they are is bright.
+
+    Returns
+    -------
+    float
+        Positive: as they are.
+    """
+    array = capture.array
+    weights = frequency_weights(window_of(capture.waveform), capture.waveform.n_freq)
+    stay_tx, stay_rx = ~isometry.moved_tx, ~isometry.moved_rx
+    tells = isometry.moved_tx[:, None] | isometry.moved_rx[None]
+    there_m = isometry.apply(points_m)
+    legs = [
+        (_lengths(array.tx_m, points_m), _lengths(array.rx_m, points_m)),
+        (_lengths(array.rx_m, there_m), _lengths(array.tx_m, there_m)),
+    ]
+    k = 2 * np.pi * capture.waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
+    s = np.ascontiguousarray(np.moveaxis(capture.data * weights, 2, 0)).astype(np.complex64)
+    seen = np.zeros(len(points_m), dtype=np.complex128)
+    normal = np.zeros((len(points_m), len(points_m)), dtype=np.complex128)
+    for n, kn in enumerate(k):
+        a, b = _phases(kn, legs[0][0])[stay_tx], _phases(kn, legs[0][1])[stay_rx]
+        part = s[n][np.ix_(stay_tx, stay_rx)]
+        seen += weights[n] * (a.conj() * (part @ b.conj())).sum(axis=0)
+        normal += weights[n] ** 2 * (a.conj().T @ a) * (b.conj().T @ b)
+    normal += RIDGE * float(np.trace(normal).real) / len(normal) * np.eye(len(normal))
+    points = np.linalg.solve(normal, seen).astype(np.complex64)
+    predicted = np.zeros((2, len(k), *tells.shape), dtype=np.complex64)
+    for n, kn in enumerate(k):
+        for i, (first, second) in enumerate(legs):
+            predicted[i, n] = weights[n] * ((_phases(kn, first) * points) @ _phases(kn, second).T)
+    predicted *= tells
+    s = s * tells
+    energy = (np.abs(predicted) ** 2).sum(axis=(1, 2, 3), dtype=np.float64)
+    if not energy.all():
+        return 0.0
+    predicted /= np.sqrt(energy)[:, None, None, None]
+    fits = [np.vdot(p, s) for p in predicted]
+    better = int(fits[1].real > fits[0].real)
+    difference = predicted[0] - predicted[1]
+    left = s - fits[better] * predicted[better]
+    statistic = float(np.vdot(difference, s).real)
+    # Sums per channel: those of the Tx that tell, then those of the Rx that tell with other Tx.
+    score = (difference.conj() * left).real.sum(axis=0, dtype=np.float64)
+    channels = np.concatenate(
+        [score[isometry.moved_tx].sum(axis=1), score[stay_tx][:, isometry.moved_rx].sum(axis=0)]
+    )
+    scatter = (channels**2).sum() * len(channels) / max(1, len(channels) - 1)
+    error = float(np.sqrt(max(scatter, (score**2).sum())))
+    return statistic / error if error > 0 else 0.0
+
+
+def _lengths(antennas_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(antennas_m[:, None] - points_m[None], axis=2)
+
+
+def _phases(k: float, lengths_m: np.ndarray) -> np.ndarray:
+    return np.exp(-1j * k * lengths_m).astype(np.complex64)

@@ -1,0 +1,1 @@
+"""Rigid registration of meshes and images to a measured image."""

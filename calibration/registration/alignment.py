@@ -1,0 +1,172 @@
+"""What an alignment found: the motion, how sure it is, and what it cannot tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calibration.registration.observability import came_from
+from clradar.model import checks
+
+UNKNOWN_STD_M = 1.0
+"""Standard deviation that `Alignment.covariance` carries along an unobservable direction."""
+
+
+USUAL_OVERLAP = 0.85
+"""Right meshes had 0.91 or more on simulated measurements, wrong ones up to 0.94, most of them less
+(docs/calibration.md)."""
+
+IMAGE, MESH = "simulated image", "mesh"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """Where the simulated depth map, or the mesh, has to go so that it lies on the measured one.
+
+    Attributes
+    ----------
+    transform : ndarray, shape (4, 4), float64
+        Rigid motion in the antenna frame, metres: measured = transform . simulated, or mesh.
+    rms_m : float, metres
+        Amplitude-weighted root mean square distance of the inliers: of images from the measured
+        surface, along its normals; of a measurement from the mesh, along the line of sight.
+    inlier_share : float
+        Share of the simulated amplitude whose points lie on the measured surface, or of the
+        measured amplitude whose points lie on the mesh, in [0, 1].
+    iterations : int
+        Point-to-plane steps that were taken.
+    converged : bool
+        Whether the last step was below `STEP_TOLERANCE`.
+    covariance : ndarray, shape (6, 6), float64
+        Of a small further motion about `centre_m`: rotation vector (radians), then translation
+        (metres). Along `degenerate_directions` it holds `UNKNOWN_STD_M` squared (a rotation moves
+        a point one radius of the object away by that much): as good as unknown.
+    degenerate_directions : tuple of str
+        Degrees of freedom that these images cannot tell, one sentence part for each; empty where
+        all six are seen. They are held at no motion.
+    centre_m : ndarray, shape (3,), float64, metres
+        Amplitude-weighted median of the measured depth points, coordinate by coordinate; of a mesh
+        the mean of its visible surface, where it was found.
+    moved : "simulated image" or "mesh"
+        What `transform` moves.
+    likeness : float or None
+        Of a mesh: correlation of its picture with the measured one, in decibels, at most 1.
+    overlap : float or None
+        Of a mesh that was simulated in its place: the overlap (docs/metrics.md) with the
+        measurement, 0 to 1.
+    searched_deg : float or None, degrees
+        Of a mesh: up to which rotation about boresight was searched.
+    """
+
+    transform: np.ndarray
+    rms_m: float
+    inlier_share: float
+    iterations: int
+    converged: bool
+    covariance: np.ndarray
+    degenerate_directions: tuple[str, ...]
+    centre_m: np.ndarray
+    moved: str = IMAGE
+    likeness: float | None = None
+    overlap: float | None = None
+    searched_deg: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, shape in (("transform", (4, 4)), ("covariance", (6, 6)), ("centre_m", (3,))):
+            array = checks.read_only(f"Alignment.{name}", getattr(self, name), np.float64, shape)
+            object.__setattr__(self, name, array)
+        checks.one_of("Alignment.moved", self.moved, (IMAGE, MESH))
+
+    @property
+    def rotation_deg(self) -> float:
+        """Angle of the rotation, degrees, in [0, 180]."""
+        return float(np.degrees(np.linalg.norm(self.rotation_vector)))
+
+    @property
+    def rotation_vector(self) -> np.ndarray:
+        """Axis times angle of the rotation, shape (3,), radians."""
+        return Rotation.from_matrix(self.transform[:3, :3]).as_rotvec()
+
+    @property
+    def translation_m(self) -> np.ndarray:
+        """Last column of `transform`: where the origin of the antenna frame goes, shape (3,)."""
+        return self.transform[:3, 3]
+
+    @property
+    def shift_m(self) -> np.ndarray:
+        """How far the simulated point that ends at `centre_m` is shifted, shape (3,), metres."""
+        return self.centre_m - came_from(self.transform, self.centre_m)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result in types that JSON knows; `transform` is four rows of four numbers."""
+        return {
+            "transform": self.transform.tolist(),
+            "moved": self.moved,
+            "rms_m": self.rms_m,
+            "inlier_share": self.inlier_share,
+            "likeness": self.likeness,
+            "overlap": self.overlap,
+            "remarks": list(self.remarks()),
+            "iterations": self.iterations,
+            "converged": self.converged,
+            "covariance": self.covariance.tolist(),
+            "degenerate_directions": list(self.degenerate_directions),
+            "centre_m": self.centre_m.tolist(),
+            "report": self.report(),
+        }
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return what gives reason to doubt the result, in words; empty if nothing does."""
+        found = []
+        if not self.converged:
+            found.append("the place was still moving at the end")
+        if self.searched_deg is not None and self.rotation_deg > self.searched_deg:
+            found.append(
+                f"it is turned by {self.rotation_deg:.0f} deg, and rotations up to "
+                f"{self.searched_deg:.0f} deg were searched: search up to 180 deg (search_deg, "
+                "--search-deg)"
+            )
+        if self.overlap is not None and self.overlap < USUAL_OVERLAP:
+            found.append(
+                f"an overlap of {self.overlap:.2f} is little, right meshes have 0.91 or more in "
+                "simulations: it may be another object or place; look at a figure"
+            )
+        return tuple(found)
+
+    def report(self) -> str:
+        """Return the result in words, a few lines of text."""
+        std = np.sqrt(np.diag(self.covariance))
+        shift = ", ".join(f"{1e3 * v:+.2f}" for v in self.shift_m)
+        turn = ", ".join(f"{v:+.2f}" for v in np.degrees(self.rotation_vector))
+        what, share, of = "mesh", "measured amplitude lies on it", "speckle and range scatter"
+        if self.moved == IMAGE:
+            what, of = "simulated object", "the residuals alone"
+            share = "simulated amplitude lies on the measured surface"
+        lines = [
+            f"The {what} is shifted by {1e3 * np.linalg.norm(self.shift_m):.2f} mm "
+            f"(x, y, z: {shift} mm) and turned by {self.rotation_deg:.2f} deg "
+            f"(about x, y, z: {turn} deg) to lie on the measured one.",
+            f"{self.inlier_share:.0%} of the {share}, {1e3 * self.rms_m:.2f} mm rms from it.",
+        ]
+        if self.likeness is not None:
+            lines[-1] += f" The pictures correlate by {self.likeness:.2f}."
+        if self.overlap is not None:
+            lines[-1] += f" Simulated there, the overlap is {self.overlap:.2f}."
+        if self.degenerate_directions:
+            lines.append(
+                "These images cannot tell, and no motion is assumed for: "
+                + "; ".join(self.degenerate_directions)
+                + "."
+            )
+        else:
+            shift = ", ".join(f"{1e3 * v:.2g}" for v in std[3:])
+            turn = ", ".join(f"{v:.2g}" for v in np.degrees(std[:3]))
+            lines.append(f"One standard deviation from {of}: {shift} mm and {turn} deg (x, y, z).")
+        end = "Converged" if self.converged else "NOT converged: still moving"
+        lines.append(f"{end} after {self.iterations} iterations.")
+        doubts = replace(self, converged=True).remarks()
+        lines += [f"Doubtful: {doubt}." for doubt in doubts]
+        return "\n".join(lines)

@@ -1,0 +1,75 @@
+"""The pixels of an image in which each region of a mesh is seen."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from calibration.roughness.regions import Regions
+from clradar.errors import CompareError
+from clradar.model import DepthMap, Scene, VoxelGrid
+from clradar.opencl import Device
+from clradar.tracing.visible_surface import VisibleSurface
+
+REACH_M = 4e-3
+"""A pixel belongs to the visible surface that is nearest to it along x and y, if it is this near:
+the lateral resolution of the imager."""
+
+SAMPLES_PER_MM2 = 1.0
+
+EVERYTHING_DB = 400.0
+"""A dynamic range below which nothing is left out of a depth map."""
+
+
+def region_pixels(
+    scene: Scene, regions: Regions, grid: VoxelGrid, centre_m: np.ndarray, device: Device
+) -> np.ndarray:
+    """Return the number of the region that each pixel shows, shape (n_y, n_x), -1 for none.
+
+    Parameters
+    ----------
+    scene : Scene
+        In its place.
+    regions : Regions
+    grid : VoxelGrid
+    centre_m : ndarray, shape (3,), metres
+        Where it is looked at from.
+    device : Device
+
+    Raises
+    ------
+    CompareError
+        A region is seen in no pixel.
+    """
+    triangles = scene.triangles_m
+    reach_m = float(np.linalg.norm(centre_m)) + 1.0
+    with VisibleSurface(scene, SAMPLES_PER_MM2, reach_m, device) as surface:
+        points_m = surface.points_m[surface.seen_from(centre_m[None])[:, 0]]
+    # By the middles of the faces: the mesh is fine compared with the pixels, or its regions are
+    # large compared with its faces.
+    _, nearest = cKDTree(triangles.mean(axis=1)).query(points_m)
+    label = regions.face[nearest]
+    x_m, y_m = np.meshgrid(grid.x_m, grid.y_m)
+    pixels_m = np.stack([x_m.ravel(), y_m.ravel()], axis=1)
+    found = np.full(len(pixels_m), -1)
+    if len(points_m):
+        apart_m, at = cKDTree(points_m[:, :2]).query(pixels_m)
+        found = np.where(apart_m <= REACH_M, label[at], -1)
+    for number, name in enumerate(regions.names):
+        if not (found == number).any():
+            raise CompareError(f"sweep: region '{name}' is seen in no pixel of the image")
+    return found.reshape(x_m.shape)
+
+
+def within(image: DepthMap, pixels: np.ndarray, dynamic_range_db: float) -> DepthMap | None:
+    """Return an image of some pixels only, cut below their own maximum; None if they are zero.
+
+    `image` has a depth wherever its amplitude is not zero; `pixels` has shape (n_y, n_x), bool.
+    """
+    amplitude = np.where(pixels, image.amplitude, np.float32(0))
+    top = float(amplitude.max())
+    if top == 0.0:
+        return None
+    kept = (amplitude >= top * 10.0 ** (-dynamic_range_db / 20.0)) & (amplitude > 0)
+    depth_m = np.where(kept, image.depth_m, np.nan)
+    return DepthMap(depth_m, amplitude, image.x_m, image.y_m, dynamic_range_db)

@@ -1,0 +1,1 @@
+"""Making the samples of a data set, on one process or many."""

@@ -1,0 +1,125 @@
+"""What a plan would take: time and disk, from one sample that is timed."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+from clradar.dataset.engine.serial import made_with
+from clradar.dataset.plan.plan import Plan
+from clradar.dataset.plan.recipe import recipe
+from clradar.dataset.sample import make_sample
+from clradar.dataset.store.shard import assemble, write_sample
+from clradar.opencl import open_device
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What one sample took, and what all would.
+
+    Attributes
+    ----------
+    samples : int
+    device : str
+    first_s : float
+        The first sample of a process, with kernels built.
+    sample_s : float
+        A sample after the first, written.
+    sample_bytes : int
+        In a shard.
+    shard_bytes : int
+        What a shard has besides its samples.
+    part_bytes : int
+        As a file of its own, until its shard is closed.
+    shard_size : int
+    """
+
+    samples: int
+    device: str
+    first_s: float
+    sample_s: float
+    sample_bytes: int
+    part_bytes: int
+    shard_bytes: int
+    shard_size: int
+
+    @property
+    def total_s(self) -> float:
+        return self.first_s + (self.samples - 1) * self.sample_s
+
+    @property
+    def total_bytes(self) -> int:
+        """Bytes of all shards."""
+        shards = -(-self.samples // self.shard_size)
+        return self.samples * self.sample_bytes + shards * self.shard_bytes
+
+    @property
+    def peak_bytes(self) -> int:
+        """Bytes of all shards, and of the parts of one."""
+        return self.total_bytes + min(self.shard_size, self.samples) * self.part_bytes
+
+    def lines(self) -> list[str]:
+        """Return it in words."""
+        return [
+            f"one sample: {self.sample_s:.2f} s, {_bytes_text(self.sample_bytes)} "
+            f"(the first of a process {self.first_s:.2f} s) on {self.device}",
+            f"all {self.samples} samples: {_time_text(self.total_s)} one after the other, "
+            f"{_bytes_text(self.total_bytes)}, at most {_bytes_text(self.peak_bytes)} meanwhile",
+        ]
+
+
+def estimate(plan: Plan, *, device: str | None = None) -> Estimate:
+    """Make a sample of a plan, in a folder that is removed again, and say what all would take.
+
+    The first sample builds kernels and fills caches, so a second one is timed. Another sample takes
+    longer or shorter by its pose: with its area, and with how much of it the antennas see.
+    """
+    opened = open_device(device)
+    times_s, sizes = [], []
+    level = plan.output.compression
+    with tempfile.TemporaryDirectory(prefix="clradar-") as name:
+        parts: list[Path] = []
+        for sample in (0, min(1, plan.samples - 1)):
+            start_s = perf_counter()
+            part = Path(name) / f"{len(parts)}.h5"
+            made = make_sample(recipe(plan, sample), opened, rigs=plan.folder)
+            write_sample(part, made, made_with(opened), compression=level, force=True)
+            times_s.append(perf_counter() - start_s)
+            parts.append(part)
+        for count in (1, 2):  # what a shard has once shows in the difference
+            whole = Path(name) / f"shard-{count}.h5"
+            start_s = perf_counter()
+            assemble(whole, parts[:count], compression=level)
+            assembled_s = perf_counter() - start_s
+            sizes.append(whole.stat().st_size)
+        part_bytes = parts[1].stat().st_size
+    return Estimate(
+        samples=plan.samples,
+        device=opened.info.label,
+        first_s=times_s[0],
+        sample_s=times_s[1] + assembled_s / 2,
+        sample_bytes=sizes[1] - sizes[0],
+        part_bytes=part_bytes,
+        shard_bytes=max(0, 2 * sizes[0] - sizes[1]),
+        shard_size=plan.output.shard_size,
+    )
+
+
+def _time_text(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    if seconds < 7200:
+        return f"{seconds / 60:.0f} min"
+    if seconds < 48 * 3600:
+        return f"{seconds / 3600:.1f} h"
+    return f"{seconds / 86400:.1f} days"
+
+
+def _bytes_text(count: float) -> str:
+    for unit in ("bytes", "KiB", "MiB", "GiB", "TiB"):
+        if count < 1024 or unit == "TiB":
+            return f"{count:.0f} {unit}" if unit == "bytes" else f"{count:.1f} {unit}"
+        count /= 1024
+    raise AssertionError("unreachable")

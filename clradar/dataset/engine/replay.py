@@ -1,0 +1,110 @@
+"""Make one sample of a data set again, and hold it against the stored one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from clradar.dataset.engine.serial import made_with
+from clradar.dataset.plan.recipe import recipe
+from clradar.dataset.sample import Sample, make_sample
+from clradar.dataset.store.folder import place_of, read_manifest
+from clradar.dataset.store.shard import write_sample
+from clradar.dataset.store.stored import made_with_of, opened, row_of, sample_of
+from clradar.files.work_folder import differences
+from clradar.opencl import open_device
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """A sample that was made again.
+
+    Attributes
+    ----------
+    sample : Sample
+    stored_in : str or None
+        The file with the stored one, relative to the data set; None if there is none.
+    differences : tuple of str
+        In what the two differ, one line each; empty if they are the same to the last bit.
+    made_otherwise : tuple of str
+        In what version or device the stored one was made otherwise.
+    """
+
+    sample: Sample
+    stored_in: str | None
+    differences: tuple[str, ...]
+    made_otherwise: tuple[str, ...]
+
+
+def replay(
+    folder: Path,
+    index: int,
+    *,
+    device: str | None = None,
+    output: Path | None = None,
+    force: bool = False,
+    rigs: Path | None = None,
+) -> Replay:
+    """Make sample `index` of a data set again, from the plan alone.
+
+    Parameters
+    ----------
+    folder : Path
+    index : int
+    device : str or None
+        See `clradar.open_device`.
+    output : Path, optional
+        Where to write the sample made, as a shard of one sample.
+    force : bool
+        Replace an existing file.
+    rigs : Path, optional
+        The folder that the plan's names of rig files are relative to; by default the current
+        folder, then the data set's.
+
+    Raises
+    ------
+    ModelError
+        The plan has no such sample, or the file of its rig is not that of the plan.
+    MeasurementError
+        The folder is no data set, or damaged.
+    """
+    manifest = read_manifest(folder)
+    wanted = recipe(manifest.plan, index)
+    opened_device = open_device(device)
+    now = made_with(opened_device)
+    folders = (Path(), folder) if rigs is None else rigs
+    made = make_sample(wanted, opened_device, rigs=folders)
+    if output is not None:
+        compression = manifest.plan.output.compression
+        write_sample(output, made, now, compression=compression, force=force)
+    path = place_of(folder, manifest, index)
+    if path is None:
+        return Replay(made, None, (), ())
+    with opened(path) as file:
+        row = row_of(file, path, index)
+        stored, then = sample_of(file, row), made_with_of(file, row)
+    found = _different(stored, made)
+    return Replay(made, str(path.relative_to(folder)), tuple(found), tuple(differences(then, now)))
+
+
+def _different(stored: Sample, made: Sample) -> list[str]:
+    found = [f"recipe: {line}" for line in differences(dict(stored.recipe), dict(made.recipe))]
+    for name in dict.fromkeys([*stored.arrays, *made.arrays]):
+        one, other = stored.arrays.get(name), made.arrays.get(name)
+        if one is None or other is None:
+            found.append(f"{name}: {'not stored' if one is None else 'not made'}")
+        elif (one.shape, one.dtype) != (other.shape, other.dtype):
+            found.append(f"{name}: {one.dtype} {one.shape}, now {other.dtype} {other.shape}")
+        elif one.tobytes() != other.tobytes():
+            found.append(f"{name}: {_how_far(one, other)}")
+    return found
+
+
+def _how_far(one: np.ndarray, other: np.ndarray) -> str:
+    changed = int(np.count_nonzero((one != other) & ~(np.isnan(one) & np.isnan(other))))
+    with np.errstate(invalid="ignore"):
+        error = np.nanmax(np.abs(other.astype(np.complex128) - one))
+        peak = np.nanmax(np.abs(one))
+    return f"{changed} of {one.size} numbers differ, by up to {error:.3g}; the peak is {peak:.3g}"

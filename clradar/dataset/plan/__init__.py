@@ -1,0 +1,1 @@
+"""Plans of data sets and the recipes of their samples."""

@@ -1,0 +1,198 @@
+"""What one sample is made of: a function of the plan and the sample's number alone."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from clradar.dataset.plan.draws import Draw, stream
+from clradar.dataset.plan.hand_values import pose_record, shape_record
+from clradar.dataset.plan.plan import ChannelErrors, Hands, Impairments, Plan, Poses
+from clradar.dataset.plan.radar import simulation_settings
+from clradar.hand import (
+    PART_NAMES,
+    HandPose,
+    HandShape,
+    interpolate_poses,
+    random_pose,
+    random_shape,
+)
+from clradar.model import checks
+
+VERSION = 1
+SEED_BITS = 63
+
+Recipe = dict[str, Any]
+"""JSON values only. Lengths in metres, angles in radians, frequencies in hertz."""
+
+
+def recipe(plan: Plan, index: int) -> Recipe:
+    """Return all that sample `index` is made of.
+
+    Every quantity has random numbers of its own, keyed by the plan's seed, the sample's number and
+    the quantity's name (`clradar.dataset.plan.draws.stream`). So a recipe depends on neither the
+    other samples nor what else is drawn.
+
+    Raises
+    ------
+    ModelError
+        The plan has no such sample.
+    """
+    index = checks.whole("sample", index, 0, plan.samples - 1)
+    drawn = _Drawn(plan.seed, index)
+    return {
+        "version": VERSION,
+        "sample": index,
+        "pose": pose_record(_pose(plan.poses, drawn, index)),
+        "hand": _hand(plan.hands, drawn),
+        "placement": _placement(plan, drawn),
+        "alpha": _alpha(plan, drawn),
+        "radar": {
+            "array": plan.radar.array,
+            "every": plan.radar.every,
+            "start_hz": plan.radar.start_ghz * 1e9,
+            "stop_hz": plan.radar.stop_ghz * 1e9,
+            "steps": plan.radar.steps,
+        },
+        "simulation": _simulation(plan, drawn),
+        "impairments": _impairments(plan.impairments, plan, drawn),
+        "image": _image(plan) if plan.keeps_images else None,
+        "products": list(plan.output.products),
+    }
+
+
+class _Drawn:
+    """The draws of one sample."""
+
+    def __init__(self, seed: int, index: int) -> None:
+        self._seed, self._index = seed, index
+
+    def stream(self, quantity: str) -> np.random.Generator:
+        return stream(self._seed, self._index, quantity)
+
+    def number(self, quantity: str, draw: Draw) -> float:
+        return draw.draw(self.stream(quantity))
+
+    def one_of(self, quantity: str, choices: tuple[Any, ...]) -> Any:
+        return choices[int(self.stream(quantity).integers(len(choices)))]
+
+    def seed(self, quantity: str) -> int:
+        return int(self.stream(quantity).integers(2**SEED_BITS))
+
+
+def _pose(poses: Poses, drawn: _Drawn, index: int) -> HandPose:
+    if poses.kind == "sampler":
+        return random_pose(drawn.stream("poses"))
+    count = len(poses.poses)
+    random = drawn.stream("poses")
+    if poses.kind == "list":
+        return poses.poses[index % count if poses.order == "cycle" else int(random.integers(count))]
+    # Two different ones: the second is any but the first.
+    first = index % count if poses.order == "cycle" else int(random.integers(count))
+    second = (first + 1 + int(random.integers(count - 1))) % count
+    share = drawn.number("poses.share", poses.share)
+    return interpolate_poses(poses.poses[first], poses.poses[second], share)
+
+
+def _hand(hands: Hands, drawn: _Drawn) -> Recipe:
+    sides = ("right", "left") if hands.handedness == "both" else (hands.handedness,)
+    side = drawn.one_of("hands.handedness", sides)
+    if hands.rigs:
+        rig = drawn.one_of("hands.rigs", hands.rigs)
+        return {
+            "handedness": rig.handedness if side == "as it is" else side,
+            "rig": {**asdict(rig), "betas": list(rig.betas)},
+        }
+    shape = HandShape()
+    if hands.shape == "sampled":
+        shape = random_shape(drawn.stream("hands.shape"))
+    elif hands.shape == "list":
+        shape = drawn.one_of("hands.shape", hands.shapes)
+    return {
+        "handedness": side,
+        "shape": shape_record(shape),
+        "edge_length_m": hands.edge_mm / 1e3,
+    }
+
+
+def _placement(plan: Plan, drawn: _Drawn) -> Recipe:
+    def three(keys: tuple[str, str, str]) -> list[float]:
+        return [drawn.number(f"placement.{key}", getattr(plan.placement, key)) for key in keys]
+
+    centre_mm = three(("x_mm", "y_mm", "z_mm"))
+    turns_deg = three(("rotation_x_deg", "rotation_y_deg", "rotation_z_deg"))
+    return {
+        "center_m": [value / 1e3 for value in centre_mm],
+        "rotation_rad": [float(np.deg2rad(value)) for value in turns_deg],
+    }
+
+
+def _alpha(plan: Plan, drawn: _Drawn) -> dict[str, float]:
+    others = drawn.number("alpha.others", plan.alpha.others)
+    own = {name: drawn.number(f"alpha.{name}", draw) for name, draw in plan.alpha.parts.items()}
+    return {name: own.get(name, others) for name in PART_NAMES}
+
+
+def _simulation(plan: Plan, drawn: _Drawn) -> Recipe:
+    settings = simulation_settings(plan.simulation, drawn.seed("simulation.seed"))
+    return {name: getattr(settings, name) for name in settings.__slots__}
+
+
+def _image(plan: Plan) -> Recipe:
+    image = plan.image
+    return {
+        **{f"{axis}_m": [v / 1e3 for v in getattr(image, f"{axis}_mm")] for axis in "xyz"},
+        "step_m": [step / 1e3 for step in image.step_mm],
+        "method": image.method,
+        "window": image.window,
+        "tolerance_db": image.tolerance_db,
+        "dynamic_range_db": image.dynamic_range_db,
+    }
+
+
+def _impairments(impairments: Impairments, plan: Plan, drawn: _Drawn) -> Recipe | None:
+    if not impairments.any:
+        return None
+
+    def level(key: str) -> float | None:
+        draw = getattr(impairments, key)
+        return None if draw is None else drawn.number(f"impairments.{key}", draw)
+
+    channels = impairments.channels
+    return {
+        "seed": drawn.seed("impairments.seed"),
+        "snr_db": level("snr_db"),
+        "coupling_db": level("coupling_db"),
+        "coupling_delay_s": 1e-12
+        * drawn.number("impairments.coupling_delay_ps", impairments.coupling_delay_ps),
+        "iq_gain_db": level("iq_gain_db"),
+        "iq_phase_rad": float(
+            np.deg2rad(drawn.number("impairments.iq_phase_deg", impairments.iq_phase_deg))
+        ),
+        "adc_bits": impairments.adc_bits,
+        "channels": None if channels is None else _channels(channels, plan, drawn),
+        "walls": [
+            {
+                "point_m": [value / 1e3 for value in wall.point_mm],
+                "normal": list(wall.normal),
+                "amplitude": wall.amplitude,
+            }
+            for wall in impairments.walls
+        ],
+    }
+
+
+def _channels(channels: ChannelErrors, plan: Plan, drawn: _Drawn) -> Recipe:
+    seed = drawn.seed("impairments.channels.seed")
+    if channels.per == "dataset":  # one instrument: the draw of sample 0 for all
+        seed = _Drawn(plan.seed, 0).seed("impairments.channels.seed")
+    return {
+        "seed": seed,
+        "gain_db": channels.gain_db,
+        "phase_rad": float(np.deg2rad(channels.phase_deg)),
+        "delay_s": 1e-12 * channels.delay_ps,
+        "dead_tx": list(channels.dead_tx),
+        "dead_rx": list(channels.dead_rx),
+    }

@@ -1,0 +1,249 @@
+"""Take values out of the tables of a plan, and list every mistake instead of stopping at one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
+from typing import Any, TypeVar
+
+from clradar.dataset.plan.draws import KINDS, SIGMAS, Draw, fixed
+from clradar.errors import ClradarError, MeasurementError
+from clradar.files.failures import clean
+
+Value = TypeVar("Value")
+
+LONGEST = 1e15
+"""Decimal numbers below this are shown as the whole number that may be meant."""
+
+
+class PlanError(MeasurementError):
+    """A plan has mistakes.
+
+    Attributes
+    ----------
+    mistakes : tuple of str
+        One line each: file, key, what was expected, what was found.
+    """
+
+    def __init__(self, mistakes: Sequence[str]) -> None:
+        self.mistakes = tuple(mistakes)
+        super().__init__("\n".join(mistakes))
+
+
+class PlanTable:
+    """One table of a plan.
+
+    Parameters
+    ----------
+    source : str
+        The plan, for messages.
+    name : str
+        The table's name with dots, empty for the file's top.
+    content : object
+    mistakes : list of str
+        Shared by all tables of a plan.
+    """
+
+    def __init__(self, source: str, name: str, content: Any, mistakes: list[str]) -> None:
+        self._source, self._name, self._mistakes = source, name, mistakes
+        self._asked: list[str] = []
+        self._content = content if isinstance(content, dict) else {}
+        if not isinstance(content, dict):
+            self.refuse("", "a table", content)
+
+    def mistake(self, key: str, expected: str, words: str) -> None:
+        """Note that what a key says cannot be meant; `words` say what was found."""
+        self.note(
+            f"{clean(self._source)}: {self._place(key)}: expected {expected}, got {clean(words)}"
+        )
+
+    def refuse(self, key: str, expected: str, value: object) -> None:
+        """Note that a key has a value that cannot be meant."""
+        self.mistake(key, expected, toml_text(value))
+
+    def _place(self, key: str) -> str:
+        return ".".join(part for part in (self._name, key) if part)
+
+    def note(self, line: str) -> None:
+        self._mistakes.append(line)
+
+    def has(self, key: str) -> bool:
+        return key in self._content
+
+    def raw(self, key: str, default: Any = None) -> Any:
+        """Return a value as it is."""
+        self._asked.append(key)
+        return self._content.get(key, default)
+
+    def table(self, key: str) -> PlanTable:
+        """Return an inner table, an empty one if it is not there."""
+        return self.inner(key, self.raw(key, {}))
+
+    def inner(self, key: str, content: Any) -> PlanTable:
+        return PlanTable(self._source, self._place(key), content, self._mistakes)
+
+    def checked(self, key: str, check: Callable[..., Value], *args: Any) -> Value | None:
+        """Return what `check` returns for `args`; if it raises, note why and return None."""
+        try:
+            return check(*args)
+        except (ClradarError, OSError) as error:
+            self.note(f"{clean(self._source)}: {self._place(key)}: {clean(error)}")
+            return None
+
+    def number(
+        self, key: str, default: float, low: float, high: float, *, above: bool = False
+    ) -> float:
+        """Return a number from `low` (above it, if `above`) to `high`."""
+        value = self.raw(key, default)
+        if not is_number(value) or not low <= value <= high or (above and value == low):
+            self.refuse(key, f"a number {_range(low, high, above)}", value)
+            return default
+        return float(value)
+
+    def whole(self, key: str, default: int, low: int, high: int) -> int:
+        value = self.raw(key, default)
+        expected = f"a whole number from {low} to {high}"
+        if isinstance(value, float) and value.is_integer() and abs(value) < LONGEST:
+            self.mistake(key, expected, f"the decimal number {value!r}; write {int(value)}")
+            return default
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            self.refuse(key, expected, value)
+            return default
+        return value
+
+    def one_of(self, key: str, default: str, choices: Sequence[str]) -> str:
+        value = self.raw(key, default)
+        if not isinstance(value, str) or value not in choices:
+            self.refuse(key, choice_text(value, choices), value)
+            return default
+        return value
+
+    def numbers(self, key: str, default: Sequence[float], count: int) -> tuple[float, ...]:
+        value = self.raw(key, list(default))
+        if not isinstance(value, list) or len(value) != count or not all(map(is_number, value)):
+            self.refuse(key, f"a list of {count} numbers", value)
+            return tuple(default)
+        return tuple(float(v) for v in value)
+
+    def whole_numbers(self, key: str, low: int, high: int) -> tuple[int, ...]:
+        """Return a list of whole numbers, none of them twice; an empty one if it is not there."""
+        value = self.raw(key, [])
+        good = isinstance(value, list) and all(
+            isinstance(v, int) and not isinstance(v, bool) and low <= v <= high for v in value
+        )
+        if not good or len(set(value)) != len(value):
+            self.refuse(key, f"a list of different whole numbers from {low} to {high}", value)
+            return ()
+        return tuple(value)
+
+    def texts(self, key: str, default: Sequence[str], what: str) -> tuple[str, ...]:
+        value = self.raw(key, list(default))
+        good = isinstance(value, list) and all(isinstance(v, str) and v for v in value)
+        if not good:
+            self.refuse(key, f"a list of {what}", value)
+            return tuple(default)
+        if len(set(value)) != len(value):
+            twice = sorted({v for v in value if value.count(v) > 1})
+            self.mistake(key, f"every one of the {what} once", f"{', '.join(twice)} more often")
+        return tuple(dict.fromkeys(value))
+
+    def draw(
+        self,
+        key: str,
+        default: Draw,
+        low: float,
+        high: float,
+        kinds: Sequence[str] = tuple(KINDS),
+    ) -> Draw:
+        """Return a number or how it is drawn; every draw has to be from `low` to `high`."""
+        if not self.has(key):
+            self._asked.append(key)
+            return default
+        found = self._draw(key, self.raw(key), kinds)
+        if found is None:
+            return default
+        least, greatest = found.bounds()
+        if least < low or greatest > high:
+            text = toml_text(found.to_plain())
+            if found.kind == "normal":
+                text += (
+                    f", which is [{least:g}, {greatest:g}] within {SIGMAS:g} standard deviations"
+                )
+            self.mistake(key, f"values {_range(low, high, False)}", text)
+            return default
+        return found
+
+    def _draw(self, key: str, value: Any, kinds: Sequence[str]) -> Draw | None:
+        if is_number(value):
+            return fixed(float(value))
+        expected = "a number or " + " or ".join(f"{{ {k} = {KINDS[k]} }}" for k in kinds)
+        if not isinstance(value, dict) or len(value) != 1:
+            self.refuse(key, expected, value)
+            return None
+        kind, given = next(iter(value.items()))
+        if kind not in kinds:
+            near = "" if kind in KINDS else nearest(kind, kinds)
+            self.mistake(key, expected + near, f"{{ {kind} = ... }}")
+            return None
+        if not isinstance(given, list) or not given or not all(map(is_number, given)):
+            self.refuse(f"{key}.{kind}", f"a list {KINDS[kind]} of numbers", given)
+            return None
+        values = tuple(float(v) for v in given)
+        if kind != "choice" and len(values) != 2:
+            self.refuse(f"{key}.{kind}", f"two numbers {KINDS[kind]}", given)
+            return None
+        if kind == "uniform" and values[1] < values[0]:
+            self.refuse(f"{key}.{kind}", "[low, high] with low <= high", given)
+            return None
+        if kind == "normal" and values[1] < 0:
+            self.refuse(f"{key}.{kind}", "a standard deviation that is not negative", given)
+            return None
+        return Draw(kind, values)
+
+    def done(self, known: Sequence[str] = ()) -> None:
+        """Note every key that was not asked for; `known` are further keys that mean something."""
+        names = list(dict.fromkeys([*self._asked, *known]))
+        for key in self._content:
+            if key not in names:
+                remark = f"unknown key; expected one of {', '.join(names)}{nearest(key, names)}"
+                self.note(f"{clean(self._source)}: {clean(self._place(key))}: {remark}")
+
+
+def is_number(value: object) -> bool:
+    """Whether a value of TOML or JSON is a finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) < 1e300  # an int of any length, or an infinity, is larger; NaN is not less
+
+
+def nearest(given: object, known: Sequence[str]) -> str:
+    """Return "; did you mean ...?" where a known word is near to what was given, else nothing."""
+    found = get_close_matches(str(given), known, n=1)
+    return f" (did you mean '{found[0]}'?)" if found else ""
+
+
+def choice_text(given: object, choices: Sequence[str]) -> str:
+    return "one of " + ", ".join(f'"{c}"' for c in choices) + nearest(given, choices)
+
+
+def toml_text(value: object) -> str:
+    """Return a value of a plan about as TOML writes it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return f'"{value[:200]}"'
+    if isinstance(value, list):
+        inner = ", ".join(toml_text(v) for v in value[:6])
+        return f"[{inner}{', ...' if len(value) > 6 else ''}]"
+    if isinstance(value, dict):
+        inner = ", ".join(f"{k} = {toml_text(v)}" for k, v in list(value.items())[:4])
+        return f"{{ {inner}{', ...' if len(value) > 4 else ''} }}"
+    if value is None:
+        return "nothing"
+    return f"{value:g}" if isinstance(value, float) else repr(value)[:200]
+
+
+def _range(low: float, high: float, above: bool) -> str:
+    if above:
+        return f"above {low:g} and at most {high:g}"
+    return f"from {low:g} to {high:g}"

@@ -1,0 +1,279 @@
+"""From a recipe to a sample: posed hand, simulation, impairments, image."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.arrays import qar50
+from clradar.backproject import backproject
+from clradar.dataset.plan.hand_values import pose_of, shape_of
+from clradar.errors import ModelError
+from clradar.files.failures import clean, shown
+from clradar.files.hashing import sha256_of
+from clradar.hand import HandMesh, HandPose, hand_mesh
+from clradar.impairments.channel_errors import draw_channels
+from clradar.impairments.environment import Wall, room_capture
+from clradar.impairments.impair import impair
+from clradar.model import AntennaArray, Capture, Scene, VoxelGrid, Waveform
+from clradar.opencl import Device
+from clradar.synthesize import simulate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """One sample: its recipe, and its products as arrays by the names of `layout.FIELDS`."""
+
+    recipe: Mapping[str, Any]
+    arrays: Mapping[str, np.ndarray]
+
+
+Folders = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+"""One folder, or several of which the first that holds a file counts."""
+
+
+def make_sample(
+    recipe: Mapping[str, Any] | str | bytes,
+    device: Device | str | None = None,
+    *,
+    rigs: Folders = "",
+) -> Sample:
+    """Make the sample that a recipe describes.
+
+    Parameters
+    ----------
+    recipe : mapping, or its JSON text
+        As `clradar.dataset.recipe` returns it, or as it is stored with a sample
+        (``open_dataset(folder).recipe.values[0]``).
+    device : Device, str or None
+        See `clradar.open_device`.
+    rigs : path-like, or a sequence of them
+        The folder that the recipe's name of a rig's file is relative to; the current one by
+        default. Of several, the first that holds the file counts.
+
+    Returns
+    -------
+    Sample
+        The products that the recipe lists. On the same device and driver they are the same bits,
+        whatever was made before and however many threads there are.
+
+    Raises
+    ------
+    ModelError
+        It is no recipe, lacks something, or a rig's file is not that of the plan.
+    DeviceError
+        There is no such device, or it refuses.
+    """
+    recipe = _recipe(recipe)
+    try:
+        return _made(recipe, device, rigs)
+    except KeyError as error:
+        raise ModelError(
+            f"recipe: expected all keys that clradar.dataset.recipe gives, got no {error}"
+        ) from error
+
+
+def _recipe(given: Mapping[str, Any] | str | bytes) -> Mapping[str, Any]:
+    found: Any = given
+    if isinstance(given, str | bytes):
+        try:
+            found = json.loads(given)
+        except ValueError as error:
+            raise ModelError(
+                f"recipe: expected JSON text of a recipe, got no JSON: {clean(error)}"
+            ) from error
+    if not isinstance(found, Mapping):
+        raise ModelError(
+            f"recipe: expected a mapping, or its JSON text, got {type(found).__name__}"
+        )
+    return found
+
+
+def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders) -> Sample:
+    products = recipe["products"]
+    arrays: dict[str, np.ndarray] = {}
+    mesh = placed_hand(recipe, device, rigs)
+    if "joints" in products:
+        arrays["joints"] = mesh.joints_m
+    if "mesh" in products:
+        arrays["mesh_vertices"] = mesh.vertices_m.astype(np.float32)
+        arrays["mesh_faces"] = mesh.faces
+        arrays["mesh_part"] = mesh.part.astype(np.uint8)
+    image = recipe.get("image")
+    if image is None and "capture" not in products:
+        return Sample(recipe, arrays)
+    capture = recorded(recipe, scene_of(mesh, recipe["alpha"]), device)
+    if "capture" in products:
+        arrays["capture"] = capture.data
+    if image is not None:
+        volume = backproject(
+            capture,
+            grid_of(recipe),
+            method=image["method"],
+            window=image["window"],
+            tolerance_db=image["tolerance_db"],
+            device=device,
+        )
+        if "volume" in products:
+            arrays["volume"] = volume.data
+        if "max_projection" in products:
+            arrays["max_projection"] = volume.max_projection()
+        if "depth_map" in products:
+            depth = volume.depth_map(image["dynamic_range_db"])
+            arrays["depth_map"] = depth.depth_m.astype(np.float32)
+    return Sample(recipe, arrays)
+
+
+def placed_hand(
+    recipe: Mapping[str, Any], device: Device | str | None = None, rigs: Folders = ""
+) -> HandMesh:
+    """Return the hand where the recipe puts it, metres, antenna frame."""
+    hand, place = recipe["hand"], recipe["placement"]
+    pose = pose_of(recipe["pose"])
+    origin_m = (0.0, 0.0, 0.0)
+    if "rig" in hand:
+        mesh = posed_rig(hand["rig"], pose, hand["handedness"], rigs)
+    else:
+        mesh = hand_mesh(
+            pose,
+            edge_length_m=hand["edge_length_m"],
+            handedness=hand["handedness"],
+            center_m=origin_m,
+            shape=shape_of(hand["shape"]),
+            device=device,
+        )
+    matrix = rotation(place["rotation_rad"])
+    centre_m = np.asarray(place["center_m"])
+    return mesh.moved(matrix, centre_m)
+
+
+def posed_rig(
+    record: Mapping[str, Any], pose: HandPose, handedness: str, rigs: Folders = ""
+) -> HandMesh:
+    """Return a rig's hand in a pose about the origin; a hand of the other side is mirrored."""
+    folders = (rigs,) if isinstance(rigs, str | os.PathLike) else rigs
+    rig = _rig(json.dumps(record), tuple(os.path.abspath(folder) for folder in folders))
+    mesh = rig.posed(pose, center_m=(0.0, 0.0, 0.0))
+    if rig.handedness == handedness:
+        return mesh
+    return mesh.moved(np.diag([-1.0, 1.0, 1.0]), np.zeros(3))
+
+
+@lru_cache(maxsize=4)
+def _rig(text: str, folders: tuple[str, ...]) -> Any:
+    from clradar.rigs import read_rig
+
+    record = found_rig(json.loads(text), folders)
+    return read_rig(
+        record["file"],
+        mapping=record["mapping"],
+        unit=record["unit"],
+        handedness=record["handedness"],
+        betas=record["betas"] or None,
+    )
+
+
+def found_rig(record: Mapping[str, Any], folders: Sequence[str | Path]) -> dict[str, Any]:
+    """Return the record of a rig with the places of its files.
+
+    Raises
+    ------
+    ModelError
+        They are not there, or not those of the plan.
+    """
+    found = dict(record)
+    for key in ("file", "mapping"):
+        if record[key] is not None:
+            wanted = record["sha256" if key == "file" else "mapping_sha256"]
+            found[key] = _place_of(record[key], wanted, folders)
+    return found
+
+
+def _place_of(name: str, sha256: str, folders: Sequence[str | Path]) -> str:
+    """Return where the file of this name and content is."""
+    places = list(dict.fromkeys(os.path.join(folder, name) for folder in folders))
+    got = "nothing there"
+    for place in places:
+        try:
+            if sha256_of(Path(place)) == sha256:
+                return place
+            got = "another"
+        except FileNotFoundError:
+            pass
+        except (OSError, ValueError) as error:
+            got = f"none that can be read: {clean(error)}"
+    looked = " or ".join(map(shown, places))
+    raise ModelError(f"{looked}: expected the file of the plan (SHA-256 {sha256}), got {got}")
+
+
+def rotation(angles_rad: Any) -> np.ndarray:
+    """Return the matrix (3, 3) that turns about the fixed axes x, then y, then z: Rz Ry Rx."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(angles_rad), np.sin(angles_rad)
+    turn_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
+    turn_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
+    turn_z = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
+    return turn_z @ turn_y @ turn_x
+
+
+def scene_of(mesh: HandMesh, alpha: Mapping[str, float]) -> Scene:
+    """Return the scene of a hand whose parts have these alphas."""
+    values = np.array([alpha[name] for name in mesh.part_names])[mesh.part]
+    return Scene(mesh.vertices_m, mesh.faces, values, mesh.part, mesh.part_names, mesh.normals)
+
+
+def recorded(recipe: Mapping[str, Any], scene: Scene, device: Device | str | None) -> Capture:
+    """Return what the recipe's radar records of a scene, impairments included."""
+    array, waveform = instrument(recipe)
+    capture = simulate(scene, array, waveform, device=device, **recipe["simulation"])
+    faults = recipe.get("impairments")
+    if not faults:
+        return capture
+    settings = {key: value for key, value in faults.items() if key not in ("channels", "walls")}
+    channels = faults.get("channels")
+    if channels is not None:
+        settings["channels"] = draw_channels(array, waveform, **channels)
+    if faults.get("walls"):
+        walls = [Wall(**wall) for wall in faults["walls"]]
+        settings["room"] = room_capture(array, waveform, walls)
+    return impair(capture, **settings)
+
+
+def instrument(recipe: Mapping[str, Any]) -> tuple[AntennaArray, Waveform]:
+    """Return antennas and frequencies of a recipe.
+
+    The same radar gives the same objects, and so does the same grid below: by that, image
+    formation knows that it need not choose antennas and frequencies anew.
+    """
+    radar = recipe["radar"]
+    return _array(radar["every"]), _waveform(radar["start_hz"], radar["stop_hz"], radar["steps"])
+
+
+@lru_cache(maxsize=8)
+def _array(every: int) -> AntennaArray:
+    known = qar50()
+    if every == 1:
+        return known
+    return AntennaArray(known.tx_m[::every], known.rx_m[::every], f"{known.name}, one in {every}")
+
+
+@lru_cache(maxsize=8)
+def _waveform(start_hz: float, stop_hz: float, steps: int) -> Waveform:
+    return Waveform.sfcw(start_hz, stop_hz, steps)
+
+
+def grid_of(recipe: Mapping[str, Any]) -> VoxelGrid:
+    """Return the voxel grid of a recipe that has an image."""
+    image = recipe["image"]
+    return _grid(*(tuple(image[key]) for key in ("x_m", "y_m", "z_m", "step_m")))
+
+
+@lru_cache(maxsize=8)
+def _grid(x_m: Any, y_m: Any, z_m: Any, step_m: Any) -> VoxelGrid:
+    return VoxelGrid.from_extent(x_m, y_m, z_m, step_m)

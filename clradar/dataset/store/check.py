@@ -1,0 +1,283 @@
+"""Verify a data set: every byte, every label, every recipe."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.dataset.plan.recipe import recipe
+from clradar.dataset.store.fields import FIELDS, Field, axes_of, fields_of_products, labels_of
+from clradar.dataset.store.folder import (
+    MANIFEST,
+    PART_NAME,
+    PARTS,
+    SHARDS,
+    Manifest,
+    ShardEntry,
+    read_manifest,
+)
+from clradar.dataset.store.repair import shard_fault
+from clradar.dataset.store.stored import fields_of, opened
+from clradar.errors import ClradarError
+from clradar.files.failures import clean, shown
+from clradar.files.hashing import sha256_of
+from clradar.files.work_folder import TEMPORARY
+from clradar.model.progress import Progress
+from measurement_io import CheckReport, Description, Fact
+
+MOST_LISTED = 10
+"""Samples that a problem names."""
+
+LEFT_OVER = "left over; the same command removes it"
+FOREIGN = "is not of this data set; it can be removed by hand"
+
+BLOCK_BYTES = 2**28
+"""Of an array that is looked at at a time."""
+
+
+def is_dataset(path: Path) -> bool:
+    """Whether a folder is one of a data set."""
+    return (path / MANIFEST).is_file() and (path / SHARDS).is_dir()
+
+
+def describe_dataset(folder: Path) -> Description:
+    """Return what a data set holds; its shards are not opened.
+
+    Raises
+    ------
+    MeasurementError
+        The manifest is missing or damaged.
+    """
+    manifest = read_manifest(folder)
+    plan = manifest.plan
+    faults = _shard_faults(folder, manifest)
+    whole = [entry for number, entry in manifest.shards.items() if number not in faults]
+    complete = manifest.complete and not faults
+    stored = sum(entry.samples for entry in whole)
+    size = sum((folder / entry.file).stat().st_size for entry in whole if entry.file is not None)
+    names = [pose.name for pose in plan.poses.poses]
+    device = manifest.made_with.get("device", {})
+    facts = [
+        Fact("samples", f"{stored} of {plan.samples}", {"stored": stored, "plan": plan.samples}),
+        Fact("complete", _complete_text(complete, len(manifest.aside)), complete),
+        Fact("set aside", f"{len(manifest.aside)}", sorted(manifest.aside)),
+        Fact(
+            "shards",
+            f"{len(whole)} of {plan.n_shards}, {size / 2**20:.1f} MiB",
+            {"closed": len(whole), "plan": plan.n_shards, "bytes": size},
+        ),
+        Fact("products", ", ".join(plan.output.products), list(plan.output.products)),
+        Fact("poses", f"{plan.poses.kind} of {len(names)}: {clean(', '.join(names))}", names),
+        Fact("seed", f"{plan.seed}", plan.seed),
+        Fact("made with", clean(json.dumps(device)), dict(manifest.made_with)),
+    ]
+    missing = [f"{line}; the same command makes it again" for line in faults.values()]
+    if not manifest.complete:
+        missing.append("shards: the run has not come to its end")
+    return Description(shown(folder), "data set", tuple(facts), (), tuple(missing))
+
+
+def _shard_faults(folder: Path, manifest: Manifest) -> dict[int, str]:
+    """Return what is seen of shards without reading them: those that are missing or too short."""
+    found = {}
+    for number, entry in manifest.shards.items():
+        if entry.file is not None:
+            fault = shard_fault(folder / entry.file, entry)
+            if fault is not None:
+                found[number] = f"{clean(entry.file)}: {fault}"
+    return found
+
+
+def _complete_text(complete: bool, aside: int) -> str:
+    if not complete:
+        return "no"
+    return f"yes, but for {aside} set aside" if aside else "yes"
+
+
+def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport:
+    """Verify a data set by reading all of it.
+
+    The manifest; that every shard is there with its SHA-256, and nothing else; that shards hold the
+    samples that they should, in order; that every recipe is what the plan says; labels and axes
+    against the recipes; types and shapes; finite numbers (but for depth maps, where NaN means that
+    there is no depth, and joints that a rig does not have).
+
+    Parameters
+    ----------
+    folder : Path
+    progress : callable, optional
+        Called with (done, total) shards.
+
+    Returns
+    -------
+    CheckReport
+    """
+    checked: list[str] = []
+    problems: list[str] = []
+    try:
+        manifest = read_manifest(folder)
+    except ClradarError as error:
+        return CheckReport(shown(folder), (), (clean(error),))
+    checked.append("manifest: its plan is whole and has no mistakes")
+    problems += _missing(manifest) + _strangers(folder, manifest)
+    before = len(problems)
+    for done, number in enumerate(sorted(manifest.shards), start=1):
+        entry = manifest.shards[number]
+        try:
+            problems += _shard_problems(folder, manifest, entry)
+        except ClradarError as error:
+            problems.append(clean(error))
+        if progress is not None:
+            progress(done, len(manifest.shards))
+    if len(problems) == before:
+        stored = sum(entry.samples for entry in manifest.shards.values())
+        checked += [
+            f"{len(manifest.shards)} shards: SHA-256, format, samples in order",
+            f"{stored} samples: recipes as the plan has them, labels and axes as the recipes",
+            f"{', '.join(manifest.plan.output.products)}: types, shapes, finite numbers",
+        ]
+    if manifest.aside:
+        listed = _listed(sorted(manifest.aside))
+        checked.append(f"set aside, with their reasons in the manifest: {listed}")
+    return CheckReport(shown(folder), tuple(checked), tuple(problems))
+
+
+def _missing(manifest: Manifest) -> list[str]:
+    if manifest.complete:
+        return []
+    open_shards = [n for n in range(manifest.plan.n_shards) if n not in manifest.shards]
+    return [f"not complete: shards {_listed(open_shards)} are missing; the same command goes on"]
+
+
+def _strangers(folder: Path, manifest: Manifest) -> list[str]:
+    """Return what lies in the folders of shards and parts and is in no manifest."""
+    known = {entry.file for entry in manifest.shards.values()}
+    found = []
+    for path in sorted((folder / SHARDS).glob("*")):
+        name = f"{SHARDS}/{path.name}"
+        # Of a shard that was written when the run was killed; going on writes it again.
+        if name not in known and (manifest.complete or path.suffix != ".h5"):
+            own = path.match(TEMPORARY)
+            found.append(f"{clean(name)}: {LEFT_OVER if own else FOREIGN}")
+    for path in sorted((folder / PARTS).glob("*")):
+        name = f"{PARTS}/{clean(path.name)}"
+        if not (PART_NAME.fullmatch(path.name) or path.match(TEMPORARY)):
+            found.append(f"{name}: {FOREIGN}")
+        elif manifest.complete:
+            found.append(f"{name}: {LEFT_OVER}")
+    return found
+
+
+def _shard_problems(folder: Path, manifest: Manifest, entry: ShardEntry) -> Iterator[str]:
+    samples = manifest.plan.shard_samples(entry.number)
+    expected = [sample for sample in samples if sample not in manifest.aside]
+    if entry.samples != len(expected):
+        yield (
+            f"shard {entry.number}: expected {len(expected)} samples, the manifest says "
+            f"{entry.samples}"
+        )
+    if entry.file is None:
+        return
+    path = folder / entry.file
+    if not path.is_file():
+        yield (
+            f"{clean(entry.file)}: expected a shard, got nothing there; the same command makes it "
+            "again"
+        )
+        return
+    digest = sha256_of(path)
+    if digest != entry.sha256:
+        # It is not opened: HDF5's library is not safe against damaged files.
+        yield (
+            f"{clean(entry.file)}: expected SHA-256 {entry.sha256}, got {digest}; delete the file, "
+            "and the same command makes it again"
+        )
+        return
+    with opened(path) as file:
+        yield from _content_problems(entry.file, file, manifest, expected)
+
+
+def _content_problems(
+    name: str, file: Any, manifest: Manifest, expected: list[int]
+) -> Iterator[str]:
+    found = file["entry/labels/sample"][:].tolist()
+    if found != expected:
+        yield f"{name}: expected the samples {_listed(expected)}, got {_listed(found)}"
+        return
+    recipes = [recipe(manifest.plan, sample) for sample in expected]
+    stored = [json.loads(text) for text in file["entry/labels/recipe"][:]]
+    other = [s for s, one, two in zip(expected, recipes, stored, strict=True) if one != two]
+    if other:
+        yield f"{name}: expected the plan's recipes, got others for the samples {_listed(other)}"
+        return
+    for label, wanted in labels_of(recipes).items():
+        if not _same(file[f"entry/labels/{label}"][:], wanted):
+            yield f"{name}: labels/{label}: expected what the recipes say, got something else"
+    axes = axes_of(recipes[0])
+    for axis, wanted_axis in axes.items():
+        if not _same(file[f"entry/axes/{axis}"][:], wanted_axis.values):
+            yield f"{name}: axes/{axis}: expected what the recipe says, got something else"
+    wanted_fields = fields_of_products(manifest.plan.output.products)
+    if fields_of(file) != wanted_fields:
+        listed = ", ".join(fields_of(file))
+        yield f"{name}: expected the arrays {', '.join(wanted_fields)}, got {listed}"
+        return
+    sizes = {axis: len(value.values) for axis, value in axes.items()}
+    rigged = bool(manifest.plan.hands.rigs)
+    for field in wanted_fields:
+        spec = FIELDS[field]
+        yield from _array_problems(name, file, spec, expected, sizes, field, rigged)
+
+
+def _array_problems(
+    name: str,
+    file: Any,
+    spec: Field,
+    expected: Sequence[int],
+    sizes: dict[str, int],
+    field: str,
+    rigged: bool,
+) -> Iterator[str]:
+    place = f"{spec.group}/{spec.dataset}"
+    array = file[spec.place]
+    rest = tuple(sizes.get(axis, 3) for axis in spec.axes)
+    rows = len(expected)
+    if spec.ragged:
+        first = file[spec.first_place][:]
+        rows = int(first[-1])
+        if len(first) != len(expected) + 1 or first[0] != 0 or (np.diff(first) <= 0).any():
+            yield f"{name}: {place}_first: expected ascending places of {len(expected)} samples"
+            return
+    if array.shape != (rows, *rest) or array.dtype != np.dtype(spec.dtype):
+        wanted, got = f"{spec.dtype} {(rows, *rest)}", f"{array.dtype} {array.shape}"
+        yield f"{name}: {place}: expected {wanted}, got {got}"
+        return
+    if array.dtype.kind not in "fc" or (rigged and field == "joints"):
+        return
+    step = max(1, BLOCK_BYTES // max(1, int(np.prod(rest)) * array.dtype.itemsize))
+    bad: list[int] = []
+    for at in range(0, rows, step):
+        block = array[at : at + step]
+        wrong = np.isinf(block) if field == "depth_map" else ~np.isfinite(block)
+        bad += (at + np.flatnonzero(wrong.reshape(len(block), -1).any(axis=1))).tolist()
+    if bad:
+        if spec.ragged:
+            bad = (np.searchsorted(first, bad, side="right") - 1).tolist()
+        which = _listed(sorted({expected[row] for row in bad}))
+        yield f"{name}: {place}: expected finite numbers, got others in the samples {which}"
+
+
+def _same(stored: np.ndarray, wanted: Any) -> bool:
+    if isinstance(wanted, np.ndarray):
+        return stored.dtype == wanted.dtype and stored.tobytes() == wanted.tobytes()
+    return [text.decode("utf-8") for text in stored] == list(wanted)
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    more = len(numbers) - MOST_LISTED
+    text = ", ".join(map(str, numbers[:MOST_LISTED]))
+    return f"{text} and {more} more" if more > 0 else text or "none"

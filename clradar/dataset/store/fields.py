@@ -1,0 +1,152 @@
+"""What a shard holds: which arrays, of which axes, in which units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.dataset.plan.hand_values import SHAPE_COLUMNS, angles_rad, shape_row
+from clradar.dataset.sample import grid_of, instrument
+from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
+
+FORMAT, VERSION = "dataset-shard", 1
+
+COORDINATES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One array of every sample.
+
+    Attributes
+    ----------
+    group : str
+        The NXdata group that it is in.
+    dataset : str
+    axes : tuple of str
+        Without the first, which is the sample; of a ragged array the second only.
+    dtype : str
+    units : str or None
+    long_name : str
+    ragged : bool
+        Whether its length differs from sample to sample: all samples are then in one array one
+        after the other, and `<dataset>_first` says where each begins.
+    """
+
+    group: str
+    dataset: str
+    axes: tuple[str, ...]
+    dtype: str
+    units: str | None
+    long_name: str
+    ragged: bool = False
+
+    @property
+    def place(self) -> str:
+        """Where it is in a shard."""
+        return f"entry/{self.group}/{self.dataset}"
+
+    @property
+    def first_place(self) -> str:
+        """Where a shard says at which row each sample of a ragged array begins, and the end."""
+        return f"{self.place}_first"
+
+
+FIELDS: Mapping[str, Field] = {
+    "capture": Field(
+        "capture", "data", ("tx", "rx", "frequency_hz"), "complex64", None, "complex response"
+    ),
+    "volume": Field("volume", "data", ("z_m", "y_m", "x_m"), "complex64", None, "complex image"),
+    "max_projection": Field(
+        "max_projection", "data", ("y_m", "x_m"), "float32", None, "maximum of the amplitude over z"
+    ),
+    "depth_map": Field(
+        "depth_map", "data", ("y_m", "x_m"), "float32", "m", "depth of the maximum; NaN: nothing"
+    ),
+    "joints": Field(
+        "joints", "data", ("joint", "coordinate"), "float64", "m", "joint centres, antenna frame"
+    ),
+    "mesh_vertices": Field(
+        "mesh", "vertices", ("coordinate",), "float32", "m", "vertices, antenna frame", True
+    ),
+    "mesh_faces": Field("mesh", "faces", ("corner",), "int32", None, "vertices of faces", True),
+    "mesh_part": Field("mesh", "part", (), "uint8", None, "index of each face's part", True),
+}
+"""The arrays of samples, by the names that `make_sample` gives them."""
+
+
+def fields_of_products(products: Sequence[str]) -> list[str]:
+    """Return the arrays that stand for products: those of its name, or that begin with it."""
+    return [name for name in FIELDS if name in products or name.partition("_")[0] in products]
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """One label of every sample, taken out of its recipe."""
+
+    axes: tuple[str, ...]
+    units: str | None
+    long_name: str
+
+
+LABELS: Mapping[str, Label] = {
+    "pose": Label((), None, "name of the pose"),
+    "handedness": Label((), None, "right or left"),
+    "angles_rad": Label(("joint", "angle"), "rad", "joint angles"),
+    "shape": Label(("shape_parameter",), None, "shape of the hand; NaN: of a rig"),
+    "rig": Label((), None, "file of the rig, if any"),
+    "center_m": Label(("coordinate",), "m", "centre of the hand's bounding box before its turn"),
+    "rotation_rad": Label(("coordinate",), "rad", "turns about x, then y, then z"),
+    "alpha": Label(("part",), None, "0 specular to 1 diffuse"),
+    "recipe": Label((), None, "all that the sample is made of, JSON"),
+    "made_with": Label((), None, "versions and device, JSON"),
+}
+
+
+def labels_of(recipes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the labels of samples but the last two of `LABELS`: lists of text, or arrays."""
+    return {
+        "pose": [r["pose"]["name"] for r in recipes],
+        "handedness": [r["hand"]["handedness"] for r in recipes],
+        "angles_rad": np.array([angles_rad(r["pose"]) for r in recipes]),
+        "shape": np.array([shape_row(r["hand"].get("shape")) for r in recipes]),
+        "rig": [Path(r["hand"]["rig"]["file"]).name if "rig" in r["hand"] else "" for r in recipes],
+        "center_m": np.array([r["placement"]["center_m"] for r in recipes]),
+        "rotation_rad": np.array([r["placement"]["rotation_rad"] for r in recipes]),
+        "alpha": np.array([[r["alpha"][name] for name in PART_NAMES] for r in recipes]),
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """The coordinates of one axis: numbers, or names."""
+
+    values: Any
+    units: str | None
+
+
+def axes_of(recipe: Mapping[str, Any]) -> dict[str, Axis]:
+    """Return the axes that the samples of a plan share."""
+    found = {
+        "joint": Axis(JOINT_NAMES, None),
+        "coordinate": Axis(COORDINATES, None),
+        "angle": Axis(ANGLES, None),
+        "part": Axis(PART_NAMES, None),
+        "shape_parameter": Axis(SHAPE_COLUMNS, None),
+    }
+    if "capture" in recipe["products"]:
+        array, waveform = instrument(recipe)
+        found["tx"] = Axis(np.arange(array.n_tx, dtype=np.int32), None)
+        found["rx"] = Axis(np.arange(array.n_rx, dtype=np.int32), None)
+        found["frequency_hz"] = Axis(waveform.frequencies_hz, "Hz")
+        found["tx_m"] = Axis(array.tx_m, "m")
+        found["rx_m"] = Axis(array.rx_m, "m")
+    if recipe["image"] is not None:
+        grid = grid_of(recipe)
+        for name in ("x_m", "y_m", "z_m"):
+            found[name] = Axis(getattr(grid, name), "m")
+    return found

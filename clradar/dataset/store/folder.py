@@ -1,0 +1,345 @@
+"""The folder of a data set: what is there, what is missing, and what has been set aside.
+
+    manifest.json            the plan, and every finished shard with its SHA-256
+    shards/shard-00000.h5    samples
+    parts/00000123.h5        a finished sample whose shard is not
+    parts/00000123.json      why a sample was set aside
+    statistics.json, statistics.csv, contact-sheet.png    once it is complete
+
+A shard counts once the manifest names it, and its parts go only then. So a process may be killed at
+any moment: what it was about to do is done again, from the same parts, with the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from clradar.dataset.plan.plain import plan_record
+from clradar.dataset.plan.plan import Plan
+from clradar.dataset.plan.reader import plan_from
+from clradar.dataset.store.parts import check_part
+from clradar.dataset.store.shard import assemble
+from clradar.errors import OutputError
+from clradar.files.failures import fail, reading, shown
+from clradar.files.hashing import sha256_of
+from clradar.files.json_file import read_json_object, write_json
+from clradar.files.work_folder import LOCK, TEMPORARY, differences, held, remove_temporaries
+
+FORMAT, VERSION = "dataset", 1
+MANIFEST, SHARDS, PARTS = "manifest.json", "shards", "parts"
+STATISTICS, TABLE, CONTACT_SHEET = "statistics.json", "statistics.csv", "contact-sheet.png"
+SUMMARIES = (STATISTICS, TABLE, CONTACT_SHEET)
+"""What is written of a data set once it is complete."""
+
+MOST_DIFFERENCES = 5
+
+SHARD_NAME, PART_NAME = re.compile(r"shard-\d{5,}\.h5"), re.compile(r"\d{8,}\.(h5|json)")
+"""Files that are a data set's; others in its folders are left alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Aside:
+    """A sample that could not be made.
+
+    Attributes
+    ----------
+    sample : int
+    reason : str
+        On one line.
+    attempts : int
+    """
+
+    sample: int
+    reason: str
+    attempts: int
+
+
+@dataclass(frozen=True, slots=True)
+class ShardEntry:
+    """A finished shard.
+
+    Attributes
+    ----------
+    number : int
+    file : str or None
+        Relative to the folder; None if all of its samples were set aside.
+    sha256 : str or None
+    samples : int
+        How many it holds.
+    size_bytes : int or None
+        Of the file; None if there is none, and in older manifests.
+    """
+
+    number: int
+    file: str | None
+    sha256: str | None
+    samples: int
+    size_bytes: int | None = None
+
+
+def with_size(entry: ShardEntry, path: Path) -> ShardEntry:
+    return replace(entry, size_bytes=path.stat().st_size)
+
+
+@dataclass(slots=True)
+class Manifest:
+    """What `manifest.json` says."""
+
+    plan: Plan
+    made_with: Mapping[str, Any]
+    shards: dict[int, ShardEntry] = field(default_factory=dict)
+    aside: dict[int, Aside] = field(default_factory=dict)
+
+    @property
+    def complete(self) -> bool:
+        return len(self.shards) == self.plan.n_shards
+
+    def record(self) -> dict[str, Any]:
+        """Return it as JSON."""
+        plan = plan_record(self.plan)
+        return {
+            "clradar_format": FORMAT,
+            "clradar_version": VERSION,
+            "complete": self.complete,
+            "plan": plan,
+            "made_with": dict(self.made_with),
+            "shards": [_record(self.shards[number]) for number in sorted(self.shards)],
+            "set_aside": [_record(self.aside[sample]) for sample in sorted(self.aside)],
+        }
+
+
+def _record(entry: Any) -> dict[str, Any]:
+    return {name: getattr(entry, name) for name in entry.__slots__}
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Return what a data set's manifest says.
+
+    Raises
+    ------
+    MeasurementError
+        There is none, it is damaged, or of a newer version.
+    """
+    path = folder / MANIFEST
+    expected = "the manifest of a data set"
+    record = read_json_object(path)
+    with reading(path, expected):
+        if record.get("clradar_format") != FORMAT:
+            fail(path, expected, "another JSON file")
+        if record["clradar_version"] > VERSION:
+            fail(
+                path, f"version {VERSION} or older", f"{record['clradar_version']}; update clradar"
+            )
+        manifest = Manifest(plan_from(record["plan"], shown(path), folder), record["made_with"])
+        for entry in record["shards"]:
+            manifest.shards[entry["number"]] = ShardEntry(**entry)
+        for entry in record["set_aside"]:
+            manifest.aside[entry["sample"]] = Aside(**entry)
+        return manifest
+
+
+def part_path(folder: Path, sample: int) -> Path:
+    """Return the file of a single sample."""
+    return folder / PARTS / f"{sample:08d}.h5"
+
+
+def place_of(folder: Path, manifest: Manifest, sample: int) -> Path | None:
+    """Return the file that holds a sample, or None if it is not made yet or set aside."""
+    entry = manifest.shards.get(sample // manifest.plan.output.shard_size)
+    if entry is None:
+        part = part_path(folder, sample)
+        return part if part.is_file() else None
+    if entry.file is None or sample in manifest.aside:
+        return None
+    return folder / entry.file
+
+
+class DatasetFolder:
+    """A data set that is being written. Make one with `begin`.
+
+    Attributes
+    ----------
+    path : Path
+    plan : Plan
+    manifest : Manifest
+    """
+
+    def __init__(self, path: Path, manifest: Manifest) -> None:
+        self.path, self.manifest = path, manifest
+        self.plan = manifest.plan
+
+    def part(self, sample: int) -> Path:
+        return part_path(self.path, sample)
+
+    def shard(self, number: int) -> Path:
+        return self.path / SHARDS / f"shard-{number:05d}.h5"
+
+    def note(self, sample: int) -> Path:
+        return self.path / PARTS / f"{sample:08d}.json"
+
+    def missing(self) -> list[int]:
+        """Return the samples that are neither made nor set aside, ascending."""
+        there = {path.name for path in (self.path / PARTS).iterdir()}
+        return [
+            sample
+            for number in range(self.plan.n_shards)
+            if number not in self.manifest.shards
+            for sample in self.plan.shard_samples(number)
+            if self.part(sample).name not in there and self.note(sample).name not in there
+        ]
+
+    def set_aside(self, aside: Aside) -> None:
+        """Note that a sample cannot be made; the data set goes on without it."""
+        write_json(self.note(aside.sample), _record(aside), force=True)
+
+    def forget_notes(self) -> None:
+        """Make samples missing again that are noted as set aside in shards that are not closed."""
+        for path in self.own_parts():
+            if path.suffix == ".json":
+                path.unlink(missing_ok=True)
+
+    def own_parts(self) -> list[Path]:
+        """Return the files of single samples, and the notes on those set aside."""
+        return [path for path in (self.path / PARTS).iterdir() if PART_NAME.fullmatch(path.name)]
+
+    def close_ready_shards(self) -> None:
+        """Close every shard that has all its samples; called when a run begins."""
+        for number in range(self.plan.n_shards):
+            self.close_shard(number)
+
+    def close_shard_of(self, sample: int) -> None:
+        self.close_shard(sample // self.plan.output.shard_size)
+
+    def close_shard(self, number: int) -> None:
+        """Put a shard together if all its samples are made or set aside, else do nothing."""
+        if number in self.manifest.shards:
+            return
+        samples = self.plan.shard_samples(number)
+        parts = [self.part(sample) for sample in samples if self.part(sample).is_file()]
+        # A sample that was made is not aside, whatever a note says.
+        notes = [
+            self.note(sample)
+            for sample in samples
+            if not self.part(sample).is_file() and self.note(sample).is_file()
+        ]
+        if len(parts) + len(notes) < len(samples):
+            return
+        entry = ShardEntry(number, None, None, 0)
+        if parts:
+            target = self.shard(number)
+            self._assemble(target, parts)
+            name = f"{SHARDS}/{target.name}"
+            size_bytes = target.stat().st_size
+            entry = ShardEntry(number, name, sha256_of(target), len(parts), size_bytes)
+        for note in notes:
+            aside = Aside(**read_json_object(note))
+            self.manifest.aside[aside.sample] = aside
+        self.manifest.shards[number] = entry
+        self.write_manifest()
+        self._remove_parts(number)
+
+    def _assemble(self, target: Path, parts: list[Path]) -> None:
+        try:
+            assemble(target, parts, compression=self.plan.output.compression)
+        except Exception:
+            for part in parts:  # the error is to name the part where it is one's fault
+                check_part(part, self.plan, int(part.stem))
+            raise
+
+    def write_manifest(self) -> None:
+        write_json(self.path / MANIFEST, self.manifest.record(), force=True)
+
+    def _remove_parts(self, number: int) -> None:
+        for sample in self.plan.shard_samples(number):
+            self.part(sample).unlink(missing_ok=True)
+            self.note(sample).unlink(missing_ok=True)
+
+    def remove_half_written(self) -> None:
+        """Remove files that a killed process was writing."""
+        for folder in (self.path, self.path / SHARDS, self.path / PARTS):
+            remove_temporaries(folder)
+
+    def tidy(self) -> None:
+        """Remove what a killed process left: half-written files, parts of finished shards."""
+        self.remove_half_written()
+        for path in self.own_parts():
+            sample = int(path.stem)
+            done = sample // self.plan.output.shard_size in self.manifest.shards
+            if done or sample >= self.plan.samples:
+                path.unlink(missing_ok=True)
+
+
+@contextmanager
+def begin(
+    path: Path, plan: Plan, made_with: Mapping[str, Any], *, force: bool = False
+) -> Iterator[DatasetFolder]:
+    """Begin a data set, or go on with the one that was begun; other processes are kept out.
+
+    Parameters
+    ----------
+    path : Path
+    plan : Plan
+    made_with : mapping
+        Versions and device, for the manifest of a new data set.
+    force : bool
+        Remove the data set that is in the folder, of this plan or another; other files in it stay.
+
+    Raises
+    ------
+    OutputError
+        The folder holds a data set of another plan, or files but no data set.
+    """
+    with held(path, "run of a data set"):
+        folder = DatasetFolder(path, _manifest(path, plan, made_with, force))
+        # The manifest first: a folder with anything else in it and without one is not touched.
+        folder.write_manifest()
+        for name in (SHARDS, PARTS):
+            (path / name).mkdir(exist_ok=True)
+        folder.tidy()
+        yield folder
+
+
+def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any], force: bool) -> Manifest:
+    if not (path / MANIFEST).exists():
+        # A kill before the manifest leaves the lock and hidden files only.
+        others = sorted(e.name for e in path.iterdir() if e.name != LOCK and not e.match(TEMPORARY))
+        if others and not force:
+            raise OutputError(
+                f"{shown(path)}: holds files ({shown(others[0])}, ...), but no data set; choose "
+                "another folder"
+            )
+        return Manifest(plan, made_with)
+    manifest = read_manifest(path)
+    if force:
+        _clear(path)
+        return Manifest(plan, made_with)
+    plain = [json.loads(json.dumps(plan_record(p))) for p in (manifest.plan, plan)]
+    different = differences(plain[0], plain[1])
+    if different:
+        more = len(different) - MOST_DIFFERENCES
+        listed = "; ".join(different[:MOST_DIFFERENCES]) + (f"; {more} more" if more > 0 else "")
+        raise OutputError(
+            f"{shown(path)}: was begun with another plan: {listed}. Take that plan to go on, "
+            "choose another folder, or remove what is there with --force"
+        )
+    manifest.plan = plan  # the same, but it knows where rigs are
+    return manifest
+
+
+def _clear(path: Path) -> None:
+    """Remove a data set, and nothing else that is in its folder."""
+    # The manifest first: what is left if this is cut short then belongs to no data set.
+    for name in (MANIFEST, *SUMMARIES):
+        (path / name).unlink(missing_ok=True)
+    for name, own in ((SHARDS, SHARD_NAME), (PARTS, PART_NAME)):
+        if (path / name).is_dir():
+            remove_temporaries(path / name)
+            for file in (path / name).iterdir():
+                if own.fullmatch(file.name):
+                    file.unlink(missing_ok=True)

@@ -1,0 +1,65 @@
+"""Which stored sample is where: the shards of a data set as one long row of samples."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from clradar.dataset.store.folder import Manifest, read_manifest
+from clradar.files.failures import fail
+
+
+@dataclass(frozen=True, slots=True)
+class Index:
+    """The closed shards of a data set.
+
+    Attributes
+    ----------
+    folder : Path
+    manifest : Manifest
+    files : tuple of Path
+    sha256 : tuple of str
+    counts : tuple of int
+        How many samples each of them holds.
+    """
+
+    folder: Path
+    manifest: Manifest
+    files: tuple[Path, ...]
+    sha256: tuple[str, ...]
+    counts: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return sum(self.counts)
+
+    def locate(self, position: int) -> tuple[Path, int]:
+        """Return file and row of the sample at a position from 0 to ``len(self) - 1``."""
+        ends = np.cumsum(self.counts)
+        shard = int(np.searchsorted(ends, position, side="right"))
+        return self.files[shard], position - int(ends[shard]) + self.counts[shard]
+
+
+def read_index(folder: str | os.PathLike[str]) -> Index:
+    """Return what is stored of a data set.
+
+    Raises
+    ------
+    MeasurementError
+        It is no data set, it is damaged, or no shard of it is closed yet.
+    """
+    path = Path(folder)
+    manifest = read_manifest(path)
+    entries = [manifest.shards[number] for number in sorted(manifest.shards)]
+    there = [(e.file, e.sha256, e.samples) for e in entries if e.file is not None]
+    if not there:
+        fail(path, "a data set with at least one closed shard", "none")
+    return Index(
+        path,
+        manifest,
+        tuple(path / file for file, _, _ in there),
+        tuple(str(digest) for _, digest, _ in there),
+        tuple(count for _, _, count in there),
+    )

@@ -1,0 +1,61 @@
+"""The files of single samples, and notes on those set aside: is one what its name says?
+
+A killed machine, or somebody's disk, can leave files that have the right name and nothing else.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from clradar.dataset.plan.plan import Plan
+from clradar.dataset.plan.recipe import recipe
+from clradar.dataset.store.fields import FIELDS, fields_of_products
+from clradar.dataset.store.stored import fields_of, made_with_of, opened
+from clradar.files.failures import fail, reading
+from clradar.files.json_file import read_json_object
+
+EXPECTED = "a finished sample (HDF5)"
+
+
+def check_part(path: Path, plan: Plan, sample: int) -> None:
+    """Verify the file of one sample by reading all of it, which verifies its checksums.
+
+    Raises
+    ------
+    MeasurementError
+        Damaged, or not this sample of this plan.
+    """
+    with opened(path) as file:
+        found = file["entry/labels/sample"][:].tolist()
+        if found != [sample]:
+            fail(path, f"sample {sample}", f"{found}")
+        # Through JSON, as the stored one has come.
+        wanted = json.loads(json.dumps(recipe(plan, sample)))
+        if json.loads(file["entry/labels/recipe"][0]) != wanted:
+            fail(path, f"sample {sample} of this plan", "one of another recipe")
+        made_with_of(file, 0)
+        names = fields_of(file)
+        if names != fields_of_products(plan.output.products):
+            fail(path, f"the products {', '.join(plan.output.products)}", ", ".join(names))
+        for name in names:
+            spec = FIELDS[name]
+            for place in (spec.place, spec.first_place) if spec.ragged else (spec.place,):
+                file[place][:]
+        for name, axis in file["entry/axes"].items():
+            if not len(axis[:]):
+                fail(path, f"coordinates of {name}", "none")
+
+
+def check_note(path: Path, sample: int) -> None:
+    """Verify why a sample was set aside.
+
+    Raises
+    ------
+    MeasurementError
+        Damaged, or of another sample.
+    """
+    record = read_json_object(path)
+    with reading(path, "why a sample was set aside"):
+        if record["sample"] != sample or set(record) != {"sample", "reason", "attempts"}:
+            fail(path, f"why sample {sample} was set aside", "something else")

@@ -1,0 +1,1 @@
+"""Files: failures, atomic writing, work folders, JSON, TOML, hashing."""

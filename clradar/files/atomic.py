@@ -1,0 +1,129 @@
+"""Write a file whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from clradar.errors import ClradarError, OutputError
+from clradar.files.failures import clean, shown
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
+    """Yield a temporary name in the target's folder; on success sync it and rename it to `path`.
+
+    Parameters
+    ----------
+    path : path-like
+        The target. Its folder has to exist.
+    force : bool
+        Replace an existing file. A folder is never replaced.
+
+    Yields
+    ------
+    Path
+        A name that does not exist yet, for the caller to create and close.
+
+    Raises
+    ------
+    OutputError
+        The target exists, its folder does not, or the system refuses to write. Nothing of what
+        was written is left behind.
+    """
+    target = Path(path)
+    refuse_existing(target, force=force)
+    temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.tmp")
+    try:
+        yield temporary
+        _sync(temporary)
+        # Somebody else may have made the target while this one was being written.
+        refuse_existing(target, force=force)
+        os.replace(temporary, target)
+        _sync(target.parent)
+    except ClradarError:
+        raise
+    except (OSError, RuntimeError) as error:  # h5py reports a full disk as either
+        raise OutputError(f"{shown(target)}: cannot be written: {clean(error)}") from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
+def refuse_existing(target: Path, *, force: bool) -> None:
+    """Raise `OutputError` unless `target` may be written."""
+    if "\0" in str(target):  # HDF5 would cut the name there and write another file
+        raise OutputError(f"{shown(target)}: no file can have such a name")
+    try:
+        if not target.parent.is_dir():
+            raise OutputError(f"{shown(target)}: its folder does not exist; create it first")
+        if target.is_dir():
+            raise OutputError(f"{shown(target)}: is a folder; name a file")
+        if os.path.lexists(target) and not force:
+            raise OutputError(f"{shown(target)}: exists already; not overwritten without force")
+    except OutputError:
+        raise
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{shown(target)}: cannot be written: {clean(error)}") from error
+
+
+def _sync(path: Path) -> None:
+    # A folder is synced too: the new name is part of the folder, not of the file.
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary folder beside `path`, for the caller to fill and to move from.
+
+    The folders above are made where missing. Whatever is left of the temporary one at the end is
+    removed, so a failure or an interruption leaves nothing behind; only a kill leaves its hidden
+    name.
+
+    Raises
+    ------
+    OutputError
+        The system refuses.
+    """
+    target = Path(path).absolute()
+    temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.tmp")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        temporary.mkdir()
+        yield temporary
+    except ClradarError:
+        raise
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{shown(target)}: cannot be written: {clean(error)}") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def move_folder(source: Path, target: Path) -> None:
+    """Rename a folder to a name that is free or that of an empty folder, and sync its parent."""
+    os.rename(source, target)
+    _sync(target.parent)
+
+
+def swap_folder(source: Path, target: Path, aside: Path) -> None:
+    """Rename `source` to `target` where a folder may be, which then is `aside`.
+
+    No two folders can be exchanged in one step, so a kill between the two renames leaves `target`
+    missing and its content under `aside`; it never leaves a mixture of both.
+    """
+    try:
+        if os.path.lexists(target):
+            os.rename(target, aside)
+        move_folder(source, target)
+    except BaseException:  # an interruption, too, must not cost what was there
+        if os.path.lexists(aside) and not os.path.lexists(target):
+            os.rename(aside, target)
+        raise

@@ -1,0 +1,1 @@
+"""Triangle meshes as the kernels read them: bounding volume hierarchy, normals, closedness."""

@@ -1,0 +1,1 @@
+"""Back-projection by three methods: exact, range profiles, fast."""

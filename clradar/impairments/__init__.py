@@ -1,0 +1,1 @@
+"""Measurement effects: noise, channel errors, environment."""

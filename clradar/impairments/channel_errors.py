@@ -1,0 +1,134 @@
+"""Random errors of the channels, fixed for an instrument or drifting from frame to frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from clradar.impairments.random_streams import Part, stream
+from clradar.model import AntennaArray, ChannelResponse, Waveform, checks
+
+GAIN_LIMIT_DB = 300.0
+"""complex64 holds amplitudes from -900 to 760 dB, so this leaves room for a signal."""
+
+WALK_BLOCK = 4096
+"""Frames of a random walk that are drawn at a time; the result does not depend on it."""
+
+
+def draw_channels(
+    array: AntennaArray,
+    waveform: Waveform,
+    *,
+    seed: int = 0,
+    gain_db: float = 3.0,
+    phase_rad: float = np.pi,
+    delay_s: float = 20e-12,
+    dead_tx: Iterable[int] = (),
+    dead_rx: Iterable[int] = (),
+) -> ChannelResponse:
+    """Return gains and delays of an instrument that nobody has calibrated.
+
+    Parameters
+    ----------
+    array : AntennaArray
+    waveform : Waveform
+        The gains are those at its centre frequency.
+    seed : int
+    gain_db : float, dB
+        Gains of each channel are uniform in decibels within +- this.
+    phase_rad : float, radians, at most pi
+        Phases are uniform within +- this; with pi every phase is as likely.
+    delay_s : float, seconds
+        Delays are uniform within +- this.
+    dead_tx, dead_rx : iterable of int
+        Channels whose gain is 0.
+
+    Returns
+    -------
+    ChannelResponse
+        Gain, phase and delay of either side come from streams of their own: another `gain_db` does
+        not change the phases.
+
+    Raises
+    ------
+    ModelError
+        A negative spread, a spread or a channel out of range.
+    """
+    checks.instance("draw_channels: array", array, AntennaArray)
+    checks.instance("draw_channels: waveform", waveform, Waveform)
+    gain = checked_spread("draw_channels: gain_db", gain_db, GAIN_LIMIT_DB)
+    phase = checked_spread("draw_channels: phase_rad", phase_rad, np.pi)
+    delay = checked_spread("draw_channels: delay_s", delay_s)
+
+    def side(count: int, dead: Iterable[int], name: str, parts: tuple[Part, Part, Part]):
+        units = [stream(seed, part).uniform(-1, 1, count) for part in parts]
+        response = 10 ** (gain * units[0] / 20) * np.exp(1j * phase * units[1])
+        for channel in dead:
+            response[checks.whole(f"draw_channels: {name}", channel, 0, count - 1)] = 0
+        return response, delay * units[2]
+
+    tx_gain, tx_delay_s = side(
+        array.n_tx, dead_tx, "dead_tx", (Part.TX_GAIN, Part.TX_PHASE, Part.TX_DELAY)
+    )
+    rx_gain, rx_delay_s = side(
+        array.n_rx, dead_rx, "dead_rx", (Part.RX_GAIN, Part.RX_PHASE, Part.RX_DELAY)
+    )
+    return ChannelResponse(tx_gain, rx_gain, tx_delay_s, rx_delay_s, waveform.center_hz)
+
+
+def drift_factors(
+    array: AntennaArray,
+    *,
+    seed: int,
+    frame: int,
+    phase_rad: float,
+    gain_db: float,
+    common_phase_rad: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what the channels have drifted by since frame 0, shape (n_tx,) and (n_rx,).
+
+    Random walks: each frame adds a normal step to the phase (standard deviation `phase_rad`) and to
+    the gain (`gain_db`) of every channel, and one to the phase that all share. Frame 0 has none.
+
+    Raises
+    ------
+    ModelError
+        A negative standard deviation, or a walk that left what numbers can hold.
+    """
+
+    def walk(part: Part, deviation: float, count: int) -> np.ndarray:
+        place = np.zeros(count)
+        if deviation == 0:
+            return place
+        random = stream(seed, part)
+        for start in range(0, frame, WALK_BLOCK):
+            steps = random.standard_normal((min(WALK_BLOCK, frame - start), count))
+            for step in steps:  # one by one: the sum is then the same for every block size
+                place += step
+        return deviation * place
+
+    common = walk(Part.COMMON_PHASE_DRIFT, common_phase_rad, 1)
+    sides = []
+    for count, phases, gains in (
+        (array.n_tx, Part.TX_PHASE_DRIFT, Part.TX_GAIN_DRIFT),
+        (array.n_rx, Part.RX_PHASE_DRIFT, Part.RX_GAIN_DRIFT),
+    ):
+        gain = walk(gains, gain_db, count)
+        if np.abs(gain).max() > GAIN_LIMIT_DB:
+            checks.fail(
+                "drift_gain_db",
+                f"a walk within {GAIN_LIMIT_DB:g} dB",
+                f"{np.abs(gain).max():g} dB at frame {frame}",
+            )
+        sides.append(10 ** (gain / 20) * np.exp(1j * walk(phases, phase_rad, count)))
+    return sides[0] * np.exp(1j * common), sides[1]
+
+
+def checked_spread(field: str, value: object, limit: float | None = None) -> float:
+    """Return a number from 0 to `limit`."""
+    number = checks.real(field, value)
+    if number < 0 or (limit is not None and number > limit):
+        top = "" if limit is None else f" and at most {limit:g}"
+        checks.fail(field, f"a number that is not negative{top}", repr(value))
+    return number

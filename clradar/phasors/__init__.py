@@ -1,0 +1,1 @@
+"""The phasor sum: path lengths to frequency samples."""

@@ -1,0 +1,98 @@
+"""How the phasor sum cuts path lengths into blocks: equation E7 and its error are in
+``docs/equations.md``, the kernels in ``synthesize.cl``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.model import Waveform
+from clradar.opencl.double_single import hi_lo
+
+MOMENTS = 8
+"""Moments per block: degree 7 in the place within the block. The kernel's number."""
+
+EDGE_PHASE_RAD = 1.0
+"""Phase between a block's centre and its edge at the band's edge. With eight moments the error of a
+path is 2 (J_8(1) + J_9(1) + ...) = 2.0e-7 at most."""
+
+MOST_SLOTS = 64
+"""Blocks that a pair keeps. Fewer for few frequencies, for which a block is cheap to add."""
+
+MOST_CYCLES = 2**21
+"""Longest path in cycles of the highest frequency: one of the kernels' two counts, of cycles and of
+blocks, of which there are up to 1.75 per cycle, would leave 2^22 beyond."""
+
+NARROWEST_HZ = 1e6
+"""Narrower bands have the blocks of this one, 191 m: with longer ones the powers of a usual path's
+place would underflow, which is slow on a CPU."""
+
+_POWERS = np.zeros((MOMENTS, MOMENTS))
+"""Column p: T_p in powers of x."""
+for _p in range(MOMENTS):
+    _POWERS[: _p + 1, _p] = chebyshev.cheb2poly([0.0] * _p + [1.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LengthBlocks:
+    """Blocks of path length for one waveform.
+
+    Attributes
+    ----------
+    block_m : float
+        Length of a block, metres, exact in float32. Block b is centred at b block_m.
+    per_half_block : float
+        1/m, exact in float32: what turns the distance from the centre into -1 to 1.
+    wavenumber : float
+        Of the band's centre, cycles per metre.
+    table : ndarray, shape (MOMENTS + 2, n_freq), float32
+        What each moment counts for at each frequency; then the wavenumbers from the centre's as
+        hi and lo, cycles per metre.
+    n_slots : int
+        Blocks that each pair keeps at a time, a power of two.
+    longest_m : float
+        Longest path that can be summed.
+    """
+
+    block_m: float
+    per_half_block: float
+    wavenumber: float
+    table: np.ndarray
+    n_slots: int
+    longest_m: float
+
+
+def length_blocks(waveform: Waveform) -> LengthBlocks:
+    """Return the blocks for `waveform`; nothing else goes into them."""
+    f_hz, span_hz = waveform.frequencies_hz, max(waveform.span_hz, NARROWEST_HZ)
+    kappa = (f_hz - waveform.center_hz) / SPEED_OF_LIGHT_M_PER_S
+    block_m = np.float32(2 * EDGE_PHASE_RAD / np.pi * SPEED_OF_LIGHT_M_PER_S / span_hz)
+    per_half_block = np.float32(2.0 / np.float64(block_m))
+    table = np.concatenate(
+        [_coefficients(2 * np.pi * kappa / np.float64(per_half_block)), np.stack(hi_lo(kappa))]
+    )
+    return LengthBlocks(
+        block_m=float(block_m),
+        per_half_block=float(per_half_block),
+        wavenumber=waveform.center_hz / SPEED_OF_LIGHT_M_PER_S,
+        table=table.astype(np.float32),
+        n_slots=min(MOST_SLOTS, 1 << (-(-len(f_hz) // 2) - 1).bit_length()),
+        longest_m=MOST_CYCLES * SPEED_OF_LIGHT_M_PER_S / float(f_hz[-1]),
+    )
+
+
+def _coefficients(edge_phase_rad: np.ndarray) -> np.ndarray:
+    """Return c, shape (MOMENTS, n), with exp(-j z x) = sum_p c_p (-j)^(p mod 2) x^p for |x| <= 1.
+
+    The first terms of the Jacobi-Anger series, exp(-j z x) = J_0(z) + 2 sum_p (-j)^p J_p(z) T_p(x),
+    written in powers of x.
+    """
+    from scipy.special import jv  # slow to import, and the command line imports this module
+
+    order = np.arange(MOMENTS)[:, None]
+    terms = np.where(order == 0, 1, 2) * (-1) ** (order // 2) * jv(order, edge_phase_rad)
+    return _POWERS @ terms

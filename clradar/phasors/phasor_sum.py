@@ -1,0 +1,267 @@
+"""The phasor sum over path lengths, accumulated tile by tile: host side of ``synthesize.cl``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.model import AntennaArray, Waveform, checks
+from clradar.opencl import Buffers, Device, build
+from clradar.opencl.double_single import hi_lo
+from clradar.phasors.length_blocks import MOMENTS, length_blocks
+
+CALL_PATHS = 2**18
+"""Paths per kernel call; a smaller device makes it smaller. No result depends on it."""
+
+PATH_BYTES = 8 + 4
+"""Of a path on the device: float64 length, float32 amplitude."""
+
+GROUP_PAIRS = 16
+"""Pairs per item of the last kernel with eight lanes. The kernel's number."""
+
+
+@dataclass(frozen=True, slots=True)
+class _SynthesizeOptions:
+    width: int
+    in_parts: bool
+
+
+@dataclass(slots=True, eq=False)
+class _Slice:
+    """A range of pairs whose state is on the device at a time, with the state while it is not."""
+
+    first: int
+    stop: int
+    state: list[np.ndarray] | None
+
+
+class PhasorSum:
+    """The running sum of one capture on a device.
+
+    A context manager. Where the state of all pairs exceeds the device's memory, that of a part of
+    them is there at a time, and the parts stay on the host between calls. `on_device`: whether
+    paths come from a kernel (`add_on_device`) or from the host (`add`, `add_columns`).
+    """
+
+    def __init__(
+        self, array: AntennaArray, waveform: Waveform, device: Device, on_device: bool = False
+    ) -> None:
+        self._array, self._device, self._waveform = array, device, waveform
+        self._n_pairs = array.n_tx * array.n_rx
+        self._width = device.width
+        self._n_columns = -(-waveform.n_freq // self._width) * self._width
+        self._blocks = length_blocks(waveform)
+        self._buffers = Buffers(device)
+        self._program = build(device, "synthesize.cl", _SynthesizeOptions(self._width, on_device))
+        self._running: list[Any] = []
+
+    def __enter__(self) -> PhasorSum:
+        try:
+            self._prepare()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        try:
+            self._finish_call()
+        finally:
+            self._buffers.__exit__(None, None, None)
+
+    def _prepare(self) -> None:
+        n_slots, n_columns = self._blocks.n_slots, self._n_columns
+        moments, total, out = 16 * MOMENTS * n_slots, 16 * n_columns, 8 * n_columns
+        per_pair = 4 * (n_slots + 1) + moments + total + out
+        room = min(
+            self._device.budget_bytes // 3 // per_pair,
+            self._device.max_buffer_bytes // max(moments, total),
+        )
+        count = max(1, min(self._n_pairs, room))
+        firsts = range(0, self._n_pairs, count)
+        self._slices = [_Slice(at, min(at + count, self._n_pairs), None) for at in firsts]
+        fill = ((0, 0), (0, n_columns - self._waveform.n_freq))
+        self._table = self._buffers.upload(np.pad(self._blocks.table, fill, mode="edge"))
+        self._tag = self._buffers.zeros(4 * (n_slots + 1) * count)
+        self._moments = self._buffers.empty(moments * count)
+        self._sum = self._buffers.empty(total * count)
+        self._out = self._buffers.empty(out * count)
+        # A call's columns come while those of the call before are in use.
+        left = min(self._buffers.free_bytes - 8 * (count + 1), self._device.max_buffer_bytes)
+        self._call_paths = int(max(1, min(CALL_PATHS, left // 2 // PATH_BYTES)))
+
+    def add(self, pair: np.ndarray, rows: np.ndarray) -> None:
+        """Add paths as the tracer has them.
+
+        Parameters
+        ----------
+        pair : ndarray, shape (n,), integer, ascending
+        rows : ndarray, shape (n, 4), float32
+            Length as hi + lo, metres; amplitude; unused.
+        """
+        length_m = rows[:, 0].astype(np.float64) + rows[:, 1]
+        self.add_columns(pair, length_m, np.ascontiguousarray(rows[:, 2]))
+
+    def add_columns(self, pair: np.ndarray, length_m: np.ndarray, amplitude: np.ndarray) -> None:
+        """Add paths.
+
+        Parameters
+        ----------
+        pair : ndarray, shape (n,), integer, ascending
+        length_m : ndarray, shape (n,), float64, metres
+        amplitude : ndarray, shape (n,), float32
+
+        Raises
+        ------
+        ModelError
+            A path of more than 2^21 wavelengths.
+        """
+        self._check_length(length_m.max(initial=0.0))
+        for at in range(0, len(pair), self._call_paths):
+            part = slice(at, at + self._call_paths)
+            self._add_call(pair[part], length_m[part], amplitude[part])
+
+    def _check_length(self, longest_m: float) -> None:
+        if longest_m > self._blocks.longest_m:
+            checks.fail(
+                "paths",
+                f"lengths up to {self._blocks.longest_m:g} m (2^21 wavelengths at "
+                f"{self._waveform.frequencies_hz[-1]:g} Hz)",
+                f"{longest_m:g} m",
+            )
+
+    def _add_call(self, pair: np.ndarray, length_m: np.ndarray, amplitude: np.ndarray) -> None:
+        if len(pair) < self._width:  # the kernel reads as many as it has lanes
+            fill = (0, self._width - len(pair))
+            length_m, amplitude = np.pad(length_m, fill), np.pad(amplitude, fill)
+        columns = [self._buffers.borrow(length_m), self._buffers.borrow(amplitude)]
+        first, stop = int(pair[0]), int(pair[-1]) + 1
+        starts = np.searchsorted(pair, np.arange(first, stop + 1, dtype=pair.dtype))
+        self._start(starts.astype(np.uint32), first, len(length_m), columns, columns)
+
+    def add_on_device(
+        self, start: np.ndarray, length: Any, amplitude: Any, longest_m: float
+    ) -> None:
+        """Add paths that a kernel wrote; the commands that follow may overwrite them.
+
+        Parameters
+        ----------
+        start : ndarray, shape (n_pairs + 1,), uint32
+            The first path of each pair, and how many there are.
+        length : Buffer
+            float (n, 2): hi + lo, metres; like `amplitude` of no fewer than eight paths.
+        amplitude : Buffer
+            float (n)
+        longest_m : float, metres
+            No path is longer.
+
+        Raises
+        ------
+        ModelError
+            More than 2^21 wavelengths.
+        """
+        self._check_length(longest_m)
+        total = max(int(start[-1]), self._width)
+        self._start(start, 0, total, [length, amplitude], [])
+
+    def _start(
+        self, starts: np.ndarray, at: int, total: int, columns: list[Any], borrowed: list[Any]
+    ) -> None:
+        """Add paths of successive pairs from `at` on; `borrowed` is let go of when that is done."""
+        for part in self._slices:
+            first, stop = max(part.first, at), min(part.stop, at + len(starts) - 1)
+            if first >= stop:
+                continue
+            start = self._buffers.borrow(starts[first - at : stop - at + 1])
+            self._fetch(part)
+            wait = self._program.start(
+                "add_paths",
+                (stop - first,),
+                np.uint32(part.stop - part.first),
+                np.uint32(first - part.first),
+                np.uint32(total),
+                np.uint32(self._n_columns),
+                np.uint32(self._blocks.n_slots),
+                np.float32(self._blocks.block_m),
+                np.float32(self._blocks.per_half_block),
+                *hi_lo(self._blocks.wavenumber),
+                start,
+                *columns,
+                self._table,
+                self._tag,
+                self._moments,
+                self._sum,
+            )
+            if len(self._slices) == 1:
+                # While it runs the host can prepare the next call.
+                self._finish_call()
+                self._running = [wait, *borrowed, start]
+                return
+            wait()
+            self._store(part)
+            self._buffers.release(start)
+        for column in borrowed:
+            self._buffers.release(column)
+
+    def _finish_call(self) -> None:
+        """Wait for the call that is running, if any, and let go of what it borrowed."""
+        if self._running:
+            wait, *borrowed = self._running
+            self._running = []
+            wait()
+            for buffer in borrowed:
+                self._buffers.release(buffer)
+
+    def _state(self, n_pairs: int) -> list[tuple[Any, tuple[int, ...], Any]]:
+        """Return what is kept between calls: buffers with shapes and dtypes."""
+        n_slots = self._blocks.n_slots
+        return [
+            (self._tag, (n_slots + 1, n_pairs), np.int32),
+            (self._moments, (n_slots, n_pairs, 4, MOMENTS), np.float32),
+            (self._sum, (n_pairs, 4, self._n_columns), np.float32),
+        ]
+
+    def _fetch(self, part: _Slice) -> None:
+        """Bring a slice's state to the device; with one slice only it stays there."""
+        if len(self._slices) == 1:
+            return
+        kept = self._state(part.stop - part.first)
+        if part.state is None:
+            tag, shape, dtype = kept[0]
+            self._buffers.write(tag, np.zeros(shape, dtype))
+            return
+        for (buffer, _, _), values in zip(kept, part.state, strict=True):
+            self._buffers.write(buffer, values)
+
+    def _store(self, part: _Slice) -> None:
+        part.state = [self._buffers.read(*kept) for kept in self._state(part.stop - part.first)]
+
+    def result(self) -> np.ndarray:
+        """Return the sum, shape (n_tx, n_rx, n_freq), complex64, read-only."""
+        n_freq, parts = self._waveform.n_freq, []
+        self._finish_call()
+        columns, pairs = (1, 1) if self._width == 1 else (self._n_columns, GROUP_PAIRS)
+        for part in self._slices:
+            count = part.stop - part.first
+            self._fetch(part)
+            self._program.launch(
+                "finish",
+                (self._n_columns // columns, -(-count // pairs)),
+                np.uint32(count),
+                np.uint32(self._n_columns),
+                np.uint32(columns),
+                np.uint32(self._blocks.n_slots),
+                np.float32(self._blocks.block_m),
+                self._table,
+                self._tag,
+                self._moments,
+                self._sum,
+                self._out,
+            )
+            out = self._buffers.read(self._out, (count, self._n_columns), np.complex64)
+            parts.append(np.ascontiguousarray(out[:, :n_freq]) if n_freq < self._n_columns else out)
+        data = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        data.flags.writeable = False
+        return data.reshape(self._array.n_tx, self._array.n_rx, n_freq)

@@ -1,0 +1,150 @@
+"""The same simulation at several alphas: what does not depend on alpha is computed once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Any
+
+import numpy as np
+
+from clradar.model import AntennaArray, Capture, Scene, TraceStatistics, Waveform, checks
+from clradar.model.progress import Progress
+from clradar.opencl import Device, open_device
+from clradar.phasors.phasor_sum import PhasorSum
+from clradar.tracing.settings import SimulationSettings, resolve_settings, simulated_meta
+from clradar.tracing.stochastic import Tracer
+
+SUMS_AT_ONCE = 12
+"""Running sums held at the same time, fewer where memory is short. No result depends on it."""
+
+
+def simulate_alphas(
+    scene: Scene,
+    array: AntennaArray,
+    waveform: Waveform,
+    alphas: Sequence[float | np.ndarray | Mapping[str, float]],
+    *,
+    region: np.ndarray | None = None,
+    device: Device | str | None = None,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> Iterator[tuple[Capture, ...]]:
+    """Simulate a scene at several alphas with the same rays and random numbers.
+
+    Samples, the tree and which Tx see which sample are found once for up to twelve alphas. Each
+    capture has the bits of ``simulate(scene.with_alpha(alpha), array, waveform, ...)``.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its own alpha is not used.
+    array : AntennaArray
+    waveform : Waveform
+    alphas : sequence
+        Of what `Scene.with_alpha` takes: numbers, one value per face, or one per part.
+    region : array_like, shape (n_faces,), optional
+        A whole number from 0 for each face. Captures then hold the paths that are reflected in one
+        region only; all regions stand in each other's way as ever. Single reflections only.
+    device : Device, str or None
+    progress : callable, optional
+        Called with (done, total) samples of all alphas.
+    **settings
+        Those of `clradar.simulate`.
+
+    Yields
+    ------
+    tuple of Capture
+        One per alpha, in order; without `region` it has one element, else one per region. The
+        captures of all regions add up to that of the whole scene, to the rounding of complex64.
+
+    Raises
+    ------
+    ModelError
+        No alpha, or one outside [0, 1]; `region` of another length, or with more than one bounce.
+    MeshError, DeviceError
+        As `clradar.simulate`.
+    """
+    checks.instance("simulate_alphas: scene", scene, Scene)
+    checks.instance("simulate_alphas: array", array, AntennaArray)
+    checks.instance("simulate_alphas: waveform", waveform, Waveform)
+    resolved = resolve_settings(**settings)
+    if len(alphas) == 0:
+        checks.fail("simulate_alphas: alphas", "at least one", "none")
+    scenes = [scene.with_alpha(alpha) for alpha in alphas]
+    if region is not None:
+        region = checks.read_only("simulate_alphas: region", region, np.int32, (scene.n_faces,))
+        if region.min() < 0:
+            checks.fail("simulate_alphas: region", "whole numbers from 0", f"{region.min()}")
+        if resolved.max_bounces > 1:
+            # A path of two bounces belongs to two regions, and to neither of their alphas alone.
+            checks.fail(
+                "simulate_alphas: max_bounces", "1 where there are regions", resolved.max_bounces
+            )
+    return _in_batches(scenes, array, waveform, region, resolved, open_device(device), progress)
+
+
+def _in_batches(
+    scenes: list[Scene],
+    array: AntennaArray,
+    waveform: Waveform,
+    region: np.ndarray | None,
+    settings: SimulationSettings,
+    device: Device,
+    progress: Progress | None,
+) -> Iterator[tuple[Capture, ...]]:
+    n_regions = 1 if region is None else int(region.max()) + 1
+    sum_bytes = 16 * array.n_tx * array.n_rx * waveform.n_freq
+    sums = min(SUMS_AT_ONCE, device.budget_bytes // (4 * sum_bytes))
+    at_once = max(1, int(sums) // n_regions)
+    for start in range(0, len(scenes), at_once):
+        batch = scenes[start : start + at_once]
+        done, share = start, len(batch)
+
+        def show(samples: int, all_samples: int, done: int = done, share: int = share) -> None:
+            if progress is not None:
+                progress(done * all_samples + share * samples, len(scenes) * all_samples)
+
+        yield from _batch(batch, array, waveform, region, n_regions, settings, device, show)
+
+
+def _batch(
+    scenes: list[Scene],
+    array: AntennaArray,
+    waveform: Waveform,
+    region: np.ndarray | None,
+    n_regions: int,
+    settings: SimulationSettings,
+    device: Device,
+    progress: Progress,
+) -> list[tuple[Capture, ...]]:
+    statistics = [TraceStatistics(0, 0, 0, 0) for _ in scenes]
+    paths = np.zeros((len(scenes), n_regions), dtype=np.int64)
+    with ExitStack() as stack:
+        sums = [
+            [stack.enter_context(PhasorSum(array, waveform, device)) for _ in range(n_regions)]
+            for _ in scenes
+        ]
+        tracer = stack.enter_context(Tracer(scenes[0], array, settings, device))
+        alphas = [np.asarray(scene.alpha, dtype=np.float32) for scene in scenes]
+        for i, tile in tracer.tiles_of(alphas, progress):
+            statistics[i] = statistics[i] + tile.statistics
+            for r, total in enumerate(sums[i]):
+                chosen = slice(None) if region is None else region[tile.face] == r
+                pair = tile.pair[chosen]
+                total.add(pair, tile.path[chosen])
+                paths[i, r] += len(pair)
+        data = [[total.result() for total in row] for row in sums]
+    made = []
+    for i, scene in enumerate(scenes):
+        meta = simulated_meta(scene, settings, statistics[i], int(paths[i].sum()), device)
+        metas = [meta]
+        if region is not None:
+            metas = [
+                {**meta, "region": {"number": r, "paths": int(paths[i, r])}}
+                for r in range(n_regions)
+            ]
+        made.append(
+            tuple(Capture(d, array, waveform, m) for d, m in zip(data[i], metas, strict=True))
+        )
+    return made

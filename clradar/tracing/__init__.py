@@ -1,0 +1,1 @@
+"""The ray tracer: surface samples, visibility, outgoing rays, receptions."""

@@ -1,0 +1,206 @@
+"""Expected receptions in place of random ones: the tracer behind ``estimator="expected"``.
+
+For each sample, Tx and Rx: the probability that the outgoing ray enters the Rx sphere. The
+derivation is in ``docs/estimators.md``, the kernels in ``lobes.cl`` and ``expected.cl``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.model import TraceStatistics
+from clradar.model.progress import Progress
+from clradar.opencl import build
+from clradar.opencl.double_single import antenna_rows
+from clradar.tracing.antenna_packets import GROUP, items
+from clradar.tracing.lit_surface import TILE_SAMPLES, LitSurface
+
+PLAIN_NODES, EDGE_NODES, FINE_NODES = 4, 6, 12
+"""Slices of a disc, of a piece of one that the lobe's edge cuts, and of both for large discs."""
+
+BATCH_SAMPLES = 256
+"""Seen samples whose probabilities are held at a time; fewer where memory is short or the array
+large. No result depends on it."""
+
+BATCH_BYTES = 2**26
+"""Most that the probabilities and paths of a batch may take."""
+
+RX_FIELDS, TX_FIELDS = 7, 16
+"""Numbers per sample and antenna between the kernels."""
+
+
+@dataclass(frozen=True, slots=True)
+class _LobeOptions:
+    width: int
+    spreading: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _ExpectedOptions:
+    width: int
+    spreading: bool
+    plain: int
+    edge: int
+    fine: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Expectations:
+    """Expected receptions of some samples, on the device, until the next ones are asked for.
+
+    Attributes
+    ----------
+    start : ndarray, shape (n_tx * n_rx + 1,), uint32
+        The first path of each pair, and how many there are. A pair's are in the order of samples.
+    length : Buffer
+        float (n, 2): hi + lo, metres.
+    amplitude : Buffer
+        float (n)
+    longest_m : float, metres
+        No path of the scene is longer.
+    statistics : TraceStatistics
+        Without outgoing and absorbed rays: none is drawn.
+    """
+
+    start: np.ndarray
+    length: Any
+    amplitude: Any
+    longest_m: float
+    statistics: TraceStatistics
+
+
+class ExpectedTracer(LitSurface):
+    """A scene and an array on a device, ready for the expected receptions.
+
+    One path per sample, Tx and Rx instead of `rays_per_sample` random rays: its amplitude is the
+    mean of what these would add up to. Nothing is drawn at random but the samples' positions, which
+    are those of `Tracer`.
+    """
+
+    def _prepare_rays(self, stack: int) -> None:
+        array, up = self.array, self._buffers.upload
+        spreading = self.settings.amplitude == "spreading"
+        self._padded = self._n_rx_groups * GROUP
+        # Padding may be anywhere: its lanes are marked as not there.
+        rx = np.concatenate(
+            [array.rx_m, np.repeat(array.rx_m[-1:], self._padded - array.n_rx, axis=0)]
+        )
+        self._rx_columns = up(np.ascontiguousarray(antenna_rows(rx).T))
+        self._tx_rows = up(antenna_rows(array.tx_m))
+        places = (self._scene.triangles_m.reshape(-1, 3), array.tx_m, array.rx_m)
+        point_m, *antennas_m = (np.linalg.norm(at, axis=1).max() for at in places)
+        self._longest_m = float(2 * point_m + sum(antennas_m))
+        rules = np.concatenate([_rule(EDGE_NODES), _rule(FINE_NODES)])
+        self._rule = up(rules.astype(np.float32))
+        self._lobes = build(self.device, "lobes.cl", _LobeOptions(1, spreading))
+        options = _ExpectedOptions(
+            self.device.width, spreading, PLAIN_NODES, EDGE_NODES, FINE_NODES
+        )
+        self._expected = build(self.device, "expected.cl", options)
+
+    def _size_tiles(self) -> None:
+        n_pairs = self.array.n_tx * self.array.n_rx
+        shares = 4 * self.array.n_tx * self._padded
+        legs = 4 * (RX_FIELDS * self._padded + TX_FIELDS * self.array.n_tx)
+        per_sample = 44 + self._n_tx_groups
+        free = min(self._buffers.free_bytes, 4 * self.device.max_buffer_bytes) - 8 * n_pairs
+        room = min(BATCH_BYTES, max(0, free) // 2)
+        fits = room // (2 * shares + legs + 12 * n_pairs + per_sample + self._n_rx_groups)
+        largest = self.device.max_buffer_bytes // max(shares, 8 * n_pairs)
+        batch = int(max(1, min(BATCH_SAMPLES, self.n_samples, fits, largest)))
+        tile = int(max(1, min(TILE_SAMPLES, self.n_samples, max(0, free) // 4 // per_sample)))
+        empty = self._buffers.empty
+        self._tile_samples, self._batch_samples = tile, batch
+        self._tile = self._sample_buffers(tile)
+        self._batch = self._sample_buffers(batch)
+        self._rx_visible = empty(self._n_rx_groups * batch)
+        self._discs = empty(4 * RX_FIELDS * self._padded * batch)
+        self._tx_lobes = empty(4 * TX_FIELDS * self.array.n_tx * batch)
+        self._shares = empty(shares * batch)
+        self._pending = empty(shares * batch)
+        self._counts = empty(4 * self.array.n_tx * self._padded)
+        self._starts = empty(4 * (n_pairs + 1))
+        # Eight at least, which the sum reads at a time.
+        self._length = self._buffers.zeros(8 * max(8, n_pairs * batch))
+        self._amplitude = self._buffers.zeros(4 * max(8, n_pairs * batch))
+
+    def tiles(self, progress: Progress | None = None) -> Iterator[Expectations]:
+        """Yield the expected receptions of all samples, batch by batch, sorted by pair."""
+        n_groups = self._n_tx_groups
+        for first in range(0, self.n_samples, self._tile_samples):
+            count = min(self._tile_samples, self.n_samples - first)
+            faces, seen = self._see(first, count)
+            points, shading, geometric, _, _, visible = self._tile
+            vectors = [
+                self._buffers.read(b, (count, 3), np.float32) for b in (points, shading, geometric)
+            ]
+            bits = self._buffers.read(visible, (count, n_groups), np.uint8)
+            # A batch has seen samples only: most of the work on the others would be in vain.
+            rows = np.flatnonzero(bits.any(axis=1))
+            statistics = TraceStatistics(count, seen, 0, 0)
+            for at in range(0, max(1, len(rows)), self._batch_samples):
+                part = rows[at : at + self._batch_samples]
+                columns = [*(v[part] for v in vectors), self._face_alpha[faces[part]], bits[part]]
+                yield self._expectations(columns, statistics)
+                statistics = TraceStatistics(0, 0, 0, 0)
+            if progress is not None:
+                progress(first + count, self.n_samples)
+
+    def _expectations(self, columns: list[np.ndarray], statistics: TraceStatistics) -> Expectations:
+        count = len(columns[0])
+        start = np.zeros(self.array.n_tx * self.array.n_rx + 1, np.uint32)
+        if count:
+            np.cumsum(self._find_shares(columns, count), out=start[1:])
+        if start[-1]:
+            self._emit(start, count)
+        return Expectations(start, self._length, self._amplitude, self._longest_m, statistics)
+
+    def _find_shares(self, columns: list[np.ndarray], count: int) -> np.ndarray:
+        s, array, u = self.settings, self.array, np.uint32
+        points, shading, geometric, _, alpha, visible = self._batch
+        buffers = (points, shading, geometric, alpha, visible)
+        for buffer, column in zip(buffers, columns, strict=True):
+            self._buffers.write(buffer, column)
+        radius, exponent = np.float32(s.reception_radius_m), np.float32(s.pattern_exponent)
+        self._visibility.launch(
+            "visible_spheres", items(self.device, count, self._n_rx_groups), u(count),
+            u(array.n_rx), u(self._n_rx_groups), self._delta, radius, *self._tree, self._rx_soa,
+            points, geometric, self._rx_visible,
+        )  # fmt: skip
+        blocks = self._padded // self.device.width
+        self._expected.launch(
+            "receiver_discs", (blocks, count), u(count), u(array.n_rx), u(self._padded), radius,
+            exponent, self._rx_columns, points, self._rx_visible, self._discs,
+        )  # fmt: skip
+        self._lobes.launch(
+            "tx_lobes", (array.n_tx, count), u(count), u(array.n_tx), u(self._n_tx_groups),
+            exponent, self._tx_rows, points, shading, geometric, visible, self._tx_lobes,
+        )  # fmt: skip
+        self._expected.launch(
+            "expected_shares", (blocks, array.n_tx), u(count), u(array.n_tx), u(self._padded),
+            self._discs, self._tx_lobes, alpha, self._rule, self._shares,
+            self._pending, self._counts,
+        )  # fmt: skip
+        counts = self._buffers.read(self._counts, (array.n_tx, self._padded), np.float32)
+        return counts[:, : array.n_rx].ravel().astype(np.int64)
+
+    def _emit(self, start: np.ndarray, count: int) -> None:
+        array, u = self.array, np.uint32
+        self._buffers.write(self._starts, start)
+        self._expected.launch(
+            "expected_paths", (self._padded // self.device.width, array.n_tx), u(count),
+            u(array.n_tx), u(array.n_rx), u(self._padded),
+            np.float32(self._rays_per_sample), self._discs, self._tx_lobes, self._shares,
+            self._starts, self._length, self._amplitude,
+        )  # fmt: skip
+
+
+def _rule(nodes: int) -> Any:
+    """Return -cos tau and its weight at Gauss and Legendre's nodes tau in 0 to pi, (nodes, 2)."""
+    x, weight = np.polynomial.legendre.leggauss(nodes)
+    tau = (x + 1) * np.pi / 2
+    return np.stack([-np.cos(tau), weight * np.pi / 2 * np.sin(tau)], axis=1)

@@ -1,0 +1,189 @@
+"""Settings of a simulation: how rays are launched, reflected and received."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from clradar.geometry.normals import CREASE_DEG
+from clradar.model import Scene, TraceStatistics, checks
+from clradar.opencl import Device
+
+RECEPTION_RADIUS_M = 0.010
+SAMPLES_PER_MM2 = 10.0
+RAYS_PER_SAMPLE = 4
+
+EXPECTED_SAMPLES_PER_MM2 = 1.0
+"""For ``estimator="expected"``, which needs fewer; each then stands for as many more rays."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulationSettings:
+    """How rays are launched, reflected and received: the settings of a simulation.
+
+    `clradar.trace`, `clradar.simulate` and what is built on them take these fields as keyword
+    arguments, or a record as `settings`.
+
+    Attributes
+    ----------
+    samples_per_mm2 : float, 1/mm^2, optional
+        Density of surface samples, whatever the tessellation. None: `rays_per_face` counts, or
+        where that is None, too, 10 (1 with the expected estimator).
+    rays_per_face : int, 1 to 2^20, optional
+        As in the paper [1]_: this many samples on every face, instead of a density.
+    rays_per_sample : int, 1 to 2^16, optional
+        Outgoing rays per sample and Tx. None: 4 with a density, 1 with `rays_per_face`; with the
+        expected estimator and no density, ten times as many, which keeps the scale.
+    reception_radius_m : float, metres
+        A ray is received by every Rx whose sphere of this radius it enters before it hits anything.
+    max_bounces : int, 1 to 255
+        Reflections per path at most; 1 with the expected estimator.
+    normals : "smooth" or "face"
+        Shading normals, interpolated from the vertices or those of the faces.
+    crease_deg : float, degrees
+        Edges sharper than this stay sharp in "smooth".
+    amplitude : "unit" or "spreading"
+        1 per path as in the paper, or 1 / (R1 R2): R1 the length up to the last reflection, R2 the
+        last leg, metres.
+    pattern_exponent : float
+        With "spreading": both antennas have the field pattern cos(angle to +z)^exponent.
+    seed : int, 0 to 2^64 - 1
+    estimator : "stochastic" or "expected"
+        "expected" is the mean of "stochastic" over the random outgoing directions, for the same
+        samples: each of them, Tx and Rx adds one path whose amplitude is `rays_per_sample` times
+        the probability that the outgoing ray enters the Rx sphere. It has no shot noise, so fewer
+        samples suffice. An Rx counts as hidden if the centre of its sphere is. See
+        ``docs/estimators.md``.
+
+    Raises
+    ------
+    ModelError
+        A field is out of its range, or two fields contradict each other.
+
+    References
+    ----------
+    .. [1] J. Braeunig et al., "A Realistic Radar Ray Tracing Simulator for Hand Pose Imaging",
+       EuRAD 2023.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> settings = clradar.SimulationSettings(estimator="expected").resolved()
+    >>> settings.samples_per_mm2, settings.rays_per_sample
+    (1.0, 40)
+    """
+
+    samples_per_mm2: float | None = None
+    rays_per_face: int | None = None
+    rays_per_sample: int | None = None
+    reception_radius_m: float = RECEPTION_RADIUS_M
+    max_bounces: int = 1
+    normals: str = "smooth"
+    crease_deg: float = CREASE_DEG
+    amplitude: str = "unit"
+    pattern_exponent: float = 0.0
+    seed: int = 0
+    estimator: str = "stochastic"
+
+    def __post_init__(self) -> None:
+        if self.samples_per_mm2 is not None and self.rays_per_face is not None:
+            checks.fail(
+                "samples_per_mm2, rays_per_face",
+                "one of the two",
+                f"both ({self.samples_per_mm2}, {self.rays_per_face})",
+            )
+        estimator = checks.one_of("estimator", self.estimator, ("stochastic", "expected"))
+        exponent = checks.real("pattern_exponent", self.pattern_exponent)
+        if exponent < 0 or (exponent > 0 and self.amplitude != "spreading"):
+            checks.fail(
+                "pattern_exponent", "0, or a positive number with amplitude='spreading'", exponent
+            )
+        max_bounces = checks.whole("max_bounces", self.max_bounces, 1, 255)
+        if estimator == "expected" and max_bounces > 1:
+            checks.fail("max_bounces", "1 with estimator='expected'", max_bounces)
+        checked: dict[str, Any] = {
+            "reception_radius_m": checks.positive("reception_radius_m", self.reception_radius_m),
+            "max_bounces": max_bounces,
+            "normals": checks.one_of("normals", self.normals, ("smooth", "face")),
+            "crease_deg": checks.real("crease_deg", self.crease_deg),
+            "amplitude": checks.one_of("amplitude", self.amplitude, ("unit", "spreading")),
+            "pattern_exponent": exponent,
+            "seed": checks.whole("seed", self.seed, 0, 2**64 - 1),
+            "estimator": estimator,
+        }
+        if self.samples_per_mm2 is not None:
+            density = checks.positive("samples_per_mm2", self.samples_per_mm2)
+            checked["samples_per_mm2"] = density
+        if self.rays_per_face is not None:
+            checked["rays_per_face"] = checks.whole("rays_per_face", self.rays_per_face, 1, 2**20)
+        if self.rays_per_sample is not None:
+            rays = checks.whole("rays_per_sample", self.rays_per_sample, 1, 2**16)
+            checked["rays_per_sample"] = rays
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    def resolved(self) -> SimulationSettings:
+        """Fill in the densities that are None; a resolved record stays as it is."""
+        rays, density = self.rays_per_sample, self.samples_per_mm2
+        if rays is None:
+            rays = RAYS_PER_SAMPLE if self.rays_per_face is None else 1
+        if density is None and self.rays_per_face is None:
+            density = SAMPLES_PER_MM2
+            if self.estimator == "expected":
+                # Fewer samples, of which each has more rays: the sum keeps its mean.
+                density = EXPECTED_SAMPLES_PER_MM2
+                rays *= round(SAMPLES_PER_MM2 / EXPECTED_SAMPLES_PER_MM2)
+        return replace(self, samples_per_mm2=density, rays_per_sample=rays)
+
+
+def resolve_settings(
+    settings: SimulationSettings | None = None, /, **fields: Any
+) -> SimulationSettings:
+    """Settings with some fields replaced, checked and resolved; None stands for the defaults."""
+    if settings is not None:
+        checks.instance("settings", settings, SimulationSettings)
+        return replace(settings, **fields).resolved()
+    return SimulationSettings(**fields).resolved()
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def takes_settings(function: Function) -> Function:
+    """Show the fields of `SimulationSettings` in the signature of a function for its `**fields`."""
+    shown = inspect.signature(function)
+    fields = inspect.signature(SimulationSettings).parameters.values()
+    plain = [p for p in shown.parameters.values() if p.kind is not p.VAR_KEYWORD]
+    function.__signature__ = shown.replace(parameters=[*plain, *fields])  # type: ignore[attr-defined]
+    return function
+
+
+def simulated_meta(
+    scene: Scene,
+    settings: SimulationSettings,
+    statistics: TraceStatistics,
+    n_paths: int,
+    device: Device,
+) -> dict[str, Any]:
+    """The `meta` of a simulated capture: settings, scene digest, counts of rays, device."""
+    return {
+        "kind": "simulated",
+        "settings": asdict(settings),
+        "scene": {
+            "sha256": scene.digest(),
+            "faces": scene.n_faces,
+            "parts": list(scene.part_names),
+            "alpha_min": float(np.min(scene.alpha)),
+            "alpha_max": float(np.max(scene.alpha)),
+        },
+        "rays": {
+            **asdict(statistics),
+            "absorbed_share": statistics.absorbed_share,
+            "paths": n_paths,
+        },
+        "device": dict(device.describe()),
+    }

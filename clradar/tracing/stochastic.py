@@ -1,0 +1,171 @@
+"""Stochastic ray tracing of receptions (Braeunig et al., EuRAD 2023): host side of ``trace.cl``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from clradar.model import TraceStatistics
+from clradar.model.progress import Progress
+from clradar.opencl import build
+from clradar.opencl.double_single import hi_lo
+from clradar.tracing.lit_surface import TILE_SAMPLES, LitSurface
+
+RECEPTION_BYTES = 8 + 16
+"""Device memory per reception: key and path."""
+
+
+@dataclass(frozen=True, slots=True)
+class _TraceOptions:
+    width: int
+    stack: int
+    spreading: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Receptions:
+    """Receptions of one tile, sorted by pair, then sample, ray and bounce.
+
+    Attributes
+    ----------
+    pair : ndarray, shape (n,), uint32
+    path : ndarray, shape (n, 4), float32
+        Length as hi + lo, metres; amplitude; unused.
+    bounces : ndarray, shape (n,), uint8
+    face : ndarray, shape (n,), int32
+        Where the path was reflected first.
+    statistics : TraceStatistics
+    """
+
+    pair: np.ndarray
+    path: np.ndarray
+    bounces: np.ndarray
+    face: np.ndarray
+    statistics: TraceStatistics
+
+
+class Tracer(LitSurface):
+    """A scene and an array on a device, ready to be traced tile by tile."""
+
+    def _prepare_rays(self, stack: int) -> None:
+        array, up = self.array, self._buffers.upload
+        self._surface = [self._sampling[2], up(self._face_alpha)]
+        self._antennas = [up(part) for a in (array.tx_m, array.rx_m) for part in hi_lo(a)]
+        self._box = self._reception_box()
+        self._counter = self._buffers.zeros(12)
+        spreading = self.settings.amplitude == "spreading"
+        self._trace = build(self.device, "trace.cl", _TraceOptions(1, stack, spreading))
+
+    def _size_tiles(self) -> None:
+        """Share what memory is left between samples and receptions."""
+        per_sample = 3 * 12 + 4 + 4 + self._n_tx_groups
+        free = min(self._buffers.free_bytes, 8 * self.device.max_buffer_bytes)
+        # Neither a ray's ordinal nor the count of receptions in a tile may exceed 32 bits.
+        rays = self._rays_per_sample * self.settings.max_bounces
+        most = max(1, (2**32 - 1) // (rays * self.array.n_tx * self.array.n_rx))
+        wanted = min(TILE_SAMPLES, self.n_samples, most, max(1, free // 4 // per_sample))
+        self._tile_samples = int(wanted)
+        self._tile = self._sample_buffers(self._tile_samples)
+        self._keys = self._paths = None
+        self._capacity = 0
+        self._grow(max(1, min(64 * wanted, self._most_receptions())))
+
+    def _most_receptions(self) -> int:
+        """How many receptions fit the memory that is left, counting what they hold already."""
+        held = self._capacity * RECEPTION_BYTES
+        room = (self._buffers.free_bytes + held) // RECEPTION_BYTES
+        return int(min(room, self.device.max_buffer_bytes // 16, 2**32 - 1))
+
+    def _grow(self, capacity: int) -> None:
+        for buffer in (self._keys, self._paths):
+            if buffer is not None:
+                self._buffers.release(buffer)
+        self._keys = self._paths = None
+        self._capacity = 0
+        self._keys = self._buffers.empty(8 * capacity)
+        self._paths = self._buffers.empty(16 * capacity)
+        self._capacity = capacity
+
+    def tiles(self, progress: Progress | None = None) -> Iterator[Receptions]:
+        """Yield the receptions of all samples, tile by tile, in the order of samples."""
+        for _, tile in self.tiles_of([self._face_alpha], progress):
+            yield tile
+
+    def tiles_of(
+        self, alphas: Sequence[np.ndarray], progress: Progress | None = None
+    ) -> Iterator[tuple[int, Receptions]]:
+        """Yield what `tiles` would for several alphas: which of them, and its receptions.
+
+        Samples and which Tx they see are found once for all. Each of `alphas` has shape (n_faces,),
+        float32; the receptions of each come in the order of samples.
+        """
+        first = 0
+        while first < self.n_samples:
+            count = min(self._tile_samples, self.n_samples - first)
+            yield from self._tile_of(first, count, list(enumerate(alphas)))
+            first += count
+            if progress is not None:
+                progress(first, self.n_samples)
+
+    def _tile_of(
+        self, first: int, count: int, alphas: list[tuple[int, np.ndarray]]
+    ) -> Iterator[tuple[int, Receptions]]:
+        faces, seen = self._see(first, count)
+        for at, (index, alpha) in enumerate(alphas):
+            received, outgoing, absorbed = self._send(first, count, faces, alpha)
+            if received > self._capacity:
+                if received > self._most_receptions() and count > 1:
+                    half = self._tile_samples = count // 2
+                    yield from self._tile_of(first, half, alphas[at:])
+                    yield from self._tile_of(first + half, count - half, alphas[at:])
+                    return
+                self._grow(received)  # raises where one sample alone does not fit
+                received, outgoing, absorbed = self._send(first, count, faces, alpha)
+            statistics = TraceStatistics(count, seen, outgoing, absorbed)
+            yield index, self._collect(received, faces, statistics)
+
+    def _send(
+        self, first: int, count: int, faces: np.ndarray, face_alpha: np.ndarray
+    ) -> tuple[int, int, int]:
+        """Trace the rays of what `_see` made; return receptions, outgoing and absorbed draws."""
+        s, array = self.settings, self.array
+        u = np.uint32
+        points, shading, geometric, _, alpha, visible = self._tile
+        self._buffers.write(alpha, face_alpha[faces])
+        self._buffers.write(self._surface[1], face_alpha)
+        self._buffers.write(self._counter, np.zeros(3, np.uint32))
+        self._trace.launch(
+            "trace_rays", (count, self._n_tx_groups), u(count), u(array.n_tx), u(array.n_rx),
+            u(self._n_tx_groups), u(self._n_rx_groups), u(self._rays_per_sample), u(s.max_bounces),
+            u(first), *self._seed_words(), np.float32(s.reception_radius_m),
+            np.float32(s.pattern_exponent), self._delta, *self._box, u(self._capacity),
+            *self._tree, *self._surface, *self._antennas, self._rx_soa, points, shading, geometric,
+            alpha, visible, self._counter, self._keys, self._paths,
+        )  # fmt: skip
+        received, outgoing, absorbed = self._buffers.read(self._counter, 3, np.uint32)
+        return int(received), int(outgoing), int(absorbed)
+
+    def _reception_box(self) -> list[np.ndarray]:
+        """Box around all receivers' spheres as two float4, a little larger for the rounding."""
+        pad = self.settings.reception_radius_m * (1 + 1e-5) + float(self._delta)
+        corners = []
+        for corner in (self.array.rx_m.min(axis=0) - pad, self.array.rx_m.max(axis=0) + pad):
+            corners.append(np.append(corner, 0.0).astype(np.float32))
+        return corners
+
+    def _collect(self, found: int, faces: np.ndarray, statistics: TraceStatistics) -> Receptions:
+        keys = self._buffers.read(self._keys, found, np.uint64)
+        paths = self._buffers.read(self._paths, (found, 4), np.float32)
+        place = np.argsort(keys)  # keys are unique, so any sort gives the same order
+        keys = keys[place]
+        within = keys & 0xFFFFFFFF
+        most = self.settings.max_bounces
+        return Receptions(
+            pair=(keys >> 32).astype(np.uint32),
+            path=np.take(paths, place, axis=0),
+            bounces=(within % most + 1).astype(np.uint8),
+            face=faces[within // (self._rays_per_sample * most)],
+            statistics=statistics,
+        )

@@ -1,0 +1,1 @@
+"""Reading HDF5 in a process of its own, with limits."""

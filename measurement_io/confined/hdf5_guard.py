@@ -1,0 +1,229 @@
+"""Read named parts of an HDF5 file that may be damaged or hostile.
+
+HDF5 can point outside the file (external links, external storage, virtual datasets), ask for
+memory that the file does not back (fill values, filters that inflate) and load filter plug-ins.
+Nothing of that occurs in a native file, so each is looked for before the data is touched. What the
+library itself does wrong on damaged files is why all this runs in `hdf5_process`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.files.failures import clean, fail, reading, regular_file_size
+from clradar.files.json_text import MAX_TEXT_BYTES
+from measurement_io.confined.hdf5_heap import check_heaps
+from measurement_io.confined.hdf5_process import forbid_opening
+
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+SHUFFLE, FLETCHER32, DEFLATE, LZF = 2, 3, 1, 32000
+"""Numbers of the filters: those of the HDF5 library, and the one that h5py brings along."""
+
+_FILTER_NAMES = {SHUFFLE: "shuffle", FLETCHER32: "Fletcher-32", DEFLATE: "gzip", LZF: "LZF"}
+CHECKING_FILTERS = (SHUFFLE, FLETCHER32)
+"""Filters that neither shrink nor inflate."""
+
+
+@contextmanager
+def opened(path: Path, expected: str) -> Iterator[Any]:
+    """Open an HDF5 file for reading; whatever happens inside ends in a `MeasurementError`."""
+    import h5py
+
+    if regular_file_size(path, expected) == 0:
+        fail(path, expected, "an empty file")
+    with reading(path, expected):
+        check_heaps(path)
+        with h5py.File(path, "r") as file:
+            forbid_opening()
+            check_sizes(path, file)
+            yield file
+
+
+def check_sizes(path: Path, file: Any) -> None:
+    """Raise `MeasurementError` unless the file uses 8-byte addresses and lengths, as h5py does."""
+    sizes = file.id.get_create_plist().get_sizes()
+    if tuple(sizes) != (8, 8):
+        fail(path, "an HDF5 file with 8-byte addresses and lengths", f"{sizes}")
+
+
+def group(path: Path, parent: Any, name: str) -> Any:
+    """Return the group `name` of `parent`, reached by a hard link."""
+    import h5py
+
+    found = hard_linked(path, parent, name)
+    if not isinstance(found, h5py.Group):
+        fail(path, f"a group at {_place(parent, name)}", type(found).__name__)
+    return found
+
+
+def array(
+    path: Path, parent: Any, name: str, dtype: Any, shape: tuple[int | None, ...]
+) -> np.ndarray:
+    """Return a dataset's content as a read-only array.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages and for its size.
+    parent : h5py.Group
+    name : str
+    dtype : numpy dtype
+        What the dataset has to hold, in any byte order.
+    shape : tuple of int or None
+        Expected shape, None for any length.
+
+    Raises
+    ------
+    MeasurementError
+        Missing, reached by a link, stored outside the file or by an unknown filter, another type
+        or shape, or not fully stored.
+    """
+    found = dataset(path, parent, name)
+    place = _place(parent, name)
+    dtype = np.dtype(dtype)
+    stored = found.dtype
+    if stored.newbyteorder("=") != dtype or stored.fields is not None:
+        fail(path, f"{place} of type {dtype}", clean(stored))
+    have = found.shape
+    if (
+        have is None
+        or len(have) != len(shape)
+        or any(n not in (None, m) for n, m in zip(shape, have, strict=True))
+    ):
+        wanted = ", ".join("any" if n is None else str(n) for n in shape)
+        fail(path, f"{place} of shape ({wanted})", f"shape {have}")
+    nbytes = math.prod(have) * dtype.itemsize
+    if nbytes == 0:
+        fail(path, f"{place} with at least one element", f"shape {have}")
+    size = path.stat().st_size
+    if nbytes > size:
+        fail(path, f"{place} to fit into the file's {size} bytes", f"shape {have}: {nbytes} bytes")
+    _check_stored(path, place, found, nbytes)
+    content = found[()].astype(dtype, copy=False)
+    content.flags.writeable = False
+    return content
+
+
+def dataset(path: Path, parent: Any, name: str, filters: Collection[int] = CHECKING_FILTERS) -> Any:
+    """Return the dataset `name`, which lies in this file and needs no other than these filters."""
+    import h5py
+
+    place = _place(parent, name)
+    found = hard_linked(path, parent, name)
+    if not isinstance(found, h5py.Dataset):
+        fail(path, f"a dataset at {place}", type(found).__name__)
+    plan = found.id.get_create_plist()
+    if plan.get_layout() == h5py.h5d.VIRTUAL or found.is_virtual:
+        fail(path, f"{place} stored in the file", "a virtual dataset")
+    if plan.get_external_count() or found.external:
+        fail(path, f"{place} stored in the file", "external storage")
+    for i in range(plan.get_nfilters()):
+        code = plan.get_filter(i)[0]
+        if code not in filters:
+            allowed = ", ".join(_FILTER_NAMES[c] for c in filters)
+            fail(path, f"{place} with no filters but {allowed}", f"filter {code}")
+    return found
+
+
+def has_checksum(found: Any) -> bool:
+    """Whether every chunk of a dataset carries a Fletcher-32 checksum."""
+    if not found.fletcher32 or found.chunks is None:
+        return False
+    # A chunk can be stored with its filters left out.
+    chunks = (found.id.get_chunk_info(i) for i in range(found.id.get_num_chunks()))
+    return all(chunk.filter_mask == 0 for chunk in chunks)
+
+
+def text(path: Path, owner: Any, name: str) -> str:
+    """Return a string attribute."""
+    import h5py
+
+    attribute = _attribute(path, owner, name)
+    kind = attribute.get_type()
+    if not isinstance(kind, h5py.h5t.TypeStringID) or attribute.shape != ():
+        fail(
+            path, f"the attribute {_attribute_place(owner, name)} to be one string", "another type"
+        )
+    if not kind.is_variable_str() and kind.get_size() > MAX_TEXT_BYTES:
+        fail(path, f"at most {MAX_TEXT_BYTES} bytes of text", f"{kind.get_size()}")
+    value = owner.attrs[name]
+    value = value.decode("utf-8") if isinstance(value, bytes) else str(value)
+    if len(value) > MAX_TEXT_BYTES:
+        fail(path, f"at most {MAX_TEXT_BYTES} bytes of text", f"{len(value)}")
+    return value
+
+
+def texts(path: Path, owner: Any, name: str) -> list[str]:
+    """Return an attribute that is a short list of strings."""
+    import h5py
+
+    attribute = _attribute(path, owner, name)
+    kind = attribute.get_type()
+    shape = attribute.shape
+    if (
+        not isinstance(kind, h5py.h5t.TypeStringID)
+        or shape is None
+        or len(shape) != 1
+        or shape[0] > 16
+    ):
+        place = _attribute_place(owner, name)
+        fail(path, f"the attribute {place} to be a list of strings", "another type")
+    return [v.decode("utf-8") if isinstance(v, bytes) else str(v) for v in owner.attrs[name]]
+
+
+def whole_number(path: Path, owner: Any, name: str) -> int:
+    """Return an integer attribute."""
+    import h5py
+
+    attribute = _attribute(path, owner, name)
+    if not isinstance(attribute.get_type(), h5py.h5t.TypeIntegerID) or attribute.shape != ():
+        place = _attribute_place(owner, name)
+        fail(path, f"the attribute {place} to be one whole number", "another type")
+    return int(owner.attrs[name])
+
+
+def _attribute(path: Path, owner: Any, name: str) -> Any:
+    if name not in owner.attrs:
+        fail(path, f"the attribute {_attribute_place(owner, name)}", "none of that name")
+    return owner.attrs.get_id(name)
+
+
+def hard_linked(path: Path, parent: Any, name: str) -> Any:
+    """Return what `name` is in the group `parent`, if it lies in this file."""
+    import h5py
+
+    place = _place(parent, name)
+    if name not in parent.keys():  # noqa: SIM118 - `in parent` would follow soft and external links
+        fail(path, place, "nothing of that name")
+    link = parent.get(name, getlink=True)
+    if type(link) is not h5py.HardLink:
+        fail(path, f"{place} in the file itself", f"a link of kind {type(link).__name__}")
+    return parent[name]
+
+
+def _check_stored(path: Path, place: str, found: Any, nbytes: int) -> None:
+    if found.chunks is None:
+        have = found.id.get_storage_size()
+        if have < nbytes:
+            fail(path, f"{nbytes} bytes stored for {place}", f"{have}")
+        return
+    if any(c > n for c, n in zip(found.chunks, found.shape, strict=True)):
+        fail(path, f"{place} in chunks no larger than itself", f"chunks {found.chunks}")
+    sizes = zip(found.shape, found.chunks, strict=True)
+    need = math.prod(-(-n // c) for n, c in sizes)
+    if found.id.get_num_chunks() != need:
+        fail(path, f"{need} chunks stored for {place}", f"{found.id.get_num_chunks()}")
+
+
+def _place(parent: Any, name: str) -> str:
+    return f"{str(parent.name).rstrip('/')}/{name}"
+
+
+def _attribute_place(owner: Any, name: str) -> str:
+    return f"{owner.name}@{name}"

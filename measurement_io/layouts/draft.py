@@ -1,0 +1,149 @@
+"""What to do with a file that has no layout: list its keys, and write a layout to begin with."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+from clradar.errors import MeasurementError
+from clradar.files.failures import shown
+from measurement_io.layouts.container import Container, Key
+from measurement_io.layouts.containers import open_container
+from measurement_io.layouts.guessed_axes import GuessedAxes, guess_axes
+from measurement_io.layouts.guesses import (
+    GUESS,
+    SIDES,
+    UNKNOWN,
+    Frequencies,
+    Line,
+    Side,
+    guess_antennas,
+    guess_frequencies,
+    guess_length_unit,
+    guess_signal,
+)
+
+_LISTED = 200
+_IMAGING = 'select = "1:95"'
+_IMAGING_REMARK = f"{GUESS}the imaging ones of 96"
+
+
+class LayoutNeeded(MeasurementError):
+    """A file of another program was opened without a layout.
+
+    Attributes
+    ----------
+    skeleton : str
+        A layout file to begin with; its comments say what is a guess.
+    """
+
+    skeleton: str = ""
+
+
+def layout_needed(path: Path) -> LayoutNeeded:
+    """Return the error that lists the keys of a file and carries a skeleton of its layout."""
+    with open_container(path) as container:
+        error = LayoutNeeded(
+            f"{shown(path)}: expected a layout (layout=, --layout, see docs/layouts.md) that says "
+            f"which key and which axis of a file of another program is what, got {container.kind} "
+            f"with the keys {container.listed()}"
+        )
+        error.skeleton = layout_skeleton(container)
+        return error
+
+
+def layout_skeleton(container: Container) -> str:
+    """Return a layout file for an opened container.
+
+    Lengths, names and values give what they can. What is not certain has a remark that begins with
+    "guess"; where nothing can be said the value is "?", and the layout is refused until it is
+    filled in.
+    """
+    keys = [key for key in container.keys.values() if _usable(key)]
+    signal = guess_signal(keys)
+    others = [key for key in keys if key.name not in signal.names]
+    frequencies = guess_frequencies(container, others)
+    found = {name: guess_antennas(container, others, name) for name in SIDES}
+    axes = guess_axes(signal.shape, signal.part_axis, frequencies.count, found)
+    sides = {name: _completed(side, axes.channels[name]) for name, side in found.items()}
+    blocks = [
+        _head(container),
+        ["[data]", *map(str, signal.lines), *_axes_lines(axes)],
+        *(["[" + name + "]", *map(str, side.lines)] for name, side in sides.items()),
+        *_frame_of_reference(sides),
+        ["[frequency]", *map(str, _with_points(frequencies, axes.points))],
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks) + "\n"
+
+
+def _usable(key: Key) -> bool:
+    return key.content == "numbers" and math.prod(key.shape) > 0 and key.name.isprintable()
+
+
+def _head(container: Container) -> list[str]:
+    lines = [f"# Layout of {container.kind} with these keys:"]
+    keys = list(container.keys.values())
+    lines += [f"#   {key}" for key in keys[:_LISTED]]
+    if len(keys) > _LISTED:
+        lines.append(f"#   and {len(keys) - _LISTED} more")
+    return [
+        *lines,
+        "# Check every remark that begins with 'guess', and fill in every \"?\".",
+        "# docs/layouts.md explains all settings.",
+    ]
+
+
+def _completed(side: Side, channels: int | None) -> Side:
+    """Return a side with what was found, with the known array that fits, or with "?"."""
+    if side.lines:
+        if (channels, side.count) != (96, 94):
+            return side
+        return replace(side, lines=(Line(_IMAGING, _IMAGING_REMARK), *side.lines))
+    array = Line('array = "qar50"', f"{GUESS}{channels} channels and no positions in the file")
+    if channels == 94:
+        return replace(side, lines=(array,))
+    if channels == 96:
+        lines = (Line("channels = 96"), Line(_IMAGING, _IMAGING_REMARK), array)
+        return replace(side, lines=lines)
+    remark = "no positions found: a key, or 'values', 'file', 'array'"
+    return replace(side, lines=(Line(f'key = "{UNKNOWN}"', remark),))
+
+
+def _axes_lines(axes: GuessedAxes) -> list[str]:
+    listed = ", ".join(f'"{name}"' for name in axes.names) or f'"{UNKNOWN}"'
+    lines = [*(f"# {GUESS}{remark}" for remark in axes.remarks), f"axes = [{listed}]"]
+    if "pair" in axes.names:
+        lines.append(str(Line('pair_order = "tx_major"', f"{GUESS}or rx_major")))
+    remark = "exp(-j 2 pi f d / c); no file says so: `clradar diagnose` finds out"
+    return [*lines, str(Line("phase_sign = -1", remark))]
+
+
+def _frame_of_reference(sides: dict[str, Side]) -> list[list[str]]:
+    """Return the table of units, if there are positions of which it can speak."""
+    if all(any("array" in line.text for line in side.lines) for side in sides.values()):
+        return []
+    lines = []
+    extents = [side.extent for side in sides.values() if side.extent is not None]
+    names = [name for side in sides.values() for name in side.names]
+    unit, sure = guess_length_unit(names, max(extents, default=0.0))
+    if unit is None:
+        lines.append(Line(f'unit = "{UNKNOWN}"', "of the positions: m, cm, mm, um"))
+    else:
+        remark = "" if sure else f"{GUESS}the antennas span {max(extents):g}"
+        lines.append(Line(f'unit = "{unit}"', remark))
+    columns = next((side.columns for side in sides.values() if side.columns is not None), None)
+    if columns is not None and len(columns) == 2:
+        lines.append(Line('columns = ["x", "y"]', f"{GUESS}or others"))
+    return [["[antennas]", *map(str, lines)]]
+
+
+def _with_points(frequencies: Frequencies, points: int) -> tuple[Line, ...]:
+    if frequencies.lines:
+        return frequencies.lines
+    return (
+        Line(f'start = "{UNKNOWN}"', "no frequencies found: a number, or a key"),
+        Line(f'stop = "{UNKNOWN}"', "or step"),
+        Line(f"points = {points}"),
+        Line('unit = "GHz"'),
+    )

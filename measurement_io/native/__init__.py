@@ -1,0 +1,1 @@
+"""The native HDF5 files of captures, volumes and channel calibrations."""

@@ -1,0 +1,146 @@
+"""The native HDF5 file of captures and volumes, version 1 (docs/files.md)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.files import json_text
+from clradar.files.failures import clean, fail, reading
+from clradar.model import AntennaArray, Capture, Volume, VoxelGrid, Waveform
+from measurement_io.confined import hdf5_process
+from measurement_io.native import contents as native_contents
+from measurement_io.native.scheme import (
+    EXPECTED,
+    NativeHeader,
+    check_hdf5,
+    plain_text,
+    write,
+    write_dataset,
+    write_instrument,
+)
+
+
+def save_capture(path: str | os.PathLike[str], capture: Capture, *, force: bool = False) -> None:
+    """Write a capture to a native HDF5 file; reading it gives the same bits.
+
+    Parameters
+    ----------
+    path : path-like
+        Target, whatever its extension. Its folder has to exist.
+    capture : Capture
+    force : bool
+        Replace an existing file.
+
+    Raises
+    ------
+    ModelError
+        `capture.meta` holds what JSON cannot hold, or the array's name is no plain text. Nothing is
+        written.
+    OutputError
+        The target exists and `force` is not set, its folder does not exist, or the system refuses
+        to write. Nothing half-written stays behind.
+    """
+    texts = {"array_name": plain_text("AntennaArray.name", capture.array.name)}
+
+    def fill(data: Any) -> None:
+        write_dataset(data, "data", capture.data, "complex response", None)
+        write_instrument(data, capture.array, capture.waveform)
+
+    text = json_text.to_json("Capture.meta", capture.meta)
+    write(Path(path), "capture", text, texts, fill, force=force)
+
+
+def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = False) -> None:
+    """Write a volume to a native HDF5 file; reading it gives the same bits.
+
+    Parameters and errors as for `save_capture`.
+    """
+    grid = volume.grid
+
+    def fill(data: Any) -> None:
+        write_dataset(data, "data", volume.data, "complex image", None)
+        write_dataset(data, "x_m", grid.x_m, "voxel centres, x", "m")
+        write_dataset(data, "y_m", grid.y_m, "voxel centres, y", "m")
+        write_dataset(data, "z_m", grid.z_m, "voxel centres, z", "m")
+        # The axes are for viewers; these two give the grid back exactly.
+        write_dataset(data, "origin_m", grid.origin_m, "centre of the first voxel x, y, z", "m")
+        write_dataset(data, "spacing_m", grid.spacing_m, "voxel spacing x, y, z", "m")
+
+    text = json_text.to_json("Volume.meta", volume.meta)
+    write(Path(path), "volume", text, {}, fill, force=force)
+
+
+def read_capture(path: Path) -> tuple[NativeHeader, Capture]:
+    """Return header and capture of a native file; every failure is a `MeasurementError`."""
+    with reading(path, EXPECTED):
+        header, found = contents(native_contents.read_capture, path)
+        array, waveform = instrument(found)
+        return header, Capture(_read_only(found["data"]), array, waveform, header.meta)
+
+
+def read_volume(path: Path) -> tuple[NativeHeader, Volume]:
+    """Return header and volume of a native file; every failure is a `MeasurementError`."""
+    with reading(path, EXPECTED):
+        header, found = contents(native_contents.read_volume, path)
+        axes = [found[name] for name in ("x_m", "y_m", "z_m")]
+        counts = (len(axes[0]), len(axes[1]), len(axes[2]))
+        grid = VoxelGrid(found["origin_m"], found["spacing_m"], counts)
+        for axis, have, want in zip("xyz", axes, (grid.x_m, grid.y_m, grid.z_m), strict=True):
+            if np.abs(have - want).max() > 1e-9 * max(1.0, float(np.abs(want).max())):
+                fail(path, f"{axis}_m as origin_m and spacing_m say", "another axis")
+        return header, Volume(_read_only(found["data"]), grid, header.meta)
+
+
+def read_header(path: Path) -> NativeHeader:
+    """Return the header of a native file without reading its data."""
+    with reading(path, EXPECTED):
+        return _header(hdf5_process.run(native_contents.read_header, path))
+
+
+def nexus_problems(path: Path) -> list[str]:
+    """Return what a native file lacks that reading does not need: NeXus attributes, checksums."""
+    with reading(path, EXPECTED):
+        return [clean(line) for line in hdf5_process.run(native_contents.nexus_problems, path)]
+
+
+def contents(
+    function: Callable[[Path], native_contents.Contents], path: Path
+) -> tuple[NativeHeader, native_contents.Contents]:
+    """Return the header of a native file, and what a function of `native_contents` takes out."""
+    found = hdf5_process.run(function, path)
+    header = found.pop("header")
+    return _header(header), {**header["texts"], **found}
+
+
+def instrument(found: native_contents.Contents) -> tuple[AntennaArray, Waveform]:
+    """Return the antennas and the frequencies of a capture or of its channels."""
+    array = AntennaArray(found["tx_m"], found["rx_m"], found["array_name"])
+    return array, Waveform(found["frequency_hz"])
+
+
+def _header(found: native_contents.Contents) -> NativeHeader:
+    meta = json_text.from_json(found["provenance"])
+    return NativeHeader(found["format"], found["version"], found["created"], meta)
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array.flags.writeable = False  # the record keeps a read-only array without another copy
+    return array
+
+
+def open_volume(path: str | os.PathLike[str]) -> Volume:
+    """Return the volume of a native HDF5 file.
+
+    Raises
+    ------
+    MeasurementError
+        Missing, no native file, a capture, a newer version, damaged, or NaN in the data.
+    """
+    file = Path(path)
+    check_hdf5(file, "a native volume file")
+    return read_volume(file)[1]

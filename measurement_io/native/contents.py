@@ -1,0 +1,163 @@
+"""What is in a native file: taken out by the process that reads it (`hdf5_process`).
+
+Nothing but numbers, text and arrays leaves these functions; `native` and `channels_file` make
+records of them.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.files.failures import clean, fail
+from measurement_io.confined import hdf5_guard
+from measurement_io.native.scheme import EXPECTED, NX_CLASSES, SCHEMES, VERSION, text_crc32
+
+Contents = dict[str, Any]
+CHANNEL_FIELDS = ("gain", "delay_s", "noise", "phase_std_rad", "delay_std_s")
+CHANNEL_NUMBERS = ("target_amplitude", "reference_hz", "residual_db", "noise_residual_db")
+
+
+def is_native(path: Path) -> bool:
+    """Whether an HDF5 file says that it is one of ours."""
+    with hdf5_guard.opened(path, "a readable HDF5 file") as file:
+        return "clradar_format" in file.attrs
+
+
+def read_capture(path: Path) -> Contents:
+    """Return the header of a native capture, and its arrays by the names of its datasets."""
+    with hdf5_guard.opened(path, EXPECTED) as file:
+        header, data = _header(path, file, "capture")
+        found = _instrument(path, data)
+        shape = tuple(len(found[name]) for name in ("tx_m", "rx_m", "frequency_hz"))
+        found["data"] = hdf5_guard.array(path, data, "data", np.complex64, shape)
+        return {"header": header, **found}
+
+
+def read_volume(path: Path) -> Contents:
+    """Return the header of a native volume, and its arrays by the names of its datasets."""
+    lengths = {"x_m": None, "y_m": None, "z_m": None, "origin_m": 3, "spacing_m": 3}
+    with hdf5_guard.opened(path, EXPECTED) as file:
+        header, data = _header(path, file, "volume")
+        found = {
+            name: hdf5_guard.array(path, data, name, np.float64, (length,))
+            for name, length in lengths.items()
+        }
+        shape = tuple(len(found[name]) for name in SCHEMES["volume"].axes)
+        found["data"] = hdf5_guard.array(path, data, "data", np.complex64, shape)
+        return {"header": header, **found}
+
+
+def read_channels(path: Path) -> Contents:
+    """Return the header of native channels, and their arrays by the names of their datasets."""
+    with hdf5_guard.opened(path, EXPECTED) as file:
+        header, data = _header(path, file, "channels")
+        found = _instrument(path, data)
+        for side in ("tx", "rx"):
+            count = len(found[f"{side}_m"])
+            for field in CHANNEL_FIELDS:
+                name, kind = f"{side}_{field}", np.complex128 if field == "gain" else np.float64
+                found[name] = hdf5_guard.array(path, data, name, kind, (count,))
+            name = f"{side}_state"
+            found[name] = hdf5_guard.array(path, data, name, np.int32, (count,))
+        for name in CHANNEL_NUMBERS:
+            found[name] = hdf5_guard.array(path, data, name, np.float64, (1,))
+        position = hdf5_guard.array(path, data, "target_position", np.float64, (None,))
+        n = len(position)
+        covariance = hdf5_guard.array(path, data, "target_covariance", np.float64, (n, n))
+        return {
+            "header": header, "target_position": position, "target_covariance": covariance, **found
+        }  # fmt: skip
+
+
+def read_header(path: Path) -> Contents:
+    """Return what the root's attributes say."""
+    with hdf5_guard.opened(path, EXPECTED) as file:
+        return _header(path, file, None)[0]
+
+
+def nexus_problems(path: Path) -> list[str]:
+    """Return what a native file lacks that reading does not need: NeXus attributes, checksums."""
+    problems = []
+    with hdf5_guard.opened(path, EXPECTED) as file:
+        header, data = _header(path, file, None)
+        scheme = SCHEMES[header["format"]]
+        nodes = {"/": file, "/entry": file["entry"], "/entry/data": data}
+        for name, node in nodes.items():
+            problems += _attribute_problem(path, node, "NX_class", NX_CLASSES[name])
+        problems += _attribute_problem(path, file, "default", "entry")
+        problems += _attribute_problem(path, nodes["/entry"], "default", "data")
+        problems += _attribute_problem(path, data, "signal", scheme.signal)
+        axes = list(scheme.axes)
+        if "axes" not in data.attrs or hdf5_guard.texts(path, data, "axes") != axes:
+            problems.append(f"/entry/data@axes: expected {axes}")
+        for name in scheme.datasets:
+            if name in ("tx", "rx") and name not in data:
+                continue  # for viewers only
+            found = hdf5_guard.dataset(path, data, name)
+            if not hdf5_guard.has_checksum(found):
+                problems.append(f"/entry/data/{name}: carries no Fletcher-32 checksum")
+            if name in ("tx", "rx"):
+                want = np.arange(data[f"{name}_m"].shape[0])
+                have = hdf5_guard.array(path, data, name, np.int32, (None,))
+                if not np.array_equal(have, want):
+                    problems.append(f"/entry/data/{name}: expected 0 ... {len(want) - 1}")
+        created = header["created"]
+        try:
+            datetime.fromisoformat(created)
+        except ValueError:
+            problems.append(f"/@created: expected an ISO 8601 time, got {clean(created)}")
+    return problems
+
+
+def _attribute_problem(path: Path, node: Any, name: str, want: str) -> list[str]:
+    have = hdf5_guard.text(path, node, name) if name in node.attrs else "nothing"
+    return [] if have == want else [f"{node.name}@{name}: expected {want}, got {clean(have)}"]
+
+
+def _instrument(path: Path, data: Any) -> Contents:
+    """Return the antennas and the frequencies of `/entry/data`."""
+    return {
+        "tx_m": hdf5_guard.array(path, data, "tx_m", np.float64, (None, 3)),
+        "rx_m": hdf5_guard.array(path, data, "rx_m", np.float64, (None, 3)),
+        "frequency_hz": hdf5_guard.array(path, data, "frequency_hz", np.float64, (None,)),
+    }
+
+
+def _header(path: Path, file: Any, wanted: str | None) -> tuple[Contents, Any]:
+    """Check what the file says it is; return that and the group of the data."""
+    if "clradar_format" not in file.attrs:
+        fail(
+            path,
+            "a native capture or volume",
+            "an HDF5 file without the attribute clradar_format, so of another program",
+        )
+    kind = hdf5_guard.text(path, file, "clradar_format")
+    version = hdf5_guard.whole_number(path, file, "clradar_version")
+    if version > VERSION:
+        fail(
+            path,
+            f"a native file of version {VERSION}, the newest that this clradar reads",
+            f"version {version}: it was written by a newer clradar; update to read it",
+        )
+    if version < 1:
+        fail(path, f"a native file of version 1 to {VERSION}", f"version {version}")
+    if kind not in SCHEMES:
+        formats = " or ".join(repr(name) for name in SCHEMES)
+        fail(path, f"clradar_format {formats}", repr(clean(kind)))
+    if wanted is not None and kind != wanted:
+        fail(path, SCHEMES[wanted].noun, f"{SCHEMES[kind].noun}; use {SCHEMES[kind].opener}")
+    created = hdf5_guard.text(path, file, "created")
+    text = hdf5_guard.text(path, file, "provenance")
+    data = hdf5_guard.group(path, hdf5_guard.group(path, file, "entry"), "data")
+    texts = {name: hdf5_guard.text(path, data, name) for name in SCHEMES[kind].texts}
+    if "text_crc32" in file.attrs:
+        want = hdf5_guard.whole_number(path, file, "text_crc32")
+        have = text_crc32(created, text, list(texts.values()))
+        if have != want:
+            fail(path, f"text attributes with checksum {want:08x}", f"{have:08x}: they are damaged")
+    found = {"format": kind, "version": version, "created": created, "provenance": text}
+    return {**found, "texts": texts}, data

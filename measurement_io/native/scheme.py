@@ -1,0 +1,217 @@
+"""What every native HDF5 file has in common: its layout, its header, how it is opened and written.
+
+Layout (docs/files.md has the tables): `/` NXroot, `/entry` NXentry, `/entry/data` NXdata with its
+signal and what the signal's axes mean; the root's attributes say which format and version it is,
+when it was made and, as JSON, where it comes from.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.errors import ModelError
+from clradar.files.atomic import refuse_existing, replacing
+from clradar.files.failures import fail, reading, regular_file_size
+from measurement_io.confined import hdf5_guard
+
+VERSION = 1
+NX_CLASSES = {"/": "NXroot", "/entry": "NXentry", "/entry/data": "NXdata"}
+_CHUNK_BYTES = 2**20
+EXPECTED = "a readable native HDF5 file"
+
+
+@dataclass(frozen=True, slots=True)
+class Scheme:
+    """What `/entry/data` of one format holds.
+
+    Attributes
+    ----------
+    noun : str
+        What a file of it holds.
+    opener : str
+        The function that opens it.
+    signal : str
+        The dataset that viewers show.
+    axes : tuple of str
+        Of the signal.
+    datasets : tuple of str
+    texts : tuple of str
+        String attributes, which the checksum of the file's text covers.
+    """
+
+    noun: str
+    opener: str
+    signal: str
+    axes: tuple[str, ...]
+    datasets: tuple[str, ...]
+    texts: tuple[str, ...]
+
+
+SCHEMES = {
+    "capture": Scheme(
+        noun="a capture",
+        opener="open_capture",
+        signal="data",
+        axes=("tx", "rx", "frequency_hz"),
+        datasets=("data", "tx", "rx", "frequency_hz", "tx_m", "rx_m"),
+        texts=("array_name",),
+    ),
+    "volume": Scheme(
+        noun="a volume",
+        opener="open_volume",
+        signal="data",
+        axes=("z_m", "y_m", "x_m"),
+        datasets=("data", "x_m", "y_m", "z_m", "origin_m", "spacing_m"),
+        texts=(),
+    ),
+    "channels": Scheme(
+        noun="channels",
+        opener="open_channels",
+        signal="tx_gain",
+        axes=("tx",),
+        datasets=(
+            *("tx", "rx", "frequency_hz", "tx_m", "rx_m", "tx_gain", "rx_gain"),
+            *("tx_delay_s", "rx_delay_s", "tx_state", "rx_state", "tx_noise", "rx_noise"),
+            *("tx_phase_std_rad", "rx_phase_std_rad", "tx_delay_std_s", "rx_delay_std_s"),
+            *("target_position", "target_covariance", "target_amplitude", "reference_hz"),
+            *("residual_db", "noise_residual_db"),
+        ),
+        texts=("array_name", "target", "target_parameters"),
+    ),
+}
+"""The formats there are, by the root's `clradar_format`."""
+
+
+@dataclass(frozen=True, slots=True)
+class NativeHeader:
+    """What the root's attributes of a native file say.
+
+    Attributes
+    ----------
+    format : str
+        A key of `SCHEMES`.
+    version : int
+    created : str
+        ISO 8601, UTC.
+    meta : dict
+        The provenance, from JSON.
+    """
+
+    format: str
+    version: int
+    created: str
+    meta: dict[str, Any]
+
+
+def check_hdf5(path: Path, expected: str) -> None:
+    """Raise `MeasurementError` unless a path is a regular file that starts as HDF5 does."""
+    size = regular_file_size(path, expected)
+    with reading(path, expected), open(path, "rb") as raw:
+        magic = raw.read(len(hdf5_guard.HDF5_MAGIC))
+    if magic != hdf5_guard.HDF5_MAGIC:
+        fail(path, f"{expected} (HDF5)", f"{size} bytes that are no HDF5 file")
+
+
+def plain_text(field: str, value: str) -> str:
+    """Return a string that HDF5 can hold; `ModelError` for one that it cannot."""
+    try:
+        value.encode("utf-8")
+    except UnicodeEncodeError:
+        pass
+    else:
+        if "\0" not in value:
+            return value
+    raise ModelError(f"{field}: expected plain text, got {value!r:.100}")
+
+
+def write(
+    path: Path,
+    kind: str,
+    text: str,
+    texts: dict[str, str],
+    fill: Callable[[Any], None],
+    *,
+    force: bool,
+) -> None:
+    """Write a native file whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        A key of `SCHEMES`.
+    text : str
+        The provenance, JSON.
+    texts : dict
+        The string attributes that its scheme names.
+    fill : callable
+        Called with the group `/entry/data` to write its datasets.
+    force : bool
+        Replace an existing file.
+    """
+    refuse_existing(path, force=force)
+    import h5py
+
+    scheme = SCHEMES[kind]
+    created = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    # From version 1.10 on HDF5 keeps checksums of its own structures, and long attributes.
+    with (
+        replacing(path, force=force) as temporary,
+        h5py.File(temporary, "x", libver=("v110", "v110")) as file,
+    ):
+        file.attrs["NX_class"] = NX_CLASSES["/"]
+        file.attrs["default"] = "entry"
+        file.attrs["clradar_format"] = kind
+        file.attrs["clradar_version"] = VERSION
+        file.attrs["created"] = created
+        file.attrs["provenance"] = text
+        # HDF5 keeps the strings of attributes where it has no checksum.
+        crc32 = text_crc32(created, text, [texts[name] for name in scheme.texts])
+        file.attrs["text_crc32"] = np.uint32(crc32)
+        entry = file.create_group("entry")
+        entry.attrs["NX_class"] = NX_CLASSES["/entry"]
+        entry.attrs["default"] = "data"
+        data = entry.create_group("data")
+        data.attrs["NX_class"] = NX_CLASSES["/entry/data"]
+        data.attrs["signal"] = scheme.signal
+        data.attrs["axes"] = list(scheme.axes)
+        for name in scheme.texts:
+            data.attrs[name] = texts[name]
+        fill(data)
+
+
+def write_dataset(
+    group: Any, name: str, value: np.ndarray, long_name: str, unit: str | None
+) -> None:
+    """Write a dataset with checksums and the names that viewers show."""
+    # About 1 MiB per chunk, cut along the first axis, so that one pair or slice is read quickly.
+    row_bytes = max(1, value.nbytes // len(value))
+    rows = min(len(value), max(1, _CHUNK_BYTES // row_bytes))
+    made = group.create_dataset(
+        name, data=value, chunks=(rows, *value.shape[1:]), shuffle=True, fletcher32=True
+    )
+    made.attrs["long_name"] = long_name
+    if unit is not None:
+        made.attrs["units"] = unit
+
+
+def write_instrument(group: Any, array: Any, waveform: Any) -> None:
+    """Write the antennas and the frequencies that a capture and its channels share."""
+    write_dataset(group, "tx", np.arange(array.n_tx, dtype=np.int32), "Tx antenna", None)
+    write_dataset(group, "rx", np.arange(array.n_rx, dtype=np.int32), "Rx antenna", None)
+    write_dataset(group, "frequency_hz", waveform.frequencies_hz, "frequency", "Hz")
+    write_dataset(group, "tx_m", array.tx_m, "Tx antenna positions x, y, z", "m")
+    write_dataset(group, "rx_m", array.rx_m, "Rx antenna positions x, y, z", "m")
+
+
+def text_crc32(created: str, text: str, texts: list[str]) -> int:
+    # A volume has no name, and its text ends in a line feed all the same.
+    lines = (created, text, *(texts or [""]))
+    return zlib.crc32("\n".join(lines).encode("utf-8"))

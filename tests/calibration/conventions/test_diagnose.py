@@ -1,0 +1,501 @@
+"""Which convention a capture was written in: all sixteen, named up to what the geometry hides."""
+
+from __future__ import annotations
+
+import json
+import sys
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from shapes import plate
+
+import clradar
+from calibration import HYPOTHESES, Diagnosis, Hypothesis, apply_convention, diagnose
+from calibration.conventions.search_region import (
+    ambiguous_path_m,
+    range_profile,
+    scene_paths_m,
+    search_grids,
+)
+from calibration.conventions.tx_rx_symmetry import swap_isometry
+from calibration.conventions.wavefront_curvature import curvature_sigma
+from clradar import AntennaArray, Capture, VoxelGrid, Waveform, reference
+from clradar.cli import main
+from clradar.errors import ModelError
+from clradar.hand import hand_mesh
+from measurement_io import open_capture, save_capture
+
+C = 299_792_458.0
+QAR50 = clradar.arrays.qar50()
+SWEEP = Waveform.sfcw(72e9, 82e9, 128)
+SHORT = Waveform.sfcw(72e9, 82e9, 64)
+WAVELENGTH_M = C / 77e9
+
+LINE = np.r_[0:47:4, 46]
+THIN = AntennaArray(QAR50.tx_m[np.r_[LINE, 47 + LINE]], QAR50.rx_m[np.r_[LINE, 47 + LINE]], "thin")
+"""26 x 26 of the imager's antennas, with the four end elements."""
+
+
+def scattered(n_tx: int, n_rx: int) -> AntennaArray:
+    """Antennas without any symmetry."""
+    rng = np.random.default_rng(4)
+    tx, rx = (np.c_[rng.uniform(-0.07, 0.07, (n, 2)), np.zeros(n)] for n in (n_tx, n_rx))
+    return AntennaArray(tx, rx)
+
+
+def points(array: AntennaArray, n: int, waveform: Waveform = SHORT) -> Capture:
+    rng = np.random.default_rng(3)
+    where = rng.uniform([-0.07, -0.07, 0.28], [0.07, 0.07, 0.34], (n, 3))
+    return reference.point_targets(array, waveform, where, np.ones(n))
+
+
+def noise(capture: Capture, seed: int = 0) -> np.ndarray:
+    """Circular Gaussian, as strong as the capture or of variance 1 where it is zero."""
+    rng = np.random.default_rng(seed)
+    rms = np.sqrt((np.abs(capture.data) ** 2).mean()) or 1.0
+    re, im = rng.normal(size=(2, *capture.data.shape))
+    return rms * (re + 1j * im) / np.sqrt(2)
+
+
+def coupling(capture: Capture) -> np.ndarray:
+    """Straight from Tx to Rx, 30 times as strong as the echo where antennas are 5 cm apart."""
+    array = capture.array
+    path_m = np.linalg.norm(array.tx_m[:, None] - array.rx_m[None], axis=2)[..., None]
+    rms = np.sqrt((np.abs(capture.data) ** 2).mean())
+    k = 2 * np.pi * capture.waveform.frequencies_hz / C
+    return 30 * rms * (0.05 / path_m) * np.exp(-1j * k * path_m)
+
+
+def with_data(capture: Capture, data: np.ndarray) -> Capture:
+    return Capture(data, capture.array, capture.waveform)
+
+
+def made(name: str, array: AntennaArray) -> Capture:
+    if name == "one point":
+        return reference.point_targets(array, SHORT, [[0.03, -0.05, 0.3]], [1.0])
+    if name == "five points in noise of 0 dB":
+        clean = points(array, 5)
+        return with_data(clean, clean.data + noise(clean))
+    if name == "three points and coupling":
+        clean = points(array, 3)
+        return with_data(clean, clean.data + coupling(clean) + 0.3 * noise(clean))
+    raise AssertionError(name)
+
+
+SCENES = ("one point", "five points in noise of 0 dB", "three points and coupling")
+
+
+def told(result: Diagnosis) -> set[Hypothesis]:
+    return set(result.candidates)
+
+
+def mirrored_too(h: Hypothesis) -> set[Hypothesis]:
+    return {Hypothesis(h.swapped, h.conjugated, h.reversed, m) for m in (False, True)}
+
+
+def swapped_too(h: Hypothesis) -> set[Hypothesis]:
+    flags = product((False, True), repeat=2)
+    return {Hypothesis(s, h.conjugated, h.reversed, m) for s, m in flags}
+
+
+# --- the conventions themselves
+
+
+def written(h: Hypothesis, point_m: np.ndarray, array: AntennaArray, tx: int, rx: int) -> complex:
+    """Straight from the definitions: the first sample of one entry of a file, of one point."""
+    if h.swapped:
+        tx, rx = rx, tx
+    x = np.array([-1.0 if h.mirrored else 1.0, 1.0, 1.0])
+    legs = [float(np.linalg.norm(point_m - a * x)) for a in (array.tx_m[tx], array.rx_m[rx])]
+    f = SHORT.frequencies_hz[-1 if h.reversed else 0]
+    return complex(np.exp((1j if h.conjugated else -1j) * 2 * np.pi * f * sum(legs) / C))
+
+
+# complex64 phases of a unit phasor, formed in float64: rounding of either part.
+ROUNDING = 2e-7
+
+
+@pytest.mark.parametrize("h", HYPOTHESES, ids=lambda h: h.label)
+def test_undoing_gives_the_capture_of_the_definition(h: Hypothesis) -> None:
+    array, point_m = scattered(5, 5), np.array([0.03, -0.05, 0.3])
+    # What the file says: these positions, and data that come about as the hypothesis has it.
+    file = np.zeros((5, 5, SHORT.n_freq), dtype=complex)
+    for tx, rx in product(range(5), repeat=2):
+        file[tx, rx, 0] = written(h, point_m, array, tx, rx)
+    fixed = apply_convention(Capture(file, array, SHORT), h)
+    at = -1 if h.reversed else 0
+    f = SHORT.frequencies_hz[at]
+    legs = [np.linalg.norm(point_m - a, axis=1) for a in (fixed.array.tx_m, fixed.array.rx_m)]
+    want = np.exp(-2j * np.pi * f * (legs[0][:, None] + legs[1][None]) / C)
+    assert np.abs(fixed.data[..., at] - want).max() <= ROUNDING
+
+
+@pytest.mark.parametrize("h", HYPOTHESES, ids=lambda h: h.label)
+def test_doing_it_twice_undoes_it(h: Hypothesis) -> None:
+    capture = points(scattered(4, 4), 2)
+    once = apply_convention(capture, h)
+    twice = apply_convention(once, h)
+    assert np.array_equal(twice.data, capture.data)
+    assert np.array_equal(twice.array.tx_m, capture.array.tx_m)
+    changed = not np.array_equal(once.data, capture.data) or not np.array_equal(
+        once.array.tx_m, capture.array.tx_m
+    )
+    assert changed == (h.changes > 0)
+    assert once.meta.get("conventions_applied", []) == ([h.label] if h.changes else [])
+
+
+def test_axes_of_different_length_cannot_be_swapped() -> None:
+    with pytest.raises(ModelError, match="5 Tx and 4 Rx"):
+        apply_convention(points(scattered(5, 4), 1), Hypothesis(swapped=True))
+    with pytest.raises(ModelError, match="True or False"):
+        Hypothesis(swapped=2)  # type: ignore[arg-type]
+
+
+# --- what it finds
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("h", HYPOTHESES, ids=lambda h: h.label)
+def test_an_array_without_symmetry_leaves_the_mirror_only(
+    h: Hypothesis, scene: str, device: clradar.Device
+) -> None:
+    result = diagnose(apply_convention(made(scene, scattered(16, 16)), h), device=device)
+    assert told(result) == mirrored_too(h)
+    assert result.best in told(result)
+    assert any("mirror" in reason for reason in result.reasons)
+
+
+@pytest.mark.parametrize("h", HYPOTHESES[::3], ids=lambda h: h.label)
+def test_the_imagers_end_elements_tell_swapped_axes_of_points(
+    h: Hypothesis, device: clradar.Device
+) -> None:
+    result = diagnose(apply_convention(made("one point", THIN), h), device=device)
+    assert told(result) == mirrored_too(h)
+    assert result.swap_sigma is not None
+    assert (result.swap_sigma < 0) == h.swapped
+    # By sharpness alone it could not be told.
+    other = result.score(Hypothesis(not h.swapped, h.conjugated, h.reversed, h.mirrored))
+    assert other.relative_db > -result.margin_db
+
+
+def test_without_its_end_elements_the_imager_cannot_tell_swapped_axes(
+    device: clradar.Device,
+) -> None:
+    inner = np.r_[1:46:4]
+    inner = np.r_[inner, 47 + inner]
+    symmetric = AntennaArray(QAR50.tx_m[inner], QAR50.rx_m[inner])
+    h = Hypothesis(swapped=True, conjugated=True)
+    result = diagnose(apply_convention(made("one point", symmetric), h), device=device)
+    assert told(result) == swapped_too(h)
+    assert result.best == Hypothesis(conjugated=True)  # the least that has to be changed
+    assert any("diagonal x = y" in reason for reason in result.reasons)
+    # ... unless it is known where the target is.
+    known = diagnose(
+        apply_convention(made("one point", symmetric), h),
+        expected_m=(0.035, -0.06, 0.31),
+        device=device,
+    )
+    assert known.candidates == (h,)
+    assert known.decided
+
+
+def test_the_whole_imager(device: clradar.Device) -> None:
+    h = Hypothesis(swapped=True, reversed=True, mirrored=True)
+    clean = points(QAR50, 4, SWEEP)
+    capture = apply_convention(with_data(clean, clean.data + noise(clean)), h)
+    result = diagnose(capture, device=device)
+    assert told(result) == mirrored_too(h)
+    assert result.curvature_sigma is not None
+    assert result.curvature_sigma < 0  # delays are negative where the order is reversed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("h", HYPOTHESES, ids=lambda h: h.label)
+@pytest.mark.parametrize("scene", ["point", "plate", "rough plate", "hand"])
+def test_the_whole_imager_under_all(h: Hypothesis, scene: str, device: clradar.Device) -> None:
+    if scene == "point":
+        capture = reference.point_targets(QAR50, SWEEP, [[0.03, -0.05, 0.3]], [1.0])
+    else:
+        if scene == "hand":
+            hand = hand_mesh("F")
+            target = clradar.Scene(hand.vertices_m, hand.faces, 0.5)
+        else:
+            vertices, faces = plate(0.1, 0.3)
+            target = clradar.Scene(vertices, faces, 0.0 if scene == "plate" else 0.5)
+        capture = clradar.simulate(target, QAR50, SWEEP, samples_per_mm2=1.0, device=device)
+    result = diagnose(apply_convention(capture, h), device=device)
+    assert h in told(result)
+    assert told(result) <= swapped_too(h)
+    assert result.best in told(result)
+
+
+def test_unequal_numbers_of_antennas_rule_swapped_axes_out(device: clradar.Device) -> None:
+    h = Hypothesis(reversed=True)
+    result = diagnose(apply_convention(made("one point", scattered(16, 14)), h), device=device)
+    assert told(result) == mirrored_too(h)
+    for score in result.scores:
+        assert np.isnan(score.relative_db) == score.hypothesis.swapped
+    assert any("16 and 14" in reason for reason in result.reasons)
+
+
+def test_a_single_frequency_has_no_order(device: clradar.Device) -> None:
+    tone = Waveform([77e9])
+    h = Hypothesis(conjugated=True)
+    capture = reference.point_targets(scattered(16, 16), tone, [[0.03, -0.05, 0.3]], [1.0])
+    grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (4e-3, 4e-3, 2e-2))
+    result = diagnose(apply_convention(capture, h), grid=grid, device=device)
+    assert result.best == h
+    assert told(result) == {
+        Hypothesis(False, True, r, m) for r, m in product((False, True), repeat=2)
+    }
+    with pytest.raises(ModelError, match="a grid"):
+        diagnose(capture, device=device)
+
+
+def test_a_few_frequencies_need_a_grid(device: clradar.Device) -> None:
+    h = Hypothesis(reversed=True)
+    few = Waveform.sfcw(76e9, 78e9, 3)
+    capture = reference.point_targets(scattered(16, 16), few, [[0.03, -0.05, 0.3]], [1.0])
+    grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (4e-3, 4e-3, 2e-2))
+    # 2 GHz tell ranges 15 cm apart: signs differ, but the order of three frequencies cannot be
+    # told; the right one is among those that are left.
+    assert h in told(diagnose(apply_convention(capture, h), grid=grid, device=device))
+    with pytest.raises(ModelError, match="3 frequencies"):
+        diagnose(capture, device=device)
+
+
+def test_antennas_are_left_out_where_a_grid_is_large(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from calibration.conventions.search_region import thinned
+
+    part = thinned(points(THIN, 1), 200)
+    assert 150 <= part.array.n_tx * part.array.n_rx <= 200
+    assert part.array.n_tx == part.array.n_rx
+    kept = [np.flatnonzero((THIN.tx_m == a).all(axis=1))[0] for a in part.array.tx_m]
+    assert np.array_equal(part.array.rx_m, THIN.rx_m[kept])
+    assert np.array_equal(part.data, points(THIN, 1).data[np.ix_(kept, kept)])
+
+    formed = []
+    ours = sys.modules["calibration.conventions.diagnose"]
+
+    def counted(capture: Capture, *args: Any, **kwargs: Any) -> clradar.Volume:
+        formed.append(capture.array.n_tx)
+        return clradar.backproject(capture, *args, **kwargs)
+
+    monkeypatch.setattr(ours, "backproject", counted)
+    monkeypatch.setattr(ours, "MOST_TERMS", 2e8)
+    h = Hypothesis(conjugated=True)
+    result = diagnose(apply_convention(made("one point", THIN), h), device=device)
+    assert max(formed) < THIN.n_tx
+    assert result.best == h
+
+
+def test_the_sign_of_range_holds_where_its_rivals_show_in_the_same_grid(
+    device: clradar.Device,
+) -> None:
+    # At half the ambiguous path the delays of either sign are alike: 0.95 m for 64 steps.
+    capture = reference.point_targets(THIN, SHORT, [[0.02, 0.03, 0.46]], [1.0])
+    for h in (Hypothesis(), Hypothesis(conjugated=True)):
+        result = diagnose(apply_convention(capture, h), device=device)
+        assert result.best is not None
+        assert {(c.conjugated, c.reversed) for c in result.candidates} == {
+            (h.conjugated, h.reversed)
+        }
+
+
+@pytest.mark.parametrize("array", [THIN, scattered(16, 16)], ids=["thin", "scattered"])
+def test_what_holds_nothing_is_not_guessed(array: AntennaArray, device: clradar.Device) -> None:
+    shape = (array.n_tx, array.n_rx, SHORT.n_freq)
+    zero = Capture(np.zeros(shape), array, SHORT)
+    one = made("one point", array)
+    captures = {
+        "zero": zero,
+        "coupling in noise": with_data(one, coupling(one) + noise(one)),
+        **{f"noise {seed}": with_data(zero, noise(zero, seed)) for seed in range(6)},
+    }
+    for name, capture in captures.items():
+        result = diagnose(capture, device=device)
+        assert result.best is None, name
+        assert not result.decided, name
+        assert result.recommendation.startswith("Undecidable"), name
+
+
+def test_channels_without_calibration_are_not_guessed(device: clradar.Device) -> None:
+    capture = made("one point", THIN)
+    rng = np.random.default_rng(1)
+    tx, rx = (np.exp(2j * np.pi * rng.random(n)) for n in (THIN.n_tx, THIN.n_rx))
+    data = capture.data * tx[:, None, None] * rx[None, :, None]
+    result = diagnose(with_data(capture, data), device=device)
+    assert result.best is None
+    assert any("calibrated" in reason for reason in result.reasons)
+
+
+def test_a_pair_of_antennas_cannot_tell(device: clradar.Device) -> None:
+    pair = AntennaArray([[0.0, 0.0, 0.0]], [[0.01, 0.0, 0.0]])
+    result = diagnose(made("one point", pair), device=device)
+    assert result.best is None
+
+
+# --- expected positions, grids
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+def test_a_known_target_tells_the_mirror(mirror: bool, device: clradar.Device) -> None:
+    h = Hypothesis(conjugated=True, mirrored=mirror)
+    capture = apply_convention(made("one point", scattered(16, 16)), h)
+    near = diagnose(capture, expected_m=(0.035, -0.06, 0.31), device=device)
+    assert near.candidates == (h,)
+    # x = 0 is its own mirror image, and where there is nothing nothing is told.
+    for place in ((0.0, -0.05, 0.3), (0.05, 0.2, 0.6)):
+        assert told(diagnose(capture, expected_m=place, device=device)) == mirrored_too(h)
+
+
+def test_grids_and_positions_that_cannot_be_meant(device: clradar.Device) -> None:
+    capture = made("one point", scattered(16, 16))
+    lopsided = VoxelGrid.from_extent((-0.1, 0.12), (-0.1, 0.1), (0.26, 0.34), 2e-2)
+    with pytest.raises(ModelError, match="to the left"):
+        diagnose(capture, grid=lopsided, device=device)
+    with pytest.raises(ModelError, match="z > 0"):
+        diagnose(capture, expected_m=(0, 0, -0.3), device=device)
+    with pytest.raises(ModelError, match="shape"):
+        diagnose(capture, expected_m=(0, 0.3), device=device)
+
+
+def test_peaks_and_images_are_those_of_each_hypothesis(device: clradar.Device) -> None:
+    h = Hypothesis(reversed=True, mirrored=True)
+    result = diagnose(apply_convention(made("one point", scattered(16, 16)), h), device=device)
+    grid_m = 0.01  # half the diagonal of a voxel of the coarse grid, generously
+    assert np.linalg.norm(result.score(h).peak_m - [0.03, -0.05, 0.3]) < grid_m
+    twin = result.score(h.without_mirror())
+    assert np.linalg.norm(twin.peak_m - [-0.03, -0.05, 0.3]) < grid_m
+    image, flipped = result.score(h).image, twin.image
+    assert image is not None
+    assert flipped is not None
+    assert np.array_equal(image.amplitude, flipped.amplitude[:, ::-1])
+    row, column = np.unravel_index(image.amplitude.argmax(), image.amplitude.shape)
+    assert abs(image.x_m[column] - 0.03) < grid_m
+    assert abs(image.y_m[row] + 0.05) < grid_m
+
+
+# --- its parts
+
+
+def test_the_isometry_of_the_imager_is_the_diagonal_mirror() -> None:
+    found = swap_isometry(QAR50, WAVELENGTH_M)
+    assert found is not None
+    # The four outliers pull a least-squares fit; trimmed, nothing is left of them but rounding.
+    assert np.abs(found.matrix - np.eye(3)[[1, 0, 2]]).max() < 1e-12
+    assert np.flatnonzero(found.moved_tx).tolist() == [0, 46, 47, 93]
+    assert np.flatnonzero(found.moved_rx).tolist() == [0, 46, 47, 93]
+    assert found.largest_m == pytest.approx(1.5e-3, abs=1e-9)
+    assert swap_isometry(scattered(16, 16), WAVELENGTH_M) is None
+    assert swap_isometry(scattered(16, 14), WAVELENGTH_M) is None
+
+
+def test_an_isometry_in_space_is_found_wherever_it_is() -> None:
+    rng = np.random.default_rng(8)
+    a = np.array([0.3, -0.2, 0.9])
+    a /= np.linalg.norm(a)
+    mirror = np.eye(3) - 2 * np.outer(a, a)
+    mirror = mirror if mirror[2, 2] > 0 else -mirror  # the half turn about a instead
+    tx = rng.uniform(-0.07, 0.07, (12, 3))
+    found = swap_isometry(AntennaArray(tx, tx @ mirror.T), WAVELENGTH_M)
+    assert found is not None
+    assert found.exact
+    assert np.abs(found.apply(tx) - tx @ mirror.T).max() < 1e-12
+
+
+def test_wavefronts_diverge_from_points_and_mirrors() -> None:
+    point = made("one point", THIN)
+    # A large mirror at z = 0.3 m: the image of each Tx is as far behind it.
+    behind = THIN.tx_m * [1, 1, -1] + [0, 0, 0.6]
+    path_m = np.linalg.norm(behind[:, None] - THIN.rx_m[None], axis=2)[..., None]
+    mirror = with_data(point, np.exp(-2j * np.pi * SHORT.frequencies_hz * path_m / C))
+    for capture in (point, mirror):
+        profile = range_profile(capture)
+        paths_m = scene_paths_m(capture, profile)
+        top_m = profile.path_m[profile.power.argmax()]
+        assert paths_m[0] <= top_m <= paths_m[-1]
+        assert curvature_sigma(capture, top_m) > 6
+        other = apply_convention(capture, Hypothesis(reversed=True))
+        assert curvature_sigma(other, ambiguous_path_m(SHORT) - top_m) < -6
+
+
+def test_the_search_grid_holds_the_scene() -> None:
+    capture = points(THIN, 5)
+    (grid,) = search_grids(capture, scene_paths_m(capture, range_profile(capture)))
+    assert grid.x_m[0] == pytest.approx(-grid.x_m[-1])
+    for axis, (low, high) in zip(
+        (grid.x_m, grid.y_m, grid.z_m), ((-0.07, 0.07), (-0.07, 0.07), (0.28, 0.34)), strict=True
+    ):
+        assert axis[0] <= low
+        assert axis[-1] >= high
+
+
+# --- command line
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    code = ended.value.code
+    return 0 if code is None else int(code)
+
+
+@pytest.fixture
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: clradar.Device) -> Path:
+    monkeypatch.setenv("CLRADAR_DEVICE", device.info.selector)
+    h = Hypothesis(swapped=True, conjugated=True, mirrored=True)
+    wrong = apply_convention(made("one point", scattered(16, 16)), h)
+    save_capture(tmp_path / "wrong.h5", Capture(wrong.data, wrong.array, wrong.waveform))
+    save_capture(tmp_path / "zero.h5", Capture(0 * wrong.data, wrong.array, wrong.waveform))
+    return tmp_path
+
+
+def test_command(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wrong, fixed = files / "wrong.h5", files / "fixed.h5"
+    status = run(
+        "diagnose", wrong, "-o", files / "all.png", "--json", files / "all.json",
+        "--fix-to", fixed, "--expect-mm", "30,-50,300",
+    )  # fmt: skip
+    out = capsys.readouterr().out
+    assert status == 0
+    assert "exp(+j 2 pi f d / c)" in out
+    assert "the axes are [rx, tx, freq]" in out
+    assert (files / "all.png").stat().st_size > 10_000
+    record = json.loads((files / "all.json").read_text())
+    assert record["decided"]
+    assert record["best"]["label"] == "swapped, conjugated, mirrored"
+    assert len(record["hypotheses"]) == 16
+    assert record["inputs"][0]["file"] == "wrong.h5"
+    right, want = open_capture(fixed), made("one point", scattered(16, 16))
+    assert np.array_equal(right.data, want.data)
+    assert np.array_equal(right.array.tx_m, want.array.tx_m)
+    assert right.meta["conventions_applied"] == ["swapped, conjugated, mirrored"]
+    assert right.meta["command"] == "diagnose"
+    assert run("diagnose", wrong, "--fix-to", fixed) == 1  # exists
+
+
+def test_command_warns_of_what_it_cannot_tell(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("diagnose", files / "wrong.h5", "--fix-to", files / "fixed.h5") == 0
+    captured = capsys.readouterr()
+    assert "'swapped, conjugated, mirrored' cannot be ruled out" in captured.err
+    assert "Not told apart from it" in captured.out
+
+
+def test_command_guesses_nothing(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("diagnose", files / "zero.h5", "-o", files / "none.png") == 0
+    captured = capsys.readouterr()
+    assert "Undecidable: the capture is zero everywhere" in captured.out
+    assert "not drawn" in captured.err
+    assert not (files / "none.png").exists()
+    assert run("diagnose", files / "zero.h5", "--fix-to", files / "fixed.h5") == 1
+    assert not (files / "fixed.h5").exists()
+    assert run("diagnose", files / "wrong.h5", "--expect-mm", "1,2") == 2
+    assert run("diagnose", files / "wrong.h5", "--x-mm", "-100:120:4") == 1

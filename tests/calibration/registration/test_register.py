@@ -1,0 +1,173 @@
+"""Closing the loop: the place found, the files written, and failures that leave nothing behind."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+from shapes import sphere
+
+import clradar
+from calibration import Round, register
+from calibration.registration.register import TOLERANCE_M
+from clradar.cli import main
+from clradar.cli.register import FILES, check_folder
+from clradar.errors import CompareError, ModelError, OutputError
+from clradar.hand import hand_mesh
+from measurement_io import open_capture, open_volume, read_transform, save_volume
+
+ARRAY = clradar.arrays.qar50()
+WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 128)
+CENTRE_M = np.array([0.0, 0.0, 0.3])
+SAMPLES_PER_MM2 = 2.0
+
+POSITION_M, ROTATION_DEG = 1.5e-3, 1.5
+"""What is asked of 95 of 100 measurements of a hand (docs/calibration.md)."""
+
+FLOAT32_M = 1e-7
+"""A vertex in a PLY file is a float32 in metres: 2^-24 of 0.4 m is 2.4e-8."""
+
+
+def truth():
+    transform = np.eye(4)
+    transform[:3, :3] = Rotation.from_rotvec([-5.0, 4.0, 6.0], degrees=True).as_matrix()
+    transform[:3, 3] = CENTRE_M - transform[:3, :3] @ CENTRE_M + [-0.008, 0.007, 0.005]
+    return transform
+
+
+@pytest.fixture(scope="module")
+def hand() -> clradar.Scene:
+    return clradar.Scene.from_mesh(hand_mesh("flat", 2e-3), alpha=0.3)
+
+
+@pytest.fixture(scope="module")
+def measured(hand) -> clradar.Volume:
+    capture = clradar.simulate(
+        hand.transformed(truth()), ARRAY, WAVEFORM, samples_per_mm2=SAMPLES_PER_MM2,
+        rays_per_sample=3, seed=50, device="pocl",
+    )  # fmt: skip
+    grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 2e-3)
+    return clradar.backproject(clradar.impair(capture, snr_db=20.0, seed=4), grid, device="pocl")
+
+
+def errors(transform):
+    off = transform - truth()
+    turn = Rotation.from_matrix(transform[:3, :3] @ truth()[:3, :3].T).magnitude()
+    return float(np.linalg.norm(off[:3, :3] @ CENTRE_M + off[:3, 3])), float(np.degrees(turn))
+
+
+def test_registers_a_hand(measured, hand):
+    seen: list[Round] = []
+    result = register(
+        measured, hand, samples_per_mm2=SAMPLES_PER_MM2, rays_per_sample=3, search_deg=15.0,
+        max_rounds=8, device="pocl", callback=seen.append,
+    )  # fmt: skip
+    position_m, rotation_deg = errors(result.alignment.transform)
+    assert position_m < POSITION_M
+    assert rotation_deg < ROTATION_DEG
+    assert result.converged
+    assert result.alignment.converged
+    assert result.rounds == tuple(seen)
+    assert seen[-1].moved_m < TOLERANCE_M
+    assert all(turn.moved_m >= TOLERANCE_M for turn in seen[:-1])
+    # What is handed back belongs together: the last simulation is at the transform.
+    assert np.array_equal(seen[-1].transform, result.alignment.transform)
+    placed = hand.transformed(result.alignment.transform)
+    assert np.array_equal(result.scene.vertices_m, placed.vertices_m)
+    assert result.capture.meta["scene"]["sha256"] == result.scene.digest()
+    assert result.volume.grid.same_voxels(measured.grid)
+
+
+def test_sphere_of_another_size_is_a_failure(measured):
+    with pytest.raises(CompareError, match="could not align, because"):
+        register(measured, clradar.Scene(*sphere(CENTRE_M, 0.02, 3)), search_deg=15.0,
+                 device="pocl")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "option", [{"tolerance_m": 0.0}, {"max_rounds": 0}, {"seed": -1}, {"waveform": 77e9}]
+)
+def test_options_are_checked(measured, hand, option):
+    with pytest.raises(ModelError, match=next(iter(option))):
+        register(measured, hand, device="pocl", **option)
+
+
+# The command
+
+
+@pytest.fixture
+def files(measured, hand, tmp_path):
+    save_volume(tmp_path / "measured.h5", measured)
+    mesh = trimesh.Trimesh(1e3 * hand.vertices_m, hand.faces, process=False)
+    mesh.export(tmp_path / "hand.ply")
+    return tmp_path
+
+
+def run(files, *more):
+    with pytest.raises(SystemExit) as ended:
+        main(["register", str(files / "measured.h5"), str(files / "hand.ply"),
+              "-o", str(files / "placed"), "--device", "pocl", *more])  # fmt: skip
+    return ended.value.code
+
+
+def test_command_writes_all(files, hand, capsys):
+    status = run(files, "--unit", "mm", "--alpha", "0.3", "--samples-per-mm2", "1",
+                 "--rays-per-sample", "2", "--max-rounds", "1", "--search-deg", "15")  # fmt: skip
+    out = capsys.readouterr()
+    assert status == 0, out.err
+    folder = files / "placed"
+    assert {path.name for path in folder.iterdir()} == set(FILES)
+    assert {p.name for p in files.iterdir()} == {"measured.h5", "hand.ply", "placed"}
+    transform = read_transform(folder / "transform.json")
+    placed = trimesh.load_mesh(folder / "placed.ply", process=False)
+    expected = hand.transformed(transform).vertices_m
+    # Written twice as float32, once of it in millimetres.
+    assert np.abs(placed.vertices - expected).max() < 3 * FLOAT32_M
+    record = json.loads((folder / "transform.json").read_text())
+    assert record["command"] == "register"
+    assert len(record["rounds"]) == 1
+    assert not record["converged"]
+    assert "still moving after 1 rounds" in out.err
+    assert "moved by" in out.out
+    capture, volume = open_capture(folder / "capture.h5"), open_volume(folder / "volume.h5")
+    assert capture.meta["options"]["alpha"] == "0.3"
+    assert volume.grid.counts == (101, 101, 41)
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert -1.0 <= metrics["simulated"][0]["metrics"]["db_correlation"] <= 1.0
+    assert (folder / "comparison.png").read_bytes().startswith(b"\x89PNG")
+    # A second time into the same folder is refused before any work.
+    assert run(files, "--unit", "mm") == 1
+    assert "--force" in capsys.readouterr().err
+
+
+def test_command_says_the_unit_is_wrong_and_leaves_nothing(files, capsys):
+    assert run(files, "--search-deg", "15") == 1
+    # A hand of 170 "metres" is refused when it is read.
+    assert "mm" in capsys.readouterr().err
+    assert not (files / "placed").exists()
+    assert {p.name for p in files.iterdir()} == {"measured.h5", "hand.ply"}
+
+
+@pytest.mark.parametrize("alpha", ["1.5", "rough", "nan"])
+def test_command_checks_alpha(files, capsys, alpha):
+    assert run(files, "--alpha", alpha) == 2
+    assert "--alpha" in capsys.readouterr().err
+
+
+def test_force_never_deletes_what_is_not_ours(tmp_path):
+    folder = tmp_path / "made"
+    check_folder(folder, force=False)
+    folder.mkdir()
+    check_folder(folder, force=False)
+    (folder / FILES[0]).touch()
+    with pytest.raises(OutputError, match="--force"):
+        check_folder(folder, force=False)
+    check_folder(folder, force=True)
+    (folder / "thesis.tex").touch()
+    with pytest.raises(OutputError, match=r"thesis\.tex"):
+        check_folder(folder, force=True)
+    with pytest.raises(OutputError, match="got a file"):
+        check_folder(folder / "thesis.tex", force=True)

@@ -1,0 +1,751 @@
+"""The sweep over alpha: what it finds, on what it depends, and that a kill changes nothing."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from shapes import plate
+
+import clradar
+from calibration import Regions, Sweep, sweep
+from calibration.roughness.estimate import MIN_SELF_AGREEMENT, estimate_alpha, peak, scored
+from calibration.roughness.figure import MOST_IMAGES, shown_alphas, sweep_figure
+from clradar.cli import main
+from clradar.cli import sweep as command
+from clradar.cli import sweep_folder as folder
+from clradar.compare import METRICS, compare, compare_by
+from clradar.errors import CompareError, ModelError, OutputError
+from clradar.hand import hand_mesh
+from clradar.simulate_alphas import simulate_alphas
+from clradar.tracing.stochastic import Tracer
+from measurement_io import save_capture
+
+
+def edge_array(n: int) -> clradar.AntennaArray:
+    """n Tx on the left and right, n Rx on the lower and upper edge of a 14 cm square."""
+    along = np.tile(np.linspace(-0.069, 0.069, n // 2), 2)
+    across = np.repeat([-0.0705, 0.0705], n // 2)
+    zero = np.zeros(n)
+    return clradar.AntennaArray(
+        np.stack([across, along, zero], axis=1), np.stack([along, across, zero], axis=1)
+    )
+
+
+ARRAY = edge_array(20)
+WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 16)
+GRID = clradar.VoxelGrid.from_extent((-0.06, 0.06), (-0.03, 0.03), (0.285, 0.315), 3e-3)
+ALPHAS = np.linspace(0.0, 1.0, 6)
+# A sphere of 25 mm around a receiver: six times as many receptions, so that few rays are enough.
+RAYS = {"samples_per_mm2": 3.0, "rays_per_sample": 4, "reception_radius_m": 0.025}
+FEW = {"samples_per_mm2": 0.3, "rays_per_sample": 2, "reception_radius_m": 0.025}
+RADAR = {"array": ARRAY, "waveform": WAVEFORM, "device": "pocl"}
+
+TWO_SIGMA = 2.0
+"""What is found is within two of its standard deviations, as all 198 estimates of docs/sweep.md."""
+
+COMPLEX64_SUM = 4 * 2.0**-24
+"""Two captures and their sum are rounded to float32 each, real and imaginary part."""
+
+
+def _two_plates() -> clradar.Scene:
+    vertices, faces = plate(0.05, 0.3, 12, wavy_m=3e-3)
+    sides = [clradar.Scene(vertices + np.array([x, 0, 0]), faces) for x in (-0.03, 0.03)]
+    both = clradar.Scene.combine(sides)
+    return clradar.Scene(both.vertices_m, both.faces, 0.5, both.part, ("left", "right"))
+
+
+SCENE = _two_plates()
+
+
+def image_of(scene: clradar.Scene, seed: int, **rays) -> clradar.Volume:
+    capture = clradar.simulate(scene, ARRAY, WAVEFORM, seed=seed, device="pocl", **rays)
+    return clradar.backproject(capture, GRID, device="pocl")
+
+
+def thirds() -> Regions:
+    """The left plate in two halves, and the right one."""
+    middle_m = SCENE.triangles_m.mean(axis=1)
+    return Regions.of_labels(np.where(middle_m[:, 0] > 0, 2, np.where(middle_m[:, 1] > 0, 1, 0)))
+
+
+@pytest.fixture(scope="module")
+def measured() -> clradar.Volume:
+    """Left 0.2 and right 0.6, with a seed that no sweep here has."""
+    return image_of(SCENE.with_alpha({"left": 0.2, "right": 0.6}), 9, **RAYS)
+
+
+@pytest.fixture(scope="module")
+def in_thirds(measured) -> tuple[Sweep, dict]:
+    """A sweep over three regions, and its images."""
+    store: dict = {}
+    result = sweep(measured, SCENE, ALPHAS, regions=thirds(), store=store, **RADAR, **RAYS)
+    return result, store
+
+
+@pytest.fixture(scope="module")
+def in_halves(in_thirds) -> dict:
+    """The images of a sweep over both plates: those of the left one's halves add up."""
+    store = {}
+    for name, arrays in in_thirds[1].items():
+        image, region = name.split("-region")
+        if region == "2":
+            store[f"{image}-region1"] = arrays
+        elif region == "0":
+            other = in_thirds[1][f"{image}-region1"]
+            store[f"{image}-region0"] = {"data": arrays["data"] + other["data"]}
+    return store
+
+
+@pytest.fixture(scope="module")
+def regional(measured, in_halves) -> Sweep:
+    return halves_sweep(measured, in_halves)
+
+
+def halves_sweep(measured, store, **options) -> Sweep:
+    return sweep(
+        measured, SCENE, ALPHAS, regions=Regions.of_parts(SCENE), store=store, **options, **RADAR,
+        **RAYS, progress=lambda done, total: assert_equal(done, total),
+    )  # fmt: skip
+
+
+def assert_equal(done: int, total: int) -> None:
+    """The store has all there is to simulate."""
+    assert done == total
+
+
+# --- what is found
+
+
+@pytest.mark.parametrize("metric", ["db_correlation", "overlap"])
+def test_a_known_alpha_is_found_within_its_uncertainty(in_halves, metric):
+    """One that is not on the grid."""
+    measured = image_of(SCENE.with_alpha(0.25), 9, **RAYS)
+    result = halves_sweep(measured, in_halves, metric=metric)
+    found = result.estimate
+    assert abs(found.alpha - 0.25) <= TWO_SIGMA * found.uncertainty
+    assert found.uncertainty < 0.15  # a standard deviation of no knowledge at all is 0.29
+    assert found.per_seed.shape == (3,)
+    assert not found.on_edge
+    assert found.text() in result.report()
+
+
+def test_regions_are_told_apart(regional):
+    assert regional.regions is not None
+    left, right = regional.regions.estimates
+    assert abs(left.alpha - 0.2) <= TWO_SIGMA * left.uncertainty
+    assert abs(right.alpha - 0.6) <= TWO_SIGMA * right.uncertainty
+    assert right.alpha - left.alpha > 0.25
+    assert regional.regions.score > regional.regions.uniform_score + 0.05
+    a, b = regional.regions.best
+    assert regional.regions.grid[a, b] == np.nanmax(regional.regions.grid)
+    assert regional.regions.converged
+
+
+def test_the_uncertainty_of_one_region_is_part_of_the_others(in_thirds):
+    """u^2 = own^2 + sum of (slope * that of the other)^2, and nothing couples with itself."""
+    found = in_thirds[0].regions
+    assert found.coupling.shape == (3, 3)
+    assert (np.diagonal(found.coupling) == 0).all()
+    own = []
+    for e in found.estimates:
+        scatter = e.per_seed.std(ddof=1) * np.sqrt(1 + 1 / 3)
+        grid = 0.2 if e.on_edge else 0.2 / np.sqrt(12)
+        own.append(np.hypot(max(scatter, e.self_check_error), grid))
+    total = np.sqrt(np.square(own) + found.coupling**2 @ np.square(own))
+    np.testing.assert_allclose([e.uncertainty for e in found.estimates], total)
+
+
+def test_descent_over_three_regions(in_thirds):
+    found = in_thirds[0].regions
+    assert found.converged
+    assert found.grid is None
+    # The halves of the left plate have the same alpha; half as many pixels tell less.
+    low, high, right = (ALPHAS[i] for i in found.best)
+    assert low <= 0.4
+    assert high <= 0.4
+    assert right >= 0.6
+
+
+def test_the_whole_is_the_sum_of_its_regions(measured, regional):
+    """The diagonal of the regions' sweep is the sweep without regions."""
+    plain = sweep(measured, SCENE, ALPHAS[:2], seeds=1, **RADAR, **RAYS)
+    for i in range(2):
+        np.testing.assert_allclose(
+            plain.images[i].amplitude, regional.images[i].amplitude,
+            rtol=0, atol=1e-5 * plain.images[i].amplitude.max(),  # sums of float32 in another order
+        )  # fmt: skip
+
+
+def _images(rng, mean_db, noise_db, alphas, n_seeds):
+    """Depth maps whose level is a known pattern of alpha with noise of a known scatter."""
+    axis_m = np.arange(40) * 1e-3
+    flat = np.full((40, 40), 0.3)
+
+    def one(alpha):
+        level_db = mean_db(alpha) + noise_db(alpha) * rng.standard_normal((40, 40))
+        return clradar.DepthMap(flat, 10 ** (level_db / 20), axis_m, axis_m, 300.0)
+
+    return [[one(alpha) for alpha in alphas] for _ in range(n_seeds)], one
+
+
+def test_speckle_that_grows_with_alpha_biases_the_metric_and_not_the_score():
+    """Patterns that turn into one another; the rougher, the noisier. Truth 0.7."""
+    rng = np.random.default_rng(3)
+    one_db, other_db = rng.standard_normal((2, 40, 40))
+    alphas = np.linspace(0, 1, 11)
+    rows, one = _images(
+        rng,
+        lambda a: (1 - a) * one_db + a * other_db - 100.0,
+        lambda a: 0.1 + 1.5 * a,
+        alphas,
+        6,
+    )
+    found = estimate_alpha(one(0.7), rows, alphas, "db_correlation", 300.0)
+    assert found.metric_peak < 0.6
+    assert abs(found.alpha - 0.7) <= TWO_SIGMA * found.uncertainty
+    assert abs(peak(alphas, found.score.mean(axis=0))[0] - 0.7) < 0.06
+
+
+def test_a_flat_curve_has_a_large_uncertainty():
+    rng = np.random.default_rng(4)
+    pattern_db = rng.standard_normal((40, 40))
+    alphas = np.linspace(0, 1, 11)
+    rows, one = _images(rng, lambda a: pattern_db - 100.0, lambda a: 1.0, alphas, 4)
+    found = estimate_alpha(one(0.5), rows, alphas, "db_correlation", 300.0)
+    assert found.flat
+    assert found.uncertainty > 0.2
+    assert any("flat" in remark for remark in found.remarks(alphas))
+
+
+def test_noise_without_a_picture_is_left_out():
+    rng = np.random.default_rng(5)
+    pattern_db = rng.standard_normal((40, 40))
+    alphas = np.array([0.0, 0.5, 1.0])
+    rows, one = _images(
+        rng, lambda a: pattern_db - 100.0, lambda a: 0.5 if a < 1 else 50.0, alphas, 3
+    )
+    found = estimate_alpha(one(0.0), rows, alphas, "db_correlation", 300.0)
+    assert found.self_agreement[2] < MIN_SELF_AGREEMENT
+    assert np.isnan(found.score[:, 2]).all()
+    assert any("less than 0.1 at 1;" in remark for remark in found.remarks(alphas))
+    rows, one = _images(rng, lambda a: pattern_db - 100.0, lambda a: 50.0, alphas, 3)
+    found = estimate_alpha(one(0.0), rows, alphas, "db_correlation", 300.0)
+    assert np.array_equal(found.score, found.values)
+    assert np.isnan(found.uncertainty)
+    assert any("says little" in remark for remark in found.remarks(alphas))
+
+
+def test_one_seed_has_no_uncertainty():
+    measured = image_of(SCENE.with_alpha(0.3), 9, **FEW)
+    result = sweep(measured, SCENE, [0.0, 0.2, 0.4], seeds=1, **RADAR, **FEW)
+    assert np.isnan(result.estimate.uncertainty)
+    assert np.array_equal(result.estimate.score, result.estimate.values)
+    assert "one seed" in result.report()
+    assert "speckle taken out" not in result.report()
+    json.dumps(result.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("alphas", "top"),
+    [([0.0, 0.1, 0.2, 0.3], 0.17), ([0.0, 0.05, 0.3, 0.4, 0.9], 0.22), ([0.0, 0.5, 1.0], 0.5)],
+)
+def test_the_peak_of_a_parabola_is_exact(alphas, top):
+    alphas = np.array(alphas)
+    at, on_edge = peak(alphas, 0.7 - 3.0 * (alphas - top) ** 2)
+    assert at == pytest.approx(top, abs=1e-12)
+    assert not on_edge
+
+
+def test_the_peak_at_an_end_is_said_to_be():
+    alphas = np.array([0.0, 0.5, 1.0])
+    assert peak(alphas, np.array([3.0, 2.0, 1.0])) == (0.0, True)
+    assert peak(alphas, np.array([np.nan, 2.0, 1.0])) == (0.5, True)
+    assert peak(alphas, np.array([1.0, 1.0, 1.0])) == (0.0, True)
+
+
+def test_the_score_is_spearmans_correction_or_the_energy_score():
+    own, values = np.array([0.25, 1.0]), np.array([[0.4, 0.6]])
+    np.testing.assert_allclose(scored(values, own, "ssim"), [[0.8, 0.6]])
+    np.testing.assert_allclose(scored(values, own, "depth_rmse_m"), [[-0.275, -0.1]])
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_one_metric_alone_is_that_of_compare(regional, metric):
+    images = regional.images[1:3]
+    assert compare_by(metric, *images) == getattr(compare(*images), metric)
+
+
+# --- rays and random numbers are shared
+
+
+@pytest.mark.parametrize("max_bounces", [1, 2])
+def test_shared_visibility_gives_the_bits_of_simulate(max_bounces, device):
+    rays = {**FEW, "max_bounces": max_bounces, "seed": 5}
+    made = [c for (c,) in simulate_alphas(SCENE, ARRAY, WAVEFORM, ALPHAS, device=device, **rays)]
+    for alpha, capture in zip(ALPHAS, made, strict=True):
+        alone = clradar.simulate(SCENE.with_alpha(alpha), ARRAY, WAVEFORM, device=device, **rays)
+        assert np.array_equal(capture.data, alone.data)
+        assert capture.meta == alone.meta
+
+
+def test_memory_changes_no_bit(device, monkeypatch):
+    """One alpha at a time, and a reception buffer that cannot grow: tiles are halved midway."""
+    rays = {**FEW, "seed": 5}
+    whole = list(simulate_alphas(SCENE, ARRAY, WAVEFORM, ALPHAS, device=device, **rays))
+    size_tiles = Tracer._size_tiles
+    counts = [capture.meta["rays"]["paths"] for (capture,) in whole]
+    room = counts[0]
+    assert max(counts[1:4]) > room  # so that the first alpha fits and a later one does not
+
+    def small(self: Tracer) -> None:
+        size_tiles(self)
+        self._grow(room)
+
+    monkeypatch.setattr("clradar.simulate_alphas.SUMS_AT_ONCE", 4)
+    monkeypatch.setattr(Tracer, "_size_tiles", small)
+    monkeypatch.setattr(Tracer, "_most_receptions", lambda self: room)
+    halved = []
+    tile_of = Tracer._tile_of
+    monkeypatch.setattr(
+        Tracer, "_tile_of", lambda self, *a: halved.append(len(a[2])) or tile_of(self, *a)
+    )
+    parts = list(simulate_alphas(SCENE, ARRAY, WAVEFORM, ALPHAS, device=device, **rays))
+    assert {1, 3} & set(halved)  # some were halved after others of their tile were done
+    for (one,), (other,) in zip(whole, parts, strict=True):
+        assert np.array_equal(one.data, other.data)
+
+
+def test_captures_of_regions_add_up(device):
+    labels = (SCENE.triangles_m.mean(axis=1)[:, 0] > 0).astype(int)
+    rays = {**FEW, "seed": 5}
+    (parts,) = simulate_alphas(SCENE, ARRAY, WAVEFORM, [0.3], region=labels, device=device, **rays)
+    alone = clradar.simulate(SCENE.with_alpha(0.3), ARRAY, WAVEFORM, device=device, **rays)
+    error = np.abs(parts[0].data + parts[1].data - alone.data).max()
+    assert error <= COMPLEX64_SUM * np.abs(alone.data).max()
+    assert sum(part.meta["region"]["paths"] for part in parts) == alone.meta["rays"]["paths"]
+
+
+# --- going on
+
+
+class Interrupted(Exception):
+    pass
+
+
+class StopsAfter(dict):
+    """A store whose process is interrupted as it has put in so many images."""
+
+    def __init__(self, held: dict, left: int) -> None:
+        super().__init__(held)
+        self.left = left
+
+    def __setitem__(self, name, arrays) -> None:
+        super().__setitem__(name, arrays)
+        self.left -= 1
+        if self.left == 0:
+            raise Interrupted
+
+
+@pytest.mark.parametrize("regions", [None, Regions.of_parts(SCENE)])
+def test_an_interrupted_sweep_ends_with_the_same_bits(regions):
+    measured = image_of(SCENE.with_alpha(0.3), 9, **FEW)
+    arguments = {"seeds": 2, "regions": regions, **RADAR, **FEW}
+    whole = sweep(measured, SCENE, ALPHAS[:3], **arguments)
+    held: dict = {}
+    for left in (1, 3):
+        store = StopsAfter(held, left)
+        with pytest.raises(Interrupted):
+            sweep(measured, SCENE, ALPHAS[:3], store=store, **arguments)
+        held = dict(store)
+    ends: list = []
+    again = sweep(
+        measured, SCENE, ALPHAS[:3], store=held, progress=lambda *a: ends.append(a), **arguments
+    )
+    assert again.to_dict() == whole.to_dict()
+    assert all(
+        np.array_equal(a.amplitude, b.amplitude)
+        for a, b in zip(again.images, whole.images, strict=True)
+    )
+    assert 0 < ends[0][0] < ends[0][1]
+    assert ends[-1][0] == ends[-1][1]
+    assert [a for a, _ in ends] == sorted(a for a, _ in ends)
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
+    monkeypatch.setattr("clradar.plot.DPI", 40)  # the figures are most of the time otherwise
+    capture = clradar.simulate(SCENE.with_alpha(0.3), ARRAY, WAVEFORM, seed=9, device="pocl", **FEW)
+    save_capture("measured.h5", capture)
+    import trimesh
+
+    mesh = trimesh.Trimesh(SCENE.vertices_m, SCENE.faces, process=False)
+    mesh.export("plates.ply")
+    np.save("labels.npy", SCENE.part)
+    return tmp_path
+
+
+COMMAND = (
+    "sweep", "measured.h5", "plates.ply", "--alpha", "0:0.4:0.2", "--seeds", "2",
+    "--samples-per-mm2", "0.3", "--rays-per-sample", "2", "--reception-radius-mm", "25",
+    "--x-mm=-60:60:3", "--y-mm=-30:30:3", "--z-mm", "285:315:3",
+)  # fmt: skip
+
+
+def run(*arguments) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    return int(ended.value.code or 0)
+
+
+def contents(where) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in where.iterdir() if path.is_file()}
+
+
+KILLED = """
+import os, signal, sys
+import numpy as np
+savez, done = np.savez, []
+def dies(file, **arrays):
+    done.append(1)
+    if len(done) == 3:
+        file.write(b"half of it")
+        file.flush()
+        os.kill(os.getpid(), signal.SIGKILL)
+    savez(file, **arrays)
+np.savez = dies
+from clradar.cli import main
+main(sys.argv[1:])
+"""
+
+
+def test_a_killed_command_goes_on_to_the_same_files(files, capsys):
+    killed = subprocess.run([sys.executable, "-c", KILLED, *COMMAND, "-o", "killed"], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    work = sorted(path.name for path in (files / "killed" / folder.WORK).iterdir())
+    assert len(work) == 3
+    assert work[0].endswith(".tmp")
+    assert run(*COMMAND, "-o", "killed") == 0
+    assert "goes on with 2 images" in capsys.readouterr().out
+    assert run(*COMMAND, "-o", "whole") == 0
+    assert contents(files / "killed") == contents(files / "whole")
+    assert set(contents(files / "whole")) == {
+        folder.SETTINGS, folder.FIGURE, folder.TABLE, folder.RESULT, folder.LOCK,
+    }  # fmt: skip
+    assert not (files / "killed" / folder.WORK).exists()
+    capsys.readouterr()
+    assert run(*COMMAND, "-o", "whole") == 0
+    assert "finished before" in capsys.readouterr().out
+
+    record = json.loads((files / "whole" / folder.RESULT).read_text())
+    assert record["command"] == "sweep"
+    assert record["alphas"] == [0.0, 0.2, 0.4]
+    assert len(record["metrics"]) == 2
+    lines = (files / "whole" / folder.TABLE).read_text().splitlines()
+    assert lines[0].startswith("alpha,seed,overlap,")
+    assert len(lines) == 1 + 3 * 2
+
+    # Other settings are refused by name, and --force begins anew.
+    assert run(*COMMAND, "--rays-per-sample", "3", "--seed", "4", "-o", "whole") == 1
+    error = capsys.readouterr().err
+    assert ": simulation.rays_per_sample 2, now 3" in error
+    assert "simulation.seed 0, now 4" in error
+    assert contents(files / "killed") == contents(files / "whole")
+
+
+def test_an_interruption_while_results_are_written(files, monkeypatch):
+    """Figure and tables are there, the file that says so is not: they are written again."""
+    write_json = command.write_json
+
+    def interrupted(path, *arguments, **options):
+        if path.name == folder.RESULT:
+            raise KeyboardInterrupt
+        write_json(path, *arguments, **options)
+
+    monkeypatch.setattr(command, "write_json", interrupted)
+    short = [*COMMAND, "-o", "out", "--regions", "labels.npy"]
+    assert run(*short) == 130
+    assert not folder.is_finished(files / "out")
+    monkeypatch.setattr(command, "write_json", write_json)
+    assert run(*short) == 0
+    assert run(*[*short[:-3], "again", *short[-2:]]) == 0
+    assert contents(files / "out") == contents(files / "again")
+    assert (files / "out" / folder.REGION_TABLE).read_text().startswith("region,alpha,seed,")
+
+
+def test_the_mesh_is_put_where_the_transform_or_the_alignment_says(files, monkeypatch, capsys):
+    """A mesh in millimetres somewhere else, and the matrix that brings it back."""
+    import trimesh
+
+    back = np.eye(4)
+    back[:3, 3] = [0.04, 0.02, -0.05]
+    moved = 1e3 * (SCENE.vertices_m - back[:3, 3])
+    trimesh.Trimesh(moved, SCENE.faces, process=False).export("moved.ply")
+    (files / "back.json").write_text(json.dumps(back.tolist()))
+    short = ["sweep", "measured.h5", "moved.ply", *COMMAND[3:], "--unit", "mm", "--seeds", "1"]
+    placed = [*COMMAND, "--seeds", "1", "-o", "placed"]
+    assert run(*placed) == 0
+    assert run(*short, "--transform", "back.json", "-o", "by_file") == 0
+
+    asked = []
+
+    class Found:
+        transform = back
+
+        def to_dict(self):
+            return {"transform": back.tolist()}
+
+        def report(self):
+            return "found it"
+
+    def align_mesh(volume, scene, **options):
+        asked.append(options["search_deg"])
+        return Found()
+
+    monkeypatch.setattr("calibration.align_mesh", align_mesh)
+    aligned = [*short, "--align", "--search-deg", "20", "-o", "by_search"]
+    assert run(*aligned) == 0
+    assert asked == [20.0]
+    (files / "by_search" / folder.RESULT).unlink()
+    assert run(*aligned) == 0  # goes on from the transform that is there
+    assert asked == [20.0]
+    values = [
+        json.loads((files / name / folder.RESULT).read_text())["metrics"]
+        for name in ("placed", "by_file", "by_search")
+    ]
+    assert values[1] == values[2]
+    for here, there in zip(values[0][0], values[1][0], strict=True):
+        # The file's float32 millimetres moved the vertices by nanometres: a few borderline rays.
+        assert here["db_correlation"] == pytest.approx(there["db_correlation"], abs=0.02)
+
+
+# --- the folder
+
+
+def test_a_folder_takes_one_kind_of_settings(tmp_path):
+    at = tmp_path / "deep" / "out"
+    with folder.held(at):
+        folder.begin(at, {"a": {"b": 1, "c": 2}}, force=False)
+        folder.begin(at, {"a": {"b": 1, "c": 2}}, force=False)
+        with pytest.raises(OutputError, match=r"a\.b 1, now 3"):
+            folder.begin(at, {"a": {"b": 3, "c": 2}}, force=False)
+        (at / "thesis.tex").touch()
+        (at / folder.RESULT).touch()
+        store = folder.FolderStore(at / folder.WORK)
+        store["one"] = {"x": np.arange(3)}
+        assert np.array_equal(store["one"]["x"], [0, 1, 2])
+        assert (list(store), "one" in store, "two" in store) == (["one"], True, False)
+        folder.begin(at, {"a": {"b": 3, "c": 2}}, force=True)
+        assert {p.name for p in at.iterdir()} == {folder.SETTINGS, folder.LOCK, "thesis.tex"}
+        with pytest.raises(OutputError, match="another sweep"), folder.held(at):
+            pass
+
+
+def test_a_folder_of_somebody_else_is_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").touch()
+    with folder.held(tmp_path), pytest.raises(OutputError, match="no sweep"):
+        folder.begin(tmp_path, {}, force=False)
+    with pytest.raises(OutputError, match="got a file"), folder.held(tmp_path / "thesis.tex"):
+        pass
+
+
+def test_damaged_settings_are_an_error_and_can_be_replaced(tmp_path):
+    (tmp_path / folder.SETTINGS).write_text("[1")
+    with folder.held(tmp_path):
+        with pytest.raises(ValueError, match="settings of a sweep"):
+            folder.begin(tmp_path, {"a": 1}, force=False)
+        folder.begin(tmp_path, {"a": 1}, force=True)
+        assert json.loads((tmp_path / folder.SETTINGS).read_text()) == {"a": 1}
+
+
+# --- wrong input
+
+
+def somewhere() -> clradar.Volume:
+    return clradar.Volume(np.random.default_rng(0).standard_normal(GRID.shape), GRID)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "error", "words"),
+    [
+        ((clradar.Volume(np.zeros(GRID.shape), GRID), SCENE, ALPHAS), {}, CompareError, "measured"),
+        ((somewhere(), SCENE.transformed(np.diag([1e3, 1e3, 1e3, 1])), ALPHAS), {}, CompareError,
+         "unit"),
+        ((somewhere(), SCENE, [0.5]), {}, ModelError, "at least two"),
+        ((somewhere(), SCENE, [0.5, 1.5]), {}, ModelError, r"\[0, 1\]"),
+        ((somewhere(), SCENE, ALPHAS[::-1]), {}, ModelError, "ascending"),
+        ((somewhere(), SCENE, ALPHAS), {"metric": "beauty"}, ModelError, "db_correlation"),
+        ((somewhere(), SCENE, ALPHAS), {"seeds": 0}, ModelError, "seeds"),
+        ((somewhere(), SCENE, ALPHAS), {"rays_per_sample": 0}, ModelError, "rays_per_sample"),
+        ((somewhere(), SCENE, ALPHAS), {"regions": Regions.of_parts(SCENE), "max_bounces": 2},
+         ModelError, "max_bounces"),
+        ((somewhere(), SCENE, ALPHAS), {"regions": Regions.of_labels([0, 1])}, ModelError, "faces"),
+        (("volume.h5", SCENE, ALPHAS), {}, ModelError, "measured"),
+        ((somewhere(), SCENE, ALPHAS), {"waveform": 77e9}, ModelError, "waveform"),
+    ],
+)  # fmt: skip
+def test_wrong_arguments_are_refused_before_any_work(arguments, options, error, words):
+    with pytest.raises(error, match=words):
+        sweep(*arguments, device="pocl", progress=lambda *_: pytest.fail("work"), **options)
+
+
+def test_a_mesh_that_no_ray_comes_back_from_is_an_error():
+    """A mirror that looks away: every simulation is zero."""
+    turned = np.eye(4)
+    turned[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
+    turned[:3, 3] = [-0.3, 0, 0.3]
+    flat = clradar.Scene(*plate(0.05, 0.3, 2)).transformed(turned)
+    with pytest.raises(CompareError, match="undefined at every alpha"):
+        sweep(somewhere(), flat, [0.0, 0.01], seeds=2, **RADAR, **FEW)
+
+
+def test_a_region_out_of_sight_is_an_error():
+    hidden = clradar.Scene(*plate(0.01, 0.33, 1))
+    behind = clradar.Scene.combine([clradar.Scene(*plate(0.1, 0.3, 4)), hidden])
+    labels = np.repeat([0, 1], [behind.n_faces - hidden.n_faces, hidden.n_faces])
+    with pytest.raises(CompareError, match="region '1' is seen in no pixel"):
+        sweep(somewhere(), behind, ALPHAS, regions=Regions.of_labels(labels), **RADAR, **FEW)
+
+
+@pytest.mark.parametrize(
+    ("more", "status", "words"),
+    [
+        (["--alpha", "1:0:0.1"], 2, "FIRST below LAST"),
+        (["--alpha", "0:1.5:0.5"], 2, "[0, 1]"),
+        (["--alpha", "0:1:0.3"], 2, "0:0.9:0.3"),
+        (["--alpha", "0.5"], 2, "at least two"),
+        (["--alpha", "0.5,0.2"], 2, "ascending"),
+        (["--alpha", "0:1:1e-9"], 2, "at most"),
+        (["--alpha", "rough"], 2, "FIRST:LAST:STEP"),
+        (["--metric", "beauty"], 2, "db_correlation"),
+        (["--start-ghz", "70"], 2, "has its frequencies"),
+        (["--align", "--transform", "t.json"], 2, "one of the two"),
+        (["--regions", "parts", "--max-bounces", "2"], 2, "--regions"),
+        (["--joints", "j.json"], 2, "--regions fingers"),
+        (["--seeds", "0"], 1, "--seeds"),
+        (["--regions", "parts"], 1, "at least two"),
+        (["--regions", "fingers"], 1, "joints"),
+        (["--regions", "none.json"], 1, "none.json"),
+        (["--regions", "measured.h5"], 1, "measured.h5"),
+        (["--unit", "mm"], 1, "unit"),
+    ],
+)
+def test_wrong_usage_leaves_nothing(files, capsys, more, status, words):
+    assert run(*COMMAND, "-o", "out", *more) == status
+    error = " ".join(capsys.readouterr().err.replace("│", " ").split())
+    assert words in error
+    assert "Traceback" not in error
+    assert not (files / "out").exists()
+
+
+def test_what_cannot_be_swept_leaves_nothing(files, capsys):
+    empty = clradar.Capture(np.zeros((20, 20, 16)), ARRAY, WAVEFORM)
+    save_capture("empty.h5", empty)
+    assert run("sweep", "empty.h5", *COMMAND[2:], "-o", "out") == 1
+    assert "got 0 everywhere" in capsys.readouterr().err
+    away = np.eye(4)
+    away[2, 3] = 1.0
+    (files / "away.json").write_text(json.dumps(away.tolist()))
+    assert run(*COMMAND, "--transform", "away.json", "-o", "out") == 1
+    assert "within the measured volume" in capsys.readouterr().err
+    assert not (files / "out").exists()
+
+
+def test_the_command_has_the_defaults_of_the_function():
+    ours, its = (inspect.signature(f).parameters for f in (command.command, sweep))
+    for name in ("metric", "seeds", "seed", "method", "window", "dynamic_range_db"):
+        assert ours[name].default == its[name].default
+
+
+def test_alphas_are_those_that_simulate_has():
+    assert command.read_alphas("0:1:0.1").tolist() == [round(i / 10, 1) for i in range(11)]
+    assert command.read_alphas("0.1,0.25,1").tolist() == [0.1, 0.25, 1.0]
+
+
+# --- regions
+
+
+def test_fingers_by_joint_are_about_the_parts_of_the_hand():
+    """The thumb's ball is palm by joint; apart from there, skin belongs to the nearest bone."""
+    hand = hand_mesh("flat", 4e-3)
+    scene = clradar.Scene(hand.vertices_m, hand.faces, 0.5, hand.part, hand.part_names)
+    by_part, by_joint = Regions.of_fingers(scene), Regions.of_fingers(scene, hand.joints_m)
+    assert by_part.names == by_joint.names == ("palm", "fingers")
+    assert np.array_equal(by_part.face, np.asarray(hand.part) > 0)
+    assert (by_part.face == by_joint.face).mean() > 0.85
+    tips = np.isin(np.arange(25), [4, 9, 14, 19, 24])
+    middle_m = scene.triangles_m.mean(axis=1)
+    for tip_m in hand.joints_m[tips]:
+        assert by_joint.face[np.linalg.norm(middle_m - tip_m, axis=1).argmin()] == 1
+    wrist = np.linalg.norm(middle_m - hand.joints_m[0], axis=1).argmin()
+    assert by_joint.face[wrist] == 0
+
+
+def test_a_file_of_regions(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    labels = SCENE.part.tolist()
+    (tmp_path / "a.json").write_text(json.dumps(labels))
+    (tmp_path / "b.json").write_text(json.dumps([["left", "right"][i] for i in labels]))
+    (tmp_path / "c.json").write_text(json.dumps({"one": ["right"], "two": ["left"]}))
+    np.save("d.npy", np.asarray(labels))
+    made = [
+        command.read_regions(name, None, SCENE, command.Unit.m)
+        for name in ("a.json", "b.json", "c.json", "d.npy")
+    ]
+    assert [r.names for r in made] == [("0", "1"), ("left", "right"), ("one", "two"), ("0", "1")]
+    for regions, flip in zip(made, (0, 0, 1, 0), strict=True):
+        assert np.array_equal(regions.face, SCENE.part ^ flip)
+    for text in ("[0, 1]", "[0.5, 1]", '{"one": ["left"]}', '{"one": "left"}', "7", "{"):
+        (tmp_path / "bad.json").write_text(text)
+        with pytest.raises(ValueError, match=r"bad\.json"):
+            command.read_regions("bad.json", None, SCENE, command.Unit.m)
+    np.save("bad.npy", np.array([{}], dtype=object), allow_pickle=True)
+    with pytest.raises(ValueError, match=r"bad\.npy"):
+        command.read_regions("bad.npy", None, SCENE, command.Unit.m)
+
+
+def test_joints_go_through_a_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("hand", "flat", "--edge-mm", "4", "-o", "h.ply", "--joints", "j.json") == 0
+    scene = clradar.Scene.from_mesh("h.ply")
+    made = command.read_regions("fingers", tmp_path / "j.json", scene, command.Unit.m)
+    hand = hand_mesh("flat", 4e-3)
+    assert np.array_equal(made.face, Regions.of_fingers(scene, hand.joints_m).face)
+    (tmp_path / "j.json").write_text('{"wrist": [0, 0, 0]}')
+    with pytest.raises(ValueError, match="thumb-metacarpal"):
+        command.read_regions("fingers", tmp_path / "j.json", scene, command.Unit.m)
+
+
+# --- the figure
+
+
+def test_the_figure_shows_images_and_curves(regional):
+    figure = sweep_figure(regional)
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles[:8] == [
+        "Measurement", *(f"\N{GREEK SMALL LETTER ALPHA} = {a:g}" for a in ALPHAS), "Regions",
+    ]  # fmt: skip
+    assert titles.count("score of all combinations") == 1
+    boxes = [axes.get_position() for axes in figure.axes]
+    assert all(box.y0 > 0 and box.y1 < 1 and box.x0 > 0 and box.x1 < 1 for box in boxes)
+    # Images stay above the curves.
+    curves = next(b for a, b in zip(figure.axes, boxes, strict=True) if a.get_title() == "metrics")
+    assert min(box.y0 for box in boxes[:16]) > curves.y1
+
+
+def test_at_most_six_images_with_the_best_among_them(regional):
+    many = regional.images * 3
+    wide = Sweep(
+        np.linspace(0, 1, len(many)), regional.seeds, regional.metrics, regional.estimate,
+        regional.measured, many, None,
+    )  # fmt: skip
+    shown = shown_alphas(wide)
+    assert len(shown) == MOST_IMAGES
+    assert {0, len(many) - 1, regional.estimate.grid_best} <= set(shown)

@@ -1,0 +1,150 @@
+"""The scripts in calibration/: they do what the library does, and say what is wrong."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from recorded_targets import SMALL, instrument
+
+import clradar
+from calibration import (
+    FlatPlate,
+    correct,
+    estimate_channels,
+    range_gate,
+    subtract_background,
+)
+from clradar.hand import hand_mesh
+from measurement_io import open_capture, open_channels, save_capture
+
+FOLDER = Path(__file__).resolve().parents[3] / "calibration" / "scripts"
+SCRIPTS = ("align", "background", "channels", "sweep")
+
+
+def start(name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, str(FOLDER / f"{name}.py"), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+def recorded(seed: int) -> clradar.Capture:
+    """A plate 30 cm away, by an instrument whose channels differ."""
+    return instrument(seed, SMALL, n_freq=16).record_target(FlatPlate(0.3))
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_help(name):
+    done = start(name, "--help")
+    assert done.returncode == 0, done.stderr
+    assert "--output" in done.stdout
+    assert "--force" in done.stdout
+
+
+def test_a_script_does_not_hide_the_function_of_its_name():
+    program = "from calibration import align, sweep; print(align.__module__, sweep.__module__)"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == [
+        "calibration.registration.align_images",
+        "calibration.roughness.sweep",
+    ]
+
+
+def test_background(tmp_path):
+    hand, empty = recorded(1), recorded(2)
+    save_capture(tmp_path / "hand.h5", hand)
+    save_capture(tmp_path / "empty.h5", empty)
+    clean = tmp_path / "clean.h5"
+    files = (tmp_path / "hand.h5", "--empty", tmp_path / "empty.h5", "-o", clean)
+    done = start("background", *files, "--near-mm", 80, "--far-mm", 140)
+    assert done.returncode == 0, done.stderr
+    expected = subtract_background(hand, empty, scaling="common")
+    expected = range_gate(expected, near_m=0.08, far_m=0.14)
+    assert np.array_equal(open_capture(clean).data, expected.data)
+    # A second time it would overwrite.
+    done = start("background", *files)
+    assert done.returncode == 1
+    assert done.stderr.startswith("background.py: error: ")
+    assert "clean.h5" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_background_needs_something_to_do(tmp_path):
+    done = start("background", tmp_path / "hand.h5", "-o", tmp_path / "clean.h5")
+    assert done.returncode == 2
+    assert "--empty" in done.stderr
+
+
+def test_channels(tmp_path):
+    plate, other = recorded(3), recorded(4)
+    save_capture(tmp_path / "plate.h5", plate)
+    save_capture(tmp_path / "other.h5", other)
+    done = start(
+        "channels", tmp_path / "plate.h5", "-o", tmp_path / "channels.h5", "--distance-mm", 300,
+        "--correct", tmp_path / "other.h5", "--corrected", tmp_path / "corrected.h5",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    channels = estimate_channels(plate, FlatPlate(0.3))
+    assert np.array_equal(
+        open_channels(tmp_path / "channels.h5").response.tx_gain, channels.response.tx_gain
+    )
+    expected = correct(other, channels)
+    assert np.array_equal(open_capture(tmp_path / "corrected.h5").data, expected.data)
+    assert "of the echoes is left" in done.stdout
+
+
+@pytest.fixture
+def hand_capture(tmp_path):
+    """Of a hand that is in its place; both are files."""
+    hand = hand_mesh("F", edge_length_m=3e-3)
+    trimesh.Trimesh(hand.vertices_m, hand.faces, process=False).export(tmp_path / "hand.ply")
+    placed = clradar.Scene.from_mesh(hand, alpha=0.3)
+    array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 32)
+    capture = clradar.simulate(placed, array, waveform, samples_per_mm2=1.0, device="pocl")
+    save_capture(tmp_path / "capture.h5", capture)
+    return capture
+
+
+def test_sweep(hand_capture, tmp_path):
+    place = {"transform": np.eye(4).tolist()}
+    (tmp_path / "transform.json").write_text(json.dumps(place))
+    arguments = (
+        "sweep", tmp_path / "capture.h5", tmp_path / "hand.ply", "-o", tmp_path / "sweep.png",
+        "--transform", tmp_path / "transform.json", "--step", 0.5, "--samples-per-mm2", 0.5,
+        "--seeds", 1,
+    )  # fmt: skip
+    done = start(*arguments)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("best alpha 0.")
+    assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
+    done = start(*arguments)
+    assert done.returncode == 1
+    assert done.stderr.startswith("sweep.py: error: ")
+
+
+def test_align(hand_capture, tmp_path):
+    output = tmp_path / "transform.json"
+    arguments = ("align", tmp_path / "capture.h5", tmp_path / "hand.ply", "-o", output, "--quick")
+    done = start(*arguments)
+    assert done.returncode == 0, done.stderr
+    found = np.array(json.loads(output.read_text())["transform"])
+    at_m = np.array([0.0, 0.0, 0.3])
+    # The mesh is in place already, and the bias of a fit without correction is a few millimetres.
+    assert np.linalg.norm(found[:3, :3] @ at_m + found[:3, 3] - at_m) < 3e-3
+    assert "The mesh is shifted by" in done.stdout
+    trimesh.creation.icosphere(radius=40.0).export(tmp_path / "ball.ply")
+    done = start("align", tmp_path / "capture.h5", tmp_path / "ball.ply", "-o", tmp_path / "t.json")
+    assert done.returncode == 1
+    assert done.stderr.startswith("align.py: error: ")
+    assert not (tmp_path / "t.json").exists()

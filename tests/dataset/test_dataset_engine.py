@@ -1,0 +1,369 @@
+"""Data sets made by several processes, and what becomes of them when something fails."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import faulty_samples
+import pytest
+
+from clradar.cli import main
+from clradar.dataset import Plan, read_plan, run
+from clradar.dataset.engine.processors import Share, _dealt
+from clradar.dataset.engine.run import STOP_AFTER
+from clradar.dataset.engine.serial import ATTEMPTS, PartMaker, Serial
+from clradar.errors import DeviceError, ModelError, OutputError
+from clradar.opencl import DeviceInfo
+
+SAMPLES = 8
+PLAN = f"""
+seed = 3
+samples = {SAMPLES}
+[poses]
+names = ["A", "B", "C"]
+[hands]
+edge_mm = 4
+[placement]
+x_mm = {{ uniform = [-15, 15] }}
+z_mm = 300
+[alpha]
+others = 0.5
+[radar]
+every = 32
+steps = 4
+[simulation]
+samples_per_mm2 = 0.02
+[image]
+x_mm = [-60, 60]
+y_mm = [-60, 60]
+z_mm = [260, 340]
+step_mm = [10, 10, 10]
+[output]
+products = ["capture", "max_projection", "joints", "mesh"]
+shard_size = 3
+"""
+"""Three shards, the last not full; a sample takes a fifth of a second."""
+
+
+@pytest.fixture(scope="module")
+def plan_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("plan") / "plan.toml"
+    path.write_text(PLAN, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def plan(plan_file: Path) -> Plan:
+    return read_plan(plan_file)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The files of the data set as this process makes it, one sample after the other."""
+    folder = tmp_path_factory.mktemp("undisturbed") / "set"
+    assert run(plan, folder, device="pocl").made == SAMPLES
+    return files_of(folder)
+
+
+@pytest.fixture
+def faults(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., None]]:
+    """Say which samples fail; of this process and of the cluster's."""
+    os.environ.setdefault(faulty_samples.VARIABLE, str(tmp_path_factory.mktemp("f") / "faults"))
+    faulty_samples.plan_faults({})
+    faulty_samples.install()
+    yield faulty_samples.plan_faults
+    faulty_samples.plan_faults({})
+    faulty_samples.uninstall()
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A Dask client of two workers whose samples can be made to fail."""
+    import dask
+
+    from clradar.dataset.engine.cluster import local_cluster
+    from clradar.dataset.engine.processors import shares
+
+    os.environ.setdefault(faulty_samples.VARIABLE, str(tmp_path_factory.mktemp("f") / "faults"))
+    faulty_samples.plan_faults({})
+    preload = [str(Path(faulty_samples.__file__))]
+    with (
+        dask.config.set({"distributed.worker.preload": preload}),
+        local_cluster(shares(min(2, len(os.sched_getaffinity(0))), "pocl")) as (client, _),
+    ):
+        yield client
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """Every file of a data set but its lock, by its relative name."""
+    found = {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    found.pop(".lock")
+    return found
+
+
+def distributed(client: Any) -> Any:
+    from clradar.dataset.engine.distributed import Distributed
+
+    return Distributed(client)
+
+
+# Shares of a machine
+
+
+def info(selector: str, kind: str) -> DeviceInfo:
+    return DeviceInfo(selector, "name", "platform", "version", kind, 2**30, 2**28, 4)
+
+
+def test_cores_are_dealt_out_whole_and_once() -> None:
+    dealt = _dealt(3, [info("1:0", "cpu")], [0, 1, 2, 5, 6, 7, 8])
+    assert [share.cores for share in dealt] == [(0, 1, 2), (5, 6), (7, 8)]
+    assert [share.threads for share in dealt] == [3, 2, 2]
+    with pytest.raises(ModelError, match="at most 2, one per core"):
+        _dealt(3, [info("1:0", "cpu")], [0, 1])
+
+
+def test_gpus_are_dealt_in_turn() -> None:
+    dealt = _dealt(3, [info("0:0", "gpu"), info("0:1", "gpu")], [0, 1])
+    assert [share.device for share in dealt] == ["0:0", "0:1", "0:0"]
+    assert {share.threads for share in dealt} == {1}
+
+
+def test_pocl_keeps_to_its_share() -> None:
+    code = "from clradar.opencl import open_device; print(open_device().info.compute_units)"
+    for threads in (1, 2):
+        # As many of the loader's platforms as here: selectors are theirs.
+        share = Share("pocl", (0,), threads)
+        found = subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, **share.environment()},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert int(found.stdout) == min(threads, os.cpu_count() or 1)
+
+
+# This process
+
+
+def test_a_fault_that_passes_leaves_no_trace(
+    plan: Plan, undisturbed: dict[str, bytes], faults: Any, tmp_path: Path
+) -> None:
+    faults({1: "raise once", 4: "device once"})
+    assert run(plan, tmp_path, device="pocl").aside == ()
+    assert files_of(tmp_path) == undisturbed
+
+
+def test_poisoned_samples_are_set_aside_and_tried_again_on_request(
+    plan: Plan,
+    plan_file: Path,
+    undisturbed: dict[str, bytes],
+    faults: Any,
+    cli: Any,
+    tmp_path: Path,
+) -> None:
+    faults({1: "raise", 3: "raise", 4: "raise", 5: "raise", 7: "raise"})
+    result = run(plan, tmp_path, device="pocl")
+    assert result.made == SAMPLES - 5
+    assert [a.sample for a in result.aside] == [1, 3, 4, 5, 7]
+    assert {a.attempts for a in result.aside} == {ATTEMPTS}
+    assert result.aside[0].reason == "ValueError: sample 1 is poisoned"
+    faults({})
+    assert run(plan, tmp_path, device="pocl").made == 0  # not without being asked to
+    faults({4: "raise"})
+    assert run(plan, tmp_path, device="pocl", retry=True).made == 4
+    faults({})
+    status, told = cli("dataset", plan_file, "-o", tmp_path, "--retry", "--device", "pocl")
+    assert (status, told) == (0, "")
+    assert files_of(tmp_path) == undisturbed
+
+
+def test_the_command_ends_with_1_where_samples_are_set_aside(
+    plan_file: Path, faults: Any, cli: Any, tmp_path: Path
+) -> None:
+    faults({6: "raise"})
+    status, told = cli("dataset", plan_file, "-o", tmp_path / "set", "--device", "pocl")
+    assert status == 1
+    assert "sample 6 was set aside after 2 attempts: ValueError: sample 6" in told
+    assert "1 sample set aside; --retry tries again" in told
+
+
+def test_a_full_disk_ends_the_run_and_is_no_fault_of_a_sample(
+    plan: Plan, undisturbed: dict[str, bytes], faults: Any, tmp_path: Path
+) -> None:
+    faults({4: "full"})
+    with pytest.raises(OutputError, match=r"00000004.h5: cannot be written: .*No space left"):
+        run(plan, tmp_path, device="pocl")
+    names = sorted(files_of(tmp_path))
+    assert names == ["manifest.json", "parts/00000003.h5", "shards/shard-00000.h5"]
+    faults({})
+    assert run(plan, tmp_path, device="pocl").made == SAMPLES - 4
+    assert files_of(tmp_path) == undisturbed
+
+
+def test_a_device_that_refuses_all_ends_the_run(
+    plan_file: Path, faults: Any, tmp_path: Path
+) -> None:
+    more = tmp_path / "plan.toml"
+    more.write_text(PLAN.replace(f"samples = {SAMPLES}", "samples = 40"), encoding="utf-8")
+    faults(dict.fromkeys(range(40), "device"))
+    with pytest.raises(DeviceError, match=f"{STOP_AFTER} samples in a row"):
+        run(read_plan(more), tmp_path / "set", device="pocl")
+
+
+def test_two_runs_in_one_folder_are_one_error(plan: Plan, tmp_path: Path) -> None:
+    class Second(Serial):
+        def outcomes(self, samples: Any, make: Any) -> Any:
+            with pytest.raises(OutputError, match="another run of a data set is writing into it"):
+                run(plan, tmp_path, device="pocl")
+            return super().outcomes(samples, make)
+
+    run(plan, tmp_path, engine=Second("pocl"))
+
+
+def test_a_client_killed_at_any_moment_loses_nothing(
+    plan: Plan, plan_file: Path, undisturbed: dict[str, bytes], tmp_path: Path
+) -> None:
+    folder = tmp_path / "set"
+    command = [sys.executable, "-m", "clradar.cli", "dataset", str(plan_file), "-o", str(folder)]
+    process = subprocess.Popen([*command, "--device", "pocl"], stdout=subprocess.DEVNULL)
+    wait_for(lambda: any(folder.glob("parts/*.h5")) or any(folder.glob("shards/*.h5")))
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    run(plan, folder, device="pocl")
+    assert files_of(folder) == undisturbed
+
+
+# Several processes
+
+
+def test_two_workers_make_the_same_bytes(
+    plan: Plan, undisturbed: dict[str, bytes], cluster: Any, tmp_path: Path
+) -> None:
+    seen = []
+    result = run(
+        plan, tmp_path, engine=distributed(cluster), progress=lambda *done: seen.append(done)
+    )
+    assert (result.made, result.aside) == (SAMPLES, ())
+    assert seen == [(n + 1, SAMPLES) for n in range(SAMPLES)]
+    assert files_of(tmp_path) == undisturbed
+
+
+def test_workers_set_aside_what_one_process_does(
+    plan: Plan, cluster: Any, faults: Any, tmp_path: Path
+) -> None:
+    faults({2: "raise", 5: "device"})
+    run(plan, tmp_path / "serial", device="pocl")
+    run(plan, tmp_path / "cluster", engine=distributed(cluster))
+    assert files_of(tmp_path / "cluster") == files_of(tmp_path / "serial")
+
+
+def test_a_worker_that_is_killed_costs_nothing(
+    plan: Plan, undisturbed: dict[str, bytes], cluster: Any, faults: Any, tmp_path: Path
+) -> None:
+    faults({1: "kill once", 2: "raise once", 6: "cut once"})
+    assert run(plan, tmp_path, engine=distributed(cluster)).aside == ()
+    assert files_of(tmp_path) == undisturbed
+
+
+def test_a_run_ends_after_samples_that_nobody_waits_for(cluster: Any, tmp_path: Path) -> None:
+    """What a dead worker held is made again by another, which may be late."""
+    begun, late = tmp_path / "begun", tmp_path / "late"
+
+    def slowly(begun: Path, late: Path) -> None:
+        begun.touch()
+        time.sleep(0.7)
+        late.touch()
+
+    future = cluster.submit(slowly, begun, late, key=("sample", "run", 1), resources={"DEVICE": 1})
+    while not begun.exists():
+        time.sleep(0.01)
+    future.cancel()
+    distributed(cluster)._await_late("another run")
+    assert not late.exists()
+    distributed(cluster)._await_late("run")
+    assert late.exists()
+
+
+def test_a_full_disk_of_a_worker_ends_the_run(
+    plan: Plan, undisturbed: dict[str, bytes], cluster: Any, faults: Any, tmp_path: Path
+) -> None:
+    faults({3: "full"})
+    with pytest.raises(OutputError, match=r"00000003.h5: cannot be written: .*No space left"):
+        run(plan, tmp_path, engine=distributed(cluster))
+    faults({})
+    run(plan, tmp_path, engine=distributed(cluster))
+    assert files_of(tmp_path) == undisturbed
+
+
+def test_a_worker_that_does_not_fit_says_why(plan: Plan, tmp_path: Path) -> None:
+    from clradar.dataset.engine.distributed import _contract, make_part, worker_facts
+
+    make, facts = PartMaker(tmp_path, plan, "pocl"), worker_facts("pocl")
+    with _contract(make, facts) as contract:
+        assert contract.breach() is None
+        assert "cannot see the folder" in str(replace(contract, content="other").breach())
+        assert "cannot see /none" in str(replace(contract, files=("/none",)).breach())
+        older = json.dumps({**facts, "clradar": "0.0.1"})
+        refusal = make_part(0, make, replace(contract, made_with=older))
+        assert "device of the other workers: clradar 0.0.1, now" in getattr(refusal, "reason", "")
+    assert "cannot see the folder" in str(contract.breach())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_sample_that_kills_its_worker_is_set_aside_and_no_other(
+    plan: Plan, undisturbed: dict[str, bytes], cluster: Any, faults: Any, tmp_path: Path
+) -> None:
+    faults({4: "kill"})
+    result = run(plan, tmp_path, engine=distributed(cluster))
+    assert [a.sample for a in result.aside] == [4]
+    assert "worker process died" in result.aside[0].reason
+    faults({})
+    assert run(plan, tmp_path, engine=distributed(cluster), retry=True).made == 1
+    assert files_of(tmp_path) == undisturbed
+
+
+def test_an_address_without_a_scheduler_is_one_error(
+    plan_file: Path, cli: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("clradar.dataset.engine.cluster.CONNECT_S", 0.5)
+    for address in ("tcp://127.0.0.1:9", "nonsense"):
+        status, told = cli("dataset", plan_file, "-o", tmp_path / "x", "--scheduler", address)
+        assert status == 1
+        assert f"{address}: expected the address of a Dask scheduler" in told
+        assert len(told.splitlines()) == 1
+    assert not (tmp_path / "x").exists()
+    # Nor do tracebacks come of a scheduler that is lost later: they go through these.
+    for name in ("distributed", "distributed.client", "tornado.application"):
+        assert not logging.getLogger(name).isEnabledFor(logging.ERROR), name
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
+    """Run a command in this process; returns its exit status and what it said on stderr."""
+
+    def call(*arguments: object) -> tuple[int, str]:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main([str(a) for a in arguments])
+        return int(ended.value.code or 0), capsys.readouterr().err
+
+    return call
+
+
+def wait_for(condition: Callable[[], bool], limit_s: float = 120.0) -> None:
+    end_s = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end_s, "waited in vain"
+        time.sleep(0.01)

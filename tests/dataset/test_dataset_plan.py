@@ -1,0 +1,340 @@
+"""Plans of data sets: what they say, which mistakes are found, and the recipes that follow."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from dataset_plans import TINY, tiny
+from rig_files import RigMaker
+
+from clradar.dataset import PlanError, read_plan, recipe
+from clradar.dataset.plan.draws import Draw, fixed, stream
+from clradar.dataset.plan.hand_values import pose_of
+from clradar.dataset.plan.plain import plan_digest, plan_record
+from clradar.dataset.plan.plan import Plan
+from clradar.dataset.plan.reader import plan_from
+from clradar.errors import MeasurementError, ModelError
+from clradar.hand import (
+    JOINT_NAMES,
+    LETTERS,
+    POSES,
+    HandPose,
+    HandShape,
+    interpolate_poses,
+    write_pose,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+HERE = Path()
+
+DRAWS = 4000
+SIGMAS = 5.0
+"""A mean of n draws is off its expectation by sigma/sqrt(n) as standard deviation; a seed for which
+it is more than five of these away would be one in two million."""
+
+
+def plan_of(**tables: Any) -> Plan:
+    return plan_from(tiny(**tables), "plan", HERE)
+
+
+def mistakes(content: dict[str, Any]) -> tuple[str, ...]:
+    with pytest.raises(PlanError) as caught:
+        plan_from(content, "plan.toml", HERE)
+    return caught.value.mistakes
+
+
+def test_examples_are_plans() -> None:
+    files = sorted((ROOT / "examples" / "plans").glob("*.toml"))
+    assert files
+    for file in files:
+        assert read_plan(file).samples > 0
+
+
+def test_the_least_plan_has_defaults() -> None:
+    plan = plan_from({"samples": 1, "poses": {"names": "letters"}}, "plan", HERE)
+    assert tuple(pose.name for pose in plan.poses.poses) == LETTERS
+    assert plan.placement.z_mm == fixed(300.0)
+    assert plan.simulation.estimator == "expected"
+    assert plan.output.products == ("max_projection", "depth_map", "joints")
+    assert not plan.impairments.any
+
+
+def test_a_plan_comes_back_from_its_record() -> None:
+    for plan in (
+        plan_of(),
+        plan_of(poses={"kind": "interpolation", "share": {"uniform": [0.2, 0.8]}}),
+        plan_of(poses={"kind": "sampler", "names": None}, alpha=0.25),
+        plan_of(
+            impairments={
+                "coupling_db": 20,
+                "coupling_delay_ps": 30,
+                "adc_bits": 12,
+                "channels": {"gain_db": 2, "dead_tx": [1, 3]},
+                "walls": [{"point_mm": [0, 0, 1200], "normal": [0, 0, -1], "amplitude": 40}],
+            },
+            hands={"shape": None, "shapes": [{"length_mm": 189.3}, {"girth": 1.1}]},
+        ),
+    ):
+        record = json.loads(json.dumps(plan_record(plan), allow_nan=False))
+        assert plan_from(record, "manifest", HERE) == plan
+        assert plan_digest(plan_from(record, "manifest", HERE)) == plan_digest(plan)
+
+
+@pytest.mark.parametrize(
+    ("tables", "key", "words"),
+    [
+        ({"sampels": 3}, "sampels", "did you mean 'samples'?"),
+        ({"samples": 0}, "samples", "a whole number from 1"),
+        ({"samples": 2.5}, "samples", "got 2.5"),
+        ({"seed": -1}, "seed", "a whole number from 0"),
+        ({"poses": {"names": ["A", "J"]}}, "poses.names", 'got "J"'),
+        ({"poses": {"names": "leters"}}, "poses.names", "did you mean 'letters'?"),
+        ({"poses": {"names": ["A", "A"]}}, "poses.names", "A more often"),
+        ({"poses": {"names": None}}, "poses.names", "got nothing"),
+        ({"poses": {"kind": "sampler"}}, "poses.kind", "got 3 poses"),
+        ({"poses": {"kind": "interpolation", "names": ["A"]}}, "poses.names", "at least two"),
+        ({"poses": {"share": {"uniform": [0, 1]}}}, "poses.share", "no share unless"),
+        ({"poses": {"files": ["none.toml"]}}, "poses.files[0]", "none.toml"),
+        ({"hands": {"handedness": "rihgt"}}, "hands.handedness", "did you mean 'right'?"),
+        ({"hands": {"shape": "list"}}, "hands.shapes", "a list of shapes"),
+        (
+            {"hands": {"shape": None, "shapes": [{"length_mm": 400}]}},
+            "hands.shapes[0].length_mm",
+            "expected a number from 120 to 260, got 400",
+        ),
+        ({"seed": 1e3}, "seed", "got the decimal number 1000.0; write 1000"),
+        ({"hands": {"edge_mm": 0.1}}, "hands.edge_mm", "from 0.5 to 4"),
+        ({"hands": {"shape": None, "rigs": ["none.glb"]}}, "hands.rigs[0]", "none.glb"),
+        ({"placement": {"x_mm": {"unifrom": [0, 1]}}}, "placement.x_mm", "did you mean 'uniform'?"),
+        ({"placement": {"x_mm": {"uniform": [1, 0]}}}, "placement.x_mm.uniform", "low <= high"),
+        ({"placement": {"x_mm": {"uniform": [0]}}}, "placement.x_mm.uniform", "two numbers"),
+        ({"placement": {"x_mm": {"normal": [0, -1]}}}, "placement.x_mm.normal", "not negative"),
+        ({"placement": {"x_mm": "5"}}, "placement.x_mm", 'got "5"'),
+        ({"placement": {"x_mm": True}}, "placement.x_mm", "got true"),
+        ({"placement": {"x_mm": float("nan")}}, "placement.x_mm", "got nan"),
+        ({"placement": {"z_mm": {"normal": [300, 50]}}}, "placement.z_mm", "[0, 600] within 6"),
+        ({"placement": {"z_mm": 400}}, "placement.z_mm", "image.z_mm is 250 to 350"),
+        ({"alpha": 1.5}, "alpha", "from 0 to 1"),
+        ({"alpha": {"palm": 0.5, "tumb": 0.5}}, "alpha.tumb", "did you mean 'thumb'?"),
+        ({"alpha": {"normal": [0.5, 0.1], "palm": None, "others": None}}, "alpha", "a number or {"),
+        ({"impairments": {"adc_bits": 99}}, "impairments.adc_bits", "from 2 to 24"),
+        ({"impairments": {"coupling_delay_ps": 3}}, "impairments.coupling_delay_ps", "coupling_db"),
+        (
+            {"impairments": {"channels": {"dead_tx": [12]}}},
+            "impairments.channels.dead_tx",
+            "0 to 11",
+        ),
+        (
+            {"impairments": {"walls": [{"normal": [0, 0, 0]}]}},
+            "impairments.walls[0].normal",
+            "direc",
+        ),
+        ({"radar": {"array": "qar51"}}, "radar.array", "did you mean 'qar50'?"),
+        ({"radar": {"stop_ghz": 70}}, "radar.stop_ghz", "start_ghz < stop_ghz"),
+        ({"simulation": {"estimator": "exepcted"}}, "simulation.estimator", "mean 'expected'?"),
+        ({"simulation": {"max_bounces": 2}}, "simulation", "max_bounces"),
+        ({"simulation": {"rays_per_face": 2}}, "simulation.rays_per_face", "got both"),
+        ({"image": {"x_mm": [10, -10]}}, "image.x_mm", "first <= last"),
+        ({"image": {"x_mm": [-10, 7]}}, "image", "whole number of steps"),
+        ({"image": {"method": "exact", "tolerance_db": -50}}, "image.tolerance_db", "none unless"),
+        ({"output": {"products": ["depthmap"]}}, "output.products", "did you mean 'depth_map'?"),
+        ({"output": {"products": []}}, "output.products", "at least one"),
+        ({"output": {"products": ["joints"]}}, "impairments", "a product that they change"),
+        ({"output": {"shard_size": 0}}, "output.shard_size", "from 1"),
+        ({"output": {"compression": 10}}, "output.compression", "from 0 to 9"),
+        ({"samples": 10**6, "output": {"shard_size": 10}}, "output.shard_size", "at least 20 for"),
+        ({"output": 5}, "output", "expected a table, got 5"),
+    ],
+)
+def test_a_mistake_is_one_line_with_its_key(tables: dict[str, Any], key: str, words: str) -> None:
+    content = tiny(**tables)
+    if "alpha" in tables and isinstance(tables["alpha"], dict) and "palm" in tables["alpha"]:
+        content["alpha"] = {k: v for k, v in tables["alpha"].items() if v is not None}
+    (line,) = mistakes(content)
+    assert line.startswith(f"plan.toml: {key}: ")
+    assert words in line
+    assert "\n" not in line
+
+
+def test_a_kind_of_draw_that_is_not_for_this_key_is_no_slip() -> None:
+    content = tiny()
+    content["alpha"] = {"others": {"normal": [0.5, 0.1]}}
+    (line,) = mistakes(content)
+    assert line.endswith("or { choice = [a, b, ...] }, got { normal = ... }")
+
+
+def test_mistakes_in_rigs_speak_of_the_key(tmp_path: Path) -> None:
+    maker = RigMaker(called=lambda name: f"bone {JOINT_NAMES.index(name)}")
+    maker.save(tmp_path / "hand.glb")
+    content = tiny(hands={"shape": None, "rigs": ["hand.glb"]})
+    with pytest.raises(PlanError) as caught:
+        plan_from(content, "plan.toml", tmp_path)
+    (line,) = caught.value.mistakes
+    assert "a mapping file (the key mapping)" in line
+
+
+def test_all_mistakes_are_found_at_once() -> None:
+    found = mistakes(
+        tiny(seed=-1, hands={"handednes": "left"}, alpha=7, image={"step_mm": 0}, radr={"every": 2})
+    )
+    keys = {line.split(": ")[1] for line in found}
+    assert keys == {"seed", "hands.handednes", "alpha", "image.step_mm", "radr"}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"samples = ", "TOML"),
+        (b"\xff\xfe", "TOML"),
+        (b"a" * 20000 + b" = 1", "lines of at most"),
+    ],
+)
+def test_what_is_no_toml_is_one_error(tmp_path: Path, content: bytes, words: str) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_bytes(content)
+    with pytest.raises(MeasurementError, match=words) as caught:
+        read_plan(path)
+    assert str(path) in str(caught.value)
+
+
+def test_the_command_prints_every_mistake_and_makes_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text("samples = 0\n[poses]\nnames = 'letters'\n[radar]\nevry = 2\n")
+    arguments = ["dataset", str(path), "-o", str(tmp_path / "out")]
+    done = subprocess.run(
+        [sys.executable, "-m", "clradar.cli", *arguments], capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    first, second = done.stderr.splitlines()
+    assert first.startswith(f"clradar: error: {path}: samples: ")
+    assert second.startswith(f"clradar: error: {path}: radar.evry: unknown key")
+    assert not (tmp_path / "out").exists()
+
+
+def test_files_are_relative_to_the_plan(tmp_path: Path) -> None:
+    angles = POSES["L"].joints
+    write_pose(tmp_path / "mine.toml", HandPose("mine", angles))
+    (tmp_path / "plan.toml").write_text("samples = 1\n[poses]\nfiles = ['mine.toml']\n")
+    plan = read_plan(tmp_path / "plan.toml")
+    assert plan.poses.poses == (HandPose("mine", angles),)
+
+
+def test_recipes_are_json_and_depend_on_their_number_alone() -> None:
+    plan = plan_of()
+    other = plan_of(samples=50, output={"shard_size": 7})
+    for sample in range(plan.samples):
+        found = recipe(plan, sample)
+        assert json.loads(json.dumps(found, allow_nan=False)) == found
+        assert recipe(other, sample) == found
+    assert recipe(other, 1) != recipe(other, 4)  # of the same pose
+
+
+def test_another_quantity_leaves_the_draws_as_they_are() -> None:
+    plain = recipe(plan_of(impairments=None, alpha=0.5), 2)
+    more = recipe(
+        plan_of(
+            placement={"y_mm": {"normal": [0, 1]}},
+            alpha={"thumb": {"uniform": [0, 1]}},
+            impairments={"iq_gain_db": {"uniform": [0, 1]}, "channels": {}},
+        ),
+        2,
+    )
+    for key in ("pose", "hand", "simulation", "radar", "image"):
+        assert more[key] == plain[key]
+    for i in (0, 2):
+        assert more["placement"]["center_m"][i] == plain["placement"]["center_m"][i]
+    assert more["placement"]["center_m"][1] != plain["placement"]["center_m"][1]
+
+
+def test_draws_have_the_distributions_that_they_are_named_after() -> None:
+    def drawn(draw: Draw) -> np.ndarray:
+        return np.array([draw.draw(stream(1, i, "x")) for i in range(DRAWS)])
+
+    uniform = drawn(Draw("uniform", (2.0, 6.0)))
+    assert uniform.min() >= 2.0
+    assert uniform.max() <= 6.0
+    deviation = 4.0 / np.sqrt(12.0)
+    assert abs(uniform.mean() - 4.0) < SIGMAS * deviation / np.sqrt(DRAWS)
+    # Variance of a uniform sample variance: sigma^4 (kurtosis 1.8 - 1) / n.
+    bound = SIGMAS * deviation**2 * np.sqrt(0.8 / DRAWS)
+    assert abs(uniform.var() - deviation**2) < bound
+
+    normal = drawn(Draw("normal", (-1.0, 3.0)))
+    assert abs(normal.mean() + 1.0) < SIGMAS * 3.0 / np.sqrt(DRAWS)
+    assert abs(normal.var() - 9.0) < SIGMAS * 9.0 * np.sqrt(2.0 / DRAWS)
+
+    choice = drawn(Draw("choice", (0.1, 0.2, 0.7)))
+    for value in (0.1, 0.2, 0.7):
+        share = np.mean(choice == value)
+        assert abs(share - 1 / 3) < SIGMAS * np.sqrt(2 / 9 / DRAWS)
+
+
+def test_streams_of_samples_quantities_and_seeds_differ() -> None:
+    first = {stream(*key).random() for key in [(1, 2, "a"), (1, 2, "b"), (1, 3, "a"), (2, 2, "a")]}
+    assert len(first) == 4
+    assert stream(1, 2, "a").random() in first
+
+
+def test_poses_come_in_cycles_at_random_between_or_sampled() -> None:
+    names = ["A", "B", "F"]
+    cycle = plan_of(samples=7)
+    assert [recipe(cycle, i)["pose"]["name"] for i in range(7)] == [names[i % 3] for i in range(7)]
+    random = plan_of(samples=300, poses={"order": "random"})
+    found = [recipe(random, i)["pose"]["name"] for i in range(300)]
+    assert found[:6] != names * 2
+    for name in names:
+        # Binomial: variance n p (1 - p) with p = 1/3.
+        assert abs(found.count(name) - 100) < SIGMAS * np.sqrt(300 * 2 / 9)
+    between = plan_of(poses={"kind": "interpolation", "share": {"choice": [0.25]}})
+    poses = dict(zip(names, between.poses.poses, strict=True))
+    for i in range(5):
+        made = pose_of(recipe(between, i)["pose"])
+        ends = [p for n, p in poses.items() if n != names[i % 3]]
+        assert made in [interpolate_poses(poses[names[i % 3]], end, 0.25) for end in ends]
+    sampled = plan_of(poses={"kind": "sampler", "names": None})
+    angles = [json.dumps(recipe(sampled, i)["pose"]) for i in range(5)]
+    assert len(set(angles)) == 5
+
+
+def test_hands_and_alphas_are_those_that_are_listed() -> None:
+    plan = plan_of(
+        samples=40,
+        hands={"shape": None, "shapes": [{"length_mm": 170}, {"length_mm": 200, "girth": 1.1}]},
+        poses={"names": ["A"]},
+    )
+    found = [recipe(plan, i) for i in range(40)]
+    lengths = {r["hand"]["shape"]["length_m"] for r in found}
+    assert lengths == {0.17, 0.2}
+    assert {r["hand"]["handedness"] for r in found} == {"right", "left"}
+    assert {r["alpha"]["palm"] for r in found} == {0.2, 0.8}
+    for r in found:
+        others = {r["alpha"][name] for name in ("thumb", "index", "middle", "ring", "pinky")}
+        assert len(others) == 1
+        assert 0.3 <= others.pop() <= 0.7
+    average = HandShape()
+    assert recipe(plan_of(hands={"shape": None}), 0)["hand"]["shape"]["girth"] == average.girth
+
+
+def test_one_instrument_or_one_per_sample() -> None:
+    for per, count in (("dataset", 1), ("sample", 5)):
+        plan = plan_of(impairments={"channels": {"per": per}})
+        seeds = {recipe(plan, i)["impairments"]["channels"]["seed"] for i in range(5)}
+        assert len(seeds) == count
+    noise = {recipe(plan_of(), i)["impairments"]["seed"] for i in range(5)}
+    assert len(noise) == 5
+
+
+def test_a_sample_that_the_plan_does_not_have_is_refused() -> None:
+    with pytest.raises(ModelError, match=r"sample: expected a whole number in \[0, 4\], got 5"):
+        recipe(plan_of(), 5)
+
+
+def test_the_tiny_plan_is_left_alone() -> None:
+    assert tiny() == TINY
+    assert tiny(poses={"names": None})["poses"] == {}

@@ -1,0 +1,447 @@
+"""Back-projection against the float64 sum, and the image of a point against its closed form."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import windows
+
+import clradar
+from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, reference
+from clradar.backproject import METHODS, frequency_weights
+from clradar.errors import DeviceError, ModelError
+from clradar.imaging import fast
+from clradar.imaging.exact import CHUNK_TX
+from clradar.imaging.tiled import CHUNK_RX
+
+# Every term errs by some 5e-7 (phase 4e-7 rad per leg, sine 1.1e-7, three float32 products), and a
+# float32 sum of a hundred terms by 1e-6 at most. Errors and terms both add up at random, so the
+# ratio stays: -116 dB. The promise is -80 dB, but a phase from plain float32 lengths (5e-5 rad,
+# -86 dB) would keep that, and must not pass.
+EXACT_DB = -110.0
+# Linear interpolation at 16 bins per resolution cell errs by 1.6e-3 RMS (-56 dB) over a flat band,
+# and by 3.5e-3 (-49 dB) where all power is at the band's edges. The promise is -45 dB.
+RANGE_DB = -45.0
+# What is asked for if nothing is said.
+FAST_DB = -50.0
+TOLERANCE_DB = {"exact": EXACT_DB, "range": RANGE_DB, "fast": FAST_DB}
+# The order of a float32 sum of some 10^4 terms of random phase, of which blocks of a hundred are
+# summed first.
+REORDERED_DB = -110.0
+
+C = 299_792_458.0
+QAR50 = clradar.arrays.qar50()
+SWEEP = Waveform.sfcw(72e9, 82e9, 128)
+SHORT = Waveform.sfcw(72e9, 82e9, 11)
+
+
+@pytest.fixture(autouse=True)
+def always_a_tree(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For "fast", however few the voxels are; point targets show what users get."""
+    if "point" not in request.fixturenames:
+        monkeypatch.setattr(fast, "FEW_TERMS", 0)
+
+
+@pytest.fixture(params=[1, 8], ids=["one lane", "eight lanes"])
+def lanes(device: clradar.Device, request: pytest.FixtureRequest) -> clradar.Device:
+    """The device with kernels of either width."""
+    return clradar.open_device(device.info.selector, width=request.param)
+
+
+def random_array(n_tx: int, n_rx: int, seed: int = 0) -> AntennaArray:
+    rng = np.random.default_rng(seed)
+    tx, rx = (rng.uniform(-0.07, 0.07, (n, 3)) * [1, 1, 0.1] for n in (n_tx, n_rx))
+    return AntennaArray(tx, rx)
+
+
+def noise(array: AntennaArray, waveform: Waveform, seed: int = 1) -> Capture:
+    rng = np.random.default_rng(seed)
+    shape = (2, array.n_tx, array.n_rx, waveform.n_freq)
+    re, im = rng.normal(size=shape)
+    return Capture(re + 1j * im, array, waveform)
+
+
+def scatterers(array: AntennaArray, waveform: Waveform, seed: int = 2, n: int = 60) -> Capture:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform([-0.1, -0.1, 0.26], [0.1, 0.1, 0.34], (n, 3))
+    return reference.point_targets(array, waveform, points, rng.normal(size=n))
+
+
+def centres(grid: VoxelGrid) -> np.ndarray:
+    """Voxel centres, shape (n_voxels, 3), in the order of a volume's `data.ravel()`."""
+    z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
+    return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+
+
+def rms_db(got: np.ndarray, want: np.ndarray) -> float:
+    """RMS of the error relative to the RMS of `want`."""
+    error = np.sqrt((np.abs(got - want) ** 2).mean())
+    return float(20 * np.log10(error / np.sqrt((np.abs(want) ** 2).mean()) + 1e-30))
+
+
+def error_db(
+    capture: Capture,
+    grid: VoxelGrid,
+    device: clradar.Device,
+    method: str,
+    weights: np.ndarray | None = None,
+    n_voxels: int = 40,
+    **options: Any,
+) -> float:
+    """Error at random voxels against the direct sum, RMS over RMS."""
+    volume = backproject(capture, grid, method=method, device=device, **options)
+    assert volume.data.shape == grid.shape
+    voxels = centres(grid)
+    if len(voxels) > n_voxels:
+        pick = np.random.default_rng(9).choice(len(voxels), n_voxels, replace=False)
+    else:
+        pick = np.arange(len(voxels))
+    want = reference.backproject(capture, voxels[pick], weights)
+    return rms_db(volume.data.ravel()[pick], want)
+
+
+GRID = VoxelGrid.from_extent((-0.02, 0.03), (-0.04, 0.02), (0.28, 0.32), (5e-3, 1e-2, 2e-2))
+
+
+# Against float64 ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("make", [noise, scatterers])
+def test_the_imager_at_random_voxels(device: clradar.Device, make: Any, method: str) -> None:
+    grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (8e-3, 2e-2, 2e-2))
+    error = error_db(make(QAR50, SWEEP), grid, device, method)
+    assert error <= TOLERANCE_DB[method]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("n_x", [1, 7, 8, 9, 13])
+def test_sizes_beside_the_width_of_a_vector(lanes: clradar.Device, n_x: int, method: str) -> None:
+    grid = VoxelGrid(np.array([-0.01, 0.02, 0.29]), np.array([2e-3, 3e-3, 1e-2]), (n_x, 3, 2))
+    error = error_db(noise(random_array(6, 5), SHORT), grid, lanes, method, n_voxels=100)
+    assert error <= TOLERANCE_DB[method]
+
+
+GRIDS = {
+    "one voxel": VoxelGrid.from_extent((0.01, 0.01), (0.02, 0.02), (0.3, 0.3), 1e-3),
+    "a line along y": VoxelGrid.from_extent((0.0, 0.0), (-0.1, 0.1), (0.3, 0.3), 5e-3),
+    "a line along z": VoxelGrid.from_extent((0.0, 0.0), (0.0, 0.0), (0.2, 0.4), 5e-3),
+    "off axis": VoxelGrid.from_extent((0.3, 0.35), (-0.4, -0.38), (0.1, 0.12), 1e-2),
+    "behind the array": VoxelGrid.from_extent((-0.02, 0.02), (0.0, 0.01), (-0.3, -0.28), 1e-2),
+    "across the array": VoxelGrid.from_extent((-0.08, 0.08), (0.0, 0.01), (-0.02, 0.02), 1e-2),
+    "far away": VoxelGrid.from_extent((-1.0, 1.0), (0.0, 0.1), (20.0, 20.1), 0.1),
+    "fine": VoxelGrid.from_extent((0.0, 1e-4), (0.0, 1e-5), (0.3, 0.30001), 1e-5),
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", GRIDS)
+def test_grids_anywhere(lanes: clradar.Device, name: str, method: str) -> None:
+    error = error_db(noise(random_array(6, 5), SHORT), GRIDS[name], lanes, method)
+    assert error <= TOLERANCE_DB[method]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("n_tx", "n_rx"),
+    [(1, 1), (1, 5), (5, 1), (7, CHUNK_RX), (3, CHUNK_RX + 1), (97, 2 * CHUNK_RX + 5)],
+)
+def test_arrays_of_any_size(device: clradar.Device, n_tx: int, n_rx: int, method: str) -> None:
+    error = error_db(noise(random_array(n_tx, n_rx), SHORT), GRID, device, method)
+    assert error <= TOLERANCE_DB[method]
+
+
+@pytest.mark.parametrize("n_tx", [CHUNK_TX, CHUNK_TX + 1])
+def test_more_transmitters_than_one_call_takes(device: clradar.Device, n_tx: int) -> None:
+    for method in METHODS:
+        error = error_db(noise(random_array(n_tx, 5), SHORT), GRID, device, method)
+        assert error <= TOLERANCE_DB[method]
+
+
+def test_a_voxel_on_an_antenna(lanes: clradar.Device) -> None:
+    array = AntennaArray([[0.0, 0.0, 0.0]], [[0.01, 0.0, 0.0]])
+    grid = VoxelGrid.from_extent((0.0, 0.01), (0.0, 0.0), (0.0, 0.0), 5e-3)
+    for method in METHODS:
+        error = error_db(noise(array, SHORT), grid, lanes, method)
+        assert error <= TOLERANCE_DB[method]
+
+
+WAVEFORMS = {
+    "one": Waveform([77e9]),
+    "two": Waveform([72e9, 82e9]),
+    "two beside each other": Waveform([77e9, 77.001e9]),
+    "unequal": Waveform(72e9 + 10e9 * np.sort(np.random.default_rng(3).uniform(0, 1, 37))),
+    "a gap": Waveform(np.r_[np.linspace(60e9, 64e9, 9), np.linspace(76e9, 81e9, 8)]),
+    "an ultra-wide band": Waveform(np.linspace(1e9, 82e9, 163)),
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", WAVEFORMS)
+def test_any_list_of_frequencies(device: clradar.Device, name: str, method: str) -> None:
+    error = error_db(noise(random_array(6, 5), WAVEFORMS[name]), GRID, device, method)
+    assert error <= TOLERANCE_DB[method]
+
+
+# Windows ------------------------------------------------------------------------------------------
+
+CUSTOM = np.random.default_rng(4).normal(size=11)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("window", "weights"),
+    [
+        ("rect", np.ones(11)),
+        ("hann", windows.hann(11)),
+        ("taylor", windows.taylor(11, nbar=4, sll=30)),
+        (CUSTOM, CUSTOM),
+        (CUSTOM.tolist(), CUSTOM),
+    ],
+    ids=["rect", "hann", "taylor", "array", "list"],
+)
+def test_windows_weigh_the_frequencies(
+    device: clradar.Device, window: Any, weights: np.ndarray, method: str
+) -> None:
+    capture = noise(random_array(6, 5), SHORT)
+    error = error_db(capture, GRID, device, method, weights, window=window)
+    assert error <= TOLERANCE_DB[method]
+
+
+def test_windows_of_one_frequency_are_one() -> None:
+    for window in ("rect", "hann", "taylor"):
+        assert frequency_weights(window, 1).tolist() == [1.0]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "quick"}, "method: expected one of 'exact', 'range', 'fast', got 'quick'"),
+        ({"window": "hamming"}, "window: expected one of 'rect', 'hann', 'taylor', got 'hamming'"),
+        ({"window": np.ones(12)}, r"window: expected shape \(11,\), got shape \(12,\)"),
+        ({"window": np.full(11, np.nan)}, "window: expected finite numbers"),
+        ({"window": np.ones(11) * 1j}, "window: expected real numbers"),
+        ({"window": None}, "window: expected numbers"),
+    ],
+)
+def test_unknown_methods_and_windows_are_refused(
+    device: clradar.Device, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ModelError, match=message):
+        backproject(noise(random_array(6, 5), SHORT), GRID, device=device, **options)
+
+
+# Invariants ---------------------------------------------------------------------------------------
+
+
+def test_reciprocity(lanes: clradar.Device) -> None:
+    capture = noise(random_array(6, 9), SHORT)
+    swapped = Capture(
+        capture.data.transpose(1, 0, 2), AntennaArray(capture.array.rx_m, capture.array.tx_m), SHORT
+    )
+    one = backproject(capture, GRID, method="exact", device=lanes).data
+    two = backproject(swapped, GRID, method="exact", device=lanes).data
+    assert rms_db(two, one) <= REORDERED_DB
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_linearity(device: clradar.Device, method: str) -> None:
+    a, b = (noise(random_array(6, 5), SHORT, seed) for seed in (5, 6))
+    factor = 0.3 - 2j
+    both = Capture(a.data + factor * b.data, a.array, SHORT)
+    image = {
+        name: backproject(capture, GRID, method=method, device=device).data
+        for name, capture in (("a", a), ("b", b), ("both", both))
+    }
+    assert rms_db(image["both"], image["a"] + factor * image["b"]) <= REORDERED_DB
+    zero = Capture(np.zeros_like(a.data), a.array, SHORT)
+    assert not backproject(zero, GRID, method=method, device=device).data.any()
+    twice = Capture(2 * a.data, a.array, SHORT)
+    np.testing.assert_array_equal(
+        backproject(twice, GRID, method=method, device=device).data, 2 * image["a"]
+    )
+
+
+# The tree holds the capture and the whole volume on the device, so it needs more.
+@pytest.mark.parametrize(
+    ("method", "limit_bytes"),
+    [(m, limit) for m in ("exact", "range") for limit in (60_000, 120_000, 400_000)]
+    + [("fast", limit) for limit in (120_000, 400_000, 2_000_000)],
+)
+def test_tiled_is_the_whole_to_the_bit(
+    lanes: clradar.Device, method: str, limit_bytes: int
+) -> None:
+    grid = VoxelGrid(np.array([-0.03, -0.02, 0.27]), np.full(3, 5e-3), (13, 9, 11))
+    capture = noise(random_array(7, 6), SHORT)
+    small = clradar.open_device(
+        lanes.info.selector, memory_limit_bytes=limit_bytes, width=lanes.width
+    )
+    whole, tiled = (
+        backproject(capture, grid, method=method, device=d).data for d in (lanes, small)
+    )
+    np.testing.assert_array_equal(tiled, whole)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_part_of_the_grid_is_a_part_of_the_image(device: clradar.Device, method: str) -> None:
+    capture = noise(random_array(6, 5), SHORT)
+    grid = VoxelGrid(np.array([-0.03, -0.02, 0.27]), np.full(3, 2.0**-8), (13, 5, 6))
+    part = VoxelGrid(np.array([-0.03, -0.02, 0.27]), np.full(3, 2.0**-8), (5, 2, 3))
+    whole = backproject(capture, grid, method=method, device=device).data[:3, :2, :5]
+    alone = backproject(capture, part, method=method, device=device).data
+    if method == "fast":  # another grid, another tree: two errors of the same size
+        assert rms_db(alone, whole) <= FAST_DB + 3.0
+    else:
+        np.testing.assert_array_equal(alone, whole)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_same_call_gives_the_same_bits(device: clradar.Device, method: str) -> None:
+    capture = noise(random_array(6, 5), SHORT)
+    one, two = (backproject(capture, GRID, method=method, device=device).data for _ in range(2))
+    np.testing.assert_array_equal(one, two)
+
+
+def test_less_memory_than_one_row_is_an_error(device: clradar.Device) -> None:
+    small = clradar.open_device(device.info.selector, memory_limit_bytes=300)
+    for method in METHODS:
+        with pytest.raises(DeviceError, match="does not fit"):
+            backproject(noise(random_array(6, 5), SHORT), GRID, method=method, device=small)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_progress_runs_from_nothing_to_all(device: clradar.Device, method: str) -> None:
+    seen: list[tuple[int, int]] = []
+    volume = backproject(
+        noise(random_array(6, 5), SHORT), GRID, method=method, device=device, window="hann",
+        progress=lambda done, total: seen.append((done, total)),
+    )  # fmt: skip
+    assert seen[0][0] == 0
+    assert seen[-1][0] == seen[-1][1]
+    assert len({total for _, total in seen}) == 1
+    assert all(a[0] <= b[0] for a, b in pairwise(seen))
+    assert (volume.meta["method"], volume.meta["window"]) == (method, "hann")
+    assert volume.meta["device"]["device"] == device.info.name
+
+
+# The image of a point -----------------------------------------------------------------------------
+
+# All legs agree at the target, so the maximum is there. Range profiles may tilt the flat top of the
+# main lobe by their 5e-3, a shift of some 1e-2 of its half width. The promise is 0.25 mm.
+PEAK_ERROR_M = 1e-4
+# The figures below are rounded; interpolating between samples 0.1 mm apart, and range profiles,
+# change a width by some 1e-3 of it, 3 um in x and y, and a side lobe by their 5e-3, 0.04 dB.
+WIDTH_ERROR = 2e-3
+LOBE_ERROR_DB = 0.06
+
+
+def point_response(target_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    """Image of a point target: for each frequency a sum over Tx times a sum over Rx, float64."""
+    k = SWEEP.frequencies_hz / C
+    out = np.ones((len(points_m), len(k)), complex)
+    for antennas in (QAR50.tx_m, QAR50.rx_m):
+        legs = np.linalg.norm(points_m[:, None] - antennas, axis=2)
+        legs -= np.linalg.norm(target_m - antennas, axis=1)
+        for i, row in enumerate(legs):
+            out[i] *= np.exp(2j * np.pi * np.outer(row, k)).sum(axis=0)
+    return out.sum(axis=1) / (QAR50.n_tx * QAR50.n_rx * len(k))
+
+
+def line_grid(target_m: np.ndarray, axis: int, reach_m: float, step_m: float) -> VoxelGrid:
+    steps = round(reach_m / step_m)
+    counts = [1, 1, 1]
+    counts[axis] = 2 * steps + 1
+    origin = np.array(target_m)
+    origin[axis] -= steps * step_m
+    return VoxelGrid(origin, np.full(3, step_m), (counts[0], counts[1], counts[2]))
+
+
+def cut(
+    capture: Capture, target_m: np.ndarray, axis: int, device: clradar.Device, step_m: float,
+    reach_m: float = 0.03, method: str = "exact",
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Distance from the target and complex image along one axis through it."""
+    grid = line_grid(target_m, axis, reach_m, step_m)
+    image = backproject(capture, grid, method=method, device=device).data.ravel()
+    return centres(grid)[:, axis] - target_m[axis], image
+
+
+def half_power_width(at: np.ndarray, amplitude: np.ndarray) -> float:
+    """Width at -3 dB, interpolated."""
+    level = amplitude.max() * 10 ** (-3 / 20)
+    above = np.flatnonzero(amplitude >= level)
+    first, last = above[0], above[-1]
+    left = np.interp(level, amplitude[[first - 1, first]], at[[first - 1, first]])
+    right = np.interp(level, amplitude[[last + 1, last]], at[[last + 1, last]])
+    return float(right - left)
+
+
+def side_lobes_db(amplitude: np.ndarray) -> np.ndarray:
+    """Local maxima beside the main one, decibel, from the left to the right."""
+    inner = amplitude[1:-1]
+    peaks = np.flatnonzero((inner > amplitude[:-2]) & (inner >= amplitude[2:])) + 1
+    peaks = peaks[peaks != amplitude.argmax()]
+    return 20 * np.log10(amplitude[peaks] / amplitude.max())
+
+
+@pytest.fixture(
+    scope="module", params=[(0.0, 0.0, 0.3), (0.07, 0.05, 0.3)], ids=["centre", "corner"]
+)
+def point(request: pytest.FixtureRequest) -> tuple[np.ndarray, Capture]:
+    target = np.array(request.param)
+    return target, reference.point_targets(QAR50, SWEEP, target[None], np.ones(1))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2], ids=["x", "y", "z"])
+def test_point_target_has_its_closed_form(
+    device: clradar.Device, point: tuple[np.ndarray, Capture], axis: int
+) -> None:
+    target, capture = point
+    at, image = cut(capture, target, axis, device, step_m=1e-4)
+    want = point_response(target, target + at[:, None] * np.eye(3)[axis])
+    peak = np.abs(want).max()
+    assert np.abs(image - want).max() <= 10 ** (EXACT_DB / 20) * peak
+    assert abs(peak - 1) <= 1e-12  # every term of the sum is 1 at the target
+    assert at[np.abs(image).argmax()] == at[len(at) // 2]
+
+
+# Of the float64 sum: -3 dB width along x, y and z, mm; the same as samples 0.25 mm apart show it,
+# from the first to the last above -3 dB; and the first side lobe along x and y, dB (the next ones
+# along z are the aperture's and the band's together, 22 mm away).
+FIGURES = {
+    "centre": {"width": (3.797, 3.800, 13.51), "sampled": (3.5, 3.5, 13.5), "lobe": (-13.3, -13.3)},
+    "corner": {"width": (4.108, 4.020, 10.68), "sampled": (4.0, 4.0, 10.5), "lobe": (-13.4, -13.4)},
+}
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2], ids=["x", "y", "z"])
+@pytest.mark.parametrize("method", METHODS)
+def test_point_target_has_its_width_and_side_lobes(
+    device: clradar.Device, point: tuple[np.ndarray, Capture], axis: int, method: str
+) -> None:
+    target, capture = point
+    figures = FIGURES["corner" if target[0] else "centre"]
+    at, image = cut(capture, target, axis, device, step_m=1e-4, method=method)
+    amplitude = np.abs(image)
+    width_mm = 1e3 * half_power_width(at, amplitude)
+    assert abs(width_mm / figures["width"][axis] - 1) <= WIDTH_ERROR
+    at, image = cut(capture, target, axis, device, step_m=2.5e-4, method=method)
+    above = at[np.abs(image) >= np.abs(image).max() * 10 ** (-3 / 20)]
+    assert abs(1e3 * np.ptp(above) - figures["sampled"][axis]) <= 1e-6
+    if axis < 2:
+        lobes = side_lobes_db(amplitude)
+        assert abs(lobes.max() - figures["lobe"][axis]) <= LOBE_ERROR_DB
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2], ids=["x", "y", "z"])
+@pytest.mark.parametrize("method", METHODS)
+def test_point_target_peaks_where_it_is(
+    device: clradar.Device, point: tuple[np.ndarray, Capture], axis: int, method: str
+) -> None:
+    target, capture = point
+    at, image = cut(capture, target, axis, device, step_m=5e-5, reach_m=0.01, method=method)
+    found = at[np.abs(image).argmax()]
+    assert abs(found) <= PEAK_ERROR_M

@@ -1,0 +1,310 @@
+"""The image over a tree of blocks: what stands for what, and the error that was asked for."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import clradar
+from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, reference
+from clradar.errors import ModelError
+from clradar.imaging import fast
+from clradar.imaging.block_tree import block_sizes, leaf_voxels, levels
+from clradar.imaging.interpolative import SLACK, decompose, rms, skeleton
+
+QAR50 = clradar.arrays.qar50()
+SWEEP = Waveform.sfcw(72e9, 82e9, 128)
+# Float32 sums of 10^6 terms of random phase in blocks of a hundred, and phases of 1e-6 turns.
+FLOAT32_DB = -95.0
+
+
+def extent(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], step: float):
+    return VoxelGrid.from_extent(x, y, z, step)
+
+
+PAPER_COARSE = extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 4e-3)
+
+
+def flat(n: int) -> np.ndarray:
+    x, y = np.meshgrid(np.linspace(-0.05, 0.05, n), np.linspace(-0.05, 0.05, n))
+    return np.stack([x.ravel(), y.ravel(), np.zeros(n * n)], axis=1)
+
+
+def scatterers(array: AntennaArray, waveform: Waveform, grid: VoxelGrid) -> Capture:
+    rng = np.random.default_rng(2)
+    last = grid.origin_m + grid.spacing_m * (np.array(grid.counts) - 1)
+    points = rng.uniform(grid.origin_m, last, (60, 3))
+    return reference.point_targets(array, waveform, points, rng.normal(size=60))
+
+
+def noise(array: AntennaArray, waveform: Waveform) -> Capture:
+    re, im = np.random.default_rng(1).normal(size=(2, array.n_tx, array.n_rx, waveform.n_freq))
+    return Capture(re + 1j * im, array, waveform)
+
+
+def error_db(capture: Capture, grid: VoxelGrid, device: clradar.Device, **options: float) -> float:
+    """RMS error at random voxels and all corners, relative to the RMS of the whole image."""
+    volume = backproject(capture, grid, method="fast", device=device, **options)
+    last = np.array(grid.counts) - 1
+    corners = np.array(np.meshgrid(*zip((0, 0, 0), last, strict=True))).reshape(3, -1).T
+    inside = np.random.default_rng(9).integers(0, last + 1, (150, 3))
+    at = np.concatenate([corners, inside])
+    want = reference.backproject(capture, grid.origin_m + grid.spacing_m * at)
+    error = volume.data[at[:, 2], at[:, 1], at[:, 0]] - want
+    rms = np.sqrt(np.mean(np.abs(volume.data.astype(complex)) ** 2))
+    return float(20 * np.log10(np.sqrt(np.mean(np.abs(error) ** 2)) / rms))
+
+
+def parts(turns: np.ndarray) -> np.ndarray:
+    """Real and imaginary parts of phasors, as one kind of samples."""
+    phasor = np.exp(2j * np.pi * turns)
+    return np.concatenate([phasor.real, phasor.imag])[None]
+
+
+@pytest.fixture(autouse=True)
+def always_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However few the voxels are."""
+    monkeypatch.setattr(fast, "FEW_TERMS", 0)
+
+
+# Skeletons ----------------------------------------------------------------------------------------
+
+
+def test_a_skeleton_gives_back_functions_of_its_kind() -> None:
+    rng = np.random.default_rng(0)
+    at = np.sort(rng.uniform(-1, 1, 50))
+
+    def draw() -> np.ndarray:
+        return parts(rng.uniform(-1, 1, (300, 1)) * at)
+
+    found = skeleton(draw, 1e-3)
+    fresh = draw()
+    error = fresh - fresh[..., found.index] @ found.weights.T
+    assert rms(error) <= 1.5 * SLACK * 1e-3
+    # Four turns at most over the interval: 2 per turn is the least, and a few for the ends.
+    assert 4 <= len(found.index) <= 10
+    np.testing.assert_array_equal(found.weights[found.index], np.eye(len(found.index)))
+    assert (np.diff(found.index) > 0).all()
+
+
+def test_every_kind_of_functions_is_held_to_the_tolerance() -> None:
+    """A rare kind that varies three times as fast does not hide behind the others."""
+    rng = np.random.default_rng(0)
+    at = np.sort(rng.uniform(-1, 1, 60))
+    fastest = np.repeat([1.0, 1.0, 1.0, 3.0], 100)[:, None]
+
+    def draw() -> np.ndarray:
+        return parts(fastest * rng.uniform(-1, 1, (400, 1)) * at).reshape(4, -1, 60)
+
+    found = skeleton(draw, 1e-3)
+    fresh = draw()
+    error = rms(fresh - fresh[..., found.index] @ found.weights.T)
+    assert (error <= 1.5 * SLACK * 1e-3).all()
+
+
+def test_points_that_coincide_need_one_of_them() -> None:
+    samples = parts(np.random.default_rng(0).uniform(size=(40, 2)))[0][:, [0, 1, 0, 0]]
+    found = decompose(samples, 1e-6)
+    assert len(found.index) == 2
+    np.testing.assert_allclose(samples[:, found.index] @ found.weights.T, samples, atol=1e-12)
+
+
+def test_functions_without_anything_in_common_keep_all_points() -> None:
+    rng = np.random.default_rng(0)
+
+    def draw() -> np.ndarray:
+        return parts(rng.uniform(size=(12, 9)))
+
+    found = skeleton(draw, 1e-6)
+    np.testing.assert_array_equal(found.index, np.arange(9))
+    np.testing.assert_allclose(found.weights, np.eye(9), atol=1e-12)
+
+
+# The tree -----------------------------------------------------------------------------------------
+
+
+def test_blocks_halve_down_to_about_a_wavelength() -> None:
+    grid = extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
+    leaf = leaf_voxels(grid, 3.9e-3)
+    assert leaf == (4, 4, 8)
+    sizes = block_sizes(grid, leaf)
+    assert sizes[0] == (256, 256, 128)
+    assert sizes[-1] == leaf
+    for larger, smaller in pairwise(sizes):
+        assert all(a in (b, 2 * b) for a, b in zip(larger, smaller, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("counts", "step", "leaf"),
+    [
+        ((1, 1, 1), 1e-3, (1, 1, 1)),
+        ((50, 1, 1), 1e-3, (8, 1, 1)),
+        ((3, 2, 1), 1e-3, (4, 2, 1)),
+        ((40, 40, 40), 2e-2, (2, 2, 2)),
+        ((400, 400, 400), 0.25e-3, (16, 16, 32)),
+        ((800, 800, 800), 0.01e-3, (64, 64, 64)),
+    ],
+)
+def test_the_smallest_blocks_have_eight_voxels_where_the_grid_has_and_not_too_many(
+    counts: tuple[int, int, int], step: float, leaf: tuple[int, int, int]
+) -> None:
+    assert leaf_voxels(VoxelGrid(np.zeros(3), np.full(3, step), counts), 3.9e-3) == leaf
+
+
+def test_fewer_and_fewer_stand_for_all() -> None:
+    found = levels(QAR50, SWEEP, PAPER_COARSE, 3e-3)
+    for above, below in pairwise(found):
+        for name in ("tx", "rx", "frequency"):
+            assert set(getattr(below, name)) <= set(getattr(above, name))
+            weights = getattr(below, f"{name}_weights")
+            assert weights.shape == (len(getattr(above, name)), len(getattr(below, name)))
+    assert len(found[-1].tx) < 24
+    assert len(found[-1].rx) < 24
+    assert len(found[-1].frequency) < 10
+
+
+# The error ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tolerance_db", [-30.0, -40.0, -50.0, -60.0, -70.0, -80.0])
+@pytest.mark.parametrize("make", [scatterers, noise])
+def test_the_error_is_what_was_asked_for(
+    device: clradar.Device, make: object, tolerance_db: float
+) -> None:
+    capture = noise(QAR50, SWEEP) if make is noise else scatterers(QAR50, SWEEP, PAPER_COARSE)
+    error = error_db(capture, PAPER_COARSE, device, tolerance_db=tolerance_db)
+    assert FLOAT32_DB <= error <= tolerance_db
+
+
+GRIDS = {
+    "a few centimetres away": extent((-0.1, 0.1), (-0.1, 0.1), (0.03, 0.05), 4e-3),
+    "through the antennas": extent((-0.08, 0.08), (-0.08, 0.08), (-0.024, 0.024), 4e-3),
+    "wavelengths from voxel to voxel": extent((-8.0, 9.0), (2.0, 6.0), (1.0, 12.0), 1.0),
+    "off axis": extent((0.3, 0.34), (-0.2, -0.16), (0.2, 0.24), 2e-3),
+    "to the aperture's edges and near": extent((-0.072, 0.072), (-0.072, 0.072), (0.08, 0.1), 4e-3),
+    "far away": extent((-0.3, 0.3), (-0.3, 0.3), (1.9, 2.1), 2e-2),
+    "fine": extent((0.01, 0.02), (0.0, 0.01), (0.295, 0.305), 0.25e-3),
+    "a slice": extent((-0.1, 0.1), (-0.1, 0.1), (0.3, 0.3), 2e-3),
+    "a line": extent((-0.1, 0.1), (0.02, 0.02), (0.3, 0.3), 1e-3),
+    "a voxel": extent((0.01, 0.01), (0.02, 0.02), (0.3, 0.3), 1e-3),
+}
+
+
+@pytest.mark.parametrize("name", GRIDS)
+@pytest.mark.parametrize("tolerance_db", [-50.0, -80.0])
+def test_any_grid(device: clradar.Device, name: str, tolerance_db: float) -> None:
+    capture = noise(QAR50, Waveform.sfcw(72e9, 82e9, 17))
+    assert error_db(capture, GRIDS[name], device, tolerance_db=tolerance_db) <= tolerance_db
+
+
+def test_corners_and_voxels_next_to_antennas_are_no_worse(device: clradar.Device) -> None:
+    """Where the error of a few voxels alone could be large: each held to the tolerance itself."""
+    ring = np.arange(44) * 2 * np.pi / 44
+    ring_m = 0.08 * np.stack([np.cos(ring), np.sin(ring), 0 * ring], axis=1)
+    capture = noise(AntennaArray(ring_m, ring_m[::2]), Waveform.sfcw(60e9, 84e9, 40))
+    grid = extent((-0.098, 0.098), (-0.098, 0.098), (0.02, 0.06), 4e-3)
+    volume = backproject(capture, grid, tolerance_db=-60, device=device)
+    last = np.array(grid.counts) - 1
+    corners = np.array(np.meshgrid(*zip((0, 0, 0), last, strict=True))).reshape(3, -1).T
+    every = np.argwhere(np.ones(grid.shape))[:, ::-1]
+    distance = np.linalg.norm(
+        grid.origin_m + grid.spacing_m * every - ring_m[:, None], axis=-1
+    ).min(axis=0)
+    for at in (corners, every[np.argsort(distance)[:100]]):
+        want = reference.backproject(capture, grid.origin_m + grid.spacing_m * at)
+        error = volume.data[at[:, 2], at[:, 1], at[:, 0]] - want
+        rms_image = np.sqrt(np.mean(np.abs(volume.data) ** 2))
+        assert 20 * np.log10(np.sqrt(np.mean(np.abs(error) ** 2)) / rms_image) <= -60.0
+
+
+def test_far_voxels_get_phases_of_two_numbers() -> None:
+    far = GRIDS["wavelengths from voxel to voxel"]
+    k = SWEEP.frequencies_hz / 299_792_458.0
+    for grid, expected in ((PAPER_COARSE, False), (far, True)):
+        error = fast._float32_error(QAR50, k, grid)
+        assert (error > fast.FLOAT32_SHARE * 1e-4) is expected
+
+
+def test_few_terms_are_summed_as_they_stand(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture, grid = noise(QAR50, Waveform([77e9])), GRIDS["a line"]
+    want = backproject(capture, grid, method="exact", device=device).data
+    monkeypatch.setattr(fast, "FEW_TERMS", want.size * capture.data.size)
+    np.testing.assert_array_equal(backproject(capture, grid, device=device).data, want)
+    monkeypatch.setattr(fast, "FEW_TERMS", want.size * capture.data.size - 1)
+    assert (backproject(capture, grid, device=device).data != want).any()
+
+
+def test_levels_that_do_not_pay_are_left_out() -> None:
+    """Of one voxel, and of voxels that have nothing in common, the sum is taken as it stands."""
+    assert len(levels(QAR50, SWEEP, GRIDS["a voxel"], 3e-3)) == 1
+    sizes = block_sizes(PAPER_COARSE, leaf_voxels(PAPER_COARSE, 3.9e-3))
+    assert len(levels(QAR50, SWEEP, PAPER_COARSE, 1e-4)) < len(sizes)
+
+
+RNG = np.random.default_rng(5)
+ARRAYS = {
+    "in space": AntennaArray(RNG.uniform(-0.07, 0.07, (30, 3)), RNG.uniform(-0.07, 0.07, (20, 3))),
+    "a plane": AntennaArray(flat(14), flat(5)),
+    "one pair": AntennaArray([[0, 0, 0]], [[0.01, 0, 0]]),
+    "one Tx": AntennaArray([[0.02, 0.03, 0]], QAR50.rx_m),
+    "the same antennas twice": AntennaArray(np.tile(QAR50.tx_m[:20], (2, 1)), QAR50.rx_m[:9]),
+}
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_any_array(device: clradar.Device, name: str) -> None:
+    waveform = Waveform(np.sort(np.random.default_rng(3).uniform(70e9, 84e9, 21)))
+    assert error_db(noise(ARRAYS[name], waveform), PAPER_COARSE, device) <= -50.0
+
+
+def test_pieces_of_a_large_grid_fit_together(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = scatterers(QAR50, Waveform.sfcw(72e9, 82e9, 17), PAPER_COARSE)
+    thin = extent((-0.1, 0.1), (-0.1, 0.1), (0.3, 0.304), 4e-3)
+    for grid, voxels, pieces in ((PAPER_COARSE, 51 * 51 * 11, 2), (thin, 51 * 40, 4)):
+        monkeypatch.setattr(fast, "TILE_VOXELS", voxels)
+        assert len(list(fast._tiles(grid))) == pieces
+        assert error_db(capture, grid, device) <= -50.0
+
+
+def test_large_arrays_are_imaged_in_parts(device: clradar.Device) -> None:
+    """More antennas than a work-item holds; 33 x 33 and 5 of them."""
+    array = AntennaArray(flat(33), flat(5)[:5])
+    assert [len(a.tx_m) for _, _, a in fast._antenna_parts(array)] == [544, 545]
+    grid = extent((-0.02, 0.02), (-0.03, 0.03), (0.2, 0.21), 2e-3)
+    capture = scatterers(array, Waveform.sfcw(72e9, 82e9, 5), grid)
+    assert error_db(capture, grid, device) <= -50.0
+
+
+def test_parts_of_both_sides_make_up_the_whole(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fast, "MAX_ANTENNAS", 40)
+    assert len(fast._antenna_parts(QAR50)) == 9
+    capture = scatterers(QAR50, Waveform.sfcw(72e9, 82e9, 5), PAPER_COARSE)
+    assert error_db(capture, PAPER_COARSE, device) <= -50.0
+
+
+# Wrong arguments ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tolerance_db": -20}, "tolerance_db: expected -80 to -30 dB, got -20"),
+        ({"tolerance_db": -90}, "tolerance_db: expected -80 to -30 dB, got -90"),
+        ({"tolerance_db": "-50"}, "tolerance_db: expected a number"),
+        ({"tolerance_db": -50, "method": "exact"}, "tolerance_db: expected none for a method"),
+    ],
+)
+def test_wrong_tolerances_are_refused(
+    device: clradar.Device, options: dict[str, object], message: str
+) -> None:
+    capture = noise(QAR50, Waveform.sfcw(72e9, 82e9, 2))
+    with pytest.raises(ModelError, match=message):
+        backproject(capture, GRIDS["a voxel"], device=device, **options)  # type: ignore[arg-type]

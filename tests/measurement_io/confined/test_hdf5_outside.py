@@ -1,0 +1,331 @@
+"""Reading HDF5 opens the file and nothing else, whatever the file points to."""
+
+from __future__ import annotations
+
+import re
+import struct
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import reader_probes
+from fuzz import seeds
+from fuzz.mutate_hdf5 import with_right_checksums
+from opened_files import OpenedFiles
+
+import clradar
+from clradar.errors import MeasurementError
+from measurement_io import check_file, describe, open_capture, save_capture
+from measurement_io.confined import hdf5_process
+
+READERS = (open_capture, describe, check_file)
+_FOREIGN_FILTER = 32013
+"""A registered filter (ZFP) that neither HDF5 nor h5py brings along."""
+
+
+@pytest.fixture
+def capture() -> clradar.Capture:
+    rng = np.random.default_rng(0)
+    data = (rng.normal(size=(3, 2, 5)) + 1j * rng.normal(size=(3, 2, 5))).astype(np.complex64)
+    array = clradar.AntennaArray(rng.normal(size=(3, 3)), rng.normal(size=(2, 3)), "lab")
+    return clradar.Capture(data, array, clradar.Waveform(60e9 + np.arange(5) * 1e9), {"seed": 1})
+
+
+@pytest.fixture
+def path(tmp_path, capture, monkeypatch) -> Path:
+    """A capture, and next to it a folder with what it must not open."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    save_capture("out/other.h5", capture)
+    Path("out/secret.raw").write_bytes(capture.data.tobytes())
+    save_capture("capture.h5", capture)
+    return tmp_path / "capture.h5"
+
+
+@pytest.fixture
+def watch(path) -> Iterator[OpenedFiles]:
+    opened = OpenedFiles(path.parent / "out")
+    yield opened
+    opened.close()
+
+
+def change(path: Path, action: Callable[[h5py.File], None]) -> None:
+    with h5py.File(path, "r+", libver="latest") as file:
+        action(file)
+
+
+def outcomes(path: Path) -> list[str]:
+    """What each reader says; an error has to name the file on one line."""
+    found = []
+    for reader in READERS:
+        try:
+            text = str(reader(path))
+        except MeasurementError as error:
+            text = str(error)
+            refused = path.name in text and "\n" not in text
+            text = text if refused else f"bad message: {text}"
+        found.append(text)
+    assert not [text for text in found if text.startswith("bad message")]
+    return found
+
+
+def hide_data(file: h5py.File) -> h5py.Group:
+    file.move("entry/data/data", "hidden")
+    return file["entry/data"]
+
+
+def external_link(file: h5py.File) -> None:
+    hide_data(file)["data"] = h5py.ExternalLink("out/other.h5", "/entry/data/data")
+
+
+def soft_link_to_an_external_one(file: h5py.File) -> None:
+    file["bridge"] = h5py.ExternalLink("out/other.h5", "/entry/data/data")
+    hide_data(file)["data"] = h5py.SoftLink("/bridge")
+
+
+def external_storage(file: h5py.File) -> None:
+    storage = [("out/secret.raw", 0, h5py.h5f.UNLIMITED)]
+    hide_data(file).create_dataset("data", (3, 2, 5), "c8", external=storage)
+
+
+def virtual_dataset(file: h5py.File) -> None:
+    layout = h5py.VirtualLayout((3, 2, 5), np.complex64)
+    layout[...] = h5py.VirtualSource("out/other.h5", "/entry/data/data", (3, 2, 5))
+    hide_data(file).create_virtual_dataset("data", layout)
+
+
+def virtual_dataset_without_end(file: h5py.File) -> None:
+    # Its very shape is asked of the other file.
+    layout = h5py.VirtualLayout((3, 2, 5), np.complex64, maxshape=(None, 2, 5))
+    source = h5py.VirtualSource(
+        "out/other.h5", "/entry/data/data", (3, 2, 5), maxshape=(None, 2, 5)
+    )
+    layout[0 : h5py.h5s.UNLIMITED] = source[0 : h5py.h5s.UNLIMITED]
+    hide_data(file).create_virtual_dataset("data", layout)
+
+
+def group_elsewhere(file: h5py.File) -> None:
+    del file["entry/data"]
+    file["entry/data"] = h5py.ExternalLink("out/other.h5", "/entry/data")
+
+
+def entry_elsewhere(file: h5py.File) -> None:
+    del file["entry"]
+    file["entry"] = h5py.ExternalLink("out/other.h5", "/entry")
+
+
+def optional_axis_elsewhere(file: h5py.File) -> None:
+    del file["entry/data/tx"]
+    file["entry/data/tx"] = h5py.ExternalLink("out/other.h5", "/entry/data/tx")
+
+
+def positions_elsewhere(file: h5py.File) -> None:
+    del file["entry/data/tx_m"]
+    file["entry/data/tx_m"] = h5py.ExternalLink("out/other.h5", "/entry/data/tx_m")
+
+
+def read_all(path: Path) -> None:
+    """What a reader does that trusts the file."""
+    with h5py.File(path) as file:
+        for name in ("data", "tx", "tx_m"):
+            file["entry/data"][name][()]
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        external_link,
+        soft_link_to_an_external_one,
+        external_storage,
+        virtual_dataset,
+        virtual_dataset_without_end,
+        group_elsewhere,
+        entry_elsewhere,
+        optional_axis_elsewhere,
+        positions_elsewhere,
+    ],
+    ids=lambda action: action.__name__,
+)
+def test_nothing_else_is_opened(path, watch, action):
+    change(path, action)
+    read_all(path)
+    assert watch.names(), "the trap does not work: h5py alone opens nothing else"
+    found = outcomes(path)
+    assert watch.names() == set()
+    if action is not optional_axis_elsewhere:  # which only viewers need
+        assert "expected" in found[0]
+        assert "expected" in found[1]
+    assert "problem" in found[2]
+
+
+def test_the_kernel_would_stop_what_the_checks_let_through(path, watch):
+    change(path, external_link)
+    with pytest.raises(MeasurementError):
+        hdf5_process.run(reader_probes.read_trusting, path)
+    assert watch.names() == set()
+
+
+def test_user_defined_link(path, watch):
+    # h5py cannot make one: an external link becomes one when its kind (64) is changed, in a link
+    # message: version 1, flags with bit 3 (kind is there), kind.
+    change(path, external_link)
+    content = path.read_bytes()
+    found = [m.start() for m in re.finditer(rb"\x01[\x08-\x1f]\x40", content, re.DOTALL)]
+    assert len(found) == 1
+    for kind in (65, 200, 255):
+        damaged = bytearray(content)
+        damaged[found[0] + 2] = kind
+        path.write_bytes(with_right_checksums(bytes(damaged)))
+        found_texts = outcomes(path)
+        assert all("expected" in text for text in found_texts)
+        with h5py.File(path) as file:
+            assert "data" in list(file["entry/data"])  # the rest of the file is all right
+    assert watch.names() == set()
+
+
+def test_references_are_not_followed(path, watch):
+    def action(file: h5py.File) -> None:
+        group = hide_data(file)
+        group["data"] = np.full((3, 2, 5), file["hidden"].ref, dtype=h5py.ref_dtype)
+        file.attrs["provenance"] = file["hidden"].ref
+        file.attrs["created"] = file["hidden"].regionref[0]
+
+    change(path, action)
+    assert all("expected" in text for text in outcomes(path))
+    assert watch.names() == set()
+
+
+@pytest.mark.parametrize("name", ["provenance", "clradar_format", "clradar_version", "NX_class"])
+def test_attributes_that_are_references_or_of_a_named_type(path, name):
+    def reference(file: h5py.File) -> None:
+        file.attrs[name] = file.ref
+
+    def named(file: h5py.File) -> None:
+        file["type"] = h5py.string_dtype()
+        old = file.attrs[name]
+        del file.attrs[name]
+        if not isinstance(old, str):
+            return
+        file.attrs.create(name, old, dtype=file["type"])
+
+    content = path.read_bytes()
+    change(path, reference)
+    found = outcomes(path)
+    assert "expected" in found[0] or name == "NX_class"
+    assert "problem" in found[2]
+    path.write_bytes(content)
+    change(path, named)
+    outcomes(path)
+
+
+def test_named_type_in_the_place_of_data(path):
+    def action(file: h5py.File) -> None:
+        hide_data(file)["data"] = np.dtype("c8")
+
+    change(path, action)
+    assert all("Datatype" in text for text in outcomes(path))
+
+
+def test_filter_plugins_are_not_loaded(path, watch, capture, monkeypatch):
+    def action(file: h5py.File) -> None:
+        group = hide_data(file)
+        made = group.create_dataset("data", (3, 2, 5), "c8", chunks=(3, 2, 5), shuffle=True)
+        made.id.write_direct_chunk((0, 0, 0), capture.data.tobytes())
+
+    change(path, action)
+    content = bytearray(path.read_bytes())
+    # Filter pipeline message, version 2: version, how many filters, then of each its number, (the
+    # length of its name, for numbers from 256 on,) flags, how many parameters, and these.
+    places = [match.start() + 2 for match in re.finditer(rb"\x02\x01\x02\x00", content)]
+    assert len(places) == 1
+    content[places[0] : places[0] + 10] = struct.pack("<5H", _FOREIGN_FILTER, 0, 0, 0, 0)
+    path.write_bytes(with_right_checksums(bytes(content)))
+    Path("out/libfilter.so").write_bytes(b"no library")
+    hdf5_process._stop_server()  # the next one has the variable from the start
+    monkeypatch.setenv("HDF5_PLUGIN_PATH", str(path.parent / "out"))
+    watch.names()
+
+    trusting = "import h5py; h5py.File('capture.h5')['entry/data/data'][()]"
+    subprocess.run([sys.executable, "-c", trusting], capture_output=True)
+    assert "libfilter.so" in watch.names(), "the trap does not work"
+    assert all(f"filter {_FOREIGN_FILTER}" in text for text in outcomes(path))
+    assert watch.names() == set()
+    hdf5_process._stop_server()
+
+
+def test_a_block_before_the_file(path, capture):
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file.attrs["clradar_format"] = "capture"
+    found = outcomes(path)
+    assert all("expected" in text for text in found)
+
+
+# ---- lengths that lie
+
+
+MOST_BYTES = 2**30 + 2**28
+"""`hdf5_process.MEMORY_BYTES`, and a quarter for what the limit does not count."""
+
+MOST_SECONDS = 20
+"""3 s of processor time on a machine that is busy with other things."""
+
+
+@pytest.mark.parametrize("length", [2**32 - 1, 2**31, 10**9, 2**24])
+@pytest.mark.parametrize("name", [b"provenance", b"NX_class", b"axes"])
+def test_text_that_claims_gigabytes(path, name, length):
+    # HDF5 allocates and clears as many bytes as the attribute claims, before it looks at the text.
+    content = bytearray(path.read_bytes())
+    # Attribute message, version 3: sizes of name, type and shape (2 bytes each), a byte, the name
+    # and so on, then the length of the text.
+    at = content.index(name + b"\0")
+    sizes = struct.unpack_from("<3H", content, at - 7)
+    struct.pack_into("<I", content, at + sum(sizes), length)
+    path.write_bytes(with_right_checksums(bytes(content)))
+    cost = hdf5_process.run(reader_probes.cost_of_reading, path)
+    assert cost["bytes"] < MOST_BYTES
+    assert cost["seconds"] < MOST_SECONDS
+    assert cost["outcome"] != "result"
+    outcomes(path)
+
+
+def test_index_of_chunks_without_end(path: Path) -> None:
+    # The header of a fixed array says how many chunks there are; HDF5 allocates for as many.
+    def action(file: h5py.File) -> Any:
+        hide_data(file).create_dataset("data", data=file["hidden"][()], chunks=(1, 2, 5))
+
+    change(path, action)
+    content = bytearray(path.read_bytes())
+    at = content.index(b"FAHD") + 8
+    for count in (2**28, 2**40, 2**62):
+        struct.pack_into("<Q", content, at, count)
+        path.write_bytes(with_right_checksums(bytes(content)))
+        cost = hdf5_process.run(reader_probes.cost_of_reading, path)
+        assert cost["bytes"] < MOST_BYTES
+        assert "expected" in outcomes(path)[0]
+
+
+# ---- damage that the library does not survive
+
+
+def test_a_file_on_which_the_library_divides_by_zero(tmp_path):
+    # Found by fuzzing: records of 0 bytes in the index of a group with many attributes.
+    content = bytearray(seeds.native_captures()[-1])
+    at = content.index(b"BTHD") + 10
+    assert struct.unpack_from("<H", content, at)[0] > 0
+    struct.pack_into("<H", content, at, 0)
+    target = tmp_path / "c.h5"
+    target.write_bytes(with_right_checksums(bytes(content)))
+    trusting = f"import h5py; h5py.File({str(target)!r}).attrs['clradar_format']"
+    done = subprocess.run([sys.executable, "-c", trusting], capture_output=True)
+    if done.returncode == 0:
+        pytest.skip("this version of the library survives it")
+    texts = outcomes(target)
+    assert all("expected a readable" in text for text in texts)
+    # This process goes on, and so does the reading of others.
+    target.write_bytes(seeds.native_captures()[-1])
+    assert open_capture(target).array.n_tx == 3

@@ -1,0 +1,204 @@
+"""The process that reads HDF5 files: it may die, and can do no harm."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import socket
+import threading
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import reader_probes as probes
+
+from clradar.errors import MeasurementError
+from measurement_io.confined import hdf5_process, wire
+
+WALL_LIMIT_S = 20
+"""For what ends after 1 s of processor time, on a machine that is busy with other things."""
+
+
+@pytest.fixture
+def path(tmp_path):
+    target = tmp_path / "file.h5"
+    with h5py.File(target, "w") as file:
+        file["x"] = [1, 2]
+    return target
+
+
+def refused(function, path, *arguments, **options) -> str:
+    with pytest.raises(MeasurementError) as caught:
+        hdf5_process.run(function, path, *arguments, **options)
+    message = str(caught.value)
+    assert path.name in message
+    assert "\n" not in message
+    return message
+
+
+def test_values_come_back_as_they_are(path):
+    value = [None, True, -1, 2**70, 0.1, "a\n\ud800ü", {"k": [], "array": ["array", 1]}, [[{}]]]
+    assert hdf5_process.run(probes.same, path, value) == value
+
+
+def test_arrays_come_back_bit_for_bit(path):
+    want = probes.arrays(path)
+    have = hdf5_process.run(probes.arrays, path, most_bytes=1000)
+    assert list(have) == list(want)
+    for name, array in want.items():
+        assert have[name].shape == array.shape
+        if name != "pair":
+            assert have[name].dtype == array.dtype
+        assert have[name].tolist() == array.tolist()
+
+
+def test_the_error_of_the_function_is_raised(path):
+    message = refused(probes.refuse, path)
+    assert message.endswith("file.h5: expected this, got that")
+
+
+def test_a_value_that_cannot_be_sent(path):
+    assert "object cannot be sent" in refused(probes.unknown, path)
+
+
+def test_a_crash_is_an_error_and_the_next_file_is_read(path):
+    for _ in range(3):
+        assert "crashes" in refused(probes.crash, path)
+        assert hdf5_process.run(probes.same, path, 1) == 1
+
+
+@pytest.mark.timeout(WALL_LIMIT_S)
+def test_an_endless_loop_is_an_error(path, monkeypatch):
+    monkeypatch.setattr(hdf5_process, "CPU_LIMIT_S", 1)
+    assert "more than 1 s" in refused(probes.loop, path)
+
+
+def test_memory_is_limited(path):
+    assert hdf5_process.run(probes.take, path, 2**20) == 2**20
+    assert "MemoryError" in refused(probes.take, path, hdf5_process.MEMORY_BYTES + 2**24)
+
+
+def test_what_comes_back_is_limited(path):
+    assert len(hdf5_process.run(probes.large, path, 10**6, most_bytes=10**6)) == 10**6
+    refused(probes.large, path, 10**6 + 1, most_bytes=10**6)
+    refused(probes.large, path, 10**6)
+
+
+def test_nothing_can_be_written_opened_or_started(path, tmp_path):
+    other = tmp_path / "other"
+    refused(probes.write, path, str(other))
+    assert other.read_text() == ""
+    assert "Too many open files" in refused(probes.open_another, path, str(other))
+    refused(probes.start_a_program, path)
+
+
+def test_the_folder_is_the_callers(path, monkeypatch):
+    monkeypatch.chdir(path.parent)
+    assert refused(probes.refuse, Path("file.h5")).startswith("file.h5: ")
+    with pytest.raises(MeasurementError, match="nothing there"):
+        hdf5_process.run(probes.refuse, Path("other.h5"))
+
+
+def test_another_server_takes_over(path):
+    assert hdf5_process.run(probes.same, path, 1) == 1
+    assert hdf5_process._server is not None
+    process = hdf5_process._server[0]
+    process.kill()
+    process.wait()
+    assert hdf5_process.run(probes.same, path, 2) == 2
+
+
+def test_a_server_that_does_not_start_is_not_the_files_fault(path, monkeypatch):
+    hdf5_process._stop_server()
+    monkeypatch.setattr(hdf5_process.sys, "executable", "/bin/false")
+    assert "a process to read HDF5 files in" in refused(probes.same, path, 1)
+    monkeypatch.undo()
+    assert hdf5_process.run(probes.same, path, 2) == 2
+
+
+def test_threads(path):
+    found = []
+
+    def read(number: int) -> None:
+        found.append(hdf5_process.run(probes.same, path, number))
+
+    threads = [threading.Thread(target=read, args=(i,)) for i in range(16)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(found) == list(range(16))
+
+
+def _read_in_a_fork(path: Path, sink: multiprocessing.Queue) -> None:
+    sink.put(hdf5_process.run(probes.same, path, os.getpid()))
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_forked_processes(path):
+    assert hdf5_process.run(probes.same, path, 0) == 0
+    context = multiprocessing.get_context("fork")
+    sink = context.Queue()
+    workers = [context.Process(target=_read_in_a_fork, args=(path, sink)) for _ in range(2)]
+    for worker in workers:
+        worker.start()
+    found = {sink.get(timeout=60) for _ in workers}
+    for worker in workers:
+        worker.join()
+    assert found == {worker.pid for worker in workers}
+    assert hdf5_process.run(probes.same, path, 1) == 1
+
+
+# ---- messages of a process that is not to be trusted
+
+
+def received(content: bytes, most_bytes: int = 100) -> object:
+    ours, theirs = socket.socketpair()
+    with ours:
+        with theirs:
+            theirs.sendall(content)
+        return wire.receive(ours, most_bytes)
+
+
+def message(header: str, content: bytes = b"") -> bytes:
+    return len(header).to_bytes(8, "little") + header.encode() + content
+
+
+def test_messages():
+    assert received(message('["list", [1, null]]')) == [1, None]
+    array = received(message('["array", "<u2", [2]]', b"\x01\0\x02\0"))
+    assert isinstance(array, np.ndarray)
+    assert array.tolist() == [1, 2]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\x01",
+        (2**63).to_bytes(8, "little"),
+        message("{")[:-1],
+        message("{"),
+        message("["),
+        message("[]"),
+        message('["pickle", 1]'),
+        message('["array", "O", [1]]', bytes(8)),
+        message('["array", "|O", [1]]', bytes(8)),
+        message('["array", "<M8[s]", [1]]', bytes(8)),
+        message('["array", [["a", "|O"]], [1]]', bytes(8)),
+        message('["array", "<u2", [-1]]'),
+        message('["array", "<u2", ["1"]]', bytes(8)),
+        message('["array", "<u2", 1]', bytes(8)),
+        message('["array", "<u2", [2]]', bytes(3)),
+        message('["array", "<u2", [51]]', bytes(102)),
+        message('["array", "<u2", [4294967296, 4294967296]]', bytes(102)),
+        message("[" * 100_000),
+        message('["list", ' * 9000 + "1" + "]" * 9000),
+        message('["mapping", [1]]'),
+    ],
+    ids=range(21),
+)
+def test_messages_that_are_none(content):
+    with pytest.raises(wire.BrokenMessage):
+        received(content)

@@ -1,0 +1,821 @@
+"""Layouts: a capture written in strange ways comes back with the same bits, or one clear error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from layout_files import CONTAINERS, layout, random_capture, write
+
+import clradar
+from clradar.cli import main
+from clradar.errors import MeasurementError, ModelError
+from measurement_io import (
+    LayoutNeeded,
+    check_file,
+    describe,
+    open_capture,
+    open_with_layout,
+    read_layout,
+)
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "layouts"
+
+DATA = '[data]\nkey = "data"\naxes = ["tx", "rx", "freq"]\n'
+SIDES = '[tx]\nkey = "tx"\n[rx]\nkey = "rx"\n'
+METRES = '[antennas]\nunit = "m"\n'
+FREQUENCY = '[frequency]\nkey = "f"\nunit = "Hz"\n'
+PLAIN = DATA + SIDES + METRES + FREQUENCY
+
+
+def tree_of(capture: clradar.Capture, **changes: Any) -> dict[str, Any]:
+    return {
+        "data": capture.data,
+        "tx": capture.array.tx_m,
+        "rx": capture.array.rx_m,
+        "f": capture.waveform.frequencies_hz,
+        **changes,
+    }
+
+
+def same_bits(a: np.ndarray, b: np.ndarray) -> bool:
+    return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
+
+
+def assert_same(read: clradar.Capture, capture: clradar.Capture) -> None:
+    assert same_bits(read.data, capture.data)
+    assert same_bits(read.array.tx_m, capture.array.tx_m)
+    assert same_bits(read.array.rx_m, capture.array.rx_m)
+    assert same_bits(read.waveform.frequencies_hz, capture.waveform.frequencies_hz)
+
+
+def refused(path: Path, toml: Path, **more: Any) -> str:
+    """Open what must not open; return the message, which fits one line."""
+    with pytest.raises(MeasurementError) as caught:
+        open_with_layout(path, toml, **more)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+# ---- every container
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_every_container(tmp_path: Path, container: str) -> None:
+    capture = random_capture()
+    path = write(container, tmp_path / "c.bin", tree_of(capture))
+    read = open_capture(path, layout=layout(tmp_path, PLAIN))
+    assert_same(read, capture)
+    assert read.meta["format"] == "layout"
+    assert read.meta["source"] == str(path)
+    assert read.meta["layout"]["data"]["axes"] == ["tx", "rx", "freq"]
+    with pytest.raises(LayoutNeeded, match="data"):
+        open_capture(path)
+    assert not check_file(path).ok
+    assert describe(path).words["data"].endswith(("complex64", "imag', '<f4')]"))
+
+
+@pytest.mark.parametrize("container", [c for c in CONTAINERS if "npz" not in c])
+def test_nested_keys_text_and_single_numbers(tmp_path: Path, container: str) -> None:
+    capture = random_capture()
+    inner = {**tree_of(capture), "note": "hällo", "t_c": 21.5, "run": np.int16([7])}
+    path = write(container, tmp_path / "c", {"lab": {"rec": inner}, "x": 1.0})
+    text = PLAIN.replace('key = "', 'key = "lab/rec/') + (
+        '[meta]\nkeys = ["lab/rec/note", "lab/rec/t_c", "lab/rec/run"]\n'
+    )
+    read = open_with_layout(path, layout(tmp_path, text))
+    assert_same(read, capture)
+    assert list(read.meta["file"].values()) == ["hällo", 21.5, 7]
+    dotted = layout(tmp_path, text.replace("lab/rec/", "lab.rec."))
+    if container.startswith("mat"):
+        assert_same(open_with_layout(path, dotted), capture)
+    else:
+        assert "'lab.rec.data'" in refused(path, dotted)
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("version", [(1, 0), (2, 0)])
+def test_plain_npy(tmp_path: Path, order: Any, version: tuple[int, int]) -> None:
+    capture = random_capture()
+    with open(tmp_path / "d.npy", "wb") as file:
+        np.lib.format.write_array(file, np.array(capture.data, order=order), version)
+    tx, rx = capture.array.tx_m.tolist(), capture.array.rx_m.tolist()
+    text = (
+        DATA.replace('"data"', '"array"')
+        + f"[tx]\nvalues = {tx}\n[rx]\nvalues = {rx}\n"
+        + METRES
+        + "[frequency]\nstart = 72.0\nstop = 82.0\npoints = 6\nunit = 'GHz'\n"
+    )
+    read = open_capture(tmp_path / "d.npy", layout=layout(tmp_path, text))
+    assert same_bits(read.data, capture.data)
+    assert same_bits(read.array.tx_m, capture.array.tx_m)
+    expected = clradar.Waveform.sfcw(72e9, 82e9, 6)
+    assert same_bits(read.waveform.frequencies_hz, expected.frequencies_hz)
+
+
+# ---- axes
+
+ORDERS = (
+    ("freq", "tx", "rx"),
+    ("rx", "tx", "freq"),
+    ("rx", "freq", "tx"),
+    ("freq", "rx", "tx"),
+    ("tx", "freq", "rx"),
+    ("one", "rx", "freq", "one", "tx"),
+)
+
+
+@pytest.mark.parametrize("axes", ORDERS, ids="-".join)
+@pytest.mark.parametrize("container", ["npz", "mat v5 deflated", "mat v7.3", "hdf5 gzip"])
+def test_order_of_axes(tmp_path: Path, container: str, axes: tuple[str, ...]) -> None:
+    capture = random_capture()
+    data = capture.data.transpose([("tx", "rx", "freq").index(a) for a in axes if a != "one"])
+    for at in [i for i, a in enumerate(axes) if a == "one"]:
+        data = np.expand_dims(data, at)
+    path = write(container, tmp_path / "c", tree_of(capture, data=data))
+    text = PLAIN.replace('["tx", "rx", "freq"]', str(list(axes)))
+    assert_same(open_with_layout(path, layout(tmp_path, text)), capture)
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+@pytest.mark.parametrize("at", [0, 1, 3])
+def test_frames_and_picked_axes(tmp_path: Path, container: str, at: int) -> None:
+    frames = [random_capture(seed=i) for i in range(3)]
+    first = frames[0]
+    stack = np.stack([np.stack([c.data, 2 * c.data]) for c in frames])  # frame, channel, ...
+    stack = np.moveaxis(stack, 0, at)
+    names = ["polarisation", "tx", "rx", "freq"]
+    names.insert(at, "frame")
+    path = write(container, tmp_path / "c", tree_of(first, data=stack))
+    text = PLAIN.replace('["tx", "rx", "freq"]', f"{names}\npick = {{ polarisation = 1 }}")
+    toml = layout(tmp_path, text)
+    for i, capture in enumerate(frames):
+        read = open_capture(path, layout=toml, frame=i)
+        assert same_bits(read.data, 2 * capture.data)
+        assert (read.meta["frame"], read.meta["frames"]) == (i, 3)
+    assert same_bits(open_capture(path, layout=toml).data, 2 * first.data)
+    assert "frames 0 to 2" in refused(path, toml, frame=3)
+    with pytest.raises(ModelError, match="whole number"):
+        open_with_layout(path, toml, frame=-1)
+    assert "index 5" in refused(path, layout(tmp_path, text.replace("= 1 }", "= 5 }")))
+
+
+def test_no_frame_axis(tmp_path: Path) -> None:
+    path = write("npz", tmp_path / "c", tree_of(random_capture()))
+    assert "frame" in refused(path, layout(tmp_path, PLAIN), frame=0)
+
+
+@pytest.mark.parametrize("order", ["tx_major", "rx_major"])
+@pytest.mark.parametrize("container", ["hdf5", "mat v5", "mat v7.3"])
+def test_pairs(tmp_path: Path, container: str, order: str) -> None:
+    capture = random_capture()
+    data = capture.data if order == "tx_major" else capture.data.transpose(1, 0, 2)
+    pairs = np.array(data).reshape(-1, 6).T
+    path = write(container, tmp_path / "c", tree_of(capture, data=pairs))
+    text = PLAIN.replace('["tx", "rx", "freq"]', f'["freq", "pair"]\npair_order = "{order}"')
+    assert_same(open_with_layout(path, layout(tmp_path, text)), capture)
+    wrong = write(container, tmp_path / "w", tree_of(capture, data=pairs[:, :-1]))
+    assert "20 pairs" in refused(wrong, layout(tmp_path, text))
+
+
+def test_missing_axes_have_length_one(tmp_path: Path) -> None:
+    capture = random_capture(n_tx=1, n_freq=1)
+    path = write("npz", tmp_path / "c", tree_of(capture, data=capture.data[0, :, 0]))
+    text = PLAIN.replace('["tx", "rx", "freq"]', '["rx"]')
+    assert_same(open_with_layout(path, layout(tmp_path, text)), capture)
+    # MATLAB itself leaves the last axis out when it has length 1.
+    path = write("mat v5", tmp_path / "m", tree_of(capture, data=capture.data[:, :, 0]))
+    assert_same(open_with_layout(path, layout(tmp_path, PLAIN)), capture)
+
+
+# ---- real and imaginary part
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_parts_in_two_keys(tmp_path: Path, container: str) -> None:
+    capture = random_capture()
+    tree = tree_of(capture, data=0.0, re=capture.data.real, im=capture.data.imag)
+    path = write(container, tmp_path / "c", tree)
+    text = PLAIN.replace('key = "data"', 'real = "re"\nimag = "im"')
+    assert_same(open_with_layout(path, layout(tmp_path, text)), capture)
+    swapped = PLAIN.replace('key = "data"', 'real = "im"\nimag = "re"')
+    read = open_with_layout(path, layout(tmp_path, swapped))
+    assert same_bits(read.data.real.copy(), capture.data.imag.copy())
+    tree = tree_of(capture, re=capture.data.real, im=capture.data.imag[:-1])
+    path = write(container, tmp_path / "w", tree)
+    assert "the imaginary part" in refused(path, layout(tmp_path, text))
+
+
+@pytest.mark.parametrize("parts", [("real", "imag"), ("imag", "real")])
+@pytest.mark.parametrize("at", [0, 2, 3])
+@pytest.mark.parametrize("container", ["npz", "mat v5", "mat v7.3", "hdf5 lzf"])
+def test_parts_on_an_axis(tmp_path: Path, container: str, at: int, parts: tuple[str, str]) -> None:
+    capture = random_capture()
+    data = np.stack([getattr(capture.data, name) for name in parts], axis=at)
+    names = ["tx", "rx", "freq"]
+    names.insert(at, "part")
+    path = write(container, tmp_path / "c", tree_of(capture, data=data))
+    more = "" if parts[0] == "real" else '\nparts = ["imag", "real"]'
+    text = PLAIN.replace('["tx", "rx", "freq"]', str(names) + more)
+    assert_same(open_with_layout(path, layout(tmp_path, text)), capture)
+
+
+@pytest.mark.parametrize(
+    ("fields", "setting"),
+    [
+        (("r", "i"), ""),
+        (("Real", "Imag"), ""),
+        (("re", "im"), ""),
+        (("I", "Q"), 'fields = ["I", "Q"]\n'),
+        (("imag", "real"), ""),
+        (("Q", "I"), 'fields = ["I", "Q"]\n'),
+    ],
+)
+@pytest.mark.parametrize("container", ["npz", "hdf5", "hdf5 gzip"])
+@pytest.mark.parametrize("kind", ["<f4", ">f8"])
+def test_compound_types(
+    tmp_path: Path, container: str, fields: tuple[str, str], setting: str, kind: str
+) -> None:
+    capture = random_capture()
+    data = np.empty(capture.data.shape, [(name, kind) for name in fields])
+    first_is_real = fields[0].lower() in ("r", "real", "re", "i") and fields != ("Q", "I")
+    real, imag = fields if first_is_real else fields[::-1]
+    data[real], data[imag] = capture.data.real, capture.data.imag
+    path = write(container, tmp_path / "c", tree_of(capture, data=data))
+    text = PLAIN.replace("[tx]", setting + "[tx]")
+    assert_same(open_with_layout(path, layout(tmp_path, text)), capture)
+    if setting:
+        assert "fields" in refused(path, layout(tmp_path, PLAIN))
+
+
+@pytest.mark.parametrize("dtype", ["<c16", ">c8", ">c16"])
+@pytest.mark.parametrize("container", ["npz", "hdf5"])
+def test_other_complex_types(tmp_path: Path, container: str, dtype: str) -> None:
+    capture = random_capture()
+    path = write(container, tmp_path / "c", tree_of(capture, data=capture.data.astype(dtype)))
+    assert_same(open_with_layout(path, layout(tmp_path, PLAIN)), capture)
+
+
+@pytest.mark.parametrize("container", ["npz", "mat v5", "mat v5 deflated", "mat v7.3", "hdf5"])
+def test_whole_numbers_and_scale(tmp_path: Path, container: str) -> None:
+    capture = random_capture()
+    rng = np.random.default_rng(1)
+    re, im = rng.integers(-2000, 2000, (2, *capture.data.shape)).astype(np.int16)
+    path = write(container, tmp_path / "c", tree_of(capture, re=re, im=im))
+    text = PLAIN.replace('key = "data"', 'real = "re"\nimag = "im"\nscale = -0.25')
+    read = open_with_layout(path, layout(tmp_path, text))
+    # Multiples of 0.25 that a float32 holds exactly.
+    assert np.array_equal(read.data, -0.25 * (re + 1j * im))
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_sign_of_the_phase(tmp_path: Path, sign: int) -> None:
+    capture = random_capture()
+    data = capture.data if sign < 0 else capture.data.conj()
+    path = write("hdf5", tmp_path / "c", tree_of(capture, data=data))
+    text = PLAIN.replace("[tx]", f"phase_sign = {sign:+d}\n[tx]")
+    assert_same(open_with_layout(path, layout(tmp_path, text)), capture)
+
+
+# ---- channels
+
+
+@pytest.mark.parametrize(
+    ("select", "indices"),
+    [
+        ('"1:4"', [1, 2, 3]),
+        ('":3"', [0, 1, 2]),
+        ('"1:-1"', [1, 2, 3, 4]),
+        ('"::2"', [0, 2, 4]),
+        ('"::-1"', [5, 4, 3, 2, 1, 0]),
+        ("[5, 0, 2]", [5, 0, 2]),
+    ],
+)
+@pytest.mark.parametrize("all_positions", [True, False])
+@pytest.mark.parametrize("pairs", [True, False])
+def test_selected_channels(
+    tmp_path: Path, select: str, indices: list[int], all_positions: bool, pairs: bool
+) -> None:
+    capture = random_capture(n_tx=6, n_rx=6)
+    tx, rx = capture.array.tx_m, capture.array.rx_m
+    chosen = clradar.Capture(
+        capture.data[np.ix_(indices, indices)],
+        clradar.AntennaArray(tx[indices], rx[indices]),
+        capture.waveform,
+    )
+    # As many positions as channels are those of the channels; so a mere order needs all of them.
+    tree = tree_of(capture if all_positions or len(indices) == 6 else chosen, data=capture.data)
+    text = PLAIN.replace('key = "tx"', f'key = "tx"\nchannels = 6\nselect = {select}')
+    text = text.replace('key = "rx"', f'key = "rx"\nchannels = 6\nselect = {select}')
+    if pairs:
+        tree["data"] = capture.data.reshape(36, 6)
+        text = text.replace('["tx", "rx", "freq"]', '["pair", "freq"]\npair_order = "tx_major"')
+    path = write("hdf5", tmp_path / "c", tree)
+    assert_same(open_with_layout(path, layout(tmp_path, text)), chosen)
+
+
+@pytest.mark.parametrize(
+    ("tx", "expected"),
+    [
+        ("channels = 7", "channels = 7"),
+        ('select = "9:"', "keep a channel"),
+        ("select = [0, 6]", "channel 6"),
+        ("select = [0, 1]", None),
+        ('select = "0:0"', "keep a channel"),
+    ],
+)
+def test_channels_that_do_not_fit(tmp_path: Path, tx: str, expected: str | None) -> None:
+    capture = random_capture()
+    path = write("npz", tmp_path / "c", tree_of(capture))
+    toml = layout(tmp_path, PLAIN.replace("[tx]", f"[tx]\n{tx}"))
+    if expected is None:
+        assert open_with_layout(path, toml).array.n_tx == 2
+    else:
+        assert expected in refused(path, toml)
+
+
+# ---- positions
+
+
+@pytest.mark.parametrize(("unit", "per_m"), [("m", 1), ("cm", 100), ("mm", 1000), ("um", 1e6)])
+def test_units_of_length(tmp_path: Path, unit: str, per_m: float) -> None:
+    capture = random_capture()
+    tree = tree_of(
+        capture,
+        tx=np.round(capture.array.tx_m * per_m, 4),
+        rx=np.round(capture.array.rx_m * per_m, 4),
+    )
+    path = write("npz", tmp_path / "c", tree)
+    text = PLAIN.replace('unit = "m"', f'unit = "{unit}"')
+    assert_same(open_with_layout(path, layout(tmp_path, text)), capture)
+
+
+def test_forms_of_positions(tmp_path: Path) -> None:
+    capture = random_capture()
+    tx, rx = capture.array.tx_m, np.array(capture.array.rx_m)
+    rx[:, 2] = 0.0125
+    expected = clradar.Capture(capture.data, clradar.AntennaArray(tx, rx), capture.waveform)
+    tree = {
+        **tree_of(capture, tx=tx.T, rx=rx[:, [1, 0]]),
+        **{f"tx_{axis}": tx[:, i : i + 1] for i, axis in enumerate("xyz")},
+        **{f"rx_{axis}": rx[np.newaxis, :, i] for i, axis in enumerate("xyz")},
+    }
+    path = write("hdf5", tmp_path / "c", tree)
+    apart = '[tx]\nx = "tx_x"\ny = "tx_y"\nz = "tx_z"\n'
+    turned = '[tx]\nkey = "tx"\norientation = "columns"\n'
+    lines = "\n".join(",".join(map(repr, row)) for row in tx.tolist())
+    (tmp_path / "Tx.dat").write_text("x,y,z\n" + lines + "\n")
+    for one in (apart, turned, f"[tx]\nvalues = {tx.tolist()}\n", '[tx]\nfile = "Tx.dat"\n'):
+        other = '[rx]\nx = "rx_x"\ny = "rx_y"\nz = 0.0125\n'
+        text = DATA + one + other + METRES + FREQUENCY
+        assert_same(open_with_layout(path, layout(tmp_path, text)), expected)
+    flat = '[tx]\nx = "tx_x"\ny = "tx_y"\nz = "tx_z"\n[rx]\nkey = "rx"\nz = 0.0125\n'
+    text = DATA + flat + METRES + 'columns = ["y", "x"]\n' + FREQUENCY
+    assert_same(open_with_layout(path, layout(tmp_path, text)), expected)
+    wrong = DATA + apart + '[rx]\nkey = "rx"\n' + METRES + FREQUENCY
+    assert "(N, 3)" in refused(path, layout(tmp_path, wrong))
+    wrong = DATA + turned.replace("columns", "rows") + other + METRES + FREQUENCY
+    assert 'orientation = "columns" would fit' in refused(path, layout(tmp_path, wrong))
+
+
+def test_origin_and_mirror(tmp_path: Path) -> None:
+    capture = random_capture()
+    shift = np.array([0.1, -0.2, 0.05])
+    mirrored = [1, -1, -1] * capture.array.tx_m, [1, -1, -1] * capture.array.rx_m
+    tree = tree_of(capture, tx=(mirrored[0] + shift) * 1e3, rx=(mirrored[1] + shift) * 1e3)
+    path = write("npz", tmp_path / "c", tree)
+    text = PLAIN.replace(
+        'unit = "m"', 'unit = "mm"\norigin = [100, -200.0, 50]\nmirror = ["y", "z"]\nname = "A"'
+    )
+    read = open_with_layout(path, layout(tmp_path, text))
+    assert read.array.name == "A"
+    # Two roundings of numbers below 0.4 in double precision, here and in this test.
+    tolerance_m = 4 * np.finfo(float).eps
+    assert np.abs(read.array.tx_m - capture.array.tx_m).max() < tolerance_m
+    assert np.abs(read.array.rx_m - capture.array.rx_m).max() < tolerance_m
+
+
+def test_known_array_can_be_mirrored(tmp_path: Path) -> None:
+    known = clradar.arrays.qar50()
+    data = random_capture(94, 94, 2).data
+    path = write("npz", tmp_path / "c", {"data": data, "f": [72e9, 82e9]})
+    text = DATA + '[tx]\narray = "qar50"\n[rx]\narray = "qar50"\n' + FREQUENCY
+    assert open_with_layout(path, layout(tmp_path, text)).array.same_positions(known, 0.0)
+    text += '[antennas]\nmirror = ["x"]\n'
+    read = open_with_layout(path, layout(tmp_path, text))
+    assert np.array_equal(read.array.tx_m, known.tx_m * [-1, 1, 1])
+    assert read.array.name == "qar50"
+
+
+@pytest.mark.parametrize(
+    ("factor", "expected"), [(100.0, "mm"), (1e-3, "mm"), (1e6, "aperture"), (0.0, "0 mm")]
+)
+def test_apertures_that_speak_for_another_unit(
+    tmp_path: Path, factor: float, expected: str
+) -> None:
+    capture = random_capture()
+    array = capture.array
+    tree = tree_of(capture, tx=factor * array.tx_m, rx=factor * array.rx_m)
+    path = write("npz", tmp_path / "c", tree)
+    message = refused(path, layout(tmp_path, PLAIN))
+    assert expected in message
+    assert "unit" in message
+    far = write("npz", tmp_path / "f", tree_of(capture, tx=array.tx_m + 9, rx=array.rx_m + 9))
+    assert "away from the origin" in refused(far, layout(tmp_path, PLAIN))
+
+
+# ---- frequencies
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '[frequency]\nkey = "f_ghz"\nunit = "GHz"',
+        "[frequency]\nvalues = [72, 74, 76, 78, 80, 82]\nunit = 'GHz'",
+        "[frequency]\nstart = 72\nstop = 82.0\npoints = 6\nunit = 'GHz'",
+        "[frequency]\nstart = 72000\nstep = 2000\npoints = 6\nunit = 'MHz'",
+        "[frequency]\nstart = 72e6\nstop = 82e6\npoints = 6\nunit = 'kHz'",
+        "[frequency]\nstart = 'first'\nstep = 'step'\npoints = 'n'\nunit = 'Hz'",
+        "[frequency]\nstart = 'first'\nstop = 82e9\npoints = 'n'\nunit = 'Hz'",
+    ],
+)
+@pytest.mark.parametrize("container", ["hdf5", "mat v5", "mat v7.3"])
+def test_forms_of_frequencies(tmp_path: Path, container: str, text: str) -> None:
+    capture = random_capture()
+    f_ghz = np.arange(72, 83, 2)
+    tree = tree_of(capture, f_ghz=f_ghz, first=72e9, step=np.array([2e9]), n=np.int16(6))
+    path = write(container, tmp_path / "c", tree)
+    read = open_with_layout(path, layout(tmp_path, DATA + SIDES + METRES + text + "\n"))
+    # Whole gigahertz are exact in every unit.
+    assert np.array_equal(read.waveform.frequencies_hz, f_ghz * 1e9)
+    assert same_bits(read.data, capture.data)
+
+
+@pytest.mark.parametrize("container", ["hdf5 gzip", "mat v5"])
+def test_descending_frequencies_turn_the_data(tmp_path: Path, container: str) -> None:
+    capture = random_capture()
+    f = capture.waveform.frequencies_hz[::-1]
+    path = write(container, tmp_path / "c", tree_of(capture, data=capture.data[..., ::-1], f=f))
+    read = open_with_layout(path, layout(tmp_path, PLAIN))
+    assert_same(read, capture)
+    assert read.meta["frequencies_reversed"] is True
+    f_ghz = "[frequency]\nstart = 82\nstop = 72\npoints = 6\nunit = 'GHz'\n"
+    read = open_with_layout(path, layout(tmp_path, DATA + SIDES + METRES + f_ghz))
+    assert same_bits(read.data, capture.data)
+
+
+@pytest.mark.parametrize(
+    ("f", "expected"),
+    [
+        ([72e9, 74e9, 73e9, 75e9, 76e9, 77e9], "74000000000, then 73000000000"),
+        ([72e9] * 6, "72000000000, then 72000000000"),
+        ([72.0, 74, 76, 78, 80, 82], "72 Hz, read in Hz"),
+        ([72e9, 74e9, 76e9, 78e9, 80e9], "6 in the data"),
+        ([72e9, 74e9, np.nan, 78e9, 80e9, 82e9], "NaN"),
+        ([[72e9, 74e9, 76e9], [78e9, 80e9, 82e9]], "to be a list"),
+        (np.array([72e9 + 1j] * 6), "real numbers"),
+    ],
+)
+def test_frequencies_that_do_not_fit(tmp_path: Path, f: Any, expected: str) -> None:
+    path = write("npz", tmp_path / "c", tree_of(random_capture(), f=np.array(f)))
+    assert expected in refused(path, layout(tmp_path, PLAIN))
+
+
+# ---- shapes and values that disagree
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda c: {"tx": c.array.tx_m[:-1]}, "4 positions and 5 channels"),
+        (lambda c: {"data": c.data[:, :-1]}, "4 positions and 3 channels"),
+        (lambda c: {"data": c.data[..., 0]}, "3 axes (tx, rx, freq)"),
+        (lambda c: {"data": c.data.real}, "float32"),
+        (lambda c: {"data": np.where(c.data == c.data[1, 2, 3], np.nan, c.data)}, "1 of 120"),
+        (lambda c: {"data": np.where(c.data == c.data[1, 2, 3], np.inf, c.data)}, "1 of 120"),
+        (lambda c: {"data": c.data.astype(complex) * 1e300}, "overflow"),
+        (lambda c: {"data": c.data[:0]}, "at least one element"),
+        (lambda c: {"data": np.zeros((5, 4, 6), bool)}, "to hold numbers"),
+        (lambda c: {"data": np.array("text")}, "3 axes"),
+        (lambda c: {"tx": c.array.tx_m + np.nan}, "15 of 15"),
+        (lambda c: {"tx": c.array.tx_m.astype(complex)}, "real numbers"),
+        (lambda c: {"tx": c.array.tx_m[0]}, "(N, 3)"),
+        (lambda c: {"tx": np.array("text")}, "to hold numbers"),
+        (lambda c: {"tx": np.zeros((0, 3))}, "hold numbers"),
+    ],
+)
+def test_contents_that_do_not_fit(
+    tmp_path: Path, change: Callable[[clradar.Capture], dict[str, Any]], expected: str
+) -> None:
+    capture = random_capture()
+    path = write("npz", tmp_path / "c", tree_of(capture, **change(capture)))
+    message = refused(path, layout(tmp_path, PLAIN))
+    assert expected in message
+    assert str(path) in message
+
+
+def test_a_missing_key_lists_those_there_are(tmp_path: Path) -> None:
+    path = write("npz", tmp_path / "c", tree_of(random_capture()))
+    message = refused(path, layout(tmp_path, PLAIN.replace('"f"', '"freq"')))
+    for part in ("'freq' (the frequencies)", "data (5, 4, 6) complex64", "f (6,) float64"):
+        assert part in message
+
+
+# ---- TOML files that cannot be meant
+
+
+BAD_LAYOUTS = [
+    ("", "data: expected a table"),
+    ("[data", "TOML"),
+    (PLAIN + "[extra]\n", "top of the file: expected only the keys data, tx, rx"),
+    (PLAIN.replace("[tx]", "tx = 3\n[txx]"), "[data]: expected only the keys"),
+    (PLAIN + "typo = 1\n", "[frequency]: expected only the keys key, values, start"),
+    (PLAIN.replace("axes", "axis"), "[data] axes: expected a list of axes"),
+    (PLAIN.replace('"freq"]', '"frequency"]'), '"freq"'),
+    (PLAIN.replace('"freq"]', '"rx"]'), "every axis once"),
+    (PLAIN.replace('"freq"]', '"pair"]'), '"pair", or "tx" and "rx"'),
+    (PLAIN.replace('"freq"]', '"freq"]\npair_order = "tx_major"'), "pair_order"),
+    (PLAIN.replace('["tx", "rx", "freq"]', '["pair", "freq"]'), "pair_order"),
+    (PLAIN.replace('"freq"]', '"freq"]\nparts = ["real", "imag"]'), "parts"),
+    (PLAIN.replace('"freq"]', '"freq"]\npick = { a = 1 }'), "pick"),
+    (PLAIN.replace('"freq"]', '"freq", "a"]\npick = { a = -1 }'), "[data.pick] a"),
+    (PLAIN.replace('"freq"]', '"freq"]\nreal = "a"'), "'real' and 'imag'"),
+    (PLAIN.replace('key = "data"', 'real = "a"'), "'real' and 'imag'"),
+    (PLAIN.replace('key = "data"', 'key = ""'), "a key of the file"),
+    (PLAIN.replace('key = "data"', "key = 3"), "a key of the file"),
+    (PLAIN.replace("[tx]", "phase_sign = 0\n[tx]"), "phase_sign"),
+    (PLAIN.replace("[tx]", "phase_sign = true\n[tx]"), "phase_sign"),
+    (PLAIN.replace("[tx]", "scale = 0.0\n[tx]"), "scale"),
+    (PLAIN.replace("[tx]", "scale = nan\n[tx]"), "finite"),
+    (PLAIN.replace("[tx]", f"scale = 1{'0' * 400}\n[tx]"), "finite"),
+    (PLAIN.replace("[tx]", 'fields = ["a"]\n[tx]'), "fields"),
+    (PLAIN.replace("[tx]", '[tx]\nselect = "1-3"'), "slice"),
+    (PLAIN.replace("[tx]", '[tx]\nselect = "::0"'), "slice"),
+    (PLAIN.replace("[tx]", "[tx]\nselect = [1, 1]"), "every channel once"),
+    (PLAIN.replace("[tx]", "[tx]\nselect = [-1]"), "from 0"),
+    (PLAIN.replace("[tx]", "[tx]\nselect = 3"), "list"),
+    (PLAIN.replace("[tx]", "[tx]\nchannels = 0"), "channels"),
+    (PLAIN.replace("[tx]", '[tx]\narray = "qar50"'), "one of 'key'"),
+    (PLAIN.replace('key = "tx"', ""), "one of 'key'"),
+    (PLAIN.replace('key = "tx"', 'x = "a"'), "one of 'key'"),
+    (PLAIN.replace('key = "tx"', 'x = "a"\ny = "b"'), "[tx] z"),
+    (PLAIN.replace('key = "tx"', "x = 1\ny = 2\nz = 3"), "one of 'key'"),
+    (PLAIN.replace('key = "tx"', 'key = "tx"\nz = 0'), "columns"),
+    (PLAIN.replace('key = "tx"', 'array = "vna"'), '"qar50"'),
+    (PLAIN.replace('key = "tx"', "values = [[1, 2], [3]]"), "rows"),
+    (PLAIN.replace('key = "tx"', "values = []"), "rows"),
+    (PLAIN.replace('key = "tx"', 'array = "qar50"\norientation = "rows"'), "orientation"),
+    (PLAIN.replace('unit = "m"', 'unit = "inch"'), '"m", "cm", "mm", "um"'),
+    (PLAIN.replace('unit = "m"\n', ""), "unit of the positions"),
+    (PLAIN.replace('unit = "m"', 'unit = "m"\nmirror = ["q"]'), "mirror"),
+    (PLAIN.replace('unit = "m"', 'unit = "m"\nmirror = "x"'), "mirror"),
+    (PLAIN.replace('unit = "m"', 'unit = "m"\norigin = [1, 2]'), "3 numbers"),
+    (PLAIN.replace('unit = "m"', 'unit = "m"\ncolumns = ["x", "y"]'), "columns"),
+    (PLAIN.replace('unit = "m"', 'unit = "m"\ncolumns = ["x", "x", "y"]'), "columns"),
+    (PLAIN.replace('unit = "Hz"', ""), "one of Hz, kHz, MHz, GHz"),
+    (PLAIN.replace('unit = "Hz"', 'unit = "THz"'), '"Hz"'),
+    (PLAIN.replace('key = "f"', "start = 1\npoints = 3"), "'stop' or 'step'"),
+    (PLAIN.replace('key = "f"', "start = 1\nstop = 2\nstep = 1\npoints = 3"), "'stop' or 'step'"),
+    (PLAIN.replace('key = "f"', 'key = "f"\npoints = 3'), "'key' and 'points'"),
+    (PLAIN.replace('key = "f"', "values = []"), "list of numbers"),
+    (PLAIN.replace('key = "f"', "start = 1\nstop = 2\npoints = 2.5"), "points"),
+    (PLAIN + "[meta]\nkeys = 3\n", "[meta] keys"),
+    ("a = " + "[" * 5000, "TOML"),
+    (".".join("a" * 9000) + " = 1", "characters"),
+    (PLAIN + "#" * 2**18, "at most"),
+    ("[data]\nkey = 1979-05-27\n", "a key of the file"),
+]
+
+
+@pytest.mark.parametrize(("text", "expected"), BAD_LAYOUTS, ids=range(len(BAD_LAYOUTS)))
+def test_bad_layouts(tmp_path: Path, text: str, expected: str) -> None:
+    toml = layout(tmp_path, text)
+    with pytest.raises(MeasurementError) as caught:
+        read_layout(toml)
+    message = str(caught.value)
+    assert toml.name in message
+    assert expected in message
+    assert "\n" not in message
+
+
+def test_layouts_that_are_no_text(tmp_path: Path) -> None:
+    (tmp_path / "b.toml").write_bytes(b"\xff\xfe[data]")
+    for path in (tmp_path / "b.toml", tmp_path, tmp_path / "none.toml"):
+        with pytest.raises(MeasurementError):
+            read_layout(path)
+
+
+def test_files_that_take_no_layout(tmp_path: Path) -> None:
+    toml = layout(tmp_path, PLAIN)
+    (tmp_path / "text").write_text("data")
+    np.save(tmp_path / "frame.npy", {"xr": 1}, allow_pickle=True)  # type: ignore[arg-type]
+    for path in (tmp_path / "text", tmp_path, tmp_path / "none", tmp_path / "frame.npy"):
+        with pytest.raises(MeasurementError):
+            open_capture(path, layout=toml)
+    path = write("npz", tmp_path / "c", tree_of(random_capture()))
+    with pytest.raises(MeasurementError, match="a layout alone"):
+        open_capture(path, layout=toml, variant="raw")
+
+
+# ---- the layouts that ship
+
+
+def test_example_split_parts(tmp_path: Path) -> None:
+    capture = random_capture()
+    data = capture.data.transpose(2, 0, 1)
+    tree = {
+        "s_real": data.real,
+        "s_imag": data.imag,
+        "f_ghz": capture.waveform.frequencies_hz / 1e9,
+        "tx_mm": np.round(capture.array.tx_m * 1e3, 1),
+        "rx_mm": np.round(capture.array.rx_m * 1e3, 1),
+    }
+    path = write("npz deflated", tmp_path / "c", tree)
+    assert_same(open_capture(path, layout=EXAMPLES / "split_parts.toml"), capture)
+
+
+@pytest.mark.parametrize("container", ["mat v5", "mat v5 deflated", "mat v7.3"])
+def test_example_matlab_struct(tmp_path: Path, container: str) -> None:
+    rng = np.random.default_rng(0)
+    full = rng.standard_normal((96, 96, 128, 2), dtype=np.float32).view(np.complex64)[..., 0]
+    path = write(container, tmp_path / "c", {"rec": {"S": full, "comment": "plate at 30 cm"}})
+    read = open_capture(path, layout=EXAMPLES / "matlab_struct.toml")
+    assert same_bits(read.data, np.ascontiguousarray(full[1:95, 1:95].transpose(1, 0, 2).conj()))
+    assert read.array.name == "qar50"
+    assert read.array.same_positions(clradar.arrays.qar50(), 0.0)
+    assert read.waveform.same_frequencies(clradar.Waveform.sfcw(72e9, 82e9, 128), 0.0)
+    assert read.meta["file"] == {"rec.comment": "plate at 30 cm"}
+
+
+def test_example_pairs_and_frames(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    raw = rng.integers(-32768, 32767, (3, 4 * 5, 6, 2)).astype(np.int16)
+    iq = np.empty(raw.shape[:-1], [("I", "<i2"), ("Q", "<i2")])
+    iq["I"], iq["Q"] = raw[..., 0], raw[..., 1]
+    tx, rx = rng.integers(-70, 70, (2, 5)) / 10, rng.integers(-70, 70, (2, 4)) / 10
+    with h5py.File(tmp_path / "c.h5", "w") as file:
+        file.create_dataset("radar/iq", data=iq, chunks=(1, 20, 6), compression="gzip")
+        file["radar/f0_mhz"], file["radar/step_mhz"] = 82_000.0, -2_000
+        file["radar/points"], file["radar/temperature_c"] = 6, 23.5
+        file["array/tx_xy"], file["array/rx_xy"], file["operator"] = tx, rx, "M. Muster"
+    read = open_capture(tmp_path / "c.h5", layout=EXAMPLES / "pairs_and_frames.toml", frame=2)
+    expected = (raw[2, ..., 0] + 1j * raw[2, ..., 1]).reshape(4, 5, 6).transpose(1, 0, 2) / 32768
+    assert np.array_equal(read.data, expected[..., ::-1])
+    assert np.array_equal(read.waveform.frequencies_hz, np.arange(72, 83, 2) * 1e9)
+    assert np.allclose(read.array.tx_m[:, 0], -tx[0] / 100, rtol=0, atol=1e-15)
+    assert np.allclose(read.array.rx_m[:, 1], (rx[1] - 7.5) / 100, rtol=0, atol=1e-15)
+    assert not read.array.tx_m[:, 2].any()
+    assert read.meta["file"] == {"radar/temperature_c": 23.5, "operator": "M. Muster"}
+    assert read.meta["frequencies_reversed"]
+
+
+# ---- the command line
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as caught:
+        main([str(a) for a in arguments])
+    code = caught.value.code
+    return code if isinstance(code, int) else 0
+
+
+def test_convert_with_a_layout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capture = random_capture()
+    rows = "\n".join(",".join(map(repr, row)) for row in capture.array.tx_m.tolist())
+    (tmp_path / "Tx.dat").write_text("x,y,z\n" + rows)
+    path = write("mat v7.3", tmp_path / "c.mat", tree_of(capture))
+    toml = layout(tmp_path, PLAIN.replace('[tx]\nkey = "tx"', '[tx]\nfile = "Tx.dat"'))
+    output = tmp_path / "c.h5"
+    assert run("convert", path, "--layout", toml, "-o", output) == 0
+    assert "5 x 4 x 6" in capsys.readouterr().out
+    read = open_capture(output)
+    assert_same(read, capture)
+    assert read.meta["layout"]["tx"]["file"] == str(tmp_path / "Tx.dat")
+    assert [i["file"] for i in read.meta["inputs"]] == ["c.mat", toml.name, "Tx.dat"]
+    assert run("convert", path, "--layout", toml, "-o", toml, "--force") == 1
+    for other in (("--to", "maroon"), ("--all-frames",)):
+        assert run("convert", path, "--layout", toml, "-o", tmp_path / "d", *other) == 2
+        assert "--layout" in capsys.readouterr().err
+
+
+def test_convert_without_a_layout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capture = random_capture()
+    path = write("mat v5", tmp_path / "c.mat", tree_of(capture))
+    assert run("convert", path, "-o", tmp_path / "c.h5") == 1
+    found = capsys.readouterr()
+    assert found.err.count("\n") == 1
+    assert "data (5, 4, 6) complex64" in found.err
+    assert "--layout" in found.err
+    assert not (tmp_path / "c.h5").exists()
+    # What was printed is a layout.
+    toml = layout(tmp_path, found.out)
+    assert run("convert", path, "--layout", toml, "-o", tmp_path / "c.h5") == 0
+    assert_same(open_capture(tmp_path / "c.h5"), capture)
+
+
+# ---- skeletons
+
+
+def skeleton(path: Path) -> str:
+    with pytest.raises(LayoutNeeded) as caught:
+        open_capture(path)
+    return caught.value.skeleton
+
+
+def test_a_skeleton_without_guesses_works(tmp_path: Path) -> None:
+    capture = random_capture()
+    array = capture.array
+    for number, tree in enumerate(
+        (
+            {"tx_m": array.tx_m, "rx_m": array.rx_m, "frequency_hz": "f", "data": capture.data},
+            {
+                "TxPos_mm": np.round(array.tx_m.T * 1e3, 1),
+                "RxPos_mm": np.round(array.rx_m.T * 1e3, 1),
+                "freq_GHz": "f",
+                "S_re": capture.data.real.transpose(2, 0, 1),
+                "S_im": capture.data.imag.transpose(2, 0, 1),
+            },
+        )
+    ):
+        scale = 1e9 if "freq_GHz" in tree else 1.0
+        key = "freq_GHz" if "freq_GHz" in tree else "frequency_hz"
+        tree[key] = capture.waveform.frequencies_hz / scale
+        for container in ("npz", "hdf5", "mat v5", "mat v7.3"):
+            path = write(container, tmp_path / f"{number}{container[:3]}", tree)
+            text = skeleton(path)
+            assert "# guess" not in text
+            assert '?"\n' not in text.split("[data]")[1]
+            assert_same(open_capture(path, layout=layout(tmp_path, text)), capture)
+
+
+def test_a_skeleton_marks_its_guesses(tmp_path: Path) -> None:
+    capture = random_capture(n_tx=4)
+    array = capture.array
+    data = np.stack([capture.data, 2 * capture.data, 3 * capture.data])
+    tree = {
+        "sweep": data,
+        "tx": {"x": array.tx_m[:, 0] * 1e3, "y": array.tx_m[:, 1] * 1e3},
+        "rx": {"x": array.rx_m[:, 0] * 1e3, "y": array.rx_m[:, 1] * 1e3},
+        "vector": capture.waveform.frequencies_hz / 1e9,
+    }
+    path = write("hdf5", tmp_path / "c", tree)
+    text = skeleton(path)
+    read = open_capture(path, layout=layout(tmp_path, text), frame=1)
+    assert same_bits(read.data, 2 * capture.data)
+    for line in ("guess: tx is one of the axes 1 or 2", "guess: frame is axis 0"):
+        assert line in text
+    for setting in ("z = 0.0", 'unit = "mm"', 'unit = "GHz"'):
+        assert f"{setting}  # guess" in text
+
+
+@pytest.mark.parametrize("channels", [94, 96])
+@pytest.mark.parametrize("pairs", [True, False])
+def test_a_skeleton_knows_the_instrument(tmp_path: Path, channels: int, pairs: bool) -> None:
+    data = random_capture(channels, channels, 3).data
+    f = np.array([72.0, 77.0, 82.0])
+    path = write("hdf5", tmp_path / "c", {"xr": data.reshape(-1, 3) if pairs else data, "fvec": f})
+    text = skeleton(path)
+    assert 'array = "qar50"  # guess' in text
+    read = open_capture(path, layout=layout(tmp_path, text))
+    inner = slice(1, 95) if channels == 96 else slice(None)
+    assert same_bits(read.data, np.ascontiguousarray(data[inner, inner]))
+
+
+@pytest.mark.parametrize(
+    "tree",
+    [
+        {"a": np.zeros(3)},
+        {"a": np.zeros((5, 4, 6), complex)},
+        {"a": np.zeros((2, 3, 4, 5, 6, 7), complex), "tx": np.zeros((3, 3)), "f": [72e9, 82e9]},
+        {"a": np.zeros((9, 9, 2)), "b": "text"},
+        {'we"ird \\ \u2028 näme': np.ones((3, 3, 3), complex)},
+        {},
+    ],
+)
+def test_a_skeleton_with_holes_is_refused_until_filled(tmp_path: Path, tree: Any) -> None:
+    path = write("hdf5", tmp_path / "c", tree)
+    text = skeleton(path)
+    assert '"?"' in text.split("[data]")[1]
+    with pytest.raises(MeasurementError, match=r"\?"):
+        open_capture(path, layout=layout(tmp_path, text))
+
+
+def test_all_examples_are_tried() -> None:
+    names = {"split_parts", "matlab_struct", "pairs_and_frames"}
+    assert {p.stem for p in EXAMPLES.glob("*.toml")} == names
+    for path in EXAMPLES.glob("*.toml"):
+        assert read_layout(path).source.endswith(path.name)
+
+
+def test_the_page_shows_the_examples_that_ship(tmp_path: Path) -> None:
+    page = (EXAMPLES.parents[1] / "docs" / "layouts.md").read_text(encoding="utf-8")
+    blocks = [part.split("```")[0] for part in page.split("```toml\n")[1:]]
+    names = ("split_parts", "matlab_struct", "pairs_and_frames")
+    for name, block in zip(names, blocks, strict=True):
+        (tmp_path / f"{name}.toml").write_text(block)
+        shown, shipped = (read_layout(d / f"{name}.toml").plain() for d in (tmp_path, EXAMPLES))
+        assert {**shown, "source": ""} == {**shipped, "source": ""}

@@ -1,0 +1,633 @@
+"""Recordings that are written: what the dataset's own reader would find, and what is never left."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import pickletools
+import signal
+import struct
+import subprocess
+import sys
+import tracemalloc
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import maroon_files as files
+import maroon_products as made
+import numpy as np
+import pytest
+
+import clradar
+import clradar.reference
+from clradar.errors import MeasurementError, ModelError, OutputError
+from measurement_io import (
+    check_file,
+    open_capture,
+    open_recording,
+    save_maroon_frame,
+    save_recording,
+)
+from measurement_io.maroon.product_writer import default_grid
+from measurement_io.maroon.products import read_depth_map
+
+N_FREQ = 3
+MESH = b"v 0 0 0\r\nv 0.01 0 0\r\nv 0 0.01 0\r\nf 1 2 3\r\n"
+"""A triangle where the alignment of the test puts it to 30 cm; its line breaks are to be kept."""
+
+
+def capture_of(
+    seed: int, frequencies_hz: Any = None, meta: dict[str, Any] | None = None
+) -> clradar.Capture:
+    waveform = clradar.Waveform(
+        np.linspace(72e9, 82e9, N_FREQ) if frequencies_hz is None else frequencies_hz
+    )
+    data = files.expected_data(files.random_frame(waveform.n_freq, seed=seed))
+    return clradar.Capture(data, clradar.arrays.qar50(), waveform, meta or {})
+
+
+def captures_of(n: int) -> list[clradar.Capture]:
+    return [capture_of(i, meta={"timestamp_us": 1000 + i, "gain": 0.5 + i}) for i in range(n)]
+
+
+def dataset_reader(radar: Path, emptyfiltered: bool = False) -> list[dict[str, Any]]:
+    """Read a radar folder as the dataset's program does, by the description of the form.
+
+    Frame 0 says how many there are; of each, the four keys are taken, the imaging channels are
+    1 to 94, and the time stamp is the first of an array.
+    """
+
+    def load(number: int) -> dict[str, Any]:
+        suffix = "_emptyfiltered" if emptyfiltered else ""
+        content = (radar / "calibrated_data" / f"{number:06d}{suffix}.npy").read_bytes()
+        assert content[:8] == b"\x93NUMPY\x01\x00"
+        (length,) = struct.unpack("<H", content[8:10])
+        header = content[10 : 10 + length].decode()
+        assert "'descr': '|O'" in header
+        assert "'shape': ()" in header
+        assert (10 + length) % 64 == 0
+        # The test has just written these bytes itself.
+        frame = pickle.loads(content[10 + length :]).item()
+        for key in ("xr", "fvec", "number_of_measurements", "timestamp_us"):
+            assert key in frame
+        assert frame["xr"].shape == (96, 96, len(frame["fvec"]))
+        return frame
+
+    first = load(0)
+    frames = [first, *(load(i) for i in range(1, int(first["number_of_measurements"])))]
+    return [
+        {
+            "imaging": frame["xr"][1:95, 1:95, :],
+            "unused": np.delete(frame["xr"], slice(1, 95), axis=0),
+            "fvec": frame["fvec"],
+            "total": int(frame["number_of_measurements"]),
+            "time_s": frame["timestamp_us"][0].item() * 1e-6,
+        }
+        for frame in frames
+    ]
+
+
+def dataset_grid(radar: Path, number: int) -> tuple[list[float], list[float], list[int]]:
+    """Return the grid that the dataset's program takes from calibration.json for a frame."""
+    content = json.loads((radar / "calibration.json").read_text())
+    part = content[f"{number:06d}"]["volume"]
+    return part["bb_min"], part["bb_max"], part["grid_size"]
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def same_bits(a: np.ndarray, b: np.ndarray) -> bool:
+    return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
+
+
+# ---- what is written
+
+
+@pytest.mark.parametrize("sized", [True, False])
+@pytest.mark.parametrize("variant", ["raw", "emptyfiltered"])
+def test_the_datasets_reader_finds_what_was_captured(tmp_path, sized, variant):
+    captures = captures_of(3)
+    source = captures if sized else iter(captures)
+    radar = save_recording(tmp_path / "hand" / "30", source, variant=variant)
+    assert radar == tmp_path / "hand" / "30" / "radar_72.0_82.0_3"
+    found = dataset_reader(radar, emptyfiltered=variant == "emptyfiltered")
+    assert len(found) == 3
+    for i, (frame, capture) in enumerate(zip(found, captures, strict=True)):
+        for rx, tx, n in ((0, 0, 0), (93, 5, 1), (7, 93, 2)):
+            assert frame["imaging"][rx, tx, n] == capture.data[tx, rx, n]
+        assert same_bits(np.ascontiguousarray(frame["imaging"].transpose(1, 0, 2)), capture.data)
+        assert not frame["unused"].any()
+        assert same_bits(frame["fvec"], np.array(capture.waveform.frequencies_hz))
+        assert frame["total"] == 3
+        assert frame["time_s"] == (1000 + i) * 1e-6
+    content = json.loads((radar / "calibration.json").read_text())
+    assert list(content)[:3] == ["frequency_low_ghz", "frequency_high_ghz", "frequency_points"]
+    assert [content[key] for key in list(content)[:3]] == [72.0, 82.0, 3]
+    assert list(content)[3:] == ["000000", "000001", "000002"]
+
+
+@pytest.mark.parametrize("sized", [True, False])
+def test_written_recordings_read_back(tmp_path, sized):
+    captures = captures_of(2)
+    radar = save_recording(tmp_path / "30", captures if sized else iter(captures))
+    for i, capture in enumerate(captures):
+        read = open_capture(tmp_path / "30", frame=i)
+        assert same_bits(read.data, capture.data)
+        assert same_bits(read.waveform.frequencies_hz, capture.waveform.frequencies_hz)
+        assert read.meta == {
+            "source": str(radar / "calibrated_data" / f"{i:06d}.npy"),
+            "format": "maroon",
+            "frame": i,
+            "variant": "raw",
+            "number_of_measurements": 2,
+            "timestamp_us": 1000 + i,
+            "gain": 0.5 + i,
+        }
+    assert check_file(tmp_path / "30").ok, check_file(tmp_path / "30")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["30"]
+
+
+def test_both_variants(tmp_path):
+    raw, filtered = captures_of(2), [capture_of(10), capture_of(11)]
+    radar = save_recording(tmp_path / "30", raw, emptyfiltered=iter(filtered))
+    assert [f["total"] for f in dataset_reader(radar, emptyfiltered=True)] == [2, 2]
+    for i in range(2):
+        assert same_bits(open_capture(radar, frame=i).data, raw[i].data)
+        found = open_capture(radar, frame=i, variant="emptyfiltered")
+        assert same_bits(found.data, filtered[i].data)
+    for wrong in (filtered[:1], [*filtered, capture_of(12)], []):
+        with pytest.raises(ModelError, match="raw frames"):
+            save_recording(tmp_path / "40", raw, emptyfiltered=wrong)
+    assert not (tmp_path / "40").exists()
+
+
+def test_emptyfiltered_frames_go_beside_the_raw_ones_of_their_number(tmp_path):
+    radar = files.write_recording(tmp_path / "30", n_frames=4)
+    (radar / "calibrated_data" / "000001_emptyfiltered.npy").unlink()
+    (radar / "calibrated_data" / "000003.npy").rename(radar / "calibrated_data" / "000007.npy")
+    (radar / "calibrated_data" / "000003_emptyfiltered.npy").rename(
+        radar / "calibrated_data" / "000007_emptyfiltered.npy"
+    )
+    raw = open_recording(radar)
+    filtered = raw.with_variant("emptyfiltered")
+    assert (raw.frame_numbers, filtered.frame_numbers) == ((0, 1, 2, 7), (0, 2, 7))
+    written = save_recording(tmp_path / "40", raw, emptyfiltered=reversed(filtered))
+    copied = open_recording(written)
+    assert copied.frame_numbers == (0, 1, 2, 3)
+    both = copied.with_variant("emptyfiltered")
+    assert both.frame_numbers == (0, 2, 3)
+    for theirs, ours in ((raw, copied), (filtered, both)):
+        for a, b in zip(theirs, ours, strict=True):
+            assert same_bits(a.data, b.data)
+            assert a.meta["timestamp_us"] == b.meta["timestamp_us"]
+            assert b.meta["number_of_measurements"] == 4
+    assert check_file(tmp_path / "40").ok, check_file(tmp_path / "40")
+    for wrong, found in (([filtered[0]] * 2, "another one"), ([raw[3]], "got frame 7")):
+        with pytest.raises(ModelError, match=found):
+            save_recording(tmp_path / "50", raw[:3], emptyfiltered=wrong)
+    assert not (tmp_path / "50").exists()
+
+
+@pytest.mark.parametrize(
+    ("frequencies_hz", "name"),
+    [
+        ([72e9, 73e9, 76.5e9], "radar_72.0_76.5_3"),
+        ([77.123456789e9], "radar_77.123456789_77.123456789_1"),
+        (np.linspace(72e9, 82e9, 7) + 0.1, None),
+    ],
+)
+def test_other_waveforms(tmp_path, frequencies_hz, name):
+    capture = capture_of(0, frequencies_hz)
+    radar = save_recording(tmp_path / "30", [capture])
+    assert name is None or radar.name == name
+    read = open_capture(radar)
+    assert same_bits(read.waveform.frequencies_hz, capture.waveform.frequencies_hz)
+    assert same_bits(dataset_reader(radar)[0]["fvec"], np.array(frequencies_hz))
+
+
+@pytest.mark.parametrize(
+    ("stamps", "first", "read"),
+    [
+        ([7, 8], 7, [7, 8]),
+        ([[1, 2], [3]], 1, [[1, 2], 3]),
+        ([0.5, 2**63], 0.5, [0.5, 2**63]),
+        (np.array([5, 6]), 5, [5, 6]),
+    ],
+)
+def test_time_stamps_that_are_given(tmp_path, stamps, first, read):
+    radar = save_recording(tmp_path / "30", captures_of(2), timestamps_us=stamps)
+    assert dataset_reader(radar)[0]["time_s"] == first * 1e-6
+    assert [open_capture(radar, frame=i).meta["timestamp_us"] for i in range(2)] == read
+
+
+@pytest.mark.parametrize(
+    "stamps", [[1], [1, 2, 3], [1, "2"], [1, float("nan")], [1, []], [1, None]]
+)
+@pytest.mark.parametrize("sized", [True, False])
+def test_time_stamps_that_cannot_be_meant(tmp_path, stamps, sized):
+    captures = captures_of(2)
+    if stamps == [1, None]:  # None stands for that of the capture
+        save_recording(tmp_path / "30", captures, timestamps_us=stamps)
+        assert open_capture(tmp_path / "30", frame=1).meta["timestamp_us"] == 1001
+        return
+    with pytest.raises(ModelError, match=r"time stamps|timestamps_us"):
+        save_recording(tmp_path / "30", captures if sized else iter(captures), timestamps_us=stamps)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_numbers_and_strings_of_meta_are_carried(tmp_path):
+    meta = {
+        "note": "hand, 30 cm \u00e4",
+        "gain": -1.5,
+        "count": 2**40,
+        "flag": True,
+        "none": None,
+        "rays": {"paths": 3},
+        "list": [1],
+        "xr": "text",
+        "file_frame": 9,
+    }
+    save_maroon_frame(tmp_path / "30", capture_of(0, meta=meta))
+    read = dict(open_capture(tmp_path / "30").meta)
+    for key in ("none", "rays", "list", "xr"):
+        assert key not in read
+        del meta[key]
+    assert {key: read[key] for key in meta} == meta
+    assert read["timestamp_us"] == 0
+
+
+def test_files_beside_the_radar_folder(tmp_path):
+    mesh = tmp_path / "mesh_smoothed.obj"
+    mesh.write_text("v 0 0 0\n")
+    matrix = np.eye(4).tolist()
+    save_recording(
+        tmp_path / "30",
+        captures_of(1),
+        metadata={"distance_meters": 0.3},
+        alignment={"photogrammetry2radar": matrix},
+        meshes=[mesh],
+    )
+    folder = tmp_path / "30"
+    assert json.loads((folder / "metadata.json").read_text()) == {"distance_meters": 0.3}
+    found = json.loads((folder / "alignment.json").read_text())
+    assert found == {"photogrammetry2radar": matrix}
+    assert (folder / "photogrammetry" / "mesh_smoothed.obj").read_text() == "v 0 0 0\n"
+    with pytest.raises(MeasurementError, match="nothing there"):
+        save_recording(tmp_path / "40", captures_of(1), meshes=[tmp_path / "no.obj"])
+    with pytest.raises(ModelError, match=r"metadata\.json"):
+        save_recording(tmp_path / "40", captures_of(1), metadata={"a": float("nan")})
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["30", "mesh_smoothed.obj"]
+
+
+def test_grid_of_frames_without_an_image(tmp_path):
+    grid = clradar.VoxelGrid.from_extent((-0.05, 0.1), (-0.02, 0.03), (0.3, 0.4), 0.01)
+    radar = save_recording(tmp_path / "30", captures_of(1), grid=grid)
+    low, high, counts = dataset_grid(radar, 0)
+    np.testing.assert_allclose(low, [-0.1, -0.02, 0.3], atol=1e-12)
+    np.testing.assert_allclose(high, [0.05, 0.03, 0.4], atol=1e-12)
+    assert counts == [16, 6, 11]
+    radar = save_recording(tmp_path / "40", captures_of(1))
+    assert dataset_grid(radar, 0)[2] == list(default_grid().counts)
+
+
+def test_a_single_frame_names_a_grid(tmp_path):
+    path = save_maroon_frame(tmp_path / "30", capture_of(0), frame=3)
+    low, high, counts = dataset_grid(path.parents[1], 3)
+    assert counts == list(default_grid().counts)
+    np.testing.assert_allclose((low, high), ([-0.1, -0.1, 0.2], [0.1, 0.1, 0.6]), rtol=1e-12)
+    written = (path.parents[1] / "calibration.json").read_bytes()
+    save_maroon_frame(tmp_path / "30", capture_of(1), frame=4, force=True)
+    assert (path.parents[1] / "calibration.json").read_bytes() == written
+
+
+def test_images_are_written_as_products(tmp_path):
+    grid = clradar.VoxelGrid.from_extent((-0.05, 0.1), (-0.02, 0.03), (0.3, 0.4), 0.01)
+
+    def image(capture: clradar.Capture) -> clradar.Volume:
+        data = np.full(grid.shape, 0.001)
+        data[3, 1, 2 + capture.meta["frame"]] = 1.0
+        return clradar.Volume(data, grid)
+
+    radar = save_recording(tmp_path / "30", captures_of(2), image=image)
+    for i in range(2):
+        depth = read_depth_map(radar, i)
+        assert np.argwhere(depth.mask).tolist() == [[1, 2 + i]]
+        # The parabola through 0.001, 1, 0.001 has its top at the voxel.
+        assert abs(depth.depth_m[1, 2 + i] - 0.33) <= 0.5e-3 + 1e-12
+        assert dataset_grid(radar, i)[2] == [16, 6, 11]
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """A recording of frames 0, 2 and 3, with products of 0 and 3 and everything beside it."""
+    distance = tmp_path / "dataset" / "object" / "30"
+    radar = files.write_recording(distance, n_frames=4, n_freq=2)
+    for path in (radar / "calibrated_data").glob("000001*"):
+        path.unlink()
+    for number, x in ((0, 0.05), (3, -0.03)):
+        made.write_products(radar, number, made.scene([(x, 0.02, 0.3, 500.0)], (9, 7, 3)))
+    entry = json.loads((radar / "calibration.json").read_text())["000003"] | {"more": [1]}
+    made.put_entry(radar, 3, entry)
+    (distance / "metadata.json").write_bytes(b'{ "distance_meters":0.30 }')
+    alignment = b'{"photogrammetry2radar": [[1,0,0,0], [0,1,0,0],[0,0,1,0.30],[0,0,0,1]] }'
+    (distance / "alignment.json").write_bytes(alignment)
+    (distance / "photogrammetry").mkdir()
+    (distance / "photogrammetry" / "mesh.obj").write_bytes(MESH)
+    (distance / "photogrammetry" / "cams.xml").write_bytes(b"<x/>")
+    return distance
+
+
+def frames_of(distance: Path, numbers: tuple[int, ...]) -> Iterator[clradar.Capture]:
+    for number in numbers:
+        yield open_capture(distance, frame=number)
+
+
+def test_what_belongs_to_a_recording_is_copied(tmp_path, source):
+    before = tree(source)
+    radar = save_recording(tmp_path / "copy", frames_of(source, (0, 2, 3)), copy_from=source)
+    copied = tree(tmp_path / "copy")
+    for name in ("metadata.json", "alignment.json", "photogrammetry/mesh.obj"):
+        assert copied[name] == before[name]
+    assert "photogrammetry/cams.xml" not in copied
+    for product, kind in (("depth", "png"), ("maxproj", "png"), ("volume", "ply"), ("xyz", "ply")):
+        for new, old in ((0, 0), (2, 3)):
+            name = f"{radar.name}/{product}/{{:06d}}.{kind}"
+            assert copied[name.format(new)] == before[name.format(old)]
+        assert f"{radar.name}/{product}/000001.{kind}" not in copied
+    content = json.loads(copied[f"{radar.name}/calibration.json"])
+    theirs = json.loads(before[f"{radar.name}/calibration.json"])
+    assert (content["000000"], content["000002"]) == (theirs["000000"], theirs["000003"])
+    assert np.array_equal(
+        read_depth_map(radar, 2).depth_m,
+        read_depth_map(source / radar.name, 3).depth_m,
+        equal_nan=True,
+    )
+    assert [f["total"] for f in dataset_reader(radar)] == [3, 3, 3]
+    assert check_file(radar).ok, check_file(radar)
+    assert tree(source) == before
+
+
+def test_given_metadata_replaces_what_is_copied(tmp_path, source):
+    save_recording(
+        tmp_path / "copy", frames_of(source, (0,)), copy_from=source, metadata={"labels": ["a"]}
+    )
+    assert json.loads((tmp_path / "copy" / "metadata.json").read_text()) == {"labels": ["a"]}
+
+
+# ---- what is refused, and what is left then
+
+
+def test_frames_that_do_not_belong_together(tmp_path):
+    first = capture_of(0)
+    array = clradar.AntennaArray(first.array.rx_m, first.array.tx_m, "swapped")
+    swapped = clradar.Capture(first.data, array, first.waveform)
+    shifted = capture_of(1, [72e9, 77e9 + 1e6, 82e9])
+    fewer = capture_of(1, [72e9, 82e9])
+    for captures, found in (
+        ([], "no|none"),
+        ([swapped], "swapped"),
+        ([first, swapped], "swapped"),
+        ([first, shifted], r"captures\[1\].*other steps"),
+        ([first, fewer], "2 from 72 to 82 GHz"),
+        ([first, "frame"], "Capture"),
+    ):
+        for given in (captures, iter(captures)):
+            with pytest.raises(ModelError, match=found):
+                save_recording(tmp_path / "hand" / "30", given)
+            assert not (tmp_path / "hand" / "30").exists()
+            assert not list(tmp_path.rglob("*.tmp"))
+            assert not list(tmp_path.rglob("*.npy"))
+
+
+def test_a_failing_source_leaves_nothing(tmp_path):
+    def captures() -> Iterator[clradar.Capture]:
+        yield capture_of(0)
+        raise MeasurementError("000001.npy: expected a frame, got a ruin")
+
+    with pytest.raises(MeasurementError, match="ruin"):
+        save_recording(tmp_path / "30", captures())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_exists(tmp_path):
+    target = tmp_path / "30"
+    target.mkdir()
+    radar = save_recording(target, captures_of(2))  # an empty one is as good as none
+    (target / "kinect").mkdir()
+    (target / "kinect" / "rgb.png").write_bytes(b"theirs")
+    (target / "metadata.json").write_bytes(b"{}")
+    (radar / "depth").mkdir()
+    before = tree(target)
+    with pytest.raises(OutputError, match="force"):
+        save_recording(target, captures_of(1))
+    with pytest.raises(ModelError, match="captures"):
+        save_recording(target, [capture_of(0), capture_of(1, [72e9])], force=True)
+    assert tree(target) == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["30"]
+
+    save_recording(target, [capture_of(5)], metadata={"a": 1}, force=True)
+    after = tree(target)
+    assert after["kinect/rgb.png"] == b"theirs"
+    assert json.loads(after["metadata.json"]) == {"a": 1}
+    assert [n for n in after if n.endswith(".npy")] == [f"{radar.name}/calibrated_data/000000.npy"]
+    assert same_bits(open_capture(target).data, capture_of(5).data)
+    assert not (radar / "depth").exists()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["30"]
+
+
+def test_names_that_cannot_be_meant(tmp_path):
+    with pytest.raises(OutputError, match="radar folder"):
+        save_recording(tmp_path / "radar_72.0_82.0_3", captures_of(1))
+    with pytest.raises(OutputError, match="radar folder"):
+        save_maroon_frame(tmp_path / "radar_72.0_82.0_3", capture_of(0))
+    (tmp_path / "file").write_bytes(b"")
+    for path in (tmp_path / "file", tmp_path / "file" / "30", tmp_path / "nul\0byte"):
+        with pytest.raises(OutputError):
+            save_recording(path, captures_of(1))
+        with pytest.raises(OutputError):
+            save_maroon_frame(path, capture_of(0))
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_an_interrupted_replacement_keeps_what_was_there(tmp_path, monkeypatch):
+    radar = save_recording(tmp_path / "30", captures_of(1))
+    before = tree(tmp_path)
+    real = os.rename
+
+    def interrupted(old, new):
+        if Path(new) == radar and not str(old).endswith(".replaced"):
+            raise KeyboardInterrupt
+        real(old, new)
+
+    monkeypatch.setattr(os, "rename", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        save_recording(tmp_path / "30", captures_of(2), force=True)
+    assert tree(tmp_path) == before
+
+
+def test_a_kill_leaves_no_recording_under_the_final_name(tmp_path):
+    code = """
+import os, signal, sys
+from test_maroon_writer import capture_of
+from measurement_io import save_recording
+
+def captures():
+    yield capture_of(0)
+    yield capture_of(1)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+save_recording(sys.argv[1], captures())
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "30")],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == -signal.SIGKILL
+    (left,) = tmp_path.iterdir()
+    assert left.name.startswith(".30.")
+    assert left.name.endswith(".tmp")
+    assert len(list(left.rglob("*.npy"))) == 2  # it was killed while writing, not before
+
+
+@pytest.mark.parametrize("sized", [True, False])
+def test_one_frame_at_a_time_is_in_memory(tmp_path, sized):
+    n_freq, n_frames = 16, 12
+    frame_bytes = 96 * 96 * n_freq * 8
+
+    class Frames:
+        def __iter__(self) -> Iterator[clradar.Capture]:
+            frequencies = np.linspace(72e9, 82e9, n_freq)
+            for i in range(n_frames):
+                data = np.full((94, 94, n_freq), i + 1, np.complex64)
+                yield clradar.Capture(data, clradar.arrays.qar50(), clradar.Waveform(frequencies))
+
+    class Counted(Frames):
+        def __len__(self) -> int:
+            return n_frames
+
+    seen = []
+    tracemalloc.start()
+    save_recording(
+        tmp_path / "30",
+        Counted() if sized else Frames(),
+        progress=lambda done, total: seen.append((done, total)),
+    )
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # The first and the present capture, its copy, the 96 channels, their pickle; reading back
+    # takes up to four times the file.
+    assert peak < 7.5 * frame_bytes, f"{peak / frame_bytes:.1f} frames"
+    assert seen == [(i + 1, n_frames if sized else 0) for i in range(n_frames)]
+
+
+# ---- the same scene through the files alone
+
+FIRST_HZ, LAST_HZ, IMAGE_FREQ = 72e9, 82e9, 6
+TARGETS_M = [
+    (0.030, -0.020, 0.305, 40.0),
+    (-0.050, 0.010, 0.295, 25.0),
+    (0.000, 0.030, 0.310, 30.0),
+]
+"""x, y, z of the antenna frame and amplitude; x and y differ in size and sign."""
+
+FLOAT32_STEPS = 2
+"""Whole numbers of maxproj may differ by one where float32 and float64 fall on either side of it,
+and by one more for the rounding of the capture to complex64."""
+
+
+def far_from_the_package() -> tuple[np.ndarray, np.ndarray]:
+    """Return the 94 Rx and 94 Tx of the imager, metres, as its description lists them."""
+    line = np.arange(-69, 70, 3) * 1e-3
+    rx = [(x, y, 0.0) for y in (-0.0705, 0.0705) for x in line]
+    tx = [
+        (np.sign(x) * 0.072 if abs(y) > 0.0689 else x, y, 0.0)
+        for x in (-0.0705, 0.0705)
+        for y in line
+    ]
+    return np.array(rx), np.array(tx)
+
+
+def image_of_the_dataset(radar: Path, axes_m: list[np.ndarray]) -> np.ndarray:
+    """Return the image of frame 0 in radar space, [row = y descending, col = x ascending, z].
+
+    Antennas are mirrored into radar space; the sum is divided by the number of Rx times Tx.
+    """
+    frame = dataset_reader(radar)[0]
+    rx, tx = (p * [-1, 1, 1] for p in far_from_the_package())
+    x_m, y_m, z_m = axes_m
+    image = np.empty((len(y_m), len(x_m), len(z_m)), complex)
+    turns = 2j * np.pi * frame["fvec"] / 299792458.0
+    for row, y in enumerate(y_m[::-1]):
+        for column, x in enumerate(x_m):
+            for k, z in enumerate(z_m):
+                point = np.array([x, y, z])
+                to_rx = np.exp(turns * np.linalg.norm(point - rx, axis=1)[:, None])
+                to_tx = np.exp(turns * np.linalg.norm(point - tx, axis=1)[:, None])
+                inner = np.einsum("rtf,tf->rf", frame["imaging"], to_tx)
+                image[row, column, k] = (inner * to_rx).sum()
+    return image / (len(rx) * len(tx))
+
+
+def test_products_are_the_image_that_the_dataset_would_form(tmp_path):
+    array = clradar.arrays.qar50()
+    waveform = clradar.Waveform.sfcw(FIRST_HZ, LAST_HZ, IMAGE_FREQ)
+    points = np.array(TARGETS_M)
+    capture = clradar.reference.point_targets(array, waveform, points[:, :3], points[:, 3])
+    grid = clradar.VoxelGrid.from_extent(
+        (-0.06, 0.04), (-0.03, 0.04), (0.295, 0.31), (0.01, 0.01, 0.005)
+    )
+
+    def image(frame: clradar.Capture) -> clradar.Volume:
+        z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
+        voxels = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+        return clradar.Volume(
+            clradar.reference.backproject(frame, voxels).reshape(grid.shape), grid
+        )
+
+    radar = save_recording(tmp_path / "30", [capture], image=image)
+
+    low, high, counts = dataset_grid(radar, 0)
+    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
+    strength = np.abs(image_of_the_dataset(radar, axes)).max(axis=2)
+    stored = made.png_pixels((radar / "maxproj" / "000000.png").read_bytes()).astype(int)
+    assert np.abs(stored - np.floor(strength)).max() <= FLOAT32_STEPS
+    depth = made.png_pixels((radar / "depth" / "000000.png").read_bytes())
+    positions, colours = made.ply_points((radar / "xyz" / "000000.ply").read_bytes())
+    for x, y, z, amplitude in TARGETS_M:
+        # In radar space x is turned; rows run down from the largest y.
+        row = round((axes[1][-1] - y) / 0.01)
+        column = round((-x - axes[0][0]) / 0.01)
+        assert stored[row, column] == stored[row - 1 : row + 2, column - 1 : column + 2].max()
+        assert stored[row, column] >= 0.7 * amplitude * IMAGE_FREQ  # sidelobes of the others add
+        assert abs(depth[row, column] - 1e3 * z) <= 2.5 + 0.5  # half a voxel and the rounding
+        near = np.abs(positions[:, :2] - [-x, y]).max(axis=1) < 1e-9
+        assert near.sum() == 1
+        assert colours[near, 1] >= 0.6 * 255 * amplitude / points[:, 3].max()
+    # Ours, read back, has each target where it was put, in x too.
+    read = read_depth_map(radar, 0)
+    for x, y, z, _ in TARGETS_M:
+        i, j = np.abs(read.y_m - y).argmin(), np.abs(read.x_m - x).argmin()
+        assert abs(read.depth_m[i, j] - z) <= 3e-3
+        assert np.isnan(read.depth_m[i, np.abs(read.x_m + x).argmin()]) or x == 0
+
+
+def test_every_numpy_finds_the_names_in_a_frame(tmp_path: Path) -> None:
+    frame = save_maroon_frame(tmp_path / "30", random_qar50_capture())
+    names = [
+        argument
+        for operation, argument, _ in pickletools.genops(frame.read_bytes()[128:])
+        if operation.name in ("GLOBAL", "STACK_GLOBAL")
+    ]
+    assert names == ["numpy.core.multiarray _reconstruct", "numpy ndarray", "numpy dtype"]
+
+
+def random_qar50_capture() -> clradar.Capture:
+    rng = np.random.default_rng(0)
+    data = rng.normal(size=(94, 94, 2)) + 1j * rng.normal(size=(94, 94, 2))
+    return clradar.Capture(data, clradar.arrays.qar50(), clradar.Waveform([72e9, 82e9]))

@@ -1,0 +1,140 @@
+"""Run every kernel at small odd sizes on the device that CLRADAR_DEVICE names.
+
+Started by ``test_memcheck.py`` under Oclgrind, whose reports go to the file OCLGRIND_LOG. Prints
+the names of the kernels that ran. `--faulty` runs a kernel with a known fault instead.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+
+import clradar
+from clradar.bench import nearest
+from clradar.hand import POSES, posed_skeleton
+from clradar.hand.flesh import grown_flesh
+from clradar.hand.flesh_field import FleshField
+from clradar.imaging import block_tree, fast
+from clradar.opencl import Buffers, open_device
+from clradar.opencl.program import Program
+
+FAULTS = {
+    "out-of-bounds": "out[get_global_id(0) + n] = 1.0f;",
+    "race": "out[0] = (float)get_global_id(0);",
+    "uninitialised": "float v[4]; v[0] = 1.0f; out[get_global_id(0)] = v[n & 3 | 1];",
+}
+
+
+def faulty(kind: str) -> None:
+    device = open_device()
+    source = f"__kernel void fault(const int n, __global float *out) {{ {FAULTS[kind]} }}"
+    kernel = cl.Kernel(cl.Program(device.context, source).build(["-cl-opt-disable"]), "fault")
+    with Buffers(device) as buffers:
+        out = buffers.empty(32)
+        kernel.set_args(np.int32(8), out)
+        cl.enqueue_nd_range_kernel(device.queue, kernel, (8,), (1,)).wait()
+
+
+def everything(width: int) -> None:
+    launched = set()
+    start = Program.start
+
+    def recorded(self: Program, name: str, *args: Any) -> Callable[[], None]:
+        launched.add(name)
+        return start(self, name, *args)
+
+    Program.start = recorded  # type: ignore[method-assign]
+    # Oclgrind's check of uninitialised reads keeps the marks of a freed buffer for the next one at
+    # the same address, so nothing is freed here.
+    Buffers.__exit__ = lambda self, *error: kept.append(self)  # type: ignore[method-assign]
+    Buffers.release = lambda self, buffer: kept.append(buffer)  # type: ignore[method-assign]
+    kept: list[object] = []
+    # The module, which the function of the same name hides.
+    sys.modules["clradar.phasors.phasor_sum"].CALL_PATHS = 64  # type: ignore[attr-defined]
+    device = open_device(width=width)
+    full = clradar.arrays.qar50()
+    array = clradar.AntennaArray(full.tx_m[::14], full.rx_m[::11])  # 7 x 9: odd against 8 lanes
+    waveform = clradar.Waveform([72e9, 75e9, 76e9, 81e9, 82e9])
+    # Two panels that face each other across an edge and a floor: bounces, shadows, both sides.
+    vertices = np.array(
+        [
+            [-0.03, -0.03, 0.30],
+            [0.03, -0.03, 0.30],
+            [0.0, 0.03, 0.31],
+            [0.03, 0.03, 0.27],
+            [-0.03, 0.03, 0.33],
+            [0.0, -0.03, 0.26],
+            [0.0, 0.0, 0.26],
+        ]
+    )
+    faces = np.array([[0, 1, 2], [1, 3, 2], [0, 2, 4], [0, 1, 5], [0, 5, 6], [2, 2, 3]])
+    scene = clradar.Scene(vertices, faces, alpha=np.array([0.0, 0.5, 1.0, 0.3, 0.7, 0.5]))
+    for options in (
+        {"max_bounces": 1},
+        {"max_bounces": 3, "normals": "face", "seed": 2**40 + 1},
+        {"max_bounces": 2, "amplitude": "spreading", "pattern_exponent": 1.5},
+        {"rays_per_face": 3, "rays_per_sample": 2},
+        {"estimator": "expected"},
+        {"estimator": "expected", "amplitude": "spreading", "pattern_exponent": 1.5},
+    ):
+        if "rays_per_face" not in options:
+            options = {**options, "samples_per_mm2": 0.008, "rays_per_sample": 2}
+        capture = clradar.simulate(
+            scene, array, waveform, reception_radius_m=0.02, device=device, **options
+        )
+        assert np.abs(capture.data).max() > 0
+    # Two levels of wide nodes, also by rays that are parallel to an axis.
+    rng = np.random.default_rng(1)
+    soup = rng.uniform(-0.1, 0.1, (101, 1, 3)) + rng.uniform(-0.02, 0.02, (101, 3, 3))
+    away = rng.normal(size=(13, 3))
+    away[:3] = np.eye(3)
+    away /= np.linalg.norm(away, axis=1)[:, None]
+    nearest.CACHE_BYTES = 0  # rays are sorted
+    with nearest.NearestHits(soup, rng.uniform(-0.1, 0.1, (13, 3)), away, device) as rays:
+        rays.trace()
+        assert (rays.hits()[1] >= 0).any()
+    soup[:, :, 2] += 0.3
+    blocky = clradar.Scene(soup.reshape(-1, 3), np.arange(303).reshape(-1, 3), alpha=0.5)
+    clradar.trace(blocky, array, rays_per_face=1, reception_radius_m=0.05, device=device)
+    corners = vertices[:4] + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.02], [0.01, 0, -0.02]])
+    closed = clradar.Scene(corners, [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]], alpha=0.5)
+    clradar.trace(closed, array, rays_per_face=2, reception_radius_m=0.05, device=device)
+    one_face = clradar.Scene(vertices[:3], [[0, 1, 2]], alpha=0.5)
+    paths = clradar.trace(one_face, array, rays_per_face=7, reception_radius_m=0.05, device=device)
+    capture = clradar.synthesize(paths, array, waveform, device=device)
+    # Lengths so far apart that blocks have to make room.
+    pair = np.arange(150) % 63
+    clradar.synthesize(
+        clradar.Paths(
+            pair // 9, pair % 9, np.linspace(20, 0.3, 150), pair + 0.5, pair % 2 + 1, 7, 9
+        ),
+        array, waveform, device=device,
+    )  # fmt: skip
+    # "fast" is not to become "exact", nor to leave out levels; and phases are made both ways.
+    fast.FEW_TERMS = 0
+    block_tree._worthwhile = lambda array, waveform, found: len(found)
+    for shape in ((-0.001, 0.001), (0.0, 0.0), (-0.004, 0.004)):  # 3, 1 and 9 voxels along x
+        grid = clradar.VoxelGrid.from_extent(shape, (0, 0.002), (0.30, 0.302), 1e-3)
+        for method in ("exact", "range", "fast"):
+            clradar.backproject(capture, grid, method=method, device=device)
+        fast.FLOAT32_SHARE = -fast.FLOAT32_SHARE
+    # Points within the cells and beyond them.
+    with Buffers(device) as buffers:
+        field = FleshField(grown_flesh(posed_skeleton(POSES["F"])), 0.02, buffers)
+        assert (field.node_distances_m() < 0).any()
+        points_m = rng.uniform(-0.2, 0.3, (13, 3))
+        assert np.isfinite(field.distances_m(points_m)).all()
+        assert np.isfinite(field.gradients(points_m)).all()
+        assert (field.nearest_parts(points_m) < 6).all()
+    print(*sorted(launched))
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "--faulty":
+        faulty(sys.argv[2])
+    else:
+        everything(int(sys.argv[1]))

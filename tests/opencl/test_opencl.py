@@ -1,0 +1,700 @@
+"""The device layer: which device, builds, memory, and the arithmetic that every kernel shares."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from importlib.metadata import PackageNotFoundError, PackagePath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+import pytest
+
+import clradar
+from clradar.errors import DeviceError, ModelError
+from clradar.opencl import Buffers, DeviceInfo, build, list_devices, open_device, runtimes
+from clradar.opencl import device as device_module
+from clradar.opencl import program as program_module
+from clradar.opencl.device import default_device
+from clradar.opencl.double_single import hi_lo
+from clradar.opencl.sources import source
+
+# The polynomials err by at most 1.1e-7 over a turn (Cephes); reducing x to a quadrant is exact, and
+# its product with 2 pi rounds once more (6e-8 of at most pi/4).
+SINE_ERROR = 2e-7
+# The fraction of a turn is below 1 and rounds to 2^-25 there; so does the correction term, which is
+# below half a turn up to 2^22 cycles. In cycles; 6e-8 of them are 4e-7 rad.
+CYCLE_ERROR = 2.0**-24
+# A dual holds 48 bits. The correction term of dual_length, up to 2^-24 of the length, is a sum of
+# some twenty float32 operations, each good to 2^-24.
+LENGTH_ERROR = 20 * 2.0**-48
+
+
+# Which device ------------------------------------------------------------------------------------
+
+
+def info(
+    selector: str, name: str, platform: str, kind: str = "cpu", memory_bytes: int = 2**30
+) -> DeviceInfo:
+    return DeviceInfo(selector, name, platform, "OpenCL 1.2", kind, memory_bytes, 2**28, 2)
+
+
+OCLGRIND = info("0:0", "Oclgrind Simulator", "Oclgrind", "gpu")
+POCL = info("1:0", "cpu-Intel(R) Xeon(R)", "Portable Computing Language")
+INTEL = info("2:0", "Intel(R) Xeon(R)", "Intel(R) OpenCL")
+CARD = info("3:0", "NVIDIA H100", "NVIDIA CUDA", "gpu")
+CARD_2 = info("3:1", "NVIDIA A100", "NVIDIA CUDA", "gpu")
+OTHER = info("4:0", "Board", "Accelerators", "other")
+
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Pretend that the machine has these devices, and that no variable chooses one."""
+    monkeypatch.delenv("CLRADAR_DEVICE", raising=False)
+    monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+
+    def pretend(*infos: DeviceInfo) -> None:
+        monkeypatch.setattr(device_module, "_found", lambda: [(i, None) for i in infos])
+
+    return pretend
+
+
+@pytest.mark.parametrize(
+    ("infos", "chosen"),
+    [
+        ((OCLGRIND, POCL), POCL),
+        ((OCLGRIND, POCL, INTEL), INTEL),
+        ((OCLGRIND, POCL, INTEL, CARD, CARD_2), CARD),
+        ((OTHER, POCL), POCL),
+        ((OCLGRIND, OTHER), OTHER),
+    ],
+)
+def test_none_means_gpu_then_intel_then_pocl_never_the_checker(
+    machine: Callable[..., None], infos: tuple[DeviceInfo, ...], chosen: DeviceInfo
+) -> None:
+    machine(*infos)
+    assert default_device() == chosen
+    machine(*infos[::-1])
+    assert default_device().platform == chosen.platform
+
+
+EVERYTHING = (OCLGRIND, POCL, INTEL, CARD, CARD_2)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "chosen"),
+    [
+        ("pocl", POCL),
+        (" PoCL ", POCL),
+        ("Portable Computing Language", POCL),
+        ("intel", INTEL),
+        ("nvidia", CARD),
+        ("a100", CARD_2),
+        ("oclgrind", OCLGRIND),
+        ("gpu", CARD),
+        ("cpu", POCL),
+        ("3:1", CARD_2),
+        ("3", CARD),
+        ("0:0", OCLGRIND),
+        ("portable:xeon", POCL),
+        ("nvidia:a100", CARD_2),
+    ],
+)
+@pytest.mark.parametrize("variable", ["CLRADAR_DEVICE", "PYOPENCL_CTX"])
+def test_a_device_is_chosen_by_name_kind_or_index(
+    machine: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
+    variable: str,
+    wanted: str,
+    chosen: DeviceInfo,
+) -> None:
+    machine(*EVERYTHING)
+    monkeypatch.setenv(variable, wanted)
+    assert default_device() == chosen
+
+
+def test_clradar_device_goes_before_pyopencl_ctx(
+    machine: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine(*EVERYTHING)
+    monkeypatch.setenv("PYOPENCL_CTX", "intel")
+    monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
+    assert default_device() == POCL
+    monkeypatch.setenv("CLRADAR_DEVICE", "")
+    assert default_device() == INTEL
+
+
+@pytest.mark.parametrize("wanted", ["vivante", "7:0", "1:3", "", ":", "gpu", "intel", "1:0:0"])
+def test_an_absent_device_is_an_error_that_lists_what_there_is(
+    machine: Callable[..., None], wanted: str
+) -> None:
+    machine(OCLGRIND, POCL)
+    with pytest.raises(DeviceError) as caught:
+        open_device(wanted)
+    message = str(caught.value)
+    assert message.startswith("device: expected one of the devices here (0:0 Oclgrind Simulator [")
+    assert f"1:0 {POCL.name} [{POCL.platform}]" in message
+    assert f"got {wanted!r}" in message
+    assert "clradar devices" in message
+    assert "pip install 'pyopencl[pocl]'" in message
+
+
+@pytest.mark.parametrize("variable", ["CLRADAR_DEVICE", "PYOPENCL_CTX"])
+def test_an_absent_device_in_a_variable_names_the_variable(
+    machine: Callable[..., None], monkeypatch: pytest.MonkeyPatch, variable: str
+) -> None:
+    machine(POCL)
+    monkeypatch.setenv(variable, "nvidia")
+    for call in (open_device, default_device):
+        with pytest.raises(DeviceError, match=rf"^{variable}: expected .*, got 'nvidia'"):
+            call()
+
+
+def test_a_machine_with_nothing_but_the_checker_has_no_default(
+    machine: Callable[..., None],
+) -> None:
+    machine(OCLGRIND)
+    with pytest.raises(DeviceError, match=r"no OpenCL device but a memory checker.*pip install"):
+        open_device()
+
+
+def test_a_machine_without_opencl_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cl, "get_platforms", list)
+    with pytest.raises(DeviceError, match=r"no OpenCL device was found; install .*pip install"):
+        list_devices()
+
+    def fail() -> None:
+        raise cl.LogicError("PLATFORM_NOT_FOUND_KHR")
+
+    monkeypatch.setattr(cl, "get_platforms", fail)
+    with pytest.raises(DeviceError, match=r"no OpenCL platform was found .*NOT_FOUND.*pip install"):
+        list_devices()
+
+
+def test_the_devices_of_this_machine_open_by_their_index(device: clradar.Device) -> None:
+    infos = list_devices()
+    assert device.info in infos
+    assert len({i.selector for i in infos}) == len(infos)
+    opened = open_device(device.info.selector)
+    assert opened.info == device.info
+    assert opened is open_device(device.info.selector)
+    assert open_device(opened) is opened
+    assert not default_device().is_interpreter
+
+
+def test_environment_chooses_for_every_function(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CLRADAR_DEVICE", device.info.selector)
+    assert open_device().info == device.info
+    monkeypatch.setenv("CLRADAR_DEVICE", "no such device")
+    capture = clradar.Capture(
+        np.ones((1, 1, 1)),
+        clradar.AntennaArray(np.zeros((1, 3)), np.zeros((1, 3))),
+        clradar.Waveform([1e9]),
+    )
+    grid = clradar.VoxelGrid.from_extent((0, 0), (0, 0), (1, 1), 1)
+    with pytest.raises(DeviceError, match="CLRADAR_DEVICE: expected one of the devices here"):
+        clradar.backproject(capture, grid)
+    assert clradar.backproject(capture, grid, device=device).meta["device"]["device"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"device": 3}, DeviceError, r"expected a clradar\.Device, a string or None, got int"),
+        ({"memory_limit_bytes": 0}, ModelError, "a whole number >= 1, got 0"),
+        ({"memory_limit_bytes": 0.5}, ModelError, "a whole number >= 1, got 0.5"),
+        ({"width": 4}, ModelError, "1 or 8 lanes per work-item, got 4"),
+    ],
+)
+def test_open_device_refuses(arguments: dict[str, Any], error: type, message: str) -> None:
+    with pytest.raises(error, match=message):
+        open_device(**arguments)
+
+
+def test_a_limit_for_a_device_that_is_open_is_not_dropped(device: clradar.Device) -> None:
+    with pytest.raises(DeviceError, match="whose limit and width are settled"):
+        open_device(device, memory_limit_bytes=10**6)
+
+
+def test_a_memory_limit_only_lowers_the_budget(device: clradar.Device) -> None:
+    assert device.budget_bytes == int(device.info.memory_bytes * device_module.MEMORY_SHARE)
+    small = open_device(device.info.selector, memory_limit_bytes=10**6)
+    assert small.budget_bytes == small.max_buffer_bytes == 10**6
+    assert (
+        open_device(device.info.selector, memory_limit_bytes=10**18).budget_bytes
+        == device.budget_bytes
+    )
+
+
+# Memory ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small(device: clradar.Device) -> clradar.Device:
+    return open_device(device.info.selector, memory_limit_bytes=4096)
+
+
+def test_buffers_count_what_they_hold(small: clradar.Device) -> None:
+    with Buffers(small) as buffers:
+        assert (buffers.used_bytes, buffers.free_bytes) == (0, 4096)
+        values = np.arange(100.0)
+        one = buffers.upload(values)
+        zeros = buffers.zeros(400)
+        assert (buffers.used_bytes, buffers.free_bytes) == (1200, 2896)
+        np.testing.assert_array_equal(buffers.read(one, 100, np.float64), values)
+        np.testing.assert_array_equal(buffers.read(zeros, (10, 10), np.float32), np.zeros((10, 10)))
+        buffers.write(one, values[::-2])
+        got = buffers.read(one, 100, np.float64)
+        np.testing.assert_array_equal(got, np.concatenate([values[::-2], values[50:]]))
+        buffers.release(zeros)
+        assert buffers.used_bytes == 800
+        buffers.upload(np.zeros(0))  # OpenCL has no empty buffers; this one is tiny
+        assert 800 < buffers.used_bytes <= 832
+        assert buffers.read(one, 0, np.float64).shape == (0,)
+        buffers.write(one, np.zeros(0))
+    assert buffers.used_bytes == 0
+
+
+def test_borrowed_is_the_arrays_own_memory_on_a_cpu(small: clradar.Device) -> None:
+    values = np.arange(100.0)
+    with Buffers(small) as buffers:
+        borrowed = buffers.borrow(values)
+        assert buffers.used_bytes == 800
+        np.testing.assert_array_equal(buffers.read(borrowed, 100, np.float64), values)
+        values[3] = -1.0
+        assert buffers.read(borrowed, 100, np.float64)[3] == -1.0
+        buffers.release(borrowed)
+        # Read-only, not contiguous, and too small for a buffer of its own.
+        values.flags.writeable = False
+        for view in (values, values[::-3], values[:1], values[:0]):
+            got = buffers.read(buffers.borrow(view), len(view), np.float64)
+            np.testing.assert_array_equal(got, view)
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_buffers_are_freed_when_the_block_ends(small: clradar.Device, fails: bool) -> None:
+    released = []
+
+    class Recorded(cl.Buffer):
+        def release(self) -> None:
+            released.append(self)
+            super().release()
+
+    class OnPurposeError(Exception):
+        pass
+
+    buffers = Buffers(small)
+    held: list[Any] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cl, "Buffer", Recorded)
+        try:
+            with buffers:
+                held += [buffers.empty(100), buffers.upload(np.ones(3))]
+                if fails:
+                    raise OnPurposeError
+        except OnPurposeError:
+            assert fails
+    assert released == held
+    assert buffers.used_bytes == 0
+    for use in (
+        lambda: buffers.read(held[1], 3, np.float64),
+        lambda: buffers.write(held[1], np.ones(3)),
+        lambda: buffers.release(held[1]),
+    ):
+        with pytest.raises(DeviceError, match="expected a buffer of this block, got one that was"):
+            use()
+    with pytest.raises(DeviceError, match="inside the `with` block, got one after"):
+        buffers.empty(16)
+
+
+def test_a_buffer_freed_early_cannot_be_used(small: clradar.Device) -> None:
+    with Buffers(small) as buffers:
+        buffer = buffers.empty(64)
+        buffers.release(buffer)
+        with pytest.raises(DeviceError, match="got one that was freed"):
+            buffers.read(buffer, 8, np.float64)
+
+
+@pytest.mark.parametrize("request_bytes", [4097, 2**50])
+def test_an_allocation_beyond_the_budget_names_device_and_remedy(
+    small: clradar.Device, request_bytes: int
+) -> None:
+    with Buffers(small) as buffers:
+        buffers.empty(1024)
+        with pytest.raises(DeviceError) as caught:
+            buffers.empty(request_bytes - 1024)
+        message = str(caught.value)
+        assert message.startswith(f"device {small.info.label}: a buffer of ")
+        assert "does not fit" in message
+        assert "smaller problem" in message
+        assert "CLRADAR_DEVICE=" in message
+        assert buffers.used_bytes == 1024
+        buffers.empty(3072)  # exactly full
+
+
+def test_an_allocation_that_the_driver_refuses_names_device_and_remedy(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise cl.MemoryError("MEM_OBJECT_ALLOCATION_FAILURE")
+
+    with Buffers(device) as buffers:
+        monkeypatch.setattr(cl, "Buffer", refuse)
+        with pytest.raises(DeviceError) as caught:
+            buffers.empty(2**20)
+    message = str(caught.value)
+    assert message.startswith(f"device {device.info.label}: 1.0 MiB could not be allocated")
+    assert "MEM_OBJECT_ALLOCATION_FAILURE" in message
+    assert "CLRADAR_DEVICE=" in message
+
+
+def test_a_large_buffer_on_a_cpu_is_numpys_memory(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = np.random.default_rng(1).normal(size=2**20)
+    with Buffers(device) as buffers:
+        large = buffers.upload(values)
+        assert (large.size, buffers.used_bytes) == (values.nbytes, values.nbytes)
+        assert large.flags & cl.mem_flags.USE_HOST_PTR
+        assert not buffers.empty(100).flags & cl.mem_flags.USE_HOST_PTR
+        np.testing.assert_array_equal(buffers.read(large, len(values), np.float64), values)
+
+        def refuse(*_: Any) -> None:
+            raise MemoryError("no more of it")
+
+        monkeypatch.setattr(np, "empty", refuse)
+        with pytest.raises(DeviceError, match=r"could not be allocated .*no more of it"):
+            buffers.empty(values.nbytes)
+
+
+def test_a_write_beyond_the_buffer_is_an_error(device: clradar.Device) -> None:
+    with Buffers(device) as buffers:
+        buffer = buffers.empty(64)
+        with pytest.raises(DeviceError, match=re.escape(device.info.label)):
+            buffers.write(buffer, np.zeros(1000))
+
+
+# Programs ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Options:
+    factor: float = 2.0
+    offset: int = 1
+    negate: bool = False
+
+
+KERNEL = """
+__kernel void scale(__global float *x) {
+    const int i = (int)get_global_id(0);
+    x[i] = (CLR_NEGATE ? -1.0f : 1.0f) * (CLR_FACTOR * x[i] + CLR_OFFSET);
+}
+"""
+
+
+@pytest.fixture
+def kernel_text(monkeypatch: pytest.MonkeyPatch, device: clradar.Device) -> Iterator[Callable]:
+    """Put a text in the place of every kernel file."""
+    known = dict(device.programs)
+
+    def use(text: str) -> None:
+        monkeypatch.setattr(program_module, "source", lambda _: text)
+
+    yield use
+    device.programs.clear()
+    device.programs.update(known)
+
+
+def test_options_reach_the_kernel(device: clradar.Device, kernel_text: Callable) -> None:
+    kernel_text(KERNEL)
+    x = np.linspace(-3, 3, 7, dtype=np.float32)
+    third = 1 / 3  # a float32 needs nine digits to come back the same
+    for options in (Options(third, -5), Options(1e-30, 0, True), Options(3e38, 7)):
+        with Buffers(device) as buffers:
+            buffer = buffers.upload(x)
+            build(device, "scale.cl", options).launch("scale", (7,), buffer)
+            sign = np.float32(-1 if options.negate else 1)
+            with np.errstate(over="ignore"):
+                want = sign * (np.float32(options.factor) * x + np.float32(options.offset))
+            # The compiler may fuse product and sum: one rounding of 6e-8 less.
+            np.testing.assert_allclose(buffers.read(buffer, 7, np.float32), want, rtol=2e-7)
+
+
+def test_programs_are_built_once_per_options(device: clradar.Device, kernel_text: Callable) -> None:
+    kernel_text(KERNEL)
+    one = build(device, "scale.cl", Options())
+    kernel_text("no OpenCL at all")
+    assert build(device, "scale.cl", Options()) is one
+    with pytest.raises(DeviceError, match="does not build"):
+        build(device, "scale.cl", Options(offset=2))
+
+
+def test_a_damaged_cache_of_pyopencl_is_no_error(
+    device: clradar.Device, kernel_text: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What another processor has left there does not load: "INVALID_BINARY"."""
+
+    def broken(*args: object, **options: object) -> None:
+        raise RuntimeError("clCreateProgramWithBinary failed: INVALID_BINARY")
+
+    monkeypatch.setattr("pyopencl.cache._create_built_program_from_source_cached", broken)
+    kernel_text(KERNEL)
+    assert list(build(device, "scale.cl", Options(offset=5)).kernels) == ["scale"]
+
+
+def test_a_build_error_has_device_options_and_log(
+    device: clradar.Device, kernel_text: Callable
+) -> None:
+    kernel_text("__kernel void broken(__global float *x) { x[0] = no_such_name; }")
+    with pytest.raises(DeviceError) as caught:
+        build(device, "broken.cl", Options(negate=True))
+    message = str(caught.value)
+    assert message.startswith(f"device {device.info.label}: broken.cl does not build with ")
+    for option in ("-cl-std=CL1.2", "-DCLR_FACTOR=2", "-DCLR_OFFSET=1", "-DCLR_NEGATE=1"):
+        assert option in message
+    assert "CLRADAR_DEVICE=" in message
+    assert "no_such_name" in message  # the compiler's log
+
+
+def test_a_kernel_without_its_option_does_not_build(device: clradar.Device) -> None:
+    with pytest.raises(DeviceError, match=r"CLR_WIDTH .* is missing"):
+        build(device, "synthesize.cl", Options())
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (cl.MemoryError("OUT_OF_RESOURCES"), "out of memory in kernel scale of scale.cl"),
+        (cl.LogicError("INVALID_WORK_ITEM"), "kernel scale of scale.cl failed over (7,) items"),
+    ],
+)
+def test_a_launch_that_fails_names_device_kernel_and_remedy(
+    device: clradar.Device,
+    kernel_text: Callable,
+    monkeypatch: pytest.MonkeyPatch,
+    error: Exception,
+    words: str,
+) -> None:
+    def fail(*_: Any) -> None:
+        raise error
+
+    kernel_text(KERNEL)
+    program = build(device, "scale.cl", Options())
+    monkeypatch.setattr(cl, "enqueue_nd_range_kernel", fail)
+    with Buffers(device) as buffers:
+        buffer = buffers.zeros(28)
+        with pytest.raises(DeviceError) as caught:
+            program.launch("scale", (7,), buffer)
+    message = str(caught.value)
+    assert message.startswith(f"device {device.info.label}: ")
+    assert words in message
+    assert str(error) in message
+    assert "CLRADAR_DEVICE=" in message
+
+
+# Arithmetic --------------------------------------------------------------------------------------
+
+TEST_KERNELS = """
+__kernel void sines(__global const float *x, __global float *out) {
+    const size_t i = get_global_id(0) * CLR_WIDTH, n = get_global_size(0) * CLR_WIDTH;
+    realw cosine, sine;
+    cos_sin_cycles(LOADW(x + i), &cosine, &sine);
+    STOREW(cosine, out + i);
+    STOREW(sine, out + n + i);
+}
+
+/* in: length hi, lo, wavenumber hi, lo; out: cycles(), and what plain float32 gives. */
+__kernel void turns(__global const float *in, __global float *out) {
+    const size_t i = get_global_id(0) * CLR_WIDTH, n = get_global_size(0) * CLR_WIDTH;
+    dual length;
+    length.hi = LOADW(in + i);
+    length.lo = LOADW(in + n + i);
+    const wavenumber k = make_wavenumber(LOADW(in + 2 * n + i), LOADW(in + 3 * n + i));
+    STOREW(cycles(length, k), out + i);
+    const realw product = length.hi * k.hi;
+    STOREW(product - rint(product), out + n + i);
+}
+
+/* in: two points as x, y, z hi and then lo; out: hi, lo, and what plain float32 gives. */
+__kernel void lengths(__global const float *in, __global float *out) {
+    const size_t i = get_global_id(0) * CLR_WIDTH, n = get_global_size(0) * CLR_WIDTH;
+#define AT(k) LOADW(in + (k) * n + i)
+    const dual x = dual_difference(AT(0), AT(3), AT(6), AT(9));
+    const dual y = dual_difference(AT(1), AT(4), AT(7), AT(10));
+    const dual z = dual_difference(AT(2), AT(5), AT(8), AT(11));
+    const dual length = dual_length(x, y, z);
+    STOREW(length.hi, out + i);
+    STOREW(length.lo, out + n + i);
+    STOREW(sqrt(x.hi * x.hi + y.hi * y.hi + z.hi * z.hi), out + 2 * n + i);
+}
+"""
+
+
+@dataclass(frozen=True)
+class PhaseOptions:
+    width: int
+
+
+@pytest.fixture(params=[1, 8], ids=["one lane", "eight lanes"])
+def compute(
+    device: clradar.Device, request: pytest.FixtureRequest, kernel_text: Callable
+) -> Callable[[str, np.ndarray, int], np.ndarray]:
+    """Run one of the kernels above: input of shape (rows, n), output of shape (n_out, n)."""
+    kernel_text(source("common/phase.h") + TEST_KERNELS)
+    program = build(device, "phase test", PhaseOptions(request.param))
+
+    def run(name: str, rows: np.ndarray, n_out: int) -> np.ndarray:
+        n = rows.shape[1]
+        padded = np.pad(rows, ((0, 0), (0, -n % 8)), mode="edge").astype(np.float32)
+        total = padded.shape[1]
+        with Buffers(device) as buffers:
+            out = buffers.empty(4 * n_out * total)
+            program.launch(name, (total // request.param,), buffers.upload(padded), out)
+            return buffers.read(out, (n_out, total), np.float32)[:, :n].astype(np.float64)
+
+    return run
+
+
+def test_sine_and_cosine_of_cycles(compute: Callable) -> None:
+    eighths = np.arange(-8, 9) / 8
+    x = np.concatenate(
+        [
+            np.linspace(-1, 1, 20011),
+            eighths,
+            np.nextafter(eighths, 1, dtype=np.float32),
+            np.nextafter(eighths, -1, dtype=np.float32),
+            [-0.0, 1e-30, -1e-45],
+        ]
+    ).astype(np.float32)
+    cosine, sine = compute("sines", x[None], 2)
+    turns = x.astype(np.float64)
+    assert np.abs(cosine - np.cos(2 * np.pi * turns)).max() <= SINE_ERROR
+    assert np.abs(sine - np.sin(2 * np.pi * turns)).max() <= SINE_ERROR
+
+
+def exact_turn(length: tuple[float, float], k: tuple[float, float]) -> float:
+    """Fraction of a turn of (hi + lo) * (hi + lo), in exact arithmetic."""
+    product = (Fraction(length[0]) + Fraction(length[1])) * (Fraction(k[0]) + Fraction(k[1]))
+    return float(product - round(product))
+
+
+def turn_distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Distance on the circle, in cycles."""
+    return np.abs((a - b + 0.5) % 1 - 0.5)
+
+
+@pytest.mark.parametrize(
+    ("longest_m", "highest_hz"), [(1.5, 82e9), (20.0, 300e9), (2.0**22 / 1001, 3e11)]
+)
+def test_cycles_keeps_the_carrier_where_float32_loses_it(
+    compute: Callable, longest_m: float, highest_hz: float
+) -> None:
+    rng = np.random.default_rng(7)
+    length = rng.uniform(0.01, 1, 4001) * longest_m
+    k = rng.uniform(0.5, 1, 4001) * highest_hz / 299_792_458.0
+    rows = np.stack([*hi_lo(length), *hi_lo(k)]).astype(np.float32)
+    got, naive = compute("turns", rows, 2)
+    pairs = rows.astype(np.float64)
+    want = np.array([exact_turn((c[0], c[1]), (c[2], c[3])) for c in pairs.T])
+    assert np.abs(got).max() <= 1  # what cos_sin_cycles takes
+    assert turn_distance(got, want).max() <= CYCLE_ERROR
+    # And against the float64 numbers that hi and lo stand for, which float64 multiplies to 2^-53.
+    rounding = longest_m * highest_hz / 299_792_458.0 * 2.0**-47
+    turns = length * k
+    assert turn_distance(got, turns - np.round(turns)).max() <= CYCLE_ERROR + rounding
+    # Plain float32 loses half a unit in the last place of the length: it must fail this test.
+    assert turn_distance(naive, want).max() > 10 * CYCLE_ERROR
+
+
+def test_lengths_keep_what_float32_loses(compute: Callable) -> None:
+    rng = np.random.default_rng(11)
+    a = rng.uniform(-0.1, 0.1, (3, 5003))
+    b = rng.uniform(-0.1, 0.1, (3, 5003)) + np.array([[0.0], [0.0], [0.3]])
+    a[:, :5], b[:, :5] = 0.0, 0.0
+    b[0, 1] = 0.3  # along an axis
+    b[:, 2] = [3e-4, 4e-4, 0]  # a voxel beside an antenna
+    b[:, 3] = [30.0, 40.0, 1e-6]
+    b[:, 4] = [1e-6, 1e-6, 1e-6]
+    rows = np.concatenate([*hi_lo(a), *hi_lo(b)])
+    hi, lo, naive = compute("lengths", rows, 3)
+    parts = rows.astype(np.float64)
+    difference = (parts[0:3] - parts[6:9]) + (parts[3:6] - parts[9:12])
+    want = np.array([math.hypot(*d) for d in difference.T])
+    assert hi[0] == lo[0] == 0.0  # both at one place
+    # Two coordinates nearly cancel where the difference is small, so relative to their size.
+    scale = np.maximum(want, np.abs(parts[0:3]).max(axis=0))
+    assert (np.abs(hi + lo - want)[1:] / scale[1:]).max() <= LENGTH_ERROR
+    assert np.median(np.abs(naive - want)[5:] / want[5:]) > 1000 * LENGTH_ERROR
+
+
+# Intel's runtime
+
+
+@pytest.fixture
+def asked(monkeypatch, tmp_path):
+    """What the loader would see at each question for platforms; no question was asked before."""
+    seen = []
+
+    def get_platforms():
+        folder = os.environ.get("OCL_ICD_VENDORS")
+        entries = {} if folder is None else {p.name: p.read_text() for p in Path(folder).iterdir()}
+        seen.append(entries)
+        return []
+
+    for name in runtimes.VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(runtimes, "_asked", False)
+    monkeypatch.setattr(runtimes.cl, "get_platforms", get_platforms)
+    monkeypatch.setattr(runtimes, "SYSTEM_VENDORS", tmp_path / "vendors")
+    return seen
+
+
+def test_intel_runtime_is_added_to_the_systems(asked, monkeypatch, tmp_path):
+    runtimes.SYSTEM_VENDORS.mkdir()
+    (runtimes.SYSTEM_VENDORS / "gpu.icd").write_text("libgpu.so.1")
+    # One that the system knows would be there twice.
+    (runtimes.SYSTEM_VENDORS / "intel.icd").write_text("/opt/libintelocl.so")
+    library = tmp_path / "libintelocl.so"
+    monkeypatch.setattr(runtimes, "intel_library", lambda: library)
+    runtimes.platforms()
+    assert asked == [{"gpu.icd": "libgpu.so.1", "clradar-intel.icd": f"{library}\n"}]
+    assert "OCL_ICD_VENDORS" not in os.environ
+    runtimes.platforms()  # the loader has read its list
+    assert asked[1:] == [{}]
+
+
+def test_who_chooses_platforms_keeps_them(asked, monkeypatch, tmp_path):
+    monkeypatch.setattr(runtimes, "intel_library", lambda: tmp_path / "libintelocl.so")
+    chosen = tmp_path / "chosen"
+    chosen.mkdir()
+    monkeypatch.setenv("OCL_ICD_VENDORS", str(chosen))
+    runtimes.platforms()
+    assert asked == [{}]
+    assert os.environ["OCL_ICD_VENDORS"] == str(chosen)
+
+
+def test_intel_library_is_found_in_its_package(monkeypatch, tmp_path):
+    class Found:
+        files = (PackagePath("lib/libintelocl.so"),)
+
+    Found.files[0].dist = Found
+    Found.locate_file = staticmethod(lambda path: tmp_path / path)
+    monkeypatch.setattr(runtimes, "distribution", lambda name: Found)
+    assert runtimes.intel_library() is None  # listed, but deleted
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "lib/libintelocl.so").touch()
+    assert runtimes.intel_library() == (tmp_path / "lib/libintelocl.so").resolve()
+
+    def missing(name):
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(runtimes, "distribution", missing)
+    assert runtimes.intel_library() is None

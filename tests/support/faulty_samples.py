@@ -1,0 +1,85 @@
+"""Faults on demand in processes that make samples.
+
+A preload of Dask workers (`dask.config`: distributed.worker.preload), and of this process by
+`install`. The file that FAULTS names holds JSON: {"3": "raise", ...}. Faults that end in " once"
+happen one time only in all processes together.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import clradar.dataset.engine.serial as engine
+from clradar.errors import DeviceError
+
+VARIABLE = "CLRADAR_TEST_FAULTS"
+
+_make_sample = engine.make_sample
+_write_sample = engine.write_sample
+
+
+def plan_faults(faults: Mapping[int, str]) -> None:
+    """Say which sample fails how, from now on."""
+    path = Path(os.environ[VARIABLE])
+    for mark in path.parent.glob(f"{path.name}.*"):
+        mark.unlink()
+    path.write_text(json.dumps(faults), encoding="ascii")
+
+
+def install() -> None:
+    engine.make_sample = _faulty_make  # type: ignore[assignment]
+    engine.write_sample = _faulty_write  # type: ignore[assignment]
+
+
+def uninstall() -> None:
+    engine.make_sample = _make_sample
+    engine.write_sample = _write_sample
+
+
+def dask_setup(worker: Any) -> None:
+    install()
+
+
+def _fault(sample: int, kinds: tuple[str, ...]) -> str | None:
+    path = Path(os.environ[VARIABLE])
+    wanted = json.loads(path.read_text(encoding="ascii")).get(str(sample), "")
+    kind, _, once = wanted.partition(" ")
+    if kind not in kinds:
+        return None
+    if once:
+        try:
+            path.with_name(f"{path.name}.{sample}").touch(exist_ok=False)
+        except FileExistsError:
+            return None
+    return kind
+
+
+def _faulty_make(recipe: Mapping[str, Any], device: Any, **settings: Any) -> Any:
+    fault = _fault(recipe["sample"], ("raise", "device", "kill"))
+    if fault == "raise":
+        raise ValueError(f"sample {recipe['sample']} is poisoned")
+    if fault == "device":
+        raise DeviceError("the device refused")
+    if fault == "kill":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return _make_sample(recipe, device, **settings)
+
+
+def _faulty_write(path: Path, sample: Any, made_with: Any, **options: Any) -> None:
+    fault = _fault(sample.recipe["sample"], ("full", "cut"))
+    if fault == "full":
+        from clradar.files.atomic import replacing
+
+        with replacing(path, force=True) as temporary:
+            temporary.write_bytes(b"half")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    if fault == "cut":  # killed in the middle of writing
+        path.with_name(f".{path.name}.0.tmp").write_bytes(b"half")
+        os.kill(os.getpid(), signal.SIGKILL)
+    _write_sample(path, sample, made_with, **options)

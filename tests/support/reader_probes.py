@@ -1,0 +1,94 @@
+"""Functions that tests have called in the process that reads HDF5 files."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.files.failures import fail
+from measurement_io.confined import hdf5_guard
+from measurement_io.native import contents as native_contents
+
+
+def same(path: Path, value: Any) -> Any:
+    return value
+
+
+def arrays(path: Path) -> dict[str, Any]:
+    pair = np.zeros(3, np.dtype({"names": ["r", "i"], "formats": ["f4", "f8"], "offsets": [4, 16]}))
+    pair["i"] = [1, 2, 3]
+    return {
+        "complex": (np.arange(6) * (1 - 1j)).astype(np.complex64).reshape(2, 3),
+        "fortran": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+        "big-endian": np.arange(3, dtype=">i2"),
+        "scalar": np.array(1.5),
+        "empty": np.zeros((0, 3), bool),
+        "text": np.array([["a", "bc"]]),
+        "pair": pair,
+    }
+
+
+def crash(path: Path) -> None:
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def loop(path: Path) -> None:
+    while True:
+        pass
+
+
+def take(path: Path, count: int) -> int:
+    return int(np.ones(count, np.uint8).sum())
+
+
+def large(path: Path, count: int) -> np.ndarray:
+    return np.zeros(count, np.uint8)
+
+
+def refuse(path: Path) -> None:
+    fail(path, "this", "that")
+
+
+def unknown(path: Path) -> object:
+    return object()
+
+
+def write(path: Path, target: str) -> None:
+    Path(target).write_text("written")
+
+
+def open_another(path: Path, other: str) -> str:
+    with hdf5_guard.opened(path, "an HDF5 file"):
+        return Path(other).read_text()
+
+
+def start_a_program(path: Path) -> int:
+    with hdf5_guard.opened(path, "an HDF5 file"):
+        return subprocess.run(["true"], check=True).returncode
+
+
+def cost_of_reading(path: Path) -> dict[str, float]:
+    """Peak of resident memory that reading adds, and how long it takes, whatever comes of it."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began = time.perf_counter()
+    outcome = "result"
+    try:
+        native_contents.read_header(path)
+        native_contents.nexus_problems(path)
+    except Exception as error:
+        outcome = str(error)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    seconds = time.perf_counter() - began
+    return {"bytes": (peak - before) * 1024, "seconds": seconds, "outcome": outcome}
+
+
+def read_trusting(path: Path) -> float:
+    with hdf5_guard.opened(path, "an HDF5 file") as file:
+        return float(abs(file["entry/data/data"][()]).sum())

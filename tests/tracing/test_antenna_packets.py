@@ -1,0 +1,93 @@
+"""Antennas in bundles: complete, close together, and no answer depends on them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapes import bowl, plate
+
+import clradar
+from clradar.bench import meshes
+from clradar.hand import hand_mesh
+from clradar.tracing.antenna_packets import BUNDLE_FLOATS, GROUP, bundled
+from clradar.tracing.visible_surface import VisibleSurface
+
+RNG = np.random.default_rng(30)
+ARRAYS = {
+    "one": np.array([[0.01, 0.02, 0.0]]),
+    "nine": RNG.uniform([-0.07, -0.07, 0], [0.07, 0.07, 0], (9, 3)),
+    "imager": clradar.arrays.qar50().tx_m,
+    "shuffled imager": RNG.permutation(clradar.arrays.qar50().tx_m),
+    "scattered": RNG.uniform([-0.1, -0.1, -0.02], [0.1, 0.1, 0.02], (201, 3)),
+    "all round": 0.6 * RNG.normal(size=(67, 3)) + [0, 0, 0.3],
+    "along x": RNG.uniform([-0.9, -0.1, 0.2], [-0.8, 0.1, 0.4], (30, 3)),
+    "same place": np.repeat([[0.0, 0.0, 0.1]], 70, axis=0),
+}
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_every_antenna_is_in_one_slot_and_in_its_boxes(name):
+    at = ARRAYS[name].astype(np.float32)
+    n_groups = -(-len(at) // GROUP)
+    flat = bundled(ARRAYS[name])
+    columns, header, bundles = np.split(flat, [3 * n_groups * GROUP, 3 * n_groups * GROUP + 8])
+    np.testing.assert_array_equal(columns.reshape(3, -1)[:, : len(at)], at.T)
+    bundles = bundles.reshape(-1, BUNDLE_FLOATS)
+    assert header.view(np.int32)[0] == len(bundles)
+    found = []
+    for bundle in bundles:
+        words = bundle.view(np.int32)
+        used, first, antenna = words[0], words[8:16], words[256:320].reshape(8, 8)
+        low, high = bundle[16:40].reshape(3, 8), bundle[40:64].reshape(3, 8)
+        places = bundle[64:256].reshape(3, 8, 8)
+        assert (antenna[used:] == -1).all()
+        for g in range(used):
+            members = antenna[g][antenna[g] >= 0]
+            assert len(members) > 0
+            np.testing.assert_array_equal(places[:, g, : len(members)], at[members].T)
+            np.testing.assert_array_equal(low[:, g], at[members].min(axis=0))
+            np.testing.assert_array_equal(high[:, g], at[members].max(axis=0))
+            if first[g] >= 0:
+                np.testing.assert_array_equal(members, first[g] + np.arange(len(members)))
+            found += members.tolist()
+    assert sorted(found) == list(range(len(at)))
+
+
+def test_a_column_of_the_imager_makes_a_bundle():
+    """Groups of neighbours only: the imager's two columns of 47 take 6 groups each."""
+    bundles = bundled(ARRAYS["imager"])[3 * 96 + 8 :].reshape(-1, BUNDLE_FLOATS)
+    words = bundles.view(np.int32)
+    np.testing.assert_array_equal(words[:, 0], [6, 6])
+    np.testing.assert_array_equal(
+        words[:, 8:14], [[0, 8, 16, 24, 32, 40], [47, 55, 63, 71, 79, 87]]
+    )
+
+
+SCENES = {
+    "hand": clradar.Scene.from_mesh(hand_mesh("F")),
+    "bowl": clradar.Scene(*bowl(40, 80)),
+    "waves": clradar.Scene(*plate(0.2, 0.3, 60, wavy_m=0.03)),
+    # Fine enough that groups and rays are searched for apart from their bundle.
+    "fine ball": meshes.ball(405, 404),
+}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_shafts_answer_as_single_rays(scene):
+    """The same bits from the kernel for CPUs, by shafts, and that for GPUs, ray by ray."""
+    seen = []
+    for width in (1, 8):
+        device = clradar.open_device("pocl", width=width)
+        with VisibleSurface(SCENES[scene], 0.005, 3.0, device) as surface:
+            seen.append({name: surface.seen_from(at) for name, at in ARRAYS.items()})
+    for name in ARRAYS:
+        np.testing.assert_array_equal(seen[0][name], seen[1][name], err_msg=name)
+    both = np.concatenate(list(seen[0].values()), axis=1)
+    assert 0.05 < both.mean() < 0.95  # there are enough of either to compare
+
+
+def test_order_of_the_antennas_does_not_matter(device):
+    at = ARRAYS["imager"]
+    order = np.random.default_rng(31).permutation(len(at))
+    with VisibleSurface(SCENES["hand"], 0.05, 0.2, device) as surface:
+        np.testing.assert_array_equal(surface.seen_from(at[order]), surface.seen_from(at)[:, order])

@@ -1,0 +1,257 @@
+"""Where the tracer puts its samples: how many per face, uniform on each, inside all of them."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pyopencl as cl
+import pytest
+from scipy.stats import chi2
+from shapes import bowl, plate, random_soup, sphere, with_degenerate
+
+import clradar
+from clradar import reference
+from clradar.errors import MeshError
+from clradar.geometry.normals import corner_normals
+from clradar.opencl import Buffers
+from clradar.opencl.sources import source
+from clradar.tracing.lit_surface import samples_per_face
+from clradar.tracing.settings import resolve_settings
+from clradar.tracing.stochastic import Tracer
+
+POINT_TOLERANCE_M = 3e-7
+"""Three products and two sums of float32 numbers below 0.5 m, and weights wrong by two roundings:
+eight roundings of 2^-24 x 0.5 m at most."""
+
+NORMAL_TOLERANCE = 2e-6
+"""The same for unit vectors, whose sum may be as short as one half before it is normalised."""
+
+CHI_SQUARE_P = 1e-4
+"""A fixed seed gives one draw; a correct generator fails with this probability when it changes."""
+
+ARRAY = clradar.AntennaArray([[0.0, 0.0, 0.0]], [[0.01, 0.0, 0.0]])
+
+
+def scene_of(mesh, alpha=0.5) -> clradar.Scene:
+    return clradar.Scene(*mesh, alpha)
+
+
+def sampled(scene, device, **arguments):
+    """Points, shading normals, geometric normals and faces of all samples, as the tracer has
+    them."""
+    settings = resolve_settings(**arguments)
+    with Tracer(scene, ARRAY, settings, device) as tracer:
+        parts = []
+        first = 0
+        while first < tracer.n_samples:
+            count = min(tracer._tile_samples, tracer.n_samples - first)
+            tracer._see(first, count)
+            points, shading, geometric, face = tracer._tile[:4]
+            read = tracer._buffers.read
+            vectors = [read(b, (count, 3), np.float32) for b in (points, shading, geometric)]
+            parts.append([*vectors, read(face, count, np.int32)])
+            first += count
+    return [np.concatenate(column) for column in zip(*parts, strict=True)]
+
+
+def barycentric(points_m: np.ndarray, triangles_m: np.ndarray) -> np.ndarray:
+    """Weights of the corners, shape (n, 3), of points in the plane of their triangle, in
+    float64."""
+    e1, e2 = triangles_m[:, 1] - triangles_m[:, 0], triangles_m[:, 2] - triangles_m[:, 0]
+    to = points_m - triangles_m[:, 0]
+    normal = np.cross(e1, e2)
+    square = (normal**2).sum(axis=1)
+    b1 = (np.cross(to, e2) * normal).sum(axis=1) / square
+    b2 = (np.cross(e1, to) * normal).sum(axis=1) / square
+    return np.stack([1 - b1 - b2, b1, b2], axis=1)
+
+
+MESHES = {
+    "plate": plate(0.2, 0.3, 3),
+    "bowl": bowl(),
+    "sphere": sphere((0, 0, 0.3), 0.05, 2),
+    "soup": random_soup(np.random.default_rng(1), 57, 0.05),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("seed", [0, 7, 2**32 + 7, 2**64 - 1])
+def test_samples_are_those_of_the_reference(name, seed, device):
+    scene = scene_of(MESHES[name])
+    arguments = {"samples_per_mm2": 0.05, "seed": seed}
+    counts = samples_per_face(scene, resolve_settings(**arguments))
+    corners = corner_normals(scene)[0]
+    expected = reference.sample_surface(scene, counts, corners, seed)
+    got = sampled(scene, device, **arguments)
+    np.testing.assert_array_equal(got[3], expected[3])
+    np.testing.assert_allclose(got[0], expected[0], rtol=0, atol=POINT_TOLERANCE_M)
+    np.testing.assert_allclose(got[1], expected[1], rtol=0, atol=NORMAL_TOLERANCE)
+    np.testing.assert_allclose(got[2], expected[2], rtol=0, atol=NORMAL_TOLERANCE)
+
+
+def test_the_upper_half_of_the_seed_counts(device):
+    scene = scene_of(MESHES["plate"])
+    low, high = (sampled(scene, device, samples_per_mm2=0.01, seed=s)[0] for s in (3, 3 + 2**32))
+    assert (np.abs(low - high).max(axis=1) > 1e-6).mean() > 0.99
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_all_points_are_in_their_triangles(name, device):
+    scene = scene_of(MESHES[name])
+    points, _, _, face = sampled(scene, device, samples_per_mm2=0.5, seed=1)
+    triangles = scene.triangles_m[face]
+    weight = barycentric(points.astype(float), triangles)
+    e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    height = np.linalg.norm(np.cross(e1, e2), axis=1) / np.max(
+        [np.linalg.norm(e, axis=1) for e in (e1, e2, e2 - e1)], axis=0
+    )
+    off_plane = np.linalg.norm(points - np.einsum("sk,ska->sa", weight, triangles), axis=1)
+    assert (off_plane <= np.sqrt(3) * POINT_TOLERANCE_M).all()
+    # As far outside as a coordinate may be wrong, in heights of the triangle.
+    assert (weight.min(axis=1) >= -np.sqrt(3) * POINT_TOLERANCE_M / height).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 1000])
+def test_every_face_gets_rays_per_face_samples(count, device):
+    scene = scene_of(MESHES["bowl"])
+    face = sampled(scene, device, rays_per_face=count)[3]
+    np.testing.assert_array_equal(face, np.repeat(np.arange(scene.n_faces), count))
+
+
+def cells_of_triangle(weight: np.ndarray, rows: int) -> np.ndarray:
+    """Cut a triangle in rows^2 equal smaller ones; return in which of them each point is."""
+    place = np.clip(np.floor(weight * rows).astype(int), 0, rows - 1)
+    a, b = place[:, 0], place[:, 1]
+    downwards = place.sum(axis=1) < rows - 1
+    return (a * rows + b) * 2 + downwards
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_single_sample_is_uniform_on_its_face(seed, device):
+    """One sample on each of 20 000 equal faces: nothing is stratified, so counts are binomial."""
+    mesh = plate(0.2, 0.3, 100)
+    scene = scene_of(mesh)
+    points, _, _, face = sampled(scene, device, rays_per_face=1, seed=seed)
+    weight = barycentric(points.astype(float), scene.triangles_m[face])
+    rows = 6
+    counts = np.unique(cells_of_triangle(weight, rows), return_counts=True)[1]
+    assert len(counts) == rows**2
+    expected = len(points) / rows**2
+    statistic = ((counts - expected) ** 2).sum() / expected
+    assert chi2.sf(statistic, rows**2 - 1) > CHI_SQUARE_P
+    # Not too even either: these are random.
+    assert chi2.cdf(statistic, rows**2 - 1) > CHI_SQUARE_P
+
+
+@pytest.mark.parametrize("count", [100, 3600, 50000])
+def test_many_samples_cover_a_face_evenly(count, device):
+    """A stratified set is at least as even as a random one: chi square below its expectation."""
+    scene = clradar.Scene([[0, 0, 0.3], [0.1, 0.02, 0.3], [0.03, 0.08, 0.35]], [[0, 1, 2]])
+    points, _, _, face = sampled(scene, device, rays_per_face=count, seed=4)
+    weight = barycentric(points.astype(float), scene.triangles_m[face])
+    rows = 6 if count > 1000 else 3
+    counts = np.bincount(cells_of_triangle(weight, rows), minlength=2 * rows**2)
+    counts = counts[counts > 0]
+    assert len(counts) == rows**2
+    expected = count / rows**2
+    assert ((counts - expected) ** 2).sum() / expected < rows**2 - 1
+    assert np.abs(points.mean(axis=0) - scene.triangles_m[0].mean(axis=0)).max() < 0.1 / count**0.5
+
+
+@pytest.mark.parametrize("density", [0.003, 0.1, 1.7, 10.0])
+@pytest.mark.parametrize("name", MESHES)
+def test_counts_are_proportional_to_the_area(name, density):
+    scene = scene_of(MESHES[name])
+    counts = samples_per_face(scene, resolve_settings(samples_per_mm2=density))
+    e = scene.triangles_m - scene.triangles_m[:, :1]
+    exact = np.linalg.norm(np.cross(e[:, 1], e[:, 2]), axis=1) / 2 * 1e6 * density
+    assert (np.abs(counts - exact) <= 1).all()
+    # So is every run of faces, so that nothing piles up.
+    assert (np.abs(np.cumsum(counts) - np.cumsum(exact)) <= 1).all()
+
+
+def test_totals_do_not_depend_on_the_tessellation():
+    settings = resolve_settings(samples_per_mm2=3.3)
+    totals = [
+        samples_per_face(scene_of(plate(0.05, 0.3, cells)), settings).sum()
+        for cells in (1, 2, 7, 40, 150)
+    ]
+    assert max(totals) - min(totals) <= 1
+    assert abs(totals[0] - 3.3 * 2500) <= 1
+
+
+def test_the_default_density():
+    settings = resolve_settings()
+    assert settings.samples_per_mm2 == 10.0
+    assert settings.rays_per_sample == 4
+    assert samples_per_face(scene_of(plate(0.01, 0.3)), settings).sum() == 1000
+    assert resolve_settings(rays_per_face=3).rays_per_sample == 1
+
+
+def test_a_scene_smaller_than_one_sample_gets_one(device):
+    scene = scene_of(plate(1e-4, 0.3))
+    assert samples_per_face(scene, resolve_settings(samples_per_mm2=0.01)).sum() == 1
+    assert len(sampled(scene, device, samples_per_mm2=0.01)[0]) == 1
+
+
+@pytest.mark.parametrize("arguments", [{"samples_per_mm2": 0.2}, {"rays_per_face": 3}])
+def test_faces_without_area_get_none(arguments, device):
+    scene = scene_of(with_degenerate(np.random.default_rng(2), bowl()))
+    e = scene.triangles_m - scene.triangles_m[:, :1]
+    area = np.linalg.norm(np.cross(e[:, 1], e[:, 2]), axis=1)
+    points, shading, geometric, face = sampled(scene, device, **arguments)
+    assert (area[face] > 0).all()
+    for vectors in (points, shading, geometric):
+        assert np.isfinite(vectors).all()
+    for normals in (shading, geometric):
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=NORMAL_TOLERANCE)
+
+
+def test_no_face_with_area_is_an_error(device):
+    scene = clradar.Scene(np.full((3, 3), 0.3), [[0, 1, 2]])
+    with pytest.raises(MeshError, match="at least one face with an area"):
+        clradar.trace(scene, ARRAY, device=device)
+
+
+def test_too_many_samples_are_an_error(device):
+    with pytest.raises(MeshError, match=r"fewer than 2\^31 samples"):
+        clradar.trace(scene_of(plate(0.2, 0.3)), ARRAY, samples_per_mm2=1e6, device=device)
+
+
+def test_random_numbers_never_reach_the_ends_of_their_interval(device):
+    """2^24 cells would: the middle of the last one rounds to 1 in float32."""
+    naive = "(float)(bits >> 8) * 0x1p-24f + 0x1p-25f"
+    kernel = f"""
+__kernel void ends(__global float *out) {{
+    const uint bits = get_global_id(0) == 0 ? 0u : 0xFFFFFFFFu;
+    out[2 * get_global_id(0)] = unit_interval(bits);
+    out[2 * get_global_id(0) + 1] = {naive};
+}}"""
+    flags = ["-cl-std=CL1.2", "-DCLR_WIDTH=1"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Intel's compiler has remarks
+        program = cl.Program(device.context, source("sample.cl") + kernel).build(flags)
+    with Buffers(device) as buffers:
+        out = buffers.empty(16)
+        program.ends(device.queue, (2,), None, out).wait()
+        low, high = buffers.read(out, (2, 2), np.float32)
+    assert 0 < low[0] < high[0] < 1
+    assert high[1] == 1
+
+
+def test_random_words_are_those_of_the_published_generator():
+    """Known answers of Philox4x32-10 from the Random123 distribution (kat_vectors)."""
+    counters = np.array([[0] * 4, [0xFFFFFFFF] * 4], dtype=np.uint64)
+    zero = [0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8]
+    ones = [0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD]
+    assert reference.philox(counters[:1], 0)[0].tolist() == zero
+    assert reference.philox(counters[1:], 2**64 - 1)[0].tolist() == ones
+    digits = np.array([[0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344]], dtype=np.uint64)
+    key = 0x299F31D0 << 32 | 0xA4093822
+    assert reference.philox(digits, key)[0].tolist() == [
+        0xD16CFE09,
+        0x94FDCCEB,
+        0x5001E420,
+        0x24126EA1,
+    ]

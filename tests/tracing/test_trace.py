@@ -1,0 +1,541 @@
+"""The tracer against the float64 reference path by path, and what must hold for any scene."""
+
+from __future__ import annotations
+
+import importlib
+
+import numpy as np
+import pytest
+from shapes import bowl, box, dihedral, plate, random_soup, sphere, with_degenerate
+
+import clradar
+from clradar import AntennaArray, Paths, Scene, reference
+from clradar.errors import DeviceError, ModelError
+from clradar.geometry.normals import corner_normals
+from clradar.trace import trace as tracing
+from clradar.tracing.lit_surface import samples_per_face
+from clradar.tracing.settings import resolve_settings
+from clradar.tracing.stochastic import Tracer
+
+module = importlib.import_module("clradar.tracing.stochastic")
+
+LENGTH_TOLERANCE_M = (3e-7, 3e-5, 1e-4)
+"""For one, two and three bounces. A sample's coordinates are float32 numbers wrong by some
+roundings of 2^-24 x 0.4 m, 2.4e-8 m each, and two legs change by as much. Further bounces start
+from where a ray meets a face, and rays start a little above the last one (1e-6 m in the
+reference, 2 delta = 1.5e-6 m in the kernel): the difference, times the slant of the ray on the
+face that it meets, up to 60 here, and for the third bounce once more three times. Still below a
+fiftieth of the wavelength, 8e-5 m."""
+
+FLIPPED_SHARE = 1e-3
+"""Paths that only one of the two has. A direction is wrong by about 2e-7, so a ray passes a
+receiver at 0.3 m wrong by 1e-7 m and is on the other side of a sphere of 0.02 m with a chance of
+1e-5; rays that graze an edge add to that, and later bounces a hundredfold."""
+
+AMPLITUDE_TOLERANCE = (1e-5, 1e-3, 3e-3)
+"""Relative, for one, two and three bounces: the lengths' tolerance over legs of 0.1 m and more,
+twice for the two lengths and once per power of the patterns' cosines; float32 itself for one
+bounce."""
+
+
+LOST_SHARE = 3e-6
+"""Of the bounces in a closed box. One that lands within rounding, 3e-8 m, of an edge may start
+its next leg on the wrong side of the adjoining wall: 2 m of edges x 2 x 3e-8 m out of 0.54 m^2 of
+walls are 4e-7 of the hits, and each costs up to three further bounces, and twice that for the
+walls' diagonals."""
+
+
+def random_array(seed: int, n_tx: int, n_rx: int) -> AntennaArray:
+    rng = np.random.default_rng(seed)
+    low, high = [-0.07, -0.07, 0.0], [0.07, 0.07, 0.01]
+    return AntennaArray(rng.uniform(low, high, (n_tx, 3)), rng.uniform(low, high, (n_rx, 3)))
+
+
+ARRAY = random_array(1, 9, 11)
+
+
+def same_bits(a: Paths, b: Paths) -> bool:
+    names = ("tx", "rx", "length_m", "amplitude", "bounces")
+    return a.statistics == b.statistics and all(
+        getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in names
+    )
+
+
+def matched(got: Paths, expected: Paths) -> tuple[np.ndarray, np.ndarray, int]:
+    """Rows of both that belong together, and how many of either have no partner.
+
+    Both are in the order of pair, sample, ray and bounce; where one has a path that the other
+    lacks, the comparison goes on behind it.
+    """
+    tolerance = np.array(LENGTH_TOLERANCE_M)
+    i = j = alone = 0
+    mine, theirs = [], []
+    a, b = got.pair, expected.pair
+
+    def fits(m: int, n: int) -> bool:
+        if m >= len(a) or n >= len(b) or a[m] != b[n] or got.bounces[m] != expected.bounces[n]:
+            return False
+        return abs(got.length_m[m] - expected.length_m[n]) <= tolerance[got.bounces[m] - 1]
+
+    while i < len(a) and j < len(b):
+        if fits(i, j):
+            mine.append(i)
+            theirs.append(j)
+            i, j = i + 1, j + 1
+            continue
+        skips = [(s, t) for s in range(4) for t in range(4) if s + t > 0 and fits(i + s, j + t)]
+        if skips:
+            s, t = min(skips, key=sum)
+        elif a[i] != b[j]:
+            s, t = (1, 0) if a[i] < b[j] else (0, 1)
+        else:
+            s, t = 1, 1
+        i, j, alone = i + s, j + t, alone + s + t
+    return np.array(mine, int), np.array(theirs, int), alone + len(a) - i + len(b) - j
+
+
+def check_against_reference(
+    scene: Scene, device, array: AntennaArray = ARRAY, **arguments
+) -> Paths:
+    arguments = {"reception_radius_m": 0.02, "seed": 5, **arguments}
+    got = tracing(scene, array, device=device, **arguments)
+    settings = resolve_settings(**arguments)
+    for name in ("samples_per_mm2", "rays_per_face"):
+        arguments.pop(name, None)
+    arguments["rays_per_sample"] = settings.rays_per_sample
+    expected = reference.trace(scene, array, samples_per_face(scene, settings), **arguments)
+    assert len(expected) >= 50
+    mine, theirs, alone = matched(got, expected)
+    assert alone <= max(1, FLIPPED_SHARE * len(expected)), f"{alone} of {len(expected)}"
+    error = np.abs(got.amplitude[mine].astype(float) / expected.amplitude[theirs] - 1)
+    assert (error <= np.array(AMPLITUDE_TOLERANCE)[got.bounces[mine] - 1]).all()
+    return got
+
+
+def mixed(mesh, seed: int = 2) -> Scene:
+    """A scene with its own alpha on every face, both ends included."""
+    alpha = np.random.default_rng(seed).uniform(0, 1, len(mesh[1]))
+    alpha[::7], alpha[1::7] = 0.0, 1.0
+    return Scene(*mesh, alpha)
+
+
+SCENES = {
+    "plate": mixed(plate(0.2, 0.3, 3)),
+    "waves": mixed(plate(0.2, 0.3, 7, wavy_m=0.01)),
+    "bowl": mixed(bowl()),
+    "sphere": mixed(sphere((0.02, 0, 0.3), 0.05, 2)),
+    "dihedral": mixed(dihedral(0.2, 0.35)),
+    "box before a plate": Scene.combine(
+        [mixed(box((0, 0, 0.2), (0.05, 0.05, 0.02))), mixed(plate(0.2, 0.3, 2))]
+    ),
+    "soup": mixed(random_soup(np.random.default_rng(3), 40, 0.08)),
+}
+
+
+@pytest.mark.parametrize("max_bounces", [1, 2, 3])
+@pytest.mark.parametrize("name", SCENES)
+def test_paths_are_those_of_the_reference(name, max_bounces, device):
+    got = check_against_reference(
+        SCENES[name], device, samples_per_mm2=0.015, rays_per_sample=2, max_bounces=max_bounces
+    )
+    assert got.bounces.max() <= max_bounces
+    if max_bounces > 1 and name in ("bowl", "dihedral", "soup"):
+        assert (got.bounces > 1).sum() >= 20
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.2, 0.5, 1.0])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"normals": "smooth"},
+        {"normals": "face"},
+        {"normals": "smooth", "crease_deg": 60.0},
+        {"normals": "smooth", "crease_deg": 5.0},
+    ],
+    ids=["smooth", "face", "crease 60", "crease 5"],
+)
+def test_normal_modes_and_alpha(alpha, arguments, device):
+    for name in ("waves", "box before a plate"):
+        scene = SCENES[name].with_alpha(alpha)
+        check_against_reference(scene, device, samples_per_mm2=0.03, max_bounces=2, **arguments)
+
+
+@pytest.mark.parametrize("exponent", [0.0, 1.0, 2.5])
+def test_spreading_and_antenna_patterns(exponent, device):
+    check_against_reference(
+        SCENES["bowl"],
+        device,
+        samples_per_mm2=0.015,
+        max_bounces=2,
+        amplitude="spreading",
+        pattern_exponent=exponent,
+    )
+
+
+def test_patterns_are_zero_behind_the_antennas(device):
+    """The scene is behind the radar: nothing leaves towards it and nothing arrives from it."""
+    scene = Scene(*plate(0.2, -0.3, 3), 0.5)
+    arguments = {"samples_per_mm2": 0.05, "amplitude": "spreading", "device": device}
+    assert (tracing(scene, ARRAY, **arguments).amplitude > 0).all()
+    paths = tracing(scene, ARRAY, pattern_exponent=1.0, **arguments)
+    assert len(paths) > 0
+    assert (paths.amplitude == 0).all()
+
+
+@pytest.mark.parametrize(
+    "arguments", [{"rays_per_face": 5}, {"rays_per_face": 2, "rays_per_sample": 3}]
+)
+def test_rays_per_face(arguments, device):
+    got = check_against_reference(SCENES["waves"], device, **arguments)
+    assert got.statistics.samples == arguments["rays_per_face"] * SCENES["waves"].n_faces
+    rays = arguments.get("rays_per_sample", 1)
+    assert got.statistics.outgoing == got.statistics.visible * rays
+
+
+@pytest.mark.parametrize("seed", [2**32 - 1, 2**32, 2**32 + 5, 2**63 + 11, 2**64 - 1])
+def test_seeds_of_64_bits(seed, device):
+    check_against_reference(SCENES["bowl"], device, samples_per_mm2=0.02, max_bounces=2, seed=seed)
+
+
+MIRRORS = {
+    "mirrored": np.diag([-1.0, 1.0, 1.0, 1.0]),
+    "turned and sheared": np.array(
+        [[0.8, -0.6, 0, 0.01], [0.6, 0.8, 0.2, 0], [0, 0.1, 1, 0.02], [0, 0, 0, 1]]
+    ),
+    "all three mirrored": np.array(
+        [[-1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0.62], [0, 0, 0, 1]]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+def test_transformed_scenes(name, device):
+    scene = SCENES["waves"].transformed(MIRRORS[name])
+    check_against_reference(scene, device, samples_per_mm2=0.02, max_bounces=2)
+
+
+@pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 1), (1, 23), (7, 8), (8, 7), (8, 8), (17, 9)])
+def test_array_sizes_around_the_group(n_tx, n_rx, device):
+    density = 0.02 if n_tx * n_rx > 20 else 0.2
+    check_against_reference(
+        SCENES["plate"], device, random_array(n_tx, n_tx, n_rx), samples_per_mm2=density
+    )
+
+
+def test_degenerate_faces_change_nothing(device):
+    """They get no samples, stop no ray, and do not disturb the order of the others."""
+    vertices, faces = bowl()
+    point = np.repeat(np.arange(5), 3).reshape(-1, 3)
+    plain = Scene(vertices, faces, 0.4)
+    more = Scene(vertices, np.concatenate([faces, point, faces[:5][:, [0, 1, 1]]]), 0.4)
+    arguments = {"samples_per_mm2": 0.1, "max_bounces": 3, "device": device}
+    assert same_bits(tracing(plain, ARRAY, **arguments), tracing(more, ARRAY, **arguments))
+
+
+def test_any_mesh_gives_finite_paths(device):
+    scene = mixed(with_degenerate(np.random.default_rng(4), SCENES_SOUP))
+    paths = tracing(scene, ARRAY, samples_per_mm2=0.2, max_bounces=4, device=device)
+    assert len(paths) > 100
+    assert np.isfinite(paths.length_m).all()
+    assert (paths.amplitude == 1).all()
+
+
+SCENES_SOUP = random_soup(np.random.default_rng(5), 60, 0.08)
+
+
+# --- two-sided surfaces
+
+
+@pytest.mark.parametrize("name", ["waves", "bowl", "box before a plate"])
+def test_inverted_faces_see_the_same(name, device):
+    """Inverting a face swaps two corners and with them where its samples are, so it is asked of the
+    statistics: as many paths, within four standard deviations."""
+    scene = SCENES[name].with_alpha(0.3)
+    inverted = Scene(scene.vertices_m, scene.faces[:, ::-1], 0.3)
+    arguments = {"samples_per_mm2": 0.3, "device": device, "reception_radius_m": 0.02}
+    one, other = (tracing(s, ARRAY, **arguments) for s in (scene, inverted))
+    # Receptions of one ray by several receivers are not independent: 11 of them at most.
+    assert abs(len(one) - len(other)) <= 4 * np.sqrt(11 * (len(one) + len(other)))
+    assert len(one) > 1000
+    check_against_reference(inverted, device, samples_per_mm2=0.02, max_bounces=2)
+
+
+def test_a_single_inverted_plate_has_the_same_specular_paths(device):
+    """alpha = 0, one plane: both windings measure the same mean length at every pair."""
+    lengths = []
+    for inverted in (False, True):
+        scene = Scene(*plate(0.2, 0.3, 2, inverted=inverted), 0.0)
+        paths = tracing(scene, ARRAY, samples_per_mm2=0.5, rays_per_sample=1, device=device)
+        count = np.bincount(paths.pair, minlength=99)
+        assert count.min() > 10
+        lengths.append(np.bincount(paths.pair, paths.length_m, 99) / count)
+    # Lengths in the sphere's footprint of 5 mm radius spread by rho^2 / 0.3 m: 83 micrometres.
+    np.testing.assert_allclose(lengths[0], lengths[1], rtol=0, atol=83e-6)
+
+
+# --- order, repetition, tiles, memory
+
+
+def test_rows_are_sorted_by_pair_and_all_indices_occur(device):
+    paths = tracing(SCENES["plate"], ARRAY, samples_per_mm2=1, device=device)
+    assert (np.diff(paths.pair) >= 0).all()
+    assert set(paths.tx) == set(range(9))
+    assert set(paths.rx) == set(range(11))
+    assert (paths.bounces == 1).all()
+    assert paths.n_tx == 9
+    assert paths.n_rx == 11
+
+
+def test_same_seed_same_bits_and_another_seed_other_paths(device):
+    arguments = {"samples_per_mm2": 0.5, "max_bounces": 2, "device": device}
+    first, again = (tracing(SCENES["bowl"], ARRAY, seed=3, **arguments) for _ in range(2))
+    assert same_bits(first, again)
+    for seed in (4, 3 + 2**32):
+        other = tracing(SCENES["bowl"], ARRAY, seed=seed, **arguments)
+        assert np.intersect1d(first.length_m, other.length_m).size < 0.02 * len(first)
+
+
+@pytest.mark.parametrize("tile", [1, 7, 64, 1000])
+def test_tiles_change_no_bit(tile, device, monkeypatch):
+    density = 0.1 if tile > 1 else 0.005
+    arguments = {"samples_per_mm2": density, "max_bounces": 2, "device": device}
+    whole = tracing(SCENES["bowl"], ARRAY, **arguments)
+    monkeypatch.setattr(module, "TILE_SAMPLES", tile)
+    seen = []
+    tiled = tracing(
+        SCENES["bowl"], ARRAY, progress=lambda done, total: seen.append((done, total)), **arguments
+    )
+    assert same_bits(whole, tiled)
+    n = whole.statistics.samples
+    assert seen == [(min(k, n), n) for k in range(tile, n + tile, tile)]
+
+
+def limited(device, limit_bytes: int):
+    return clradar.open_device(device.info.selector, memory_limit_bytes=limit_bytes)
+
+
+@pytest.mark.parametrize("limit_kib", [80, 150, 400, 3000])
+def test_little_memory_changes_no_bit(limit_kib, device):
+    arguments = {"samples_per_mm2": 0.5, "rays_per_sample": 8, "max_bounces": 2}
+    whole = tracing(SCENES["bowl"], ARRAY, device=device, **arguments)
+    progress = []
+    small = tracing(
+        SCENES["bowl"],
+        ARRAY,
+        device=limited(device, limit_kib * 1024),
+        progress=lambda *state: progress.append(state),
+        **arguments,
+    )
+    assert same_bits(whole, small)
+    if limit_kib < 3000:
+        assert len(progress) > 1
+
+
+def test_too_little_memory_is_an_error(device):
+    with pytest.raises(DeviceError, match="does not fit"):
+        tracing(SCENES["bowl"], ARRAY, device=limited(device, 4096))
+
+
+@pytest.mark.parametrize("capacity", [1, 100])
+def test_a_full_reception_buffer_grows_and_changes_no_bit(capacity, device, monkeypatch):
+    arguments = {"samples_per_mm2": 0.5, "max_bounces": 2, "device": device}
+    whole = tracing(SCENES["bowl"], ARRAY, **arguments)
+    size_tiles, grow = Tracer._size_tiles, Tracer._grow
+    grown = []
+
+    def starved(self: Tracer) -> None:
+        size_tiles(self)
+        grow(self, capacity)
+
+    def counted(self: Tracer, wanted: int) -> None:
+        grown.append(wanted)
+        grow(self, wanted)
+
+    monkeypatch.setattr(Tracer, "_size_tiles", starved)
+    monkeypatch.setattr(Tracer, "_grow", counted)
+    assert same_bits(whole, tracing(SCENES["bowl"], ARRAY, **arguments))
+    assert len(grown) >= 2
+    assert grown[-1] > capacity
+
+
+# --- what geometry demands
+
+
+def test_nothing_passes_through_a_wall(device):
+    """A wall larger than the array, close to it, hides all that is behind."""
+    wall = Scene(*plate(0.5, 0.1, 5), 1.0)
+    behind = Scene(*plate(0.2, 0.3, 3), 0.3)
+    both = Scene.combine([wall, behind])
+    arguments = {"samples_per_mm2": 0.05, "max_bounces": 3}
+    with Tracer(both, ARRAY, resolve_settings(**arguments), device) as tracer:
+        n = tracer.n_samples
+        assert n <= tracer._tile_samples
+        tracer._see(0, n)
+        face = tracer._buffers.read(tracer._tile[3], n, np.int32)
+        bits = tracer._buffers.read(tracer._tile[5], (n, 2), np.uint8)
+    hidden = face >= wall.n_faces
+    assert hidden.sum() > 1000
+    assert (bits[hidden] == 0).all()
+    assert np.unpackbits(bits[~hidden]).sum() == 9 * (~hidden).sum()
+    paths, alone = (tracing(s, ARRAY, device=device, **arguments) for s in (both, wall))
+    assert len(alone) > 100
+    np.testing.assert_array_equal(paths.length_m, alone.length_m)
+
+
+def test_nothing_leaves_a_closed_box(device):
+    """Antennas outside, a box around a sphere: all paths are those of the box's outside."""
+    shell = Scene(*box((0, 0, 0.3), (0.2, 0.2, 0.2)), 0.5)
+    inside = Scene(*sphere((0, 0, 0.3), 0.05, 2), 0.5)
+    arguments = {"samples_per_mm2": 0.3, "max_bounces": 3, "device": device}
+    both = tracing(Scene.combine([shell, inside]), ARRAY, **arguments)
+    alone = tracing(shell, ARRAY, **arguments)
+    assert len(alone) > 100
+    np.testing.assert_array_equal(both.length_m, alone.length_m)
+    np.testing.assert_array_equal(both.pair, alone.pair)
+
+
+def test_antennas_in_a_closed_box_receive_only_from_its_inside(device):
+    """Both legs and all bounces stay in: no path is longer than bounces + 1 diagonals."""
+    size_m = 0.3
+    shell = Scene(*box((0, 0, 0.05), (size_m,) * 3), 0.7)
+    outside = Scene(*sphere((0, 0, 0.4), 0.1, 2), 0.7)
+    arguments = {"samples_per_mm2": 0.05, "max_bounces": 4, "device": device}
+    for scene in (shell, Scene.combine([shell, outside])):
+        paths = tracing(scene, ARRAY, **arguments)
+        assert len(paths) > 10**5
+        assert (paths.length_m <= (paths.bounces + 1.0) * size_m * np.sqrt(3)).all()
+        # Every sample of the box sees every antenna, none of the sphere does, and each ray
+        # bounces as often as it may.
+        n = paths.statistics
+        assert n.visible == int(6 * 300 * 300 * 0.05) * 9
+        assert n.visible * 4 * 4 * (1 - LOST_SHARE) <= n.outgoing <= n.visible * 4 * 4
+        assert n.absorbed == 0
+
+
+def test_reflection_law(device):
+    """alpha = 0 on small plates of any direction: a receiver on the mirrored ray gets every ray,
+    and one that is turned away from it by more than its radius gets none."""
+    rng = np.random.default_rng(6)
+    radius_m, size_m = 0.002, 1e-4
+    for _ in range(25):
+        normal = rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        along = np.cross(normal, rng.normal(size=3))
+        along /= np.linalg.norm(along)
+        across = np.cross(normal, along)
+        centre = rng.uniform([-0.1, -0.1, 0.2], [0.1, 0.1, 0.4])
+        corners = centre + size_m * np.array([along, across, -along - across])
+        tx = rng.uniform([-0.07, -0.07, 0.0], [0.07, 0.07, 0.1])
+        arrival = (centre - tx) / np.linalg.norm(centre - tx)
+        if abs(arrival @ normal) < 0.1:
+            continue  # a plate of 0.1 mm seen edge on spreads its rays unevenly
+        mirrored = (np.eye(3) - 2 * np.outer(normal, normal)) @ arrival
+        sideways = np.cross(mirrored, rng.normal(size=3))
+        sideways /= np.linalg.norm(sideways)
+        leg_m = rng.uniform(0.1, 0.5)
+        on = centre + leg_m * mirrored
+        # The plate spreads the rays by less than 2 (1 + leg / distance) times its size.
+        margin_m = 2 * (1 + leg_m / np.linalg.norm(centre - tx)) * size_m
+        inside, outside = radius_m - margin_m, radius_m + margin_m
+        rx = [on, on + inside * sideways, on + outside * sideways, centre - leg_m * mirrored]
+        paths = tracing(
+            Scene(corners, [[0, 1, 2]], 0.0),
+            AntennaArray([tx], rx),
+            rays_per_face=50,
+            reception_radius_m=radius_m,
+            device=device,
+        )
+        assert np.bincount(paths.rx, minlength=4).tolist() == [50, 50, 0, 0]
+
+
+def test_absorbed_share(device):
+    """alpha = 1: a draw around a normal that leans by theta from the face's is below the face with
+    probability (1 - cos theta) / 2; with the face's own normal it never is."""
+    scene = Scene(*plate(0.2, 0.3, 8, wavy_m=0.02), 1.0)
+    tx = AntennaArray([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.01]])
+    arguments = {"samples_per_mm2": 1.0, "rays_per_sample": 16, "device": device}
+    flat = tracing(scene, tx, normals="face", **arguments).statistics
+    assert flat.absorbed == 0
+    assert flat.absorbed_share == 0
+    smooth = tracing(scene, tx, crease_deg=180.0, **arguments).statistics
+
+    settings = resolve_settings(samples_per_mm2=1.0)
+    counts = samples_per_face(scene, settings)
+    corners = corner_normals(scene, "smooth", 180.0)[0]
+    point, shading, geometric, _ = reference.sample_surface(scene, counts, corners, 0)
+    # Only samples that see the antenna, and both normals turned towards it.
+    lifted = point - 1e-6 * np.sign((geometric * point).sum(axis=1))[:, None] * geometric
+    reach = np.linalg.norm(lifted, axis=1)
+    blocked = reference.closest_hit(lifted, -lifted / reach[:, None], scene.triangles_m)[0] < reach
+    turned = [n * -np.sign((n * point).sum(axis=1))[:, None] for n in (shading, geometric)]
+    lean = (turned[0] * turned[1]).sum(axis=1)[~blocked]
+    share = (1 - lean) / 2
+    # A handful of samples near the horizon may be told apart by rounding.
+    assert abs(smooth.visible - len(lean)) <= 5
+    assert smooth.outgoing == smooth.visible * 16
+    expected, sigma = 16 * share.sum(), np.sqrt(16 * (share * (1 - share)).sum())
+    assert smooth.absorbed > 1000
+    assert abs(smooth.absorbed - expected) <= 4 * sigma + 5 * 16
+    assert smooth.absorbed_share == smooth.absorbed / smooth.outgoing
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.3])
+def test_reciprocity(alpha, device):
+    """A plane parallel to the antennas' plane: swapping Tx and Rx mirrors every path, so each
+    pair has the same mean length and as many paths, up to the noise of the samples."""
+    rng = np.random.default_rng(7)
+    tx = np.append(rng.uniform(-0.07, 0.07, (6, 2)), np.zeros((6, 1)), axis=1)
+    rx = np.append(rng.uniform(-0.07, 0.07, (7, 2)), np.zeros((7, 1)), axis=1)
+    scene = Scene(*plate(0.3, 0.3, 2), alpha)
+    arguments = {"samples_per_mm2": 4, "rays_per_sample": 1 if alpha == 0 else 4, "device": device}
+    there = tracing(scene, AntennaArray(tx, rx), **arguments)
+    back = tracing(scene, AntennaArray(rx, tx), seed=1, **arguments)
+    pair = there.tx.astype(int) * 7 + there.rx
+    swapped = back.rx.astype(int) * 7 + back.tx
+    counts = [np.bincount(p, minlength=42) for p in (pair, swapped)]
+    sums = [np.bincount(p, w.length_m, 42) for p, w in ((pair, there), (swapped, back))]
+    squares = [np.bincount(p, w.length_m**2, 42) for p, w in ((pair, there), (swapped, back))]
+    means = [s / n for s, n in zip(sums, counts, strict=True)]
+    variances = [q / n - m**2 for q, n, m in zip(squares, counts, means, strict=True)]
+    assert min(n.min() for n in counts) > 100
+    error = np.sqrt(sum(v / n for v, n in zip(variances, counts, strict=True)))
+    # 42 pairs twice: four standard deviations and a half.
+    assert (np.abs(means[0] - means[1]) <= 4.5 * error).all()
+    assert (np.abs(counts[0] - counts[1]) <= 4.5 * np.sqrt(counts[0] + counts[1])).all()
+
+
+def test_statistics_add_up(device):
+    paths = tracing(SCENES["plate"], ARRAY, samples_per_mm2=0.5, rays_per_sample=3, device=device)
+    n = paths.statistics
+    assert n.samples == round(0.5 * 200 * 200)
+    assert n.visible == n.samples * 9  # a flat plate hides nothing
+    assert n.outgoing == n.visible * 3
+    assert 0 <= n.absorbed_share < 0.01
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"samples_per_mm2": 1.0, "rays_per_face": 1}, "one of the two"),
+        ({"samples_per_mm2": 0.0}, "samples_per_mm2"),
+        ({"samples_per_mm2": np.nan}, "samples_per_mm2"),
+        ({"rays_per_face": 0}, "rays_per_face"),
+        ({"rays_per_face": 1.5}, "rays_per_face"),
+        ({"rays_per_sample": 0}, "rays_per_sample"),
+        ({"reception_radius_m": 0.0}, "reception_radius_m"),
+        ({"reception_radius_m": -1.0}, "reception_radius_m"),
+        ({"max_bounces": 0}, "max_bounces"),
+        ({"max_bounces": 256}, "max_bounces"),
+        ({"normals": "round"}, "normals"),
+        ({"crease_deg": np.inf}, "crease_deg"),
+        ({"crease_deg": -1.0}, "crease_deg"),
+        ({"amplitude": "loud"}, "amplitude"),
+        ({"pattern_exponent": 1.0}, "pattern_exponent"),
+        ({"pattern_exponent": -1.0, "amplitude": "spreading"}, "pattern_exponent"),
+        ({"seed": -1}, "seed"),
+        ({"seed": 2**64}, "seed"),
+    ],
+)
+def test_arguments_that_cannot_be_meant_are_refused(arguments, message, device):
+    with pytest.raises(ModelError, match=message):
+        tracing(SCENES["plate"], ARRAY, device=device, **arguments)
