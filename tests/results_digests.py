@@ -1,0 +1,1328 @@
+"""Digests of results, so that a change that must not change any can be told from one that does.
+
+    python tests/results_digests.py --write FILE.json     compute results, write their digests
+    python tests/results_digests.py --compare FILE.json   compute again; status 1 if some differ
+
+Results come from the public interface alone: the names in `__all__` of `clradar`, `clradar.hand`,
+`clradar.dataset`, `calibration` and `measurement_io`. Of each result a digest is kept, SHA-256 of
+type, shape and bytes, and a fingerprint: a few numbers by which the same result of another machine
+is recognised. Digests are compared where `environment` is the same, fingerprints elsewhere.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import hashlib
+import json
+import os
+import platform
+import sys
+import tempfile
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import h5py
+import numpy as np
+
+import calibration
+import clradar
+import clradar.dataset
+import clradar.hand
+import measurement_io
+
+EXACT = 1e-9
+"""Numbers that the host computes in float64 without a decision that rounding could turn. Another
+mathematics library rounds each function differently by 1 in 2^53 = 1e-16; the longest phase is
+2 pi 82 GHz * 2 m / c = 3400 radians, so 4e-13 of it, and sums and solutions lose three more digits.
+Float32 results of such numbers have a tolerance of their own."""
+
+STORED = 1e-6
+"""Such numbers that are stored in float32: one rounding is 2^-24 = 6e-8 of each element, and so of
+the whole at most. A matrix product in float32 may add some."""
+
+SUMMED = 1e-4
+"""Sums of float32 phasors on a device. A phase is exact to 1e-6 rad and a sum of n terms loses
+2^-24 sqrt(n), 3e-5 for 2^18 terms, if fused multiply-adds and the order of lanes differ. The range
+and the tree method interpolate with constants from the host, so their own errors are the same."""
+
+TRACED = 5e-2
+"""What rays make. Kernels fuse products and sums only where they say so, so that processors differ
+there and in the last digits of roots, exponentials and powers. That moves where a ray ends by about
+1e-6 of 0.3 m, and of the rays that end within 10 mm of a receiver a share of 2 * 3e-7 / 0.01 = 6e-5
+crosses its sphere's edge; the same goes for edges of faces, and for samples that go to the next
+face. Paths that come or go add up at random: sqrt(6e-5) = 0.8 % of the whole if all are alike, more
+where few paths make much of it. With every root, exponential and power off by one to four units in
+the last place 2.4 % was seen; other random numbers change all of it."""
+
+FOUND = 1e-1
+"""What a search finds in the images of traced rays: it follows them, and ends by a step's size.
+3.4 % was seen in the same trial, of a shift of 1 cm."""
+
+SUMS = 4
+"""Weighted sums in a fingerprint."""
+
+SAME = None
+"""Tolerance of what is compared by its bytes alone, on the same machine: texts and files."""
+
+
+# Records of results
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One result.
+
+    Attributes
+    ----------
+    content : ndarray or bytes
+    tolerance : float or None
+        Difference that another machine may make, relative to the norm of the whole; None where only
+        the bytes say anything.
+    """
+
+    content: np.ndarray | bytes
+    tolerance: float | None
+
+    def digest(self) -> str:
+        """Return SHA-256 of the bytes; of an array, of its type and shape, too."""
+        if isinstance(self.content, bytes):
+            return hashlib.sha256(self.content).hexdigest()
+        array = np.ascontiguousarray(self.content)
+        header = f"{array.dtype.str} {self.content.shape} ".encode()
+        return hashlib.sha256(header + array.tobytes()).hexdigest()
+
+    def record(self) -> dict[str, Any]:
+        """Return it as JSON."""
+        found: dict[str, Any] = {"sha256": self.digest()}
+        if self.tolerance is not None:
+            assert not isinstance(self.content, bytes)
+            found["tolerance"] = self.tolerance
+            found["fingerprint"] = fingerprint(self.content)
+        return found
+
+
+def fingerprint(array: np.ndarray) -> dict[str, Any]:
+    """Return numbers that change little if the array does, and a lot if it is another.
+
+    Shape, how many are NaN, the norm and the largest absolute value of the others, and sums with
+    weights that are uniform in +-1; of complex numbers, of the real and the imaginary parts.
+    """
+    values = np.asarray(array)
+    if np.iscomplexobj(values):
+        values = np.stack([values.real, values.imag])
+    flat = values.astype(np.float64).ravel()
+    is_nan = np.isnan(flat)
+    flat = np.where(is_nan, 0.0, flat)
+    sums = [(weights(flat.size, k) * flat).sum() for k in range(SUMS)]
+    return {
+        "shape": list(np.shape(array)),
+        "nan": int(is_nan.sum()),
+        "norm": _short(np.sqrt((flat**2).sum())),
+        "largest": _short(np.abs(flat).max(initial=0.0)),
+        "sums": [_short(value) for value in sums],
+    }
+
+
+def _short(value: float) -> float:
+    """Return a number with ten digits, a tenth of the smallest tolerance."""
+    return float(f"{value:.10g}")
+
+
+def weights(count: int, seed: int) -> np.ndarray:
+    """Return the weights of one sum; a bit generator's stream never changes (NEP 19)."""
+    return np.random.PCG64(seed).random_raw(count) * 2.0**-63 - 1.0
+
+
+def unlike(expected: Mapping[str, Any], found: Mapping[str, Any], tolerance: float) -> str:
+    """Return by what two fingerprints differ, or nothing.
+
+    If the difference d of two arrays has at most `tolerance` of the norm, so has the change of norm
+    and largest value, and that of a sum with independent weights w is |w . d|, which is
+    sqrt(1/3) |d| by root mean square: with a factor of 3, five deviations.
+    """
+    if expected["shape"] != found["shape"]:
+        return f"shape {expected['shape']}, now {found['shape']}"
+    count = int(np.prod(expected["shape"]))
+    if abs(expected["nan"] - found["nan"]) > tolerance * count:
+        return f"{expected['nan']} of {count} values NaN, now {found['nan']}"
+    scale = tolerance * max(expected["norm"], found["norm"])
+    for name in ("norm", "largest"):
+        if abs(expected[name] - found[name]) > scale:
+            return f"{name} {expected[name]:.9g}, now {found[name]:.9g}"
+    for k, (a, b) in enumerate(zip(expected["sums"], found["sums"], strict=True)):
+        if abs(a - b) > 3 * scale:
+            return f"weighted sum {k} {a:.9g}, now {b:.9g}, of a norm of {expected['norm']:.9g}"
+    return ""
+
+
+def environment(device: clradar.Device) -> dict[str, Any]:
+    """Return what the bits depend on besides this package."""
+    packages = (
+        *("numpy", "scipy", "pyopencl", "pocl-binary-distribution", "trimesh", "scikit-image"),
+        *("h5py", "pillow", "pygltflib"),
+    )
+    return {
+        "device": dict(device.describe()),
+        "processor": _processor(),
+        "python": platform.python_version(),
+        "libc": " ".join(platform.libc_ver()),
+        "zlib": zlib.ZLIB_RUNTIME_VERSION,
+        "packages": {name: metadata.version(name) for name in packages},
+    }
+
+
+def _processor() -> str:
+    """Return the processor's name and a digest of what it can do, by which libraries choose."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    facts = dict(line.split(":", 1) for line in reversed(lines) if ":" in line)
+    found = {key.strip(): value.strip() for key, value in facts.items()}
+    features = " ".join(sorted(found.get("flags", found.get("Features", "")).split()))
+    digest = hashlib.sha256(features.encode()).hexdigest()[:12]
+    return f"{found.get('model name', platform.machine())}, features {digest}"
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """How two documents differ.
+
+    Attributes
+    ----------
+    by_bits : int
+        Results whose digests were compared.
+    by_fingerprint : int
+        Results whose fingerprints were compared, all of them of another machine.
+    lines : tuple of str
+        One for each result that differs.
+    """
+
+    by_bits: int
+    by_fingerprint: int
+    lines: tuple[str, ...]
+
+
+def compare(expected: Mapping[str, Any], found: Mapping[str, Any]) -> Comparison:
+    """Compare what `document` returned here with what it returned before, or elsewhere.
+
+    Only the cases that `found` has are compared, each as a whole.
+    """
+    same_machine = expected["environment"] == found["environment"]
+    same_version = same_machine and expected["clradar"] == found["clradar"]
+    lines, by_bits, by_fingerprint = [], 0, 0
+    for case, now in found["results"].items():
+        before = expected["results"].get(case, {})
+        lines += [f"{case}/{name}: was not there before" for name in now if name not in before]
+        for name, old in before.items():
+            if name not in now:
+                lines.append(f"{case}/{name}: is not there any more")
+                continue
+            new = now[name]
+            has_fingerprint = "fingerprint" in old
+            # Files name the version that made them.
+            if same_version or (same_machine and has_fingerprint):
+                by_bits += 1
+                if old["sha256"] != new["sha256"]:
+                    lines.append(f"{case}/{name}: other bits{_amount(old, new)}")
+            elif has_fingerprint:
+                by_fingerprint += 1
+                words = unlike(old["fingerprint"], new["fingerprint"], old["tolerance"])
+                if words:
+                    lines.append(f"{case}/{name}: {words}; tolerance {old['tolerance']:g}")
+    return Comparison(by_bits, by_fingerprint, tuple(lines))
+
+
+def _amount(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    if "fingerprint" not in old:
+        return ""
+    words = unlike(old["fingerprint"], new["fingerprint"], EXACT)
+    return f": {words}" if words else f", by some {EXACT:g} of the whole at most"
+
+
+def environment_differences(expected: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    """Return on one line in what two environments differ."""
+    lines = [
+        f"{key} {expected.get(key)}, now {found.get(key)}"
+        for key in {**expected, **found}
+        if expected.get(key) != found.get(key)
+    ]
+    return "; ".join(lines)
+
+
+# The table of cases
+
+Values = Mapping[str, Any]
+"""Results by name: arrays, numbers, texts, bytes, what JSON knows, or a `Result`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Something to compute.
+
+    Attributes
+    ----------
+    name : str
+    compute : callable
+        From the shared inputs to results by name.
+    tolerance : float
+        Of its arrays, see `Result`.
+    cheap : bool
+        Whether the tests compute it, too.
+    """
+
+    name: str
+    compute: Callable[[Works], Values]
+    tolerance: float
+    cheap: bool
+
+    def results(self, works: Works) -> dict[str, Result]:
+        return {k: as_result(v, self.tolerance) for k, v in self.compute(works).items()}
+
+
+CASES: dict[str, Case] = {}
+
+
+def case(
+    tolerance: float, *, cheap: bool = True
+) -> Callable[[Callable[[Works], Values]], Callable[[Works], Values]]:
+    """Put a function into the table of cases."""
+
+    def add(function: Callable[[Works], Values]) -> Callable[[Works], Values]:
+        CASES[function.__name__] = Case(function.__name__, function, tolerance, cheap)
+        return function
+
+    return add
+
+
+def as_result(value: Any, tolerance: float | None) -> Result:
+    """Return a value as a result: arrays and numbers by their bits, all else as text or JSON."""
+    if isinstance(value, Result):
+        return value
+    if isinstance(value, bytes):
+        return Result(value, SAME)
+    if isinstance(value, str):
+        return Result(value.encode(), SAME)
+    if isinstance(value, np.ndarray | np.generic | int | float | complex):
+        return Result(np.asarray(value), tolerance)
+    return Result(json.dumps(value, sort_keys=True, default=dict).encode(), SAME)
+
+
+def bits(value: Any) -> Result:
+    """Return an array that another machine may give another length or order."""
+    return Result(np.asarray(value), SAME)
+
+
+def within(tolerance: float, **values: Any) -> dict[str, Result]:
+    """Return results with another tolerance than their case's."""
+    return {name: as_result(value, tolerance) for name, value in values.items()}
+
+
+def named(prefix: str, values: Values) -> dict[str, Any]:
+    return {f"{prefix} {name}": value for name, value in values.items()}
+
+
+# Inputs that several cases share
+
+
+@dataclass(frozen=True)
+class Works:
+    """Small inputs, made when they are first asked for.
+
+    Attributes
+    ----------
+    device : Device
+        What everything runs on, but for data sets, which open it by name.
+    folder : Path
+        For files, empty.
+    """
+
+    device: clradar.Device
+    folder: Path
+
+    @cached_property
+    def array(self) -> clradar.AntennaArray:
+        """Every eighth antenna, 12 x 12."""
+        return thinned(8)
+
+    @cached_property
+    def waveform(self) -> clradar.Waveform:
+        return clradar.Waveform.sfcw(72e9, 82e9, 16)
+
+    @cached_property
+    def mesh(self) -> clradar.hand.HandMesh:
+        return clradar.hand.hand_mesh("F", edge_length_m=4e-3, device=self.device)
+
+    @cached_property
+    def hand(self) -> clradar.Scene:
+        """Of one alpha, with its parts and normals."""
+        m = self.mesh
+        return clradar.Scene(m.vertices_m, m.faces, 0.4, m.part, m.part_names, m.normals)
+
+    @cached_property
+    def parts(self) -> clradar.Scene:
+        """Each part of the hand with an alpha of its own."""
+        alphas = {name: 0.1 + 0.15 * i for i, name in enumerate(self.mesh.part_names)}
+        return self.hand.with_alpha(alphas)
+
+    @cached_property
+    def wave(self) -> clradar.Scene:
+        """A wavy plate of 5 cm, in two halves."""
+        return wavy_plate()
+
+    @cached_property
+    def stochastic(self) -> clradar.Capture:
+        return self.simulated(self.hand, samples_per_mm2=0.5, rays_per_sample=2, seed=1)
+
+    @cached_property
+    def expected(self) -> clradar.Capture:
+        return self.simulated(self.hand, samples_per_mm2=0.1, estimator="expected", seed=2)
+
+    def simulated(self, scene: clradar.Scene, **settings: Any) -> clradar.Capture:
+        return clradar.simulate(scene, self.array, self.waveform, device=self.device, **settings)
+
+    @cached_property
+    def grid(self) -> clradar.VoxelGrid:
+        """41 x 51 x 9 voxels around the hand."""
+        return clradar.VoxelGrid.from_extent((-0.08, 0.08), (-0.1, 0.1), (0.26, 0.34), 4e-3)
+
+    @cached_property
+    def image(self) -> clradar.Volume:
+        return self.imaged(self.expected)
+
+    @cached_property
+    def other_image(self) -> clradar.Volume:
+        return self.imaged(self.stochastic)
+
+    def imaged(self, capture: clradar.Capture, **options: Any) -> clradar.Volume:
+        options = {"method": "exact", **options}
+        return clradar.backproject(capture, self.grid, device=self.device, **options)
+
+    @cached_property
+    def small_hand(self) -> clradar.Scene:
+        """Half as large as a hand, and so with a quarter of the rays."""
+        half = np.diag([0.5, 0.5, 0.5, 1.0])
+        half[2, 3] = 0.15
+        return self.hand.transformed(half)
+
+    @property
+    def radar(self) -> dict[str, Any]:
+        """The whole array, 32 frequencies and the device, as arguments."""
+        waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
+        return {"array": clradar.arrays.qar50(), "waveform": waveform, "device": self.device}
+
+    @cached_property
+    def measured(self) -> clradar.Volume:
+        """The image of the small hand where it is to be found."""
+        scene = self.small_hand.transformed(motion(0.1, (0.006, -0.005, 0.004)))
+        capture = clradar.simulate(
+            scene, samples_per_mm2=4.0, rays_per_sample=3, seed=16, **self.radar
+        )
+        extent_m = (-0.064, 0.064)
+        grid = clradar.VoxelGrid.from_extent(extent_m, extent_m, (0.272, 0.328), 4e-3)
+        return clradar.backproject(capture, grid, device=self.device)
+
+    @cached_property
+    def points(self) -> clradar.Capture:
+        """Five points, by the host alone, 12 x 12 antennas and 32 frequencies."""
+        return points(self.array, 32)
+
+    @cached_property
+    def walls(self) -> clradar.Capture:
+        """Two walls and a lamp."""
+        return clradar.room_capture(
+            self.array,
+            self.points.waveform,
+            [
+                clradar.Wall(np.array([0, 0, 0.9]), np.array([0, 0, -1]), 2.0),
+                clradar.Wall(np.array([0.7, 0, 0]), np.array([-1, 0, 0.2]), -1.0),
+            ],
+            points_m=[[0.2, 0.1, 0.5]],
+            point_amplitudes=[0.5j],
+        )
+
+
+def thinned(every: int) -> clradar.AntennaArray:
+    """Return the imager with only every so many antennas."""
+    whole = clradar.arrays.qar50()
+    return clradar.AntennaArray(whole.tx_m[::every], whole.rx_m[::every], "thinned")
+
+
+def points(array: clradar.AntennaArray, steps: int) -> clradar.Capture:
+    """Return a capture of five points around (0, 0, 0.3) m."""
+    where = [[0, 0, 0.3], [0.03, -0.02, 0.29], [-0.04, 0.03, 0.31], [0.02, 0.05, 0.3]]
+    return clradar.room_capture(
+        array,
+        clradar.Waveform.sfcw(72e9, 82e9, steps),
+        [],
+        points_m=[*where, [-0.03, -0.05, 0.32]],
+        point_amplitudes=[1, 0.8j, -0.7, 0.6 + 0.3j, 0.9],
+    )
+
+
+def wavy_plate(cells: int = 12) -> clradar.Scene:
+    """Return waves of 3 mm on a square of 5 cm at 0.3 m, its halves called left and right."""
+    axis = np.linspace(-0.025, 0.025, cells + 1)
+    x, y = (a.ravel() for a in np.meshgrid(axis, axis))
+    wave = 3e-3 * np.sin(80 * np.pi * x) * np.cos(40 * np.pi * y)
+    corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
+    low = np.stack([corner, corner + 1, corner + cells + 2], axis=1)
+    high = np.stack([corner, corner + cells + 2, corner + cells + 1], axis=1)
+    faces = np.concatenate([low, high])
+    left = (x[faces].mean(axis=1) > 0).astype(np.int32)
+    return clradar.Scene(np.stack([x, y, 0.3 + wave], axis=1), faces, 0.5, left, ("left", "right"))
+
+
+def motion(turn_rad: float, shift_m: tuple[float, float, float]) -> np.ndarray:
+    """Return a turn about an axis through (0, 0, 0.3) m along (1, 2, 2), then a shift; (4, 4)."""
+    x, y, z = np.array([1.0, 2.0, 2.0]) / 3.0
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    turn = np.eye(3) + np.sin(turn_rad) * cross + (1 - np.cos(turn_rad)) * cross @ cross
+    centre_m = np.array([0.0, 0.0, 0.3])
+    moved = np.eye(4)
+    moved[:3, :3] = turn
+    moved[:3, 3] = centre_m - turn @ centre_m + shift_m
+    return moved
+
+
+def placed(alignment: calibration.Alignment) -> dict[str, Any]:
+    """Return a rigid motion as turn and shift, which have scales of their own, and what is said."""
+    transform = alignment.transform
+    return {
+        **{"transform": bits(transform), "turn": transform[:3, :3], "shift": transform[:3, 3]},
+        "covariance": bits(alignment.covariance),
+        "text": alignment.to_dict(),
+        "report": alignment.report(),
+    }
+
+
+def of_mesh(mesh: clradar.hand.HandMesh) -> dict[str, Any]:
+    normals = np.zeros((0, 3)) if mesh.normals is None else mesh.normals
+    return {
+        **{"vertices": mesh.vertices_m, "faces": mesh.faces, "joints": mesh.joints_m},
+        **{"part": mesh.part, "normals": normals},
+    }
+
+
+def of_capture(capture: clradar.Capture) -> dict[str, Any]:
+    return {
+        "data": capture.data,
+        **within(
+            EXACT,
+            tx=capture.array.tx_m,
+            rx=capture.array.rx_m,
+            frequencies=capture.waveform.frequencies_hz,
+        ),
+        "meta": {**capture.meta, "array": capture.array.name},
+    }
+
+
+def of_depth(depth: clradar.DepthMap) -> dict[str, Any]:
+    return {
+        **{"depth": depth.depth_m, "amplitude": depth.amplitude, "mask": depth.mask},
+        **within(EXACT, x=depth.x_m, y=depth.y_m),
+        "points": bits(depth.points_m()),
+    }
+
+
+def of_metrics(metrics: clradar.Metrics) -> np.ndarray:
+    return np.array([np.nan if v is None else v for v in metrics.to_dict().values()])
+
+
+def of_paths(paths: clradar.Paths) -> dict[str, Any]:
+    """All columns by their bits, and by pair what they add up to."""
+    n_pairs = paths.n_tx * paths.n_rx
+    found: dict[str, Any] = {"tx": bits(paths.tx), "rx": bits(paths.rx)}
+    found["number by pair"] = np.bincount(paths.pair, minlength=n_pairs)
+    for name in ("length_m", "amplitude", "bounces"):
+        column = getattr(paths, name)
+        found[name] = bits(column)
+        found[f"{name} by pair"] = np.bincount(paths.pair, column.astype(np.float64), n_pairs)
+    assert paths.statistics is not None
+    return {**found, "statistics": np.array(list(asdict(paths.statistics).values()))}
+
+
+# Hands
+
+
+@case(EXACT)
+def hand_draws(works: Works) -> Values:
+    """Poses and shapes that are drawn, skeletons, poses between two, and a pose from a file."""
+    hand = clradar.hand
+    found: dict[str, Any] = {}
+    for seed in (0, 1):
+        rng = np.random.default_rng(seed)
+        pose, shape = hand.random_pose(rng), hand.random_shape(rng)
+        found[f"pose {seed}"] = angles(pose)
+        sizes = (shape.length_m, shape.breadth_m, *shape.finger_lengths, shape.girth)
+        found[f"shape {seed}"] = np.array(sizes)
+        skeleton = hand.posed_skeleton(pose, shape)
+        found[f"joints {seed}"], found[f"frames {seed}"] = skeleton.joints_m, skeleton.frames
+    found["all poses"] = np.stack([angles(hand.POSES[name]) for name in sorted(hand.POSES)])
+    between = hand.interpolate_poses(hand.pose_by_name("a"), hand.pose_by_name("Y"), 0.3)
+    found["between"] = angles(between)
+    hand.write_pose(works.folder / "pose.toml", between)
+    found["file"] = (works.folder / "pose.toml").read_bytes()
+    found["read"] = angles(hand.read_pose(works.folder / "pose.toml"))
+    return found
+
+
+def angles(pose: clradar.hand.HandPose) -> np.ndarray:
+    """Return the angles of all joints, shape (25, 3), radians."""
+    joints = [pose.angles(name) for name in clradar.hand.JOINT_NAMES]
+    return np.array([(j.flexion_rad, j.abduction_rad, j.twist_rad) for j in joints])
+
+
+@case(SUMMED)
+def hand_meshes(works: Works) -> Values:
+    """Two letters, one of them a left hand of another size elsewhere; joints alone."""
+    shape = clradar.hand.HandShape(0.17, 0.076, (0.95, 1.05, 1.0, 1.02, 0.97), 1.1)
+    left = clradar.hand.hand_mesh(
+        "Y", 4e-3, "left", (0.01, -0.02, 0.28), shape, device=works.device
+    )
+    return {**named("F", of_mesh(works.mesh)), **named("Y", of_mesh(left))}
+
+
+@case(SUMMED)
+def more_hands(works: Works) -> Values:
+    """A drawn hand, a finer one, a moved one, and joints without a mesh."""
+    hand = clradar.hand
+    rng = np.random.default_rng(5)
+    drawn = hand.hand_mesh(
+        hand.random_pose(rng), 4e-3, shape=hand.random_shape(rng), device=works.device
+    )
+    fine = hand.hand_mesh("7", 2e-3, device=works.device)
+    turn = motion(0.4, (0.01, 0.0, 0.02))
+    moved = works.mesh.moved(turn[:3, :3], turn[:3, 3])
+    return {
+        **named("drawn", of_mesh(drawn)),
+        **named("fine", of_mesh(fine)),
+        **named("moved", of_mesh(moved)),
+        "joints": hand.hand_joints("L", "left", device=works.device),
+    }
+
+
+@case(SUMMED)
+def rig(works: Works) -> Values:
+    """A rigged hand from a glTF file in two poses, by way of a data set's recipes."""
+    sys.path.append(str(Path(__file__).with_name("support")))
+    from rig_files import RigMaker
+
+    RigMaker().save(works.folder / "hand.glb")
+    path = works.folder / "rig.toml"
+    path.write_text(
+        "samples = 2\n[poses]\nnames = ['B', 'Y']\n[hands]\nrigs = ['hand.glb']\n"
+        "handedness = 'both'\n[output]\nproducts = ['mesh', 'joints']\n"
+    )
+    plan = clradar.dataset.read_plan(path)
+    found: dict[str, Any] = {}
+    for i in range(plan.samples):
+        recipe = clradar.dataset.recipe(plan, i)
+        sample = clradar.dataset.make_sample(recipe, works.device, rigs=works.folder)
+        found |= named(str(i), sample.arrays)
+    return found
+
+
+# Scenes
+
+PLY = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element face 2
+property list uchar int vertex_indices
+end_header
+-20 -30 300
+25 -30 305
+25 35 310
+-20 35 305
+3 0 1 2
+3 0 2 3
+"""
+
+
+@case(EXACT)
+def scenes(works: Works) -> Values:
+    """Meshes from a file and from memory, moved, put together; regions of their faces."""
+    (works.folder / "plate.ply").write_text(PLY)
+    move = motion(0.2, (0.01, 0.02, -0.01))
+    read = clradar.Scene.from_mesh(
+        str(works.folder / "plate.ply"), alpha=0.3, unit="mm", transform=move
+    )
+    bare = clradar.Scene.from_mesh(works.mesh, alpha=np.linspace(0, 1, len(works.mesh.faces)))
+    both = clradar.Scene.combine([works.wave.transformed(move), read])
+    regions = calibration.Regions
+    found: dict[str, Any] = {
+        "fingers": regions.of_fingers(works.parts).face,
+        # A face may be as near to one bone as to the other, up to rounding.
+        **within(TRACED, by_joint=regions.of_fingers(works.parts, works.mesh.joints_m).face),
+        "labels": regions.of_labels(list("abca")).face,
+    }
+    for name, scene in {"read": read, "bare": bare, "parts": works.parts, "both": both}.items():
+        # Those of hands come from the device.
+        found |= within(SUMMED, **{f"{name} triangles": scene.triangles_m})
+        found[f"{name} alpha"], found[f"{name} part"] = scene.alpha, scene.part
+        found[f"{name} digest"] = scene.digest()
+        found[f"{name} names"] = list(scene.part_names)
+    return found
+
+
+# Rays and captures
+
+
+@case(TRACED)
+def paths_one_bounce(works: Works) -> Values:
+    """By density, with smooth normals."""
+    paths = clradar.trace(
+        works.parts, works.array, samples_per_mm2=0.3, rays_per_sample=2, seed=3,
+        device=works.device,
+    )  # fmt: skip
+    capture = clradar.synthesize(paths, works.array, works.waveform, device=works.device)
+    return {**of_paths(paths), **named("capture", of_capture(capture))}
+
+
+@case(TRACED)
+def paths_two_bounces(works: Works) -> Values:
+    """With amplitudes that spread, and antennas of a pattern."""
+    paths = clradar.trace(
+        works.hand, works.array, samples_per_mm2=0.2, rays_per_sample=3, max_bounces=2,
+        reception_radius_m=0.015, amplitude="spreading", pattern_exponent=1.5, seed=2**63 + 5,
+        device=works.device,
+    )  # fmt: skip
+    assert paths.bounces.max() == 2
+    return of_paths(paths)
+
+
+@case(TRACED)
+def paths_per_face(works: Works) -> Values:
+    """As in the paper: so many samples on every face, with the faces' own normals."""
+    paths = clradar.trace(
+        works.hand, works.array, rays_per_face=2, normals="face", amplitude="spreading", seed=4,
+        device=works.device,
+    )  # fmt: skip
+    return of_paths(paths)
+
+
+@case(TRACED)
+def capture_stochastic(works: Works) -> Values:
+    """One alpha, and one per part with two bounces."""
+    by_part = works.simulated(
+        works.parts, samples_per_mm2=0.3, rays_per_sample=2, max_bounces=2, crease_deg=50.0, seed=5
+    )
+    return {**named("one", of_capture(works.stochastic)), **named("parts", of_capture(by_part))}
+
+
+@case(TRACED)
+def capture_expected(works: Works) -> Values:
+    """One alpha, and one per part with amplitudes that spread."""
+    by_part = works.simulated(
+        works.parts, samples_per_mm2=0.1, estimator="expected", amplitude="spreading", seed=6
+    )
+    return {**named("one", of_capture(works.expected)), **named("parts", of_capture(by_part))}
+
+
+@case(TRACED)
+def capture_of_limits(works: Works) -> Values:
+    """The scene put together from two and moved; alpha 0 and 1; tiles that a small memory needs."""
+    beside = works.wave.transformed(motion(0.3, (0.06, 0.0, 0.0)))
+    both = clradar.Scene.combine([works.wave.with_alpha(0.0), beside.with_alpha(1.0)])
+    small = clradar.open_device(
+        works.device.info.selector, memory_limit_bytes=2**21, width=works.device.width
+    )
+    capture = clradar.simulate(
+        both, works.array, works.waveform, samples_per_mm2=1.0, rays_per_sample=4, seed=7,
+        device=small,
+    )  # fmt: skip
+    return {**of_capture(capture), "scene": both.digest()}
+
+
+# Images
+
+
+@case(SUMMED)
+def image_exact(works: Works) -> Values:
+    """Of points, by the brute-force sum, with two windows."""
+    found: dict[str, Any] = {}
+    for window in ("rect", "taylor"):
+        image = works.imaged(works.points, window=window)
+        found |= {window: image.data, f"{window} meta": image.meta}
+    return found
+
+
+@case(SUMMED)
+def image_range(works: Works) -> Values:
+    """Of points, by range profiles, with two windows, one of them given as numbers."""
+    own = np.linspace(0.2, 1.0, works.points.waveform.n_freq)
+    return {
+        "hann": works.imaged(works.points, method="range", window="hann").data,
+        "own": works.imaged(works.points, method="range", window=own).data,
+    }
+
+
+@case(SUMMED)
+def image_fast(works: Works) -> Values:
+    """Of points, over the tree of blocks: 24 x 24 antennas, 32 frequencies, 2^16 voxels."""
+    grid = clradar.VoxelGrid.from_extent((-0.08, 0.08), (-0.08, 0.08), (0.27, 0.33), 2.5e-3)
+    capture = points(thinned(4), 32)
+    assert capture.data.size * np.prod(grid.shape) > 2**30, "the sum as it stands would be taken"
+    found: dict[str, Any] = {}
+    coarse: dict[str, Any] = {"window": "hann", "tolerance_db": -40.0}
+    for name, options in {"rect": {}, "hann": coarse}.items():
+        image = clradar.backproject(capture, grid, method="fast", device=works.device, **options)
+        found |= {name: image.data, f"{name} meta": image.meta}
+    return found
+
+
+@case(TRACED)
+def views(works: Works) -> Values:
+    """Of hands: complex image, maximum projection, depth map, and what is written of them."""
+    image, other = works.image, works.other_image
+    depth = image.depth_map()
+    metrics = clradar.compare(other, image)
+    wide = clradar.compare(other, image, dynamic_range_db=25.0)
+    return {
+        **{"image": image.data, "other": other.data, "projection": image.max_projection()},
+        **named("depth", of_depth(depth)),
+        **named("wide depth", of_depth(image.depth_map(25.0))),
+        "meta": image.meta,
+        **within(FOUND, metrics=of_metrics(metrics), wide_metrics=of_metrics(wide)),
+    }
+
+
+# Instruments
+
+
+@case(STORED)
+def room(works: Works) -> Values:
+    """Walls and points, by the host."""
+    return {**named("walls", of_capture(works.walls)), "points": works.points.data}
+
+
+@case(EXACT)
+def channels(works: Works) -> Values:
+    """Gains and delays that are drawn, and what they are at a frequency."""
+    drawn = clradar.draw_channels(works.array, works.waveform, seed=8, dead_tx=[3], gain_db=2.0)
+    frequencies_hz = works.waveform.frequencies_hz
+    return {
+        **{"tx gain": drawn.tx_gain, "rx gain": drawn.rx_gain},
+        **{"tx delay": drawn.tx_delay_s, "rx delay": drawn.rx_delay_s},
+        "tx": drawn.tx_response(frequencies_hz),
+        "rx": drawn.rx_response(frequencies_hz),
+        "reference": drawn.reference_hz,
+    }
+
+
+@case(STORED)
+def impairments(works: Works) -> Values:
+    """All faults at once, and each by itself; of points, so that only the host computes."""
+    array, waveform = works.array, works.points.waveform
+    drawn = clradar.draw_channels(array, waveform, seed=9)
+    drift = {"drift_phase_rad": 0.02, "drift_gain_db": 0.1, "drift_common_phase_rad": 0.1}
+    faults: dict[str, dict[str, Any]] = {
+        "room": {"room": works.walls},
+        "coupling": {"coupling_db": 6.0, "coupling_delay_s": 5e-11},
+        "channels": {"channels": drawn},
+        "drift": {**drift, "frame": 3},
+        "mixer": {"iq_gain_db": 0.3, "iq_phase_rad": np.linspace(-0.1, 0.1, array.n_rx)},
+        "noise": {"snr_db": 15.0, "noisy_tx_db": {2: 10.0}, "noisy_rx_db": {5: 6.0}},
+    }
+    found: dict[str, Any] = {
+        name: clradar.impair(works.points, seed=10, **settings).data
+        for name, settings in faults.items()
+    }
+    # Steps of a converter turn a rounding into a step: 2^-11 of full scale, of few samples.
+    converted = clradar.impair(works.points, seed=10, adc_bits=12)
+    found |= within(1e-3, converter=converted.data)
+    everything = {key: value for settings in faults.values() for key, value in settings.items()}
+    whole = clradar.impair(works.points, seed=11, **everything, adc_bits=10)
+    found |= within(1e-2, whole=whole.data)
+    return {**found, "meta": whole.meta}
+
+
+# Calibration
+
+
+@case(STORED)
+def cleaning(works: Works) -> Values:
+    """Gates, the empty room taken off in three ways, frames averaged, conventions undone."""
+    waveform = works.points.waveform
+    window = calibration.gate(waveform, near_m=0.27, far_m=0.36, clutter_db=30.0)
+    drift: dict[str, Any] = {
+        "drift_phase_rad": 0.01,
+        "drift_gain_db": 0.05,
+        "drift_common_phase_rad": 0.2,
+    }
+    frames = [
+        clradar.impair(works.points, seed=12, frame=i, room=works.walls, snr_db=25.0, **drift)
+        for i in range(3)
+    ]
+    nothing = clradar.Capture(np.zeros_like(works.points.data), works.array, waveform)
+    empty = clradar.impair(nothing, seed=13, room=works.walls, snr_db=40.0, reference_power=1.0)
+    gated = calibration.range_gate(frames[0], near_m=0.27, far_m=0.36)
+    found: dict[str, Any] = {
+        **within(1e-6, gate=window.matrix, numbers=np.array(list(window.record().values()))),
+        **named("gated", of_capture(gated)),
+        "mean": calibration.average_frames(frames).data,
+        "aligned mean": calibration.average_frames(frames, align_phase=True).data,
+    }
+    for scaling in ("none", "common", "channel"):
+        without = calibration.subtract_background(frames[1], empty, scaling=scaling)
+        found |= {f"without, {scaling}": without.data, f"without, {scaling}, meta": without.meta}
+    for hypothesis in calibration.HYPOTHESES:
+        if hypothesis.changes:
+            found[hypothesis.label] = calibration.apply_convention(frames[2], hypothesis).data
+    return found
+
+
+@case(STORED)
+def target_responses(works: Works) -> Values:
+    """What ideal channels record of the three targets."""
+    return {
+        target.kind: calibration.response(target, works.array, works.waveform) for target in TARGETS
+    }
+
+
+TARGETS: tuple[calibration.Target, ...] = (
+    calibration.FlatPlate(0.300, 0.8, -0.5, size_m=(0.2, 0.2), amplitude="spreading"),
+    calibration.Sphere(np.array([0.004, -0.003, 0.335]), 0.05),
+    calibration.CornerReflector(np.array([0.006, 0.004, 0.306]), amplitude="spreading"),
+)
+
+
+@case(1e-4)
+def channel_estimates(works: Works) -> Values:
+    """Channels by a plate and a sphere, 24 x 24 antennas, and a capture corrected by them.
+
+    A fit is found to where its last step is 1e-6 or so of a phase; float32 data is good to 6e-8.
+    """
+    array, waveform = thinned(4), clradar.Waveform.sfcw(72e9, 82e9, 32)
+    drawn = clradar.draw_channels(array, waveform, seed=14, dead_tx=[5], dead_rx=[20])
+    scene = points(array, 32)
+    found: dict[str, Any] = {}
+    said: tuple[calibration.Target, ...] = (
+        calibration.FlatPlate(0.304),
+        calibration.Sphere(np.array([0.0, 0.0, 0.332]), 0.05),
+    )
+    true: tuple[calibration.Target, ...] = (calibration.FlatPlate(0.300, 0.8, -0.5), TARGETS[1])
+    for at, target in zip(said, true, strict=True):
+        ideal = clradar.Capture(calibration.response(target, array, waveform), array, waveform)
+        recorded = clradar.impair(ideal, seed=15, channels=drawn, snr_db=20.0)
+        known = calibration.estimate_channels(recorded, at)
+        measured = clradar.impair(scene, seed=15, channels=drawn, snr_db=20.0)
+        corrected = calibration.correct(measured, known)
+        path = works.folder / f"{target.kind}.h5"
+        measurement_io.save_channels(path, known)
+        read = measurement_io.open_channels(path)
+        found |= named(
+            target.kind,
+            {
+                "tx gain": known.response.tx_gain,
+                "rx gain": known.response.rx_gain,
+                "tx delay": known.response.tx_delay_s,
+                "rx delay": known.response.rx_delay_s,
+                "position": np.array(list(known.target_position.values())),
+                "dead": np.concatenate([known.dead_tx, [-1], known.dead_rx]),
+                "noisy": np.concatenate([known.noisy_tx, [-1], known.noisy_rx]),
+                "tx noise": known.tx_noise,
+                "rx noise": known.rx_noise,
+                "levels": np.array([known.residual_db, known.noise_residual_db]),
+                "amplitude": known.target_amplitude,
+                "covariance": bits(known.target_covariance),
+                "deviations": bits(np.stack([known.tx_phase_std_rad, known.tx_delay_std_s])),
+                "meta": known.meta,
+                "read": bits(read.response.tx_gain),
+                "corrected": corrected.data,
+                "corrected meta": corrected.meta,
+            },
+        )
+    return found
+
+
+@case(SUMMED)
+def conventions(works: Works) -> Values:
+    """Sharpness by each of sixteen hypotheses, of points that were written in one of them."""
+    done = calibration.Hypothesis(conjugated=True, mirrored=True)
+    capture = calibration.apply_convention(works.points, done)
+    grid = clradar.VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.28, 0.33), 5e-3)
+    told = calibration.diagnose(capture, grid=grid, device=works.device)
+    return {
+        "sharpness": np.array([score.sharpness for score in told.scores]),
+        "peaks": np.array([score.peak_m for score in told.scores]),
+        "text": told.to_dict(),
+    }
+
+
+@case(1e-6)
+def alignment_of_images(works: Works) -> Values:
+    """Two depth maps of an ellipsoid, by the host alone, one of them turned and shifted."""
+    del works
+    fixed, moved = ellipsoid(np.eye(4)), ellipsoid(motion(0.25, (0.012, -0.008, 0.01)))
+    found = calibration.align(moved, fixed)
+    return {**placed(found), "inliers": np.array([found.rms_m, found.inlier_share])}
+
+
+def ellipsoid(transform: np.ndarray) -> clradar.DepthMap:
+    """Return depths along z of a bumpless ellipsoid, half axes 40, 55 and 25 mm, around 0.3 m."""
+    axis_m = np.arange(-40, 41) * 2e-3
+    x, y = np.meshgrid(axis_m, axis_m)
+    back = np.linalg.inv(transform)
+    centre_m, half_m = np.array([0.0, 0.0, 0.3]), np.array([0.040, 0.055, 0.025])
+    # A point of the ray through a pixel is begin + z along, in units of the half axes.
+    begin = np.stack([x, y, 0 * x], axis=2) @ back[:3, :3].T + back[:3, 3] - centre_m
+    begin, along = begin / half_m, back[:3, 2] / half_m
+    a, b = along @ along, begin @ along
+    root = b**2 - a * ((begin**2).sum(axis=2) - 1)
+    depth_m = np.where(root > 0, (-b - np.sqrt(np.maximum(root, 0.0))) / a, np.nan)
+    return clradar.DepthMap(depth_m, 1.0 * (root > 0), axis_m, axis_m, 15.0)
+
+
+@case(FOUND)
+def registration(works: Works) -> Values:
+    """A small hand placed where it was measured: by its picture alone, and in two closed rounds."""
+    coarse = calibration.align_mesh(
+        works.measured, works.small_hand, correct_bias=False, **works.radar, search_deg=5.0
+    )
+    closed = calibration.register(
+        works.measured, works.small_hand, fit_alpha=True, samples_per_mm2=2.0, rays_per_sample=2,
+        max_rounds=2, **works.radar, search_deg=5.0,
+    )  # fmt: skip
+    return {
+        **named("coarse", placed(coarse)),
+        **named("closed", placed(closed.alignment)),
+        "rounds": bits(np.stack([turn.transform for turn in closed.rounds])),
+        "alphas": [turn.alpha for turn in closed.rounds],
+        "capture": bits(closed.capture.data),
+        "image": bits(closed.volume.data),
+        "scene": closed.scene.digest(),
+    }
+
+
+@case(FOUND, cheap=False)
+def registration_of_glints(works: Works) -> Values:
+    """The same with what a fit to the picture alone is off taken back."""
+    return placed(
+        calibration.align_mesh(works.measured, works.small_hand, **works.radar, search_deg=5.0)
+    )
+
+
+# Sweeps
+
+
+@case(FOUND)
+def alpha_sweep(works: Works) -> Values:
+    """Of a wavy plate: three alphas, two seeds."""
+    return swept(works, None)
+
+
+@case(FOUND)
+def alpha_sweep_of_regions(works: Works) -> Values:
+    """The same with an alpha for each half."""
+    return swept(works, calibration.Regions.of_parts(works.wave))
+
+
+def swept(works: Works, regions: calibration.Regions | None) -> Values:
+    """Return images, metrics and estimates of a sweep over a wavy plate."""
+    rays: dict[str, Any] = {
+        **{"samples_per_mm2": 1.0, "rays_per_sample": 2, "reception_radius_m": 0.025}
+    }
+    radar: dict[str, Any] = {"array": works.array, "waveform": works.waveform}
+    measured = clradar.simulate(
+        works.wave.with_alpha({"left": 0.2, "right": 0.5}), **radar, **rays, seed=17,
+        device=works.device,
+    )  # fmt: skip
+    grid = clradar.VoxelGrid.from_extent((-0.03, 0.03), (-0.03, 0.03), (0.285, 0.315), 3e-3)
+    image = clradar.backproject(measured, grid, device=works.device)
+    store: dict[str, dict[str, np.ndarray]] = {}
+    found = calibration.sweep(
+        image, works.wave, [0.1, 0.4, 0.7], seeds=2, regions=regions, store=store,
+        device=works.device, **radar, **rays,
+    )  # fmt: skip
+    images = [image.amplitude for image in found.images if image is not None]
+    values: dict[str, Any] = {
+        "measured": found.measured.amplitude,
+        "images": np.stack(images),
+        "metrics": np.array([[of_metrics(m) for m in row] for row in found.metrics]),
+        "scores": bits(found.estimate.score),
+        "text": found.to_dict(),
+        "report": found.report(),
+    }
+    for name, arrays in store.items():
+        values |= {f"store {name} {key}": bits(array) for key, array in arrays.items()}
+    if found.regions is not None:
+        values["coupling"] = bits(found.regions.coupling)
+        values["pixels"] = bits(found.regions.pixels)
+    return values
+
+
+# Files
+
+
+@case(STORED)
+def native_files(works: Works) -> Values:
+    """Everything that native files of a capture and a volume hold but when they were made."""
+    grid = clradar.VoxelGrid(np.array([0.0, 0.0, 0.3]), np.full(3, 1e-3), (32, 12, 12))
+    volume = clradar.Volume(works.points.data, grid)
+    measurement_io.save_capture(works.folder / "capture.h5", works.points)
+    measurement_io.save_volume(works.folder / "volume.h5", volume)
+    found: dict[str, Any] = {}
+    for kind in ("capture", "volume"):
+        path = works.folder / f"{kind}.h5"
+        found |= named(kind, contents(path))
+        found[f"{kind} check"] = list(measurement_io.check_file(path).checked)
+    again = measurement_io.open_capture(works.folder / "capture.h5")
+    found["read volume"] = measurement_io.open_volume(works.folder / "volume.h5").data
+    return {**found, **named("read", of_capture(again))}
+
+
+def contents(path: Path) -> dict[str, Any]:
+    """Return the datasets of an HDF5 file, and the attributes as text, without the time."""
+    found: dict[str, Any] = {}
+
+    def visit(name: str, item: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = item[()]
+        attributes = {k: str(v) for k, v in item.attrs.items() if k not in TIMES}
+        found[f"{name} attributes"] = attributes
+
+    with h5py.File(path, "r") as file:
+        visit("root", file)
+        file.visititems(visit)
+    return found
+
+
+TIMES = ("created", "text_crc32")
+"""Attributes of native files that tell when they were made, and a checksum of that."""
+
+
+@case(STORED)
+def maroon_files(works: Works) -> Values:
+    """A recording of two frames with all that lies beside them, written and read."""
+    array = clradar.arrays.qar50()
+    captures = [
+        clradar.Capture(scale * points(array, 3).data, array, clradar.Waveform.sfcw(72e9, 82e9, 3),
+                        {"timestamp_us": 1000 + i, "gain": 0.5})
+        for i, scale in enumerate((1000.0, 900.0))
+    ]  # fmt: skip
+    grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.03, 0.03), (0.29, 0.31), 1e-2)
+
+    def image(capture: clradar.Capture) -> clradar.Volume:
+        return clradar.backproject(capture, grid, method="exact", device=works.device)
+
+    folder = works.folder / "object" / "30"
+    turn = np.eye(4)
+    turn[0, 0] = -1.0
+    measurement_io.save_recording(
+        folder, captures, image=image, metadata={"distance_meters": 0.3, "labels": ["plate"]},
+        alignment={"photogrammetry2radar": turn.tolist()},
+    )  # fmt: skip
+    single = measurement_io.save_maroon_frame(
+        works.folder / "single", captures[0], channels=94, variant="emptyfiltered"
+    )
+    recording = measurement_io.open_recording(folder)
+    found: dict[str, Any] = dict(files(folder))
+    found["single file"] = single.read_bytes()
+    found["single"] = measurement_io.open_capture(single).data
+    for i in range(2):
+        read = recording[i]
+        found[f"frame {i}"] = read.data
+        found[f"frame {i} projection"] = recording.max_projection(i).amplitude
+        found |= named(f"frame {i} depth", of_depth(recording.depth_map(i)))
+    described = json.dumps(measurement_io.describe(folder).to_dict(), sort_keys=True)
+    found["described"] = described.replace(str(works.folder), "")
+    found["checked"] = list(measurement_io.check_file(folder).checked)
+    sensors = measurement_io.read_alignment(folder / "alignment.json")
+    found["transform"] = sensors.to_antenna("photogrammetry")
+    return found
+
+
+def files(folder: Path) -> Iterator[tuple[str, bytes]]:
+    """Yield name and bytes of every file but locks."""
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.name != ".lock":
+            yield f"file {path.relative_to(folder).as_posix()}", path.read_bytes()
+
+
+LAYOUT = """
+[data]
+key = "lab/data"
+axes = ["freq", "rx", "tx"]
+[tx]
+key = "tx"
+[rx]
+key = "rx"
+[antennas]
+unit = "mm"
+[frequency]
+key = "f"
+unit = "GHz"
+"""
+
+
+@case(STORED)
+def layout_files(works: Works) -> Values:
+    """A file of another program, read by a layout."""
+    capture = works.points
+    with h5py.File(works.folder / "lab.h5", "w") as file:
+        file["lab/data"] = capture.data.transpose(2, 1, 0)
+        file["tx"], file["rx"] = 1e3 * capture.array.tx_m, 1e3 * capture.array.rx_m
+        file["f"] = 1e-9 * capture.waveform.frequencies_hz
+    (works.folder / "lab.toml").write_text(LAYOUT)
+    layout = measurement_io.read_layout(works.folder / "lab.toml")
+    read = measurement_io.open_with_layout(works.folder / "lab.h5", layout)
+    return {
+        **{"data": read.data, "tx": read.array.tx_m, "f": read.waveform.frequencies_hz},
+        "layout": {key: value for key, value in layout.plain().items() if key != "source"},
+    }
+
+
+# Data sets
+
+PLAN = """
+seed = 3
+samples = 3
+[poses]
+names = ["A", "F"]
+[hands]
+handedness = "both"
+shape = "sampled"
+edge_mm = 4
+[placement]
+x_mm = { uniform = [-10, 10] }
+z_mm = { normal = [300, 5] }
+rotation_y_deg = { uniform = [-20, 20] }
+[alpha]
+palm = { choice = [0.2, 0.8] }
+others = { uniform = [0.3, 0.7] }
+[impairments]
+snr_db = { uniform = [10, 20] }
+[radar]
+every = 8
+steps = 16
+[simulation]
+samples_per_mm2 = 0.05
+[image]
+step_mm = 10
+[output]
+shard_size = 2
+products = ["capture", "volume", "max_projection", "depth_map", "mesh", "joints"]
+"""
+
+
+@case(TRACED)
+def data_set(works: Works) -> Values:
+    """Every file of a data set but its lock, its samples as they are read, one recipe."""
+    (works.folder / "plan.toml").write_text(PLAN)
+    plan = clradar.dataset.read_plan(works.folder / "plan.toml")
+    folder = works.folder / "set"
+    result = clradar.dataset.run(plan, folder, device="pocl")
+    assert (result.made, result.aside) == (3, ())
+    found: dict[str, Any] = dict(files(folder))
+    for name in ("shards/shard-00000.h5", "shards/shard-00001.h5", "statistics.csv"):
+        assert f"file {name}" in found
+    with open(folder / "statistics.csv", newline="", encoding="utf-8") as table:
+        found["rows"] = [len(row) for row in csv.reader(table)]
+    with clradar.dataset.open_dataset(folder) as view:
+        for name, column in view.variables.items():
+            values = np.asarray(column.values)
+            # Text has the device's name in it, and is in the bytes of the files.
+            if values.dtype.kind in "biufc":
+                found[f"read {name}"] = values
+    for i in range(plan.samples):
+        found[f"recipe {i}"] = clradar.dataset.recipe(plan, i)
+    replayed = clradar.dataset.replay(folder, 1, device="pocl")
+    found["replayed"] = list(replayed.differences)
+    return found
+
+
+# The documents
+
+
+def document(
+    device: clradar.Device,
+    *,
+    cheap: bool = False,
+    only: Iterable[str] = (),
+    progress: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
+    """Compute results and return their digests as JSON.
+
+    Parameters
+    ----------
+    device : Device
+    cheap : bool
+        Leave out the cases that take long.
+    only : iterable of str
+        Names of cases; all if there is none.
+    progress : callable, optional
+        Called with a case's name before it is computed.
+    """
+    chosen = [c for c in CASES.values() if (c.cheap or not cheap) and (not only or c.name in only)]
+    results = {}
+    # What is not asked for a device takes the same.
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        mock.patch.dict(os.environ, {"CLRADAR_DEVICE": device.info.selector}),
+    ):
+        works = Works(device, Path(folder))
+        for c in chosen:
+            if progress is not None:
+                progress(c.name)
+            results[c.name] = {k: r.record() for k, r in sorted(c.results(works).items())}
+    return {
+        "environment": environment(device),
+        "clradar": clradar.__version__,
+        "results": results,
+    }
+
+
+def text_of(made: Mapping[str, Any]) -> str:
+    """Return a document as JSON with a line for each result."""
+    cases = []
+    for name, results in made["results"].items():
+        rows = [f"   {json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in results.items()]
+        cases.append(f"  {json.dumps(name)}: {{\n" + ",\n".join(rows) + "\n  }")
+    head = json.dumps({key: value for key, value in made.items() if key != "results"}, indent=1)
+    return head[:-2] + ',\n "results": {\n' + ",\n".join(cases) + "\n }\n}\n"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    action = parser.add_mutually_exclusive_group(required=True)
+    action.add_argument("--write", type=Path, metavar="FILE.json")
+    action.add_argument("--compare", type=Path, metavar="FILE.json")
+    parser.add_argument("--cheap", action="store_true", help="only what the tests compute")
+    parser.add_argument("--only", nargs="+", default=[], choices=list(CASES), metavar="CASE")
+    parser.add_argument("--width", type=int, choices=(1, 8), help="lanes, to round otherwise")
+    given = parser.parse_args(arguments)
+    device = clradar.open_device("pocl", width=given.width)
+    made = document(
+        device, cheap=given.cheap, only=given.only, progress=lambda name: print(name, flush=True)
+    )
+    if given.write is not None:
+        given.write.write_text(text_of(made))
+        return 0
+    expected = json.loads(given.compare.read_text())
+    found = compare(expected, made)
+    for line in found.lines:
+        print(line)
+    if expected["environment"] != made["environment"]:
+        print(environment_differences(expected["environment"], made["environment"]))
+    print(
+        f"{found.by_bits} results compared by their bits, "
+        f"{found.by_fingerprint} by their fingerprints, {len(found.lines)} differ"
+    )
+    compared = found.by_bits + found.by_fingerprint
+    return 1 if found.lines or not compared else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
