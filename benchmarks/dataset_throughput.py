@@ -23,9 +23,9 @@ from statistics import median
 from typing import Any
 
 from clradar.dataset import Plan, Sample, make_sample, read_plan, recipe, run
-from clradar.dataset.engine.processors import Share
 from clradar.dataset.engine.serial import Serial, made_with
-from clradar.dataset.store.shard import assemble, write_sample
+from clradar.dataset.engine.worker_resources import WorkerResources
+from clradar.dataset.store.shard_writer import assemble, write_sample
 from clradar.files.hashing import sha256_of
 from clradar.opencl import open_device
 
@@ -42,8 +42,8 @@ CLUSTER_CORES = (2, 32)
 TRIVIAL_TASKS = 2000
 
 
-def share(core: int) -> Share:
-    return Share(DEVICE, (core,), 1)
+def on_core(core: int) -> WorkerResources:
+    return WorkerResources(DEVICE, (core,), 1)
 
 
 def processor_time_s() -> float:
@@ -117,7 +117,7 @@ def on_one_core(path: Path, samples: int) -> dict[str, float]:
     """Return what `alone` measures in a process that has one core."""
     done = subprocess.run(
         [sys.executable, __file__, str(path), "--samples", str(samples), "--alone"],
-        env={**os.environ, **share(CORES[0]).environment(), **dict.fromkeys(BLAS, "1")},
+        env={**os.environ, **on_core(CORES[0]).environment(), **dict.fromkeys(BLAS, "1")},
         preexec_fn=lambda: os.sched_setaffinity(0, CORES[:1]),
         check=True,
         capture_output=True,
@@ -135,7 +135,7 @@ def on_workers(path: Path, samples: int, workers: int) -> dict[str, float]:
     begun_s = time.perf_counter()
     with (
         tempfile.TemporaryDirectory() as name,
-        local_cluster([share(core) for core in CORES[:workers]]) as (client, _),
+        local_cluster([on_core(core) for core in CORES[:workers]]) as (client, _),
     ):
         start_s = time.perf_counter() - begun_s
         timed_run(shortened(path, 4 * workers), Distributed(client), Path(name) / "warm")

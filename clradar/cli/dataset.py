@@ -153,10 +153,10 @@ def engine(workers: int | None, scheduler: str | None, device: str | None) -> It
             print_line(dashboard_text(client))
             yield Distributed(client, device)
         return
-    from clradar.dataset.engine.processors import shares
+    from clradar.dataset.engine.worker_resources import worker_resources
 
     assert workers is not None
-    with local_cluster(shares(workers, device)) as (client, end):
+    with local_cluster(worker_resources(workers, device)) as (client, end):
         print_line(dashboard_text(client))
         # Each worker has its device in CLRADAR_DEVICE.
         yield Distributed(client, end_workers=end)

@@ -11,9 +11,9 @@ from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.reader import read_plan
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.plan.table import PlanError
+from clradar.dataset.readers.torch_dataset import TorchDataset
+from clradar.dataset.readers.xarray_view import open_dataset
 from clradar.dataset.sample import Sample, make_sample
-from clradar.dataset.torch_dataset import TorchDataset
-from clradar.dataset.xarray_view import open_dataset
 
 __all__ = [
     "Plan",

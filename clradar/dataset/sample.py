@@ -14,7 +14,7 @@ import numpy as np
 
 from clradar.arrays import qar50
 from clradar.backproject import backproject
-from clradar.dataset.plan.hand_values import pose_of, shape_of
+from clradar.dataset.plan.hand_json import pose_of, shape_of
 from clradar.errors import ModelError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of

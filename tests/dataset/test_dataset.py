@@ -24,7 +24,6 @@ from rig_files import RigMaker
 import clradar
 from clradar.cli import main
 from clradar.dataset import PlanError, TorchDataset, make_sample, open_dataset, recipe, replay, run
-from clradar.dataset.contact_sheet import contact_sheet
 from clradar.dataset.engine.estimate import estimate
 from clradar.dataset.engine.serial import Outcome, PartMaker, Serial
 from clradar.dataset.plan.plan import Plan
@@ -42,7 +41,8 @@ from clradar.dataset.store.folder import (
     DatasetFolder,
     read_manifest,
 )
-from clradar.dataset.store.stored import opened, sample_of
+from clradar.dataset.store.shard_reader import opened, sample_of
+from clradar.dataset.summary.contact_sheet import contact_sheet
 from clradar.errors import ClradarError, MeasurementError, ModelError, OutputError
 from clradar.hand import JOINT_NAMES, POSES, HandShape, hand_mesh
 

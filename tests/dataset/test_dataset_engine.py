@@ -19,9 +19,9 @@ import pytest
 
 from clradar.cli import main
 from clradar.dataset import Plan, read_plan, run
-from clradar.dataset.engine.processors import Share, _dealt
 from clradar.dataset.engine.run import STOP_AFTER
 from clradar.dataset.engine.serial import ATTEMPTS, PartMaker, Serial
+from clradar.dataset.engine.worker_resources import WorkerResources, partition
 from clradar.errors import DeviceError, ModelError, OutputError
 from clradar.opencl import DeviceInfo
 
@@ -92,14 +92,17 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     import dask
 
     from clradar.dataset.engine.cluster import local_cluster
-    from clradar.dataset.engine.processors import shares
+    from clradar.dataset.engine.worker_resources import worker_resources
 
     os.environ.setdefault(faulty_samples.VARIABLE, str(tmp_path_factory.mktemp("f") / "faults"))
     faulty_samples.plan_faults({})
     preload = [str(Path(faulty_samples.__file__))]
     with (
         dask.config.set({"distributed.worker.preload": preload}),
-        local_cluster(shares(min(2, len(os.sched_getaffinity(0))), "pocl")) as (client, _),
+        local_cluster(worker_resources(min(2, len(os.sched_getaffinity(0))), "pocl")) as (
+            client,
+            _,
+        ),
     ):
         yield client
 
@@ -117,35 +120,35 @@ def distributed(client: Any) -> Any:
     return Distributed(client)
 
 
-# Shares of a machine
+# Partition of a machine
 
 
 def info(selector: str, kind: str) -> DeviceInfo:
     return DeviceInfo(selector, "name", "platform", "version", kind, 2**30, 2**28, 4)
 
 
-def test_cores_are_dealt_out_whole_and_once() -> None:
-    dealt = _dealt(3, [info("1:0", "cpu")], [0, 1, 2, 5, 6, 7, 8])
-    assert [share.cores for share in dealt] == [(0, 1, 2), (5, 6), (7, 8)]
-    assert [share.threads for share in dealt] == [3, 2, 2]
+def test_cores_are_partitioned() -> None:
+    found = partition(3, [info("1:0", "cpu")], [0, 1, 2, 5, 6, 7, 8])
+    assert [one.cores for one in found] == [(0, 1, 2), (5, 6), (7, 8)]
+    assert [one.threads for one in found] == [3, 2, 2]
     with pytest.raises(ModelError, match="at most 2, one per core"):
-        _dealt(3, [info("1:0", "cpu")], [0, 1])
+        partition(3, [info("1:0", "cpu")], [0, 1])
 
 
-def test_gpus_are_dealt_in_turn() -> None:
-    dealt = _dealt(3, [info("0:0", "gpu"), info("0:1", "gpu")], [0, 1])
-    assert [share.device for share in dealt] == ["0:0", "0:1", "0:0"]
-    assert {share.threads for share in dealt} == {1}
+def test_gpus_are_assigned_in_turn() -> None:
+    found = partition(3, [info("0:0", "gpu"), info("0:1", "gpu")], [0, 1])
+    assert [one.device for one in found] == ["0:0", "0:1", "0:0"]
+    assert {one.threads for one in found} == {1}
 
 
-def test_pocl_keeps_to_its_share() -> None:
+def test_pocl_keeps_to_its_threads() -> None:
     code = "from clradar.opencl import open_device; print(open_device().info.compute_units)"
     for threads in (1, 2):
         # As many of the loader's platforms as here: selectors are theirs.
-        share = Share("pocl", (0,), threads)
+        resources = WorkerResources("pocl", (0,), threads)
         found = subprocess.run(
             [sys.executable, "-c", code],
-            env={**os.environ, **share.environment()},
+            env={**os.environ, **resources.environment()},
             capture_output=True,
             text=True,
             check=True,

@@ -15,9 +15,9 @@ from rig_files import RigMaker
 
 from clradar.dataset import PlanError, read_plan, recipe
 from clradar.dataset.plan.draws import Draw, fixed, stream
-from clradar.dataset.plan.hand_values import pose_of
-from clradar.dataset.plan.plain import plan_digest, plan_record
+from clradar.dataset.plan.hand_json import pose_of
 from clradar.dataset.plan.plan import Plan
+from clradar.dataset.plan.plan_json import plan_digest, plan_record
 from clradar.dataset.plan.reader import plan_from
 from clradar.errors import MeasurementError, ModelError
 from clradar.hand import (

@@ -18,7 +18,7 @@ import dask
 from distributed import Client, Nanny, Scheduler, SpecCluster
 from distributed.diagnostics.plugin import WorkerPlugin
 
-from clradar.dataset.engine.processors import Share
+from clradar.dataset.engine.worker_resources import WorkerResources
 from clradar.errors import ClusterError
 from clradar.files.failures import clean
 
@@ -33,8 +33,10 @@ HERE = "127.0.0.1"
 
 
 @contextmanager
-def local_cluster(shares: Sequence[Share]) -> Iterator[tuple[Client, Callable[[], Any]]]:
-    """Start one worker process per share on this machine.
+def local_cluster(
+    resources: Sequence[WorkerResources],
+) -> Iterator[tuple[Client, Callable[[], Any]]]:
+    """Start one worker process for each of `resources` on this machine.
 
     Yields
     ------
@@ -47,7 +49,7 @@ def local_cluster(shares: Sequence[Share]) -> Iterator[tuple[Client, Callable[[]
     ClusterError
         The workers do not start.
     """
-    threads = str(min(share.threads for share in shares))
+    threads = str(min(one.threads for one in resources))
     settings = {
         # Read by numpy when it is loaded, so set before a process starts. They take the place of
         # Dask's MALLOC_TRIM_THRESHOLD_, by which every large array costs page faults anew and a
@@ -66,14 +68,14 @@ def local_cluster(shares: Sequence[Share]) -> Iterator[tuple[Client, Callable[[]
                 "host": HERE,
                 "nthreads": 1,
                 "resources": {DEVICE: 1},
-                "env": share.environment(),
-                "plugins": (KeepToCores(share.cores),),
+                "env": one.environment(),
+                "plugins": (KeepToCores(one.cores),),
                 # Results are numbers; a sample that needs much memory is no reason to kill it.
                 "memory_limit": None,
                 "silence_logs": logging.CRITICAL,
             },
         }
-        for i, share in enumerate(shares)
+        for i, one in enumerate(resources)
     }
     with dask.config.set(settings):
         try:

@@ -11,7 +11,7 @@ from clradar.dataset.engine.serial import made_with
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import make_sample
-from clradar.dataset.store.shard import assemble, write_sample
+from clradar.dataset.store.shard_writer import assemble, write_sample
 from clradar.opencl import open_device
 
 

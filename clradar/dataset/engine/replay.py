@@ -11,8 +11,8 @@ from clradar.dataset.engine.serial import made_with
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import Sample, make_sample
 from clradar.dataset.store.folder import place_of, read_manifest
-from clradar.dataset.store.shard import write_sample
-from clradar.dataset.store.stored import made_with_of, opened, row_of, sample_of
+from clradar.dataset.store.shard_reader import made_with_of, opened, row_of, sample_of
+from clradar.dataset.store.shard_writer import write_sample
 from clradar.files.work_folder import differences
 from clradar.opencl import open_device
 

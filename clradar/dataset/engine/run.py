@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from clradar.dataset.contact_sheet import write_contact_sheet
 from clradar.dataset.engine.serial import Engine, PartMaker, Serial, absolute, is_device_fault
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.sample import found_rig
@@ -19,9 +18,9 @@ from clradar.dataset.store.folder import (
     DatasetFolder,
     begin,
 )
-from clradar.dataset.store.reopen import reopen
-from clradar.dataset.store.repair import mend
-from clradar.dataset.summary import write_summary
+from clradar.dataset.store.repair import queue_corrupt, queue_set_aside
+from clradar.dataset.summary.contact_sheet import write_contact_sheet
+from clradar.dataset.summary.statistics import write_summary
 from clradar.errors import DeviceError, OutputError
 from clradar.files.work_folder import differences
 from clradar.model.progress import Progress
@@ -98,11 +97,11 @@ def run(
         if warn is not None:
             for line in differences(folder.manifest.made_with, made_with):
                 warn(f"{path}: was begun with {line}; the bits of samples depend on it")
-        for line in mend(folder):
+        for line in queue_corrupt(folder):
             if warn is not None:
                 warn(line)
         if retry:
-            reopen(folder)
+            queue_set_aside(folder)
         try:
             made = _make_missing(folder, engine, progress)
         finally:

@@ -14,7 +14,7 @@ from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import make_sample
 from clradar.dataset.store.folder import Aside, part_path
-from clradar.dataset.store.shard import write_sample
+from clradar.dataset.store.shard_writer import write_sample
 from clradar.errors import DeviceError, OutputError
 from clradar.files.failures import clean
 from clradar.opencl import Device, forget_devices, open_device

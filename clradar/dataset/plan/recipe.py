@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from clradar.dataset.plan.draws import Draw, stream
-from clradar.dataset.plan.hand_values import pose_record, shape_record
+from clradar.dataset.plan.hand_json import pose_record, shape_record
 from clradar.dataset.plan.plan import ChannelErrors, Hands, Impairments, Plan, Poses
-from clradar.dataset.plan.radar import simulation_settings
+from clradar.dataset.plan.radar_tables import simulation_settings
 from clradar.hand import (
     PART_NAMES,
     HandPose,

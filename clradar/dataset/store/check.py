@@ -21,7 +21,7 @@ from clradar.dataset.store.folder import (
     read_manifest,
 )
 from clradar.dataset.store.repair import shard_fault
-from clradar.dataset.store.stored import fields_of, opened
+from clradar.dataset.store.shard_reader import fields_of, opened
 from clradar.errors import ClradarError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.dataset.plan.hand_values import SHAPE_COLUMNS, angles_rad, shape_row
+from clradar.dataset.plan.hand_json import SHAPE_COLUMNS, angles_rad, shape_row
 from clradar.dataset.sample import grid_of, instrument
 from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
 

@@ -1,4 +1,4 @@
-"""What is damaged in a data set that is gone on with is made again."""
+"""Samples that are queued again: corrupt ones on every resume, set-aside ones on request."""
 
 from __future__ import annotations
 
@@ -6,26 +6,28 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from clradar.dataset.store.folder import SUMMARIES, DatasetFolder, ShardEntry, with_size
-from clradar.dataset.store.parts import check_note, check_part
+from clradar.dataset.store.part_check import check_note, check_part
+from clradar.dataset.store.shard_reader import made_with_of, opened, row_of, sample_of
+from clradar.dataset.store.shard_writer import write_sample
 from clradar.errors import MeasurementError
 from clradar.files.hashing import sha256_of
 
 
-def mend(folder: DatasetFolder) -> list[str]:
-    """Make the samples missing again whose files are missing or damaged.
+def queue_corrupt(folder: DatasetFolder) -> list[str]:
+    """Queue the samples again whose files are missing or corrupt.
 
-    Of shards that the manifest names, the size is looked at; those of a manifest without sizes are
-    read once. Parts and notes are read: they are those of a few shards at most.
+    The shards of the manifest are compared by size; those of a manifest without sizes are hashed
+    once. Parts and notes are read whole: they belong to a few shards at most.
 
     Returns
     -------
     list of str
-        One line per file that is to be made again.
+        One line per file whose samples are queued.
     """
-    return list(_mended_shards(folder)) + list(_mended_parts(folder))
+    return list(_corrupt_shards(folder)) + list(_corrupt_parts(folder))
 
 
-def _mended_shards(folder: DatasetFolder) -> Iterator[str]:
+def _corrupt_shards(folder: DatasetFolder) -> Iterator[str]:
     manifest = folder.manifest
     for number, entry in sorted(manifest.shards.items()):
         if entry.file is None:
@@ -33,7 +35,8 @@ def _mended_shards(folder: DatasetFolder) -> Iterator[str]:
         path = folder.shard(number)
         fault = shard_fault(path, entry)
         if fault is None and entry.size_bytes is None:
-            fault = _content_fault(path, entry)
+            if sha256_of(path) != entry.sha256:
+                fault = f"expected SHA-256 {entry.sha256}"
             manifest.shards[number] = with_size(entry, path)
         if fault is None:
             continue
@@ -43,7 +46,7 @@ def _mended_shards(folder: DatasetFolder) -> Iterator[str]:
 
 
 def shard_fault(path: Path, entry: ShardEntry) -> str | None:
-    """Return what is seen to be wrong with a shard without reading it, or None."""
+    """Return why a shard is missing or of another size, or None; it is not read."""
     if not path.is_file():
         return "is missing"
     size_bytes = path.stat().st_size
@@ -52,29 +55,31 @@ def shard_fault(path: Path, entry: ShardEntry) -> str | None:
     return None
 
 
-def _content_fault(path: Path, entry: ShardEntry) -> str | None:
-    return None if sha256_of(path) == entry.sha256 else f"expected SHA-256 {entry.sha256}"
-
-
 def _forget(folder: DatasetFolder, number: int) -> None:
-    """Make the samples of a closed shard missing, but for those that were set aside."""
+    """Queue the samples of a closed shard, except those that were set aside."""
     manifest = folder.manifest
     asides = [manifest.aside[s] for s in folder.plan.shard_samples(number) if s in manifest.aside]
     for aside in asides:
-        # First: whenever this is cut short, the sample stays set aside.
+        # First: if the process is killed after any later step, the sample stays set aside.
         folder.set_aside(aside)
+    _reopen(folder, number)
+
+
+def _reopen(folder: DatasetFolder, number: int) -> None:
+    """Remove a closed shard from the manifest and the disk, and the summaries that count it."""
+    manifest = folder.manifest
     for name in SUMMARIES:
         (folder.path / name).unlink(missing_ok=True)
     del manifest.shards[number]
-    for aside in asides:
-        del manifest.aside[aside.sample]
+    for sample in folder.plan.shard_samples(number):
+        manifest.aside.pop(sample, None)
     folder.write_manifest()
     path = folder.shard(number)
     if path.is_file() or path.is_symlink():
         path.unlink()
 
 
-def _mended_parts(folder: DatasetFolder) -> Iterator[str]:
+def _corrupt_parts(folder: DatasetFolder) -> Iterator[str]:
     for path in sorted(folder.own_parts()):
         sample = int(path.stem)
         try:
@@ -85,3 +90,28 @@ def _mended_parts(folder: DatasetFolder) -> Iterator[str]:
         except MeasurementError as error:
             path.unlink(missing_ok=True)
             yield f"{error}; sample {sample} is made again"
+
+
+def queue_set_aside(folder: DatasetFolder) -> None:
+    """Queue every sample again that was set aside.
+
+    The other samples of a closed shard are written as parts first, then the manifest forgets the
+    shard. A kill in between leaves parts of a closed shard, which the next run removes.
+    """
+    manifest = folder.manifest
+    for number in sorted({s // folder.plan.output.shard_size for s in manifest.aside}):
+        if manifest.shards[number].file is not None:
+            path = folder.shard(number)
+            with opened(path) as file:
+                for sample in folder.plan.shard_samples(number):
+                    if sample not in manifest.aside:
+                        row = row_of(file, path, sample)
+                        write_sample(
+                            folder.part(sample),
+                            sample_of(file, row),
+                            made_with_of(file, row),
+                            compression=folder.plan.output.compression,
+                            force=True,
+                        )
+        _reopen(folder, number)
+    folder.forget_notes()

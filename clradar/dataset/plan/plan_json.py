@@ -6,7 +6,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 from clradar.dataset.plan.draws import Draw
-from clradar.dataset.plan.hand_values import pose_record, shape_record
+from clradar.dataset.plan.hand_json import pose_record, shape_record
 from clradar.dataset.plan.plan import Alpha, Plan, digest
 from clradar.hand import HandPose, HandShape
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from clradar.dataset.plan.plan import PRODUCTS
+from clradar.dataset.readers.index import read_index
 from clradar.dataset.store.fields import FIELDS, LABELS
-from clradar.dataset.store.index import read_index
-from clradar.dataset.store.stored import opened
+from clradar.dataset.store.shard_reader import opened
 from clradar.errors import ClradarError
 from clradar.model import checks
 

@@ -11,7 +11,7 @@ import numpy as np
 from clradar.dataset.sample import Sample
 from clradar.dataset.store.fields import axes_of
 from clradar.dataset.store.folder import CONTACT_SHEET, Manifest
-from clradar.dataset.store.stored import opened, row_of, sample_of
+from clradar.dataset.store.shard_reader import opened, row_of, sample_of
 from clradar.files.atomic import replacing
 from clradar.hand import JOINT_NAMES
 from clradar.plot import AMPLITUDE_BACKGROUND, png_bytes

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.dataset.plan.plain import plan_record
+from clradar.dataset.plan.plan_json import plan_record
+from clradar.dataset.readers.index import Index, read_index
 from clradar.dataset.store.fields import FIELDS, LABELS, Field
 from clradar.dataset.store.folder import Manifest
-from clradar.dataset.store.index import Index, read_index
-from clradar.dataset.store.stored import fields_of, opened
+from clradar.dataset.store.shard_reader import fields_of, opened
 from clradar.errors import ClradarError
 from clradar.files.json_text import to_json
 

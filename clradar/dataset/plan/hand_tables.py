@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from clradar.dataset.plan.draws import Draw, fixed
-from clradar.dataset.plan.hand_values import pose_of, shape_of
+from clradar.dataset.plan.hand_json import pose_of, shape_of
 from clradar.dataset.plan.plan import Alpha, Hands, Placement, Poses, RigFile
 from clradar.dataset.plan.table import PlanTable, choice_text
 from clradar.errors import ClradarError, MeasurementError

@@ -15,7 +15,7 @@ import numpy as np
 
 from clradar.dataset.store.fields import FIELDS, LABELS
 from clradar.dataset.store.folder import STATISTICS, TABLE, Manifest
-from clradar.dataset.store.stored import fields_of, opened
+from clradar.dataset.store.shard_reader import fields_of, opened
 from clradar.files.atomic import replacing
 from clradar.files.json_file import write_json
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.store.fields import FIELDS, fields_of_products
-from clradar.dataset.store.stored import fields_of, made_with_of, opened
+from clradar.dataset.store.shard_reader import fields_of, made_with_of, opened
 from clradar.files.failures import fail, reading
 from clradar.files.json_file import read_json_object
 

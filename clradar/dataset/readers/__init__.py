@@ -1,0 +1,1 @@
+"""Data sets as xarray and as PyTorch see them."""

@@ -1,0 +1,1 @@
+"""Statistics and contact sheet of a complete data set."""
