@@ -74,6 +74,10 @@ def breaches(importers: list[str], forbidden: list[str]) -> list[str]:
     ]
 
 
+# The rooms of clradar.dataset, in the same order.
+DATASET_FLOORS = ("plan", "sample", "store", "summary", "engine", "readers")
+
+
 def modules(*packages: str) -> list[str]:
     return [name for name in sorted(FILES) if any(within(name, p) for p in packages)]
 
@@ -97,6 +101,17 @@ def test_clradar_imports_downwards(name: str) -> None:
         there = room_of(imported)
         if within(imported, "clradar") and there != here:
             assert RANK[there] < RANK[here], f"{name} imports {imported}, which is not below it"
+
+
+@pytest.mark.parametrize("name", modules("clradar.dataset"))
+def test_data_sets_import_downwards(name: str) -> None:
+    if name == "clradar.dataset":
+        return
+    rank = DATASET_FLOORS.index(name.split(".")[2])
+    for imported in IMPORTS[name]:
+        if within(imported, "clradar.dataset"):
+            there = imported.split(".")[2]
+            assert DATASET_FLOORS.index(there) <= rank, f"{name} imports {imported}"
 
 
 def test_rooms_of_calibration_import_nothing_from_each_other() -> None:

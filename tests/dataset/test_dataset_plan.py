@@ -17,7 +17,7 @@ from clradar.dataset import PlanError, read_plan, recipe
 from clradar.dataset.plan.draws import Draw, fixed, stream
 from clradar.dataset.plan.hand_json import pose_of
 from clradar.dataset.plan.plan import Plan
-from clradar.dataset.plan.plan_json import plan_digest, plan_record
+from clradar.dataset.plan.plan_json import plan_record
 from clradar.dataset.plan.reader import plan_from
 from clradar.errors import MeasurementError, ModelError
 from clradar.hand import (
@@ -83,7 +83,7 @@ def test_a_plan_comes_back_from_its_record() -> None:
     ):
         record = json.loads(json.dumps(plan_record(plan), allow_nan=False))
         assert plan_from(record, "manifest", HERE) == plan
-        assert plan_digest(plan_from(record, "manifest", HERE)) == plan_digest(plan)
+        assert plan_record(plan_from(record, "manifest", HERE)) == plan_record(plan)
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from clradar.dataset.plan.draws import Draw
+from clradar.tracing.settings import SimulationSettings
 
 PRODUCTS = ("capture", "volume", "max_projection", "depth_map", "mesh", "joints")
 """What can be kept of a sample."""
@@ -173,22 +172,6 @@ class Impairments:
 
 
 @dataclass(frozen=True, slots=True)
-class Simulation:
-    """The arguments of `clradar.simulate`, resolved."""
-
-    estimator: str
-    samples_per_mm2: float | None
-    rays_per_face: int | None
-    rays_per_sample: int
-    reception_radius_mm: float
-    max_bounces: int
-    normals: str
-    crease_deg: float
-    amplitude: str
-    pattern_exponent: float
-
-
-@dataclass(frozen=True, slots=True)
 class Radar:
     """Which instrument.
 
@@ -247,6 +230,8 @@ class Plan:
 
     Attributes
     ----------
+    simulation : SimulationSettings
+        Resolved; each sample draws a seed of its own.
     folder : Path
         What the names of rig files are relative to. Not a part of what the plan says: a plan in
         another folder is the same plan.
@@ -260,7 +245,7 @@ class Plan:
     alpha: Alpha
     impairments: Impairments
     radar: Radar
-    simulation: Simulation
+    simulation: SimulationSettings
     image: Image
     output: Output
     folder: Path = field(default=Path(), compare=False)
@@ -281,9 +266,3 @@ class Plan:
     @property
     def needs_capture(self) -> bool:
         return self.keeps_images or "capture" in self.output.products
-
-
-def digest(plain: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a JSON value, whatever the order of its keys."""
-    text = json.dumps(plain, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()

@@ -1,14 +1,15 @@
-"""A plan as a JSON value in the language of plan files, with nothing left out."""
+"""A plan as a JSON value in the vocabulary of plan files, every key written out."""
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from typing import Any
 
 from clradar.dataset.plan.draws import Draw
 from clradar.dataset.plan.hand_json import pose_record, shape_record
-from clradar.dataset.plan.plan import Alpha, Plan, digest
+from clradar.dataset.plan.plan import Alpha, Plan
 from clradar.hand import HandPose, HandShape
+from clradar.tracing.settings import SimulationSettings
 
 
 def plan_record(plan: Plan) -> dict[str, Any]:
@@ -17,7 +18,7 @@ def plan_record(plan: Plan) -> dict[str, Any]:
     Poses are written out with their angles: the record does not change when the poses of the
     package or the pose files do.
     """
-    record = _plain(plan)
+    record = _json(plan)
     del record["folder"]
     poses = record["poses"]
     poses["resolved"] = poses.pop("poses", [])
@@ -26,12 +27,7 @@ def plan_record(plan: Plan) -> dict[str, Any]:
     return record
 
 
-def plan_digest(plan: Plan) -> str:
-    """Return the SHA-256 that tells plans apart."""
-    return digest(plan_record(plan))
-
-
-def _plain(value: Any) -> Any:
+def _json(value: Any) -> Any:
     if isinstance(value, Draw):
         return value.to_plain()
     if isinstance(value, HandPose):
@@ -39,12 +35,31 @@ def _plain(value: Any) -> Any:
     if isinstance(value, HandShape):
         return shape_record(value)
     if isinstance(value, Alpha):
-        return {
-            name: _plain(draw) for name, draw in {**value.parts, "others": value.others}.items()
-        }
+        return {name: _json(draw) for name, draw in {**value.parts, "others": value.others}.items()}
+    if isinstance(value, SimulationSettings):
+        return _simulation(value)
     if is_dataclass(value):
         pairs = ((f.name, getattr(value, f.name)) for f in fields(value))
-        return {name: _plain(item) for name, item in pairs if item not in (None, ())}
+        return {name: _json(item) for name, item in pairs if item not in (None, ())}
     if isinstance(value, tuple):
-        return [_plain(item) for item in value]
+        return [_json(item) for item in value]
     return value
+
+
+def _simulation(settings: SimulationSettings) -> dict[str, Any]:
+    record: dict[str, Any] = {"estimator": settings.estimator}
+    for name, value in asdict(settings).items():
+        if name == "reception_radius_m":
+            record["reception_radius_mm"] = _millimetres(value)
+        elif name != "seed" and value is not None:
+            record[name] = value
+    return record
+
+
+def _millimetres(length_m: float) -> float:
+    """Return the shortest decimal number of millimetres that is read as this length."""
+    for digits in range(17):
+        length_mm = round(1e3 * length_m, digits)
+        if length_mm / 1e3 == length_m:
+            return length_mm
+    return 1e3 * length_m

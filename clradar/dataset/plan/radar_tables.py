@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from clradar.backproject import METHODS, WINDOWS
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.dataset.plan.draws import fixed
-from clradar.dataset.plan.plan import ChannelErrors, Image, Impairments, Radar, Simulation, WallPlan
+from clradar.dataset.plan.plan import ChannelErrors, Image, Impairments, Radar, WallPlan
 from clradar.dataset.plan.table import PlanTable, is_number
 from clradar.geometry.normals import CREASE_DEG
 from clradar.model import VoxelGrid
-from clradar.tracing.settings import RECEPTION_RADIUS_M, SimulationSettings, resolve_settings
+from clradar.tracing.settings import RECEPTION_RADIUS_M, SimulationSettings
 
 SAMPLES_PER_MM2, RAYS_PER_SAMPLE = 0.25, 160
 """As many rays per square millimetre as `simulate` takes by default: the scale is the same."""
@@ -91,7 +93,7 @@ def radar_of(table: PlanTable) -> Radar:
     return Radar(array, every, start, stop, steps)
 
 
-def simulation_of(table: PlanTable) -> Simulation:
+def simulation_of(table: PlanTable) -> SimulationSettings:
     estimator = table.one_of("estimator", "expected", ("expected", "stochastic"))
     density = None
     rays_per_face = None
@@ -104,40 +106,24 @@ def simulation_of(table: PlanTable) -> Simulation:
         table.mistake("rays_per_face", "one of it and samples_per_mm2", "both")
         density = None
     rays = 1 if rays_per_face is not None else RAYS_PER_SAMPLE if estimator == "expected" else 4
-    found = Simulation(
-        estimator=estimator,
-        samples_per_mm2=density,
-        rays_per_face=rays_per_face,
-        rays_per_sample=table.whole("rays_per_sample", rays, 1, 2**16),
-        reception_radius_mm=table.number(
+    values: dict[str, Any] = {
+        "estimator": estimator,
+        "samples_per_mm2": density,
+        "rays_per_face": rays_per_face,
+        "rays_per_sample": table.whole("rays_per_sample", rays, 1, 2**16),
+        "reception_radius_m": table.number(
             "reception_radius_mm", 1e3 * RECEPTION_RADIUS_M, 0.0, 1000.0, above=True
-        ),
-        max_bounces=table.whole("max_bounces", 1, 1, 255),
-        normals=table.one_of("normals", "smooth", ("smooth", "face")),
-        crease_deg=table.number("crease_deg", CREASE_DEG, 0.0, 180.0),
-        amplitude=table.one_of("amplitude", "unit", ("unit", "spreading")),
-        pattern_exponent=table.number("pattern_exponent", 0.0, 0.0, 100.0),
-    )
-    table.checked("", simulation_settings, found, 0)
+        )
+        / 1e3,
+        "max_bounces": table.whole("max_bounces", 1, 1, 255),
+        "normals": table.one_of("normals", "smooth", ("smooth", "face")),
+        "crease_deg": table.number("crease_deg", CREASE_DEG, 0.0, 180.0),
+        "amplitude": table.one_of("amplitude", "unit", ("unit", "spreading")),
+        "pattern_exponent": table.number("pattern_exponent", 0.0, 0.0, 100.0),
+    }
+    found = table.checked("", lambda: SimulationSettings(**values))
     table.done(("samples_per_mm2", "rays_per_face"))
-    return found
-
-
-def simulation_settings(simulation: Simulation, seed: int) -> SimulationSettings:
-    """Return the arguments of `clradar.simulate` that a plan's table stands for, checked."""
-    return resolve_settings(
-        samples_per_mm2=simulation.samples_per_mm2,
-        rays_per_face=simulation.rays_per_face,
-        rays_per_sample=simulation.rays_per_sample,
-        reception_radius_m=simulation.reception_radius_mm / 1e3,
-        max_bounces=simulation.max_bounces,
-        normals=simulation.normals,
-        crease_deg=simulation.crease_deg,
-        amplitude=simulation.amplitude,
-        pattern_exponent=simulation.pattern_exponent,
-        seed=seed,
-        estimator=simulation.estimator,
-    )
+    return SimulationSettings() if found is None else found
 
 
 def image_of(table: PlanTable) -> Image:

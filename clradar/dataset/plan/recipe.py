@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from clradar.dataset.plan.draws import Draw, stream
 from clradar.dataset.plan.hand_json import pose_record, shape_record
 from clradar.dataset.plan.plan import ChannelErrors, Hands, Impairments, Plan, Poses
-from clradar.dataset.plan.radar_tables import simulation_settings
 from clradar.hand import (
     PART_NAMES,
     HandPose,
@@ -136,7 +135,7 @@ def _alpha(plan: Plan, drawn: _Drawn) -> dict[str, float]:
 
 
 def _simulation(plan: Plan, drawn: _Drawn) -> Recipe:
-    settings = simulation_settings(plan.simulation, drawn.seed("simulation.seed"))
+    settings = replace(plan.simulation, seed=drawn.seed("simulation.seed"))
     return {name: getattr(settings, name) for name in settings.__slots__}
 
 
