@@ -1,4 +1,4 @@
-"""Keep the echoes of a window of range, and reject the others: coupling, walls, mirror images."""
+"""Range gating by a Wiener filter over frequency, against coupling, walls and mirror images."""
 
 from __future__ import annotations
 
@@ -11,30 +11,38 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import Capture, Waveform, checks
 
 EDGE_CELLS = 4.0
-"""Width of the gate's edges in resolution cells c / 2B, if none is given: 6 cm for 10 GHz."""
+"""Default width of the transition bands in resolution cells c / 2B: 6 cm for 10 GHz."""
 CLUTTER_DB = 40.0
 EDGE_WEIGHT = 0.03
-"""How much the edges count. With less, what lies in them can grow (fourfold at 0.001)."""
+"""Weight of the transition bands. With less, echoes in them can grow (fourfold at 0.001)."""
 NOISE = 1e-3
-"""Power of the noise against that of the scene, per delay: keeps the gate from amplifying it."""
+"""Power of the noise relative to the scene, per delay: keeps the gate from amplifying noise."""
 PROBES_PER_CELL = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gate:
-    """A linear map of the samples over frequency that keeps the echoes of a window of range.
+    """A linear map over the frequencies of a pair that keeps the echoes of a range window.
 
     Attributes
     ----------
     matrix : numpy.ndarray, shape (n_freq, n_freq), complex128
         The gated samples of a pair are `matrix @ s[tx, rx]`.
     near_m, far_m, edge_m : float, metres
-        The window, in half path length, and the width of each edge outside it.
+        The window, in half path length, and the width of each transition band outside it.
     clutter_db : float, dB
     passband_db : float, dB
-        Least amplitude, over the window, to which an echo is changed: |<s, G s>| / <s, s>.
+        Smallest gain of an echo in the window, |<s, G s>| / <s, s>.
     rejection_db : float, dB
-        Least suppression of the RMS of an echo beyond the edges.
+        Smallest suppression of the RMS of an echo beyond the transition bands.
+
+    Examples
+    --------
+    >>> import calibration, clradar
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
+    >>> window = calibration.gate(waveform, near_m=0.1, far_m=0.2)
+    >>> window.matrix.shape, round(window.edge_m, 3)
+    ((32, 32), 0.06)
     """
 
     matrix: np.ndarray
@@ -46,7 +54,7 @@ class Gate:
     rejection_db: float
 
     def record(self) -> dict[str, float]:
-        """Return everything but the matrix, in types that JSON knows."""
+        """Everything but the matrix, in types that JSON has."""
         names = ("near_m", "far_m", "edge_m", "clutter_db", "passband_db", "rejection_db")
         return {name: getattr(self, name) for name in names}
 
@@ -59,7 +67,7 @@ def range_gate(
     edge_m: float | None = None,
     clutter_db: float = CLUTTER_DB,
 ) -> Capture:
-    """Return the capture without the echoes from outside a window of range.
+    """Remove the echoes from outside a range window.
 
     Range is half of the path length, (|p - tx| + |p - rx|) / 2, the same window for every pair. The
     direct coupling, whose path is |tx - rx|, lies below half of the aperture's diagonal (0.1 m for
@@ -71,11 +79,12 @@ def range_gate(
     near_m, far_m : float, metres
         Echoes from near_m to far_m are kept.
     edge_m : float, metres, optional
-        Echoes nearer than near_m - edge_m and farther than far_m + edge_m are rejected; between,
-        anything may happen. Four resolution cells c / 2B if not given: 60 mm for 10 GHz.
+        Echoes nearer than near_m - edge_m and farther than far_m + edge_m are rejected; those
+        between may be attenuated by any amount. Default: four resolution cells c / 2B, 60 mm for
+        10 GHz.
     clutter_db : float, dB
-        How much stronger the echoes outside are than those inside, about: more rejects better, and
-        changes what is inside more.
+        Power of the echoes outside relative to those inside, roughly: more rejects better, and
+        distorts the window more.
 
     Returns
     -------
@@ -85,19 +94,34 @@ def range_gate(
     Raises
     ------
     ModelError
-        No range, a window beyond the unambiguous range c / 2 df, or edges that leave nothing to
-        reject.
+        A single frequency, a window beyond the unambiguous range c / 2 df, or edges that leave
+        nothing to reject.
 
     See Also
     --------
     gate : the map itself, and its equation.
+
+    Examples
+    --------
+    An echo at 0.15 m is kept, one at 0.4 m is rejected:
+
+    >>> import calibration, clradar, numpy as np
+    >>> from clradar import reference
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
+    >>> for z_m in (0.15, 0.4):
+    ...     echo = reference.point_targets(array, waveform, [[0, 0, z_m]], [1.0])
+    ...     gated = calibration.range_gate(echo, near_m=0.1, far_m=0.2)
+    ...     gain = np.linalg.norm(gated.data) / np.linalg.norm(echo.data)
+    ...     print(f"{20 * np.log10(gain):.1f} dB")
+    -0.4 dB
+    -67.8 dB
     """
     checks.instance("range_gate: capture", capture, Capture)
     found = gate(capture.waveform, near_m=near_m, far_m=far_m, edge_m=edge_m, clutter_db=clutter_db)
     data = np.empty(capture.data.shape, np.complex64)
-    turned = found.matrix.T
     for out, row in zip(data, capture.data, strict=True):
-        out[:] = row.astype(np.complex128) @ turned
+        out[:] = row.astype(np.complex128) @ found.matrix.T
     data.flags.writeable = False
     meta = {**capture.meta, "range_gate": found.record()}
     return Capture(data, capture.array, capture.waveform, meta)
@@ -111,24 +135,34 @@ def gate(
     edge_m: float | None = None,
     clutter_db: float = CLUTTER_DB,
 ) -> Gate:
-    """Return the map that `range_gate` applies.
+    """Compute the linear map that `range_gate` applies.
 
     Parameters and errors are those of `range_gate`.
 
+    Returns
+    -------
+    Gate
+
     Notes
     -----
-    A window of weights over the inverse Fourier transform takes the band for one period of
-    something endless, and so mixes its two ends. Instead, this is the linear map G with the least
-    mean square error for echoes of every path length d within one period D = c / df,
+    A window over the inverse Fourier transform treats the band as one period of a periodic signal,
+    and so mixes its two ends. Instead, this is the linear map G with the least mean square error
+    for echoes of every path length d within one period D = c / df,
 
         G = argmin  int p(d) |G a(d) - w(d) a(d)|^2 dd + eps |G|^2,  a(d)_n = exp(-j 2 pi f_n d / c)
           = [int p w a a^H] [int p a a^H + eps I]^-1,
 
     with p = 1, w = 1 in the window, w = 0 and p = 10^(clutter_db / 10) outside, and p = 0.03,
-    w = 1/2 in the edges, whose echoes may go either way: the Wiener filter for clutter that much
-    stronger than the scene. Every integral has a closed form (a sinc), so the steps between
-    frequencies may differ; D is then that of the largest. Delays below zero are the end of the
-    period, so mirror images from IQ imbalance are rejected as well.
+    w = 1/2 in the transition bands: the Wiener filter for clutter of that power. Every integral has
+    a closed form (a sinc), so the frequency steps may differ; D is then that of the largest. Delays
+    below zero are the end of the period, so mirror images from IQ imbalance are rejected as well.
+
+    Examples
+    --------
+    >>> import calibration, clradar
+    >>> window = calibration.gate(clradar.Waveform.sfcw(72e9, 82e9, 32), near_m=0.1, far_m=0.2)
+    >>> round(window.passband_db, 1), round(window.rejection_db)
+    (-0.5, 51)
     """
     checks.instance("range_gate: waveform", waveform, Waveform)
     if waveform.n_freq < 2:
@@ -168,41 +202,31 @@ def gate(
     whole += NOISE * np.eye(waveform.n_freq)
     matrix = np.linalg.solve(whole, wanted).conj().T  # both are Hermitian
     matrix.flags.writeable = False
-    passband_db, rejection_db = _measured(matrix, offsets_hz, near, far, edge, period_m)
+
+    echoes, kept = _responses(matrix, offsets_hz, near, far)
+    passband_db = _db(np.abs((echoes.conj() * kept).mean(axis=0)).min())
+    _, left = _responses(matrix, offsets_hz, far + edge, period_m + near - edge)
+    rejection_db = -_db(np.sqrt((np.abs(left) ** 2).mean(axis=0)).max())
     return Gate(matrix, near, far, edge, clutter, passband_db, rejection_db)
 
 
 def _gram(offsets_hz: np.ndarray, low_m: float, high_m: float, period_m: float) -> np.ndarray:
-    """Return the integral of a a^H over half paths, in periods, shape (n_freq, n_freq)."""
+    """Integral of a a^H over half path lengths, in periods, shape (n_freq, n_freq)."""
     difference = 2 * (offsets_hz[:, None] - offsets_hz) / SPEED_OF_LIGHT_M_PER_S
     width_m, middle_m = high_m - low_m, (high_m + low_m) / 2
-    turns = np.exp(-2j * np.pi * difference * middle_m)
-    return width_m / period_m * np.sinc(difference * width_m) * turns
+    phasors = np.exp(-2j * np.pi * difference * middle_m)
+    return width_m / period_m * np.sinc(difference * width_m) * phasors
 
 
-def _measured(
-    matrix: np.ndarray,
-    offsets_hz: np.ndarray,
-    near_m: float,
-    far_m: float,
-    edge_m: float,
-    period_m: float,
-) -> tuple[float, float]:
-    """Return `passband_db` and `rejection_db` of Gate, from echoes an eighth of a cell apart."""
+def _responses(
+    matrix: np.ndarray, offsets_hz: np.ndarray, low_m: float, high_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Echoes an eighth of a resolution cell apart, before and after the gate, (n_freq, n)."""
     cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * float(offsets_hz[-1] - offsets_hz[0]))
-
-    def response(low_m: float, high_m: float) -> tuple[np.ndarray, np.ndarray]:
-        count = int(np.ceil(PROBES_PER_CELL * (high_m - low_m) / cell_m)) + 2
-        range_m = np.linspace(low_m, high_m, count)
-        turns = 2 / SPEED_OF_LIGHT_M_PER_S * np.outer(offsets_hz, range_m)
-        echoes = np.exp(-2j * np.pi * turns)
-        return echoes, matrix @ echoes
-
-    echoes, kept = response(near_m, far_m)
-    passband = np.abs((echoes.conj() * kept).mean(axis=0)).min()
-    _, left = response(far_m + edge_m, period_m + near_m - edge_m)
-    rejection = np.sqrt((np.abs(left) ** 2).mean(axis=0)).max()
-    return _db(passband), -_db(rejection)
+    count = int(np.ceil(PROBES_PER_CELL * (high_m - low_m) / cell_m)) + 2
+    range_m = np.linspace(low_m, high_m, count)
+    echoes = np.exp(-2j * np.pi * (2 / SPEED_OF_LIGHT_M_PER_S * np.outer(offsets_hz, range_m)))
+    return echoes, matrix @ echoes
 
 
 def _db(amplitude: Any) -> float:

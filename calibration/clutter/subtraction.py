@@ -1,4 +1,4 @@
-"""Take out of a recording what is there without the object: noise by averaging, the empty room."""
+"""Coherent averaging of frames, and background subtraction by generalised least squares."""
 
 from __future__ import annotations
 
@@ -13,43 +13,55 @@ from clradar.model.capture import check_same_radar
 
 SCALINGS = ("none", "common", "channel")
 ROUNDS = 6
-"""Estimates of the factors, each with the weights that the last one's remainder gives."""
+"""Reweighting rounds: each takes its weights from the residual of the last."""
 ALTERNATIONS = 20
-"""Steps between Tx and Rx factors; the product of two vectors is found to rounding in far fewer."""
+"""Alternating least-squares steps between Tx and Rx factors; converged to rounding long before."""
 FLOOR = 1e-12
-"""Least remainder in a delay bin, against the mean power: where nothing remains, weights end."""
+"""Smallest residual power of a delay bin, relative to the mean: bounds the weights."""
 
 
 def average_frames(captures: Iterable[Capture], *, align_phase: bool = False) -> Capture:
-    """Return the coherent mean of frames of a scene that did not move.
+    """Average frames of a static scene coherently.
 
     Parameters
     ----------
     captures : iterable of Capture
-        One at a time is held, and the sum.
+        Only one at a time is held, besides the sum.
     align_phase : bool
-        First turn every frame by the one phase that fits the sum of those before it best. For a
-        phase that drifts alike on all channels; a change of the scene would be turned along.
+        Rotate every frame by the phase that maximises its correlation with the sum of those before
+        it. For a phase drift common to all channels; a change of the scene would be rotated, too.
 
     Returns
     -------
     Capture
         With the metadata in which all frames agree; `meta["average"]` holds the number of frames
-        and the phases by which they were turned, radians.
+        and the phases by which they were rotated, radians.
 
     Raises
     ------
     ModelError
-        No frame, something that is no capture, other antennas or frequencies than the first.
+        No frame, something that is not a capture, other antennas or frequencies than the first.
 
     Notes
     -----
     Summed in complex128. Noise that is independent from frame to frame goes down by 10 log10(n) dB.
+
+    Examples
+    --------
+    >>> import calibration, clradar, numpy as np
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
+    >>> waveform = clradar.Waveform([77e9])
+    >>> frames = [clradar.Capture(np.full((1, 1, 1), v), array, waveform) for v in (2, 2j)]
+    >>> for align_phase in (False, True):
+    ...     mean = calibration.average_frames(frames, align_phase=align_phase)
+    ...     print(np.round(mean.data[0, 0, 0], 3))
+    (1+1j)
+    (2+0j)
     """
     first: Capture | None = None
     total = np.zeros(0, np.complex128)
     common: dict[str, Any] = {}
-    turned_rad: list[float] = []
+    rotated_rad: list[float] = []
     for number, capture in enumerate(captures):
         field = f"average_frames: frame {number}"
         checks.instance(field, capture, Capture)
@@ -57,28 +69,26 @@ def average_frames(captures: Iterable[Capture], *, align_phase: bool = False) ->
             first = capture
             total = capture.data.astype(np.complex128)
             common = dict(capture.meta)
-            turned_rad.append(0.0)
+            rotated_rad.append(0.0)
             continue
         check_same_radar(field, capture, first)
         common = {k: v for k, v in common.items() if k in capture.meta and capture.meta[k] == v}
-        phase = 0.0
-        if align_phase:
-            phase = float(np.angle(_inner(capture.data, total)))
-        turned_rad.append(phase)
-        turn = np.exp(1j * phase)
+        phase = float(np.angle(_inner(capture.data, total))) if align_phase else 0.0
+        rotated_rad.append(phase)
+        phasor = np.exp(1j * phase)
         for tx, row in enumerate(capture.data):
-            total[tx] += turn * row.astype(np.complex128)
+            total[tx] += phasor * row.astype(np.complex128)
     if first is None:
         checks.fail("average_frames", "at least one frame", "none")
-    total /= len(turned_rad)
-    record: dict[str, Any] = {"frames": len(turned_rad), "align_phase": bool(align_phase)}
+    total /= len(rotated_rad)
+    record: dict[str, Any] = {"frames": len(rotated_rad), "align_phase": bool(align_phase)}
     if align_phase:
-        record["turned_rad"] = turned_rad
+        record["turned_rad"] = rotated_rad
     return Capture(total, first.array, first.waveform, {**common, "average": record})
 
 
 def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "none") -> Capture:
-    """Return the capture minus what was recorded without the object.
+    """Subtract a capture that was recorded without the object.
 
     Parameters
     ----------
@@ -97,18 +107,33 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
     ------
     ModelError
         Other antennas or frequencies, an unknown scaling, or an empty capture that is zero where it
-        should be scaled.
+        has to be scaled.
 
     Notes
     -----
     The factors minimise sum_q w_q |Y_q - u_tx v_rx E_q|^2 over the delay bins q of both (Hann
-    window over frequency). Plain least squares (w = 1) would fit the background to the object as
-    well. The object is the disturbance here, so each bin gets the inverse of the power that is left
-    in it, averaged over the pairs, and the fit is repeated with these weights: bins that the object
-    reaches lose their say, bins with coupling and walls alone decide (feasible generalised least
-    squares). docs/background.md has the figures.
+    window over frequency). Ordinary least squares (w = 1) would fit the background to the object as
+    well. The object is the disturbance here, so each bin is weighted by the inverse of its residual
+    power, averaged over the pairs, and the fit is repeated (feasible generalised least squares):
+    bins that the object reaches hardly count, those of coupling and walls alone decide.
+    docs/background.md has measured errors.
 
-    The noise of `empty` is added to the result: average many frames of the empty room.
+    The noise of `empty` is added to the result: average many frames without the object.
+
+    Examples
+    --------
+    >>> import calibration, clradar, numpy as np
+    >>> from clradar import reference
+    >>> q = clradar.arrays.qar50()
+    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> empty = reference.point_targets(array, waveform, [[0, 0, 0.4]], [3.0])
+    >>> both = reference.point_targets(
+    ...     array, waveform, [[0, 0, 0.4], [0, 0, 0.3]], [3j, 1.0])
+    >>> left = calibration.subtract_background(both, empty, scaling="common")
+    >>> factor = complex(*left.meta["background"]["factor"])
+    >>> print(f"{abs(factor):.3f} at {np.degrees(np.angle(factor)):.0f} degrees")
+    1.000 at 90 degrees
     """
     checks.instance("subtract_background: capture", capture, Capture)
     checks.instance("subtract_background: empty", empty, Capture)
@@ -122,9 +147,10 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
             checks.fail("subtract_background: empty", "something to scale", "zeros only")
         tx_factor, rx_factor = _fitted(capture, empty, per_channel=scaling == "channel")
         if scaling == "common":
-            record["factor"] = _pairs(tx_factor[:1])[0]
+            record["factor"] = _real_imaginary(tx_factor[:1])[0]
         else:
-            record["tx_factor"], record["rx_factor"] = _pairs(tx_factor), _pairs(rx_factor)
+            record["tx_factor"] = _real_imaginary(tx_factor)
+            record["rx_factor"] = _real_imaginary(rx_factor)
     data = np.empty(capture.data.shape, np.complex64)
     for tx, out in enumerate(data):
         scaled = (tx_factor[tx] * rx_factor)[:, None] * empty.data[tx].astype(np.complex128)
@@ -137,14 +163,14 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
 def _fitted(
     capture: Capture, empty: Capture, *, per_channel: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the factors of Tx and Rx by which the empty capture comes nearest to the other."""
+    """Factors of Tx and Rx that bring the empty capture nearest to the other."""
     measured, known = _profiles(capture), _profiles(empty)
     tx = np.ones(capture.array.n_tx, np.complex128)
     rx = np.ones(capture.array.n_rx, np.complex128)
     power_in_bin = np.stack([(np.abs(k) ** 2).mean(axis=0) for k in known]).mean(axis=0)
     floor = FLOOR * float(power_in_bin.mean())
-    # Bins without echoes hold noise in place of the empty room; fitted to, it would pull the
-    # factors towards zero. The emptiest bin tells how much noise there is.
+    # Bins without echoes hold noise in place of the background; fitted to, it would pull the
+    # factors towards zero. The weakest bin estimates the noise.
     known_share = (1 - power_in_bin.min() / np.maximum(power_in_bin, floor)).clip(0) ** 2
     if not known_share.any():
         known_share[:] = 1
@@ -153,7 +179,7 @@ def _fitted(
         cross = np.stack([(k.conj() * m) @ weights for k, m in zip(known, measured, strict=True)])
         power = np.stack([np.abs(k) ** 2 @ weights for k in known])
         if per_channel:
-            tx, rx = _two_vectors(cross, power, tx, rx)
+            tx, rx = _rank_one_factors(cross, power, tx, rx)
         else:
             tx = np.full_like(tx, cross.sum() / power.sum())
         left = np.zeros(len(weights))
@@ -164,17 +190,17 @@ def _fitted(
     return tx, rx
 
 
-def _two_vectors(
+def _rank_one_factors(
     cross: np.ndarray, power: np.ndarray, tx: np.ndarray, rx: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Minimise sum_tr power |cross / power - tx rx|^2, first over one vector, then the other.
+    """Minimise sum_tr power |cross / power - tx rx|^2 by alternating least squares.
 
-    A channel that has no power in it keeps the factor that it came with.
+    A channel without power keeps its factor.
     """
     for _ in range(ALTERNATIONS):
         tx = _quotient(cross @ rx.conj(), power @ np.abs(rx) ** 2, tx)
         rx = _quotient(cross.T @ tx.conj(), power.T @ np.abs(tx) ** 2, rx)
-    # tx and rx are known up to a factor between them: rx gets an RMS of 1 and the mean phase 0.
+    # The product leaves one factor between tx and rx free: rx gets an RMS of 1 and mean phase 0.
     between = np.sqrt((np.abs(rx) ** 2).mean()) * np.exp(1j * np.angle(rx.sum()))
     return tx * between, rx / between
 
@@ -184,16 +210,16 @@ def _quotient(above: np.ndarray, below: np.ndarray, otherwise: np.ndarray) -> np
 
 
 def _profiles(capture: Capture) -> np.ndarray:
-    """Return the response over delay, Hann window, shape (n_tx, n_rx, n_freq), complex64."""
+    """Delay profiles, Hann window, shape (n_tx, n_rx, n_freq), complex64."""
     waveform = capture.waveform
     offsets_hz = waveform.frequencies_hz - waveform.center_hz
     count = waveform.n_freq
     path_m = np.arange(count) * SPEED_OF_LIGHT_M_PER_S / max(waveform.span_hz, 1.0)
     path_m *= (count - 1) / count if count > 1 else 1.0
-    turns = np.outer(offsets_hz, path_m) / SPEED_OF_LIGHT_M_PER_S
-    # Without the two zeros at the ends, which would throw samples away (all of them for two).
+    cycles = np.outer(offsets_hz, path_m) / SPEED_OF_LIGHT_M_PER_S
+    # Without the two zeros at the ends, which would discard samples (all of them for two).
     window = np.hanning(count + 2)[1:-1]
-    transform = window[:, None] * np.exp(2j * np.pi * turns) / np.sqrt(count)
+    transform = window[:, None] * np.exp(2j * np.pi * cycles) / np.sqrt(count)
     profiles = np.empty(capture.data.shape, np.complex64)
     for out, row in zip(profiles, capture.data, strict=True):
         out[:] = row.astype(np.complex128) @ transform
@@ -201,9 +227,9 @@ def _profiles(capture: Capture) -> np.ndarray:
 
 
 def _inner(a: np.ndarray, b: np.ndarray) -> complex:
-    """Return sum conj(a) b in double precision, a row at a time."""
+    """sum conj(a) b in double precision, a row at a time."""
     return complex(sum(np.vdot(x.astype(np.complex128), y) for x, y in zip(a, b, strict=True)))
 
 
-def _pairs(values: np.ndarray) -> list[list[float]]:
+def _real_imaginary(values: np.ndarray) -> list[list[float]]:
     return np.stack([values.real, values.imag], axis=1).tolist()

@@ -50,17 +50,6 @@ def test_help(name):
     assert "--force" in done.stdout
 
 
-def test_a_script_does_not_hide_the_function_of_its_name():
-    program = "from calibration import align, sweep; print(align.__module__, sweep.__module__)"
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.split() == [
-        "calibration.registration.align_images",
-        "calibration.roughness.sweep",
-    ]
-
-
 def test_background(tmp_path):
     hand, empty = recorded(1), recorded(2)
     save_capture(tmp_path / "hand.h5", hand)
