@@ -6,11 +6,9 @@ calls. Layouts are computed in inches, so that nothing overlaps whatever the num
 
 from __future__ import annotations
 
-import contextlib
 import io
 import math
 import os
-import secrets
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,6 +20,7 @@ import numpy as np
 from clradar.compare import Metrics, clipped_db, compare, depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, OutputError
+from clradar.files.atomic import replacing
 from clradar.model import DepthMap, Volume
 
 if TYPE_CHECKING:
@@ -308,25 +307,8 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = F
         raise OutputError(
             f"{target}: expected a name that ends in {', '.join(SUFFIXES)}, got '{target.suffix}'"
         )
-    # Not made from the target's name, which can be as long as a name can be.
-    temporary = target.with_name(f".clradar-{secrets.token_hex(6)}.tmp")
-    try:
-        _refuse_existing(target, force)
-        # "x" and not tempfile, whose files nobody else may read.
-        with temporary.open("xb") as stream:
-            _render(figure, stream, suffix, figure.dpi)
-            stream.flush()
-            os.fsync(stream.fileno())
-        # Again: drawing takes a second, in which another process can have written the file.
-        _refuse_existing(target, force)
-        os.replace(temporary, target)
-    except OutputError:
-        raise
-    except OSError as error:
-        raise OutputError(f"{target}: cannot be written: {error.strerror or error}") from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
+    with replacing(target, force=force) as temporary, open(temporary, "xb") as stream:
+        _render(figure, stream, suffix, figure.dpi)
     return target
 
 
@@ -367,16 +349,6 @@ def printable(text: object) -> str:
     """
     line = " ".join(str(text).split())
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
-
-
-def _refuse_existing(target: Path, force: bool) -> None:
-    if not target.parent.is_dir():
-        raise OutputError(f"{target}: expected an existing folder, got '{target.parent}'")
-    if target.is_dir():
-        raise OutputError(f"{target}: expected a file's name, got a folder")
-    # lexists: a dangling link is something that would be overwritten, too.
-    if not force and os.path.lexists(target):
-        raise OutputError(f"{target}: exists already; nothing is overwritten without force")
 
 
 def _check_metrics(metrics: Sequence[Metrics], count: int, dynamic_range_db: float) -> None:

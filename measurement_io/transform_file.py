@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 
 import numpy as np
 
 from clradar.errors import ModelError
-from clradar.files.failures import fail, read_bytes, reading
+from clradar.files.failures import fail, reading
+from clradar.files.json_file import read_json
+from clradar.files.limits import MAX_SMALL_JSON_BYTES
 from clradar.model import checks
-
-TRANSFORM_LIMIT_BYTES = 2**20
 
 
 def read_transform(path: str | os.PathLike[str]) -> np.ndarray:
@@ -30,9 +29,8 @@ def read_transform(path: str | os.PathLike[str]) -> np.ndarray:
     """
     path = Path(path)
     expected = "a JSON file with a 4 x 4 matrix, or an object with one as 'transform'"
-    content = read_bytes(path, expected, TRANSFORM_LIMIT_BYTES)
+    value = read_json(path, expected, MAX_SMALL_JSON_BYTES)
     with reading(path, expected):
-        value = json.loads(content.decode("utf-8-sig"))
         if isinstance(value, dict):
             if "transform" not in value:
                 fail(path, expected, f"an object with {sorted(value)[:10]}")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from clradar.errors import ClradarError
-from clradar.files.atomic import replacing
+from clradar.files.atomic import write_file
 
 
 def run(main: Callable[..., Any]) -> None:
@@ -23,5 +23,4 @@ def run(main: Callable[..., Any]) -> None:
 
 def write_text(path: Path, text: str, *, force: bool) -> None:
     """Write a text file, whole or not at all."""
-    with replacing(path, force=force) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_file(path, text.encode("utf-8"), force=force)

@@ -157,10 +157,9 @@ def _place(path: Path) -> Path:
 
 def write_bytes(path: Path, content: bytes, *, force: bool) -> None:
     """Write a small file whole or not at all."""
-    from clradar.files.atomic import replacing
+    from clradar.files.atomic import write_file
 
-    with replacing(path, force=force) as temporary, open(temporary, "xb") as file:
-        file.write(content)
+    write_file(path, content, force=force)
 
 
 def write_json(path: Path, value: object, *, force: bool) -> None:

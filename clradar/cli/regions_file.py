@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clradar.files.failures import fail, read_bytes, reading
+from clradar.files.json_file import read_json
+from clradar.files.json_text import parse_json
+from clradar.files.limits import MAX_SMALL_JSON_BYTES
 
 if TYPE_CHECKING:
     from calibration import Regions
     from clradar import Scene
 
 LIMIT_BYTES = 2**28
-JOINTS_LIMIT_BYTES = 2**20
 
 
 def read_regions_file(path: Path, scene: Scene) -> Regions:
@@ -39,7 +40,7 @@ def read_regions_file(path: Path, scene: Scene) -> Regions:
             if labels.dtype.kind not in "iu":
                 fail(path, "whole numbers", f"{labels.dtype}")
         else:
-            labels = json.loads(content.decode("utf-8-sig"))
+            labels = parse_json(content.decode("utf-8-sig"))
         if isinstance(labels, dict):
             if not all(_all_are(names, str) for names in labels.values()):
                 fail(path, "lists of names of parts", "something else")
@@ -60,9 +61,8 @@ def read_joints(path: Path) -> np.ndarray:
     from clradar.hand import JOINT_NAMES
 
     expected = "a JSON object with [x, y, z] of each of the 25 joints of a hand"
-    content = read_bytes(path, expected, JOINTS_LIMIT_BYTES)
+    value = read_json(path, expected, MAX_SMALL_JSON_BYTES)
     with reading(path, expected):
-        value = json.loads(content.decode("utf-8-sig"))
         missing = [name for name in JOINT_NAMES if name not in value]
         if missing:
             fail(path, expected, f"none of {missing[0]} and {len(missing) - 1} more")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from clradar.hand import HandMesh, HandPose
     from clradar.rigs import Rig
 
-THETA_LIMIT_BYTES = 2**16
 
 RigOption = Annotated[
     Optional[Path],  # noqa: UP045
@@ -110,17 +108,17 @@ def posed_rig(rig: Rig, pose: HandPose, theta: Path | None, center_m: Sequence[f
 
 def read_theta(path: Path) -> list[float]:
     """Return the numbers of a JSON list."""
-    from clradar.files.failures import fail, read_bytes, reading
+    from clradar.files.failures import fail
+    from clradar.files.json_file import read_json
+    from clradar.files.limits import MAX_SMALL_JSON_BYTES
 
     expected = "a JSON list of 48 numbers"
-    content = read_bytes(path, expected, THETA_LIMIT_BYTES)
-    with reading(path, expected):
-        values = json.loads(content.decode("utf-8-sig"))
-        if not isinstance(values, list) or not all(type(v) in (int, float) for v in values):
-            fail(path, expected, "something else")
-        if len(values) != 48:
-            fail(path, expected, f"{len(values)}")
-        return values
+    values = read_json(path, expected, MAX_SMALL_JSON_BYTES)
+    if not isinstance(values, list) or not all(type(v) in (int, float) for v in values):
+        fail(path, expected, "something else")
+    if len(values) != 48:
+        fail(path, expected, f"{len(values)}")
+    return values
 
 
 def described(rig: Rig) -> str:

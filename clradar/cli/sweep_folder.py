@@ -15,8 +15,11 @@ from clradar.cli.output import write_json
 from clradar.errors import OutputError
 from clradar.files import work_folder
 from clradar.files.atomic import replacing
-from clradar.files.failures import read_bytes, reading
-from clradar.files.work_folder import LOCK, differences, remove_temporaries
+from clradar.files.failures import fail, reading
+from clradar.files.json_differences import differences
+from clradar.files.json_file import read_json
+from clradar.files.limits import MAX_SMALL_JSON_BYTES
+from clradar.files.work_folder import LOCK, remove_temporaries
 
 SETTINGS, TRANSFORM, RESULT = "settings.json", "transform.json", "sweep.json"
 TABLE, REGION_TABLE, FIGURE = "sweep.csv", "regions.csv", "sweep.png"
@@ -24,8 +27,6 @@ WORK = "work"
 
 # The settings first: what is left when a removal is cut short then belongs to no sweep.
 FILES = (SETTINGS, TRANSFORM, RESULT, TABLE, REGION_TABLE, FIGURE)
-
-LIMIT_BYTES = 2**20
 
 MOST_DIFFERENCES = 5
 
@@ -117,11 +118,10 @@ def _clear(folder: Path) -> None:
 def _read_settings(path: Path, force: bool) -> dict[str, Any]:
     expected = "the settings of a sweep, as JSON"
     try:
-        with reading(path, expected):
-            value = json.loads(read_bytes(path, expected, LIMIT_BYTES).decode("utf-8"))
-            if not isinstance(value, dict):
-                raise ValueError("no JSON object")
-            return value
+        value = read_json(path, expected, MAX_SMALL_JSON_BYTES)
+        if not isinstance(value, dict):
+            fail(path, expected, "no JSON object")
+        return value
     except ValueError:  # MeasurementError is one
         if force:
             return {}

@@ -48,10 +48,16 @@ def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[
     except ClradarError:
         raise
     except (OSError, RuntimeError) as error:  # h5py reports a full disk as either
-        raise OutputError(f"{shown(target)}: cannot be written: {clean(error)}") from error
+        raise OutputError(f"{shown(target)}: cannot be written: {_reason(error)}") from error
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def write_file(path: str | os.PathLike[str], content: bytes, *, force: bool = False) -> None:
+    """Write a small file whole or not at all; see `replacing`."""
+    with replacing(path, force=force) as temporary, open(temporary, "xb") as file:
+        file.write(content)
 
 
 def refuse_existing(target: Path, *, force: bool) -> None:
@@ -60,15 +66,21 @@ def refuse_existing(target: Path, *, force: bool) -> None:
         raise OutputError(f"{shown(target)}: no file can have such a name")
     try:
         if not target.parent.is_dir():
-            raise OutputError(f"{shown(target)}: its folder does not exist; create it first")
+            raise OutputError(
+                f"{shown(target)}: expected an existing folder, got '{shown(target.parent)}'"
+            )
         if target.is_dir():
-            raise OutputError(f"{shown(target)}: is a folder; name a file")
+            raise OutputError(f"{shown(target)}: expected a file's name, got a folder")
         if os.path.lexists(target) and not force:
             raise OutputError(f"{shown(target)}: exists already; not overwritten without force")
     except OutputError:
         raise
     except (OSError, ValueError) as error:
-        raise OutputError(f"{shown(target)}: cannot be written: {clean(error)}") from error
+        raise OutputError(f"{shown(target)}: cannot be written: {_reason(error)}") from error
+
+
+def _reason(error: BaseException) -> str:
+    return getattr(error, "strerror", None) or clean(error)
 
 
 def _sync(path: Path) -> None:
@@ -102,7 +114,7 @@ def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     except ClradarError:
         raise
     except (OSError, ValueError) as error:
-        raise OutputError(f"{shown(target)}: cannot be written: {clean(error)}") from error
+        raise OutputError(f"{shown(target)}: cannot be written: {_reason(error)}") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

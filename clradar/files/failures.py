@@ -1,4 +1,4 @@
-"""One way to say what is wrong with a file: its name, what was expected, what was found."""
+"""One form for all failures of files: the file's name, what was expected, what was found."""
 
 from __future__ import annotations
 
@@ -10,14 +10,19 @@ from pathlib import Path
 from typing import NoReturn
 
 from clradar.errors import ClradarError, MeasurementError
-
-MAX_MESSAGE = 400
-"""Characters of a foreign message that are passed on; a damaged file can make one of any length."""
+from clradar.files.limits import MAX_MESSAGE_CHARACTERS
 
 
-def fail(path: str | os.PathLike[str], expected: str, got: str) -> NoReturn:
-    """Raise the `MeasurementError` that names the file, what was expected and what was found."""
-    raise MeasurementError(f"{shown(path)}: expected {expected}, got {got}")
+def fail(
+    path: str | os.PathLike[str],
+    expected: str,
+    got: str,
+    *,
+    error: type[ClradarError] = MeasurementError,
+    cause: BaseException | None = None,
+) -> NoReturn:
+    """Raise the error that names the file, what was expected and what was found."""
+    raise error(f"{shown(path)}: expected {expected}, got {got}") from cause
 
 
 def shown(path: str | os.PathLike[str]) -> str:
@@ -29,60 +34,65 @@ def clean(text: object) -> str:
     """Return `text` on one printable line of bounded length."""
     line = " ".join(str(text).split())
     line = line.encode("utf-8", "backslashreplace").decode("utf-8")
-    line = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in line[: MAX_MESSAGE + 1])
-    return line if len(line) <= MAX_MESSAGE else line[:MAX_MESSAGE] + "..."
+    cut = line[: MAX_MESSAGE_CHARACTERS + 1]
+    line = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in cut)
+    if len(line) <= MAX_MESSAGE_CHARACTERS:
+        return line
+    return line[:MAX_MESSAGE_CHARACTERS] + "..."
 
 
 @contextmanager
-def reading(path: str | os.PathLike[str], expected: str) -> Iterator[None]:
-    """Turn whatever a damaged file makes a parser raise into one `MeasurementError`.
+def reading(
+    path: str | os.PathLike[str], expected: str, *, error: type[ClradarError] = MeasurementError
+) -> Iterator[None]:
+    """Turn whatever a damaged file makes a parser raise into one `error`.
 
     The libraries below raise OSError, KeyError, RuntimeError, ValueError, MemoryError and more,
     by which byte is wrong; a caller wants to catch one class.
     """
     try:
         yield
-    except MeasurementError:
+    except error:
         raise
-    except ClradarError as error:
-        raise MeasurementError(f"{shown(path)}: {clean(error)}") from error
-    except OSError as error:
-        reason = error.strerror or clean(error)
-        fail_from(error, path, expected, reason)
-    except Exception as error:
-        fail_from(error, path, expected, f"{type(error).__name__}: {clean(error)}")
+    except ClradarError as cause:
+        raise error(f"{shown(path)}: {clean(cause)}") from cause
+    except OSError as cause:
+        fail(path, expected, cause.strerror or clean(cause), error=error, cause=cause)
+    except Exception as cause:
+        got = f"{type(cause).__name__}: {clean(cause)}"
+        fail(path, expected, got, error=error, cause=cause)
 
 
-def fail_from(
-    error: BaseException, path: str | os.PathLike[str], expected: str, got: str
-) -> NoReturn:
-    raise MeasurementError(f"{shown(path)}: expected {expected}, got {got}") from error
-
-
-def regular_file_size(path: Path, expected: str) -> int:
+def regular_file_size(
+    path: Path, expected: str, *, error: type[ClradarError] = MeasurementError
+) -> int:
     """Return the size in bytes, or raise if `path` is no regular file.
 
-    Opening a pipe or a terminal would wait for ever, so this is asked before every open.
+    Opening a pipe or a terminal would block for ever, so readers check this before they open.
     """
-    with reading(path, expected):
+    with reading(path, expected, error=error):
         try:
             status = os.stat(path)
         except FileNotFoundError:
-            fail(path, "a file or a folder", "nothing there (No such file or directory)")
+            got = "nothing there (No such file or directory)"
+            fail(path, expected, got, error=error)
     if stat.S_ISDIR(status.st_mode):
-        fail(path, expected, "a folder")
+        fail(path, expected, "a folder", error=error)
     if not stat.S_ISREG(status.st_mode):
-        fail(path, expected, "something that is no regular file")
+        fail(path, expected, "something that is no regular file", error=error)
     return status.st_size
 
 
-def read_bytes(path: Path, expected: str, limit: int) -> bytes:
+def read_bytes(
+    path: Path, expected: str, limit: int, *, error: type[ClradarError] = MeasurementError
+) -> bytes:
     """Return the content of a regular file of at most `limit` bytes."""
-    size = regular_file_size(path, expected)
+    size = regular_file_size(path, expected, error=error)
     if size > limit:
-        fail(path, f"{expected} of at most {limit} bytes", f"{size} bytes")
-    with reading(path, expected), open(path, "rb") as file:
+        fail(path, f"{expected} of at most {limit} bytes", f"{size} bytes", error=error)
+    with reading(path, expected, error=error), open(path, "rb") as file:
         content = file.read(size)  # a read of the limit would allocate as much
     if len(content) != size:
-        fail(path, f"{expected} of {size} bytes", f"{len(content)}: it changes while it is read")
+        got = f"{len(content)}: it changes while it is read"
+        fail(path, f"{expected} of {size} bytes", got, error=error)
     return content

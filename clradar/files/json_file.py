@@ -1,64 +1,46 @@
-"""Read one JSON object from a file that may hold anything, and write JSON."""
+"""Files of JSON: read with bounds, written whole or not at all."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-from clradar.files.atomic import replacing
-from clradar.files.failures import fail, read_bytes, reading
-from clradar.files.json_text import MAX_DEPTH, MAX_TEXT_BYTES
+from clradar.errors import ClradarError, MeasurementError
+from clradar.files.atomic import write_file
+from clradar.files.failures import read_bytes, reading
+from clradar.files.json_text import indented, parse_json, parse_object
+from clradar.files.limits import MAX_JSON_BYTES
+
+
+def read_json(
+    path: Path, expected: str, limit: int, *, error: type[ClradarError] = MeasurementError
+) -> Any:
+    """Return the value that a file of at most `limit` bytes holds, UTF-8, with or without a BOM.
+
+    Raises
+    ------
+    error
+        Missing, too large, or nothing that `parse_json` takes. `expected` says in the message what
+        the file should be.
+    """
+    content = read_bytes(path, expected, limit, error=error)
+    with reading(path, expected, error=error):
+        return parse_json(content.decode("utf-8-sig"))
 
 
 def read_json_object(path: Path) -> dict[str, Any]:
-    """Return the object that a JSON file holds.
-
-    Parameters
-    ----------
-    path : Path
-        UTF-8, with or without a byte-order mark; at most `MAX_TEXT_BYTES`.
+    """Return the object that a JSON file of at most `MAX_JSON_BYTES` holds.
 
     Raises
     ------
     MeasurementError
-        Missing, too large, no JSON, nested deeper than `MAX_DEPTH`, JSON that is no object, or a
-        key that is there twice: which of the two values is meant cannot be known.
+        As `read_json`, or JSON that is no object.
     """
-    content = read_bytes(path, "a JSON file", MAX_TEXT_BYTES)
+    content = read_bytes(path, "a JSON file", MAX_JSON_BYTES)
     with reading(path, "a JSON object in UTF-8"):
-        value = json.loads(content.decode("utf-8-sig"), object_pairs_hook=_object)
-        if not isinstance(value, dict):
-            fail(path, "a JSON object", type(value).__name__)
-        _check_depth(path, value)
-    return value
+        return parse_object(content.decode("utf-8-sig"))
 
 
 def write_json(path: Path, value: object, *, force: bool) -> None:
     """Write strict JSON (no NaN), indented, whole or not at all."""
-    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    with replacing(path, force=force) as temporary:
-        temporary.write_bytes(text.encode("utf-8"))
-
-
-def _check_depth(path: Path, value: dict[str, Any]) -> None:
-    level: list[Any] = [value]
-    for _ in range(MAX_DEPTH):
-        level = [
-            inner
-            for item in level
-            for inner in (item.values() if isinstance(item, dict) else item)
-            if isinstance(inner, dict | list)
-        ]
-        if not level:
-            return
-    fail(path, f"at most {MAX_DEPTH} levels of nesting", "more")
-
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in found:
-            raise ValueError(f"the key '{key[:60]}' twice")
-        found[key] = value
-    return found
+    write_file(path, indented(value).encode("utf-8"), force=force)

@@ -1,4 +1,4 @@
-"""The JSON text that carries `meta`, checked so that it reads back as what was saved."""
+"""JSON (RFC 8259) as text: parsed with bounds, and written so that it reads back equal."""
 
 from __future__ import annotations
 
@@ -8,16 +8,38 @@ from collections.abc import Mapping
 from typing import Any
 
 from clradar.errors import ModelError
+from clradar.files.limits import MAX_JSON_BYTES, MAX_JSON_DEPTH
 
-MAX_TEXT_BYTES = 16 * 2**20
-"""Longest JSON text that is written or read."""
 
-MAX_DEPTH = 64
-"""Deepest nesting of lists and mappings in `meta`."""
+def parse_json(text: str, *, strict: bool = False) -> Any:
+    """Return the value of a JSON text; raises ValueError for anything else.
+
+    A key that an object has twice is refused, since its value would depend on the reader, and so
+    is nesting deeper than `MAX_JSON_DEPTH`. NaN and infinities, which Python writes though JSON
+    has none, are refused only if `strict`.
+    """
+    value = json.loads(
+        text, object_pairs_hook=_object, parse_constant=_no_constant if strict else float
+    )
+    _check_depth(value)
+    return value
+
+
+def parse_object(text: str, *, strict: bool = False) -> dict[str, Any]:
+    """Return the mapping of a JSON object; raises ValueError for anything else."""
+    value = parse_json(text, strict=strict)
+    if not isinstance(value, dict):
+        raise ValueError(f"{type(value).__name__} where a JSON object was expected")
+    return value
+
+
+def indented(value: object) -> str:
+    """Return strict JSON (no NaN), indented, with a line break at its end."""
+    return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def to_json(field: str, meta: Mapping[str, Any]) -> str:
-    """Return `meta` as ASCII JSON.
+    """Return `meta` as ASCII JSON on one line.
 
     Raises
     ------
@@ -30,28 +52,43 @@ def to_json(field: str, meta: Mapping[str, Any]) -> str:
         text = json.dumps(plain, allow_nan=False)
     except (TypeError, ValueError, RecursionError) as error:
         raise ModelError(f"{field}: expected values that JSON can hold, got {error}") from error
-    if len(text) > MAX_TEXT_BYTES:
+    if len(text) > MAX_JSON_BYTES:
         raise ModelError(
-            f"{field}: expected at most {MAX_TEXT_BYTES} bytes of JSON, got {len(text)}"
+            f"{field}: expected at most {MAX_JSON_BYTES} bytes of JSON, got {len(text)}"
         )
     return text
-
-
-def from_json(text: str) -> dict[str, Any]:
-    """Return the mapping that `to_json` wrote; raises ValueError for anything else."""
-    meta = json.loads(text, parse_constant=_no_constant)
-    if not isinstance(meta, dict):
-        raise ValueError(f"a JSON object was expected, not {type(meta).__name__}")
-    return meta
 
 
 def _no_constant(name: str) -> None:
     raise ValueError(f"{name} is not JSON")
 
 
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the key '{key[:60]}' twice")
+        found[key] = value
+    return found
+
+
+def _check_depth(value: Any) -> None:
+    level = [value]
+    for _ in range(MAX_JSON_DEPTH + 2):
+        level = [
+            inner
+            for item in level
+            if isinstance(item, dict | list)
+            for inner in (item.values() if isinstance(item, dict) else item)
+        ]
+        if not level:
+            return
+    raise ValueError(f"more than {MAX_JSON_DEPTH} levels of nesting")
+
+
 def _plain(field: str, value: Any, depth: int) -> Any:
-    if depth > MAX_DEPTH:
-        raise ModelError(f"{field}: expected at most {MAX_DEPTH} levels of nesting, got more")
+    if depth > MAX_JSON_DEPTH:
+        raise ModelError(f"{field}: expected at most {MAX_JSON_DEPTH} levels of nesting, got more")
     if isinstance(value, Mapping):
         for key in value:
             if not isinstance(key, str):

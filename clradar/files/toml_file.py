@@ -1,46 +1,98 @@
-"""Read a TOML file that may hold anything."""
+"""TOML (toml.io, version 1.0): files and text read with bounds, and written."""
 
 from __future__ import annotations
 
+import json
+import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from clradar.files.failures import clean, fail, read_bytes, reading
+from clradar.errors import ClradarError, MeasurementError
+from clradar.files.failures import read_bytes, reading
+from clradar.files.limits import MAX_TOML_BYTES, MAX_TOML_LINE_CHARACTERS
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
 
-MAX_LINE = 2**14
-"""A key of thousands of dotted parts keeps the parser busy for minutes."""
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+\Z")
 
 
-def read_toml(path: Path, expected: str, limit: int) -> dict[str, Any]:
-    """Return what a TOML file says.
-
-    Parameters
-    ----------
-    path : Path
-        UTF-8, with or without a byte-order mark; at most `limit` bytes, lines of at most
-        `MAX_LINE` characters.
-    expected : str
-        What the file should be, for messages.
-    limit : int
+def read_toml(
+    path: Path,
+    expected: str,
+    *,
+    limit: int = MAX_TOML_BYTES,
+    error: type[ClradarError] = MeasurementError,
+) -> dict[str, Any]:
+    """Return the tables of a TOML file of at most `limit` bytes, UTF-8, with or without a BOM.
 
     Raises
     ------
-    MeasurementError
-        Missing, too large, no TOML.
+    error
+        Missing, too large, no TOML, or a line longer than `MAX_TOML_LINE_CHARACTERS`. `expected`
+        says in the message what the file should be.
     """
-    content = read_bytes(path, expected, limit)
-    with reading(path, expected):
-        text = content.decode("utf-8-sig")
-        longest = max((len(line) for line in text.splitlines()), default=0)
-        if longest > MAX_LINE:
-            fail(path, f"lines of at most {MAX_LINE} characters", f"{longest}")
-        try:
-            return tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            fail(path, expected, clean(error))
+    content = read_bytes(path, expected, limit, error=error)
+    with reading(path, expected, error=error):
+        return parse_toml(content.decode("utf-8-sig"))
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return the tables of a TOML text; raises ValueError for anything else."""
+    longest = max((len(line) for line in text.splitlines()), default=0)
+    if longest > MAX_TOML_LINE_CHARACTERS:
+        raise ValueError(f"a line of {longest} characters, more than {MAX_TOML_LINE_CHARACTERS}")
+    return tomllib.loads(text)
+
+
+def toml_string(text: str) -> str:
+    """Return `text` as a basic string: that of JSON, with DEL escaped, too."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def toml_document(content: Mapping[str, Any]) -> str:
+    """Return a document of strings, floats and tables of them, nested to any depth."""
+    return "\n".join(_lines(content, ())).strip("\n") + "\n"
+
+
+def _lines(table: Mapping[str, Any], place: tuple[str, ...]) -> list[str]:
+    inner = {key: value for key, value in table.items() if isinstance(value, Mapping)}
+    lines = []
+    if place and (len(inner) < len(table) or not inner):
+        lines.append(f"[{'.'.join(map(_key, place))}]")
+    for key, value in table.items():
+        if key not in inner:
+            written = toml_string(value) if isinstance(value, str) else repr(value)
+            lines.append(f"{_key(key)} = {written}")
+    if lines:
+        lines.append("")
+    for key, value in inner.items():
+        lines += _lines(value, (*place, key))
+    return lines
+
+
+def _key(key: str) -> str:
+    return key if _BARE_KEY.match(key) else toml_string(key)
+
+
+def toml_brief(value: object) -> str:
+    """Return a value about as TOML writes it, cut to the length of a message."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return f'"{value[:200]}"'
+    if isinstance(value, list):
+        inner = ", ".join(toml_brief(v) for v in value[:6])
+        return f"[{inner}{', ...' if len(value) > 6 else ''}]"
+    if isinstance(value, dict):
+        inner = ", ".join(f"{k} = {toml_brief(v)}" for k, v in list(value.items())[:4])
+        return f"{{ {inner}{', ...' if len(value) > 4 else ''} }}"
+    if value is None:
+        return "nothing"
+    if isinstance(value, int) and abs(value) >= 2**64:
+        return "a huge number"
+    return f"{value:g}" if isinstance(value, float) else repr(value)[:200]

@@ -19,10 +19,11 @@ from typing import Any
 
 import numpy as np
 
+from clradar.files.limits import MAX_RIG_BYTES
 from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
 from clradar.model import checks
 from clradar.rigs.anatomy import check_joints, side_of
-from clradar.rigs.failures import MAX_FILE_BYTES, fail, reading
+from clradar.rigs.failures import fail, reading
 from clradar.rigs.names import side_in
 from clradar.rigs.plain_pickle import UnsafePickle, as_array, load
 from clradar.rigs.rig import PoseBlend, Rig
@@ -117,8 +118,8 @@ def _pickled(path: Path, content: bytes) -> dict[str, np.ndarray]:
 def _npz(path: Path, content: bytes) -> dict[str, np.ndarray]:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         sizes = [entry.file_size for entry in archive.infolist()]
-        if sum(sizes) > MAX_FILE_BYTES:
-            fail(path, f"an archive of at most {MAX_FILE_BYTES} bytes", f"{sum(sizes)}")
+        if sum(sizes) > MAX_RIG_BYTES:
+            fail(path, f"an archive of at most {MAX_RIG_BYTES} bytes", f"{sum(sizes)}")
     model = {}
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         for name in (*_SHAPES, *_OPTIONAL):

@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from clradar.errors import RigError
+from clradar.files.toml_file import read_toml
 from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
 from clradar.rigs.anatomy import OPTIONAL
-from clradar.rigs.failures import fail, file_bytes, reading
+from clradar.rigs.failures import fail, reading
 from clradar.rigs.nodes import NodeTree
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 REQUIRED = tuple(name for name in JOINT_NAMES if JOINT_INDEX[name] not in OPTIONAL)
 
 Mapped = dict[int, int]
 """Joint (place in `JOINT_NAMES`) -> node."""
-
-MAX_MAPPING_BYTES = 2**16
-# A key of thousands of dotted parts keeps the parser of TOML busy for minutes.
-_MAX_LINE = 2**10
 
 # The words of a name in any case, with anything or nothing that is no letter between them.
 _PATTERNS = {
@@ -177,18 +169,13 @@ def read_mapping(path: Path) -> dict[str, str | int]:
         Missing, no TOML, or anything else in it.
     """
     expected = "a TOML file with a table [joints]: WebXR name = node"
-    content = file_bytes(path, expected, MAX_MAPPING_BYTES)
-    with reading(path, expected):
-        text = content.decode("utf-8-sig")
-        if max((len(line) for line in text.splitlines()), default=0) > _MAX_LINE:
-            fail(path, f"lines of at most {_MAX_LINE} characters", "a longer one")
-        table = tomllib.loads(text)
-        joints = table.pop("joints", None)
-        if table or not isinstance(joints, dict):
-            fail(path, expected, f"{', '.join(map(repr, table)) or 'no such table'}")
-        for name, node in joints.items():
-            if name not in JOINT_INDEX:
-                fail(path, "WebXR joint names", repr(name))
-            if type(node) not in (str, int):
-                fail(path, f"the name or number of a node for '{name}'", repr(node))
-        return joints
+    table = read_toml(path, expected, error=RigError)
+    joints = table.pop("joints", None)
+    if table or not isinstance(joints, dict):
+        fail(path, expected, f"{', '.join(map(repr, table)) or 'no such table'}")
+    for name, node in joints.items():
+        if name not in JOINT_INDEX:
+            fail(path, "WebXR joint names", repr(name))
+        if type(node) not in (str, int):
+            fail(path, f"the name or number of a node for '{name}'", repr(node))
+    return joints

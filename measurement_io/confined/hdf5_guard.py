@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from clradar.files.failures import clean, fail, reading, regular_file_size
-from clradar.files.json_text import MAX_TEXT_BYTES
+from clradar.files.limits import MAX_JSON_BYTES
 from measurement_io.confined.hdf5_heap import check_heaps
 from measurement_io.confined.hdf5_process import forbid_opening
 
@@ -150,12 +150,12 @@ def text(path: Path, owner: Any, name: str) -> str:
         fail(
             path, f"the attribute {_attribute_place(owner, name)} to be one string", "another type"
         )
-    if not kind.is_variable_str() and kind.get_size() > MAX_TEXT_BYTES:
-        fail(path, f"at most {MAX_TEXT_BYTES} bytes of text", f"{kind.get_size()}")
+    if not kind.is_variable_str() and kind.get_size() > MAX_JSON_BYTES:
+        fail(path, f"at most {MAX_JSON_BYTES} bytes of text", f"{kind.get_size()}")
     value = owner.attrs[name]
     value = value.decode("utf-8") if isinstance(value, bytes) else str(value)
-    if len(value) > MAX_TEXT_BYTES:
-        fail(path, f"at most {MAX_TEXT_BYTES} bytes of text", f"{len(value)}")
+    if len(value) > MAX_JSON_BYTES:
+        fail(path, f"at most {MAX_JSON_BYTES} bytes of text", f"{len(value)}")
     return value
 
 

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from clradar.errors import ClradarError, MeasurementError
-from clradar.files.failures import clean, fail, fail_from, regular_file_size, shown
+from clradar.files.failures import clean, fail, regular_file_size, shown
 from measurement_io.confined import wire
 
 EXPECTED = "a readable HDF5 file"
@@ -94,7 +94,7 @@ def run(
     except (wire.BrokenMessage, OSError) as error:
         limits = f"{cpu_s} s or {memory_bytes >> 20} MiB"
         got = f"one on which the HDF5 library crashes, or takes more than {limits}"
-        fail_from(error, path, EXPECTED, got)
+        fail(path, EXPECTED, got, cause=error)
     if not isinstance(answer, dict) or ("error" in answer) == ("result" in answer):
         fail(path, EXPECTED, "an answer that makes no sense")
     if "error" in answer:
@@ -126,7 +126,7 @@ def _running_server(path: Path) -> tuple[subprocess.Popen[bytes], socket.socket]
             try:
                 _server = _start_server()
             except OSError as error:
-                fail_from(error, path, "a process to read HDF5 files in", clean(error))
+                fail(path, "a process to read HDF5 files in", clean(error), cause=error)
         return _server
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Sequence
@@ -12,6 +11,7 @@ import numpy as np
 
 from clradar.errors import MeasurementError
 from clradar.files.failures import clean, reading
+from clradar.files.toml_file import toml_string
 from measurement_io.layouts.container import Container, Key
 from measurement_io.layouts.containers import EXPECTED
 from measurement_io.layouts.description import FREQUENCY_UNITS_HZ, LENGTH_UNITS_PER_M
@@ -218,5 +218,5 @@ def guess_length_unit(names: Sequence[str], extent: float) -> tuple[str | None, 
 
 
 def quoted(name: str) -> str:
-    """Return a printable name as a TOML string."""
-    return json.dumps(clean(name) if len(name) > 1000 else name, ensure_ascii=False)
+    """Return a name as a TOML string; a long one is cut."""
+    return toml_string(clean(name) if len(name) > 1000 else name)

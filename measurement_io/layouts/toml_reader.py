@@ -23,7 +23,6 @@ from measurement_io.layouts.description import (
 )
 from measurement_io.layouts.toml_table import Table
 
-MAX_LAYOUT_BYTES = 2**18
 _EXPECTED = "a layout (a TOML file, see docs/layouts.md)"
 _SLICE = re.compile(r"(-?[0-9]{0,9}):(-?[0-9]{0,9})(?::(-?[0-9]{1,9}))?\Z")
 _COORDINATES = ("x", "y", "z")
@@ -39,7 +38,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
         the file, the key, what was expected and what was found.
     """
     path = Path(path)
-    parsed = read_toml(path, _EXPECTED, MAX_LAYOUT_BYTES)
+    parsed = read_toml(path, _EXPECTED)
     with reading(path, _EXPECTED):
         return _layout(shown(path), parsed, path.absolute())
 

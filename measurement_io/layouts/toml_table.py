@@ -8,6 +8,7 @@ from typing import Any, NoReturn
 
 from clradar.errors import MeasurementError
 from clradar.files.failures import clean
+from clradar.files.toml_file import toml_brief
 
 _MISSING = object()
 
@@ -33,7 +34,7 @@ class Table:
 
     def fail(self, key: str, expected: str, got: object) -> NoReturn:
         """Raise the error that names the file, the table and the key."""
-        text = got if isinstance(got, str) else _toml(got)
+        text = got if isinstance(got, str) else toml_brief(got)
         raise MeasurementError(
             f"{clean(self._source)}: {self.place(key)}: expected {expected}, got {clean(text)}"
         )
@@ -158,22 +159,7 @@ class Table:
         return number
 
     def _fail_here(self, expected: str, got: object) -> NoReturn:
+        found = clean(toml_brief(got))
         raise MeasurementError(
-            f"{clean(self._source)}: [{self._name}]: expected {expected}, got {clean(_toml(got))}"
+            f"{clean(self._source)}: [{self._name}]: expected {expected}, got {found}"
         )
-
-
-def _toml(value: object) -> str:
-    """Return a value roughly as TOML writes it."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return f'"{value[:200]}"'
-    if isinstance(value, list):
-        inner = ", ".join(_toml(v) for v in value[:6])
-        return f"[{inner}{', ...' if len(value) > 6 else ''}]"
-    if isinstance(value, dict):
-        return "a table"
-    if isinstance(value, int) and abs(value) >= 2**64:
-        return "a huge number"
-    return repr(value)[:200]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.files.failures import clean, fail, fail_from, read_bytes, reading
+from clradar.files.failures import clean, fail, read_bytes, reading
 from measurement_io.maroon.pickle_scan import UnsafePickle
 from measurement_io.maroon.restricted_pickle import PickledArray, load
 from measurement_io.npy_header import read_npy_header
@@ -46,7 +46,7 @@ def read_frame_dictionary(path: Path) -> dict[str, Any]:
         try:
             loaded = load(data)
         except UnsafePickle as refusal:
-            fail_from(refusal, path, _EXPECTED, clean(refusal))
+            fail(path, _EXPECTED, clean(refusal), cause=refusal)
         if not isinstance(loaded, PickledArray) or not isinstance(loaded.value, list):
             fail(path, "a pickled 0-d object array", type(loaded).__name__)
         if loaded.shape != () or not isinstance(loaded.value[0], dict):

@@ -124,7 +124,7 @@ def instrument(found: native_contents.Contents) -> tuple[AntennaArray, Waveform]
 
 
 def _header(found: native_contents.Contents) -> NativeHeader:
-    meta = json_text.from_json(found["provenance"])
+    meta = json_text.parse_object(found["provenance"], strict=True)
     return NativeHeader(found["format"], found["version"], found["created"], meta)
 
 

@@ -717,7 +717,7 @@ def test_cut_and_foreign_files_are_named(tmp_path: Path) -> None:
         read_rig(path)
     with pytest.raises(RigError, match="got nothing there"):
         read_rig(tmp_path / "none.glb")
-    with pytest.raises(RigError, match="no regular file"):
+    with pytest.raises(RigError, match="got a folder"):
         read_rig(tmp_path)
 
 

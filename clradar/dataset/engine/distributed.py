@@ -29,7 +29,7 @@ from clradar.dataset.store.folder import Aside
 from clradar.errors import ClusterError, OutputError
 from clradar.files.atomic import replacing
 from clradar.files.failures import shown
-from clradar.files.work_folder import differences
+from clradar.files.json_differences import differences
 from clradar.opencl import open_device
 
 WAITING = 2

@@ -13,7 +13,7 @@ from clradar.dataset.sample import Sample, make_sample
 from clradar.dataset.store.folder import place_of, read_manifest
 from clradar.dataset.store.shard_reader import made_with_of, opened, row_of, sample_of
 from clradar.dataset.store.shard_writer import write_sample
-from clradar.files.work_folder import differences
+from clradar.files.json_differences import differences
 from clradar.opencl import open_device
 
 

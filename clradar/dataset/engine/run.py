@@ -22,7 +22,7 @@ from clradar.dataset.store.repair import queue_corrupt, queue_set_aside
 from clradar.dataset.summary.contact_sheet import write_contact_sheet
 from clradar.dataset.summary.statistics import write_summary
 from clradar.errors import DeviceError, OutputError
-from clradar.files.work_folder import differences
+from clradar.files.json_differences import differences
 from clradar.model.progress import Progress
 
 STOP_AFTER = 10

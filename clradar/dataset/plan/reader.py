@@ -12,9 +12,9 @@ from clradar.dataset.plan.plan import PRODUCTS, Output, Plan
 from clradar.dataset.plan.radar_tables import image_of, impairments_of, radar_of, simulation_of
 from clradar.dataset.plan.table import PlanError, PlanTable, choice_text
 from clradar.files.failures import shown
+from clradar.files.limits import MAX_PLAN_BYTES
 from clradar.files.toml_file import read_toml
 
-MAX_PLAN_BYTES = 2**20
 MAX_SAMPLES = 10**8
 MAX_SHARD = 4096
 MAX_SHARDS = 50_000
@@ -35,7 +35,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
         The file is missing or no TOML.
     """
     path = Path(path)
-    parsed = read_toml(path, EXPECTED, MAX_PLAN_BYTES)
+    parsed = read_toml(path, EXPECTED, limit=MAX_PLAN_BYTES)
     return plan_from(parsed, shown(path), path.absolute().parent)
 
 

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from clradar.dataset.plan.draws import KINDS, SIGMAS, Draw, fixed
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import clean
+from clradar.files.toml_file import toml_brief
 
 Value = TypeVar("Value")
 
@@ -59,7 +60,7 @@ class PlanTable:
 
     def refuse(self, key: str, expected: str, value: object) -> None:
         """Note that a key has a value that cannot be meant."""
-        self.mistake(key, expected, toml_text(value))
+        self.mistake(key, expected, toml_brief(value))
 
     def _place(self, key: str) -> str:
         return ".".join(part for part in (self._name, key) if part)
@@ -164,7 +165,7 @@ class PlanTable:
             return default
         least, greatest = found.bounds()
         if least < low or greatest > high:
-            text = toml_text(found.to_plain())
+            text = toml_brief(found.to_plain())
             if found.kind == "normal":
                 text += (
                     f", which is [{least:g}, {greatest:g}] within {SIGMAS:g} standard deviations"
@@ -224,23 +225,6 @@ def nearest(given: object, known: Sequence[str]) -> str:
 
 def choice_text(given: object, choices: Sequence[str]) -> str:
     return "one of " + ", ".join(f'"{c}"' for c in choices) + nearest(given, choices)
-
-
-def toml_text(value: object) -> str:
-    """Return a value of a plan about as TOML writes it."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return f'"{value[:200]}"'
-    if isinstance(value, list):
-        inner = ", ".join(toml_text(v) for v in value[:6])
-        return f"[{inner}{', ...' if len(value) > 6 else ''}]"
-    if isinstance(value, dict):
-        inner = ", ".join(f"{k} = {toml_text(v)}" for k, v in list(value.items())[:4])
-        return f"{{ {inner}{', ...' if len(value) > 4 else ''} }}"
-    if value is None:
-        return "nothing"
-    return f"{value:g}" if isinstance(value, float) else repr(value)[:200]
 
 
 def _range(low: float, high: float, above: bool) -> str:

@@ -28,8 +28,9 @@ from clradar.dataset.store.shard_writer import assemble
 from clradar.errors import OutputError
 from clradar.files.failures import fail, reading, shown
 from clradar.files.hashing import sha256_of
+from clradar.files.json_differences import differences
 from clradar.files.json_file import read_json_object, write_json
-from clradar.files.work_folder import LOCK, TEMPORARY, differences, held, remove_temporaries
+from clradar.files.work_folder import LOCK, TEMPORARY, held, remove_temporaries
 
 FORMAT, VERSION = "dataset", 1
 MANIFEST, SHARDS, PARTS = "manifest.json", "shards", "parts"

@@ -241,51 +241,6 @@ def test_existing_target(path):
     assert os.listdir(path.parent) == ["capture.h5"]
 
 
-def test_target_that_appears_meanwhile(tmp_path, monkeypatch):
-    target = tmp_path / "c.h5"
-    real = h5py.File.create_group
-
-    def somebody_else(self, *arguments, **options):
-        target.write_bytes(b"somebody else's")
-        return real(self, *arguments, **options)
-
-    monkeypatch.setattr(h5py.File, "create_group", somebody_else)
-    with pytest.raises(OutputError, match="exists"):
-        save_capture(target, small_capture())
-    assert target.read_bytes() == b"somebody else's"
-    assert os.listdir(tmp_path) == ["c.h5"]
-
-
-def test_folders(tmp_path):
-    with pytest.raises(OutputError, match="folder does not exist"):
-        save_capture(tmp_path / "no" / "c.h5", small_capture())
-    with pytest.raises(OutputError, match="is a folder"):
-        save_volume(tmp_path, small_volume(), force=True)
-    with pytest.raises(OutputError, match="such a name"):
-        save_capture(f"{tmp_path}/nul\0byte", small_capture())
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_nothing_half_written_stays(path, monkeypatch, error):
-    before = path.read_bytes()
-
-    def full(*_arguments: Any, **_options: Any) -> None:
-        raise error
-
-    monkeypatch.setattr(h5py.Group, "create_dataset", full)
-    with pytest.raises((OutputError, KeyboardInterrupt)):
-        save_capture(path, small_capture(), force=True)
-    assert path.read_bytes() == before
-    assert os.listdir(path.parent) == ["capture.h5"]
-
-
-def test_permissions_follow_the_umask(tmp_path):
-    (tmp_path / "plain").write_text("")
-    save_capture(tmp_path / "c.h5", small_capture())
-    assert (tmp_path / "c.h5").stat().st_mode == (tmp_path / "plain").stat().st_mode
-
-
 # ---- what is refused
 
 

@@ -1,0 +1,30 @@
+"""Limits of files that are not trusted: every reader takes its own from here.
+
+docs/untrusted-files.md has the policy: which library or parser reads what, in which process.
+"""
+
+from __future__ import annotations
+
+MAX_MESSAGE_CHARACTERS = 400
+"""Of a foreign message that is passed on; a damaged file can make one of any length."""
+
+MAX_JSON_BYTES = 16 * 2**20
+"""JSON of recordings and of `meta`, read or written."""
+
+MAX_SMALL_JSON_BYTES = 2**20
+"""JSON of a matrix, of joints, of settings."""
+
+MAX_JSON_DEPTH = 64
+"""Nesting of lists and mappings."""
+
+MAX_TOML_BYTES = 2**18
+"""Layouts, poses, mappings of rigs."""
+
+MAX_PLAN_BYTES = 2**20
+"""Plans of data sets: they can list thousands of poses."""
+
+MAX_RIG_BYTES = 2**29
+"""A hand of a million vertices needs a tenth of it; scans carry large pictures, too."""
+
+MAX_TOML_LINE_CHARACTERS = 2**13
+"""A key of thousands of dotted parts keeps the parser busy for minutes."""

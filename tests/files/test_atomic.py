@@ -1,0 +1,92 @@
+"""Files and folders that are there whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from clradar.errors import OutputError
+from clradar.files import atomic
+from clradar.files.atomic import new_folder, replacing, swap_folder, write_file
+
+
+def test_a_target_is_replaced_only_with_force(tmp_path: Path) -> None:
+    target = tmp_path / "a"
+    write_file(target, b"1")
+    with pytest.raises(OutputError, match="a: exists already"):
+        write_file(target, b"2")
+    assert target.read_bytes() == b"1"
+    write_file(target, b"3", force=True)
+    assert target.read_bytes() == b"3"
+    (tmp_path / "dangling").symlink_to("nothing")
+    with pytest.raises(OutputError, match="exists already"):
+        write_file(tmp_path / "dangling", b"4")
+    assert sorted(os.listdir(tmp_path)) == ["a", "dangling"]
+
+
+def test_a_target_that_appears_while_it_is_written(tmp_path: Path) -> None:
+    target = tmp_path / "a"
+    with pytest.raises(OutputError, match="exists"), replacing(target) as temporary:  # noqa: PT012
+        temporary.write_bytes(b"ours")
+        target.write_bytes(b"somebody else's")
+    assert target.read_bytes() == b"somebody else's"
+    assert os.listdir(tmp_path) == ["a"]
+
+
+@pytest.mark.parametrize("name", ["missing/a", "folder", "nul\0byte", "a" * 300])
+def test_names_that_cannot_be_written(tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OutputError) as info:
+        write_file(tmp_path / name, b"", force=True)
+    assert str(info.value).isprintable()
+    assert os.listdir(tmp_path) == ["folder"]
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left"), KeyboardInterrupt()])
+def test_a_failed_write_leaves_what_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
+) -> None:
+    target = tmp_path / "a"
+    target.write_bytes(b"precious")
+
+    def full(_: int) -> None:
+        raise error
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises((OutputError, KeyboardInterrupt)) as info:
+        write_file(target, b"new", force=True)
+    if isinstance(error, OSError):
+        assert str(info.value).endswith("a: cannot be written: No space left")
+    assert target.read_bytes() == b"precious"
+    assert os.listdir(tmp_path) == ["a"]
+
+
+def test_permissions_follow_the_umask(tmp_path: Path) -> None:
+    (tmp_path / "plain").write_text("")
+    write_file(tmp_path / "a", b"")
+    assert (tmp_path / "a").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_folders_are_swapped_and_come_back_after_a_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "deep" / "out"
+    for content in ("1", "2"):
+        with new_folder(target) as temporary:
+            (temporary / "new").mkdir()
+            (temporary / "new" / "file").write_text(content)
+            swap_folder(temporary / "new", target, temporary / "old")
+        assert (target / "file").read_text() == content
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(atomic, "move_folder", interrupted)
+    with pytest.raises(KeyboardInterrupt), new_folder(target) as temporary:  # noqa: PT012
+        (temporary / "new").mkdir()
+        swap_folder(temporary / "new", target, temporary / "old")
+    assert (target / "file").read_text() == "2"
+    assert os.listdir(target.parent) == ["out"]

@@ -1,0 +1,43 @@
+"""A folder of work belongs to one process at a time."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from clradar.errors import OutputError
+from clradar.files.hashing import sha256_of
+from clradar.files.work_folder import held, remove_temporaries
+
+
+def test_one_holder_at_a_time(tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "b"
+    with (
+        held(folder, "sweep"),
+        pytest.raises(OutputError, match="another sweep is writing"),
+        held(folder, "sweep"),
+    ):
+        pass
+    with held(folder, "sweep"):
+        pass
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="got a file"), held(tmp_path / "file", "sweep"):
+        pass
+
+
+def test_remains_are_removed_and_nothing_else(tmp_path: Path) -> None:
+    for name in (".a.npz.012.tmp", "b.tmp", ".c"):
+        (tmp_path / name).write_text("")
+    remove_temporaries(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".c", "b.tmp"]
+
+
+def test_hash_of_a_file_longer_than_a_block(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"abc")
+    assert sha256_of(tmp_path / "a").startswith("ba7816bf8f01cfea414140de5dae2223")  # FIPS 180-2
+    (tmp_path / "b").write_bytes(b"a" * 10**6 + b"b" * 10**6)
+    assert sha256_of(tmp_path / "b").startswith(
+        hashlib.sha256(b"a" * 10**6 + b"b" * 10**6).hexdigest()
+    )
