@@ -105,7 +105,7 @@ def measure(device: clradar.Device) -> list[dict[str, Any]]:
     for cells in (22, 71, 224, 708):
         scene = meshes.waves(cells)
         with surface_of(scene, 16384, device) as surface:
-            seen = partial(surface.seen_bits, ARRAY.tx_m)
+            seen = partial(surface.visible_bits, ARRAY.tx_m)
             add("visibility of 16 384 points, 94 Tx", [(scene.n_faces, seen)])
         with NearestHits(scene.triangles_m, *bounces_of(scene, 300_000), device) as rays:
             add("300 000 bounce rays", [(scene.n_faces, rays.trace)])

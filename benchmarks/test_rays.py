@@ -37,8 +37,8 @@ def visibility(scene: clradar.Scene, device: clradar.Device) -> Iterator[dict[st
     with surface_of(scene, N_POINTS, device) as surface:
         queries, _ = peers_of(scene, *rays_of(surface), "blocked")
         ours = (
-            (lambda: surface.seen_from(ARRAY.tx_m).ravel()),
-            partial(surface.seen_bits, ARRAY.tx_m),
+            (lambda: surface.visible_from(ARRAY.tx_m).ravel()),
+            partial(surface.visible_bits, ARRAY.tx_m),
         )
         yield dict(zip(WHO, [ours, *queries], strict=True))
 

@@ -23,7 +23,8 @@ from clradar.model import (
     Waveform,
 )
 from clradar.opencl import Device, list_devices, open_device
-from clradar.synthesize import simulate, synthesize
+from clradar.simulation import simulate
+from clradar.synthesize import synthesize
 from clradar.trace import trace
 from clradar.tracing.settings import SimulationSettings
 

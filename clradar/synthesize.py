@@ -1,4 +1,4 @@
-"""Phasor sum and whole simulation: the public functions `synthesize` and `simulate`."""
+"""From path lengths to frequency samples: the public function `synthesize`."""
 
 from __future__ import annotations
 
@@ -7,18 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from clradar.model import AntennaArray, Capture, Paths, Scene, TraceStatistics, Waveform, checks
-from clradar.model.progress import Progress
+from clradar.model import AntennaArray, Capture, Paths, Waveform, checks
 from clradar.opencl import Device, open_device
 from clradar.phasors.phasor_sum import CALL_PATHS, PhasorSum
-from clradar.tracing.expected import Expectations, ExpectedTracer
-from clradar.tracing.settings import (
-    SimulationSettings,
-    resolve_settings,
-    simulated_meta,
-    takes_settings,
-)
-from clradar.tracing.stochastic import Tracer
 
 
 def synthesize(
@@ -77,73 +68,3 @@ def synthesize(
             total.add_columns(pair, length_m, amplitude)
         data = total.result()
     return Capture(data, array, waveform, {**(meta or {}), "device": dict(opened.describe())})
-
-
-@takes_settings
-def simulate(
-    scene: Scene,
-    array: AntennaArray,
-    waveform: Waveform,
-    *,
-    settings: SimulationSettings | None = None,
-    device: Device | str | None = None,
-    progress: Progress | None = None,
-    **fields: Any,
-) -> Capture:
-    """Trace and synthesize tile by tile; the paths are never held whole.
-
-    The memory needed depends on neither the number of samples nor that of paths.
-
-    Parameters
-    ----------
-    scene : Scene
-    array : AntennaArray
-    waveform : Waveform
-    settings : SimulationSettings, optional
-        The defaults if not given. With the stochastic estimator the result has the bits of
-        ``synthesize(trace(...))``.
-    device : Device, str or None
-        See `clradar.open_device`.
-    progress : callable, optional
-        Called with (done, total) samples.
-    **fields
-        Fields of `SimulationSettings`, in place of those of `settings`.
-
-    Returns
-    -------
-    Capture
-        With the resolved settings, the scene's digest, the counts of rays and the device in `meta`.
-
-    Raises
-    ------
-    ModelError
-        An argument or setting is invalid.
-    MeshError
-        The scene has no face with area, or more samples than 2^31.
-    DeviceError
-        The device is missing, out of memory or fails.
-    """
-    checks.instance("simulate: scene", scene, Scene)
-    checks.instance("simulate: array", array, AntennaArray)
-    checks.instance("simulate: waveform", waveform, Waveform)
-    resolved = resolve_settings(settings, **fields)
-    opened = open_device(device)
-    statistics = TraceStatistics(0, 0, 0, 0)
-    n_paths = 0
-    tracer_type = ExpectedTracer if resolved.estimator == "expected" else Tracer
-    with (
-        # The sum, which may be using the tracer's memory, ends first.
-        tracer_type(scene, array, resolved, opened) as tracer,
-        PhasorSum(array, waveform, opened, resolved.estimator == "expected") as total,
-    ):
-        for tile in tracer.tiles(progress):
-            if isinstance(tile, Expectations):
-                total.add_on_device(tile.start, tile.length, tile.amplitude, tile.longest_m)
-                n_paths += int(tile.start[-1])
-            else:
-                total.add(tile.pair, tile.path)
-                n_paths += len(tile.pair)
-            statistics = statistics + tile.statistics
-        data = total.result()
-    meta = simulated_meta(scene, resolved, statistics, n_paths, opened)
-    return Capture(data, array, waveform, meta)

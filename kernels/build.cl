@@ -4,8 +4,11 @@
 #include "common/width.h"
 #include "common/vector.h"
 
+#ifndef CLR_BLOCK
+#error "CLR_BLOCK (triangles of a leaf) is missing"
+#endif
+
 #define BINS 16
-#define BLOCK 8
 
 /* A box as (-low, high), so that the box around two is the larger of each component. */
 #define NOTHING ((float8)(-FLT_MAX))
@@ -18,7 +21,7 @@ static inline float area(const float8 box) {
 
 /* What testing the triangles of a node costs that is not split any further. */
 static inline float blocks(const int count) {
-    return (float)((count + BLOCK - 1) / BLOCK);
+    return (float)((count + CLR_BLOCK - 1) / CLR_BLOCK);
 }
 
 /* Bin of one coordinate; also for NaN and infinity one of them. */

@@ -5,14 +5,14 @@
  * sample, item = one Tx and CLR_WIDTH Rx, which goes through the samples; then the paths of each pair in the order
  * of samples, where the host says, from the counts of the third step, where they go. So the paths need no sort, and
  * no result depends on the tiling. */
-#ifndef CLR_SPREADING
-#error "CLR_SPREADING (0: amplitude 1, 1: 1 / (R1 R2) and antenna patterns) is missing"
+#if !defined(CLR_SPREADING) || !defined(CLR_GROUP)
+#error "CLR_SPREADING (0: amplitude 1, 1: 1 / (R1 R2) and patterns), CLR_GROUP (antennas) are missing"
+#endif
+#if !defined(CLR_RX_FIELDS) || !defined(CLR_TX_FIELDS)
+#error "CLR_RX_FIELDS, CLR_TX_FIELDS (numbers of a sample and Rx or Tx) are missing"
 #endif
 
 #include "common/lobe.h"
-
-#define RX_FIELDS 7 /* unit vector to the Rx (3), sine of its disc or 0, leg hi, leg lo, weight */
-#define TX_FIELDS 16 /* see lobes.cl */
 
 /* Below this the outgoing ray is t_m: the lobe is narrower than 0.3 micrometres at 0.3 m. */
 #define LEAST_ALPHA 0x1p-20f
@@ -22,7 +22,8 @@
 
 /* antenna   float (6, n_padded)  x, y, z as hi, then as lo, metres
  * visible   uchar (n_samples, n_groups)
- * direction float (n_samples, RX_FIELDS, n_padded)  out */
+ * direction float (n_samples, CLR_RX_FIELDS, n_padded)  out: unit vector to the Rx (3), sine of its disc
+ *           or 0 where it is hidden, path segment as hi and lo, metres, weight */
 __kernel void receiver_discs(const uint n_samples, const uint n_rx, const uint n_padded,
                              const float radius, const float pattern_exponent,
                              __global const float *antenna, __global const float *point,
@@ -39,7 +40,7 @@ __kernel void receiver_discs(const uint n_samples, const uint n_rx, const uint n
                                    (realw)(p.z), (realw)(0.0f));
     const dual leg = dual_length(x, y, z);
     const realw inverse = 1.0f / greater(leg.hi, (realw)(1e-20f));
-    const uint bits = visible[(size_t)i * (n_padded / 8) + first / 8] >> (first % 8);
+    const uint bits = visible[(size_t)i * (n_padded / CLR_GROUP) + first / CLR_GROUP] >> (first % CLR_GROUP);
 #if CLR_WIDTH == 8
     const int8 lane_bit = (int8)(1, 2, 4, 8, 16, 32, 64, 128);
 #else
@@ -57,7 +58,7 @@ __kernel void receiver_discs(const uint n_samples, const uint n_rx, const uint n
         weight *= back > 0.0f ? pow(back, (realw)(pattern_exponent)) : (realw)(0.0f);
     }
 #endif
-    __global float *row = direction + (size_t)i * RX_FIELDS * n_padded + first;
+    __global float *row = direction + (size_t)i * CLR_RX_FIELDS * n_padded + first;
     STOREW(x.hi * inverse, row);
     STOREW(y.hi * inverse, row + n_padded);
     STOREW(z.hi * inverse, row + 2 * n_padded);
@@ -95,8 +96,8 @@ static inline disc make_disc(realw x, realw y, realw z, realw sine) {
     return d;
 }
 
-/* direction float (n_samples, RX_FIELDS, n_padded)
- * tx_lobe   float (n_samples, n_tx, TX_FIELDS)
+/* direction float (n_samples, CLR_RX_FIELDS, n_padded)
+ * tx_lobe   float (n_samples, n_tx, CLR_TX_FIELDS)
  * alpha     float (n_samples)
  * rule      float, see common/lobe.h
  * share     float (n_tx, n_samples, n_padded)  out: P
@@ -110,8 +111,8 @@ __kernel void expected_shares(const uint n_samples, const uint n_tx, const uint 
     const uint block = (uint)get_global_id(0), tx = (uint)get_global_id(1);
     if (block * CLR_WIDTH >= n_padded || tx >= n_tx) return;
     const uint first = block * CLR_WIDTH;
-    const size_t tx_row = (size_t)n_tx * TX_FIELDS, rx_row = (size_t)RX_FIELDS * n_padded;
-    __global const float *lobes = tx_lobe + (size_t)tx * TX_FIELDS;
+    const size_t tx_row = (size_t)n_tx * CLR_TX_FIELDS, rx_row = (size_t)CLR_RX_FIELDS * n_padded;
+    __global const float *lobes = tx_lobe + (size_t)tx * CLR_TX_FIELDS;
     __global const float *rx = direction + first;
     __global float *out = share + (size_t)tx * n_samples * n_padded + first;
     __global uint *left = pending + ((size_t)tx * n_padded + first) * n_samples;
@@ -238,8 +239,8 @@ __kernel void expected_paths(const uint n_samples, const uint n_tx, const uint n
         __global const float *of = share + ((size_t)tx * n_samples + i) * n_padded + first;
         const realw p = LOADW(of);
         if (!ANYW(p > LEAST_SHARE)) continue;
-        __global const float *t = tx_lobe + ((size_t)i * n_tx + tx) * TX_FIELDS;
-        __global const float *row = direction + (size_t)i * RX_FIELDS * n_padded + first;
+        __global const float *t = tx_lobe + ((size_t)i * n_tx + tx) * CLR_TX_FIELDS;
+        __global const float *row = direction + (size_t)i * CLR_RX_FIELDS * n_padded + first;
         dual there, back;
         there.hi = (realw)(t[11]);
         there.lo = (realw)(t[12]);

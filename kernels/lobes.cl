@@ -1,19 +1,17 @@
 /* The lobe of outgoing directions of each sample and Tx: its axis t_m, and the normals in a frame about it.
  *
  * Item = one sample and one Tx, for expected.cl, which reads a lobe for many Rx. */
-#ifndef CLR_SPREADING
-#error "CLR_SPREADING (0: amplitude 1, 1: 1 / (R1 R2) and antenna patterns) is missing"
+#if !defined(CLR_SPREADING) || !defined(CLR_GROUP) || !defined(CLR_TX_FIELDS)
+#error "CLR_SPREADING, CLR_GROUP, CLR_TX_FIELDS are missing; see expected.cl"
 #endif
 
 #include "common/phase.h"
 #include "common/vector.h"
 
-#define TX_FIELDS 16
-
 /* antenna    float (n_tx, 6)         x, y, z as hi, then as lo, metres
  * point, shading, geometric  float (n_samples, 3)
  * visible    uchar (n_samples, n_groups)
- * tx_lobe    float (n_samples, n_tx, TX_FIELDS)  out:
+ * tx_lobe    float (n_samples, n_tx, CLR_TX_FIELDS)  out:
  *     [0..2] t_m   [3..5] x axis of its frame: the normal lies in the plane of t_m and x
  *     [6] n_z, [7] n_x  the normal, turned towards the ray   [8..10] the face's normal, turned too
  *     [11] leg hi  [12] leg lo  [13] weight: 0 where the Tx does not see the sample   [14, 15] unused */
@@ -24,9 +22,9 @@ __kernel void tx_lobes(const uint n_samples, const uint n_tx, const uint n_group
                        __global float *tx_lobe) {
     const uint tx = (uint)get_global_id(0), i = (uint)get_global_id(1);
     if (i >= n_samples || tx >= n_tx) return;
-    __global float *out = tx_lobe + ((size_t)i * n_tx + tx) * TX_FIELDS;
-    for (int k = 0; k < TX_FIELDS; ++k) out[k] = 0.0f;
-    if (!(visible[(size_t)i * n_groups + tx / 8] & (1u << (tx % 8)))) return;
+    __global float *out = tx_lobe + ((size_t)i * n_tx + tx) * CLR_TX_FIELDS;
+    for (int k = 0; k < CLR_TX_FIELDS; ++k) out[k] = 0.0f;
+    if (!(visible[(size_t)i * n_groups + tx / CLR_GROUP] & (1u << (tx % CLR_GROUP)))) return;
     const float3 p = load3(point + 3 * (size_t)i);
     __global const float *a = antenna + 6 * (size_t)tx;
     const dual x = dual_difference(p.x, 0.0f, a[0], a[3]);

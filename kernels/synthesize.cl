@@ -12,15 +12,19 @@
  * its pair, in the order of the pair's paths, and the state is kept between calls: the result is the same
  * to the bit however the paths are split into calls. Moments and sums are hi + lo, so a million equal paths do
  * not drift. */
-#ifndef CLR_IN_PARTS
-#error "CLR_IN_PARTS (1 where lengths come as hi + lo) is missing"
+#if !defined(CLR_IN_PARTS) || !defined(CLR_PAIRS)
+#error "CLR_IN_PARTS (1 where lengths come as hi + lo), CLR_PAIRS (of an item of finish) are missing"
+#endif
+#if !defined(CLR_MOMENTS) || !defined(CLR_MOST_SLOTS)
+#error "CLR_MOMENTS (of a block), CLR_MOST_SLOTS (blocks that a pair keeps) are missing"
+#endif
+#if CLR_MOMENTS != 8
+#error "the moments of a block are held in float8"
 #endif
 
 #include "common/phase.h"
 
-#define MOMENTS 8
-#define MOST_SLOTS 64
-#define BLOCK_FLOATS (4 * MOMENTS)
+#define BLOCK_FLOATS (4 * CLR_MOMENTS)
 
 /* The j-th of the CLR_WIDTH numbers in v. */
 #define LANE(v, j) (((const float *)&(v))[j])
@@ -38,15 +42,15 @@
 
 /* What CLR_WIDTH frequencies need of the band. */
 typedef struct {
-    realw c[MOMENTS];
+    realw c[CLR_MOMENTS];
     wavenumber kappa;
 } band;
 
 static inline band load_band(__global const float *table, const uint n_freq, const uint n) {
     band r;
-    for (int p = 0; p < MOMENTS; ++p) r.c[p] = LOADW(table + (size_t)p * n_freq + n);
-    r.kappa = make_wavenumber(LOADW(table + (size_t)MOMENTS * n_freq + n),
-                              LOADW(table + (size_t)(MOMENTS + 1) * n_freq + n));
+    for (int p = 0; p < CLR_MOMENTS; ++p) r.c[p] = LOADW(table + (size_t)p * n_freq + n);
+    r.kappa = make_wavenumber(LOADW(table + (size_t)CLR_MOMENTS * n_freq + n),
+                              LOADW(table + (size_t)(CLR_MOMENTS + 1) * n_freq + n));
     return r;
 }
 
@@ -60,10 +64,10 @@ static inline void block_phase(const int block, const float block_m, const waven
 /* exp(-j 2 pi kappa_n b W) sum_p c_np M_bp, from the moments m of a block. */
 static inline void block_phasor(__global const float *m, const band *f, const realw cosine,
                                 const realw sine, realw *re, realw *im) {
-    realw x = f->c[0] * m[0], y = f->c[0] * m[MOMENTS];
-    for (int p = 1; p < MOMENTS; ++p) {
+    realw x = f->c[0] * m[0], y = f->c[0] * m[CLR_MOMENTS];
+    for (int p = 1; p < CLR_MOMENTS; ++p) {
         x = fused(f->c[p], (realw)(m[p]), x);
-        y = fused(f->c[p], (realw)(m[MOMENTS + p]), y);
+        y = fused(f->c[p], (realw)(m[CLR_MOMENTS + p]), y);
     }
     *re = fused(x, cosine, y * sine);
     *im = fused(y, cosine, -(x * sine));
@@ -221,16 +225,13 @@ __kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_
     }
 }
 
-/* Pairs of one item, which share the blocks' phases. */
 #if CLR_WIDTH == 8
-#define PAIRS 16
 #define STORE_COMPLEX(re, im, p) \
     do { \
         STORE8(((float8)((re).s0, (im).s0, (re).s1, (im).s1, (re).s2, (im).s2, (re).s3, (im).s3)), (p)); \
         STORE8(((float8)((re).s4, (im).s4, (re).s5, (im).s5, (re).s6, (im).s6, (re).s7, (im).s7)), (p) + 8); \
     } while (0)
 #else
-#define PAIRS 1
 #define STORE_COMPLEX(re, im, p) \
     do { \
         (p)[0] = (re); \
@@ -238,29 +239,29 @@ __kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_
     } while (0)
 #endif
 
-/* What all of it adds up to; the state stays as it is. Item = `columns` frequencies of PAIRS pairs.
+/* What all of it adds up to; the state stays as it is. Item = `columns` frequencies of CLR_PAIRS pairs.
  * out      float (n_pairs, n_freq, 2)    re, im */
 __kernel void finish(const uint n_pairs, const uint n_freq, const uint columns, const uint n_slots,
                      const float block_m, __global const float *table, __global const int *tag,
                      __global const float *moments, __global const float *sum,
                      __global float *out) {
-    const uint begin = columns * (uint)get_global_id(0), first = PAIRS * (uint)get_global_id(1);
-    const uint n_here = n_pairs - first < PAIRS ? n_pairs - first : PAIRS;
+    const uint begin = columns * (uint)get_global_id(0), first = CLR_PAIRS * (uint)get_global_id(1);
+    const uint n_here = n_pairs - first < CLR_PAIRS ? n_pairs - first : CLR_PAIRS;
     const size_t plane = n_freq;
-    uchar used[PAIRS * MOST_SLOTS];
-    uint n_used[PAIRS];
+    uchar used[CLR_PAIRS * CLR_MOST_SLOTS];
+    uint n_used[CLR_PAIRS];
     for (uint i = 0; i < n_here; ++i) {
         n_used[i] = 0;
         for (uint slot = 0; slot < n_slots; ++slot) {
-            used[i * MOST_SLOTS + n_used[i]] = (uchar)slot;
+            used[i * CLR_MOST_SLOTS + n_used[i]] = (uchar)slot;
             n_used[i] += tag[(size_t)slot * n_pairs + first + i] != 0;
         }
     }
     for (uint n = begin; n < begin + columns && n < n_freq; n += CLR_WIDTH) {
         const band f = load_band(table, n_freq, n);
         /* Neighbouring pairs mostly have the same blocks in their slots. */
-        int block[MOST_SLOTS];
-        realw cosine[MOST_SLOTS], sine[MOST_SLOTS];
+        int block[CLR_MOST_SLOTS];
+        realw cosine[CLR_MOST_SLOTS], sine[CLR_MOST_SLOTS];
         for (uint slot = 0; slot < n_slots; ++slot) block[slot] = -1;
         for (uint i = 0; i < n_here; ++i) {
             const uint pair = first + i;
@@ -273,7 +274,7 @@ __kernel void finish(const uint n_pairs, const uint n_freq, const uint columns, 
                 im_lost = LOADW(at + 3 * plane);
             }
             for (uint k = 0; k < n_used[i]; ++k) {
-                const uint slot = used[i * MOST_SLOTS + k];
+                const uint slot = used[i * CLR_MOST_SLOTS + k];
                 const size_t at = (size_t)slot * n_pairs + pair;
                 if (tag[at] - 1 != block[slot]) {
                     block[slot] = tag[at] - 1;

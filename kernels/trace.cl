@@ -17,11 +17,13 @@
 #error "CLR_SPREADING (0: amplitude 1, 1: 1 / (R1 R2) and antenna patterns) is missing"
 #endif
 
+#ifndef CLR_GROUP
+#error "CLR_GROUP (antennas of a group) is missing"
+#endif
+
 #include "common/phase.h"
 #include "common/random.h"
 #include "common/bvh.h"
-
-#define GROUP 8
 
 static inline dual dual_distance(float3 p, float3 a_hi, float3 a_lo) {
     return dual_length(dual_difference(p.x, 0.0f, a_hi.x, a_lo.x),
@@ -80,13 +82,13 @@ __kernel void trace_rays(
     if (i >= n_samples || group >= n_tx_groups) return;
     const uint bits = visible[(size_t)i * n_tx_groups + group];
     if (bits == 0) return;
-    const uint stride = n_rx_groups * GROUP;
+    const uint stride = n_rx_groups * CLR_GROUP;
     const float radius_squared = radius * radius;
     uint drawn = 0, absorbed = 0;
 
-    for (uint b = 0; b < GROUP; ++b) {
+    for (uint b = 0; b < CLR_GROUP; ++b) {
         if (!(bits & (1u << b))) continue;
-        const uint tx = group * GROUP + b;
+        const uint tx = group * CLR_GROUP + b;
         const float3 p0 = load3(point + 3 * (size_t)i);
         const dual first_leg = dual_distance(p0, load3(tx_hi + 3 * (size_t)tx), load3(tx_lo + 3 * (size_t)tx));
         const float3 arrival = (p0 - load3(tx_hi + 3 * (size_t)tx)) / first_leg.hi;
@@ -125,7 +127,7 @@ __kernel void trace_rays(
                 if (meets_box(p, t_c, box_low, box_high)) {
                     for (uint g = 0; g < n_rx_groups; ++g) {
                         const float8 entry =
-                            sphere_entry(rx_soa + g * GROUP, stride, p, t_c, radius_squared);
+                            sphere_entry(rx_soa + g * CLR_GROUP, stride, p, t_c, radius_squared);
                         const float4 four = entry.lo > entry.hi ? entry.lo : entry.hi;
                         const float2 two = four.lo > four.hi ? four.lo : four.hi;
                         farthest = larger(farthest, larger(two.x, two.y));
@@ -140,20 +142,20 @@ __kernel void trace_rays(
                 if (farthest >= 0.0f) {
                     for (uint g = 0; g < n_rx_groups; ++g) {
                         const float8 entry =
-                            sphere_entry(rx_soa + g * GROUP, stride, p, t_c, radius_squared);
+                            sphere_entry(rx_soa + g * CLR_GROUP, stride, p, t_c, radius_squared);
                         const int8 received = (entry >= 0.0f) & (entry < limit);
                         if (!any8(received)) continue;
                         const int4 four = received.lo + received.hi;
                         const int2 two = four.lo + four.hi;
                         /* A lane that holds is -1. */
                         uint slot = atomic_add(counter, (uint)-(two.x + two.y));
-                        const int flags[GROUP] = {received.s0, received.s1, received.s2,
+                        const int flags[CLR_GROUP] = {received.s0, received.s1, received.s2,
                                                   received.s3, received.s4, received.s5,
                                                   received.s6, received.s7};
-                        for (uint lane = 0; lane < GROUP; ++lane) {
+                        for (uint lane = 0; lane < CLR_GROUP; ++lane) {
                             if (!flags[lane]) continue;
                             if (slot < capacity) {
-                                const uint rx = g * GROUP + lane;
+                                const uint rx = g * CLR_GROUP + lane;
                                 const float3 rx_m = load3(rx_hi + 3 * (size_t)rx);
                                 const dual leg = dual_distance(p, rx_m, load3(rx_lo + 3 * (size_t)rx));
                                 const dual total = dual_add(travelled, leg);

@@ -19,7 +19,12 @@
 #include "common/width.h"
 #include "common/bvh.h"
 
-#define GROUP 8
+#if !defined(CLR_GROUP) || !defined(CLR_BUNDLE_GROUPS)
+#error "CLR_GROUP (antennas of a group), CLR_BUNDLE_GROUPS (groups of a bundle) are missing"
+#endif
+#if CLR_GROUP != 8 || CLR_BUNDLE_GROUPS != 8
+#error "the rays of a group are held in float8 and those of a bundle in the bits of a ulong"
+#endif
 
 /* An antenna is a sphere of this radius, or a point (0). Where the plane of the point's face cuts a
  * sphere, each side asks for the middle of its own part, in height above the face: how far that is from
@@ -30,17 +35,16 @@ static inline realw lift_of(const realw above, const float radius) {
 
 #if CLR_WIDTH == 8
 
-#define GROUPS 8
-#define SLOTS (GROUPS * GROUP)
-
-/* A bundle in the buffer of antennas (clradar/bundles.py): */
-#define BUNDLE_GROUPS 0    /* int: groups in use */
-#define BUNDLE_FIRST 8     /* int (8): first antenna of a group of successive ones, else -1 */
-#define BUNDLE_LOW 16      /* (3, 8): low corner of each group's box, metres */
-#define BUNDLE_HIGH 40     /* (3, 8) */
-#define BUNDLE_AT 64       /* (3, 64): antennas, metres; the last of a group is repeated */
-#define BUNDLE_ANTENNA 256 /* int (64): which antenna; -1: padding */
-#define BUNDLE_FLOATS 320
+/* A bundle of antennas, as BUNDLE in clradar/tracing/antenna_packets.py. */
+typedef struct {
+    int n_groups;                                     /* in use */
+    int unused[7];
+    int first[CLR_BUNDLE_GROUPS];                     /* antenna of a group of successive ones, else -1 */
+    float low[3][CLR_BUNDLE_GROUPS];                  /* corner of each group's box, metres */
+    float high[3][CLR_BUNDLE_GROUPS];
+    float position[3][CLR_BUNDLE_GROUPS][CLR_GROUP];  /* metres; the last of a group is repeated */
+    int antenna[CLR_BUNDLE_GROUPS][CLR_GROUP];        /* its index; -1: padding */
+} bundle;
 
 /* Rays to the antennas of a bundle go along a main axis, to one side. What they do along the two others,
  * per metre: */
@@ -341,22 +345,22 @@ static inline void stretch(const float8 low, const float8 high, const float8 c, 
 /* Set the bits in `out` of the antennas that a point sees, one bundle after the other. */
 static inline void see_bundles(const float3 p, const float3 normal, const float delta,
                                const float radius, __global const float *nodes,
-                               __global const float *triangles, __global const float *bundle,
+                               __global const float *triangles, __global const float *header,
                                __global uchar *out) {
-    const int n_bundles = as_int(bundle[0]);
-    bundle += 8;
+    const int n_bundles = as_int(header[0]);
+    __global const bundle *of = (__global const bundle *)(header + 8);
     __global const float *bounds = nodes + NODE_BOUNDS;
     const int inner = -(int)nodes[NODE_OUTWARD];
     bool asked = false, inside = false;
-    for (int b = 0; b < n_bundles; ++b, bundle += BUNDLE_FLOATS) {
-        const int n_used = as_int(bundle[BUNDLE_GROUPS]);
-        float8 direction[3 * GROUPS], distance[GROUPS];
-        const float8 lx = LOAD8(bundle + BUNDLE_LOW) - radius;
-        const float8 ly = LOAD8(bundle + BUNDLE_LOW + 8) - radius;
-        const float8 lz = LOAD8(bundle + BUNDLE_LOW + 16) - radius;
-        const float8 hx = LOAD8(bundle + BUNDLE_HIGH) + radius;
-        const float8 hy = LOAD8(bundle + BUNDLE_HIGH + 8) + radius;
-        const float8 hz = LOAD8(bundle + BUNDLE_HIGH + 16) + radius;
+    for (int b = 0; b < n_bundles; ++b, ++of) {
+        const int n_used = of->n_groups;
+        float8 direction[3 * CLR_BUNDLE_GROUPS], distance[CLR_BUNDLE_GROUPS];
+        const float8 lx = LOAD8(of->low[0]) - radius;
+        const float8 ly = LOAD8(of->low[1]) - radius;
+        const float8 lz = LOAD8(of->low[2]) - radius;
+        const float8 hx = LOAD8(of->high[0]) + radius;
+        const float8 hy = LOAD8(of->high[1]) + radius;
+        const float8 hz = LOAD8(of->high[2]) + radius;
         /* Twice the height above the face of the middle of each box, and by how much its corners differ. */
         const float8 middle = (lx + hx - 2.0f * p.x) * normal.x + (ly + hy - 2.0f * p.y) * normal.y +
                               (lz + hz - 2.0f * p.z) * normal.z;
@@ -380,9 +384,9 @@ static inline void see_bundles(const float3 p, const float3 normal, const float 
             float8 most_distance = (float8)(0.0f);
             for (int g = 0; g < n_used; ++g) {
                 if (!(possible & 1u << g)) continue;
-                __global const float *at = bundle + BUNDLE_AT + g * GROUP;
-                const float8 ax = LOAD8(at), ay = LOAD8(at + SLOTS), az = LOAD8(at + 2 * SLOTS);
-                const int8 antenna = LOAD8I(bundle + BUNDLE_ANTENNA + g * GROUP);
+                const float8 ax = LOAD8(of->position[0][g]), ay = LOAD8(of->position[1][g]),
+                             az = LOAD8(of->position[2][g]);
+                const int8 antenna = LOAD8I(of->antenna[g]);
                 const float8 above = ((ax - p.x) * normal.x + (ay - p.y) * normal.y +
                                       (az - p.z) * normal.z) * (float)side;
                 open |= (ulong)lanes8((above > -radius) & (antenna >= 0)) << 8 * g;
@@ -444,15 +448,15 @@ static inline void see_bundles(const float3 p, const float3 normal, const float 
             for (int g = 0; g < n_used; ++g) {
                 uint seen = (uint)(open >> 8 * g & 0xff);
                 if (!seen) continue;
-                const int first = as_int(bundle[BUNDLE_FIRST + g]);
+                const int first = of->first[g];
                 if (first >= 0) {
                     seen <<= first & 7;
                     out[first >> 3] |= (uchar)seen;
                     if (seen >> 8) out[(first >> 3) + 1] |= (uchar)(seen >> 8);
                 } else {
-                    for (int lane = 0; lane < GROUP; ++lane) {
+                    for (int lane = 0; lane < CLR_GROUP; ++lane) {
                         if (!(seen & 1u << lane)) continue;
-                        const int antenna = as_int(bundle[BUNDLE_ANTENNA + g * GROUP + lane]);
+                        const int antenna = of->antenna[g][lane];
                         out[antenna >> 3] |= (uchar)(1 << (antenna & 7));
                     }
                 }
@@ -480,8 +484,8 @@ static inline void see_group(const float3 p, const float3 normal, const uint n_a
     const int inner = -(int)nodes[NODE_OUTWARD];
     bool asked = false, inside = false;
     uint bits = 0;
-    for (uint b = 0; b < GROUP && group * GROUP + b < n_antennas; ++b) {
-        __global const float *at = antennas + group * GROUP + b;
+    for (uint b = 0; b < CLR_GROUP && group * CLR_GROUP + b < n_antennas; ++b) {
+        __global const float *at = antennas + group * CLR_GROUP + b;
         const float3 antenna = (float3)(at[0], at[stride], at[2 * stride]);
         for (int side = -1; side <= 1; side += 2) {
             const float above = dot3(antenna - p, normal) * (float)side;
@@ -512,7 +516,7 @@ static inline void see(const uint n_samples, const uint n_antennas, const uint n
     const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
     if (i >= n_samples || group >= n_groups) return;
     const float3 p = load3(point + 3 * (size_t)i), normal = load3(geometric + 3 * (size_t)i);
-    const uint stride = n_groups * GROUP;
+    const uint stride = n_groups * CLR_GROUP;
     __global uchar *out = visible + (size_t)i * n_groups;
 #if CLR_WIDTH == 8
     for (uint g = 0; g < n_groups; ++g) out[g] = 0;

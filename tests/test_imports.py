@@ -19,7 +19,7 @@ FLOORS = (
     ("arrays", "reference", "opencl"),
     ("geometry",),
     ("tracing", "phasors", "imaging"),
-    ("trace", "synthesize", "simulate_alphas", "backproject"),
+    ("trace", "synthesize", "simulation", "backproject"),
     ("hand", "impairments", "overlap"),
     ("rigs", "compare"),
     ("plot", "clradar"),

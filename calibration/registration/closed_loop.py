@@ -28,7 +28,7 @@ from clradar.errors import CompareError
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Volume, VoxelGrid, Waveform
 from clradar.opencl import Device
 from clradar.overlap import overlap
-from clradar.synthesize import simulate
+from clradar.simulation import simulate
 
 TOLERANCE_M = 1e-4
 """Done when a round moves no visible point of the mesh by more than about this."""

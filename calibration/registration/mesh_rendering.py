@@ -191,7 +191,7 @@ class MeshImage:
         `every` thins the samples: two halves are two independent drawings of the surface.
         """
         there = moved(np.linalg.inv(transform), self.aperture.views_m)
-        share = self.surface.seen_from(there).mean(axis=1)
+        share = self.surface.visible_from(there).mean(axis=1)
         self._seen = np.flatnonzero(share > 0)[every]
         self._share = share[self._seen]
 

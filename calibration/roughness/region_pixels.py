@@ -44,7 +44,7 @@ def region_pixels(
     triangles = scene.triangles_m
     reach_m = float(np.linalg.norm(centre_m)) + 1.0
     with VisibleSurface(scene, SAMPLES_PER_MM2, reach_m, device) as surface:
-        points_m = surface.points_m[surface.seen_from(centre_m[None])[:, 0]]
+        points_m = surface.points_m[surface.visible_from(centre_m[None])[:, 0]]
     # By the middles of the faces: the mesh is fine compared with the pixels, or its regions are
     # large compared with its faces.
     _, nearest = cKDTree(triangles.mean(axis=1)).query(points_m)

@@ -30,7 +30,7 @@ from clradar.model import (
 )
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
-from clradar.simulate_alphas import simulate_alphas
+from clradar.simulation import simulate_alphas
 from clradar.tracing.settings import resolve_settings
 
 SEEDS = 3

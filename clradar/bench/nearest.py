@@ -1,27 +1,19 @@
-"""What rays hit first, for rays given one by one: the question of a bounce, asked by itself."""
+"""Closest-hit queries for rays given one by one: host side of ``nearest.cl``."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 
-from clradar.geometry.bvh import build_bvh, error_bound_m, flatten
+from clradar.geometry.bvh import TraversalOptions, upload_tree
 from clradar.model import checks
-from clradar.opencl import Buffers, Device, build
+from clradar.opencl import Device, build
+from clradar.opencl.buffers import OnDevice
 
 CACHE_BYTES = 2**22
 """Of a tree of up to this size a core's cache holds what rays need most."""
 
 
-@dataclass(frozen=True, slots=True)
-class _NearestOptions:
-    width: int
-    stack: int
-
-
-class NearestHits:
+class NearestHits(OnDevice):
     """A mesh and rays on a device.
 
     A context manager: its device memory is freed when the block ends.
@@ -38,56 +30,46 @@ class NearestHits:
     def __init__(
         self, triangles_m: np.ndarray, origins_m: np.ndarray, directions: np.ndarray, device: Device
     ) -> None:
+        super().__init__(device)
         at = checks.read_only("NearestHits: origins_m", origins_m, np.float32, (None, 3))
         away = checks.read_only("NearestHits: directions", directions, np.float32, at.shape)
-        self._triangles, self._rays, self._device = triangles_m, (at, away), device
-        self._buffers = Buffers(device)
+        self._triangles, self._rays = np.asarray(triangles_m, dtype=np.float64), (at, away)
 
-    def __enter__(self) -> NearestHits:
-        try:
-            triangles, (at, away) = np.asarray(self._triangles, dtype=np.float64), self._rays
-            delta_m = error_bound_m(triangles, at.astype(np.float64))
-            nodes, records, stack = flatten(build_bvh(triangles, self._device), triangles, delta_m)
-            options = _NearestOptions(self._device.width, stack)
-            self._program = build(self._device, "nearest.cl", options)
-            self._put = [self._buffers.upload(a) for a in (nodes, records, at, away)]
-            self._order = self._buffers.upload(np.arange(len(at), dtype=np.uint32))
-            self._cells = self._buffers.empty(2 * len(at))
-            self._sorts = self._pays_to_sort()
-            self._out = [self._buffers.empty(size * len(at)) for size in (4, 4, 8)]
-        except BaseException:
-            self._buffers.__exit__(None, None, None)
-            raise
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._buffers.__exit__(None, None, None)
+    def _prepare(self) -> None:
+        (origins, _), upload = self._rays, self._buffers.upload
+        n = len(origins)
+        self._tree = upload_tree(self._triangles, [origins.astype(np.float64)], self._buffers)
+        options = TraversalOptions(width=self.device.width, stack=self._tree.stack)
+        self._program = build(self.device, "nearest.cl", options)
+        self._uploaded_rays = [upload(a) for a in self._rays]
+        self._order = upload(np.arange(n, dtype=np.uint32))
+        self._cells = self._buffers.empty(2 * n)
+        self._out = [self._buffers.empty(size * n) for size in (4, 4, 8)]
+        # Sorting pays where a tree does not stay in the cache. A GPU would wait for the host.
+        info = self.device.info
+        tree_bytes = sum(buffer.size for buffer in self._tree.buffers)
+        self._sorts = (info.kind == "cpu" or info.is_interpreter) and tree_bytes >= CACHE_BYTES
 
     def trace(self) -> None:
         """Find the hits, which stay on the device."""
         n = len(self._rays[0])
-        nodes, triangles, *rays = self._put
         if self._sorts:
-            self._buffers.write(self._order, self._neighbours_first(n))
+            self._sort()
         self._program.launch(
-            "nearest_hits", (n,), np.uint32(n), nodes, triangles, self._order, *rays, *self._out
-        )
+            "nearest_hits", (n,), np.uint32(n), *self._tree.buffers, self._order,
+            *self._uploaded_rays, *self._out,
+        )  # fmt: skip
 
-    def _pays_to_sort(self) -> bool:
-        """Return whether a tree does not stay in the cache. A GPU would wait for the host."""
-        info, (nodes, records, *_) = self._device.info, self._put
-        waits = info.kind != "cpu" and not info.is_interpreter
-        return not waits and nodes.size + records.size >= CACHE_BYTES
-
-    def _neighbours_first(self, n: int) -> np.ndarray:
-        """Return in which order a CPU reads least from memory."""
-        nodes, _, origins, _ = self._put
+    def _sort(self) -> None:
+        """Order rays by where they start, so that a CPU reads least from memory."""
+        n, origins = len(self._rays[0]), self._uploaded_rays[0]
+        nodes = self._tree.buffers[0]
         self._program.launch("ray_cells", (n,), np.uint32(n), nodes, origins, self._cells)
         cells = self._buffers.read(self._cells, n, np.uint16)
-        return np.argsort(cells, kind="stable").astype(np.uint32)
+        self._buffers.write(self._order, np.argsort(cells, kind="stable").astype(np.uint32))
 
     def hits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what `trace` found.
+        """Read the hits that `trace` found.
 
         Returns
         -------

@@ -29,9 +29,9 @@ def visibility(device: clradar.Device, repeats: int, n_points: int) -> list[Row]
     for name, scene in (("closed", meshes.ball(203, 202)), ("concave", meshes.waves(708))):
         with surface_of(scene, n_points, device) as surface:
             origins, directions = rays_of(surface)
-            ours = partial(surface.seen_bits, ARRAY.tx_m)
+            ours = partial(surface.visible_bits, ARRAY.tx_m)
             queries, names = peers_of(scene, origins, directions, "blocked")
-            seen = surface.seen_from(ARRAY.tx_m).ravel()
+            seen = surface.visible_from(ARRAY.tx_m).ravel()
             differ = [float(np.mean(seen == peer())) for peer, _ in queries]
             times = interleaved_s([ours, *(run for _, run in queries)], repeats, PAUSE_S)
         what = f"visibility, {seen.size / 1e6:.2g} M rays, {scene.n_faces} faces, {name}"
@@ -86,7 +86,7 @@ def growth(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list
             opened.append(surface)
             rays = NearestHits(scene.triangles_m, *bounces_of(scene, 300_000), device).__enter__()
             opened.append(rays)
-            works += [partial(surface.seen_bits, ARRAY.tx_m), rays.trace]
+            works += [partial(surface.visible_bits, ARRAY.tx_m), rays.trace]
             faces.append(scene.n_faces)
             sizes += [len(surface.points_m) * ARRAY.n_tx, 300_000]
         ns = np.median(interleaved_s(works, repeats) / sizes, axis=0) * 1e9
@@ -129,7 +129,7 @@ def rays_of(surface: VisibleSurface) -> tuple[np.ndarray, np.ndarray]:
     normals = surface._buffers.read(surface._geometric, (n, 3), np.float32).astype(np.float64)
     leg = ARRAY.tx_m[None] - surface.points_m[:, None]
     side = np.sign(np.einsum("sta,sa->st", leg, normals))[:, :, None]
-    origins = surface.points_m[:, None] + 2 * float(surface._delta) * side * normals[:, None]
+    origins = surface.points_m[:, None] + 2 * float(surface._tree.delta_m) * side * normals[:, None]
     origins = origins.astype(np.float32)
     directions = (ARRAY.tx_m[None] - origins).astype(np.float32)
     return origins.reshape(-1, 3), directions.reshape(-1, 3)

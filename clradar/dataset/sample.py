@@ -24,7 +24,7 @@ from clradar.impairments.environment import Wall, room_capture
 from clradar.impairments.impair import impair
 from clradar.model import AntennaArray, Capture, Scene, VoxelGrid, Waveform
 from clradar.opencl import Device
-from clradar.synthesize import simulate
+from clradar.simulation import simulate
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pyopencl as cl
@@ -16,6 +16,8 @@ HUGE_BYTES = 4 * 2**20
 PoCL's own costs a page fault for every 4 KiB that is used, some microseconds each."""
 
 PAGE_BYTES = 4096
+
+Prepared = TypeVar("Prepared", bound="OnDevice")
 
 
 class Buffers:
@@ -160,6 +162,32 @@ class Buffers:
             f"({error}); free memory, ask for a smaller problem, or choose another device with "
             f"CLRADAR_DEVICE=..."
         )
+
+
+class OnDevice:
+    """Base of what lives on a device for the length of a `with` block.
+
+    The block begins with `_prepare`, which uploads and builds. All buffers are freed when the block
+    ends, also if preparing fails.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self._buffers = Buffers(device)
+
+    def __enter__(self: Prepared) -> Prepared:
+        try:
+            self._prepare()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._buffers.__exit__(None, None, None)
+
+    def _prepare(self) -> None:
+        raise NotImplementedError
 
 
 def _mib(n_bytes: int) -> str:

@@ -14,7 +14,7 @@ from clradar.model import Waveform
 from clradar.opencl.double_single import hi_lo
 
 MOMENTS = 8
-"""Moments per block: degree 7 in the place within the block. The kernel's number."""
+"""Moments per block: degree 7 in the position within the block."""
 
 EDGE_PHASE_RAD = 1.0
 """Phase between a block's centre and its edge at the band's edge. With eight moments the error of a

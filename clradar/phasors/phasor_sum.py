@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from clradar.model import AntennaArray, Waveform, checks
-from clradar.opencl import Buffers, Device, build
+from clradar.opencl import Device, build
+from clradar.opencl.buffers import OnDevice
 from clradar.opencl.double_single import hi_lo
-from clradar.phasors.length_blocks import MOMENTS, length_blocks
+from clradar.phasors.length_blocks import MOMENTS, MOST_SLOTS, length_blocks
 
 CALL_PATHS = 2**18
 """Paths per kernel call; a smaller device makes it smaller. No result depends on it."""
@@ -19,13 +20,18 @@ PATH_BYTES = 8 + 4
 """Of a path on the device: float64 length, float32 amplitude."""
 
 GROUP_PAIRS = 16
-"""Pairs per item of the last kernel with eight lanes. The kernel's number."""
+"""Pairs per item of the last kernel with eight lanes, which share the phases of their blocks."""
 
 
-@dataclass(frozen=True, slots=True)
-class _SynthesizeOptions:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SynthesizeOptions:
+    """Options of ``synthesize.cl``."""
+
     width: int
     in_parts: bool
+    pairs: int
+    moments: int = MOMENTS
+    most_slots: int = MOST_SLOTS
 
 
 @dataclass(slots=True, eq=False)
@@ -37,7 +43,7 @@ class _Slice:
     state: list[np.ndarray] | None
 
 
-class PhasorSum:
+class PhasorSum(OnDevice):
     """The running sum of one capture on a device.
 
     A context manager. Where the state of all pairs exceeds the device's memory, that of a part of
@@ -48,36 +54,29 @@ class PhasorSum:
     def __init__(
         self, array: AntennaArray, waveform: Waveform, device: Device, on_device: bool = False
     ) -> None:
-        self._array, self._device, self._waveform = array, device, waveform
+        super().__init__(device)
+        self._array, self._waveform = array, waveform
         self._n_pairs = array.n_tx * array.n_rx
-        self._width = device.width
-        self._n_columns = -(-waveform.n_freq // self._width) * self._width
+        self._n_columns = -(-waveform.n_freq // device.width) * device.width
         self._blocks = length_blocks(waveform)
-        self._buffers = Buffers(device)
-        self._program = build(device, "synthesize.cl", _SynthesizeOptions(self._width, on_device))
+        self._item_pairs = 1 if device.width == 1 else GROUP_PAIRS
+        options = SynthesizeOptions(width=device.width, in_parts=on_device, pairs=self._item_pairs)
+        self._program = build(device, "synthesize.cl", options)
         self._running: list[Any] = []
-
-    def __enter__(self) -> PhasorSum:
-        try:
-            self._prepare()
-        except BaseException:
-            self.__exit__()
-            raise
-        return self
 
     def __exit__(self, *error: Any) -> None:
         try:
             self._finish_call()
         finally:
-            self._buffers.__exit__(None, None, None)
+            super().__exit__(*error)
 
     def _prepare(self) -> None:
         n_slots, n_columns = self._blocks.n_slots, self._n_columns
         moments, total, out = 16 * MOMENTS * n_slots, 16 * n_columns, 8 * n_columns
         per_pair = 4 * (n_slots + 1) + moments + total + out
         room = min(
-            self._device.budget_bytes // 3 // per_pair,
-            self._device.max_buffer_bytes // max(moments, total),
+            self.device.budget_bytes // 3 // per_pair,
+            self.device.max_buffer_bytes // max(moments, total),
         )
         count = max(1, min(self._n_pairs, room))
         firsts = range(0, self._n_pairs, count)
@@ -89,7 +88,7 @@ class PhasorSum:
         self._sum = self._buffers.empty(total * count)
         self._out = self._buffers.empty(out * count)
         # A call's columns come while those of the call before are in use.
-        left = min(self._buffers.free_bytes - 8 * (count + 1), self._device.max_buffer_bytes)
+        left = min(self._buffers.free_bytes - 8 * (count + 1), self.device.max_buffer_bytes)
         self._call_paths = int(max(1, min(CALL_PATHS, left // 2 // PATH_BYTES)))
 
     def add(self, pair: np.ndarray, rows: np.ndarray) -> None:
@@ -133,8 +132,8 @@ class PhasorSum:
             )
 
     def _add_call(self, pair: np.ndarray, length_m: np.ndarray, amplitude: np.ndarray) -> None:
-        if len(pair) < self._width:  # the kernel reads as many as it has lanes
-            fill = (0, self._width - len(pair))
+        if len(pair) < self.device.width:  # the kernel reads as many as it has lanes
+            fill = (0, self.device.width - len(pair))
             length_m, amplitude = np.pad(length_m, fill), np.pad(amplitude, fill)
         columns = [self._buffers.borrow(length_m), self._buffers.borrow(amplitude)]
         first, stop = int(pair[0]), int(pair[-1]) + 1
@@ -163,7 +162,7 @@ class PhasorSum:
             More than 2^21 wavelengths.
         """
         self._check_length(longest_m)
-        total = max(int(start[-1]), self._width)
+        total = max(int(start[-1]), self.device.width)
         self._start(start, 0, total, [length, amplitude], [])
 
     def _start(
@@ -242,13 +241,13 @@ class PhasorSum:
         """Return the sum, shape (n_tx, n_rx, n_freq), complex64, read-only."""
         n_freq, parts = self._waveform.n_freq, []
         self._finish_call()
-        columns, pairs = (1, 1) if self._width == 1 else (self._n_columns, GROUP_PAIRS)
+        columns = 1 if self.device.width == 1 else self._n_columns
         for part in self._slices:
             count = part.stop - part.first
             self._fetch(part)
             self._program.launch(
                 "finish",
-                (self._n_columns // columns, -(-count // pairs)),
+                (self._n_columns // columns, -(-count // self._item_pairs)),
                 np.uint32(count),
                 np.uint32(self._n_columns),
                 np.uint32(columns),

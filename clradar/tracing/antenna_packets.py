@@ -1,25 +1,51 @@
-"""Antennas as ``visibility.cl`` reads them: in bundles of groups that are close to each other."""
+"""Antennas in bundles of ray packets, as the shaft traversal of ``visibility.cl`` reads them.
+
+A group of antennas that are close to each other makes a packet of rays, which are tested together
+(I. Wald et al., "Interactive rendering with coherent ray tracing", Eurographics 2001). A bundle of
+groups makes a shaft, which is traversed once for all (E. A. Haines and J. R. Wallace, "Shaft
+culling for efficient ray-traced radiosity", Eurographics Workshop on Rendering 1991).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
+from clradar.geometry.bvh import TraversalOptions
 from clradar.opencl import Device
 
 GROUP = 8
-"""Antennas per group in the kernels."""
+"""Antennas per group, and bits per byte of what is visible."""
 
-BUNDLE = 8 * GROUP
-"""Most antennas that one pass through the tree serves."""
+BUNDLE_GROUPS = 8
+"""Most groups that one pass through the tree serves."""
 
-BUNDLE_FLOATS = 320
-"""Length of a bundle in ``kernels/visibility.cl``."""
+BUNDLE = np.dtype(
+    [
+        ("n_groups", np.int32),
+        ("unused", np.int32, 7),
+        ("first", np.int32, BUNDLE_GROUPS),
+        ("low", np.float32, (3, BUNDLE_GROUPS)),
+        ("high", np.float32, (3, BUNDLE_GROUPS)),
+        ("position", np.float32, (3, BUNDLE_GROUPS, GROUP)),
+        ("antenna", np.int32, (BUNDLE_GROUPS, GROUP)),
+    ]
+)
+"""A bundle, as `bundle` in ``visibility.cl``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VisibilityOptions(TraversalOptions):
+    """Options of ``visibility.cl``."""
+
+    group: int = GROUP
+    bundle_groups: int = BUNDLE_GROUPS
 
 
 def bundled(positions_m: np.ndarray, filler_m: np.ndarray | None = None) -> np.ndarray:
-    """Return what the kernels of ``visibility.cl`` read of antennas.
+    """Lay out antennas for the kernels of ``visibility.cl``.
 
     Parameters
     ----------
@@ -30,25 +56,29 @@ def bundled(positions_m: np.ndarray, filler_m: np.ndarray | None = None) -> np.n
     Returns
     -------
     ndarray, shape (m,), float32
-        The positions by coordinate, (3, n_groups * GROUP), the number of bundles, and the bundles.
+        The positions by coordinate, (3, n_groups * GROUP), the number of bundles and seven unused
+        words, and the bundles.
     """
     positions = np.asarray(positions_m, dtype=np.float32)
-    n_groups = -(-len(positions) // GROUP)
-    columns = np.empty((3, n_groups * GROUP), dtype=np.float32)
+    columns = np.empty((3, n_groups(len(positions)) * GROUP), dtype=np.float32)
     columns[:] = np.asarray(positions[-1] if filler_m is None else filler_m)[:, None]
     columns[:, : len(positions)] = positions.T
-    bundles = [
-        _bundle(positions, list(_split(positions, members, GROUP)))
-        for members in _split(positions, np.arange(len(positions)), BUNDLE)
-    ]
-    header = np.zeros(8, dtype=np.int32)
-    header[0] = len(bundles)
-    return np.concatenate([columns.ravel(), header.view(np.float32), *bundles])
+    parts = list(_split(positions, np.arange(len(positions)), BUNDLE_GROUPS * GROUP))
+    bundles = np.zeros(len(parts), BUNDLE)
+    for bundle, members in zip(bundles, parts, strict=True):
+        _fill(bundle, positions, list(_split(positions, members, GROUP)))
+    header = np.array([len(bundles), *[0] * 7], dtype=np.int32)
+    return np.concatenate([columns.ravel(), header.view(np.float32), bundles.view(np.float32)])
 
 
-def items(device: Device, n_points: int, n_groups: int) -> tuple[int, int]:
-    """Return over how many items the kernels of ``visibility.cl`` are launched."""
-    return n_points, 1 if device.width == 8 else n_groups
+def n_groups(n_antennas: int) -> int:
+    """How many groups hold `n_antennas`."""
+    return -(-n_antennas // GROUP)
+
+
+def items(device: Device, n_points: int, groups: int) -> tuple[int, int]:
+    """Over how many items the kernels of ``visibility.cl`` are launched."""
+    return n_points, 1 if device.width == 8 else groups
 
 
 def _split(positions_m: np.ndarray, members: np.ndarray, most: int) -> Iterator[np.ndarray]:
@@ -67,21 +97,15 @@ def _split(positions_m: np.ndarray, members: np.ndarray, most: int) -> Iterator[
     yield from _split(positions_m, ranked[half:], most)
 
 
-def _bundle(positions_m: np.ndarray, groups: list[np.ndarray]) -> np.ndarray:
-    out = np.zeros(BUNDLE_FLOATS, dtype=np.float32)
-    words = out.view(np.int32)
-    words[0] = len(groups)
-    first, low, high = words[8:16], out[16:40].reshape(3, 8), out[40:64].reshape(3, 8)
-    at, antenna = out[64:256].reshape(3, 8, 8), words[256:320].reshape(8, 8)
-    antenna[:] = -1
-    for g in range(8):
+def _fill(bundle: np.void, positions_m: np.ndarray, groups: list[np.ndarray]) -> None:
+    bundle["n_groups"] = len(groups)
+    bundle["first"] = bundle["antenna"] = -1
+    for g in range(BUNDLE_GROUPS):
         members = groups[min(g, len(groups) - 1)]
-        filled = members[np.minimum(np.arange(GROUP), len(members) - 1)]
-        at[:, g] = positions_m[filled].T
-        low[:, g], high[:, g] = at[:, g].min(axis=1), at[:, g].max(axis=1)
-        first[g] = -1
+        filled = positions_m[members[np.minimum(np.arange(GROUP), len(members) - 1)]]
+        bundle["position"][:, g] = filled.T
+        bundle["low"][:, g], bundle["high"][:, g] = filled.min(axis=0), filled.max(axis=0)
         if g < len(groups):
-            antenna[g, : len(members)] = members
+            bundle["antenna"][g, : len(members)] = members
             if members[-1] - members[0] == len(members) - 1:
-                first[g] = members[0]
-    return out
+                bundle["first"][g] = members[0]

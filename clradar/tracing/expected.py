@@ -16,7 +16,7 @@ from clradar.model import TraceStatistics
 from clradar.model.progress import Progress
 from clradar.opencl import build
 from clradar.opencl.double_single import antenna_rows
-from clradar.tracing.antenna_packets import GROUP, items
+from clradar.tracing.antenna_packets import GROUP
 from clradar.tracing.lit_surface import TILE_SAMPLES, LitSurface
 
 PLAIN_NODES, EDGE_NODES, FINE_NODES = 4, 6, 12
@@ -33,19 +33,28 @@ RX_FIELDS, TX_FIELDS = 7, 16
 """Numbers per sample and antenna between the kernels."""
 
 
-@dataclass(frozen=True, slots=True)
-class _LobeOptions:
-    width: int
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LobeOptions:
+    """Options of ``lobes.cl``."""
+
+    width: int = 1
     spreading: bool
+    group: int = GROUP
+    tx_fields: int = TX_FIELDS
 
 
-@dataclass(frozen=True, slots=True)
-class _ExpectedOptions:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExpectedOptions:
+    """Options of ``expected.cl``."""
+
     width: int
     spreading: bool
-    plain: int
-    edge: int
-    fine: int
+    group: int = GROUP
+    rx_fields: int = RX_FIELDS
+    tx_fields: int = TX_FIELDS
+    plain: int = PLAIN_NODES
+    edge: int = EDGE_NODES
+    fine: int = FINE_NODES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +90,7 @@ class ExpectedTracer(LitSurface):
     are those of `Tracer`.
     """
 
-    def _prepare_rays(self, stack: int) -> None:
+    def _prepare_rays(self) -> None:
         array, up = self.array, self._buffers.upload
         spreading = self.settings.amplitude == "spreading"
         self._padded = self._n_rx_groups * GROUP
@@ -96,10 +105,8 @@ class ExpectedTracer(LitSurface):
         self._longest_m = float(2 * point_m + sum(antennas_m))
         rules = np.concatenate([_rule(EDGE_NODES), _rule(FINE_NODES)])
         self._rule = up(rules.astype(np.float32))
-        self._lobes = build(self.device, "lobes.cl", _LobeOptions(1, spreading))
-        options = _ExpectedOptions(
-            self.device.width, spreading, PLAIN_NODES, EDGE_NODES, FINE_NODES
-        )
+        self._lobes = build(self.device, "lobes.cl", LobeOptions(spreading=spreading))
+        options = ExpectedOptions(width=self.device.width, spreading=spreading)
         self._expected = build(self.device, "expected.cl", options)
 
     def _size_tiles(self) -> None:
@@ -133,7 +140,7 @@ class ExpectedTracer(LitSurface):
         n_groups = self._n_tx_groups
         for first in range(0, self.n_samples, self._tile_samples):
             count = min(self._tile_samples, self.n_samples - first)
-            faces, seen = self._see(first, count)
+            faces, seen = self._illuminate(first, count)
             points, shading, geometric, _, _, visible = self._tile
             vectors = [
                 self._buffers.read(b, (count, 3), np.float32) for b in (points, shading, geometric)
@@ -166,10 +173,9 @@ class ExpectedTracer(LitSurface):
         for buffer, column in zip(buffers, columns, strict=True):
             self._buffers.write(buffer, column)
         radius, exponent = np.float32(s.reception_radius_m), np.float32(s.pattern_exponent)
-        self._visibility.launch(
-            "visible_spheres", items(self.device, count, self._n_rx_groups), u(count),
-            u(array.n_rx), u(self._n_rx_groups), self._delta, radius, *self._tree, self._rx_soa,
-            points, geometric, self._rx_visible,
+        self._find_visible(
+            count, points, geometric, array.n_rx, self._rx_bundles, self._rx_visible,
+            s.reception_radius_m,
         )  # fmt: skip
         blocks = self._padded // self.device.width
         self._expected.launch(

@@ -7,21 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clradar.geometry.bvh import TraversalOptions
 from clradar.model import TraceStatistics
 from clradar.model.progress import Progress
 from clradar.opencl import build
 from clradar.opencl.double_single import hi_lo
+from clradar.tracing.antenna_packets import GROUP
 from clradar.tracing.lit_surface import TILE_SAMPLES, LitSurface
 
 RECEPTION_BYTES = 8 + 16
 """Device memory per reception: key and path."""
 
 
-@dataclass(frozen=True, slots=True)
-class _TraceOptions:
-    width: int
-    stack: int
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TraceOptions(TraversalOptions):
+    """Options of ``trace.cl``."""
+
+    width: int = 1
     spreading: bool
+    group: int = GROUP
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,14 +53,15 @@ class Receptions:
 class Tracer(LitSurface):
     """A scene and an array on a device, ready to be traced tile by tile."""
 
-    def _prepare_rays(self, stack: int) -> None:
+    def _prepare_rays(self) -> None:
         array, up = self.array, self._buffers.upload
         self._surface = [self._sampling[2], up(self._face_alpha)]
         self._antennas = [up(part) for a in (array.tx_m, array.rx_m) for part in hi_lo(a)]
         self._box = self._reception_box()
         self._counter = self._buffers.zeros(12)
         spreading = self.settings.amplitude == "spreading"
-        self._trace = build(self.device, "trace.cl", _TraceOptions(1, stack, spreading))
+        options = TraceOptions(stack=self._tree.stack, spreading=spreading)
+        self._trace = build(self.device, "trace.cl", options)
 
     def _size_tiles(self) -> None:
         """Share what memory is left between samples and receptions."""
@@ -112,7 +117,7 @@ class Tracer(LitSurface):
     def _tile_of(
         self, first: int, count: int, alphas: list[tuple[int, np.ndarray]]
     ) -> Iterator[tuple[int, Receptions]]:
-        faces, seen = self._see(first, count)
+        faces, seen = self._illuminate(first, count)
         for at, (index, alpha) in enumerate(alphas):
             received, outgoing, absorbed = self._send(first, count, faces, alpha)
             if received > self._capacity:
@@ -129,7 +134,7 @@ class Tracer(LitSurface):
     def _send(
         self, first: int, count: int, faces: np.ndarray, face_alpha: np.ndarray
     ) -> tuple[int, int, int]:
-        """Trace the rays of what `_see` made; return receptions, outgoing and absorbed draws."""
+        """Trace the rays of a tile; returns how many receptions, outgoing and absorbed draws."""
         s, array = self.settings, self.array
         u = np.uint32
         points, shading, geometric, _, alpha, visible = self._tile
@@ -140,16 +145,16 @@ class Tracer(LitSurface):
             "trace_rays", (count, self._n_tx_groups), u(count), u(array.n_tx), u(array.n_rx),
             u(self._n_tx_groups), u(self._n_rx_groups), u(self._rays_per_sample), u(s.max_bounces),
             u(first), *self._seed_words(), np.float32(s.reception_radius_m),
-            np.float32(s.pattern_exponent), self._delta, *self._box, u(self._capacity),
-            *self._tree, *self._surface, *self._antennas, self._rx_soa, points, shading, geometric,
-            alpha, visible, self._counter, self._keys, self._paths,
+            np.float32(s.pattern_exponent), self._tree.delta_m, *self._box, u(self._capacity),
+            *self._tree.buffers, *self._surface, *self._antennas, self._rx_bundles, points,
+            shading, geometric, alpha, visible, self._counter, self._keys, self._paths,
         )  # fmt: skip
         received, outgoing, absorbed = self._buffers.read(self._counter, 3, np.uint32)
         return int(received), int(outgoing), int(absorbed)
 
     def _reception_box(self) -> list[np.ndarray]:
         """Box around all receivers' spheres as two float4, a little larger for the rounding."""
-        pad = self.settings.reception_radius_m * (1 + 1e-5) + float(self._delta)
+        pad = self.settings.reception_radius_m * (1 + 1e-5) + float(self._tree.delta_m)
         corners = []
         for corner in (self.array.rx_m.min(axis=0) - pad, self.array.rx_m.max(axis=0) + pad):
             corners.append(np.append(corner, 0.0).astype(np.float32))

@@ -30,27 +30,33 @@
  * delta = 32 w M, with M the largest distance of any vertex or antenna from the origin, bounds all of
  * this and the rounding of points on the surface. Boxes are padded by it, and rays leave a face from
  * 2 delta above it. */
-#ifndef CLR_STACK
-#error "CLR_STACK (entries of the traversal stack, counted by the host) is missing"
+#if !defined(CLR_STACK) || !defined(CLR_CHILDREN) || !defined(CLR_NODE_ROWS)
+#error "CLR_STACK (entries of a traversal's stack), CLR_CHILDREN, CLR_NODE_ROWS (of a node) are missing"
+#endif
+#if !defined(CLR_BLOCK) || !defined(CLR_TRIANGLE_ROWS)
+#error "CLR_BLOCK (triangles of a leaf), CLR_TRIANGLE_ROWS (of each) are missing"
+#endif
+#if CLR_CHILDREN != 8 || CLR_BLOCK != 8
+#error "the traversals hold children and triangles in float8"
 #endif
 
 #include "common/dual.h"
 #include "common/vector.h"
 
-#define NODE_FLOATS 64
-#define NODE_LOW 8
-#define NODE_HIGH 32
-#define NODE_OUTWARD 57
-#define NODE_BOUNDS 58
-#define BLOCK 8
-#define BLOCK_FLOATS (12 * BLOCK)
-#define ROW_E1 (3 * BLOCK)
-#define ROW_E2 (6 * BLOCK)
-#define ROW_N (9 * BLOCK)
+#define NODE_FLOATS (CLR_NODE_ROWS * CLR_CHILDREN)
+#define NODE_LOW CLR_CHILDREN
+#define NODE_HIGH (4 * CLR_CHILDREN)
+#define NODE_BLOCKS (7 * CLR_CHILDREN)
+#define NODE_OUTWARD (NODE_BLOCKS + 1)
+#define NODE_BOUNDS (NODE_BLOCKS + 2)
+#define BLOCK_FLOATS (CLR_TRIANGLE_ROWS * CLR_BLOCK)
+#define ROW_E1 (3 * CLR_BLOCK)
+#define ROW_E2 (6 * CLR_BLOCK)
+#define ROW_N (9 * CLR_BLOCK)
 
 static inline int face_at(__global const float *nodes, __global const float *triangles,
                           const int slot) {
-    return as_int(triangles[(size_t)as_int(nodes[56]) * BLOCK_FLOATS + slot]);
+    return as_int(triangles[(size_t)as_int(nodes[NODE_BLOCKS]) * BLOCK_FLOATS + slot]);
 }
 
 /* Where the rows of a slot begin. */
@@ -60,7 +66,7 @@ static inline __global const float *slot_of(__global const float *triangles, con
 
 /* The vector in three rows of a slot. */
 static inline float3 rows3(__global const float *slot) {
-    return (float3)(slot[0], slot[BLOCK], slot[2 * BLOCK]);
+    return (float3)(slot[0], slot[CLR_BLOCK], slot[2 * CLR_BLOCK]);
 }
 
 /* Ask for a child that is going to be visited. */
@@ -156,23 +162,23 @@ typedef struct {
 static inline seen_block block_from(__global const float *block, const float3 o, const int x,
                                     const int y, const int z) {
     seen_block s;
-    const float8 tx = LOAD8(block + BLOCK * x) - o.x, ty = LOAD8(block + BLOCK * y) - o.y,
-                 tz = LOAD8(block + BLOCK * z) - o.z;
-    float8 ex = LOAD8(block + ROW_E2 + BLOCK * x), ey = LOAD8(block + ROW_E2 + BLOCK * y),
-           ez = LOAD8(block + ROW_E2 + BLOCK * z);
+    const float8 tx = LOAD8(block + CLR_BLOCK * x) - o.x, ty = LOAD8(block + CLR_BLOCK * y) - o.y,
+                 tz = LOAD8(block + CLR_BLOCK * z) - o.z;
+    float8 ex = LOAD8(block + ROW_E2 + CLR_BLOCK * x), ey = LOAD8(block + ROW_E2 + CLR_BLOCK * y),
+           ez = LOAD8(block + ROW_E2 + CLR_BLOCK * z);
     s.q2x = cross8(ey, tz, ez, ty);
     s.q2y = cross8(ez, tx, ex, tz);
     s.q2z = cross8(ex, ty, ey, tx);
     const float8 e2_size = absolute8(ex) + absolute8(ey) + absolute8(ez);
-    ex = LOAD8(block + ROW_E1 + BLOCK * x);
-    ey = LOAD8(block + ROW_E1 + BLOCK * y);
-    ez = LOAD8(block + ROW_E1 + BLOCK * z);
+    ex = LOAD8(block + ROW_E1 + CLR_BLOCK * x);
+    ey = LOAD8(block + ROW_E1 + CLR_BLOCK * y);
+    ez = LOAD8(block + ROW_E1 + CLR_BLOCK * z);
     s.q1x = cross8(ty, ez, tz, ey);
     s.q1y = cross8(tz, ex, tx, ez);
     s.q1z = cross8(tx, ey, ty, ex);
-    s.nx = LOAD8(block + ROW_N + BLOCK * x);
-    s.ny = LOAD8(block + ROW_N + BLOCK * y);
-    s.nz = LOAD8(block + ROW_N + BLOCK * z);
+    s.nx = LOAD8(block + ROW_N + CLR_BLOCK * x);
+    s.ny = LOAD8(block + ROW_N + CLR_BLOCK * y);
+    s.nz = LOAD8(block + ROW_N + CLR_BLOCK * z);
     s.height = fused8(tx, s.nx, fused8(ty, s.ny, tz * s.nz));
     const int8 sign = as_int8(s.height) & (int)0x80000000;
     s.q2x = as_float8(as_int8(s.q2x) ^ sign);
@@ -308,7 +314,7 @@ static inline hit_record traced(__global const float *nodes, __global const floa
                     ((loose8 *)(weights + 16))->v = size;
                     reach = nearest;
                     best.distance = nearest;
-                    best.triangle = block * BLOCK + lane;
+                    best.triangle = block * CLR_BLOCK + lane;
                     best.u = weights[lane] / weights[16 + lane];
                     best.v = weights[8 + lane] / weights[16 + lane];
                     if (any) return best;

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from clradar.geometry.bvh import build_bvh, error_bound_m, flatten
+from clradar.geometry.bvh import upload_tree
 from clradar.opencl import Buffers, build
-from clradar.tracing.antenna_packets import GROUP, bundled, items
-from clradar.tracing.lit_surface import _VisibilityOptions
+from clradar.tracing.antenna_packets import VisibilityOptions, bundled, items, n_groups
 
 STACK = 128
 
@@ -19,23 +18,19 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 def seen(mesh, point, normal, tx, device) -> np.ndarray:
     """Which antennas each point sees, shape (n_points, n_tx), from `visible_antennas`."""
     vertices, faces = mesh
-    triangles = vertices[faces]
-    delta_m = error_bound_m(triangles, tx, point)
-    bvh = build_bvh(triangles, device)
-    nodes, records, stack = flatten(bvh, triangles, delta_m)
-    assert stack <= STACK
-    n_groups = -(-len(tx) // GROUP)
-    program = build(device, "visibility.cl", _VisibilityOptions(device.width, STACK))
+    groups = n_groups(len(tx))
+    program = build(device, "visibility.cl", VisibilityOptions(width=device.width, stack=STACK))
     with Buffers(device) as buffers:
-        arrays = (nodes, records, bundled(tx), point.astype(np.float32), normal.astype(np.float32))
-        put = [buffers.upload(a) for a in arrays]
-        out = buffers.zeros(len(point) * n_groups)
+        tree = upload_tree(vertices[faces], [tx, point], buffers)
+        assert tree.stack <= STACK
+        arrays = (bundled(tx), point.astype(np.float32), normal.astype(np.float32))
+        out = buffers.zeros(len(point) * groups)
         u = np.uint32
         program.launch(
-            "visible_antennas", items(device, len(point), n_groups), u(len(point)), u(len(tx)),
-            u(n_groups), np.float32(delta_m), *put, out,
+            "visible_antennas", items(device, len(point), groups), u(len(point)), u(len(tx)),
+            u(groups), tree.delta_m, *tree.buffers, *(buffers.upload(a) for a in arrays), out,
         )  # fmt: skip
-        bits = buffers.read(out, (len(point), n_groups), np.uint8)
+        bits = buffers.read(out, (len(point), groups), np.uint8)
     flags = np.unpackbits(bits, axis=1, bitorder="little").astype(bool)
     assert not flags[:, len(tx) :].any()
     return flags[:, : len(tx)]

@@ -9,7 +9,7 @@ from shapes import bowl, plate
 import clradar
 from clradar.bench import meshes
 from clradar.hand import hand_mesh
-from clradar.tracing.antenna_packets import BUNDLE_FLOATS, GROUP, bundled
+from clradar.tracing.antenna_packets import BUNDLE, GROUP, bundled
 from clradar.tracing.visible_surface import VisibleSurface
 
 RNG = np.random.default_rng(30)
@@ -32,34 +32,31 @@ def test_every_antenna_is_in_one_slot_and_in_its_boxes(name):
     flat = bundled(ARRAYS[name])
     columns, header, bundles = np.split(flat, [3 * n_groups * GROUP, 3 * n_groups * GROUP + 8])
     np.testing.assert_array_equal(columns.reshape(3, -1)[:, : len(at)], at.T)
-    bundles = bundles.reshape(-1, BUNDLE_FLOATS)
+    bundles = bundles.view(BUNDLE)
     assert header.view(np.int32)[0] == len(bundles)
     found = []
     for bundle in bundles:
-        words = bundle.view(np.int32)
-        used, first, antenna = words[0], words[8:16], words[256:320].reshape(8, 8)
-        low, high = bundle[16:40].reshape(3, 8), bundle[40:64].reshape(3, 8)
-        places = bundle[64:256].reshape(3, 8, 8)
-        assert (antenna[used:] == -1).all()
-        for g in range(used):
+        antenna, positions = bundle["antenna"], bundle["position"]
+        assert (antenna[bundle["n_groups"] :] == -1).all()
+        for g in range(bundle["n_groups"]):
             members = antenna[g][antenna[g] >= 0]
             assert len(members) > 0
-            np.testing.assert_array_equal(places[:, g, : len(members)], at[members].T)
-            np.testing.assert_array_equal(low[:, g], at[members].min(axis=0))
-            np.testing.assert_array_equal(high[:, g], at[members].max(axis=0))
-            if first[g] >= 0:
-                np.testing.assert_array_equal(members, first[g] + np.arange(len(members)))
+            np.testing.assert_array_equal(positions[:, g, : len(members)], at[members].T)
+            np.testing.assert_array_equal(bundle["low"][:, g], at[members].min(axis=0))
+            np.testing.assert_array_equal(bundle["high"][:, g], at[members].max(axis=0))
+            if bundle["first"][g] >= 0:
+                successive = bundle["first"][g] + np.arange(len(members))
+                np.testing.assert_array_equal(members, successive)
             found += members.tolist()
     assert sorted(found) == list(range(len(at)))
 
 
 def test_a_column_of_the_imager_makes_a_bundle():
     """Groups of neighbours only: the imager's two columns of 47 take 6 groups each."""
-    bundles = bundled(ARRAYS["imager"])[3 * 96 + 8 :].reshape(-1, BUNDLE_FLOATS)
-    words = bundles.view(np.int32)
-    np.testing.assert_array_equal(words[:, 0], [6, 6])
+    bundles = bundled(ARRAYS["imager"])[3 * 96 + 8 :].view(BUNDLE)
+    np.testing.assert_array_equal(bundles["n_groups"], [6, 6])
     np.testing.assert_array_equal(
-        words[:, 8:14], [[0, 8, 16, 24, 32, 40], [47, 55, 63, 71, 79, 87]]
+        bundles["first"][:, :6], [[0, 8, 16, 24, 32, 40], [47, 55, 63, 71, 79, 87]]
     )
 
 
@@ -79,7 +76,7 @@ def test_shafts_answer_as_single_rays(scene):
     for width in (1, 8):
         device = clradar.open_device("pocl", width=width)
         with VisibleSurface(SCENES[scene], 0.005, 3.0, device) as surface:
-            seen.append({name: surface.seen_from(at) for name, at in ARRAYS.items()})
+            seen.append({name: surface.visible_from(at) for name, at in ARRAYS.items()})
     for name in ARRAYS:
         np.testing.assert_array_equal(seen[0][name], seen[1][name], err_msg=name)
     both = np.concatenate(list(seen[0].values()), axis=1)
@@ -90,4 +87,6 @@ def test_order_of_the_antennas_does_not_matter(device):
     at = ARRAYS["imager"]
     order = np.random.default_rng(31).permutation(len(at))
     with VisibleSurface(SCENES["hand"], 0.05, 0.2, device) as surface:
-        np.testing.assert_array_equal(surface.seen_from(at[order]), surface.seen_from(at)[:, order])
+        np.testing.assert_array_equal(
+            surface.visible_from(at[order]), surface.visible_from(at)[:, order]
+        )

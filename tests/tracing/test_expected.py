@@ -13,9 +13,8 @@ from shapes import bowl, box, plate, sphere
 
 import clradar
 from clradar import AntennaArray, Scene, Waveform, reference
-from clradar.errors import ModelError
 from clradar.tracing.expected import ExpectedTracer
-from clradar.tracing.lit_surface import samples_per_face
+from clradar.tracing.sampled_surface import samples_per_face
 from clradar.tracing.settings import SimulationSettings, resolve_settings
 
 module = importlib.import_module("clradar.tracing.expected")
@@ -369,33 +368,6 @@ def test_a_sample_inside_a_sphere_is_received_from_every_direction(device) -> No
     )
     np.testing.assert_allclose(two, one, rtol=0, atol=2e-3 * 20)
     assert np.abs(one).min() > 15
-
-
-# --- arguments
-
-
-def test_the_default_has_fewer_samples_and_the_same_scale() -> None:
-    one, two = (resolve_settings(estimator=e) for e in ("stochastic", "expected"))
-    assert one.samples_per_mm2 is not None
-    assert two.samples_per_mm2 is not None
-    assert two.samples_per_mm2 < one.samples_per_mm2
-    assert two.samples_per_mm2 * two.rays_per_sample == one.samples_per_mm2 * one.rays_per_sample
-    given = {"samples_per_mm2": 3.0, "rays_per_sample": 2}
-    three = resolve_settings(estimator="expected", **given)
-    assert (three.samples_per_mm2, three.rays_per_sample) == (3.0, 2)
-    assert resolve_settings(estimator="expected", rays_per_face=2).rays_per_sample == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"estimator": "mean"}, "stochastic"),
-        ({"estimator": "expected", "max_bounces": 2}, "max_bounces.*1 with estimator"),
-    ],
-)
-def test_what_cannot_be_meant_is_refused(arguments, message: str, device) -> None:
-    with pytest.raises(ModelError, match=message):
-        clradar.simulate(Scene(*MESHES["plate"], 0.5), ARRAY, WAVEFORM, device=device, **arguments)
 
 
 def test_the_capture_says_which_estimator_it_is_of(device) -> None:

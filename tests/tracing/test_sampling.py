@@ -16,7 +16,7 @@ from clradar.errors import MeshError
 from clradar.geometry.normals import corner_normals
 from clradar.opencl import Buffers
 from clradar.opencl.sources import source
-from clradar.tracing.lit_surface import samples_per_face
+from clradar.tracing.sampled_surface import samples_per_face
 from clradar.tracing.settings import resolve_settings
 from clradar.tracing.stochastic import Tracer
 
@@ -46,7 +46,7 @@ def sampled(scene, device, **arguments):
         first = 0
         while first < tracer.n_samples:
             count = min(tracer._tile_samples, tracer.n_samples - first)
-            tracer._see(first, count)
+            tracer._illuminate(first, count)
             points, shading, geometric, face = tracer._tile[:4]
             read = tracer._buffers.read
             vectors = [read(b, (count, 3), np.float32) for b in (points, shading, geometric)]
@@ -179,14 +179,6 @@ def test_totals_do_not_depend_on_the_tessellation():
     ]
     assert max(totals) - min(totals) <= 1
     assert abs(totals[0] - 3.3 * 2500) <= 1
-
-
-def test_the_default_density():
-    settings = resolve_settings()
-    assert settings.samples_per_mm2 == 10.0
-    assert settings.rays_per_sample == 4
-    assert samples_per_face(scene_of(plate(0.01, 0.3)), settings).sum() == 1000
-    assert resolve_settings(rays_per_face=3).rays_per_sample == 1
 
 
 def test_a_scene_smaller_than_one_sample_gets_one(device):

@@ -10,10 +10,10 @@ from shapes import bowl, box, dihedral, plate, random_soup, sphere, with_degener
 
 import clradar
 from clradar import AntennaArray, Paths, Scene, reference
-from clradar.errors import DeviceError, ModelError
+from clradar.errors import DeviceError
 from clradar.geometry.normals import corner_normals
 from clradar.trace import trace as tracing
-from clradar.tracing.lit_surface import samples_per_face
+from clradar.tracing.sampled_surface import samples_per_face
 from clradar.tracing.settings import resolve_settings
 from clradar.tracing.stochastic import Tracer
 
@@ -370,7 +370,7 @@ def test_nothing_passes_through_a_wall(device):
     with Tracer(both, ARRAY, resolve_settings(**arguments), device) as tracer:
         n = tracer.n_samples
         assert n <= tracer._tile_samples
-        tracer._see(0, n)
+        tracer._illuminate(0, n)
         face = tracer._buffers.read(tracer._tile[3], n, np.int32)
         bits = tracer._buffers.read(tracer._tile[5], (n, 2), np.uint8)
     hidden = face >= wall.n_faces
@@ -511,31 +511,3 @@ def test_statistics_add_up(device):
     assert n.visible == n.samples * 9  # a flat plate hides nothing
     assert n.outgoing == n.visible * 3
     assert 0 <= n.absorbed_share < 0.01
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"samples_per_mm2": 1.0, "rays_per_face": 1}, "one of the two"),
-        ({"samples_per_mm2": 0.0}, "samples_per_mm2"),
-        ({"samples_per_mm2": np.nan}, "samples_per_mm2"),
-        ({"rays_per_face": 0}, "rays_per_face"),
-        ({"rays_per_face": 1.5}, "rays_per_face"),
-        ({"rays_per_sample": 0}, "rays_per_sample"),
-        ({"reception_radius_m": 0.0}, "reception_radius_m"),
-        ({"reception_radius_m": -1.0}, "reception_radius_m"),
-        ({"max_bounces": 0}, "max_bounces"),
-        ({"max_bounces": 256}, "max_bounces"),
-        ({"normals": "round"}, "normals"),
-        ({"crease_deg": np.inf}, "crease_deg"),
-        ({"crease_deg": -1.0}, "crease_deg"),
-        ({"amplitude": "loud"}, "amplitude"),
-        ({"pattern_exponent": 1.0}, "pattern_exponent"),
-        ({"pattern_exponent": -1.0, "amplitude": "spreading"}, "pattern_exponent"),
-        ({"seed": -1}, "seed"),
-        ({"seed": 2**64}, "seed"),
-    ],
-)
-def test_arguments_that_cannot_be_meant_are_refused(arguments, message, device):
-    with pytest.raises(ModelError, match=message):
-        tracing(SCENES["plate"], ARRAY, device=device, **arguments)

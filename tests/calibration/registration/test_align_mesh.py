@@ -82,7 +82,7 @@ def test_visible_samples_are_those_of_the_brute_force(device):
     )
     views = np.array([[0.05, 0.027, 0.0], [-0.3, 0.1, 0.2], [0.0, 0.0, 0.6]])
     with VisibleSurface(scene, 0.05, 1.0, device) as surface:
-        points, seen = surface.points_m, surface.seen_from(views)
+        points, seen = surface.points_m, surface.visible_from(views)
     assert seen.shape == (len(points), 3)
     for k, view in enumerate(views):
         away = points - view

@@ -22,7 +22,7 @@ from clradar.cli import sweep_folder as folder
 from clradar.compare import METRICS, compare, compare_by
 from clradar.errors import CompareError, ModelError, OutputError
 from clradar.hand import hand_mesh
-from clradar.simulate_alphas import simulate_alphas
+from clradar.simulation import simulate_alphas
 from clradar.tracing.stochastic import Tracer
 from measurement_io import save_capture
 
@@ -307,7 +307,7 @@ def test_memory_changes_no_bit(device, monkeypatch):
         size_tiles(self)
         self._grow(room)
 
-    monkeypatch.setattr("clradar.simulate_alphas.SUMS_AT_ONCE", 4)
+    monkeypatch.setattr("clradar.simulation.SUMS_AT_ONCE", 4)
     monkeypatch.setattr(Tracer, "_size_tiles", small)
     monkeypatch.setattr(Tracer, "_most_receptions", lambda self: room)
     halved = []

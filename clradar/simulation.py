@@ -1,4 +1,4 @@
-"""The same simulation at several alphas: what does not depend on alpha is computed once."""
+"""Simulation of captures: tracing and phasor sum tile by tile, for one alpha or for several."""
 
 from __future__ import annotations
 
@@ -12,13 +12,90 @@ from clradar.model import AntennaArray, Capture, Scene, TraceStatistics, Wavefor
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 from clradar.phasors.phasor_sum import PhasorSum
-from clradar.tracing.settings import SimulationSettings, resolve_settings, simulated_meta
+from clradar.tracing.expected import Expectations, ExpectedTracer
+from clradar.tracing.settings import (
+    SimulationSettings,
+    resolve_settings,
+    simulated_meta,
+    takes_settings,
+)
 from clradar.tracing.stochastic import Tracer
 
 SUMS_AT_ONCE = 12
 """Running sums held at the same time, fewer where memory is short. No result depends on it."""
 
 
+@takes_settings
+def simulate(
+    scene: Scene,
+    array: AntennaArray,
+    waveform: Waveform,
+    *,
+    settings: SimulationSettings | None = None,
+    device: Device | str | None = None,
+    progress: Progress | None = None,
+    **fields: Any,
+) -> Capture:
+    """Trace and synthesize tile by tile; the paths are never held whole.
+
+    The memory needed depends on neither the number of samples nor that of paths.
+
+    Parameters
+    ----------
+    scene : Scene
+    array : AntennaArray
+    waveform : Waveform
+    settings : SimulationSettings, optional
+        The defaults if not given. With the stochastic estimator the result has the bits of
+        ``synthesize(trace(...))``.
+    device : Device, str or None
+        See `clradar.open_device`.
+    progress : callable, optional
+        Called with (done, total) samples.
+    **fields
+        Fields of `SimulationSettings`, in place of those of `settings`.
+
+    Returns
+    -------
+    Capture
+        With the resolved settings, the scene's digest, the counts of rays and the device in `meta`.
+
+    Raises
+    ------
+    ModelError
+        An argument or setting is invalid.
+    MeshError
+        The scene has no face with area, or more samples than 2^31.
+    DeviceError
+        The device is missing, out of memory or fails.
+    """
+    checks.instance("simulate: scene", scene, Scene)
+    checks.instance("simulate: array", array, AntennaArray)
+    checks.instance("simulate: waveform", waveform, Waveform)
+    resolved = resolve_settings(settings, **fields)
+    opened = open_device(device)
+    statistics = TraceStatistics(0, 0, 0, 0)
+    n_paths = 0
+    tracer_type = ExpectedTracer if resolved.estimator == "expected" else Tracer
+    with (
+        # The sum, which may be using the tracer's memory, ends first.
+        tracer_type(scene, array, resolved, opened) as tracer,
+        PhasorSum(array, waveform, opened, resolved.estimator == "expected") as total,
+    ):
+        for tile in tracer.tiles(progress):
+            if isinstance(tile, Expectations):
+                total.add_on_device(tile.start, tile.length, tile.amplitude, tile.longest_m)
+                n_paths += int(tile.start[-1])
+            else:
+                total.add(tile.pair, tile.path)
+                n_paths += len(tile.pair)
+            statistics = statistics + tile.statistics
+        data = total.result()
+    meta = simulated_meta(scene, resolved, statistics, n_paths, opened)
+    return Capture(data, array, waveform, meta)
+
+
+@takes_settings
 def simulate_alphas(
     scene: Scene,
     array: AntennaArray,
@@ -26,9 +103,10 @@ def simulate_alphas(
     alphas: Sequence[float | np.ndarray | Mapping[str, float]],
     *,
     region: np.ndarray | None = None,
+    settings: SimulationSettings | None = None,
     device: Device | str | None = None,
     progress: Progress | None = None,
-    **settings: Any,
+    **fields: Any,
 ) -> Iterator[tuple[Capture, ...]]:
     """Simulate a scene at several alphas with the same rays and random numbers.
 
@@ -45,12 +123,14 @@ def simulate_alphas(
         Of what `Scene.with_alpha` takes: numbers, one value per face, or one per part.
     region : array_like, shape (n_faces,), optional
         A whole number from 0 for each face. Captures then hold the paths that are reflected in one
-        region only; all regions stand in each other's way as ever. Single reflections only.
+        region only; all regions block rays. Single reflections only.
+    settings : SimulationSettings, optional
+        Of the stochastic estimator; the defaults if not given.
     device : Device, str or None
     progress : callable, optional
         Called with (done, total) samples of all alphas.
-    **settings
-        Those of `clradar.simulate`.
+    **fields
+        Fields of `SimulationSettings`, in place of those of `settings`.
 
     Yields
     ------
@@ -61,14 +141,16 @@ def simulate_alphas(
     Raises
     ------
     ModelError
-        No alpha, or one outside [0, 1]; `region` of another length, or with more than one bounce.
+        No alpha, or one outside [0, 1]; `region` of another length, or with more than one bounce;
+        the expected estimator.
     MeshError, DeviceError
         As `clradar.simulate`.
     """
     checks.instance("simulate_alphas: scene", scene, Scene)
     checks.instance("simulate_alphas: array", array, AntennaArray)
     checks.instance("simulate_alphas: waveform", waveform, Waveform)
-    resolved = resolve_settings(**settings)
+    resolved = resolve_settings(settings, **fields)
+    checks.one_of("simulate_alphas: estimator", resolved.estimator, ("stochastic",))
     if len(alphas) == 0:
         checks.fail("simulate_alphas: alphas", "at least one", "none")
     scenes = [scene.with_alpha(alpha) for alpha in alphas]

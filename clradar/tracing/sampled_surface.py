@@ -1,0 +1,126 @@
+"""Stratified samples of a triangle mesh on a device, and their visibility from antennas.
+
+Host side of ``sample.cl`` and ``visibility.cl``; equations E1 and E2 in ``docs/equations.md``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.errors import MeshError
+from clradar.geometry.bvh import face_normals, upload_tree
+from clradar.geometry.normals import corner_normals
+from clradar.model import Scene
+from clradar.opencl import Device, build
+from clradar.opencl.buffers import OnDevice
+from clradar.tracing.antenna_packets import VisibilityOptions, items, n_groups
+from clradar.tracing.settings import SimulationSettings
+
+
+@dataclass(frozen=True, slots=True)
+class SampleOptions:
+    """Options of ``sample.cl``."""
+
+    width: int = 1
+
+
+def samples_per_face(scene: Scene, settings: SimulationSettings) -> np.ndarray:
+    """How many samples each face gets, shape (n_faces,), int64.
+
+    By density: face f gets the whole numbers between the running areas before and after it, so that
+    the total is right to one sample whatever the tessellation. Faces without area get none.
+    """
+    area_mm2 = face_normals(scene.triangles_m)[1] * 1e6
+    if not (area_mm2 > 0).any():
+        raise MeshError("scene: expected at least one face with an area, got only degenerate faces")
+    if settings.rays_per_face is not None:
+        return np.where(area_mm2 > 0, settings.rays_per_face, 0).astype(np.int64)
+    assert settings.samples_per_mm2 is not None, "settings are resolved"
+    # The offset of one half keeps a scene smaller than one sample from getting none at random.
+    running = np.floor(np.cumsum(area_mm2) * settings.samples_per_mm2 + 0.5)
+    counts = np.diff(running, prepend=0.0).astype(np.int64)
+    if counts.sum() == 0:
+        counts[int(area_mm2.argmax())] = 1
+    return counts
+
+
+class SampledSurface(OnDevice):
+    """Samples of a scene's surface, and which antennas are visible from them.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : SimulationSettings
+        Resolved.
+    device : Device
+
+    Raises
+    ------
+    MeshError
+        The scene has no face with area, or 2^31 samples or more.
+    """
+
+    def __init__(self, scene: Scene, settings: SimulationSettings, device: Device) -> None:
+        super().__init__(device)
+        self.settings = settings
+        counts = samples_per_face(scene, settings)
+        self.n_samples = int(counts.sum())
+        if self.n_samples >= 2**31:
+            raise MeshError(
+                f"scene: expected fewer than 2^31 samples, got {self.n_samples}; lower "
+                f"samples_per_mm2 or rays_per_face, or check the unit of the mesh"
+            )
+        self._scene = scene
+        self._face_start = np.concatenate([[0], np.cumsum(counts)]).astype(np.uint32)
+
+    def _prepare_surface(self, *antennas_m: np.ndarray) -> None:
+        """Upload the mesh and its tree, for rays to any of `antennas_m`, shapes (n, 3)."""
+        scene, s, up = self._scene, self.settings, self._buffers.upload
+        triangles = scene.triangles_m
+        self._tree = upload_tree(triangles, antennas_m, self._buffers)
+        corners, faces = corner_normals(scene, s.normals, s.crease_deg)
+        self._sampling = [
+            up(self._face_start),
+            *(up(column.astype(np.float32)) for column in (triangles, corners, faces)),
+        ]
+        self._sampler = build(self.device, "sample.cl", SampleOptions())
+        options = VisibilityOptions(width=self.device.width, stack=self._tree.stack)
+        self._visibility = build(self.device, "visibility.cl", options)
+
+    def _sample(self, first: int, count: int, outputs: list[Any]) -> None:
+        """Write points, shading normals, normals of the faces and faces of samples to buffers."""
+        u = np.uint32
+        self._sampler.launch(
+            "sample_surface", (count,), u(len(self._face_start) - 1), u(first), u(count),
+            *self._seed_words(), *self._sampling, *outputs,
+        )  # fmt: skip
+
+    def _find_visible(
+        self,
+        n_points: int,
+        points: Any,
+        normals: Any,
+        n_antennas: int,
+        antennas: Any,
+        bits: Any,
+        radius_m: float | None = None,
+    ) -> None:
+        """Write which antennas are visible from points, one byte per group, to the buffer `bits`.
+
+        Antennas are points, or spheres of radius `radius_m`.
+        """
+        kernel, radius = "visible_antennas", []
+        if radius_m is not None:
+            kernel, radius = "visible_spheres", [np.float32(radius_m)]
+        u, groups = np.uint32, n_groups(n_antennas)
+        self._visibility.launch(
+            kernel, items(self.device, n_points, groups), u(n_points), u(n_antennas), u(groups),
+            self._tree.delta_m, *radius, *self._tree.buffers, antennas, points, normals, bits,
+        )  # fmt: skip
+
+    def _seed_words(self) -> tuple[np.uint32, np.uint32]:
+        seed = self.settings.seed
+        return np.uint32(seed & 0xFFFFFFFF), np.uint32(seed >> 32)

@@ -1,0 +1,104 @@
+"""The settings record of a simulation: what it refuses, and how functions take it."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from shapes import plate
+
+import clradar
+from clradar import AntennaArray, Scene, SimulationSettings, Waveform
+from clradar.errors import ModelError
+from clradar.simulation import simulate_alphas
+from clradar.tracing.settings import resolve_settings
+
+SCENE = Scene(*plate(0.05, 0.3), 0.5)
+ARRAY = AntennaArray([[0.0, 0.0, 0.0]], [[0.01, 0.0, 0.0]])
+WAVEFORM = Waveform([77e9])
+
+
+@pytest.mark.parametrize("function", [clradar.trace, clradar.simulate, simulate_alphas])
+def test_signatures_show_every_field(function):
+    shown = inspect.signature(function).parameters
+    for field in fields(SimulationSettings):
+        assert shown[field.name].kind is inspect.Parameter.KEYWORD_ONLY
+        assert shown[field.name].default == field.default
+    assert shown["settings"].default is None
+
+
+def test_a_keyword_goes_before_the_record(device):
+    settings = SimulationSettings(rays_per_face=5, seed=3)
+    capture = clradar.simulate(SCENE, ARRAY, WAVEFORM, settings=settings, seed=4, device=device)
+    same = clradar.simulate(SCENE, ARRAY, WAVEFORM, rays_per_face=5, seed=4, device=device)
+    assert capture.meta == same.meta
+    np.testing.assert_array_equal(capture.data, same.data)
+    assert capture.meta["settings"]["seed"] == 4
+    assert settings.seed == 3
+
+
+def test_densities_of_a_resolved_record_stay_when_a_field_is_replaced():
+    resolved = SimulationSettings(estimator="expected").resolved()
+    assert (resolved.samples_per_mm2, resolved.rays_per_sample) == (1.0, 40)
+    assert resolved.resolved() == resolved
+    drawn = resolve_settings(resolved, estimator="stochastic")
+    assert (drawn.samples_per_mm2, drawn.rays_per_sample) == (1.0, 40)
+    with pytest.raises(ModelError, match="one of the two"):
+        replace(resolved, rays_per_face=3)
+    assert replace(resolved, samples_per_mm2=None, rays_per_face=3).rays_per_sample == 40
+
+
+@pytest.mark.parametrize(
+    ("arguments", "resolved"),
+    [
+        ({}, (10.0, 4)),
+        ({"rays_per_face": 3}, (None, 1)),
+        ({"rays_per_sample": 7}, (10.0, 7)),
+        ({"estimator": "expected"}, (1.0, 40)),
+        ({"estimator": "expected", "rays_per_face": 2}, (None, 1)),
+        ({"estimator": "expected", "samples_per_mm2": 3.0, "rays_per_sample": 2}, (3.0, 2)),
+    ],
+)
+def test_densities_that_are_not_given(arguments, resolved):
+    settings = resolve_settings(**arguments)
+    assert (settings.samples_per_mm2, settings.rays_per_sample) == resolved
+
+
+def test_only_simulate_takes_the_expected_estimator(device):
+    with pytest.raises(ModelError, match=r"trace: estimator: expected .*'stochastic'"):
+        clradar.trace(SCENE, ARRAY, estimator="expected", device=device)
+    with pytest.raises(ModelError, match=r"simulate_alphas: estimator: expected .*'stochastic'"):
+        simulate_alphas(SCENE, ARRAY, WAVEFORM, [0.5], estimator="expected", device=device)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"samples_per_mm2": 1.0, "rays_per_face": 1}, "one of the two"),
+        ({"samples_per_mm2": 0.0}, "samples_per_mm2"),
+        ({"samples_per_mm2": np.nan}, "samples_per_mm2"),
+        ({"rays_per_face": 0}, "rays_per_face"),
+        ({"rays_per_face": 1.5}, "rays_per_face"),
+        ({"rays_per_sample": 0}, "rays_per_sample"),
+        ({"reception_radius_m": -1.0}, "reception_radius_m"),
+        ({"max_bounces": 0}, "max_bounces"),
+        ({"max_bounces": 256}, "max_bounces"),
+        ({"max_bounces": 2, "estimator": "expected"}, "max_bounces"),
+        ({"normals": "round"}, "normals"),
+        ({"crease_deg": np.inf}, "crease_deg"),
+        ({"crease_deg": -1.0}, "crease_deg"),
+        ({"amplitude": "loud"}, "amplitude"),
+        ({"pattern_exponent": 1.0}, "pattern_exponent"),
+        ({"pattern_exponent": -1.0, "amplitude": "spreading"}, "pattern_exponent"),
+        ({"seed": -1}, "seed"),
+        ({"seed": 2**64}, "seed"),
+        ({"estimator": "mean"}, "estimator"),
+    ],
+)
+def test_invalid_settings_are_refused(arguments, message, device):
+    with pytest.raises(ModelError, match=message):
+        clradar.trace(SCENE, ARRAY, device=device, **arguments)
+    with pytest.raises(ModelError, match=message):
+        clradar.simulate(SCENE, ARRAY, WAVEFORM, device=device, **arguments)
