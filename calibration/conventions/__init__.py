@@ -1,1 +1,1 @@
-"""The conventions a capture was written in: sign, axes, array order."""
+"""Diagnosis of a capture's conventions: phase sign, axis order, frequency order, handedness."""

@@ -1,4 +1,9 @@
-"""Which convention a capture was written in: a coarse image under each of sixteen hypotheses."""
+"""Diagnosis of a capture's convention by image sharpness under sixteen hypotheses.
+
+Sharpness is the sum of |V|^4, the squared intensity: R. A. Muller, A. Buffington, "Real-time
+correction of atmospherically degraded telescope images through image sharpening", JOSA 64(9), 1974,
+doi 10.1364/JOSA.64.001200.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +16,11 @@ import numpy as np
 from calibration.conventions.hypotheses import HYPOTHESES, MIRROR_X, Hypothesis, apply_convention
 from calibration.conventions.search_region import (
     MIN_STEPS,
+    antenna_subset,
     lateral_resolution_m,
     range_profile,
     scene_paths_m,
     search_grids,
-    thinned,
     window_of,
 )
 from calibration.conventions.tx_rx_symmetry import SwapIsometry, swap_isometry, swap_sigma
@@ -28,57 +33,65 @@ from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 
 CURVATURE_SIGMA = 6.0
-"""From here on the curvature of the wavefronts decides the sign of range."""
+"""Threshold above which the curvature of the wavefronts decides the sign of range."""
 
 SWAP_SIGMA = 6.0
-"""From here on a few antennas decide whether Tx and Rx are swapped. On point targets they reach 16
-and more, always rightly; on plates, which no points describe, up to 3, also wrongly."""
+"""Threshold above which the few antennas that break the symmetry decide whether Tx and Rx are
+swapped. Point targets reach 16 and more, always of the right sign; plates, which no points
+describe, up to 3 of either sign."""
 
 MARGIN_DB = 2.5
-"""Hypotheses whose sharpness is this close to the best are not told apart by it. On plates, which
-focus least, a wrong one came out 1.8 dB ahead with antennas three wavelengths apart."""
+"""Hypotheses whose sharpness is this close to the best remain. On plates, which focus least, a
+wrong one was 1.8 dB ahead with antennas three wavelengths apart."""
 
 NOISE_SPREADS = 5.0
-"""The margin is at least this many standard deviations of the sharpness of mere noise."""
+"""The margin is at least this many standard deviations of the sharpness of pure noise."""
 
 GAUSSIAN_FOURTH_MOMENT_SPREAD = float(np.sqrt(20.0) / 2.0)
 """Standard deviation over mean of |V|^4, V circular Gaussian: E|V|^8 = 24, (E|V|^4)^2 = 4."""
 
 METHOD = "range"
-"""Of image formation. The fast one has a price per block of 8 mm, which so coarse a grid does not
+"""Of image formation. The fast one has a cost per block of 8 mm, which so coarse a grid does not
 fill: 1.5 times as slow with 94 x 94 antennas, 10 to 25 times with a few."""
 
 MOST_TERMS = 8e9
-"""Pairs times voxels of all images; beyond that some of the antennas have to do. Some 10 s on two
+"""Pairs times voxels of all images; beyond that a subset of the antennas is used. Some 10 s on two
 cores by range profiles."""
 
 BRIGHT_DB = 15.0
 MOST_POINTS = 200
-"""Points of the image that tell about swapped axes: within `BRIGHT_DB`, at most so many."""
+"""Image points used by the test for swapped axes: within `BRIGHT_DB`, at most this many."""
 
 EXPECTED_WITHIN_M = 0.020
-"""How rough the position of a known target may be: amplitude counts by exp(-distance^2 / 2 s^2)."""
+"""Tolerance s of a known target's position: amplitude is weighted by exp(-distance^2 / 2 s^2)."""
 
 EXPECTED_BOX_M = 0.040
 EXPECTED_MARGIN_DB = 3.0
 EXPECTED_FLOOR_DB = -20.0
-"""Known target: how far it must stand out from its mirror images, and from the image's maximum."""
+"""Known target: margin over its mirror images, and level relative to the image's maximum."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Score:
-    """What one hypothesis makes of the capture.
+    """The image of the capture under one hypothesis.
 
     Attributes
     ----------
     hypothesis : Hypothesis
     sharpness : float
-        Sum of |V|^4 over the image, over that of the sharpest that the sign of range allows. NaN
-        where the hypothesis is impossible.
+        Sum of |V|^4 over the image, relative to the sharpest that the sign of range allows. NaN
+        for an impossible hypothesis.
     peak_m : ndarray, shape (3,), metres
-        Where the image is brightest, x, y, z. NaN where the hypothesis is impossible.
+        Brightest voxel, x, y, z. NaN for an impossible hypothesis.
     image : DepthMap or None
-        Amplitude over x and y; None where the hypothesis is impossible.
+        Amplitude over x and y; None for an impossible hypothesis.
+
+    Examples
+    --------
+    >>> import calibration, numpy as np
+    >>> score = calibration.Score(calibration.Hypothesis(), 0.5, np.array([0, 0, 0.3]), None)
+    >>> round(score.relative_db, 2)
+    -3.01
     """
 
     hypothesis: Hypothesis
@@ -92,7 +105,7 @@ class Score:
 
     @property
     def relative_db(self) -> float:
-        """Sharpness below the sharpest, decibel: 10 log10. NaN where impossible."""
+        """10 log10 of the sharpness, decibel; NaN for an impossible hypothesis."""
         if not self.sharpness > 0:
             return float("nan") if np.isnan(self.sharpness) else float("-inf")
         return float(10 * np.log10(self.sharpness))
@@ -100,25 +113,34 @@ class Score:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Diagnosis:
-    """Which convention a capture was written in, as far as it and its antennas can tell.
+    """The conventions that a capture and its array are consistent with.
 
     Attributes
     ----------
     scores : tuple of Score
         All sixteen, in the order of `HYPOTHESES`.
     best : Hypothesis or None
-        Of the candidates the one that changes least. None where the capture does not tell: it holds
-        nothing, or candidates remain that differ by more than the geometry explains.
+        The candidate with the fewest changes. None if undecidable: no echo, or candidates remain
+        that differ by more than a symmetry of the array.
     candidates : tuple of Hypothesis
-        What cannot be told apart, `best` first; empty where the capture holds nothing.
+        The hypotheses that remain, `best` first; empty without an echo.
     reasons : tuple of str
-        One sentence for everything that was decided otherwise than by sharpness, or not at all.
+        One sentence for each decision not made by sharpness, and each that could not be made.
     recommendation : str
         What to change, in words.
     margin_db : float
-        Sharpness this close to the best does not decide.
+        Hypotheses within this of the sharpest remain.
     curvature_sigma, swap_sigma : float or None
-        The two statistics, where they were formed: see docs/diagnose.md.
+        The two test statistics, where they were evaluated: see docs/diagnose.md.
+
+    Examples
+    --------
+    >>> import calibration, clradar
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
+    >>> zero = clradar.Capture([[[0j]]], array, clradar.Waveform([77e9]))
+    >>> found = calibration.diagnose(zero)
+    >>> found.best, found.decided, found.recommendation
+    (None, False, 'Undecidable: the capture is zero everywhere.')
     """
 
     scores: tuple[Score, ...]
@@ -132,14 +154,14 @@ class Diagnosis:
 
     @property
     def decided(self) -> bool:
-        """Whether a single hypothesis is left."""
+        """Whether a single hypothesis remains."""
         return len(self.candidates) == 1
 
     def score(self, hypothesis: Hypothesis) -> Score:
         return self.scores[HYPOTHESES.index(hypothesis)]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON can hold of it, images left out; metres, NaN as None."""
+        """Everything but the images in types that JSON has; None stands for NaN."""
 
         def named(h: Hypothesis) -> dict[str, Any]:
             return {"label": h.label, **{n: bool(getattr(h, n)) for n in Hypothesis.__slots__}}
@@ -172,19 +194,19 @@ def diagnose(
     device: Device | str | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Say in which of sixteen conventions a capture was written.
+    """Find out in which of sixteen conventions a capture was written.
 
     Parameters
     ----------
     capture : Capture
-        With antenna positions and frequencies that are right, but for `Hypothesis`.
+        Antenna positions and frequencies are right, except for the changes of a `Hypothesis`.
     grid : VoxelGrid, optional
-        Where to look; as far to the left as to the right of x = 0, and coarse: every voxel is
-        formed eight times, with fewer antennas if it becomes too much (`MOST_TERMS`). By default
-        around the strongest echo beyond the direct coupling.
+        Voxels to image; symmetric about x = 0, and coarse: eight images are formed, from a subset
+        of the antennas if that is too much work (`MOST_TERMS`). Default: around the strongest echo
+        beyond the direct coupling.
     expected_m : three floats, metres, optional
-        Rough position of a known target, x, y, z, within some 20 mm: it tells an image from its
-        mirror images, which are as sharp.
+        Rough position of a known target, x, y, z, within some 20 mm: it distinguishes an image from
+        its mirror images, which are as sharp.
     device : Device, str or None
         See `clradar.open_device`.
     progress : callable, optional
@@ -201,6 +223,21 @@ def diagnose(
         find the scene; a position that is not three numbers, or behind the antennas.
     DeviceError
         See `clradar.backproject`.
+
+    Examples
+    --------
+    >>> import calibration, clradar, numpy as np
+    >>> from clradar import reference
+    >>> place = np.random.default_rng(4)
+    >>> tx, rx = (np.c_[place.uniform(-0.07, 0.07, (12, 2)), np.zeros(12)] for _ in range(2))
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> capture = reference.point_targets(
+    ...     clradar.AntennaArray(tx, rx), waveform, [[0.03, -0.05, 0.3]], [1.0])
+    >>> wrong = calibration.apply_convention(capture, calibration.Hypothesis(conjugated=True))
+    >>> grid = clradar.VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.28, 0.32), 4e-3)
+    >>> found = calibration.diagnose(wrong, grid=grid, device="pocl")
+    >>> [hypothesis.label for hypothesis in found.candidates]
+    ['conjugated', 'conjugated, mirrored']
     """
     checks.instance("diagnose: capture", capture, Capture)
     if grid is not None:
@@ -229,7 +266,7 @@ def _nothing(reason: str) -> Diagnosis:
 
 
 class _Search:
-    """One diagnosis: what its steps share."""
+    """State shared by the steps of one diagnosis."""
 
     def __init__(self, capture: Capture, device: Device, progress: Progress | None) -> None:
         self.capture, self.device, self.progress = capture, device, progress
@@ -250,9 +287,7 @@ class _Search:
             )
         imaged = self._imaged(grids)
         volumes = self._images(imaged, grids)
-        moments = {
-            h: float((np.abs(v.data).astype(np.float64) ** 4).sum()) for h, v in volumes.items()
-        }
+        moments = {h: _sharpness(v) for h, v in volumes.items()}
         open_ones = [h for h in self.possible if self._sign_fits(h)]
         top = max(moments[h.without_mirror()] for h in open_ones)
         if top == 0:
@@ -270,7 +305,7 @@ class _Search:
         return self._verdict(left, scores, margin_db)
 
     def _grids(self) -> list[VoxelGrid]:
-        """Return where the scene is, for either sign of range unless the wavefronts tell it."""
+        """Search grids for either sign of range, or for the one the wavefront curvature shows."""
         n_freq = self.capture.waveform.n_freq
         if n_freq < MIN_STEPS:
             raise ModelError(
@@ -279,16 +314,16 @@ class _Search:
             )
         found = []
         for sign in (Hypothesis(), Hypothesis(conjugated=True)):
-            seen = apply_convention(self.capture, sign)
-            profile = range_profile(seen)
-            paths_m = scene_paths_m(seen, profile)
+            corrected = apply_convention(self.capture, sign)
+            profile = range_profile(corrected)
+            paths_m = scene_paths_m(corrected, profile)
             if len(paths_m):
-                found.append((sign, seen, profile, paths_m))
+                found.append((sign, corrected, profile, paths_m))
         if not found:
             return []
-        sign, seen, profile, paths_m = found[0]
+        sign, corrected, profile, paths_m = found[0]
         power = np.interp(paths_m, profile.path_m, profile.power, period=profile.path_m[-1])
-        self.curvature = curvature_sigma(seen, float(paths_m[power.argmax()]))
+        self.curvature = curvature_sigma(corrected, float(paths_m[power.argmax()]))
         if sign.conjugated:
             self.curvature = -self.curvature
         if abs(self.curvature) >= CURVATURE_SIGMA:
@@ -299,34 +334,34 @@ class _Search:
                 f"delays, taken as they are in the file, are {half}: so the wavefronts curve, by "
                 f"{abs(self.curvature):.0f} standard errors"
             )
-        return [g for _, seen, _, paths_m in found for g in search_grids(seen, paths_m)]
+        return [g for _, corrected, _, paths_m in found for g in search_grids(corrected, paths_m)]
 
     def _sign_fits(self, h: Hypothesis) -> bool:
-        """Whether the curvature of the wavefronts allows the sign of range of a hypothesis."""
+        """Whether the wavefront curvature is consistent with a hypothesis' sign of range."""
         if self.curvature is None or abs(self.curvature) < CURVATURE_SIGMA:
             return True
         return (h.conjugated != h.reversed) == (self.curvature < 0)
 
     def _imaged(self, grids: list[VoxelGrid]) -> Capture:
-        """Return the capture, of some of the antennas if all were too many for these grids."""
+        """The capture, of a subset of the antennas if all were too much work for these grids."""
         voxels = sum(float(np.prod(grid.counts)) for grid in grids)
         images = sum(not h.mirrored for h in self.possible)
-        return thinned(self.capture, MOST_TERMS / (voxels * images))
+        return antenna_subset(self.capture, MOST_TERMS / (voxels * images))
 
     def _images(self, imaged: Capture, grids: list[VoxelGrid]) -> dict[Hypothesis, Volume]:
-        """Return the sharpest image, over the grids, under each hypothesis that does not mirror."""
+        """The sharpest image, over the grids, under each hypothesis without mirroring."""
         wanted = [h for h in self.possible if not h.mirrored]
         out: dict[Hypothesis, Volume] = {}
         for i, h in enumerate(wanted):
-            seen = apply_convention(imaged, h)
+            corrected = apply_convention(imaged, h)
             best = -1.0
             for grid in grids:
                 volume = backproject(
-                    seen, grid, method=METHOD, window=self.window, device=self.device
+                    corrected, grid, method=METHOD, window=self.window, device=self.device
                 )
-                moment = float((np.abs(volume.data).astype(np.float64) ** 4).sum())
-                if moment > best:
-                    out[h], best = volume, moment
+                sharpness = _sharpness(volume)
+                if sharpness > best:
+                    out[h], best = volume, sharpness
             if self.progress is not None:
                 self.progress(i + 1, len(wanted))
         return out
@@ -354,7 +389,7 @@ class _Search:
     def _without_swap(
         self, left: list[Hypothesis], volumes: dict[Hypothesis, Volume]
     ) -> list[Hypothesis]:
-        """Drop, where the antennas tell, the hypotheses that are wrong about swapped axes."""
+        """Drop the hypotheses that the test for swapped axes rejects, where it is applicable."""
         pairs = [h for h in left if not h.swapped and replace(h, swapped=True) in left]
         if not pairs:
             return left
@@ -370,16 +405,16 @@ class _Search:
                 "moved in this way would give the same data"
             )
             return left
-        told = {h.without_mirror() for h in pairs}
+        signs = {h.without_mirror() for h in pairs}
         count = int(isometry.moved_tx.sum() + isometry.moved_rx.sum())
         near = f"{words} maps all antennas on each other but {count} of {2 * self.array.n_tx}"
-        if len(told) > 1:
+        if len(signs) > 1:
             self.reasons.append(f"swapped axes: {near}, and phase sign or order are not known")
             return left
-        as_is = told.pop()
-        points_m = _bright_points_m(volumes[as_is])
-        seen = apply_convention(self.capture, as_is)
-        self.swap = swap_sigma(seen, isometry, points_m)
+        sign = signs.pop()
+        points_m = _bright_points_m(volumes[sign])
+        corrected = apply_convention(self.capture, sign)
+        self.swap = swap_sigma(corrected, isometry, points_m)
         if abs(self.swap) < SWAP_SIGMA:
             self.reasons.append(
                 f"swapped axes: {near}, and these say {abs(self.swap):.1f} standard errors for "
@@ -397,14 +432,14 @@ class _Search:
         volumes: dict[Hypothesis, Volume],
         expected: np.ndarray | None,
     ) -> list[Hypothesis]:
-        """Keep the hypotheses under which something is where a target is known to be."""
+        """Keep the hypotheses whose image has an echo at the known position of a target."""
         if expected is None:
             return left
         levels_db = []
         for h in left:
             at = expected * MIRROR_X if h.mirrored else expected
-            seen = apply_convention(self.capture, h.without_mirror())
-            level = self._level_near(seen, at)
+            corrected = apply_convention(self.capture, h.without_mirror())
+            level = self._level_near(corrected, at)
             whole = float(np.abs(volumes[h.without_mirror()].data).max())
             levels_db.append(20 * np.log10(max(level / whole, 1e-12)))
         top_db = max(levels_db)
@@ -424,7 +459,7 @@ class _Search:
         return kept
 
     def _level_near(self, capture: Capture, at: np.ndarray) -> float:
-        """Return the largest amplitude near a position, less the farther from it."""
+        """Largest amplitude near a position, weighted by the distance from it."""
         step_m = [
             min(lateral_resolution_m(capture, axis, float(at[2])) / 2, EXPECTED_BOX_M)
             for axis in (0, 1)
@@ -473,8 +508,12 @@ class _Search:
         )
 
 
+def _sharpness(volume: Volume) -> float:
+    return float((np.abs(volume.data).astype(np.float64) ** 4).sum())
+
+
 def _margin_db(capture: Capture, grid: VoxelGrid) -> float:
-    """Return how far below the best the sharpness of mere noise does not fall by chance."""
+    """Margin of sharpness that pure noise does not exceed by chance."""
     range_m = float(grid.z_m.mean())
     cells = 1.0
     for axis, ends in enumerate((grid.x_m, grid.y_m)):
@@ -487,7 +526,7 @@ def _margin_db(capture: Capture, grid: VoxelGrid) -> float:
 
 
 def _bright_points_m(volume: Volume) -> np.ndarray:
-    """Return the brightest voxel centres, shape (n, 3), metres."""
+    """Brightest voxel centres, shape (n, 3), metres."""
     amplitude = np.abs(volume.data).ravel()
     pick = np.argsort(amplitude)[-MOST_POINTS:]
     pick = pick[amplitude[pick] >= amplitude.max() * 10 ** (-BRIGHT_DB / 20)]
@@ -512,15 +551,15 @@ CHANGES = {
     "reversed": "the data runs from the highest frequency to the lowest",
     "mirrored": "x of the antennas is positive to the other side (negate every x)",
 }
-"""What to tell the reader of the file, for each of a hypothesis' parts."""
+"""What the reader of the file has to assume, for each change of a hypothesis."""
 
 
 def _recommendation(best: Hypothesis | None, left: Sequence[Hypothesis]) -> str:
     if best is None:
         return "Undecidable: " + _listed(left) + " are equally sharp."
-    said = [text for name, text in CHANGES.items() if getattr(best, name)]
-    if said:
-        text = "Change what the reader takes for granted: " + "; ".join(said) + "."
+    changes = [text for name, text in CHANGES.items() if getattr(best, name)]
+    if changes:
+        text = "Change what the reader takes for granted: " + "; ".join(changes) + "."
     else:
         text = "Nothing to change: the capture is in clradar's convention."
     others = [h for h in left if h != best]

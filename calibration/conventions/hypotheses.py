@@ -1,4 +1,4 @@
-"""The ways in which a file's convention can differ from ours, and how each is undone."""
+"""The sixteen convention hypotheses, and the involution that undoes each."""
 
 from __future__ import annotations
 
@@ -15,24 +15,30 @@ MIRROR_X = np.array([-1.0, 1.0, 1.0])
 
 @dataclass(frozen=True, slots=True, order=True)
 class Hypothesis:
-    """What may have been done to a capture, seen from our convention, when its file was written.
+    """How the convention of a file differs from that of clradar.
 
-    Each of the four is its own inverse and they commute, so whatever was done is undone by doing it
-    again: see `apply_convention`.
+    Each of the four changes is its own inverse and they commute, so applying a hypothesis twice
+    restores the capture: see `apply_convention`.
 
     Attributes
     ----------
     swapped : bool
-        The data is [rx, tx, freq], although its axes are called [tx, rx, freq]. The lists of
-        antenna positions are right.
+        The data is [rx, tx, freq], although its axes are called [tx, rx, freq]. The antenna
+        positions are right.
     conjugated : bool
         A path of length d contributes exp(+j 2 pi f d / c) instead of exp(-j 2 pi f d / c).
     reversed : bool
         Along the frequency axis the data runs from the highest frequency to the lowest, although
         the list of frequencies ascends.
     mirrored : bool
-        The antenna positions are in a frame whose x points the other way: the antenna that is said
-        to be at x is at -x.
+        The antenna positions are in a frame whose x axis points the other way: an antenna listed
+        at x is at -x.
+
+    Examples
+    --------
+    >>> import calibration
+    >>> calibration.Hypothesis(swapped=True, mirrored=True).label
+    'swapped, mirrored'
     """
 
     swapped: bool = False
@@ -47,12 +53,12 @@ class Hypothesis:
 
     @property
     def changes(self) -> int:
-        """How many of the four differ from our convention, 0 to 4."""
+        """How many of the four differ from clradar's convention, 0 to 4."""
         return self.swapped + self.conjugated + self.reversed + self.mirrored
 
     @property
     def label(self) -> str:
-        """The hypothesis in a few words, such as "swapped, mirrored"; "as it is" without any."""
+        """The names of its changes, such as "swapped, mirrored"; "as it is" without any."""
         return ", ".join(n for n in self.__slots__ if getattr(self, n)) or "as it is"
 
     def without_mirror(self) -> Hypothesis:
@@ -60,11 +66,11 @@ class Hypothesis:
 
 
 HYPOTHESES = tuple(Hypothesis(*flags) for flags in product((False, True), repeat=4))
-"""All sixteen, as they are first."""
+"""All sixteen, the unchanged convention first."""
 
 
 def apply_convention(capture: Capture, hypothesis: Hypothesis) -> Capture:
-    """Return the capture with what `hypothesis` says done to it, or undone: it is the same.
+    """Apply the changes of a hypothesis to a capture, or undo them: each is its own inverse.
 
     Parameters
     ----------
@@ -74,13 +80,23 @@ def apply_convention(capture: Capture, hypothesis: Hypothesis) -> Capture:
     Returns
     -------
     Capture
-        Same waveform. `meta` is the capture's, with the hypothesis added to the list
-        ``meta["conventions_applied"]`` where it changes anything.
+        Same waveform; where anything changes, the label of the hypothesis is appended to the list
+        ``meta["conventions_applied"]``.
 
     Raises
     ------
     ModelError
         Tx and Rx cannot be swapped because their numbers differ.
+
+    Examples
+    --------
+    >>> import calibration, clradar
+    >>> array = clradar.AntennaArray([[0.01, 0, 0]], [[0, 0, 0]])
+    >>> capture = clradar.Capture([[[1j]]], array, clradar.Waveform([77e9]))
+    >>> other = calibration.Hypothesis(conjugated=True, mirrored=True)
+    >>> fixed = calibration.apply_convention(capture, other)
+    >>> print(fixed.data[0, 0, 0], fixed.array.tx_m[0, 0], fixed.meta["conventions_applied"])
+    -1j -0.01 ['conjugated, mirrored']
     """
     checks.instance("apply_convention: capture", capture, Capture)
     checks.instance("apply_convention: hypothesis", hypothesis, Hypothesis)

@@ -1,4 +1,4 @@
-"""Where to look for a scene of which nothing is known: range profiles first, then coarse grids."""
+"""Search region of an unknown scene: mean range profiles, then coarse voxel grids."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform
 
 MIN_STEPS = 8
-"""With fewer frequencies there is no range profile to speak of."""
+"""Fewest frequencies for a range profile."""
 
 GUARD_CELLS = 2.0
 """Half width of the window's main lobe, in cells c / span of path length."""
@@ -19,7 +19,7 @@ GUARD_CELLS = 2.0
 BINS_PER_CELL = 4
 
 NEAR_PATH_M = 1.2
-"""Where the waveform is ambiguous below this path length, every alias up to it is looked at."""
+"""Where the waveform is ambiguous below this path length, every alias up to it is imaged."""
 
 BRIGHT = 0.1
 """Range bins within 10 dB of the strongest belong to the scene..."""
@@ -28,7 +28,7 @@ SCENE_PATH_M = 0.2
 """... if they are no farther than this path length from it."""
 
 NOISE_SPREADS = 6.0
-"""Standard deviations of noise by which an echo stands out of it in the mean range profile."""
+"""Detection threshold in the mean range profile, standard deviations of the noise."""
 
 VIEW = 0.4
 """Half width of the field of view over the range."""
@@ -51,19 +51,19 @@ class RangeProfile:
 
 
 def window_of(waveform: Waveform) -> str:
-    """Return the window over frequency: Hann falls by 18 dB per octave, which keeps coupling away.
+    """Window over frequency: Hann, whose sidelobes fall by 18 dB per octave, against coupling.
 
-    A few frequencies would be left with next to nothing of it.
+    Rectangular for few frequencies, of which Hann would leave next to nothing.
     """
     return "hann" if waveform.n_freq >= MIN_STEPS else "rect"
 
 
-def thinned(capture: Capture, most_pairs: float) -> Capture:
-    """Return the capture of some of the antennas, about `most_pairs` pairs at most.
+def antenna_subset(capture: Capture, most_pairs: float) -> Capture:
+    """Keep some of the antennas, about `most_pairs` pairs at most.
 
-    One antenna is drawn from each of equal stretches of either list, always the same ones: an even
-    comb would have grating lobes. Lists of the same length are thinned alike, so that swapped axes
-    are left with the same samples.
+    One antenna is drawn from each of equal stretches of either list, always the same ones: regular
+    decimation would have grating lobes. Lists of equal length get the same indices, so that swapped
+    axes keep the same samples.
     """
     array = capture.array
     share = float(np.sqrt(most_pairs / (array.n_tx * array.n_rx)))
@@ -80,7 +80,7 @@ def _drawn(n: int, m: int) -> np.ndarray:
 
 
 def range_profile(capture: Capture) -> RangeProfile:
-    """Return the mean power of all pairs over path length, from 0 up to one ambiguity."""
+    """Mean power of all pairs over path length, from 0 to the ambiguous path length."""
     waveform = capture.waveform
     cell_m = SPEED_OF_LIGHT_M_PER_S / waveform.span_hz
     period_m = ambiguous_path_m(waveform)
@@ -97,9 +97,9 @@ def range_profile(capture: Capture) -> RangeProfile:
 
 
 def ambiguous_path_m(waveform: Waveform) -> float:
-    """Return the path length after which the range profile repeats.
+    """Path length after which the range profile repeats.
 
-    Uneven steps do not repeat; the median step, or a quarter of the mean one, stands for them.
+    For uneven steps, which do not repeat: that of the median step, or of a quarter of the mean.
     """
     mean_hz = waveform.span_hz / (waveform.n_freq - 1)
     median_hz = float(np.median(np.diff(waveform.frequencies_hz)))
@@ -107,31 +107,31 @@ def ambiguous_path_m(waveform: Waveform) -> float:
 
 
 def coupling_path_m(capture: Capture) -> float:
-    """Return the path length up to which direct coupling from Tx to Rx can be seen."""
+    """Path length up to which direct coupling from Tx to Rx reaches."""
     array = capture.array
     apart = np.linalg.norm(array.tx_m[:, None] - array.rx_m[None], axis=2)
     return float(apart.max()) + GUARD_CELLS * SPEED_OF_LIGHT_M_PER_S / capture.waveform.span_hz
 
 
 def scene_paths_m(capture: Capture, profile: RangeProfile) -> np.ndarray:
-    """Return the path lengths, metres, ascending, of the strongest echo and what is near it.
+    """Path lengths, metres, ascending, of the strongest echo and those near it.
 
-    Beyond the direct coupling; empty where no echo stands out of the noise there.
+    Beyond the direct coupling; empty if no echo there exceeds the noise threshold.
     """
     gate_m, period_m = coupling_path_m(capture), ambiguous_path_m(capture.waveform)
-    # Under a wrong sign coupling shows at negative lengths, which is at the end of the period.
+    # Under a wrong sign coupling is at negative lengths, which is the end of the period.
     stop_m = period_m - gate_m if period_m > NEAR_PATH_M + 2 * gate_m else gate_m + period_m
     step_m = profile.path_m[1]
     bins = np.arange(int(np.ceil(gate_m / step_m)), int(stop_m / step_m))
     if len(bins) < 3:
         return np.empty(0)
     power = profile.power[bins % (len(profile.path_m) - 1)]
-    # An echo is a local maximum: the skirt of the coupling is none.
+    # An echo is a local maximum, unlike the skirt of the coupling.
     peaks = 1 + np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] >= power[2:]))
     if not len(peaks):
         return np.empty(0)
     top = peaks[power[peaks].argmax()]
-    # Of noise alone every bin is a mean of as many exponential variables as there are pairs.
+    # For noise alone every bin is a mean of one exponential variable per pair.
     pairs = capture.array.n_tx * capture.array.n_rx
     if power[top] <= (1 + NOISE_SPREADS / np.sqrt(pairs)) * np.median(power):
         return np.empty(0)
@@ -140,7 +140,7 @@ def scene_paths_m(capture: Capture, profile: RangeProfile) -> np.ndarray:
 
 
 def search_grids(capture: Capture, paths_m: np.ndarray) -> list[VoxelGrid]:
-    """Return coarse grids for echoes of these path lengths, symmetric about x = 0.
+    """Coarse grids for echoes of these path lengths, symmetric about x = 0.
 
     One grid, or one for every alias where the waveform is ambiguous below `NEAR_PATH_M`.
     """
@@ -155,7 +155,7 @@ def _grid(capture: Capture, paths_m: np.ndarray) -> VoxelGrid:
     antennas = np.concatenate([array.tx_m, array.rx_m])
     half_m = max(VIEW * range_m, float(np.abs(antennas[:, :2]).max()))
     cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * span_hz)
-    # A path goes out to antennas beside the voxel: half its length is more than the voxel's z.
+    # The antennas are beside the voxel: half the path length exceeds the voxel's z.
     aside_m = np.hypot(half_m, np.sqrt((antennas[:, :2] ** 2).sum(axis=1).mean()))
     nearest_m = paths_m[0] / 2
     low_m = np.sqrt(max(nearest_m**2 - aside_m**2, (nearest_m / 2) ** 2)) - cell_m / 2
@@ -175,7 +175,7 @@ def _grid(capture: Capture, paths_m: np.ndarray) -> VoxelGrid:
 
 
 def lateral_resolution_m(capture: Capture, axis: int, range_m: float) -> float:
-    """Return wavelength over the sines that both apertures span; infinite without aperture."""
+    """Wavelength over the sines that both apertures span, metres; infinite without aperture."""
     wavelength_m = SPEED_OF_LIGHT_M_PER_S / capture.waveform.center_hz
     spanned = 0.0
     for antennas in (capture.array.tx_m, capture.array.rx_m):

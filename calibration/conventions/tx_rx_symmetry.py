@@ -1,8 +1,8 @@
-"""Whether the array itself can tell swapped Tx and Rx, and what the data say where it hardly can.
+"""Tx/Rx symmetry of an array, and a test for swapped axes where few antennas break it.
 
-Data whose axes are swapped is imaged with the legs (rx_i, tx_j) where (tx_i, rx_j) are right. If an
-isometry g of space has g(tx_i) = rx_i and g(rx_j) = tx_j, then every path length to g(v) is that to
-v: the image is the right one, moved by g, and exactly as sharp.
+Data whose axes are swapped are imaged with the path segments (rx_i, tx_j) in place of (tx_i, rx_j).
+If an isometry g of space has g(tx_i) = rx_i and g(rx_j) = tx_j, every path length to g(v) is that
+to v: the image is the right one, moved by g, and exactly as sharp.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Capture, checks
 
 SAME_PLACE = 1 / 200
-"""Antennas whose images under the isometry are closer than this many wavelengths coincide: two legs
-that differ by so little differ in phase by 0.03 rad at most."""
+"""Antennas that the isometry maps closer than this many wavelengths coincide: path segments that
+differ by so little differ in phase by 0.03 rad at most."""
 
 TRIMMING_ROUNDS = 5
 
 RIDGE = 1e-2
-"""Of the fit of point reflectivities, relative to the diagonal of its normal matrix: neighbouring
-voxels look nearly alike to the array."""
+"""Ridge (Tikhonov) term of the fit of point reflectivities, relative to the mean diagonal of its
+normal matrix: the responses of neighbouring voxels are nearly collinear."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwapIsometry:
-    """The isometry v -> matrix v + shift that maps Tx on Rx and Rx on Tx, as far as it does.
+    """The isometry v -> matrix v + shift that approximately maps Tx on Rx and Rx on Tx.
 
     Attributes
     ----------
@@ -38,15 +38,12 @@ class SwapIsometry:
     shift_m : ndarray, shape (3,), float64, metres
     moved_tx, moved_rx : ndarray, shape (n,), bool
         Antennas i for which g(tx_i) is not rx_i, and g(rx_i) is not tx_i.
-    largest_m : float, metres
-        How far off the worst of them is.
     """
 
     matrix: np.ndarray
     shift_m: np.ndarray
     moved_tx: np.ndarray
     moved_rx: np.ndarray
-    largest_m: float
 
     def __post_init__(self) -> None:
         for name, dtype, shape in (
@@ -67,10 +64,10 @@ class SwapIsometry:
 
 
 def swap_isometry(array: AntennaArray, wavelength_m: float) -> SwapIsometry | None:
-    """Return the isometry that maps at least half of the antennas, None if there is none.
+    """Find the isometry that maps at least half of the antennas, None if there is none.
 
-    Found by the orthogonal Procrustes problem on the better half of the antennas, again and again;
-    reflections are allowed, but none that maps what is in front of the array behind it.
+    Trimmed orthogonal Procrustes fit, iterated on the better half of the antennas; reflections are
+    allowed, but none that maps what is in front of the array behind it.
     """
     if array.n_tx != array.n_rx:
         return None
@@ -85,14 +82,14 @@ def swap_isometry(array: AntennaArray, wavelength_m: float) -> SwapIsometry | No
     if matrix[2, 2] <= 0 or 2 * np.count_nonzero(moved) > len(moved):
         return None
     n = array.n_tx
-    return SwapIsometry(matrix, shift_m, moved[:n], moved[n:], float(off_m.max()))
+    return SwapIsometry(matrix, shift_m, moved[:n], moved[n:])
 
 
 def _procrustes(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     a, b = source.mean(axis=0), target.mean(axis=0)
     u, stretch, vt = np.linalg.svd((target - b).T @ (source - a))
     matrix = u @ vt
-    # Antennas in one plane leave the side of that plane open: boresight stays in front.
+    # For antennas in one plane a reflection at that plane is free: keep boresight in front.
     flat = stretch[2] <= 1e-9 * max(float(stretch[0]), 1e-30)
     if flat and matrix[2, 2] < 0:
         matrix = u @ np.diag([1.0, 1.0, -1.0]) @ vt
@@ -100,54 +97,54 @@ def _procrustes(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def swap_sigma(capture: Capture, isometry: SwapIsometry, points_m: np.ndarray) -> float:
-    """Return by how many standard errors the data prefer their axes as they are to swapped ones.
+    """Test statistic for swapped axes, in standard errors.
 
-    The pairs that the isometry maps see the same under both hypotheses. The reflectivities of a few
-    points, fitted to these pairs alone, predict what the other pairs record under either, p and p',
-    and the real part of <s, p - p'> is positive if the axes are right and negative if they are
-    swapped. Its standard error is that of the sums, channel by channel, of what the better
-    prediction leaves unexplained, so that scatter among the channels counts whatever its cause.
+    The pairs that the isometry maps record the same under both hypotheses. The reflectivities of a
+    few points, fitted to these pairs alone, predict the other pairs under either, p and p', and the
+    real part of <s, p - p'> is positive if the axes are right and negative if they are swapped. Its
+    standard error comes from the residuals of the better prediction, summed channel by channel, so
+    that scatter among the channels counts whatever its cause (a cluster-robust error).
 
     Parameters
     ----------
     capture : Capture
-        Axes as in the file; phase sign and frequency order are right.
+        Axes as in the file; phase sign and frequency order corrected.
     isometry : SwapIsometry
         Not an exact one.
     points_m : ndarray, shape (n, 3), metres
-        Where the image with the axes as they are is bright.
+        Bright voxels of the image with the axes as they are.
 
     Returns
     -------
     float
-        Positive: as they are.
+        Positive if the axes are right as they are.
     """
     array = capture.array
     weights = frequency_weights(window_of(capture.waveform), capture.waveform.n_freq)
     stay_tx, stay_rx = ~isometry.moved_tx, ~isometry.moved_rx
-    tells = isometry.moved_tx[:, None] | isometry.moved_rx[None]
+    changed = isometry.moved_tx[:, None] | isometry.moved_rx[None]
     there_m = isometry.apply(points_m)
-    legs = [
+    segments_m = [
         (_lengths(array.tx_m, points_m), _lengths(array.rx_m, points_m)),
         (_lengths(array.rx_m, there_m), _lengths(array.tx_m, there_m)),
     ]
     k = 2 * np.pi * capture.waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
     s = np.ascontiguousarray(np.moveaxis(capture.data * weights, 2, 0)).astype(np.complex64)
-    seen = np.zeros(len(points_m), dtype=np.complex128)
+    projected = np.zeros(len(points_m), dtype=np.complex128)
     normal = np.zeros((len(points_m), len(points_m)), dtype=np.complex128)
     for n, kn in enumerate(k):
-        a, b = _phases(kn, legs[0][0])[stay_tx], _phases(kn, legs[0][1])[stay_rx]
+        a, b = _phases(kn, segments_m[0][0])[stay_tx], _phases(kn, segments_m[0][1])[stay_rx]
         part = s[n][np.ix_(stay_tx, stay_rx)]
-        seen += weights[n] * (a.conj() * (part @ b.conj())).sum(axis=0)
+        projected += weights[n] * (a.conj() * (part @ b.conj())).sum(axis=0)
         normal += weights[n] ** 2 * (a.conj().T @ a) * (b.conj().T @ b)
     normal += RIDGE * float(np.trace(normal).real) / len(normal) * np.eye(len(normal))
-    points = np.linalg.solve(normal, seen).astype(np.complex64)
-    predicted = np.zeros((2, len(k), *tells.shape), dtype=np.complex64)
+    points = np.linalg.solve(normal, projected).astype(np.complex64)
+    predicted = np.zeros((2, len(k), *changed.shape), dtype=np.complex64)
     for n, kn in enumerate(k):
-        for i, (first, second) in enumerate(legs):
+        for i, (first, second) in enumerate(segments_m):
             predicted[i, n] = weights[n] * ((_phases(kn, first) * points) @ _phases(kn, second).T)
-    predicted *= tells
-    s = s * tells
+    predicted *= changed
+    s = s * changed
     energy = (np.abs(predicted) ** 2).sum(axis=(1, 2, 3), dtype=np.float64)
     if not energy.all():
         return 0.0
@@ -157,7 +154,7 @@ def swap_sigma(capture: Capture, isometry: SwapIsometry, points_m: np.ndarray) -
     difference = predicted[0] - predicted[1]
     left = s - fits[better] * predicted[better]
     statistic = float(np.vdot(difference, s).real)
-    # Sums per channel: those of the Tx that tell, then those of the Rx that tell with other Tx.
+    # Sums per channel: moved Tx, then moved Rx with the Tx that stay.
     score = (difference.conj() * left).real.sum(axis=0, dtype=np.float64)
     channels = np.concatenate(
         [score[isometry.moved_tx].sum(axis=1), score[stay_tx][:, isometry.moved_rx].sum(axis=0)]

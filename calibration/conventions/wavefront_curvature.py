@@ -1,13 +1,13 @@
-"""Which way wavefronts curve: the sign of range, told without an image.
+"""Sign of range from wavefront curvature, without an image.
 
-An echo's delay grows with the antennas' distance from the axis, because wavefronts diverge from
-whatever reflects: over the pairs (t, r), a point at range R has
+The delay of an echo grows with the antennas' distance from the axis, because wavefronts diverge
+from the reflector: over the pairs (t, r), a point at range R has
 
     |v - t| + |v - r| = 2 R - (u_t . t + u_r . r) + (|t|^2 + |r|^2) / (2 R) + ...
 
-and a mirror at distance z has |t - r|^2 / (4 z), the same coefficient of |t|^2 + |r|^2. Where the
-order of the frequencies, or the sign of the phase, is not what it is taken for, delays are negative
-and the coefficient is, too.
+and a mirror at distance z has |t - r|^2 / (4 z), the same coefficient of |t|^2 + |r|^2. If either
+the frequency order or the phase sign is the opposite of the assumed one, delays are negative, and
+so is the coefficient.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import Capture
 
 HALF_WIDTH_M = 0.15
-"""How far from the strongest echo an echo counts, metres of path length."""
+"""Echoes within this path length of the strongest one are used, metres."""
 
 BINS = 61
 
 MIN_ANTENNAS = 10
-"""Tx and Rx together: with fewer, the scatter between them says nothing about the error."""
+"""Tx and Rx together: with fewer, their scatter does not estimate the error."""
 
 
 def curvature_sigma(capture: Capture, path_m: float) -> float:
-    """Return the curvature of the wavefronts over its standard error.
+    """Curvature of the wavefronts over its standard error.
 
     Parameters
     ----------
     capture : Capture
     path_m : float
-        Where the mean range profile is strongest.
+        Path length at which the mean range profile is strongest.
 
     Returns
     -------
     float
         Positive for diverging wavefronts. The delay of a pair is the centroid of its power within
-        `HALF_WIDTH_M`; its errors may be correlated among all pairs of a Tx and of a Rx. 0 where
-        the antennas cannot tell: too few, or all equally far from the axis.
+        `HALF_WIDTH_M`; its errors may be correlated among all pairs of a Tx and of an Rx. 0 where
+        the curvature is unobservable: too few antennas, or all equally far from the axis.
     """
     array, waveform = capture.array, capture.waveform
     if array.n_tx + array.n_rx < MIN_ANTENNAS:
@@ -63,7 +63,7 @@ def curvature_sigma(capture: Capture, path_m: float) -> float:
     bend = (t**2).sum(axis=1) + (r**2).sum(axis=1)
     flatter = np.column_stack([np.ones(len(t)), t, r])
     root = np.sqrt(power)
-    # What of `bend` no constant and no tilt explains carries the information.
+    # Only the part of `bend` that is orthogonal to a constant and a tilt carries information.
     tilt = np.linalg.lstsq(flatter * root[:, None], bend * root, rcond=None)[0]
     rest = bend - flatter @ tilt
     information = float((power * rest**2).sum())

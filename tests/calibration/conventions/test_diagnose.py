@@ -1,4 +1,4 @@
-"""Which convention a capture was written in: all sixteen, named up to what the geometry hides."""
+"""Diagnosis of conventions: each of the sixteen is found, up to symmetries of array and scene."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ import clradar
 from calibration import HYPOTHESES, Diagnosis, Hypothesis, apply_convention, diagnose
 from calibration.conventions.search_region import (
     ambiguous_path_m,
+    antenna_subset,
     range_profile,
     scene_paths_m,
     search_grids,
@@ -157,8 +158,12 @@ def test_axes_of_different_length_cannot_be_swapped() -> None:
 # --- what it finds
 
 
-@pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("h", HYPOTHESES, ids=lambda h: h.label)
+@pytest.mark.parametrize(
+    ("h", "scene"),
+    [(h, SCENES[0]) for h in HYPOTHESES]
+    + [(h, scene) for scene in SCENES[1:] for h in HYPOTHESES[::5]],
+    ids=lambda value: getattr(value, "label", value),
+)
 def test_an_array_without_symmetry_leaves_the_mirror_only(
     h: Hypothesis, scene: str, device: clradar.Device
 ) -> None:
@@ -168,7 +173,7 @@ def test_an_array_without_symmetry_leaves_the_mirror_only(
     assert any("mirror" in reason for reason in result.reasons)
 
 
-@pytest.mark.parametrize("h", HYPOTHESES[::3], ids=lambda h: h.label)
+@pytest.mark.parametrize("h", HYPOTHESES[::5], ids=lambda h: h.label)
 def test_the_imagers_end_elements_tell_swapped_axes_of_points(
     h: Hypothesis, device: clradar.Device
 ) -> None:
@@ -202,9 +207,11 @@ def test_without_its_end_elements_the_imager_cannot_tell_swapped_axes(
     assert known.decided
 
 
-def test_the_whole_imager(device: clradar.Device) -> None:
+def test_the_whole_imager(device: clradar.Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All antennas for the statistics, some of them for the images."""
+    monkeypatch.setattr(sys.modules[diagnose.__module__], "MOST_TERMS", 3e8)
     h = Hypothesis(swapped=True, reversed=True, mirrored=True)
-    clean = points(QAR50, 4, SWEEP)
+    clean = points(QAR50, 2)
     capture = apply_convention(with_data(clean, clean.data + noise(clean)), h)
     result = diagnose(capture, device=device)
     assert told(result) == mirrored_too(h)
@@ -270,9 +277,7 @@ def test_a_few_frequencies_need_a_grid(device: clradar.Device) -> None:
 def test_antennas_are_left_out_where_a_grid_is_large(
     device: clradar.Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from calibration.conventions.search_region import thinned
-
-    part = thinned(points(THIN, 1), 200)
+    part = antenna_subset(points(THIN, 1), 200)
     assert 150 <= part.array.n_tx * part.array.n_rx <= 200
     assert part.array.n_tx == part.array.n_rx
     kept = [np.flatnonzero((THIN.tx_m == a).all(axis=1))[0] for a in part.array.tx_m]
@@ -280,7 +285,7 @@ def test_antennas_are_left_out_where_a_grid_is_large(
     assert np.array_equal(part.data, points(THIN, 1).data[np.ix_(kept, kept)])
 
     formed = []
-    ours = sys.modules["calibration.conventions.diagnose"]
+    ours = sys.modules[diagnose.__module__]
 
     def counted(capture: Capture, *args: Any, **kwargs: Any) -> clradar.Volume:
         formed.append(capture.array.n_tx)
@@ -315,7 +320,7 @@ def test_what_holds_nothing_is_not_guessed(array: AntennaArray, device: clradar.
     captures = {
         "zero": zero,
         "coupling in noise": with_data(one, coupling(one) + noise(one)),
-        **{f"noise {seed}": with_data(zero, noise(zero, seed)) for seed in range(6)},
+        **{f"noise {seed}": with_data(zero, noise(zero, seed)) for seed in range(3)},
     }
     for name, capture in captures.items():
         result = diagnose(capture, device=device)
@@ -354,7 +359,7 @@ def test_a_known_target_tells_the_mirror(mirror: bool, device: clradar.Device) -
         assert told(diagnose(capture, expected_m=place, device=device)) == mirrored_too(h)
 
 
-def test_grids_and_positions_that_cannot_be_meant(device: clradar.Device) -> None:
+def test_invalid_grids_and_positions(device: clradar.Device) -> None:
     capture = made("one point", scattered(16, 16))
     lopsided = VoxelGrid.from_extent((-0.1, 0.12), (-0.1, 0.1), (0.26, 0.34), 2e-2)
     with pytest.raises(ModelError, match="to the left"):
@@ -391,7 +396,8 @@ def test_the_isometry_of_the_imager_is_the_diagonal_mirror() -> None:
     assert np.abs(found.matrix - np.eye(3)[[1, 0, 2]]).max() < 1e-12
     assert np.flatnonzero(found.moved_tx).tolist() == [0, 46, 47, 93]
     assert np.flatnonzero(found.moved_rx).tolist() == [0, 46, 47, 93]
-    assert found.largest_m == pytest.approx(1.5e-3, abs=1e-9)
+    off_m = np.linalg.norm(found.apply(QAR50.tx_m) - QAR50.rx_m, axis=1)
+    assert off_m.max() == pytest.approx(1.5e-3, abs=1e-9)
     assert swap_isometry(scattered(16, 16), WAVELENGTH_M) is None
     assert swap_isometry(scattered(16, 14), WAVELENGTH_M) is None
 
