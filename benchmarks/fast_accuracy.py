@@ -21,7 +21,7 @@ import numpy as np
 
 import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform
-from clradar.imaging import tree
+from clradar.imaging import fast
 
 C_M_PER_S = 299_792_458.0
 N_VOXELS = 400
@@ -283,7 +283,7 @@ def main() -> None:
         parser.add_argument(f"--{name}", choices=list(table))
     given = parser.parse_args()
     device = clradar.open_device(given.device, width=given.width)
-    tree.FEW_TERMS = 0  # or small cases are summed as they stand
+    fast.FEW_TERMS = 0  # or small cases are summed directly
     chosen = {name: getattr(given, name) for name in ("array", "waveform", "grid")}
     rows = []
     for number in given.only or range(given.cases):

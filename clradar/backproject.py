@@ -1,12 +1,12 @@
-"""Image formation: a capture to a complex volume."""
+"""Back-projection: the complex image of a capture (E8 in ``docs/equations.md``)."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from clradar.imaging import fast
-from clradar.imaging.exact import Exact
-from clradar.imaging.range_profiles import Range
+from clradar.imaging.exact import ExactImager
+from clradar.imaging.range_profiles import RangeImager
 from clradar.model import Capture, Volume, VoxelGrid, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
@@ -56,15 +56,15 @@ def backproject(
     capture : Capture
     grid : VoxelGrid
     method : "fast", "range" or "exact"
-        All take any antennas, any frequencies and any grid. "exact": the brute-force sum, at -80 dB
-        of the image's RMS or better. "range": one range profile per pair, read by linear
-        interpolation, about -54 dB. "fast": the sum over a tree of blocks of voxels, to
-        `tolerance_db`; some hundred times faster than "range" for large grids, and the brute-force
-        sum for grids so small that it is the faster.
+        All take any antennas, frequencies and grid. "exact": the brute-force sum, with an RMS error
+        of -80 dB relative to the image's RMS or better. "range": one range profile per pair, read
+        by linear interpolation, about -54 dB. "fast": fast factorised back-projection over a tree
+        of blocks of voxels, to `tolerance_db`; some hundred times faster than "range" for large
+        grids, and the brute-force sum for grids so small that it is the faster.
     window : "rect", "hann", "taylor", or array_like of shape (n_freq,)
         Weights w_n over frequency; see `frequency_weights`.
     tolerance_db : float, optional
-        For "fast": RMS error relative to the RMS of the whole image, -80 to -30; -50 if not given.
+        For "fast": RMS error relative to the RMS of the whole image, -80 to -30; default -50.
     device : Device, str or None
         See `clradar.open_device`.
     progress : callable, optional
@@ -78,7 +78,7 @@ def backproject(
     Raises
     ------
     ModelError
-        Unknown method or window, or a tolerance out of range or for another method than "fast".
+        Unknown method or window; a tolerance out of range, or with a method other than "fast".
     DeviceError
         The device is missing, out of memory or fails. A volume larger than its memory is tiled.
     """
@@ -88,14 +88,14 @@ def backproject(
     weights = frequency_weights(window, capture.waveform.n_freq)
     tolerance_db = _tolerance_db(method, tolerance_db)
     opened = open_device(device)
-    former: Exact | Range | fast.Fast
+    imager: ExactImager | RangeImager | fast.FastImager
     if method == "range":
-        former = Range(capture, grid, weights, opened)
+        imager = RangeImager(capture, grid, weights, opened)
     elif method == "fast" and np.prod(grid.shape) * capture.data.size > fast.FEW_TERMS:
-        former = fast.Fast(capture, grid, weights, opened, tolerance_db)
+        imager = fast.FastImager(capture, grid, weights, opened, tolerance_db)
     else:
-        former = Exact(capture, grid, weights, opened)
-    data = former.run(progress)
+        imager = ExactImager(capture, grid, weights, opened)
+    data = imager.run(progress)
     data.view(np.float32)[...] /= capture.data.size
     data.flags.writeable = False
     meta = {

@@ -2,9 +2,9 @@
  *     V(v) = sum over pairs of P[pair](d) exp(+j 2 pi f_c d / c),   d = |v - tx| + |v - rx|,
  * where P[pair](d) = sum_n s[pair, n] exp(+j 2 pi (f_n - f_c) d / c) is sampled over d first and then read
  * by linear interpolation. The carrier f_c at the band's centre keeps P slowly varying. Bins are counted
- * from d = 0, so which part of the profiles is at hand changes no result. */
-#ifndef CLR_CHUNK
-#error "CLR_CHUNK (most receivers per call: they are held in private memory) is missing"
+ * from d = 0, so no result depends on which part of the profiles is computed. */
+#ifndef CLR_RX_CHUNK
+#error "CLR_RX_CHUNK (most receivers per call: they are held in private memory) is missing"
 #endif
 
 #include "common/voxel.h"
@@ -81,10 +81,10 @@ static inline void profile_at(__global const float *profile, const realw positio
 #endif
 }
 
-/* Item = CLR_WIDTH neighbouring voxels along x. The carrier is a product of one factor per leg. One call
- * adds some transmitters; the sum goes on where the last call left it, so the split changes nothing.
+/* Item = CLR_WIDTH neighbouring voxels along x. The carrier is a product of one factor per antenna. One
+ * call adds some transmitters to the sum of the calls before it, so the split changes nothing.
  *
- * profiles  float (n_tx, n_rx, n_bins, 2)     n_rx <= CLR_CHUNK
+ * profiles  float (n_tx, n_rx, n_bins, 2)     n_rx <= CLR_RX_CHUNK
  * bins_per_m  1 / step                        k_hi, k_lo  f_c / c, cycles per metre
  * tx        float (n_tx, 6)                   antennas, metres: x, y, z as hi, then as lo
  * rx        float (n_rx, 6)
@@ -104,16 +104,16 @@ __kernel void backproject_range(const uint n_x_padded, const uint n_y, const uin
     const size_t plane = (size_t)n_z * n_y * n_x_padded;
     __global float *at = volume + ((size_t)iz * n_y + iy) * n_x_padded + ix;
     const wavenumber k = make_wavenumber(k_hi, k_lo);
-    realw rx_bins[CLR_CHUNK], rx_re[CLR_CHUNK], rx_im[CLR_CHUNK];
+    realw rx_bins[CLR_RX_CHUNK], rx_re[CLR_RX_CHUNK], rx_im[CLR_RX_CHUNK];
     realw sum_re = LOADW(at), sum_im = LOADW(at + plane);
 
     for (uint r = 0; r < n_rx; ++r) {
-        const dual length = leg(v, rx + 6 * r);
+        const dual length = distance_to(v, rx + 6 * r);
         rx_bins[r] = length.hi * bins_per_m;
         cos_sin_cycles(cycles(length, k), &rx_re[r], &rx_im[r]);
     }
     for (uint t = 0; t < n_tx; ++t) {
-        const dual length = leg(v, tx + 6 * t);
+        const dual length = distance_to(v, tx + 6 * t);
         const realw start = length.hi * bins_per_m;
         __global const float *profile = profiles + 2 * (size_t)t * n_rx * n_bins;
         realw re = 0.0f, im = 0.0f;

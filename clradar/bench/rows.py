@@ -19,8 +19,8 @@ import numpy as np
 
 import clradar
 from clradar.bench import peers
-from clradar.imaging.block_tree import levels
-from clradar.imaging.range_profiles import Range
+from clradar.imaging.block_tree import block_levels
+from clradar.imaging.range_profiles import RangeImager
 
 C_M_PER_S = 299_792_458.0
 ARRAY = clradar.arrays.qar50()
@@ -133,9 +133,9 @@ class Image:
         spacing = (1e-3, 1e-3, 0.08 / (planes - 1))
         self.device, self.capture = device, capture
         self.grid = clradar.VoxelGrid.from_extent(**PAPER, spacing_m=spacing)
-        former = Range(capture, self.grid, np.ones(WAVEFORM.n_freq), device)
-        first, stop = former._bins(next(iter(former.tiles())))
-        self.bins_per_m = float(former.bins_per_m)
+        imager = RangeImager(capture, self.grid, np.ones(WAVEFORM.n_freq), device)
+        first, stop = imager.bins(next(iter(imager.tiles())))
+        self.bins_per_m = float(imager.bins_per_m)
         d_m = np.arange(first, stop) / self.bins_per_m
         self.first_m = float(d_m[0])
         f = WAVEFORM.frequencies_hz
@@ -168,7 +168,7 @@ def images(
     ours, fast = partial(image.ours, "range"), partial(image.ours, "fast")
 
     def fast_anew() -> np.ndarray:
-        levels.cache_clear()
+        block_levels.cache_clear()
         return fast()
 
     by_range = ours()

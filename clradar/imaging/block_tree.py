@@ -1,41 +1,53 @@
-"""Blocks of voxels within blocks, and which antennas and frequencies stand for all there."""
+"""Fast factorised back-projection: the tree of blocks of voxels, and their skeleton antennas.
+
+L. M. H. Ulander, H. Hellsten, G. Stenstroem, "Synthetic-aperture radar processing using fast
+factorized back-projection", IEEE Trans. Aerosp. Electron. Syst. 39 (2003) 760. Within a block the
+phases relative to its centre vary little over antennas and frequencies, so few of them approximate
+the rest (`clradar.imaging.interpolative`).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.imaging.interpolative import Skeleton, product, rms, skeleton
+from clradar.imaging.interpolative import (
+    Decomposition,
+    decompose_sampled,
+    matrix_product,
+    phasor_rms,
+)
 from clradar.model import AntennaArray, VoxelGrid, Waveform
 
 MIN_SAMPLES = 480
 SAMPLES_PER_POINT = 4
 """Sampled functions per antenna or frequency; as many complex numbers count twice."""
 
-N_KINDS = 6
-"""Kinds of voxels that samples are drawn of, see `_draw`."""
+N_FAMILIES = 6
+"""Families of voxels that samples are drawn of, see `_draw`."""
 
 CANDIDATES = 4
 """Samples of which the one whose phase varies most is taken."""
 
-ENDS = 8
-"""Antennas on which that is told, for one side."""
+PROBES = 8
+"""Antennas of one side over which that variation is measured."""
 
 CHECKED = 120
-"""Voxels of each kind that a chain of levels is checked on."""
+"""Voxels of each family that all levels together are checked on."""
 
 NEAR_POOL = 2**14
-"""Voxels of which those next to antennas are told: a share of 1e-4 of the volume that does 40 dB
-worse than the rest is what its RMS notices."""
+"""Voxels of which those closest to antennas are picked: a share of 1e-4 of the volume that does
+40 dB worse than the rest is noticeable in its RMS."""
 
 MARGIN = 0.8
-"""Room for what samples do not show: they see some voxels, and are checked to `skeleton.SLACK`."""
+"""Share of the tolerance that is used: samples show some voxels only, and are checked to
+`clradar.imaging.interpolative.SLACK`."""
 
-ROUNDS = 6
+LEVEL_ROUNDS = 6
 """How often the levels are chosen again with smaller errors before all points are kept."""
 
 EXTREME = 0.5
@@ -47,17 +59,20 @@ the tree, larger ones in the last sum. Measured for 1 mm voxels at 77 GHz: 4 x 4
 of 4x4x4, 4x2x8, 2x2x8, 8x4x8 and 4x4x16, which take 1.1 to 1.7 times as long."""
 
 MOST_LEAF = 2**18
-"""Voxels of a smallest block: the places of all are held in memory."""
+"""Voxels of a smallest block: the positions of all are held in memory."""
 
 LEAST_LEAF = 8
 """Voxels of a smallest block, where the grid has as many: the lanes of a work-item."""
 
 Triple = tuple[int, int, int]
 
+_PathSet = tuple[np.ndarray, ...]
+"""For each of n voxels the path that its phase is sampled on: frequency, or Tx and Rx."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Level:
-    """Blocks of one size.
+class BlockLevel:
+    """Blocks of one size, with their skeleton antennas and frequencies.
 
     Attributes
     ----------
@@ -65,34 +80,30 @@ class Level:
         Size of a block along x, y, z.
     counts : tuple of 3 ints
         Number of blocks along x, y, z.
-    tx, rx, frequency : ndarray of int
-        Indices of those that stand for all.
-    tx_weights, rx_weights, frequency_weights : ndarray, float64
-        Shape (how many of the level above, how many of this one).
+    tx, rx, frequency : Decomposition
+        Skeleton indices into all antennas and frequencies; weights of shape (skeleton of the level
+        above, skeleton of this one).
     """
 
     voxels: Triple
     counts: Triple
-    tx: np.ndarray
-    rx: np.ndarray
-    frequency: np.ndarray
-    tx_weights: np.ndarray
-    rx_weights: np.ndarray
-    frequency_weights: np.ndarray
+    tx: Decomposition
+    rx: Decomposition
+    frequency: Decomposition
 
 
 def leaf_voxels(grid: VoxelGrid, wavelength_m: float) -> Triple:
-    """Return the size of the smallest blocks in voxels, powers of two, as the grid allows."""
+    """Return the size of the smallest blocks in voxels: powers of two, at most the grid's size."""
     limits = [1 << (n - 1).bit_length() for n in grid.counts]
     size = []
     for wanted, step, limit in zip(LEAF_WAVELENGTHS, grid.spacing_m, limits, strict=True):
         exponent = int(np.floor(np.log2(wanted * wavelength_m / step) + 0.5))
         size.append(min(1 << max(0, exponent), limit))
     while np.prod(size) < LEAST_LEAF:
-        room = [i for i in range(3) if size[i] < limits[i]]
-        if not room:
+        growing = [i for i in range(3) if size[i] < limits[i]]
+        if not growing:
             break
-        shortest = min(room, key=lambda i: size[i] * grid.spacing_m[i])
+        shortest = min(growing, key=lambda i: size[i] * grid.spacing_m[i])
         size[shortest] *= 2
     while np.prod(size) > MOST_LEAF:
         longest = max(range(3), key=lambda i: size[i] * grid.spacing_m[i])
@@ -101,7 +112,7 @@ def leaf_voxels(grid: VoxelGrid, wavelength_m: float) -> Triple:
 
 
 def block_sizes(grid: VoxelGrid, leaf: Triple) -> list[Triple]:
-    """Return the sizes of blocks in voxels, from one that holds the whole grid down to `leaf`."""
+    """Return the sizes of blocks in voxels, from one around the whole grid down to `leaf`."""
     sizes = [leaf]
     while any(s < n for s, n in zip(sizes[0], grid.counts, strict=True)):
         x, y, z = (s if s >= n else 2 * s for s, n in zip(sizes[0], grid.counts, strict=True))
@@ -110,47 +121,48 @@ def block_sizes(grid: VoxelGrid, leaf: Triple) -> list[Triple]:
 
 
 @lru_cache(maxsize=1)
-def levels(
+def block_levels(
     array: AntennaArray, waveform: Waveform, grid: VoxelGrid, tolerance: float
-) -> tuple[Level, ...]:
+) -> tuple[BlockLevel, ...]:
     """Return the levels of the tree, from the whole grid down to the smallest blocks.
 
-    They do not depend on what was recorded and take most of the time of a small image, so those of
-    the last call are kept: images of one array, waveform and grid (the same objects) share them.
+    They do not depend on the samples and take most of the time of a small image, so those of the
+    last call are kept: images of one array, waveform and grid (the same objects) share them.
 
     Parameters
     ----------
     tolerance : float
-        Error of the image, relative to its RMS, that the tree may cause. Each of the three kinds of
-        interpolation (Tx, Rx, frequency) is given the same share of its square, and each level the
-        same share of that; where the levels together still err more, each is given less.
+        Error of the image, relative to its RMS, that the tree may cause. Tx, Rx and frequency each
+        get the same share of its square, and each level the same share of that; where the levels
+        together exceed it, each is given less.
     """
     k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
     sizes = block_sizes(grid, leaf_voxels(grid, SPEED_OF_LIGHT_M_PER_S / waveform.center_hz))
-    places = _Places(grid, sizes, array, np.random.Generator(np.random.Philox(0)))
+    sampler = _VoxelSampler(grid, sizes, array, np.random.Generator(np.random.Philox(0)))
     share = MARGIN * tolerance / np.sqrt(3)
-    tx = _chain(_Antennas(array.tx_m, k, places), share)
-    rx = _chain(_Antennas(array.rx_m, k, places), share)
-    frequency = _chain(_Frequencies(array, k, places), share)
+    tx = _decompositions(_AntennaPhases(array.tx_m, k, sampler), share)
+    rx = _decompositions(_AntennaPhases(array.rx_m, k, sampler), share)
+    frequency = _decompositions(_FrequencyPhases(array, k, sampler), share)
     found = []
     for voxels, *parts in zip(sizes, tx, rx, frequency, strict=True):
         x, y, z = (-(-n // s) for n, s in zip(grid.counts, voxels, strict=True))
-        indices, weights = [p.index for p in parts], [p.weights for p in parts]
-        found.append(Level(voxels, (x, y, z), *indices, *weights))
+        found.append(BlockLevel(voxels, (x, y, z), *parts))
     return tuple(found[: _worthwhile(array, waveform, found)])
 
 
-def _worthwhile(array: AntennaArray, waveform: Waveform, found: list[Level]) -> int:
-    """Return how many levels are worth their price: with fewer, more is left to the last sum.
+def _worthwhile(array: AntennaArray, waveform: Waveform, found: list[BlockLevel]) -> int:
+    """Return how many levels make the image cheapest; with fewer, the last sum is larger.
 
-    Where few voxels share what the way down costs, or hardly anything can stand for all since the
-    voxels are far apart, the sum from larger blocks is the quicker. Prices are in terms of that sum
-    and were measured with 8 lanes on PoCL.
+    Where a block has few voxels, or where the skeletons hardly shrink because the voxels are far
+    apart, the sum from larger blocks is the quicker. Costs are in terms of that sum and were
+    measured with 8 lanes on PoCL.
     """
     way_down, least, best = 0.0, np.inf, len(found)
     r, c, m = array.n_tx, array.n_rx, waveform.n_freq
     for i, level in enumerate(found):
-        rows, columns, frequencies = len(level.tx), len(level.rx), len(level.frequency)
+        rows, columns, frequencies = (
+            len(part.skeleton) for part in (level.tx, level.rx, level.frequency)
+        )
         if i % 2:
             rows, columns = columns, rows
         n_blocks, block = int(np.prod(level.counts)), int(np.prod(level.voxels))
@@ -158,16 +170,16 @@ def _worthwhile(array: AntennaArray, waveform: Waveform, found: list[Level]) -> 
         step += m * rows * (0.5 * c * columns + 2 * c + 2 * columns)
         step += rows * columns * (0.5 * m * frequencies + m + frequencies)
         way_down += n_blocks * step
-        left = rows + columns
-        last = n_blocks * block * (frequencies * (rows * columns + 9 * left) + 5 * left)
+        antennas = rows + columns
+        last = n_blocks * block * (frequencies * (rows * columns + 9 * antennas) + 5 * antennas)
         if block <= MOST_LEAF and way_down + last < least:
             least, best = way_down + last, i + 1
         r, c, m = columns, rows, frequencies
     return best
 
 
-class _Places:
-    """Draws voxels, and the centres of the blocks of every level that they are in."""
+class _VoxelSampler:
+    """Draws random voxels, and gives the centres of the blocks that they are in."""
 
     def __init__(
         self, grid: VoxelGrid, sizes: list[Triple], array: AntennaArray, rng: np.random.Generator
@@ -192,13 +204,13 @@ class _Places:
         return self.rng.integers(0, 2, (n, 3)) * (self.counts - 1)
 
     def near(self, n: int) -> np.ndarray:
-        """Return n voxels next to antennas, the closer the rarer in the grid."""
+        """Return n voxels close to antennas: log-uniform in the rank of their distance."""
         rank = len(self._near) ** self.rng.random(n) - 1.0
         return self._near[rank.astype(int)]
 
-    def centres(self, voxel: np.ndarray, levels: slice) -> np.ndarray:
-        """Return the centres of the blocks that voxels are in, shape (n_levels, n, 3), metres."""
-        sizes = self.sizes[levels][:, None]
+    def centres(self, voxel: np.ndarray, levels: int | slice) -> np.ndarray:
+        """Return the centres of the blocks that voxels are in, shape ([n_levels,] n, 3), metres."""
+        sizes = self.sizes[levels, None]
         return self.metres(voxel // sizes * sizes + 0.5 * (sizes - 1))
 
     def metres(self, at: np.ndarray) -> np.ndarray:
@@ -209,84 +221,71 @@ class _Places:
         return np.where(self.rng.random((n, 3)) < EXTREME, np.round(value), value)
 
 
-class _Kind(Protocol):
-    """What is interpolated over: the points of the functions, and paths on which to sample them."""
+class _AntennaPhases:
+    """Phases over the antennas of one side, in cycles; a path is its frequency."""
 
-    places: _Places
-    n_points: int
-    n_levels: int
+    def __init__(self, antennas_m: np.ndarray, k: np.ndarray, sampler: _VoxelSampler) -> None:
+        self.antennas_m, self.k, self.sampler = antennas_m, k, sampler
+        self.n_points, self.n_levels = len(antennas_m), len(sampler.sizes)
 
-    def paths(self, voxel_m: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return what else than the voxel a sample depends on, for each of n voxels."""
-
-    def hardest(
-        self, voxel_m: np.ndarray, centre_m: np.ndarray, n: int
-    ) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-        """Return n of some voxels, and paths, for which the phase from the centre varies most."""
-
-    def cycles(self, at_m: np.ndarray, paths: tuple[np.ndarray, ...], points: Any) -> np.ndarray:
-        """Return the cycles to places (..., n, 3) over some points, (..., n, n_points)."""
-
-
-class _Antennas:
-    """Phases over the antennas of one side, in cycles."""
-
-    def __init__(self, antennas_m: np.ndarray, k: np.ndarray, places: _Places) -> None:
-        self.antennas_m, self.k, self.places = antennas_m, k, places
-        self.n_points, self.n_levels = len(antennas_m), len(places.sizes)
-
-    def paths(self, voxel_m: np.ndarray) -> tuple[np.ndarray, ...]:
-        return (self.places.rng.choice(self.k, len(voxel_m)),)
+    def paths(self, voxel_m: np.ndarray) -> _PathSet:
+        """Return a random path for each of n voxels."""
+        return (self.sampler.rng.choice(self.k, len(voxel_m)),)
 
     def hardest(
         self, voxel_m: np.ndarray, centre_m: np.ndarray, n: int
-    ) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+    ) -> tuple[np.ndarray, _PathSet]:
+        """Return n of some voxels, and paths, whose phase relative to the centre varies most."""
         paths = self.paths(voxel_m)
-        some = self.places.rng.choice(self.n_points, min(ENDS, self.n_points), replace=False)
-        turns = self.cycles(voxel_m, paths, some) - self.cycles(centre_m, paths, some)
-        chosen = _largest(np.ptp(turns, axis=1), n)
+        some = self.sampler.rng.choice(self.n_points, min(PROBES, self.n_points), replace=False)
+        cycles = self.cycles(voxel_m, paths, some) - self.cycles(centre_m, paths, some)
+        chosen = _largest(np.ptp(cycles, axis=1), n)
         return chosen, (paths[0][chosen],)
 
-    def cycles(self, at_m: np.ndarray, paths: tuple[np.ndarray, ...], points: Any) -> np.ndarray:
-        return paths[0][:, None] * lengths(at_m[..., None, :], self.antennas_m[points])
+    def cycles(self, at_m: np.ndarray, paths: _PathSet, points: Any) -> np.ndarray:
+        """Return the cycles to positions (..., n, 3) over some points, (..., n, n_points)."""
+        return paths[0][:, None] * distances(at_m[..., None, :], self.antennas_m[points])
 
 
-class _Frequencies:
-    """Phases over the frequencies, in cycles from the centre of the band."""
+class _FrequencyPhases:
+    """Phases over the frequencies, in cycles from the band's centre; a path is its Tx and Rx."""
 
-    def __init__(self, array: AntennaArray, k: np.ndarray, places: _Places) -> None:
-        # Conjugates count as typical, which they are about the centre of the band.
+    def __init__(self, array: AntennaArray, k: np.ndarray, sampler: _VoxelSampler) -> None:
+        # About the centre of the band, so that conjugate phasors are equally typical samples.
         self.sides = (array.tx_m, array.rx_m)
-        self.offset, self.places = k - 0.5 * (k[0] + k[-1]), places
-        self.n_points, self.n_levels = len(k), len(places.sizes)
+        self.offset, self.sampler = k - 0.5 * (k[0] + k[-1]), sampler
+        self.n_points, self.n_levels = len(k), len(sampler.sizes)
 
-    def paths(self, voxel_m: np.ndarray) -> tuple[np.ndarray, ...]:
-        rng, n = self.places.rng, len(voxel_m)
+    def paths(self, voxel_m: np.ndarray) -> _PathSet:
+        rng, n = self.sampler.rng, len(voxel_m)
         return tuple(side[rng.integers(0, len(side), n)] for side in self.sides)
 
     def hardest(
         self, voxel_m: np.ndarray, centre_m: np.ndarray, n: int
-    ) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-        """Over the pairs of each voxel the largest difference is known: that of either leg."""
+    ) -> tuple[np.ndarray, _PathSet]:
+        # The largest difference over all pairs is the sum of the largest ones of Tx and Rx.
         every = np.arange(len(voxel_m))
         longest, shortest, paths = np.zeros(len(every)), np.zeros(len(every)), []
         for side in self.sides:
-            leg = lengths(voxel_m[:, None], side) - lengths(centre_m[:, None], side)
-            ends = leg.argmax(axis=1), leg.argmin(axis=1)
-            longest += leg[every, ends[0]]
-            shortest += leg[every, ends[1]]
+            change = distances(voxel_m[:, None], side) - distances(centre_m[:, None], side)
+            ends = change.argmax(axis=1), change.argmin(axis=1)
+            longest += change[every, ends[0]]
+            shortest += change[every, ends[1]]
             paths.append([side[end] for end in ends])
         outward = (longest > -shortest)[:, None]
         chosen = _largest(np.maximum(longest, -shortest), n)
         return chosen, tuple(np.where(outward, far, near)[chosen] for far, near in paths)
 
-    def cycles(self, at_m: np.ndarray, paths: tuple[np.ndarray, ...], points: Any) -> np.ndarray:
-        length = lengths(at_m, paths[0]) + lengths(at_m, paths[1])
+    def cycles(self, at_m: np.ndarray, paths: _PathSet, points: Any) -> np.ndarray:
+        length = distances(at_m, paths[0]) + distances(at_m, paths[1])
         return length[..., None] * self.offset[points]
 
 
-def lengths(a_m: np.ndarray, b_m: np.ndarray) -> np.ndarray:
-    """Return distances between places, (..., 3) metres."""
+_Phases = _AntennaPhases | _FrequencyPhases
+
+
+def distances(a_m: np.ndarray, b_m: np.ndarray) -> np.ndarray:
+    """Return distances between points of shape (..., 3), metres."""
     x, y, z = (a_m[..., i] - b_m[..., i] for i in range(3))
     return np.sqrt(x * x + y * y + z * z)
 
@@ -295,83 +294,79 @@ def _largest(values: np.ndarray, n: int) -> np.ndarray:
     return np.argsort(-values, kind="stable")[:n]
 
 
-def _draw(kind: _Kind, n: int, level: int) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """Return n voxels of each of six kinds, which are held to the tolerance each by itself, and
-    what else their samples depend on.
+def _draw(phases: _Phases, n: int, level: int) -> tuple[np.ndarray, _PathSet]:
+    """Return n voxels of each of six families, and their paths; each family has to keep the
+    tolerance on its own.
 
     Voxels spread over the blocks of a level; corners of the grid; voxels next to antennas; and of
-    more of each those whose phase varies most over the points: interpolation is bad, and suddenly,
-    just beyond what has been sampled.
+    more of each those whose phase varies most over the points: the error of an interpolation rises
+    steeply just beyond what has been sampled.
     """
-    places, m = kind.places, CANDIDATES * n
+    sampler, m = phases.sampler, CANDIDATES * n
     found: list[np.ndarray] = []
-    chosen: list[tuple[np.ndarray, ...]] = []
-    for draw in (partial(places.spread, level=level), places.corners, places.near):
+    chosen: list[_PathSet] = []
+    for draw in (partial(sampler.spread, level=level), sampler.corners, sampler.near):
         voxel = draw(n)
         found.append(voxel)
-        chosen.append(kind.paths(places.metres(voxel)))
+        chosen.append(phases.paths(sampler.metres(voxel)))
         voxel = draw(m)
-        centre_m = places.centres(voxel, slice(level, level + 1))[0]
-        hardest, paths = kind.hardest(places.metres(voxel), centre_m, n)
+        centre_m = sampler.centres(voxel, level)
+        hardest, paths = phases.hardest(sampler.metres(voxel), centre_m, n)
         found.append(voxel[hardest])
         chosen.append(paths)
     return np.concatenate(found), tuple(np.concatenate(p) for p in zip(*chosen, strict=True))
 
 
-def _chain(kind: _Kind, tolerance: float) -> list[Skeleton]:
-    """Return the skeletons of all levels, each chosen from the one above; indices are original."""
-    each = tolerance / np.sqrt(kind.n_levels)
-    for _ in range(ROUNDS):
-        points, found = np.arange(kind.n_points), []
-        for level in range(kind.n_levels):
-            part = _skeleton(kind, level, points, each)
-            points = points[part.index]
-            found.append(Skeleton(points, part.weights))
-        error = _error_of(kind, found)
+def _decompositions(phases: _Phases, tolerance: float) -> list[Decomposition]:
+    """Return those of all levels, each of the skeleton above; indices are into all points."""
+    each = tolerance / np.sqrt(phases.n_levels)
+    for _ in range(LEVEL_ROUNDS):
+        points, found = np.arange(phases.n_points), []
+        for level in range(phases.n_levels):
+            part = _decomposition(phases, level, points, each)
+            points = points[part.skeleton]
+            found.append(Decomposition(points, part.weights))
+        error = _rms_error(phases, found)
         if error <= tolerance:
             return found
         each *= 0.7 * tolerance / error
-    every = Skeleton(np.arange(kind.n_points), np.eye(kind.n_points))
-    return [every] * kind.n_levels
+    every = Decomposition(np.arange(phases.n_points), np.eye(phases.n_points))
+    return [every] * phases.n_levels
 
 
-def _skeleton(kind: _Kind, level: int, points: np.ndarray, tolerance: float) -> Skeleton:
-    n = max(MIN_SAMPLES, SAMPLES_PER_POINT * len(points)) // N_KINDS
+def _decomposition(
+    phases: _Phases, level: int, points: np.ndarray, tolerance: float
+) -> Decomposition:
+    n = max(MIN_SAMPLES, SAMPLES_PER_POINT * len(points)) // N_FAMILIES
 
     def draw() -> np.ndarray:
-        voxel, paths = _draw(kind, n, level)
-        turns = kind.cycles(kind.places.metres(voxel), paths, points)
-        centre_m = kind.places.centres(voxel, slice(level, level + 1))[0]
-        turns -= kind.cycles(centre_m, paths, points)
-        return _phasor(turns, N_KINDS)
+        voxel, paths = _draw(phases, n, level)
+        cycles = phases.cycles(phases.sampler.metres(voxel), paths, points)
+        centre_m = phases.sampler.centres(voxel, level)
+        cycles -= phases.cycles(centre_m, paths, points)
+        angle = 2.0 * np.pi * cycles
+        parts = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return parts.reshape(N_FAMILIES, 2 * n, -1)
 
-    return skeleton(draw, tolerance)
+    return decompose_sampled(draw, tolerance)
 
 
-def _error_of(kind: _Kind, found: list[Skeleton]) -> float:
-    """Return the RMS error of all levels together, on voxels that had no part in any choice: that
-    of the kind of voxels that has the largest.
-    """
-    places, every = kind.places, np.arange(kind.n_points)
-    voxel, paths = _draw(kind, CHECKED, kind.n_levels - 1)
-    voxel_m, centre_m = places.metres(voxel), places.centres(voxel, slice(None))
-    turns = kind.cycles(voxel_m, paths, found[-1].index)
-    value = np.exp(2j * np.pi * (turns - kind.cycles(centre_m[-1], paths, found[-1].index)))
-    for level in reversed(range(kind.n_levels)):
+def _rms_error(phases: _Phases, found: list[Decomposition]) -> float:
+    """Return the RMS error of all levels together on new voxels: the largest of the families."""
+    sampler, every = phases.sampler, np.arange(phases.n_points)
+    voxel, paths = _draw(phases, CHECKED, phases.n_levels - 1)
+    voxel_m, centre_m = sampler.metres(voxel), sampler.centres(voxel, slice(None))
+    last = found[-1].skeleton
+    cycles = phases.cycles(voxel_m, paths, last)
+    value = np.exp(2j * np.pi * (cycles - phases.cycles(centre_m[-1], paths, last)))
+    for level in reversed(range(phases.n_levels)):
         weights = found[level].weights.T
-        value = product(value.real, weights) + 1j * product(value.imag, weights)
-        above = found[level - 1].index if level else every
-        turns = kind.cycles(centre_m[level], paths, above)
+        value = matrix_product(value.real, weights) + 1j * matrix_product(value.imag, weights)
+        above = found[level - 1].skeleton if level else every
+        cycles = phases.cycles(centre_m[level], paths, above)
         if level:
-            turns -= kind.cycles(centre_m[level - 1], paths, above)
-        value *= np.exp(2j * np.pi * turns)
-    error = value - np.exp(2j * np.pi * kind.cycles(voxel_m, paths, every))
+            cycles -= phases.cycles(centre_m[level - 1], paths, above)
+        value *= np.exp(2j * np.pi * cycles)
+    error = value - np.exp(2j * np.pi * phases.cycles(voxel_m, paths, every))
     parts = np.stack([error.real, error.imag], axis=1)
-    return float(rms(parts.reshape(N_KINDS, 2 * CHECKED, -1)).max())
-
-
-def _phasor(turns: np.ndarray, n_kinds: int) -> np.ndarray:
-    """Return real and imaginary parts as samples by themselves, (n_kinds, samples, points)."""
-    angle = 2.0 * np.pi * turns
-    parts = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return parts.reshape(n_kinds, 2 * (len(turns) // n_kinds), -1)
+    return float(phasor_rms(parts.reshape(N_FAMILIES, 2 * CHECKED, -1)).max())

@@ -1,4 +1,4 @@
-"""What the methods that go voxel by voxel share: axes on the device, tiles, the loop over them."""
+"""Back-projection voxel by voxel, tile by tile: what the exact sum and the range profiles share."""
 
 from __future__ import annotations
 
@@ -14,16 +14,20 @@ from clradar.model.progress import Progress
 from clradar.opencl import Buffers, Device, build
 from clradar.opencl.double_single import hi_lo
 
-CHUNK_RX = 96
-"""Receivers per call: their legs are held in private memory. Part of the order of summation."""
+RX_CHUNK = 96
+"""Receivers per call, whose path lengths are in private memory. Part of the summation order."""
+
+TX_BLOCK = 4
+"""Transmitters that the exact sum goes through side by side."""
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class KernelSizes:
     """Compile-time constants of the kernels."""
 
     width: int
-    chunk: int
+    rx_chunk: int
+    tx_block: int = TX_BLOCK
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +37,17 @@ class Tile:
     z: slice
     y: slice
 
+    @property
+    def n_z(self) -> int:
+        return self.z.stop - self.z.start
 
-class Former:
-    """What both methods share: axes and antennas on the device, tiles, the loop over them."""
+    @property
+    def n_y(self) -> int:
+        return self.y.stop - self.y.start
+
+
+class TiledImager:
+    """Axes on the device and the loop over tiles; a subclass forms the image of one tile."""
 
     kernel_file = ""
 
@@ -47,8 +59,8 @@ class Former:
         self.width = device.width
         self.n_x = -(-grid.counts[0] // self.width) * self.width
         self.k = capture.waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
-        chunk = min(CHUNK_RX, capture.array.n_rx)
-        self.program = build(device, self.kernel_file, Options(self.width, chunk))
+        sizes = KernelSizes(self.width, min(RX_CHUNK, capture.array.n_rx))
+        self.program = build(device, self.kernel_file, sizes)
 
     def run(self, progress: Progress | None) -> np.ndarray:
         """Return the unscaled sum, shape (n_z, n_y, n_x), complex64."""
@@ -57,10 +69,9 @@ class Former:
         steps = self.steps_per_tile()
         with Buffers(self.device) as buffers:
             axes = buffers.upload(self._axes())
-            largest = max(length(t.z) * length(t.y) for t in tiles)
-            volume = buffers.empty(8 * largest * self.n_x)
+            volume = buffers.empty(8 * max(t.n_z * t.n_y for t in tiles) * self.n_x)
             for i, tile in enumerate(tiles):
-                shape = (2, length(tile.z), length(tile.y), self.n_x)
+                shape = (2, tile.n_z, tile.n_y, self.n_x)
                 buffers.write(volume, np.zeros(shape, np.float32))
                 for j in self.add_all(buffers, axes, volume, tile):
                     if progress is not None:
@@ -78,8 +89,16 @@ class Former:
         raise NotImplementedError
 
     def add_all(self, buffers: Buffers, axes: Any, volume: Any, tile: Tile) -> Iterator[int]:
-        """Add everything to the tile; yield the number of steps done before each step."""
+        """Add all samples to the tile; yield the number of steps done before each step."""
         raise NotImplementedError
+
+    def launch(self, kernel: str, tile: Tile, *args: Any) -> None:
+        """Run a kernel over the voxels of a tile; `args` follow those of tile and axes."""
+        u = np.uint32
+        self.program.launch(
+            kernel, (self.n_x // self.width, tile.n_y, tile.n_z), u(self.n_x), u(tile.n_y),
+            u(tile.n_z), u(tile.y.start), u(tile.z.start), u(self.grid.counts[1]), *args,
+        )  # fmt: skip
 
     def _axes(self) -> np.ndarray:
         """Return voxel centres in the layout of ``kernels/common/voxel.h``."""
@@ -89,18 +108,20 @@ class Former:
         columns += [np.stack(hi_lo(axis), axis=1).ravel() for axis in (grid.y_m, grid.z_m)]
         return np.concatenate(columns)
 
-    def whole_within(self, n_bytes: int) -> tuple[int, int]:
+    def tile_size(self, n_bytes: int) -> tuple[int, int]:
         """Return how many planes along z, and rows of one plane, fit `n_bytes` of volume."""
-        _, ny, nz = self.grid.counts
-        rows = max(1, n_bytes // (8 * self.n_x))
-        return (min(nz, rows // ny), ny) if rows >= ny else (1, min(rows, ny))
-
-    def cut(self, n_z: int, n_y: int) -> Iterator[Tile]:
-        _, ny, nz = self.grid.counts
-        for z in range(0, nz, n_z):
-            for y in range(0, ny, n_y):
-                yield Tile(slice(z, min(z + n_z, nz)), slice(y, min(y + n_y, ny)))
+        return planes_and_rows(self.grid, n_bytes // (8 * self.n_x))
 
 
-def length(part: slice) -> int:
-    return part.stop - part.start
+def planes_and_rows(grid: VoxelGrid, rows: int) -> tuple[int, int]:
+    """Return the size of a tile of at most `rows` rows along x (at least one): n_z and n_y."""
+    _, ny, nz = grid.counts
+    return (min(nz, rows // ny), ny) if rows >= ny else (1, max(1, rows))
+
+
+def tiles_of(grid: VoxelGrid, n_z: int, n_y: int) -> Iterator[Tile]:
+    """Yield the tiles of a grid, row by row of each plane, the last ones smaller."""
+    _, ny, nz = grid.counts
+    for z in range(0, nz, n_z):
+        for y in range(0, ny, n_y):
+            yield Tile(slice(z, min(z + n_z, nz)), slice(y, min(y + n_y, ny)))

@@ -22,8 +22,8 @@ static inline voxels load_voxels(__global const float *axes, uint n_x_padded, ui
     return v;
 }
 
-/* antenna: float (6): x, y, z as hi, then as lo, metres. */
-static inline dual leg(const voxels v, __global const float *antenna) {
+/* From each voxel to an antenna, metres; antenna: float (6): x, y, z as hi, then as lo, metres. */
+static inline dual distance_to(const voxels v, __global const float *antenna) {
     return dual_length(dual_difference(v.x_hi, v.x_lo, antenna[0], antenna[3]),
                        dual_difference(v.y_hi, v.y_lo, antenna[1], antenna[4]),
                        dual_difference(v.z_hi, v.z_lo, antenna[2], antenna[5]));

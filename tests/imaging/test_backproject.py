@@ -14,8 +14,8 @@ from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, ref
 from clradar.backproject import METHODS, frequency_weights
 from clradar.errors import DeviceError, ModelError
 from clradar.imaging import fast
-from clradar.imaging.exact import CHUNK_TX
-from clradar.imaging.tiled import CHUNK_RX
+from clradar.imaging.exact import TX_CHUNK
+from clradar.imaging.tiled import RX_CHUNK
 
 # Every term errs by some 5e-7 (phase 4e-7 rad per leg, sine 1.1e-7, three float32 products), and a
 # float32 sum of a hundred terms by 1e-6 at most. Errors and terms both add up at random, so the
@@ -147,14 +147,14 @@ def test_grids_anywhere(lanes: clradar.Device, name: str, method: str) -> None:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     ("n_tx", "n_rx"),
-    [(1, 1), (1, 5), (5, 1), (7, CHUNK_RX), (3, CHUNK_RX + 1), (97, 2 * CHUNK_RX + 5)],
+    [(1, 1), (1, 5), (5, 1), (7, RX_CHUNK), (3, RX_CHUNK + 1), (97, 2 * RX_CHUNK + 5)],
 )
 def test_arrays_of_any_size(device: clradar.Device, n_tx: int, n_rx: int, method: str) -> None:
     error = error_db(noise(random_array(n_tx, n_rx), SHORT), GRID, device, method)
     assert error <= TOLERANCE_DB[method]
 
 
-@pytest.mark.parametrize("n_tx", [CHUNK_TX, CHUNK_TX + 1])
+@pytest.mark.parametrize("n_tx", [TX_CHUNK, TX_CHUNK + 1])
 def test_more_transmitters_than_one_call_takes(device: clradar.Device, n_tx: int) -> None:
     for method in METHODS:
         error = error_db(noise(random_array(n_tx, 5), SHORT), GRID, device, method)

@@ -11,8 +11,8 @@ import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, reference
 from clradar.errors import ModelError
 from clradar.imaging import fast
-from clradar.imaging.block_tree import block_sizes, leaf_voxels, levels
-from clradar.imaging.interpolative import SLACK, decompose, rms, skeleton
+from clradar.imaging.block_tree import block_levels, block_sizes, leaf_voxels
+from clradar.imaging.interpolative import SLACK, decompose, decompose_sampled, phasor_rms
 
 QAR50 = clradar.arrays.qar50()
 SWEEP = Waveform.sfcw(72e9, 82e9, 128)
@@ -79,14 +79,14 @@ def test_a_skeleton_gives_back_functions_of_its_kind() -> None:
     def draw() -> np.ndarray:
         return parts(rng.uniform(-1, 1, (300, 1)) * at)
 
-    found = skeleton(draw, 1e-3)
+    found = decompose_sampled(draw, 1e-3)
     fresh = draw()
-    error = fresh - fresh[..., found.index] @ found.weights.T
-    assert rms(error) <= 1.5 * SLACK * 1e-3
+    error = fresh - fresh[..., found.skeleton] @ found.weights.T
+    assert phasor_rms(error) <= 1.5 * SLACK * 1e-3
     # Four turns at most over the interval: 2 per turn is the least, and a few for the ends.
-    assert 4 <= len(found.index) <= 10
-    np.testing.assert_array_equal(found.weights[found.index], np.eye(len(found.index)))
-    assert (np.diff(found.index) > 0).all()
+    assert 4 <= len(found.skeleton) <= 10
+    np.testing.assert_array_equal(found.weights[found.skeleton], np.eye(len(found.skeleton)))
+    assert (np.diff(found.skeleton) > 0).all()
 
 
 def test_every_kind_of_functions_is_held_to_the_tolerance() -> None:
@@ -98,17 +98,17 @@ def test_every_kind_of_functions_is_held_to_the_tolerance() -> None:
     def draw() -> np.ndarray:
         return parts(fastest * rng.uniform(-1, 1, (400, 1)) * at).reshape(4, -1, 60)
 
-    found = skeleton(draw, 1e-3)
+    found = decompose_sampled(draw, 1e-3)
     fresh = draw()
-    error = rms(fresh - fresh[..., found.index] @ found.weights.T)
+    error = phasor_rms(fresh - fresh[..., found.skeleton] @ found.weights.T)
     assert (error <= 1.5 * SLACK * 1e-3).all()
 
 
 def test_points_that_coincide_need_one_of_them() -> None:
     samples = parts(np.random.default_rng(0).uniform(size=(40, 2)))[0][:, [0, 1, 0, 0]]
     found = decompose(samples, 1e-6)
-    assert len(found.index) == 2
-    np.testing.assert_allclose(samples[:, found.index] @ found.weights.T, samples, atol=1e-12)
+    assert len(found.skeleton) == 2
+    np.testing.assert_allclose(samples[:, found.skeleton] @ found.weights.T, samples, atol=1e-12)
 
 
 def test_functions_without_anything_in_common_keep_all_points() -> None:
@@ -117,8 +117,8 @@ def test_functions_without_anything_in_common_keep_all_points() -> None:
     def draw() -> np.ndarray:
         return parts(rng.uniform(size=(12, 9)))
 
-    found = skeleton(draw, 1e-6)
-    np.testing.assert_array_equal(found.index, np.arange(9))
+    found = decompose_sampled(draw, 1e-6)
+    np.testing.assert_array_equal(found.skeleton, np.arange(9))
     np.testing.assert_allclose(found.weights, np.eye(9), atol=1e-12)
 
 
@@ -154,15 +154,15 @@ def test_the_smallest_blocks_have_eight_voxels_where_the_grid_has_and_not_too_ma
 
 
 def test_fewer_and_fewer_stand_for_all() -> None:
-    found = levels(QAR50, SWEEP, PAPER_COARSE, 3e-3)
+    found = block_levels(QAR50, SWEEP, PAPER_COARSE, 3e-3)
     for above, below in pairwise(found):
         for name in ("tx", "rx", "frequency"):
-            assert set(getattr(below, name)) <= set(getattr(above, name))
-            weights = getattr(below, f"{name}_weights")
-            assert weights.shape == (len(getattr(above, name)), len(getattr(below, name)))
-    assert len(found[-1].tx) < 24
-    assert len(found[-1].rx) < 24
-    assert len(found[-1].frequency) < 10
+            large, small = getattr(above, name), getattr(below, name)
+            assert set(small.skeleton) <= set(large.skeleton)
+            assert small.weights.shape == (len(large.skeleton), len(small.skeleton))
+    assert len(found[-1].tx.skeleton) < 24
+    assert len(found[-1].rx.skeleton) < 24
+    assert len(found[-1].frequency.skeleton) < 10
 
 
 # The error ----------------------------------------------------------------------------------------
@@ -223,7 +223,7 @@ def test_far_voxels_get_phases_of_two_numbers() -> None:
     far = GRIDS["wavelengths from voxel to voxel"]
     k = SWEEP.frequencies_hz / 299_792_458.0
     for grid, expected in ((PAPER_COARSE, False), (far, True)):
-        error = fast._float32_error(QAR50, k, grid)
+        error = fast.float32_phase_error(QAR50, k, grid)
         assert (error > fast.FLOAT32_SHARE * 1e-4) is expected
 
 
@@ -240,9 +240,9 @@ def test_few_terms_are_summed_as_they_stand(
 
 def test_levels_that_do_not_pay_are_left_out() -> None:
     """Of one voxel, and of voxels that have nothing in common, the sum is taken as it stands."""
-    assert len(levels(QAR50, SWEEP, GRIDS["a voxel"], 3e-3)) == 1
+    assert len(block_levels(QAR50, SWEEP, GRIDS["a voxel"], 3e-3)) == 1
     sizes = block_sizes(PAPER_COARSE, leaf_voxels(PAPER_COARSE, 3.9e-3))
-    assert len(levels(QAR50, SWEEP, PAPER_COARSE, 1e-4)) < len(sizes)
+    assert len(block_levels(QAR50, SWEEP, PAPER_COARSE, 1e-4)) < len(sizes)
 
 
 RNG = np.random.default_rng(5)
@@ -268,14 +268,14 @@ def test_pieces_of_a_large_grid_fit_together(
     thin = extent((-0.1, 0.1), (-0.1, 0.1), (0.3, 0.304), 4e-3)
     for grid, voxels, pieces in ((PAPER_COARSE, 51 * 51 * 11, 2), (thin, 51 * 40, 4)):
         monkeypatch.setattr(fast, "TILE_VOXELS", voxels)
-        assert len(list(fast._tiles(grid))) == pieces
+        assert len(fast.grid_tiles(grid)) == pieces
         assert error_db(capture, grid, device) <= -50.0
 
 
 def test_large_arrays_are_imaged_in_parts(device: clradar.Device) -> None:
     """More antennas than a work-item holds; 33 x 33 and 5 of them."""
     array = AntennaArray(flat(33), flat(5)[:5])
-    assert [len(a.tx_m) for _, _, a in fast._antenna_parts(array)] == [544, 545]
+    assert [len(a.tx_m) for _, _, a in fast.array_parts(array)] == [544, 545]
     grid = extent((-0.02, 0.02), (-0.03, 0.03), (0.2, 0.21), 2e-3)
     capture = scatterers(array, Waveform.sfcw(72e9, 82e9, 5), grid)
     assert error_db(capture, grid, device) <= -50.0
@@ -285,7 +285,7 @@ def test_parts_of_both_sides_make_up_the_whole(
     device: clradar.Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(fast, "MAX_ANTENNAS", 40)
-    assert len(fast._antenna_parts(QAR50)) == 9
+    assert len(fast.array_parts(QAR50)) == 9
     capture = scatterers(QAR50, Waveform.sfcw(72e9, 82e9, 5), PAPER_COARSE)
     assert error_db(capture, PAPER_COARSE, device) <= -50.0
 
