@@ -195,6 +195,9 @@ def serve(link_number: int) -> None:
             message, handles, _, _ = socket.recv_fds(link, _MAX_REQUEST_BYTES, 1)
             if not message:
                 return
+            # Here, so that it is imported once and not by every process.
+            with suppress(Exception):
+                importlib.import_module(json.loads(message)["module"])
             if os.fork() == 0:
                 link.close()
                 with suppress(BaseException):

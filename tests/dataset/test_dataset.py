@@ -522,8 +522,11 @@ def changed(place: str, value: Any) -> Any:
     def damage(folder: Path) -> None:
         path = folder / "shards" / "shard-00001.h5"
         with h5py.File(path, "r+") as file:
-            data = file[place]
-            data[...] = value(data[...])
+            if isinstance(value, h5py.ExternalLink):
+                del file[place]
+                file[place] = value
+            else:
+                file[place][...] = value(file[place][...])
         manifest = json.loads((folder / MANIFEST).read_text())
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         manifest["shards"][1]["sha256"] = digest
@@ -535,6 +538,9 @@ def changed(place: str, value: Any) -> Any:
 def with_nan(array: np.ndarray) -> np.ndarray:
     array[1].flat[0] = np.nan
     return array
+
+
+OUTSIDE = h5py.ExternalLink("shard-00000.h5", "entry/joints/data")
 
 
 @pytest.mark.parametrize(
@@ -550,11 +556,12 @@ def with_nan(array: np.ndarray) -> np.ndarray:
         (lambda f: (f / MANIFEST).unlink(), "manifest.json"),
         (changed("entry/labels/sample", lambda a: a + 1), "expected the samples 2, 3, got 3, 4"),
         (changed("entry/labels/recipe", lambda a: a[::-1]), "recipes, got others for the samples"),
-        (changed("entry/labels/alpha", lambda a: a + 0.1), "labels/alpha: expected what"),
-        (changed("entry/labels/pose", lambda a: a[::-1]), "labels/pose: expected what"),
-        (changed("entry/axes/x_m", lambda a: a + 0.001), "axes/x_m: expected what"),
+        (changed("entry/labels/alpha", lambda a: a + 0.1), "labels/alpha: expected the value"),
+        (changed("entry/labels/pose", lambda a: a[::-1]), "labels/pose: expected the value"),
+        (changed("entry/axes/x_m", lambda a: a + 0.001), "axes/x_m: expected the values"),
         (changed("entry/capture/data", with_nan), "finite numbers, got others in the samples 3"),
         (changed("entry/joints/data", with_nan), "joints/data: expected finite"),
+        (changed("entry/joints/data", OUTSIDE), "a link of kind ExternalLink"),
     ],
 )
 def test_damage_is_found(copy: Path, damage: Any, words: str) -> None:
@@ -562,6 +569,12 @@ def test_damage_is_found(copy: Path, damage: Any, words: str) -> None:
     report = check_dataset(copy)
     assert not report.ok
     assert any(words in line for line in report.problems), report.problems
+
+
+def test_replay_reads_nothing_outside_the_shard(copy: Path) -> None:
+    changed("entry/joints/data", OUTSIDE)(copy)
+    with pytest.raises(MeasurementError, match=r"shard-00001\.h5: .* link of kind ExternalLink"):
+        replay(copy, 3, device=DEVICE)
 
 
 def test_a_data_set_that_is_not_complete_says_so(

@@ -10,8 +10,9 @@ import numpy as np
 from clradar.dataset.engine.serial import made_with
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import Sample, make_sample
+from clradar.dataset.store.confined_reader import read_sample
+from clradar.dataset.store.fields import data_bytes
 from clradar.dataset.store.folder import place_of, read_manifest
-from clradar.dataset.store.shard_reader import made_with_of, opened, row_of, sample_of
 from clradar.dataset.store.shard_writer import write_sample
 from clradar.files.json_differences import differences
 from clradar.opencl import open_device
@@ -82,9 +83,7 @@ def replay(
     path = place_of(folder, manifest, index)
     if path is None:
         return Replay(made, None, (), ())
-    with opened(path) as file:
-        row = row_of(file, path, index)
-        stored, then = sample_of(file, row), made_with_of(file, row)
+    stored, then = read_sample(path, index, data_bytes(wanted))
     found = _different(stored, made)
     return Replay(made, str(path.relative_to(folder)), tuple(found), tuple(differences(then, now)))
 

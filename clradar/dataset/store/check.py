@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from clradar.dataset.plan.recipe import recipe
-from clradar.dataset.store.fields import FIELDS, Field, axes_of, fields_of_products, labels_of
+from clradar.dataset.store.confined_reader import ArrayContents, ShardContents, read_contents
+from clradar.dataset.store.fields import (
+    FIELDS,
+    Field,
+    axes_of,
+    data_bytes,
+    fields_of_products,
+    labels_of,
+)
 from clradar.dataset.store.folder import (
     MANIFEST,
     PART_NAME,
@@ -21,9 +30,9 @@ from clradar.dataset.store.folder import (
     read_manifest,
 )
 from clradar.dataset.store.repair import shard_fault
-from clradar.dataset.store.shard_reader import fields_of, opened
+from clradar.dataset.store.shard_reader import EXPECTED
 from clradar.errors import ClradarError
-from clradar.files.failures import clean, shown
+from clradar.files.failures import clean, reading, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.work_folder import TEMPORARY
 from clradar.model.progress import Progress
@@ -34,9 +43,6 @@ MOST_LISTED = 10
 
 LEFT_OVER = "left over; the same command removes it"
 FOREIGN = "is not of this data set; it can be removed by hand"
-
-BLOCK_BYTES = 2**28
-"""Of an array that is looked at at a time."""
 
 
 def is_dataset(path: Path) -> bool:
@@ -191,84 +197,72 @@ def _shard_problems(folder: Path, manifest: Manifest, entry: ShardEntry) -> Iter
         return
     digest = sha256_of(path)
     if digest != entry.sha256:
-        # It is not opened: HDF5's library is not safe against damaged files.
         yield (
             f"{clean(entry.file)}: expected SHA-256 {entry.sha256}, got {digest}; delete the file, "
             "and the same command makes it again"
         )
         return
-    with opened(path) as file:
-        yield from _content_problems(entry.file, file, manifest, expected)
+    size = len(expected) * data_bytes(recipe(manifest.plan, expected[0]))
+    contents = read_contents(path, size)
+    with reading(path, EXPECTED):
+        yield from _content_problems(entry.file, contents, manifest, expected)
 
 
 def _content_problems(
-    name: str, file: Any, manifest: Manifest, expected: list[int]
+    name: str, contents: ShardContents, manifest: Manifest, expected: list[int]
 ) -> Iterator[str]:
-    found = file["entry/labels/sample"][:].tolist()
+    found = contents.labels["sample"].tolist()
     if found != expected:
         yield f"{name}: expected the samples {_listed(expected)}, got {_listed(found)}"
         return
     recipes = [recipe(manifest.plan, sample) for sample in expected]
-    stored = [json.loads(text) for text in file["entry/labels/recipe"][:]]
+    stored = [json.loads(text) for text in contents.labels["recipe"]]
     other = [s for s, one, two in zip(expected, recipes, stored, strict=True) if one != two]
     if other:
         yield f"{name}: expected the plan's recipes, got others for the samples {_listed(other)}"
         return
     for label, wanted in labels_of(recipes).items():
-        if not _same(file[f"entry/labels/{label}"][:], wanted):
-            yield f"{name}: labels/{label}: expected what the recipes say, got something else"
+        if not _same(contents.labels[label], wanted):
+            yield f"{name}: labels/{label}: expected the value of the recipes, got another"
     axes = axes_of(recipes[0])
     for axis, wanted_axis in axes.items():
-        if not _same(file[f"entry/axes/{axis}"][:], wanted_axis.values):
-            yield f"{name}: axes/{axis}: expected what the recipe says, got something else"
+        if not _same(contents.axes[axis], wanted_axis.values):
+            yield f"{name}: axes/{axis}: expected the values of the recipe, got others"
     wanted_fields = fields_of_products(manifest.plan.output.products)
-    if fields_of(file) != wanted_fields:
-        listed = ", ".join(fields_of(file))
+    if list(contents.arrays) != wanted_fields:
+        listed = ", ".join(contents.arrays)
         yield f"{name}: expected the arrays {', '.join(wanted_fields)}, got {listed}"
         return
     sizes = {axis: len(value.values) for axis, value in axes.items()}
     rigged = bool(manifest.plan.hands.rigs)
-    for field in wanted_fields:
-        spec = FIELDS[field]
-        yield from _array_problems(name, file, spec, expected, sizes, field, rigged)
+    for field, array in contents.arrays.items():
+        if rigged and field == "joints":  # a rig does not have all of them
+            array = replace(array, invalid=[])
+        problem = _array_problem(array, FIELDS[field], expected, sizes)
+        if problem is not None:
+            yield f"{name}: {FIELDS[field].group}/{FIELDS[field].dataset}{problem}"
 
 
-def _array_problems(
-    name: str,
-    file: Any,
-    spec: Field,
-    expected: Sequence[int],
-    sizes: dict[str, int],
-    field: str,
-    rigged: bool,
-) -> Iterator[str]:
-    place = f"{spec.group}/{spec.dataset}"
-    array = file[spec.place]
+def _array_problem(
+    array: ArrayContents, spec: Field, expected: Sequence[int], sizes: dict[str, int]
+) -> str | None:
     rest = tuple(sizes.get(axis, 3) for axis in spec.axes)
     rows = len(expected)
-    if spec.ragged:
-        first = file[spec.first_place][:]
+    first = array.first
+    if first is not None:
         rows = int(first[-1])
         if len(first) != len(expected) + 1 or first[0] != 0 or (np.diff(first) <= 0).any():
-            yield f"{name}: {place}_first: expected ascending places of {len(expected)} samples"
-            return
-    if array.shape != (rows, *rest) or array.dtype != np.dtype(spec.dtype):
-        wanted, got = f"{spec.dtype} {(rows, *rest)}", f"{array.dtype} {array.shape}"
-        yield f"{name}: {place}: expected {wanted}, got {got}"
-        return
-    if array.dtype.kind not in "fc" or (rigged and field == "joints"):
-        return
-    step = max(1, BLOCK_BYTES // max(1, int(np.prod(rest)) * array.dtype.itemsize))
-    bad: list[int] = []
-    for at in range(0, rows, step):
-        block = array[at : at + step]
-        wrong = np.isinf(block) if field == "depth_map" else ~np.isfinite(block)
-        bad += (at + np.flatnonzero(wrong.reshape(len(block), -1).any(axis=1))).tolist()
-    if bad:
-        if spec.ragged:
-            bad = (np.searchsorted(first, bad, side="right") - 1).tolist()
-        which = _listed(sorted({expected[row] for row in bad}))
-        yield f"{name}: {place}: expected finite numbers, got others in the samples {which}"
+            return f"_first: expected ascending rows of {len(expected)} samples"
+    if tuple(array.shape) != (rows, *rest) or array.dtype != spec.dtype:
+        wanted = f"{spec.dtype} {(rows, *rest)}"
+        return f": expected {wanted}, got {array.dtype} {tuple(array.shape)}"
+    if not array.invalid:
+        return None
+    bad = array.invalid
+    if first is not None:
+        bad = (np.searchsorted(first, bad, side="right") - 1).tolist()
+    which = _listed(sorted({expected[row] for row in bad}))
+    return f": expected finite numbers, got others in the samples {which}"
 
 
 def _same(stored: np.ndarray, wanted: Any) -> bool:

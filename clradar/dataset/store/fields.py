@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +83,17 @@ FIELDS: Mapping[str, Field] = {
 def fields_of_products(products: Sequence[str]) -> list[str]:
     """Return the arrays that stand for products: those of its name, or that begin with it."""
     return [name for name in FIELDS if name in products or name.partition("_")[0] in products]
+
+
+def data_bytes(recipe: Mapping[str, Any]) -> int:
+    """Return the size of a sample's arrays, except meshes."""
+    sizes = {name: len(axis.values) for name, axis in axes_of(recipe).items()}
+    fields = [FIELDS[name] for name in fields_of_products(recipe["products"])]
+    return sum(
+        np.dtype(field.dtype).itemsize * prod(sizes[axis] for axis in field.axes)
+        for field in fields
+        if not field.ragged
+    )
 
 
 @dataclass(frozen=True, slots=True)

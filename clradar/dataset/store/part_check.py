@@ -10,8 +10,8 @@ from pathlib import Path
 
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import recipe
-from clradar.dataset.store.fields import FIELDS, fields_of_products
-from clradar.dataset.store.shard_reader import fields_of, made_with_of, opened
+from clradar.dataset.store.confined_reader import read_contents
+from clradar.dataset.store.fields import data_bytes, fields_of_products
 from clradar.files.failures import fail, reading
 from clradar.files.json_file import read_json_object
 
@@ -26,24 +26,21 @@ def check_part(path: Path, plan: Plan, sample: int) -> None:
     MeasurementError
         Damaged, or not this sample of this plan.
     """
-    with opened(path) as file:
-        found = file["entry/labels/sample"][:].tolist()
+    # Through JSON, as the stored one was.
+    wanted = json.loads(json.dumps(recipe(plan, sample)))
+    contents = read_contents(path, data_bytes(wanted))
+    with reading(path, EXPECTED):
+        found = contents.labels["sample"].tolist()
         if found != [sample]:
             fail(path, f"sample {sample}", f"{found}")
-        # Through JSON, as the stored one has come.
-        wanted = json.loads(json.dumps(recipe(plan, sample)))
-        if json.loads(file["entry/labels/recipe"][0]) != wanted:
+        if json.loads(contents.labels["recipe"][0]) != wanted:
             fail(path, f"sample {sample} of this plan", "one of another recipe")
-        made_with_of(file, 0)
-        names = fields_of(file)
+        json.loads(contents.labels["made_with"][0])
+        names = list(contents.arrays)
         if names != fields_of_products(plan.output.products):
             fail(path, f"the products {', '.join(plan.output.products)}", ", ".join(names))
-        for name in names:
-            spec = FIELDS[name]
-            for place in (spec.place, spec.first_place) if spec.ragged else (spec.place,):
-                file[place][:]
-        for name, axis in file["entry/axes"].items():
-            if not len(axis[:]):
+        for name, axis in contents.axes.items():
+            if not len(axis):
                 fail(path, f"coordinates of {name}", "none")
 
 

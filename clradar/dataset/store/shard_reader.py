@@ -19,10 +19,11 @@ EXPECTED = "a shard of a data set (HDF5)"
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """Open a shard for reading.
+    """Open a shard for reading, in this process.
 
-    HDF5's library is not safe against damaged files, and a shard is opened in this process: verify
-    the checksum of one that comes from elsewhere first (``clradar inspect DIR --check``).
+    The HDF5 library is not safe against damaged files: what may be damaged is read by
+    `clradar.dataset.store.confined_reader`. A data set from elsewhere is verified by
+    ``clradar inspect DIR --check`` first.
 
     Raises
     ------
@@ -34,12 +35,16 @@ def opened(path: Path) -> Iterator[Any]:
 
     regular_file_size(path, EXPECTED)
     with reading(path, EXPECTED), h5py.File(path, "r") as file:
-        if file.attrs.get("clradar_format") != FORMAT:
-            fail(path, EXPECTED, "another HDF5 file")
-        if file.attrs["clradar_version"] > VERSION:
-            found = file.attrs["clradar_version"]
-            fail(path, f"version {VERSION} or older", f"{found}; update clradar")
+        check_format(path, file.attrs.get("clradar_format"), file.attrs.get("clradar_version"))
         yield file
+
+
+def check_format(path: Path, name: Any, version: Any) -> None:
+    """Raise `MeasurementError` unless these attributes are those of a shard."""
+    if name != FORMAT:
+        fail(path, EXPECTED, "another HDF5 file")
+    if version > VERSION:
+        fail(path, f"version {VERSION} or older", f"{version}; update clradar")
 
 
 def fields_of(file: Any) -> list[str]:
