@@ -24,7 +24,7 @@ from clradar.dataset.store.shard_reader import (
     sample_of,
 )
 from clradar.files.failures import reading
-from clradar.files.json_text import from_json
+from clradar.files.json_text import parse_object
 from measurement_io.confined import hdf5_guard, hdf5_process
 
 FILTERS = (*hdf5_guard.CHECKING_FILTERS, hdf5_guard.DEFLATE)
@@ -99,7 +99,8 @@ def read_sample(path: Path, sample: int, data_bytes: int) -> tuple[Sample, dict[
     """
     found = hdf5_process.run(_sample, path, sample, most_bytes=_limit(path, data_bytes))
     with reading(path, EXPECTED):
-        return Sample(from_json(found["recipe"]), found["arrays"]), from_json(found["made_with"])
+        stored = Sample(parse_object(found["recipe"]), found["arrays"])
+        return stored, parse_object(found["made_with"])
 
 
 def _limit(path: Path, data_bytes: int) -> int:
