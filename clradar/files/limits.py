@@ -28,3 +28,12 @@ MAX_RIG_BYTES = 2**29
 
 MAX_TOML_LINE_CHARACTERS = 2**13
 """A key of thousands of dotted parts keeps the parser busy for minutes."""
+
+MAX_PICKLE_OPERATIONS = 2_000_000
+"""A frame and a hand model need some hundreds; a long list of time stamps fits, too."""
+
+MAX_DIMENSIONS = 32
+"""Of an array, as in numpy."""
+
+MAX_SPARSE_ELEMENTS = 2**24
+"""Of a sparse matrix with its zeros: 16 joints of a hand of a million vertices."""

@@ -20,12 +20,13 @@ from typing import Any
 import numpy as np
 
 from clradar.files.limits import MAX_RIG_BYTES
+from clradar.files.safe_pickle import UnsafePickle
 from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
 from clradar.model import checks
 from clradar.rigs.anatomy import check_joints, side_of
 from clradar.rigs.failures import fail, reading
+from clradar.rigs.mano_pickle import as_array, load_mano
 from clradar.rigs.names import side_in
-from clradar.rigs.plain_pickle import UnsafePickle, as_array, load
 from clradar.rigs.rig import PoseBlend, Rig
 from clradar.rigs.rigging import Surface, rig_of
 
@@ -66,7 +67,7 @@ def mano_rig(
             model = _npz(path, content) if content.startswith(b"PK") else _pickled(path, content)
             fields = _fields(path, model)
         except UnsafePickle as error:
-            fail(path, EXPECTED, f"a pickle with {error}")
+            fail(path, EXPECTED, error)
     shapedirs = fields["shapedirs"]
     given = [] if betas is None else betas
     amounts = checks.read_only("betas", given, np.float64, (None,), allow_empty=True)
@@ -108,7 +109,7 @@ def _rig(
 
 
 def _pickled(path: Path, content: bytes) -> dict[str, np.ndarray]:
-    model = load(content)
+    model = load_mano(content)
     if not isinstance(model, dict):
         fail(path, EXPECTED, f"a pickle of {type(model).__name__}")
     wanted = (*_SHAPES, *_OPTIONAL)

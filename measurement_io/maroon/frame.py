@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import reprlib
 from pathlib import Path
 from typing import Any
 
@@ -176,7 +177,7 @@ def _meta(place: FrameFile, frame: dict[str, Any]) -> dict[str, Any]:
         given = frame["number_of_measurements"]
         number = _count(given)
         if number is None:
-            got = clean(repr(given))[:60]
+            got = clean(reprlib.repr(given))[:60]
             fail(place.path, "'number_of_measurements' to be a whole number >= 0", got)
         meta["number_of_measurements"] = number
     for key, value in frame.items():

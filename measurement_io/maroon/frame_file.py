@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from clradar.files.failures import clean, fail, read_bytes, reading
-from measurement_io.maroon.pickle_scan import UnsafePickle
-from measurement_io.maroon.restricted_pickle import PickledArray, load
+from clradar.files.safe_pickle import ARRAYS, PickledArray, UnsafePickle, load
 from measurement_io.npy_header import read_npy_header
 
 MAX_FRAME_BYTES = 2**30
@@ -41,10 +40,8 @@ def read_frame_dictionary(path: Path) -> dict[str, Any]:
     content = read_bytes(path, _EXPECTED, MAX_FRAME_BYTES)
     with reading(path, _EXPECTED):
         offset = _check_header(path, content)
-        data = content[offset:]
-        del content
         try:
-            loaded = load(data)
+            loaded = load(content, ARRAYS, "frame", offset)
         except UnsafePickle as refusal:
             fail(path, _EXPECTED, clean(refusal), cause=refusal)
         if not isinstance(loaded, PickledArray) or not isinstance(loaded.value, list):
@@ -69,13 +66,11 @@ def _check_header(path: Path, content: bytes) -> int:
 def _readable(raw: dict[Any, Any]) -> dict[str, Any]:
     frame: dict[str, Any] = {}
     for key, value in raw.items():
-        # Python 2 wrote its keys as byte strings.
-        name = key.decode("latin1") if isinstance(key, bytes) else key
-        if not isinstance(name, str):
+        if not isinstance(key, str):
             continue
         if isinstance(value, PickledArray):
             if not isinstance(value.value, np.ndarray):
                 continue
             value = value.value
-        frame[name] = value
+        frame[key] = value
     return frame

@@ -1,0 +1,193 @@
+"""Arrays of a MANO pickle: of numpy, of scipy's sparse matrices and of the package chumpy.
+
+Nothing that the pickle names is imported or called; see `clradar.files.safe_pickle`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NoReturn
+
+import numpy as np
+
+from clradar.files.limits import MAX_SPARSE_ELEMENTS
+from clradar.files.safe_pickle import (
+    ARRAYS,
+    Makers,
+    PickledArray,
+    Stateful,
+    load,
+    refuse,
+    shape_of,
+)
+
+_MAX_NESTING = 6
+"""Of chumpy objects; each level can have two inner ones. The models have a Select of a Ch."""
+
+
+def load_mano(content: bytes) -> Any:
+    """Return what the pickle of a model holds; its arrays are for `as_array`.
+
+    Raises
+    ------
+    UnsafePickle
+        A name or an operation that no model needs, or a damaged stream.
+    """
+    return load(content, _NAMES, "hand model")
+
+
+@dataclass(eq=False)
+class _Object(Stateful):
+    """An object with attributes."""
+
+    dictionaries: tuple[dict[str, Any], ...] = field(default=(), init=False)
+
+    def fill(self, state: Any) -> None:
+        # A state is a dictionary, or that and one of the slots.
+        parts = state if isinstance(state, tuple) and len(state) == 2 else (state,)
+        self.dictionaries = tuple(part for part in parts if part is not None)
+        if not all(isinstance(part, dict) for part in self.dictionaries):
+            refuse("an object whose state is no dictionary")
+
+    def get(self, name: str) -> Any:
+        found = [part[name] for part in self.dictionaries if name in part]
+        return found[-1] if found else None
+
+
+@dataclass(eq=False)
+class Sparse(_Object):
+    """A matrix of scipy in compressed columns (`csc`) or rows (`csr`)."""
+
+    columns: bool
+
+    def dense(self) -> np.ndarray:
+        """Return the matrix with its zeros."""
+        shape = self.get("_shape") or self.get("shape")
+        parts = [self.get(name) for name in ("data", "indices", "indptr")]
+        if not isinstance(shape, tuple) or not all(isinstance(p, PickledArray) for p in parts):
+            refuse("a sparse matrix without data, indices, indptr and shape")
+        data, indices, starts = (as_array(part) for part in parts)
+        shape = shape_of(shape)
+        if len(shape) != 2 or indices.dtype.kind not in "iu" or starts.dtype.kind not in "iu":
+            refuse("a sparse matrix whose parts do not fit together")
+        major, minor = shape[::-1] if self.columns else shape
+        if (
+            math.prod(shape) > MAX_SPARSE_ELEMENTS
+            or starts.shape != (major + 1,)
+            or data.ndim != 1
+            or data.shape != indices.shape
+            or data.dtype.kind not in "iuf"
+            or starts[0] != 0
+            or starts[-1] > len(data)
+            or (np.diff(starts.astype(np.int64)) < 0).any()
+            or (len(indices) and not 0 <= indices.min() <= indices.max() < minor)
+        ):
+            refuse("a sparse matrix whose parts do not fit together")
+        used = int(starts[-1])
+        lengths: np.ndarray = np.diff(starts.astype(np.int64))
+        outer = np.repeat(np.arange(major), lengths)
+        matrix = np.zeros((major, minor))
+        np.add.at(matrix, (outer, indices[:used].astype(np.int64)), data[:used])
+        return matrix.T if self.columns else matrix
+
+
+@dataclass(eq=False)
+class Chumpy(_Object):
+    """An object of the package chumpy: `Ch` holds an array `x`; `Select` takes elements of `a`."""
+
+    name: str
+
+
+def as_array(value: Any, depth: int = 0) -> np.ndarray:
+    """Return what the file has as an array: dense, sparse, a number, or of chumpy."""
+    if depth > _MAX_NESTING:
+        refuse(f"chumpy objects nested more than {_MAX_NESTING} deep")
+    if isinstance(value, PickledArray):
+        if not isinstance(value.value, np.ndarray):
+            refuse("an array of objects where numbers are needed")
+        return value.value
+    if isinstance(value, Sparse):
+        return value.dense()
+    if isinstance(value, Chumpy) and value.name == "Ch":
+        return as_array(value.get("x"), depth + 1)
+    if isinstance(value, Chumpy):
+        source, at = (as_array(value.get(name), depth + 1) for name in ("a", "idxs"))
+        if at.dtype.kind not in "iu" or (at.size and not 0 <= at.min() <= at.max() < source.size):
+            refuse("a chumpy.reordering.Select whose elements do not exist")
+        chosen = source.reshape(-1)[at]
+        shape = value.get("preferred_shape")
+        return chosen if shape is None else chosen.reshape(shape_of(_sizes(shape)))
+    if isinstance(value, int | float | np.number) and not isinstance(value, bool):
+        return np.asarray(value)
+    refuse(f"{type(value).__name__} where an array is needed")
+
+
+def _sizes(shape: Any) -> Any:
+    if isinstance(shape, PickledArray):
+        return tuple(int(n) for n in as_array(shape).reshape(-1))
+    return tuple(shape) if isinstance(shape, list) else shape
+
+
+# ---- names
+
+
+def _list(items: Any = ()) -> Any:
+    if not isinstance(items, list | tuple):
+        refuse("a collection of something else than a list")
+    return items
+
+
+def _empty_dictionary() -> dict[Any, Any]:
+    return {}
+
+
+def _reconstructor(name: Any, _base: Any, _state: Any) -> Any:
+    make = getattr(name, "make", None)
+    if make is None:
+        refuse("an object without a class")
+    return make()
+
+
+def _no_object(*_arguments: Any) -> NoReturn:
+    refuse("an object without a class of its own")
+
+
+def _ch(*_arguments: Any) -> Chumpy:
+    return Chumpy("Ch")
+
+
+def _select(*_arguments: Any) -> Chumpy:
+    return Chumpy("Select")
+
+
+def _csc(*_arguments: Any) -> Sparse:
+    return Sparse(columns=True)
+
+
+def _csr(*_arguments: Any) -> Sparse:
+    return Sparse(columns=False)
+
+
+_BUILTINS = ("__builtin__", "builtins")
+_NAMES: Makers = {
+    **ARRAYS,
+    ("collections", "OrderedDict"): _empty_dictionary,
+    ("chumpy.ch", "Ch"): _ch,
+    ("chumpy", "Ch"): _ch,
+    ("chumpy.reordering", "Select"): _select,
+    **{(module, "object"): _no_object for module in _BUILTINS},
+    **{(module, "dict"): _empty_dictionary for module in _BUILTINS},
+    **{
+        (module, kind): _list
+        for module in _BUILTINS
+        for kind in ("set", "frozenset", "list", "tuple")
+    },
+    **{(module, "_reconstructor"): _reconstructor for module in ("copy_reg", "copyreg")},
+    **{
+        (module, f"{form}_{kind}"): make
+        for form, make in (("csc", _csc), ("csr", _csr))
+        for module in ("scipy.sparse", f"scipy.sparse.{form}", f"scipy.sparse._{form}")
+        for kind in ("matrix", "array")
+    },
+}
