@@ -1,1 +1,1 @@
-"""Measurement effects: noise, channel errors, environment."""
+"""Impairments: noise, channel errors, drift and static echoes of a real measurement."""

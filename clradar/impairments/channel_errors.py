@@ -1,4 +1,4 @@
-"""Random errors of the channels, fixed for an instrument or drifting from frame to frame."""
+"""Random channel errors: the fixed ones of an uncalibrated instrument, and drift over frames."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from clradar.impairments.random_streams import Part, stream
+from clradar.impairments.random_streams import Part, random_stream
 from clradar.model import AntennaArray, ChannelResponse, Waveform, checks
 
 GAIN_LIMIT_DB = 300.0
@@ -27,7 +27,7 @@ def draw_channels(
     dead_tx: Iterable[int] = (),
     dead_rx: Iterable[int] = (),
 ) -> ChannelResponse:
-    """Return gains and delays of an instrument that nobody has calibrated.
+    """Draw the gains and delays of an uncalibrated instrument.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def draw_channels(
     gain_db : float, dB
         Gains of each channel are uniform in decibels within +- this.
     phase_rad : float, radians, at most pi
-        Phases are uniform within +- this; with pi every phase is as likely.
+        Phases are uniform within +- this; with pi all phases are equally likely.
     delay_s : float, seconds
         Delays are uniform within +- this.
     dead_tx, dead_rx : iterable of int
@@ -47,7 +47,7 @@ def draw_channels(
     Returns
     -------
     ChannelResponse
-        Gain, phase and delay of either side come from streams of their own: another `gain_db` does
+        Gain, phase and delay of Tx and Rx have independent random streams: another `gain_db` does
         not change the phases.
 
     Raises
@@ -62,7 +62,7 @@ def draw_channels(
     delay = checked_spread("draw_channels: delay_s", delay_s)
 
     def side(count: int, dead: Iterable[int], name: str, parts: tuple[Part, Part, Part]):
-        units = [stream(seed, part).uniform(-1, 1, count) for part in parts]
+        units = [random_stream(seed, part).uniform(-1, 1, count) for part in parts]
         response = 10 ** (gain * units[0] / 20) * np.exp(1j * phase * units[1])
         for channel in dead:
             response[checks.whole(f"draw_channels: {name}", channel, 0, count - 1)] = 0
@@ -86,7 +86,7 @@ def drift_factors(
     gain_db: float,
     common_phase_rad: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the channels have drifted by since frame 0, shape (n_tx,) and (n_rx,).
+    """Return the complex drift of the channels since frame 0, shape (n_tx,) and (n_rx,).
 
     Random walks: each frame adds a normal step to the phase (standard deviation `phase_rad`) and to
     the gain (`gain_db`) of every channel, and one to the phase that all share. Frame 0 has none.
@@ -94,19 +94,19 @@ def drift_factors(
     Raises
     ------
     ModelError
-        A negative standard deviation, or a walk that left what numbers can hold.
+        A walk of the gain beyond `GAIN_LIMIT_DB`.
     """
 
     def walk(part: Part, deviation: float, count: int) -> np.ndarray:
-        place = np.zeros(count)
+        position = np.zeros(count)
         if deviation == 0:
-            return place
-        random = stream(seed, part)
+            return position
+        random = random_stream(seed, part)
         for start in range(0, frame, WALK_BLOCK):
             steps = random.standard_normal((min(WALK_BLOCK, frame - start), count))
-            for step in steps:  # one by one: the sum is then the same for every block size
-                place += step
-        return deviation * place
+            for step in steps:  # one by one: no sum depends on the block size
+                position += step
+        return deviation * position
 
     common = walk(Part.COMMON_PHASE_DRIFT, common_phase_rad, 1)
     sides = []

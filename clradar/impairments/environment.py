@@ -1,4 +1,4 @@
-"""Echoes that every frame has, object or not: walls, other reflectors, the direct coupling."""
+"""Static echoes: walls by the image method, point reflectors, and direct Tx-Rx coupling (E10)."""
 
 from __future__ import annotations
 
@@ -56,18 +56,18 @@ def room_capture(
     points_m: Any = None,
     point_amplitudes: Any = None,
 ) -> Capture:
-    """Return what the radar records of an empty room.
+    """Return the capture of an empty room: walls and small reflectors.
 
     Parameters
     ----------
     array : AntennaArray
     waveform : Waveform
     walls : iterable of Wall
-        Each gives one specular reflection per pair; echoes that meet two walls are left out.
+        Each gives one specular reflection per pair; double reflections are left out.
     points_m : array_like, shape (n, 3), float64, metres, optional
-        Small reflectors: lamps, screws, table legs. Isotropic, as the points of back-projection.
+        Small isotropic reflectors, such as lamps and screws.
     point_amplitudes : array_like, shape (n,), complex128, optional
-        One per point; 1 if not given.
+        One per point; default 1.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def room_capture(
         checks.fail("room_capture", "at least one wall or one point", "none")
 
     lengths = [wall_lengths_m(array, wall) for wall in planes]
-    levels = [spread(wall.amplitude, d) for wall, d in zip(planes, lengths, strict=True)]
+    levels = [spreading_loss(wall.amplitude, d) for wall, d in zip(planes, lengths, strict=True)]
     for point, amplitude in zip(points, amplitudes, strict=True):
         to_tx, to_rx = (np.linalg.norm(side - point, axis=1) for side in (array.tx_m, array.rx_m))
         lengths.append(to_tx[:, None] + to_rx)
@@ -151,30 +151,29 @@ def coupling_rows(
 ) -> Iterator[np.ndarray]:
     """Yield the direct coupling, transmitter by transmitter, shape (n_rx, n_freq), complex128.
 
-    Its amplitude goes with 1 / |tx - rx|, has this RMS over the pairs, and it arrives after
-    |tx - rx| / c + `delay_s`.
+    Its amplitude is proportional to 1 / |tx - rx|, with this RMS over the pairs, and it arrives
+    after |tx - rx| / c + `delay_s`.
 
     Raises
     ------
     ModelError
-        A Tx and a Rx at the same place.
+        A Tx and a Rx at the same position.
     """
     distance_m = np.linalg.norm(array.tx_m[:, None] - array.rx_m, axis=2)
     if not distance_m.all():
         tx, rx = (int(i) for i in np.argwhere(distance_m == 0)[0])
         checks.fail("coupling_db", "antennas apart from each other", f"Tx {tx} on Rx {rx}")
-    level = spread(rms, distance_m)
-    for distance, amplitude in zip(distance_m, level, strict=True):
+    for distance, amplitude in zip(distance_m, spreading_loss(rms, distance_m), strict=True):
         delays_s = distance / SPEED_OF_LIGHT_M_PER_S + delay_s
         yield echo(waveform.frequencies_hz, delays_s, amplitude)
 
 
-def spread(rms: float, length_m: np.ndarray) -> np.ndarray:
-    """Return amplitudes that go with 1 / length and have this RMS over the pairs."""
+def spreading_loss(rms: float, length_m: np.ndarray) -> np.ndarray:
+    """Return amplitudes proportional to 1 / length, with this RMS over the pairs."""
     return rms / length_m / np.sqrt((1 / length_m**2).mean())
 
 
 def echo(frequencies_hz: np.ndarray, delay_s: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
     """Return a exp(-j 2 pi f tau), shape (n, n_freq), for n delays and amplitudes."""
-    turns = delay_s[:, None] * frequencies_hz
-    return amplitude[:, None] * np.exp(-2j * np.pi * turns)
+    cycles = delay_s[:, None] * frequencies_hz
+    return amplitude[:, None] * np.exp(-2j * np.pi * cycles)

@@ -1,4 +1,4 @@
-"""Make a clean capture look recorded: noise, channel errors, coupling, walls, drift, converters."""
+"""Receiver impairments (E10 in ``docs/equations.md``): the signal chain from echo to sample."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 from clradar.impairments.channel_errors import GAIN_LIMIT_DB, checked_spread, drift_factors
 from clradar.impairments.environment import coupling_rows
-from clradar.impairments.random_streams import FRAME_LIMIT, SEED_LIMIT, Part, stream
+from clradar.impairments.random_streams import FRAME_LIMIT, SEED_LIMIT, Part, random_stream
 from clradar.model import Capture, ChannelResponse, checks
 from clradar.model.capture import check_same_radar
 
 ADC_BITS_LIMIT = 24
-"""What complex64, with its 24 binary digits, can hold."""
+"""Bits of the mantissa of complex64."""
 
 
 def impair(
@@ -41,8 +41,8 @@ def impair(
 ) -> Capture:
     """Return the capture as an instrument with these faults would have recorded it.
 
-    Every fault is off unless its setting is given. They act in the order of the signal's way, which
-    is also that of the parameters: the echoes of scene, room and coupling add up, go through the
+    Every fault is off unless its setting is given. They act in the order of the signal chain, which
+    is also that of the parameters: the echoes of scene, room and coupling are added, then pass the
     channels, the mixer and the converter.
 
     Parameters
@@ -57,14 +57,14 @@ def impair(
         Which frame of a recording: new noise, and more drift with every frame.
     reference_power : float, optional
         The mean |s|^2 per sample that the decibels of `coupling_db` and `snr_db` are relative to.
-        That of `capture` if not given. Give the one of the scene to record the empty room.
+        That of `capture` by default. Give that of the scene to record the empty room.
     room : Capture, optional
         Added as it is; see `clradar.room_capture`. Same array and waveform.
     coupling_db : float, dB, optional
         Mean power of the direct coupling Tx -> Rx over all pairs. Its amplitude goes with
         1 / |tx - rx|, and it arrives after |tx - rx| / c.
     coupling_delay_s : float, seconds
-        What the instrument adds to that.
+        Delay of the instrument, added to that.
     channels : ChannelResponse, optional
         Gain, phase and delay of every channel; see `clradar.draw_channels`.
     drift_phase_rad, drift_gain_db : float, radians and dB per frame
@@ -73,12 +73,13 @@ def impair(
     drift_common_phase_rad : float, radians per frame
         The same for a phase that all pairs share.
     iq_gain_db, iq_phase_rad : float or array_like, shape (n_rx,), dB and radians
-        How much too strong the quadrature of a receiver is, and how far from 90 degrees.
+        Gain of a receiver's quadrature component relative to the in-phase component, and its phase
+        error: its difference from 90 degrees.
     snr_db : float, dB, optional
         Reference power over the mean power of the noise, per sample. The noise is thermal: complex
         normal, circular, independent from sample to sample, the same on weak and dead channels.
     noisy_tx_db, noisy_rx_db : mapping of int to float, dB, optional
-        Channels whose noise is this much stronger.
+        Increase of the noise of single channels.
     adc_bits : int, 2 to 24, optional
         Bits of the converters of the in-phase and the quadrature component.
     adc_full_scale : float, optional
@@ -92,8 +93,8 @@ def impair(
     Raises
     ------
     ModelError
-        A setting that cannot be meant, decibels relative to a capture that is zero, another array
-        or waveform, or values beyond what complex64 can hold.
+        An invalid setting, decibels relative to a capture that is zero, a room of another array or
+        waveform, or values beyond the range of complex64.
 
     Notes
     -----
@@ -104,124 +105,65 @@ def impair(
         y = (1 + g exp(j phi)) / 2 x + (1 - g exp(-j phi)) / 2 conj(x)
         result = q(y + noise)
 
-    conj(x) turns the phase of an echo the other way round: the image of a target at path length d
-    lies at -d, which for equal steps df is the same as c/df - d.
+    conj(x) reverses the phase of an echo: the image of a target at path length d lies at -d, which
+    for equal frequency steps df is the same as c/df - d.
 
     Computed in float64, one transmitter at a time, and rounded to complex64 at the end. The streams
     are numpy's, which keeps them within a version and seldom changes them between versions.
     """
     checks.instance("impair: capture", capture, Capture)
-    seed = checks.whole("impair: seed", seed, 0, SEED_LIMIT)
-    frame = checks.whole("impair: frame", frame, 0, FRAME_LIMIT)
-    power, has_levels = None, coupling_db is not None or snr_db is not None
-    if reference_power is not None:
-        power = checks.positive("impair: reference_power", reference_power)
-    elif has_levels:
-        power = mean_power(capture)
-        if power == 0:
-            checks.fail(
-                "impair: reference_power",
-                "a power, since the capture is zero and decibels are relative to its own",
-                "None",
-            )
-    coupling = _level("coupling_db", coupling_db)
-    snr = _level("snr_db", snr_db)
-    delay_s = checks.real("impair: coupling_delay_s", coupling_delay_s)
-    if coupling is None and delay_s != 0:
-        checks.fail("impair: coupling_delay_s", "coupling_db with it", "none")
+    n_tx, n_rx = capture.array.n_tx, capture.array.n_rx
+    coupling = None if coupling_db is None else _decibels("coupling_db", coupling_db)
+    snr = None if snr_db is None else _decibels("snr_db", snr_db)
     if room is not None:
         checks.instance("impair: room", room, Capture)
         check_same_radar("impair: room", room, capture)
-    _check_channels(capture, channels)
-    drift = {
-        "phase_rad": checked_spread("impair: drift_phase_rad", drift_phase_rad),
-        "gain_db": checked_spread("impair: drift_gain_db", drift_gain_db, GAIN_LIMIT_DB),
-        "common_phase_rad": checked_spread(
+    if channels is not None:
+        _check_channels(channels, n_tx, n_rx)
+    bits, full_scale = _converter(adc_bits, adc_full_scale)
+    delay_s = checks.real("impair: coupling_delay_s", coupling_delay_s)
+    if coupling is None and delay_s != 0:
+        checks.fail("impair: coupling_delay_s", "coupling_db with it", "none")
+    relative = coupling is not None or snr is not None
+    settings: dict[str, Any] = {
+        "seed": checks.whole("impair: seed", seed, 0, SEED_LIMIT),
+        "frame": checks.whole("impair: frame", frame, 0, FRAME_LIMIT),
+        "reference_power": _reference_power(capture, reference_power, relative),
+        "room": None if room is None else {"power": _mean_power(room), "meta": dict(room.meta)},
+        "coupling_db": coupling,
+        "coupling_delay_s": delay_s,
+        "channels": None if channels is None else _channel_record(channels),
+        "drift_phase_rad": checked_spread("impair: drift_phase_rad", drift_phase_rad),
+        "drift_gain_db": checked_spread("impair: drift_gain_db", drift_gain_db, GAIN_LIMIT_DB),
+        "drift_common_phase_rad": checked_spread(
             "impair: drift_common_phase_rad", drift_common_phase_rad
         ),
+        "iq_gain_db": _per_receiver("iq_gain_db", iq_gain_db, n_rx, GAIN_LIMIT_DB),
+        "iq_phase_rad": _per_receiver("iq_phase_rad", iq_phase_rad, n_rx, np.pi),
+        "snr_db": snr,
+        "noisy_tx_db": _noisy("noisy_tx_db", noisy_tx_db, n_tx, snr),
+        "noisy_rx_db": _noisy("noisy_rx_db", noisy_rx_db, n_rx, snr),
+        "adc_bits": bits,
+        "adc_full_scale": full_scale,
     }
-    noisy_tx = _noisy("noisy_tx_db", noisy_tx_db, capture.array.n_tx, snr)
-    noisy_rx = _noisy("noisy_rx_db", noisy_rx_db, capture.array.n_rx, snr)
-    iq_gain = _per_receiver("iq_gain_db", iq_gain_db, capture.array.n_rx, GAIN_LIMIT_DB)
-    iq_phase = _per_receiver("iq_phase_rad", iq_phase_rad, capture.array.n_rx, np.pi)
-    bits = None
-    if adc_bits is not None:
-        bits = checks.whole("impair: adc_bits", adc_bits, 2, ADC_BITS_LIMIT)
-    if adc_full_scale is not None:
-        if bits is None:
-            checks.fail("impair: adc_full_scale", "adc_bits with it", "none")
-        adc_full_scale = checks.positive("impair: adc_full_scale", adc_full_scale)
-
-    factor_tx, factor_rx = _channel_factors(capture, channels, seed, frame, drift)
-    chain = _Chain(
-        capture=capture,
-        room=room,
-        coupling_rms=0.0 if coupling is None or power is None else _amplitude(coupling, power),
-        coupling_delay_s=delay_s,
-        factor_tx=factor_tx,
-        factor_rx=factor_rx,
-        quadrature=None
-        if not (iq_gain.any() or iq_phase.any())
-        else 10 ** (iq_gain / 20) * np.exp(1j * iq_phase),
-        noise_rms=0.0 if snr is None or power is None else _amplitude(-snr, power),
-        noise_tx=10 ** (_listed(noisy_tx, capture.array.n_tx) / 20),
-        noise_rx=10 ** (_listed(noisy_rx, capture.array.n_rx) / 20),
-        seed=seed,
-        frame=frame,
-    )
-    full_scale = adc_full_scale
+    chain = _signal_chain(capture, room, channels, settings)
     if bits is not None and full_scale is None:
         full_scale = max(max(np.abs(y.real).max(), np.abs(y.imag).max()) for y in chain.rows())
-        full_scale = float(full_scale)
+        settings["adc_full_scale"] = full_scale = float(full_scale)
     data = np.empty(capture.data.shape, np.complex64)
     with np.errstate(over="ignore"):  # Capture refuses what complex64 cannot hold
         for out, row in zip(data, chain.rows(), strict=True):
             out[:] = row if bits is None or not full_scale else _quantised(row, bits, full_scale)
     data.flags.writeable = False
-
-    record = {
-        "seed": seed,
-        "frame": frame,
-        "reference_power": power,
-        "room": None if room is None else {"power": mean_power(room), "meta": dict(room.meta)},
-        "coupling_db": coupling,
-        "coupling_delay_s": delay_s,
-        "channels": None if channels is None else channel_record(channels),
-        **{f"drift_{name}": value for name, value in drift.items()},
-        "iq_gain_db": _short(iq_gain),
-        "iq_phase_rad": _short(iq_phase),
-        "snr_db": snr,
-        "noisy_tx_db": {str(channel): db for channel, db in noisy_tx.items()},
-        "noisy_rx_db": {str(channel): db for channel, db in noisy_rx.items()},
-        "adc_bits": bits,
-        "adc_full_scale": full_scale,
-    }
     before = capture.meta.get("impairments", [])
     earlier = before if isinstance(before, list) else [before]
-    meta = {**capture.meta, "impairments": [*earlier, record]}
+    meta = {**capture.meta, "impairments": [*earlier, settings]}
     return Capture(data, capture.array, capture.waveform, meta)
-
-
-def mean_power(capture: Capture) -> float:
-    """Return the mean of |s|^2 over all samples, summed in float64."""
-    # Not a product of vectors: how a library splits that over its threads would be in the last bit.
-    total = sum(float(np.square(_double(row).view(np.float64)).sum()) for row in capture.data)
-    return total / capture.data.size
-
-
-def channel_record(channels: ChannelResponse) -> dict[str, Any]:
-    """Return a channel response in types that JSON knows: gains as [real, imaginary]."""
-    record: dict[str, Any] = {"reference_hz": channels.reference_hz}
-    for side in ("tx", "rx"):
-        gain = getattr(channels, f"{side}_gain")
-        record[f"{side}_gain"] = np.stack([gain.real, gain.imag], axis=1).tolist()
-        record[f"{side}_delay_s"] = getattr(channels, f"{side}_delay_s").tolist()
-    return record
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Chain:
-    """The signal's way up to the converter, with every setting as the factor that it stands for."""
+    """The signal chain up to the converter, with every setting as a linear factor."""
 
     capture: Capture
     room: Capture | None
@@ -242,9 +184,9 @@ class _Chain:
         coupling: Iterator[np.ndarray] | None = None
         if self.coupling_rms > 0:
             coupling = coupling_rows(array, waveform, self.coupling_rms, self.coupling_delay_s)
-        noise = stream(self.seed, Part.NOISE, self.frame)
+        noise = random_stream(self.seed, Part.NOISE, self.frame)
         for tx in range(array.n_tx):
-            x = _double(self.capture.data[tx])
+            x = self.capture.data[tx].astype(np.complex128)
             if self.room is not None:
                 x += self.room.data[tx]
             if coupling is not None:
@@ -260,21 +202,45 @@ class _Chain:
             yield x
 
 
-def _channel_factors(
+def _signal_chain(
     capture: Capture,
+    room: Capture | None,
     channels: ChannelResponse | None,
-    seed: int,
-    frame: int,
-    drift: dict[str, float],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return response times drift of both sides, shape (n, n_freq) or (n, 1)."""
-    tx, rx = (
-        side[:, None] for side in drift_factors(capture.array, seed=seed, frame=frame, **drift)
+    settings: dict[str, Any],
+) -> _Chain:
+    """Return the chain of settings as `impair` records them."""
+    power, coupling, snr = (settings[k] for k in ("reference_power", "coupling_db", "snr_db"))
+    iq_gain, iq_phase = (
+        np.broadcast_to(settings[key], capture.array.n_rx) for key in ("iq_gain_db", "iq_phase_rad")
     )
-    if channels is None:
-        return tx, rx
-    frequencies = capture.waveform.frequencies_hz
-    return tx * channels.tx_response(frequencies), rx * channels.rx_response(frequencies)
+    imbalanced = iq_gain.any() or iq_phase.any()
+    tx, rx = drift_factors(
+        capture.array,
+        seed=settings["seed"],
+        frame=settings["frame"],
+        phase_rad=settings["drift_phase_rad"],
+        gain_db=settings["drift_gain_db"],
+        common_phase_rad=settings["drift_common_phase_rad"],
+    )
+    factor_tx, factor_rx = tx[:, None], rx[:, None]
+    if channels is not None:
+        frequencies_hz = capture.waveform.frequencies_hz
+        factor_tx = factor_tx * channels.tx_response(frequencies_hz)
+        factor_rx = factor_rx * channels.rx_response(frequencies_hz)
+    return _Chain(
+        capture=capture,
+        room=room,
+        coupling_rms=0.0 if coupling is None else _amplitude(coupling, power),
+        coupling_delay_s=settings["coupling_delay_s"],
+        factor_tx=factor_tx,
+        factor_rx=factor_rx,
+        quadrature=10 ** (iq_gain / 20) * np.exp(1j * iq_phase) if imbalanced else None,
+        noise_rms=0.0 if snr is None else _amplitude(-snr, power),
+        noise_tx=_noise_factors(settings["noisy_tx_db"], capture.array.n_tx),
+        noise_rx=_noise_factors(settings["noisy_rx_db"], capture.array.n_rx),
+        seed=settings["seed"],
+        frame=settings["frame"],
+    )
 
 
 def _quantised(x: np.ndarray, bits: int, full_scale: float) -> np.ndarray:
@@ -285,32 +251,65 @@ def _quantised(x: np.ndarray, bits: int, full_scale: float) -> np.ndarray:
     return (np.clip(np.rint(parts / step), -half, half - 1) * step).view(np.complex128)
 
 
-def _check_channels(capture: Capture, channels: ChannelResponse | None) -> None:
-    if channels is None:
-        return
+def _mean_power(capture: Capture) -> float:
+    """Return the mean of |s|^2 over all samples, summed in float64."""
+    # Not a dot product: its last bit would depend on how the library splits it over threads.
+    rows = (row.astype(np.complex128).view(np.float64) for row in capture.data)
+    return sum(float(np.square(row).sum()) for row in rows) / capture.data.size
+
+
+def _reference_power(capture: Capture, given: float | None, needed: bool) -> float | None:
+    if given is not None:
+        return checks.positive("impair: reference_power", given)
+    if not needed:
+        return None
+    power = _mean_power(capture)
+    if power == 0:
+        checks.fail(
+            "impair: reference_power",
+            "a power, since the capture is zero and decibels are relative to its own",
+            "None",
+        )
+    return power
+
+
+def _check_channels(channels: ChannelResponse, n_tx: int, n_rx: int) -> None:
     checks.instance("impair: channels", channels, ChannelResponse)
     counts = (len(channels.tx_gain), len(channels.rx_gain))
-    expected = (capture.array.n_tx, capture.array.n_rx)
-    if counts != expected:
-        checks.fail(
-            "impair: channels", "{} Tx and {} Rx".format(*expected), "{}, {}".format(*counts)
-        )
+    if counts != (n_tx, n_rx):
+        checks.fail("impair: channels", f"{n_tx} Tx and {n_rx} Rx", "{}, {}".format(*counts))
 
 
-def _level(name: str, value: Any) -> float | None:
-    return None if value is None else _decibels(f"impair: {name}", value)
+def _channel_record(channels: ChannelResponse) -> dict[str, Any]:
+    """Return a channel response in types that JSON knows: gains as [real, imaginary]."""
+    record: dict[str, Any] = {"reference_hz": channels.reference_hz}
+    for side in ("tx", "rx"):
+        gain = getattr(channels, f"{side}_gain")
+        record[f"{side}_gain"] = np.stack([gain.real, gain.imag], axis=1).tolist()
+        record[f"{side}_delay_s"] = getattr(channels, f"{side}_delay_s").tolist()
+    return record
 
 
-def _decibels(field: str, value: Any) -> float:
-    number = checks.real(field, value)
+def _converter(bits: int | None, full_scale: float | None) -> tuple[int | None, float | None]:
+    if bits is not None:
+        bits = checks.whole("impair: adc_bits", bits, 2, ADC_BITS_LIMIT)
+    if full_scale is not None:
+        if bits is None:
+            checks.fail("impair: adc_full_scale", "adc_bits with it", "none")
+        full_scale = checks.positive("impair: adc_full_scale", full_scale)
+    return bits, full_scale
+
+
+def _decibels(name: str, value: Any) -> float:
+    number = checks.real(f"impair: {name}", value)
     if abs(number) > GAIN_LIMIT_DB:
-        checks.fail(field, f"decibels within +-{GAIN_LIMIT_DB:g}", repr(value))
+        checks.fail(f"impair: {name}", f"decibels within +-{GAIN_LIMIT_DB:g}", repr(value))
     return number
 
 
 def _noisy(
     name: str, given: Mapping[int, float] | None, count: int, snr: float | None
-) -> dict[int, float]:
+) -> dict[str, float]:
     field = f"impair: {name}"
     if given is None:
         return {}
@@ -319,37 +318,28 @@ def _noisy(
     if given and snr is None:
         checks.fail(field, "snr_db with it", "none")
     return {
-        checks.whole(field, channel, 0, count - 1): _decibels(field, db)
+        str(checks.whole(field, channel, 0, count - 1)): _decibels(name, db)
         for channel, db in given.items()
     }
 
 
-def _listed(by_channel: dict[int, float], count: int) -> np.ndarray:
-    values = np.zeros(count)
-    for channel, value in by_channel.items():
-        values[channel] = value
-    return values
+def _noise_factors(noisy_db: dict[str, float], count: int) -> np.ndarray:
+    level_db = np.zeros(count)
+    for channel, db in noisy_db.items():
+        level_db[int(channel)] = db
+    return 10 ** (level_db / 20)
 
 
-def _per_receiver(name: str, value: Any, count: int, limit: float) -> np.ndarray:
-    """Return one number per receiver, within +-`limit`, shape (n_rx,) float64."""
+def _per_receiver(name: str, value: Any, count: int, limit: float) -> float | list[float]:
+    """Return numbers within +-`limit`: one per receiver, or one where all are equal."""
     field = f"impair: {name}"
     if checks.is_single(value):
-        values = np.full(count, checks.real(field, value))
-    else:
-        values = checks.read_only(field, value, np.float64, (count,))
+        value = np.full(count, checks.real(field, value))
+    values = checks.read_only(field, value, np.float64, (count,))
     if np.abs(values).max() > limit:
         checks.fail(field, f"numbers within +-{limit:g}", f"{np.abs(values).max():g}")
-    return values
-
-
-def _short(values: np.ndarray) -> float | list[float]:
     return float(values[0]) if (values == values[0]).all() else values.tolist()
 
 
 def _amplitude(level_db: float, power: float) -> float:
     return float(np.sqrt(power) * 10 ** (level_db / 20))
-
-
-def _double(row: np.ndarray) -> np.ndarray:
-    return row.astype(np.complex128)

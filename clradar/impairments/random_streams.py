@@ -1,4 +1,4 @@
-"""Random numbers of which each named part has its own stream."""
+"""Independent streams of counter-based random numbers (Philox, Salmon et al. 2011)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from clradar.model import checks
 
 SEED_LIMIT = 2**64 - 1
 FRAME_LIMIT = 999_999
-"""As far as the number of a recorded frame goes."""
+"""Largest number of a recorded frame."""
 
 
 class Part(IntEnum):
-    """What random numbers are drawn for. A number never changes its meaning."""
+    """Quantities that are drawn. A number never changes its meaning."""
 
     NOISE = 1
     TX_GAIN = 2
@@ -30,7 +30,7 @@ class Part(IntEnum):
     COMMON_PHASE_DRIFT = 12
 
 
-def stream(seed: int, part: Part, frame: int = 0) -> np.random.Generator:
+def random_stream(seed: int, part: Part, frame: int = 0) -> np.random.Generator:
     """Return the random numbers of one part of one frame.
 
     Philox4x64-10 with the key (seed, part), started at the counter (0, 0, 0, frame): no two parts

@@ -12,7 +12,7 @@ import clradar
 from clradar import AntennaArray, Capture, Wall, Waveform, draw_channels, impair, room_capture
 from clradar.errors import ModelError
 from clradar.impairments.channel_errors import WALK_BLOCK, drift_factors
-from clradar.impairments.random_streams import Part, stream
+from clradar.impairments.random_streams import Part, random_stream
 
 C = 299_792_458.0
 # complex64 rounds real and imaginary part to 2^-24 of themselves; computed in float64 before.
@@ -148,7 +148,7 @@ def test_switching_a_fault_on_leaves_the_other_draws_as_they_are(target: Capture
 
 def test_parts_seeds_and_frames_share_no_numbers() -> None:
     draws = [
-        stream(seed, part, frame).integers(2**63, size=1000)
+        random_stream(seed, part, frame).integers(2**63, size=1000)
         for seed in (0, 1)
         for part in Part
         for frame in (0, 1)
