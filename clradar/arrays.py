@@ -6,6 +6,8 @@ import numpy as np
 
 from clradar.model.array import AntennaArray
 
+__all__ = ["qar50"]
+
 
 def qar50() -> AntennaArray:
     """Return the 94 Tx x 94 Rx imager with a 14 cm aperture (QAR50 submodule, 72-82 GHz).
@@ -15,7 +17,16 @@ def qar50() -> AntennaArray:
     AntennaArray
         Rx: 47 at y = -70.5 mm, then 47 at y = +70.5 mm, each row x = -69 ... +69 mm in 3 mm steps.
         Tx: 47 at x = -70.5 mm, then 47 at x = +70.5 mm, each column y = -69 ... +69 mm in 3 mm
-        steps; the four end elements sit 1.5 mm outside their column, at x = -/+72 mm.
+        steps; the four end elements are 1.5 mm outside their column, at x = -/+72 mm.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> array = clradar.arrays.qar50()
+    >>> array.n_tx, array.n_rx
+    (94, 94)
+    >>> print(1e3 * array.rx_m.max(axis=0))  # millimetres
+    [69.  70.5  0. ]
     """
     steps_m = np.arange(-23, 24) * 3e-3
     edge_m = 0.0705

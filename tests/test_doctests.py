@@ -11,6 +11,7 @@ import pytest
 
 PACKAGES = (
     "clradar",
+    "clradar.arrays",
     "clradar.hand",
     "clradar.rigs",
     "clradar.dataset",

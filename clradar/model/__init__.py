@@ -1,4 +1,4 @@
-"""The records that every stage passes on: frozen, checked, read-only, and free of any device."""
+"""Data model: immutable, checked records that all stages exchange; none needs a device."""
 
 from clradar.model.array import AntennaArray
 from clradar.model.capture import Capture

@@ -1,4 +1,4 @@
-"""Antenna arrays."""
+"""Antenna arrays: positions of the transmit and receive antennas."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.model import checks
-from clradar.model.record import reduced, summary
+from clradar.model.record import Record
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class AntennaArray:
+class AntennaArray(Record):
     """Positions of the transmit and receive antennas in the antenna frame.
 
     Parameters
@@ -21,27 +21,33 @@ class AntennaArray:
     rx_m : array_like, shape (n_rx, 3), float64, metres
         Receive antennas, same frame.
     name : str
-        What the array is called in files and figures.
+        Name in files and figures.
 
     Raises
     ------
     ModelError
         Wrong shape, empty, NaN or infinite.
+
+    Examples
+    --------
+    Two transmitters 14 cm apart and one receiver; the middles of the pairs sample the aperture.
+
+    >>> import clradar
+    >>> array = clradar.AntennaArray([[-0.07, 0, 0], [0.07, 0, 0]], [[0, 0.07, 0]], name="cross")
+    >>> array.n_tx, array.n_rx
+    (2, 1)
+    >>> (array.tx_m + array.rx_m) / 2
+    array([[-0.035,  0.035,  0.   ],
+           [ 0.035,  0.035,  0.   ]])
     """
 
     tx_m: np.ndarray
     rx_m: np.ndarray
     name: str = "array"
 
-    __repr__ = summary
-    __reduce__ = reduced
-
     def __post_init__(self) -> None:
-        for field in ("tx_m", "rx_m"):
-            value = checks.read_only(
-                f"AntennaArray.{field}", getattr(self, field), np.float64, (None, 3)
-            )
-            object.__setattr__(self, field, value)
+        self._set_array("tx_m", np.float64, (None, 3))
+        self._set_array("rx_m", np.float64, (None, 3))
         checks.text("AntennaArray.name", self.name)
 
     @property

@@ -1,7 +1,6 @@
-"""Small validators behind the records of this package.
+"""Argument checks: each returns the value in its stored form or raises a `ModelError`.
 
-Each returns the value in its stored form and raises `ModelError` with the field's name, what was
-expected and what was found.
+Its message has the field's name, what was expected and what was found.
 """
 
 from __future__ import annotations
@@ -35,14 +34,14 @@ def read_only(
 ) -> np.ndarray:
     """Return `value` as a C-contiguous, read-only array of `dtype` whose shape matches `shape`.
 
-    None in `shape` stands for any length. The caller's array is copied unless it and whatever it is
-    a view of are read-only, so a record never changes behind its own back.
+    None in `shape` allows any length. The caller's array is copied unless it and the arrays that it
+    is a view of are read-only, so a stored array never changes.
     """
     dtype = np.dtype(dtype)
     try:
         raw = np.asarray(value)
     except ValueError as error:
-        fail(field, f"an array of shape {shape_text(shape)}", f"something irregular ({error})")
+        fail(field, f"an array of shape {shape_text(shape)}", f"a ragged one ({error})")
     if raw.dtype.kind not in "biufc":
         fail(field, f"numbers ({dtype})", f"dtype {raw.dtype}")
     if raw.dtype.kind == "c" and dtype.kind != "c":
@@ -66,18 +65,18 @@ def read_only(
                 f"values in [{limits.min}, {limits.max}] ({dtype})",
                 f"[{raw.min()}, {raw.max()}]",
             )
-    if value is raw and raw.dtype == dtype and _nobody_writes(raw):
+    if value is raw and raw.dtype == dtype and _is_immutable(raw):
         stored = np.ascontiguousarray(value)
     else:
         with np.errstate(over="ignore"):
             stored = np.array(raw, dtype=dtype, order="C", copy=True)
         if finite and dtype.kind in "fc" and not np.isfinite(stored).all():
-            fail(field, f"numbers that {dtype} can hold", "an overflow")
+            fail(field, f"numbers within the range of {dtype}", "an overflow")
     stored.flags.writeable = False
     return stored
 
 
-def _nobody_writes(array: np.ndarray) -> bool:
+def _is_immutable(array: np.ndarray) -> bool:
     owner: Any = array
     while isinstance(owner, np.ndarray):
         if owner.flags.writeable:
@@ -167,7 +166,7 @@ def transform(field: str, value: Any) -> np.ndarray:
     if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
         fail(field, "a 4x4 affine matrix with last row [0, 0, 0, 1]", f"last row {matrix[3]}")
     stretch = np.linalg.svd(matrix[:3, :3], compute_uv=False)
-    if stretch[2] <= 1e-12 * stretch[0]:  # as good as flat in float64
+    if stretch[2] <= 1e-12 * stretch[0]:  # singular in float64
         fail(field, "an invertible 4x4 matrix", "a singular one")
     return matrix
 
@@ -185,7 +184,7 @@ def frozen_mapping(field: str, value: Any) -> Mapping[str, Any]:
 
 
 def _copied(value: Any) -> Any:
-    """Copy mappings and lists, however deep, so that the caller's are not the record's."""
+    """Copy nested mappings and lists, so that later changes do not reach the record."""
     if isinstance(value, Mapping):
         return {key: _copied(item) for key, item in value.items()}
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""Voxel grids."""
+"""Voxel grids: the regular points at which an image is formed."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from clradar.model import checks
-from clradar.model.record import reduced, summary
+from clradar.model.record import Record
 
 MAX_VOXELS = 2**31 - 1
 """Largest volume: its index has to fit a signed 32-bit integer on the device."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class VoxelGrid:
+class VoxelGrid(Record):
     """A regular grid of voxel centres in the antenna frame.
 
     Parameters
@@ -27,30 +27,40 @@ class VoxelGrid:
         Distance between neighbours along x, y, z; positive.
     counts : tuple of 3 ints
         Number of voxels along x, y, z.
+
+    Raises
+    ------
+    ModelError
+        Wrong shapes, spacing that is not positive, no voxel, or more than 2^31 - 1.
+
+    Examples
+    --------
+    The volume of a hand in front of the aperture; a volume is indexed [z, y, x].
+
+    >>> import clradar
+    >>> grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 2e-3)
+    >>> grid.shape
+    (41, 101, 101)
+    >>> grid.z_m[[0, -1]]
+    array([0.26, 0.34])
     """
 
     origin_m: np.ndarray
     spacing_m: np.ndarray
     counts: tuple[int, int, int]
 
-    __repr__ = summary
-    __reduce__ = reduced
-
     def __post_init__(self) -> None:
-        origin = checks.read_only("VoxelGrid.origin_m", self.origin_m, np.float64, (3,))
-        spacing = checks.read_only("VoxelGrid.spacing_m", self.spacing_m, np.float64, (3,))
+        self._set_array("origin_m", np.float64, (3,))
+        spacing = self._set_array("spacing_m", np.float64, (3,))
         if spacing.min() <= 0:
             checks.fail("VoxelGrid.spacing_m", "positive spacing", f"{spacing.tolist()}")
-        if isinstance(self.counts, str) or not isinstance(self.counts, Sized):
-            checks.fail("VoxelGrid.counts", "three counts (x, y, z)", repr(self.counts))
-        if len(self.counts) != 3:
+        sized = isinstance(self.counts, Sized) and not isinstance(self.counts, str)
+        if not sized or len(self.counts) != 3:
             checks.fail("VoxelGrid.counts", "three counts (x, y, z)", repr(self.counts))
         nx, ny, nz = (checks.whole("VoxelGrid.counts", n, 1) for n in self.counts)
         if nx * ny * nz > MAX_VOXELS:
             checks.fail("VoxelGrid.counts", f"at most {MAX_VOXELS} voxels", f"{nx} x {ny} x {nz}")
-        object.__setattr__(self, "origin_m", origin)
-        object.__setattr__(self, "spacing_m", spacing)
-        object.__setattr__(self, "counts", (nx, ny, nz))
+        self._set(counts=(nx, ny, nz))
 
     @classmethod
     def from_extent(cls, x_m: Any, y_m: Any, z_m: Any, spacing_m: Any) -> VoxelGrid:

@@ -1,4 +1,4 @@
-"""Propagation paths, as the tracer finds them."""
+"""Propagation paths from Tx to Rx by way of the surface."""
 
 from __future__ import annotations
 
@@ -7,25 +7,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.model import checks
-from clradar.model.record import reduced, summary
+from clradar.model.record import Record
 
 
-@dataclass(frozen=True, slots=True)
-class TraceStatistics:
-    """What happened to the rays of one trace.
+@dataclass(frozen=True, slots=True, repr=False)
+class TraceStatistics(Record):
+    """Counts of the samples and rays of one trace.
 
     Attributes
     ----------
     samples : int
         Points on the surface.
     visible : int
-        (sample, Tx) pairs that see each other.
+        (sample, Tx) pairs with a free line of sight.
     outgoing : int
         Outgoing directions drawn: visible pairs x rays per sample, and one per further bounce.
     absorbed : int
         Of those, draws that pointed below the geometric face.
 
     With ``simulate(..., estimator="expected")`` no direction is drawn: both are 0.
+
+    Examples
+    --------
+    Statistics of several traces add up.
+
+    >>> import clradar
+    >>> first = clradar.TraceStatistics(samples=1000, visible=4000, outgoing=16000, absorbed=400)
+    >>> both = first + clradar.TraceStatistics(1000, 4000, 16000, 240)
+    >>> both.samples, both.absorbed_share
+    (2000, 0.02)
     """
 
     samples: int
@@ -33,13 +43,9 @@ class TraceStatistics:
     outgoing: int
     absorbed: int
 
-    __repr__ = summary
-    __reduce__ = reduced
-
     def __post_init__(self) -> None:
         for name in ("samples", "visible", "outgoing", "absorbed"):
-            count = checks.whole(f"TraceStatistics.{name}", getattr(self, name), 0)
-            object.__setattr__(self, name, count)
+            self._set(**{name: checks.whole(f"TraceStatistics.{name}", getattr(self, name), 0)})
         if self.absorbed > self.outgoing:
             checks.fail(
                 "TraceStatistics.absorbed", f"at most outgoing ({self.outgoing})", self.absorbed
@@ -60,7 +66,7 @@ class TraceStatistics:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Paths:
+class Paths(Record):
     """One row per reception. Rows are sorted by pair, then by sample, ray and bounce.
 
     Parameters
@@ -76,12 +82,27 @@ class Paths:
     n_tx, n_rx : int
         Size of the array that `tx` and `rx` index.
     statistics : TraceStatistics or None
-        From the tracer; None for paths that come from elsewhere.
+        From the tracer; None for paths from another source.
 
     Raises
     ------
     ModelError
         Columns of different length, indices outside the array, NaN, lengths that are not positive.
+
+    Examples
+    --------
+    Two paths of one pair, whose lengths differ by half a wavelength, cancel.
+
+    >>> import clradar
+    >>> waveform = clradar.Waveform([75e9])
+    >>> half_m = 0.5 * 299_792_458 / 75e9
+    >>> paths = clradar.Paths([0, 0], [1, 1], [0.6, 0.6 + half_m], [1, 1], [1, 1], n_tx=1, n_rx=2)
+    >>> len(paths), paths.pair
+    (2, array([1, 1]))
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[-0.01, 0, 0], [0.01, 0, 0]])
+    >>> capture = clradar.synthesize(paths, array, waveform)
+    >>> print(f"{abs(capture.data[0, 1, 0]):.4f}")
+    0.0000
     """
 
     tx: np.ndarray
@@ -93,12 +114,9 @@ class Paths:
     n_rx: int
     statistics: TraceStatistics | None = None
 
-    __repr__ = summary
-    __reduce__ = reduced
-
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n_tx", checks.whole("Paths.n_tx", self.n_tx, 1))
-        object.__setattr__(self, "n_rx", checks.whole("Paths.n_rx", self.n_rx, 1))
+        self._set(n_tx=checks.whole("Paths.n_tx", self.n_tx, 1))
+        self._set(n_rx=checks.whole("Paths.n_rx", self.n_rx, 1))
         if not isinstance(self.statistics, TraceStatistics | None):
             checks.fail(
                 "Paths.statistics", "TraceStatistics or None", type(self.statistics).__name__
@@ -112,11 +130,7 @@ class Paths:
             ("bounces", np.uint8),
         )
         for name, dtype in columns:
-            column = checks.read_only(
-                f"Paths.{name}", getattr(self, name), dtype, (count,), allow_empty=True
-            )
-            count = len(column)
-            object.__setattr__(self, name, column)
+            count = len(self._set_array(name, dtype, (count,), allow_empty=True))
         if not count:
             return
         for name, size in (("tx", self.n_tx), ("rx", self.n_rx)):

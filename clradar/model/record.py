@@ -1,4 +1,4 @@
-"""What all records share: how they are printed, and how they go to another process."""
+"""Immutable records: printed on one line, and checked again when they are unpickled."""
 
 from __future__ import annotations
 
@@ -9,17 +9,42 @@ from typing import Any
 
 import numpy as np
 
+from clradar.model import checks
+
 SMALL = 6
 """Arrays of at most this many elements are written out."""
 
 
-def summary(record: Any) -> str:
-    """Return the record's name and fields on one line; of large arrays their type and shape.
+class Record:
+    """Base of frozen dataclasses, which are declared with ``repr=False``."""
 
-    To be used as `__repr__` of a dataclass that is declared with ``repr=False``.
-    """
-    parts = [f"{f.name}={_short(getattr(record, f.name))}" for f in fields(record) if f.repr]
-    return f"{type(record).__name__}({', '.join(parts)})"
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        own: Any = self
+        parts = [f"{f.name}={_short(getattr(self, f.name))}" for f in fields(own) if f.repr]
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        # Pickle calls the class again with its fields. It does not know read-only mappings.
+        own: Any = self
+        values = (getattr(self, f.name) for f in fields(own) if f.init)
+        plain = (dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+        return type(self), tuple(plain)
+
+    def _set(self, **values: Any) -> None:
+        """Store fields in their checked form; for `__post_init__` alone."""
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _set_array(
+        self, name: str, dtype: Any, shape: tuple[int | None, ...], axes: str = "", **options: bool
+    ) -> np.ndarray:
+        """Check a field by `checks.read_only`, store and return it; `axes` explains its shape."""
+        field = f"{type(self).__name__}.{name}{axes}"
+        array = checks.read_only(field, getattr(self, name), dtype, shape, **options)
+        object.__setattr__(self, name, array)
+        return array
 
 
 def _short(value: Any) -> str:
@@ -30,14 +55,3 @@ def _short(value: Any) -> str:
     if isinstance(value, Mapping):
         return f"<{len(value)} entries>"
     return repr(value)
-
-
-def reduced(record: Any) -> tuple[type, tuple[Any, ...]]:
-    """Return what pickle makes the record from again, checked anew: its class and its fields.
-
-    To be used as `__reduce__` of a dataclass whose mappings are read-only views, which pickle
-    does not know.
-    """
-    values = (getattr(record, f.name) for f in fields(record) if f.init)
-    plain = (dict(v) if isinstance(v, MappingProxyType) else v for v in values)
-    return type(record), tuple(plain)

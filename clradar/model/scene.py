@@ -1,4 +1,4 @@
-"""The scene: triangles and how rough each of them is."""
+"""Scenes: triangle meshes whose faces have a roughness alpha."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ import numpy as np
 
 from clradar.errors import MeshError, ModelError
 from clradar.model import checks
-from clradar.model.record import reduced, summary
+from clradar.model.record import Record
 
 UNITS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 """Units in which a mesh file may be written, in metres."""
 
 PLAUSIBLE_SIZE_M = (1e-3, 20.0)
-"""Longest side of a mesh's bounding box that a near-field radar can be meant to look at, metres."""
+"""Plausible length of the longest side of a mesh's bounding box for a near-field radar, metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Scene:
-    """Triangles in the antenna frame, each with its mixture parameter alpha.
+class Scene(Record):
+    """Triangles in the antenna frame, each with its roughness alpha.
 
     Parameters
     ----------
@@ -37,14 +37,27 @@ class Scene:
     part_names : tuple of str
         Unique names of the parts.
     normals : array_like, shape (n_vertices, 3), float64, optional
-        Normals of the smooth surface that the faces stand for, of either sense: of unit length, or
-        0 at a vertex where it is not known. There, and without, they are found from the faces.
+        Normals of the smooth surface that the faces approximate, of either sign: of unit length, or
+        0 where unknown. Unknown normals are estimated from the faces.
 
     Raises
     ------
     ModelError
         Wrong shapes, NaN, no face, indices outside the vertices, alpha outside [0, 1], normals that
         are not of unit length.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=40)
+    >>> scene = clradar.Scene.from_mesh(ball, alpha=0.3, unit="mm").transformed(
+    ...     trimesh.transformations.translation_matrix([0, 0, 0.3])
+    ... )
+    >>> scene.n_faces, scene.part_names
+    (320, ('mesh',))
+    >>> print(scene.vertices_m.max(axis=0))
+    [0.04 0.04 0.34]
     """
 
     vertices_m: np.ndarray
@@ -54,21 +67,16 @@ class Scene:
     part_names: tuple[str, ...] = ("mesh",)
     normals: np.ndarray | None = None
 
-    __repr__ = summary
-    __reduce__ = reduced
-
     def __post_init__(self) -> None:
-        vertices = checks.read_only("Scene.vertices_m", self.vertices_m, np.float64, (None, 3))
-        faces = checks.read_only("Scene.faces", self.faces, np.int32, (None, 3))
+        vertices = self._set_array("vertices_m", np.float64, (None, 3))
+        faces = self._set_array("faces", np.int32, (None, 3))
         if faces.min() < 0 or faces.max() >= len(vertices):
             checks.fail(
                 "Scene.faces",
                 f"vertex indices in [0, {len(vertices)})",
                 f"[{faces.min()}, {faces.max()}]",
             )
-        object.__setattr__(self, "vertices_m", vertices)
-        object.__setattr__(self, "faces", faces)
-        object.__setattr__(self, "alpha", _alpha_of_faces(self.alpha, len(faces)))
+        self._set(alpha=_alpha_of_faces(self.alpha, len(faces)))
         part = self.part
         if checks.is_single(part):
             part = np.full(len(faces), checks.whole("Scene.part", part, 0))
@@ -82,10 +90,9 @@ class Scene:
             checks.fail(
                 "Scene.part", f"indices in [0, {len(names)})", f"[{part.min()}, {part.max()}]"
             )
-        object.__setattr__(self, "part", part)
-        object.__setattr__(self, "part_names", names)
+        self._set(part=part, part_names=names)
         if self.normals is not None:
-            object.__setattr__(self, "normals", _unit_normals(self.normals, len(vertices)))
+            self._set(normals=_unit_normals(self.normals, len(vertices)))
 
     @classmethod
     def from_mesh(
@@ -96,14 +103,13 @@ class Scene:
         unit: str = "m",
         transform: Any = None,
     ) -> Scene:
-        """Make a scene of a mesh file or mesh.
+        """Return the scene of a mesh file or mesh.
 
         Parameters
         ----------
         mesh : path, trimesh.Trimesh, trimesh.Scene, (vertices, faces), or an object that has
-            ``to_trimesh()``. Files may be anything that trimesh reads. Every named geometry of
-            the file becomes a part. The last may have `normals`, shape (n_vertices, 3), too; those
-            in files are not used.
+            ``to_trimesh()``, and may have `normals`, shape (n_vertices, 3). Files are of any format
+            that trimesh reads; every named geometry becomes a part, and normals are ignored.
         alpha : float, array_like of shape (n_faces,), or mapping part name -> float
             0 specular ... 1 diffuse. An array goes part by part, in the order of `part_names`.
         unit : "m", "cm" or "mm"
@@ -114,10 +120,10 @@ class Scene:
         Raises
         ------
         MeshError
-            The file is missing, unreadable, has no triangle, has NaN coordinates, or a size that
-            is implausible for its unit.
+            The file is missing or unreadable; there is no triangle, a NaN coordinate, or a size
+            that is implausible for the unit.
         ModelError
-            `alpha`, `unit` or `transform` cannot be meant.
+            `alpha`, `unit` or `transform` is invalid.
         """
         checks.one_of("Scene.from_mesh: unit", unit, tuple(UNITS_M))
         matrix = np.eye(4)
@@ -152,7 +158,7 @@ class Scene:
 
     @classmethod
     def combine(cls, scenes: Iterable[Scene]) -> Scene:
-        """Put several scenes into one; each keeps its alpha, and names stay unique."""
+        """Return one scene of several; each keeps its alpha, and part names are made unique."""
         vertices, faces, alpha, part, normals = [], [], [], [], []
         names: list[str] = []
         offset = 0
@@ -238,10 +244,10 @@ def _unit_normals(normals: Any, n_vertices: int) -> np.ndarray:
 
 
 def _transformed_normals(normals: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Return normals of what an affine transform makes of a surface: by the inverse, transposed."""
-    turned = normals @ np.linalg.inv(matrix[:3, :3])
-    length = np.linalg.norm(turned, axis=1, keepdims=True)
-    return turned / np.where(length > 0, length, 1.0)
+    """Transform normals of a surface by the inverse transpose of an affine transform."""
+    moved = normals @ np.linalg.inv(matrix[:3, :3])
+    length = np.linalg.norm(moved, axis=1, keepdims=True)
+    return moved / np.where(length > 0, length, 1.0)
 
 
 def _unused(name: str, taken: list[str]) -> str:
@@ -281,7 +287,7 @@ def _pieces(mesh: Any) -> tuple[str, list[tuple[str, np.ndarray, np.ndarray]]]:
             vertices = trimesh.transform_points(geometry.vertices, matrix)
             pieces.append((str(name), vertices, np.asarray(geometry.faces)))
     if label.lower().endswith(".obj"):
-        pieces.reverse()  # trimesh's reader takes the groups of an OBJ from the last to the first
+        pieces.reverse()  # trimesh reads the groups of an OBJ from the last to the first
     if not pieces:
         raise MeshError(f"{label}: expected a mesh with at least one triangle, got none")
     return label, pieces
@@ -296,7 +302,7 @@ def _load(path: str | PathLike[str]) -> tuple[Any, str]:
     label = str(file)
     if not file.is_file():
         raise MeshError(f"{label}: expected a mesh file, got nothing there")
-    # Without this an OBJ file's objects and groups are lumped together under the first one's name.
+    # By default an OBJ file's objects and groups are merged under the first one's name.
     parts = {"split_objects": True, "split_groups": True} if file.suffix.lower() == ".obj" else {}
     try:
         # process=False keeps the file's faces in the file's order, which alpha per face relies on.
@@ -305,8 +311,8 @@ def _load(path: str | PathLike[str]) -> tuple[Any, str]:
         known = ", ".join(sorted(trimesh.available_formats()))
         reason = f"{type(error).__name__}: {error}"
         if isinstance(error, ModuleNotFoundError) and error.name == "charset_normalizer":
-            # trimesh reads what is not of a binary format as text, and guesses its encoding.
-            reason = "bytes that are neither that nor UTF-8 text"
+            # trimesh reads a file of no binary format as text, and guesses its encoding.
+            reason = "bytes that are neither of such a format nor UTF-8 text"
         raise MeshError(
             f"{label}: expected a mesh file that trimesh reads ({known}), got {reason}"
         ) from error
@@ -318,7 +324,7 @@ def _check_size(label: str, vertices_m: np.ndarray, unit: str) -> None:
     if low <= size_m <= high:
         return
     others = [u for u in UNITS_M if low <= size_m * UNITS_M[u] / UNITS_M[unit] <= high]
-    # A hand read in the wrong unit fits several others; the common pair is m and mm.
+    # A hand read in the wrong unit fits several units; the common pair is m and mm.
     others.sort(key=lambda u: u == "cm")
     hint = f"; did you mean unit='{others[0]}'?" if others else ""
     raise MeshError(

@@ -1,4 +1,4 @@
-"""Images: complex volumes, their maximum projection and their depth map."""
+"""Images: complex volumes, their maximum projection and their depth map (E9)."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.model import checks
 from clradar.model.grid import VoxelGrid
-from clradar.model.record import reduced, summary
+from clradar.model.record import Record
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class DepthMap:
+class DepthMap(Record):
     """Depth of the strongest reflection along z, where there is one.
 
     Parameters
@@ -27,7 +27,24 @@ class DepthMap:
     x_m, y_m : array_like, shape (n_x,) and (n_y,), metres
         Pixel centres, ascending.
     dynamic_range_db : float
-        How far below the maximum the cut lies, decibel.
+        Level of the cut below the maximum, decibel.
+
+    Raises
+    ------
+    ModelError
+        Shapes that do not fit, axes that do not ascend, infinite depths, a negative amplitude.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> depth_m = [[0.30, np.nan], [0.31, 0.32]]
+    >>> amplitude = [[1.0, 0.01], [0.5, 0.25]]
+    >>> image = clradar.DepthMap(depth_m, amplitude, x_m=[0.0, 0.01], y_m=[0.0, 0.01])
+    >>> image.points_m()
+    array([[0.  , 0.  , 0.3 ],
+           [0.  , 0.01, 0.31],
+           [0.01, 0.01, 0.32]])
     """
 
     depth_m: np.ndarray
@@ -36,27 +53,18 @@ class DepthMap:
     y_m: np.ndarray
     dynamic_range_db: float = DYNAMIC_RANGE_DB
 
-    __repr__ = summary
-    __reduce__ = reduced
-
     def __post_init__(self) -> None:
         x_m = checks.one_axis("DepthMap.x_m", self.x_m)
         y_m = checks.one_axis("DepthMap.y_m", self.y_m)
         shape = (len(y_m), len(x_m))
-        depth = checks.read_only(
-            "DepthMap.depth_m (y, x)", self.depth_m, np.float64, shape, finite=False
-        )
+        depth = self._set_array("depth_m", np.float64, shape, " (y, x)", finite=False)
         if np.isinf(depth).any():
             checks.fail("DepthMap.depth_m", "finite depths or NaN", "infinite values")
-        amplitude = checks.read_only("DepthMap.amplitude (y, x)", self.amplitude, np.float32, shape)
+        amplitude = self._set_array("amplitude", np.float32, shape, " (y, x)")
         if amplitude.min() < 0:
             checks.fail("DepthMap.amplitude", "amplitudes >= 0", f"{amplitude.min():g}")
-        object.__setattr__(self, "x_m", x_m)
-        object.__setattr__(self, "y_m", y_m)
-        object.__setattr__(self, "depth_m", depth)
-        object.__setattr__(self, "amplitude", amplitude)
-        rng = checks.positive("DepthMap.dynamic_range_db", self.dynamic_range_db)
-        object.__setattr__(self, "dynamic_range_db", rng)
+        level_db = checks.positive("DepthMap.dynamic_range_db", self.dynamic_range_db)
+        self._set(x_m=x_m, y_m=y_m, dynamic_range_db=level_db)
 
     @property
     def mask(self) -> np.ndarray:
@@ -70,7 +78,7 @@ class DepthMap:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Volume:
+class Volume(Record):
     """A complex image on a voxel grid.
 
     Parameters
@@ -78,25 +86,38 @@ class Volume:
     data : array_like, shape (n_z, n_y, n_x), complex64
     grid : VoxelGrid
     meta : mapping
-        Where it comes from, in types that JSON knows.
+        Provenance, in types of JSON.
+
+    Raises
+    ------
+    ModelError
+        `data` does not have the grid's shape, or has NaN or infinite values.
+
+    Examples
+    --------
+    One column of voxels whose amplitude peaks between two of them.
+
+    >>> import clradar
+    >>> grid = clradar.VoxelGrid([0, 0, 0.30], [1e-3, 1e-3, 1e-3], (1, 1, 4))
+    >>> volume = clradar.Volume([[[0.2]], [[1.0]], [[0.8]], [[0.1]]], grid)
+    >>> volume.max_projection()
+    array([[1.]], dtype=float32)
+    >>> print(f"{1e3 * volume.depth_map().depth_m[0, 0]:.1f} mm")
+    301.3 mm
     """
 
     data: np.ndarray
     grid: VoxelGrid
     meta: Mapping[str, Any] = field(default_factory=dict)
 
-    __repr__ = summary
-    __reduce__ = reduced
-
     def __post_init__(self) -> None:
         checks.instance("Volume.grid", self.grid, VoxelGrid)
-        data = checks.read_only("Volume.data (z, y, x)", self.data, np.complex64, self.grid.shape)
-        object.__setattr__(self, "data", data)
-        object.__setattr__(self, "meta", checks.frozen_mapping("Volume.meta", self.meta))
+        self._set_array("data", np.complex64, self.grid.shape, " (z, y, x)")
+        self._set(meta=checks.frozen_mapping("Volume.meta", self.meta))
 
     def max_projection(self) -> np.ndarray:
         """Return the maximum of the amplitude over z, shape (n_y, n_x), float32, linear."""
-        return self._amplitude().max(axis=0)
+        return np.abs(self.data).max(axis=0)
 
     def depth_map(self, dynamic_range_db: float = DYNAMIC_RANGE_DB) -> DepthMap:
         """Return the depth of the maximum along z where it is within the dynamic range.
@@ -114,7 +135,7 @@ class Volume:
             either side). At the ends of the grid there is no refinement.
         """
         dynamic_range_db = checks.positive("depth_map: dynamic_range_db", dynamic_range_db)
-        amplitude = self._amplitude()
+        amplitude = np.abs(self.data)
         n_z = amplitude.shape[0]
         top = amplitude.argmax(axis=0)
         rows, columns = np.indices(top.shape, sparse=True)
@@ -129,6 +150,3 @@ class Volume:
         threshold = peak.max() * 10.0 ** (-dynamic_range_db / 20.0)
         depth = np.where((peak >= threshold) & (peak > 0), depth, np.nan)
         return DepthMap(depth, peak, self.grid.x_m, self.grid.y_m, dynamic_range_db)
-
-    def _amplitude(self) -> np.ndarray:
-        return np.abs(self.data)

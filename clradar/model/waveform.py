@@ -1,4 +1,4 @@
-"""Stepped-frequency waveforms."""
+"""Stepped-frequency continuous waveforms (SFCW)."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.model import checks
-from clradar.model.record import reduced, summary
+from clradar.model.record import Record
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Waveform:
+class Waveform(Record):
     """The list of frequencies at which the radar measures.
 
     Parameters
@@ -23,18 +23,28 @@ class Waveform:
     ------
     ModelError
         Empty, NaN, not positive, descending or repeated.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)
+    >>> waveform.n_freq, waveform.center_hz / 1e9
+    (128, 77.0)
+
+    The range resolution c / (2 B), and the unambiguous range c / (2 df):
+
+    >>> step_hz = waveform.span_hz / (waveform.n_freq - 1)
+    >>> [round(1e3 * 299_792_458 / (2 * b)) for b in (waveform.span_hz, step_hz)]  # millimetres
+    [15, 1904]
     """
 
     frequencies_hz: np.ndarray
-
-    __repr__ = summary
-    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         axis = checks.one_axis("Waveform.frequencies_hz", self.frequencies_hz)
         if axis[0] <= 0:
             checks.fail("Waveform.frequencies_hz", "positive frequencies", f"{axis[0]:g} Hz")
-        object.__setattr__(self, "frequencies_hz", axis)
+        self._set(frequencies_hz=axis)
 
     @classmethod
     def sfcw(cls, start_hz: float, stop_hz: float, steps: int) -> Waveform:

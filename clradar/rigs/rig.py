@@ -13,7 +13,7 @@ from clradar.hand.flesh import PART_NAMES
 from clradar.hand.mesh import DEFAULT_CENTER_M
 from clradar.hand.skeleton import posed_skeleton
 from clradar.model import checks
-from clradar.model.record import reduced, summary
+from clradar.model.record import Record
 from clradar.rigs.anatomy import CHAINS, WRIST, parents_of
 
 # The ball of the thumb belongs to the palm, as it does in the hand of this package.
@@ -23,7 +23,7 @@ for _part, _chain in enumerate(CHAINS, start=1):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Influences:
+class Influences(Record):
     """Which joint moves which vertex, and by how much: one row per pair with a weight.
 
     Parameters
@@ -40,9 +40,6 @@ class Influences:
     joint: np.ndarray
     weight: np.ndarray
     point_m: np.ndarray
-
-    __repr__ = summary
-    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         for name, dtype, shape in (
@@ -61,7 +58,7 @@ class Influences:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PoseBlend:
+class PoseBlend(Record):
     """How a hand's surface changes with its pose before it is skinned (MANO).
 
     Parameters
@@ -79,9 +76,6 @@ class PoseBlend:
     hands_mean: np.ndarray
     hands_components: np.ndarray
 
-    __repr__ = summary
-    __reduce__ = reduced
-
     def __post_init__(self) -> None:
         n = len(self.joints)
         for name, shape in (
@@ -96,7 +90,7 @@ class PoseBlend:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Rig:
+class Rig(Record):
     """A rigged hand at rest, in metres, in the frame of `clradar.hand`'s right hand.
 
     Parameters
@@ -130,9 +124,6 @@ class Rig:
     influences: Influences
     blend: PoseBlend | None = None
     ignored: tuple[str, ...] = ()
-
-    __repr__ = summary
-    __reduce__ = reduced
 
     def __post_init__(self) -> None:
         checks.one_of("Rig.handedness", self.handedness, ("right", "left"))

@@ -93,7 +93,7 @@ NO_REAL_NUMBERS = [
     (np.array(["1", "2"]), "numbers", "dtype <U"),
     (np.array([1 + 0j, 2 + 0j]), "real numbers", "dtype complex128"),
     (np.array(["2020-01-01"], dtype="M8[D]"), "numbers", "dtype datetime64"),
-    ([[1.0, 2.0], [3.0]], "shape", "irregular"),
+    ([[1.0, 2.0], [3.0]], "shape", "ragged"),
 ]
 
 REAL_ARRAYS = [
@@ -172,7 +172,7 @@ WRONG = [
     ("Capture.data", "shape (2, 3, 4)", "shape (2, 3)", make_capture, {"data": np.ones((2, 3))}),
     ("Capture.data", "finite", "1 of 24 that are NaN", make_capture,
      {"data": np.where(np.arange(24).reshape(2, 3, 4) == 5, complex(0, NAN), 1)}),
-    ("Capture.data", "that complex64 can hold", "an overflow", make_capture,
+    ("Capture.data", "within the range of complex64", "an overflow", make_capture,
      {"data": np.full((2, 3, 4), 1e39)}),
     ("Capture.data", "numbers (complex64)", "dtype object", make_capture,
      {"data": np.full((2, 3, 4), None)}),
@@ -220,7 +220,7 @@ WRONG = [
     ("Paths.length_m", "positive", "0", make_paths, {"length_m": [0.6, 0.0]}),
     ("Paths.length_m", "finite", "NaN", make_paths, {"length_m": [0.6, NAN]}),
     ("Paths.amplitude", "finite", "infinite", make_paths, {"amplitude": [1.0, INF]}),
-    ("Paths.amplitude", "that float32 can hold", "an overflow", make_paths,
+    ("Paths.amplitude", "within the range of float32", "an overflow", make_paths,
      {"amplitude": [1.0, 1e39]}),
     ("Paths.bounces", "at least one", "0", make_paths, {"bounces": [0, 1]}),
     ("Paths.bounces", "values in [0, 255]", "[1, 256]", make_paths, {"bounces": [1, 256]}),
@@ -245,7 +245,7 @@ WRONG = [
     ("alpha", "a number", "None", make_scene, {"alpha": None}),
     ("alpha", "a real number", "0.5", make_scene, {"alpha": np.complex64(0.5)}),
     ("alpha", "shape (1,)", "shape (2,)", make_scene, {"alpha": [0.1, 0.2]}),
-    ("alpha", "shape (1,)", "irregular", make_scene, {"alpha": [[0.1], [0.2, 0.3]]}),
+    ("alpha", "shape (1,)", "ragged", make_scene, {"alpha": [[0.1], [0.2, 0.3]]}),
     ("Scene.part", "indices in [0, 1)", "[1, 1]", make_scene, {"part": 1}),
     ("Scene.part", "a whole number >= 0", "'mesh'", make_scene, {"part": "mesh"}),
     ("Scene.part_names", "unique names", "('a', 'a')", make_scene, {"part_names": ("a", "a")}),
