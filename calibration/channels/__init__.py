@@ -1,1 +1,1 @@
-"""Estimation and correction of channel errors."""
+"""Estimation and correction of the complex gains and delays of Tx and Rx channels."""

@@ -1,4 +1,4 @@
-"""Take the channels of the instrument off a capture."""
+"""Equalisation of a capture by the estimated channel responses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def correct(
     mask: Collection[str] = MASKS,
     keep_level: bool = True,
 ) -> Capture:
-    """Return a capture as ideal channels would have recorded it.
+    """Divide a capture by the responses of its channels.
 
     a s[tx, rx, n] / (h_tx(f_n) h_rx(f_n)), and 0 for every pair with a masked channel.
 
@@ -31,23 +31,40 @@ def correct(
         Of the array and the waveform that were calibrated.
     calibration : ChannelCalibration
     mask : collection of "dead", "noisy"
-        Which channels' pairs are set to 0. Dead ones cannot be left in: they have no gain.
+        Channels whose pairs are set to 0. Dead ones have to be: they have no gain.
     keep_level : bool
-        a is 1 over the share of pairs that are left, so that a point in an image, which divides by
-        all pairs, is as bright as with all of them. Otherwise a = 1.
+        a is 1 over the fraction of pairs that remain, so that a point is as bright as with all
+        pairs in an image, which divides by their total number. Otherwise a = 1.
 
     Returns
     -------
     Capture
-        `meta["channels"]` has the masked channels, `live_share`, the share of pairs that are left,
+        `meta["channels"]` has the masked channels, `live_share`, the fraction of pairs that remain,
         and `factor`, the a above.
 
     Raises
     ------
     CalibrationError
-        Another array or another waveform; the message says what differs.
+        Another array or another waveform; the message names the difference.
     ModelError
-        An argument that cannot be meant, or dead channels that are not masked.
+        An invalid argument, or dead channels that are not masked.
+
+    Examples
+    --------
+    >>> import calibration, clradar
+    >>> q = clradar.arrays.qar50()
+    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> plate = calibration.FlatPlate(0.3)
+    >>> echo = calibration.response(plate, array, waveform)
+    >>> echo[3] *= 2j
+    >>> capture = clradar.Capture(echo, array, waveform)
+    >>> channels = calibration.estimate_channels(capture, plate, refine_position=False)
+    >>> corrected = calibration.correct(capture, channels)
+    >>> round(float(abs(capture.data[3] / capture.data[0]).mean()), 3)
+    2.0
+    >>> round(float(abs(corrected.data[3] / corrected.data[0]).mean()), 3)
+    1.0
     """
     checks.instance("correct: capture", capture, Capture)
     checks.instance("correct: calibration", calibration, ChannelCalibration)

@@ -1,20 +1,20 @@
-"""Complex gain and delay of every channel, from a capture of a known target."""
+"""Estimation of complex gain and delay of every channel from a capture of a known target."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from calibration.channels.fit import (
     TUKEY_CUTOFF,
-    Fit,
+    ChannelFit,
     Prior,
     Samples,
     Side,
     by_channel,
-    fit,
+    fit_channels,
     pairs_of,
     start,
 )
@@ -28,25 +28,25 @@ COMMON_DELAYS = ("zero", "free")
 LEVELS = ("mean", "target")
 
 MIN_FREQUENCIES = 4
-"""A pair's mean and slope over frequency take two; what is left tells its noise."""
+"""Mean and slope over frequency take two degrees of freedom of a pair, its noise the rest."""
 
 MIN_PAIRS = 3
-"""Fewest pairs with an echo that a channel is estimated from."""
+"""Fewest pairs with an echo for the estimate of a channel."""
 
 MIN_CHANNELS = 3
-"""Fewest live channels on either side: two by two fit any four phases but one."""
+"""Fewest live channels on either side: two by two channels fit three of any four phases."""
 
 SEARCHED = 2.0
-"""In units of the tolerance, how far from its place the echo of a target is looked for."""
+"""Search range of the echo about its nominal range, in units of the tolerance."""
 
 DETECTABLE = 5.0
-"""Of its standard deviation, the least gain that counts as an echo."""
+"""Smallest gain that counts as an echo, in standard deviations."""
 
 MAX_OUTLYING = 0.15
-"""Largest share of pairs with quite another echo. Of wrong targets it is a third and more."""
+"""Largest fraction of outlying pairs. For wrong targets it is a third and more."""
 
 QUIET = 1e-3
-"""Noise below -60 dB of the echo is never called noisy, whatever that of other channels is."""
+"""Channels with noise below -60 dB of the echo are never noisy, whatever the others have."""
 
 
 def estimate_channels(
@@ -65,40 +65,41 @@ def estimate_channels(
     max_residual_db: float = -10.0,
     max_iterations: int = 60,
 ) -> ChannelCalibration:
-    """Estimate gain and delay of every channel, and where the target stands.
+    """Estimate gain and delay of every channel, and the pose of the target.
 
     Parameters
     ----------
     capture : Capture
-        Of the target, and as little else as possible.
+        Of the target, with as few other echoes as possible.
     target : FlatPlate, Sphere or CornerReflector
-        Where it is said to stand.
+        In its nominal pose.
     refine_position : bool
-        Estimate its place (a plate's distance and tilt), too. Else it is held.
+        Estimate the pose (position, or a plate's distance and tilt), too; it is fixed otherwise.
     position_tolerance_m : float, metres
-        Standard deviation of where it is said to stand, per axis. It may be found up to three times
-        as far away.
+        Standard deviation of the nominal position, per axis. The estimate may be up to three times
+        as far off.
     tilt_tolerance_deg : float, degrees
         The same of a plate's tilt.
     max_delay_s : float, seconds
-        Largest delay of a pair of channels that is looked for.
+        Largest delay of a pair of channels in the search.
     common_delay : "zero" or "free"
-        Whether delays scatter about zero or about an unknown common delay. "free" leaves the range
-        of a corner reflector as it is given; plate and sphere tell theirs by their shape.
+        Whether delays scatter about zero or about an unknown common delay. With "free" the range of
+        a corner reflector stays nominal; plate and sphere have theirs from wavefront curvature.
     level : "mean" or "target"
-        What tells a strong target from channels with much gain. "mean": gains have a mean of 0 dB,
-        so that a correction leaves levels as they are, on average. "target": the echo is as strong
-        as the target's model has it (its `amplitude`), so that levels are relative to it.
+        Absolute level of the gains. "mean": they have a mean of 0 dB, so that a correction keeps
+        the mean level. "target": the echo has the `amplitude` of the target's model, so that levels
+        are relative to it.
     gate_m : float, metres, optional
-        Use only echoes whose range is at most this far from the target's. It has to leave room for
-        the tolerance and the delays. None uses the whole capture.
+        Use only echoes whose range is at most this far from the target's: more than the tolerance
+        and the delays. None uses the whole capture.
     dead_db : float, decibel
         A channel with this much less gain than the median of its side is dead, as is one whose
         echo is below five standard deviations of its noise.
     noisy_db : float, decibel
         A live channel with this much more noise than the median of its side is noisy.
     max_residual_db : float, decibel
-        Most that may be left of the echoes' energy, after the frequencies of each pair are summed.
+        Largest residual energy relative to the echoes', after summation over the frequencies of
+        each pair.
     max_iterations : int
 
     Returns
@@ -106,21 +107,38 @@ def estimate_channels(
     ChannelCalibration
         Gauge: gains have the same mean in dB over the live channels of either side, 0 unless
         `level` is "target"; the first live Tx has phase 0; the means of the delays of Tx and Rx are
-        equal. `meta["outlying_pairs"]` is the share of pairs whose echo is another than the
-        model's: they had no say, and are not in the residual.
+        equal. `meta["outlying_pairs"]` is the fraction of pairs whose echo differs from that of the
+        model: they have nearly no weight, and are not in the residual.
 
     Raises
     ------
     CalibrationError
-        The target does not explain the capture: wrong target, wrong place, nothing but noise, too
-        few live channels, or a fit that does not settle.
+        The target does not explain the capture: wrong target, wrong pose, pure noise, too few live
+        channels, or a fit that does not converge.
     ModelError
-        An argument that cannot be meant.
+        An invalid argument.
 
     Notes
     -----
-    docs/channel-calibration.md has the model and what can be told apart: a phase or a delay that
-    is the sum of a part of the Tx and a part of the Rx is the channels' as well as the path's.
+    docs/channel-calibration.md has the model and its observability: a phase or a delay that is the
+    sum of a Tx term and an Rx term may belong to the channels or to the path.
+
+    Examples
+    --------
+    A Tx of twice the gain, and 6 degrees ahead:
+
+    >>> import calibration, clradar, numpy as np
+    >>> q = clradar.arrays.qar50()
+    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> plate = calibration.FlatPlate(0.3)
+    >>> echo = calibration.response(plate, array, waveform)
+    >>> echo[3] *= 2 * np.exp(1j * np.radians(6))
+    >>> capture = clradar.Capture(echo, array, waveform)
+    >>> channels = calibration.estimate_channels(capture, plate, refine_position=False)
+    >>> ratio = channels.response.tx_gain[3] / channels.response.tx_gain[0]
+    >>> print(f"{abs(ratio):.3f} at {np.degrees(np.angle(ratio)):.2f} degrees")
+    2.000 at 6.00 degrees
     """
     name = "estimate_channels"
     checks.instance(f"{name}: capture", capture, Capture)
@@ -136,7 +154,7 @@ def estimate_channels(
     noisy_db = checks.positive(f"{name}: noisy_db", noisy_db)
     max_residual_db = checks.real(f"{name}: max_residual_db", max_residual_db)
     max_iterations = checks.whole(f"{name}: max_iterations", max_iterations, 1)
-    # A target that stands elsewhere is late by its legs' difference.
+    # A displaced target changes the delay by twice the displacement over c.
     search_s = max_delay_s + 2 * SEARCHED * tolerance_m / SPEED_OF_LIGHT_M_PER_S
     _check_waveform(capture, search_s)
     echo = target.echo(capture.array)
@@ -165,8 +183,9 @@ def estimate_channels(
     tx, rx = (
         Side(s.log_gain[a], s.phase_rad[a], s.delay_s[a]) for s, a in zip(sides, live, strict=True)
     )
-    found = fit(part, array, target, tx, rx, prior, max_iterations)
-    return _judged(capture, samples, found, live, noisy_db, max_residual_db, level)
+    found = fit_channels(part, array, target, tx, rx, prior, max_iterations)
+    quality = _quality(found, samples.count, noisy_db, max_residual_db)
+    return _calibration(capture, samples, found, live, quality, level)
 
 
 def _check_waveform(capture: Capture, search_s: float) -> None:
@@ -181,10 +200,10 @@ def _check_waveform(capture: Capture, search_s: float) -> None:
     if 2 * search_s * longest_hz >= 1:
         checks.fail(
             "estimate_channels: max_delay_s, position_tolerance_m",
-            f"delays within +-{0.5e12 / longest_hz:.0f} ps, which steps of up to "
-            f"{longest_hz / 1e6:.6g} MHz can tell apart",
-            f"+-{1e12 * search_s:.0f} ps: {1e12 * search_s:.0f} ps is max_delay_s and the delay of "
-            f"a target that is off by {SEARCHED:g} times the tolerance",
+            f"delays within +-{0.5e12 / longest_hz:.0f} ps, which are unambiguous with steps of up "
+            f"to {longest_hz / 1e6:.6g} MHz",
+            f"+-{1e12 * search_s:.0f} ps: max_delay_s and the delay of a target that is off by "
+            f"{SEARCHED:g} times the tolerance",
         )
 
 
@@ -211,7 +230,7 @@ def _check_coverage(echo: Echo) -> None:
 
 
 def _samples(capture: Capture, gate_m: float | None, search_s: float) -> Samples:
-    """Return the capture as the fit takes it, gated round the target if that is asked for."""
+    """The capture as the fit takes it, gated around the target with `gate_m`."""
     frequencies_hz = capture.waveform.frequencies_hz
     n = frequencies_hz.size
     if gate_m is None:
@@ -230,7 +249,7 @@ def _samples(capture: Capture, gate_m: float | None, search_s: float) -> Samples
 
 
 def _gain_stds(samples: Samples, echo: Echo, tx: Side, rx: Side) -> tuple[np.ndarray, np.ndarray]:
-    """Return the standard deviation of the gain of each channel that noise causes."""
+    """Standard deviation of the gain of each channel due to noise."""
     pairs = pairs_of(samples, echo, tx, rx)
     noise = by_channel(pairs.scatter, echo.seen)
     strength = np.square(echo.amplitude) * echo.seen * samples.count
@@ -243,69 +262,87 @@ def _gain_stds(samples: Samples, echo: Echo, tx: Side, rx: Side) -> tuple[np.nda
 def _live(side: Side, std: np.ndarray, dead_db: float) -> np.ndarray:
     gain = np.exp(side.log_gain)
     least = float(np.median(gain)) * 10 ** (-dead_db / 20)
-    # Not above: a channel that is zero everywhere has no noise, either.
+    # The first term is for a channel that is zero everywhere: it has no noise, either.
     return (gain > 0) & (gain >= least) & (gain > DETECTABLE * std)
 
 
-def _judged(
-    capture: Capture,
-    samples: Samples,
-    found: Fit,
-    live: list[np.ndarray],
-    noisy_db: float,
-    max_residual_db: float,
-    level: str,
-) -> ChannelCalibration:
-    """Say how good a fit is, raise where it is none, and bring it into the gauge."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Quality:
+    """Noise of the live channels relative to the echo, [Tx, Rx], and what the fit leaves."""
+
+    noise: list[np.ndarray]
+    noisy: list[np.ndarray]
+    outlying: float
+    residual_db: float
+    noise_residual_db: float
+
+
+def _quality(
+    found: ChannelFit, samples_per_pair: float, noisy_db: float, max_residual_db: float
+) -> _Quality:
+    """Goodness of fit; raise if the target does not explain the capture."""
     pairs, seen, kind = found.pairs, found.echo.seen, found.target.kind
     typical = float(np.median(pairs.model[seen]))
     noise = [np.sqrt(power) / typical for power in by_channel(pairs.total, seen)]
-    loud = [n > max(QUIET, 10 ** (noisy_db / 20) * float(np.median(n))) for n in noise]
-    good = seen & ~loud[0][:, None] & ~loud[1][None, :]
+    noisy = [n > max(QUIET, 10 ** (noisy_db / 20) * float(np.median(n))) for n in noise]
+    good = seen & ~noisy[0][:, None] & ~noisy[1][None, :]
     square = np.square(np.abs(pairs.mean - pairs.model))
-    # A few pairs with quite another echo are no reason to doubt the rest, where they have no say.
+    # A few outlying pairs have nearly no weight, and do not invalidate the rest.
     outlying = good & (square > TUKEY_CUTOFF**2 * float(np.median(square[good])) / np.log(2.0))
     share = np.count_nonzero(outlying) / np.count_nonzero(good)
     if share > MAX_OUTLYING:
         raise CalibrationError(
             f"estimate_channels: the {kind} does not explain the capture: {100 * share:.0f} % of "
-            f"the pairs have quite another echo, and {100 * MAX_OUTLYING:.0f} % is the most. "
-            "Another target, or another place"
+            f"the pairs have another echo, and at most {100 * MAX_OUTLYING:.0f} % may. Another "
+            "target, or another place"
         )
     good &= ~outlying
     echoes = float(np.square(np.abs(pairs.mean[good])).sum())
     left = float(square[good].sum())
-    by_noise = float(found.noise[good].sum()) / samples.count
+    by_noise = float(found.noise[good].sum()) / samples_per_pair
     residual_db, noise_residual_db = (_db(energy / echoes) for energy in (left, by_noise))
-    # What is left beyond noise, of what is there beyond noise.
+    # Residual beyond noise, relative to the echoes beyond noise.
     excess_db = _db(max(left - by_noise, 0.0) / max(echoes - by_noise, by_noise, 1e-300))
     if excess_db > max_residual_db:
         raise CalibrationError(
             f"estimate_channels: the {kind} does not explain the capture: {excess_db:.1f} dB of "
-            f"the echoes' energy is left, and {max_residual_db:g} dB is the most. Another target, "
-            "another place, or other echoes beside it (gate_m)"
+            f"the echoes' energy is left, and at most {max_residual_db:g} dB may be. Another "
+            "target, another place, or other echoes beside it (gate_m)"
         )
+    return _Quality(noise, noisy, share, residual_db, noise_residual_db)
 
+
+def _calibration(
+    capture: Capture,
+    samples: Samples,
+    found: ChannelFit,
+    live: list[np.ndarray],
+    quality: _Quality,
+    level: str,
+) -> ChannelCalibration:
+    """The fit in the gauge of `estimate_channels`, with dead channels filled in."""
     log_gain = [side.log_gain for side in (found.tx, found.rx)]
     mean_log = [float(g.mean()) for g in log_gain]
-    taken = [0.0, 0.0] if level == "mean" else [sum(mean_log) / 2] * 2
+    level_log = [0.0, 0.0] if level == "mean" else [sum(mean_log) / 2] * 2
     first = float(found.tx.phase_rad[0])
     phase = [found.tx.phase_rad - first, found.rx.phase_rad + first]
     offset_s = (float(found.tx.delay_s.mean()) - float(found.rx.delay_s.mean())) / 2
     delay_s = [found.tx.delay_s - offset_s, found.rx.delay_s + offset_s]
-    gain = [np.exp(log_gain[k] - mean_log[k] + taken[k] + 1j * phase[k]) for k in range(2)]
-    # A dead channel shows its noise against the live ones of the other side.
+    gain = [np.exp(log_gain[k] - mean_log[k] + level_log[k] + 1j * phase[k]) for k in range(2)]
+    # The noise of a dead channel, from its pairs with the live ones of the other side.
     power = samples.power()
     alone = (np.median(power[:, live[1]], axis=1), np.median(power[live[0]], axis=0))
+    typical = float(np.median(found.pairs.model[found.echo.seen]))
     std = (found.tx_std_rad, found.rx_std_rad)
     spread = samples.spread_rad_per_s
     fields: dict[str, Any] = {}
     for k, side in enumerate(("tx", "rx")):
-        fields[f"{side}_noise"] = _filled(noise[k], live[k], np.sqrt(alone[k]) / typical)
+        fields[f"{side}_noise"] = _filled(quality.noise[k], live[k], np.sqrt(alone[k]) / typical)
         fields[f"dead_{side}"] = np.flatnonzero(~live[k])
-        fields[f"noisy_{side}"] = np.flatnonzero(live[k])[loud[k]]
+        fields[f"noisy_{side}"] = np.flatnonzero(live[k])[quality.noisy[k]]
         fields[f"{side}_phase_std_rad"] = _filled(std[k], live[k])
         fields[f"{side}_delay_std_s"] = _filled(std[k] / spread, live[k])
+    position = zip(found.target.parameter_names, found.target.parameters.tolist(), strict=True)
     return ChannelCalibration(
         response=ChannelResponse(
             tx_gain=_filled(gain[0], live[0]),
@@ -316,21 +353,19 @@ def _judged(
         ),
         array=capture.array,
         waveform=capture.waveform,
-        target=kind,
-        target_position=dict(
-            zip(found.target.parameter_names, found.target.parameters.tolist(), strict=True)
-        ),
+        target=found.target.kind,
+        target_position=dict(position),
         target_covariance=found.covariance,
         target_amplitude=float(np.exp(sum(mean_log))),
-        residual_db=residual_db,
-        noise_residual_db=noise_residual_db,
-        meta={"level": level, "outlying_pairs": share, "capture": dict(capture.meta)},
+        residual_db=quality.residual_db,
+        noise_residual_db=quality.noise_residual_db,
+        meta={"level": level, "outlying_pairs": quality.outlying, "capture": dict(capture.meta)},
         **fields,
     )
 
 
 def _filled(values: np.ndarray, live: np.ndarray, dead: np.ndarray | None = None) -> np.ndarray:
-    """Return the values of live channels among those of all, the others 0 or from `dead`."""
+    """Values of all channels from those of the live ones; the others are 0 or from `dead`."""
     every = np.zeros(live.size, dtype=values.dtype) if dead is None else dead.copy()
     every[live] = values
     return every

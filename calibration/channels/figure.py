@@ -1,4 +1,4 @@
-"""A figure of calibrated channels: gain, phase and delay of each."""
+"""Figure of a channel calibration: gain, phase and delay of each channel."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def channels_figure(channels: ChannelCalibration, title: str | None = None) -> F
     ----------
     channels : ChannelCalibration
     title : str, optional
-        Plain text above all.
+        Plain text.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Axes row by row: gain in dB, phase in degrees, delay in ps; Tx, then Rx. Noisy channels are
-        drawn in another colour, dead ones as lines from top to bottom.
+        Axes row by row: gain in dB, phase in degrees, delay in ps; Tx, then Rx. Noisy channels have
+        another colour, dead ones are vertical lines.
     """
     from matplotlib.figure import Figure
 
@@ -57,7 +57,7 @@ def channels_figure(channels: ChannelCalibration, title: str | None = None) -> F
         counts = f"{gain.size} {side.title()}: {dead.size} dead, {noisy.size} noisy"
         grid[0, column].set_title(counts, fontsize=LABEL_PT)
     if title is not None:
-        # parse_math: a title can be a file's name, and a dollar sign in it is one.
+        # A title can be a file name, and a dollar sign in it is not mathematics.
         figure.suptitle(title, fontsize=LABEL_PT + 1, fontweight="bold", parse_math=False)
     return figure
 

@@ -1,13 +1,12 @@
-"""The least-squares fit behind `estimate_channels`: channels and the place of the target.
+"""Robust Gauss-Newton fit of channel responses and target pose.
 
 One sample is modelled as
 
     s[i, k, n] = g_i g_k a_ik exp(j (phi_i + psi_k - nu_n (tau_i + sigma_k) - 2 pi f_n d_ik(p) / c))
 
-with nu_n = 2 pi (f_n - f_ref) and f_ref the mean frequency. Around a trial, each pair has three
-numbers that tell all there is to tell about these parameters: how much larger, how far ahead in
-phase and how much later it is than the trial. Each is a sum of a part of the Tx and a part of the
-Rx (a two-way layout), and the motion of the target enters through the gradient of d_ik(p).
+with nu_n = 2 pi (f_n - f_ref) and f_ref the mean frequency. Around a trial, three numbers per pair
+are sufficient for these parameters: relative amplitude, phase error and delay error. Each is a sum
+of a Tx term and an Rx term (a two-way layout), and the pose p enters by the gradient of d_ik(p).
 """
 
 from __future__ import annotations
@@ -29,22 +28,22 @@ LEAST_WEIGHT = 1e-4
 """Of an outlier, relative to any other pair."""
 
 DELAY_FLOOR_S = 1e-13
-"""Least spread of delays that is assumed: 0.03 mm of path."""
+"""Smallest prior spread of the delays: 0.03 mm of path."""
 
 NOISE_FLOOR = 1e-5
-"""Least noise that is assumed, relative to the echo: far above the rounding of complex64."""
+"""Smallest noise, relative to the echo: far above the rounding of complex64."""
 
 STEP_TOLERANCE = 0.02
-"""Converged when nothing moves by more than this share of its standard deviation."""
+"""Converged when no parameter moves by more than this fraction of its standard deviation."""
 
 LEAST_STEP = 1e-5
-"""Nor is anything asked to move less than this: radians, nepers, tolerances of the target."""
+"""Nor does convergence require smaller steps than this: radians, nepers, pose tolerances."""
 
 MAX_STEP = 0.5
-"""Longest step of the target in units of its tolerance, so that it stays where d(p) is linear."""
+"""Longest step of the pose in units of its tolerance, so that d(p) stays nearly linear."""
 
 CAPTURE_RANGE = 3.0
-"""In units of its tolerance, how far from where it was said to be a target may be found."""
+"""Largest distance of the pose from its nominal one, in units of its tolerance."""
 
 _DIFFERENCE = 1e-4  # step of the numerical gradient, in units of the tolerance
 _SCAN_STEPS = 8  # of the search for delays, per resolution cell 1 / bandwidth
@@ -53,7 +52,7 @@ _START_ROUNDS = 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """What the fit sees of a capture.
+    """The samples of a capture, with the weights and spectra of an optional delay gate.
 
     Attributes
     ----------
@@ -62,7 +61,7 @@ class Samples:
     weight : ndarray, shape (n_freq,), float64
         Of each frequency; their sum is 1.
     basis : ndarray, shape (n_freq, m), float64, or None
-        Orthonormal spectra in which noise is looked for; None for all.
+        Orthonormal spectra in which noise is measured; None for all.
     """
 
     data: np.ndarray
@@ -87,33 +86,33 @@ class Samples:
 
     @property
     def count(self) -> float:
-        """How many samples of equal weight would average noise as well."""
+        """Effective number of samples: the reciprocal of the summed squared weights."""
         return float(1.0 / (self.weight @ self.weight))
 
-    def within(self, spectra: np.ndarray) -> np.ndarray:
-        """Return the part of spectra, shape (n, n_freq), that noise is looked for in."""
+    def projected(self, spectra: np.ndarray) -> np.ndarray:
+        """Coefficients of spectra, shape (n, n_freq), in `basis`."""
         part: np.ndarray = spectra if self.basis is None else spectra @ self.basis
         return part
 
-    def without(self, part: np.ndarray) -> np.ndarray:
-        """Return as spectra what `within` returned, shape (n, n_freq)."""
-        spectra: np.ndarray = part if self.basis is None else part @ self.basis.T
+    def expanded(self, coefficients: np.ndarray) -> np.ndarray:
+        """Spectra, shape (n, n_freq), of coefficients in `basis`."""
+        spectra = coefficients if self.basis is None else coefficients @ self.basis.T
         return spectra
 
     def power(self) -> np.ndarray:
-        """Return the power of one sample of each pair, shape (n_tx, n_rx)."""
+        """Power of one sample of each pair, shape (n_tx, n_rx)."""
         n = self.frequencies_hz.size if self.basis is None else self.basis.shape[1]
         rows = (row.astype(np.complex128) for row in self.data)
-        return np.stack([_energy(self.within(row)) / n for row in rows])
+        return np.stack([_energy(self.projected(row)) / n for row in rows])
 
     def flattened(
         self, length_m: np.ndarray, tx_delay_s: np.ndarray, rx_delay_s: np.ndarray
     ) -> Iterator[np.ndarray]:
-        """Yield per Tx, shape (n_rx, n_freq), what is left when paths and delays are taken off."""
-        turns = 2 * np.pi / SPEED_OF_LIGHT_M_PER_S * self.frequencies_hz
+        """Yield per Tx, shape (n_rx, n_freq), the samples without paths and delays."""
+        rad_per_m = 2 * np.pi / SPEED_OF_LIGHT_M_PER_S * self.frequencies_hz
         for i, row in enumerate(self.data):
             late = tx_delay_s[i] + rx_delay_s
-            phase = length_m[i][:, None] * turns + late[:, None] * self.offset_rad_per_s
+            phase = length_m[i][:, None] * rad_per_m + late[:, None] * self.offset_rad_per_s
             yield row * np.exp(1j * phase)
 
 
@@ -133,19 +132,19 @@ class Side:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """All that the data says about each pair around a trial, each of shape (n_tx, n_rx).
+    """Sufficient statistics of each pair around a trial, each of shape (n_tx, n_rx).
 
     Attributes
     ----------
     mean, slope : complex128
-        Of the samples with the trial's phases taken off: the mean over frequency, and the
+        Of the samples after the trial's phases are removed: the mean over frequency, and the
         projection on nu / rms(nu).
     model : float64
-        The trial's amplitude; `mean` would be equal to it.
+        The trial's amplitude; `mean` equals it for a perfect fit.
     scatter : float64
-        Noise power of one sample: what neither mean nor slope explain.
+        Noise power of one sample: the residual of mean and slope.
     total : float64
-        Power of one sample that the trial does not explain.
+        Power of one sample: the residual of the trial.
     """
 
     mean: np.ndarray
@@ -157,16 +156,16 @@ class Pairs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prior:
-    """What is known besides the samples.
+    """Prior knowledge.
 
     Attributes
     ----------
     tolerance : ndarray, shape (n_parameters,), float64
-        Standard deviation of the target's parameters, in their units.
+        Standard deviation of the pose parameters of the target, in their units.
     refine : bool
-        Whether the target may move; it is held where it is if not.
+        Whether the pose is estimated; it is fixed otherwise.
     zero_mean : bool
-        Whether delays scatter about zero, or about a common delay that is unknown.
+        Whether delays scatter about zero, or about an unknown common delay.
     """
 
     tolerance: np.ndarray
@@ -175,23 +174,23 @@ class Prior:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
-    """Where the fit ended.
+class ChannelFit:
+    """The converged fit.
 
     Attributes
     ----------
     tx, rx : Side
     target : Target
-        Where it was found.
+        In the estimated pose.
     echo : Echo
         Of the target there.
     pairs : Pairs
     noise : ndarray, shape (n_tx, n_rx), float64
         Noise power of one sample, from the channels'.
     tx_std_rad, rx_std_rad : ndarray, shape (n,), float64
-        Standard deviation of each phase if the target is where it was found.
+        Standard deviation of each phase, given the pose.
     covariance : ndarray, shape (n_parameters, n_parameters), float64
-        Of the target's parameters, in their units; 0 if it was held.
+        Of the pose parameters, in their units; 0 if the pose is fixed.
     """
 
     tx: Side
@@ -206,10 +205,10 @@ class Fit:
 
 
 def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
-    """Return a first estimate of all channels, dead ones too, for a target that is held.
+    """Initial estimate of all channels, dead ones too, for a target in its nominal pose.
 
-    The delay of a channel is where the profiles of its pairs, summed in power, have their maximum;
-    gains and phases are the best rank-one approximation of the sum over frequency.
+    The delay of a channel is the maximum of the delay profiles of its pairs, summed in power; gains
+    and phases are the best rank-one approximation of the sum over frequency.
 
     Raises
     ------
@@ -217,7 +216,7 @@ def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
         The strongest echo is at the end of the delays that are searched.
     """
     n_tx, n_rx, _ = samples.data.shape
-    # Both ends, and the step a little finer than asked for.
+    # Both ends, and a step a little finer than 1 / `_SCAN_STEPS` of a cell.
     band_hz = float(np.ptp(samples.frequencies_hz))
     delays_s = np.linspace(
         -search_s, search_s, 2 * int(np.ceil(_SCAN_STEPS * search_s * band_hz)) + 1
@@ -229,24 +228,28 @@ def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
         power = np.abs(row @ steer) ** 2 * echo.seen[i][:, None]
         tx_power[i] = power.sum(axis=0)
         rx_power += power
-    common = _peak(delays_s, tx_power.sum(axis=0)[None, :])[0]
+    common = _peaks(delays_s, tx_power.sum(axis=0)[None, :])[0]
     if abs(common) > search_s - 0.5 / band_hz / _SCAN_STEPS:
         reach_mm = 500.0 * search_s * SPEED_OF_LIGHT_M_PER_S
         raise CalibrationError(
             "estimate_channels: expected an echo of the target within "
             f"{reach_mm:.0f} mm of its range, found a stronger one at the end of that window"
         )
-    # A Tx shows its delay and the mean of the Rx, and the other way round.
-    tx_delay = _peak(delays_s, tx_power) - common / 2
-    rx_delay = _peak(delays_s, rx_power) - common / 2
+    # A Tx profile peaks at its delay plus the mean of the Rx, and vice versa.
+    tx_delay = _peaks(delays_s, tx_power) - common / 2
+    rx_delay = _peaks(delays_s, rx_power) - common / 2
     rows = samples.flattened(echo.length_m, tx_delay, rx_delay)
     mean = np.stack([row @ samples.weight for row in rows])
     tx, rx = _rank_one(mean, np.where(echo.seen, echo.amplitude, 0.0))
-    return _side(tx, tx_delay), _side(rx, rx_delay)
+    with np.errstate(divide="ignore"):
+        return (
+            Side(np.log(np.abs(tx)), np.angle(tx), tx_delay),
+            Side(np.log(np.abs(rx)), np.angle(rx), rx_delay),
+        )
 
 
-def _peak(delays_s: np.ndarray, power: np.ndarray) -> np.ndarray:
-    """Return where each row has its maximum, by the parabola through three samples."""
+def _peaks(delays_s: np.ndarray, power: np.ndarray) -> np.ndarray:
+    """Maximum of each row, by the parabola through three samples."""
     at = np.clip(power.argmax(axis=1), 1, delays_s.size - 2)
     low, mid, high = (power[np.arange(len(power)), at + k] for k in (-1, 0, 1))
     bend = low - 2 * mid + high
@@ -256,14 +259,9 @@ def _peak(delays_s: np.ndarray, power: np.ndarray) -> np.ndarray:
     return peak
 
 
-def _side(gain: np.ndarray, delay_s: np.ndarray) -> Side:
-    with np.errstate(divide="ignore"):
-        return Side(np.log(np.abs(gain)), np.angle(gain), delay_s)
-
-
 def _rank_one(mean: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return g and h for which weight g h^T fits `mean` in the least squares, by alternation."""
-    # Rows and columns are brought to one level first: one loud channel must not be the answer.
+    """Vectors g and h whose weight g h^T is nearest to `mean`, by alternating least squares."""
+    # Rows and columns are normalised first, or the SVD would follow a single strong channel.
     level = by_channel(np.abs(mean), weight > 0)
     rows, columns = (np.where(x > 0, x, np.inf) for x in level)
     left, _, right = np.linalg.svd(mean * (weight > 0) / rows[:, None] / columns[None, :])
@@ -279,18 +277,13 @@ def _ratio(product: np.ndarray, square: np.ndarray) -> np.ndarray:
 
 
 def by_channel(values: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the median of the pairs of each Tx, and of each Rx."""
-    return _median_of_seen(values, seen, 1), _median_of_seen(values, seen, 0)
+    """Median over the pairs with an echo of each Tx, and of each Rx; 0 without such pairs."""
+    masked = np.ma.array(values, mask=~seen)
+    tx, rx = (np.ma.filled(np.ma.median(masked, axis=axis), 0.0) for axis in (1, 0))
+    return tx, rx
 
 
-def _median_of_seen(values: np.ndarray, seen: np.ndarray, axis: int) -> np.ndarray:
-    """Return the median along an axis of what is seen; 0 where nothing is."""
-    found = np.ma.median(np.ma.array(values, mask=~seen), axis=axis)
-    median: np.ndarray = np.ma.filled(found, 0.0)
-    return median
-
-
-def fit(
+def fit_channels(
     samples: Samples,
     array: AntennaArray,
     target: Target,
@@ -298,24 +291,24 @@ def fit(
     rx: Side,
     prior: Prior,
     max_iterations: int,
-) -> Fit:
-    """Refine a start by weighted, robust Gauss-Newton steps on channels and target together.
+) -> ChannelFit:
+    """Refine a start by weighted, robust Gauss-Newton steps on channels and pose together.
 
     Raises
     ------
     CalibrationError
-        The target moves out of the capture range, or the steps do not end.
+        The target leaves the capture range, or the steps do not converge.
     """
-    said = target.parameters
+    nominal = target.parameters
     tolerance = prior.tolerance if prior.refine else prior.tolerance[:0]
     for _ in range(max_iterations):
         echo = target.echo(array)
         pairs = pairs_of(samples, echo, tx, rx)
-        _check_sense(pairs, echo.seen, target)
+        _check_explained(pairs, echo.seen, target)
         noise = _noise(pairs, echo.seen)
         weight = _weights(samples, pairs, noise, echo.seen)
         gradient = _gradient(target, array, tolerance)
-        moved = (target.parameters - said)[: tolerance.size] / tolerance
+        moved = (target.parameters - nominal)[: tolerance.size] / tolerance
         try:
             step = _solved(samples, pairs, weight, gradient, moved, (tx, rx), prior.zero_mean)
             gain_step = _gain_step(pairs, weight)
@@ -324,13 +317,15 @@ def fit(
                 f"estimate_channels: the {target.kind} does not explain the capture: where the fit "
                 "leads, some channels have no echo of it"
             ) from error
-        # A part of a step is taken in all that moves: phases make up for the target's motion.
-        longest = float(np.abs(step.place).max(initial=0.0))
-        step = step.times(min(1.0, MAX_STEP / longest) if longest > 0 else 1.0)
-        tx, rx = _stepped(tx, rx, step, gain_step, samples.spread_rad_per_s)
+        # All parameters are scaled together: phases compensate the motion of the target.
+        longest = float(np.abs(step.pose).max(initial=0.0))
+        step = step.scaled(min(1.0, MAX_STEP / longest) if longest > 0 else 1.0)
+        n_tx, spread = tx.phase_rad.size, samples.spread_rad_per_s
+        tx = _stepped(tx, step, gain_step, slice(0, n_tx), spread)
+        rx = _stepped(rx, step, gain_step, slice(n_tx, None), spread)
         if tolerance.size:
-            target = _placed(target, target.parameters + step.place * tolerance)
-            _check_range(target, said, tolerance)
+            target = _placed(target, target.parameters + step.pose * tolerance)
+            _check_range(target, nominal, tolerance)
         if _small(step, gain_step, weight):
             break
     else:
@@ -339,69 +334,68 @@ def fit(
             f"one that still moves: another target than the {target.kind}, or another place"
         )
     echo = target.echo(array)
-    pairs = pairs_of(samples, echo, tx, rx)
-    n_tx = tx.phase_rad.size
-    covariance = np.zeros((said.size, said.size))
+    covariance = np.zeros((nominal.size, nominal.size))
     covariance[: tolerance.size, : tolerance.size] = step.covariance * np.outer(
         tolerance, tolerance
     )
-    spread = 1.0 / np.sqrt(np.diag(_two_way(weight)))
-    return Fit(tx, rx, target, echo, pairs, noise, spread[:n_tx], spread[n_tx:], covariance)
+    std = 1.0 / np.sqrt(np.diag(_two_way(weight)))
+    pairs = pairs_of(samples, echo, tx, rx)
+    return ChannelFit(tx, rx, target, echo, pairs, noise, std[:n_tx], std[n_tx:], covariance)
 
 
 def pairs_of(samples: Samples, echo: Echo, tx: Side, rx: Side) -> Pairs:
-    """Return what the samples say about each pair, given a trial."""
+    """Sufficient statistics of each pair, given a trial."""
     slope = samples.offset_rad_per_s / samples.spread_rad_per_s
     shapes = np.stack([np.ones_like(slope), slope])
-    inside = samples.within(shapes)
-    # Each pair's mean, slope, and the two again as far as they are within what noise is read from.
-    readers = np.concatenate([shapes * samples.weight, samples.without(inside)]).T
+    inside = samples.projected(shapes)
+    # Mean and slope of each pair, and the inner products of both with the gated samples.
+    readers = np.concatenate([shapes * samples.weight, samples.expanded(inside)]).T
     readings = np.empty((*echo.length_m.shape, 4), dtype=np.complex128)
     energy = np.empty(echo.length_m.shape)
     for i, row in enumerate(samples.flattened(echo.length_m, tx.delay_s, rx.delay_s)):
         readings[i] = row @ readers
-        energy[i] = _energy(samples.within(row))
+        energy[i] = _energy(samples.projected(row))
     model = np.exp(tx.log_gain[:, None] + rx.log_gain[None, :]) * echo.amplitude
-    turn = np.exp(1j * (tx.phase_rad[:, None] + rx.phase_rad[None, :]))
-    readings *= turn.conj()[:, :, None]
+    phasor = np.exp(1j * (tx.phase_rad[:, None] + rx.phase_rad[None, :]))
+    readings *= phasor.conj()[:, :, None]
     fitted, read = readings[:, :, :2], readings[:, :, 2:]
 
-    def left(amplitudes: np.ndarray, k: int) -> np.ndarray:
-        """Return the energy within once so much of the first k shapes is taken off."""
+    def residual(amplitudes: np.ndarray, k: int) -> np.ndarray:
+        """Energy in the basis after the first k shapes of these amplitudes are subtracted."""
         taken = np.einsum(
             "abi,ij,abj->ab", amplitudes, (inside @ inside.T)[:k, :k], amplitudes.conj()
         )
         crossed = (amplitudes.conj() * read[:, :, :k]).sum(axis=2)
         return np.maximum(energy - 2 * crossed.real + taken.real, 0.0)
 
-    # What noise of power 1 in every sample leaves within, as it is and without mean and slope.
+    # Energy of unit white noise in the basis, as it is and without mean and slope.
     n = slope.size
-    bare = float(np.square(samples.within(np.eye(n))).sum())
+    bare = float(np.square(samples.projected(np.eye(n))).sum())
     fitting = (shapes * samples.weight).T @ shapes
-    flat = float(np.square(samples.within(np.eye(n) - fitting)).sum())
+    flat = float(np.square(samples.projected(np.eye(n) - fitting)).sum())
     return Pairs(
         mean=fitted[:, :, 0],
         slope=fitted[:, :, 1],
         model=model,
-        scatter=left(fitted, 2) / flat,
-        total=left(model[:, :, None], 1) / bare,
+        scatter=residual(fitted, 2) / flat,
+        total=residual(model[:, :, None], 1) / bare,
     )
 
 
 def _noise(pairs: Pairs, seen: np.ndarray) -> np.ndarray:
-    """Return the noise power of one sample of each pair: that of the noisier of its channels."""
+    """Noise power of one sample of each pair: that of the noisier of its channels."""
     by_tx, by_rx = by_channel(pairs.scatter, seen)
     floor = NOISE_FLOOR**2 * float(np.median(pairs.model[seen])) ** 2
     return np.maximum(np.maximum(by_tx[:, None], by_rx[None, :]), floor)
 
 
 def _weights(samples: Samples, pairs: Pairs, noise: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the information of each pair about its phase, 1/rad^2, less where it is an outlier."""
+    """Information of each pair about its phase, 1/rad^2, with Tukey's weight against outliers."""
     square = np.abs(pairs.mean - pairs.model) ** 2 * samples.count / noise
-    # The square of complex noise has the median ln 2. More than that is what the model does not
-    # have: other echoes, or a target that is not yet in its place.
+    # The squared magnitude of complex noise has the median ln 2. A larger one is model error: other
+    # echoes, or a target that is not yet in its place.
     excess = max(1.0, float(np.median(square[seen])) / np.log(2.0))
-    # Never quite nothing: a channel all of whose pairs are outliers still has to be somewhere.
+    # Never 0: a channel all of whose pairs are outliers still needs a solution.
     tukey = np.maximum(np.maximum(1.0 - square / excess / TUKEY_CUTOFF**2, 0.0) ** 2, LEAST_WEIGHT)
     information = 2 * samples.count * pairs.model**2 / (noise * excess)
     weight: np.ndarray = information * tukey * seen
@@ -409,20 +403,17 @@ def _weights(samples: Samples, pairs: Pairs, noise: np.ndarray, seen: np.ndarray
 
 
 def _gradient(target: Target, array: AntennaArray, tolerance: np.ndarray) -> np.ndarray:
-    """Return how the paths grow with each parameter, shape (n, n_tx, n_rx), m per tolerance."""
-    rows = []
-    for k in range(tolerance.size):
-        step = np.zeros(tolerance.size)
-        step[k] = _DIFFERENCE * tolerance[k]
+    """Derivative of the paths by each parameter, shape (n, n_tx, n_rx), metres per tolerance."""
+    gradient = np.zeros((tolerance.size, array.n_tx, array.n_rx))
+    for k, step in enumerate(_DIFFERENCE * np.diag(tolerance)):
         ends = [_placed(target, target.parameters + sign * step) for sign in (1, -1)]
         high, low = (end.echo(array).length_m for end in ends)
-        rows.append((high - low) / (2 * _DIFFERENCE))
-    n_tx, n_rx = len(array.tx_m), len(array.rx_m)
-    return np.stack(rows) if rows else np.zeros((0, n_tx, n_rx))
+        gradient[k] = (high - low) / (2 * _DIFFERENCE)
+    return gradient
 
 
 def _two_way(weight: np.ndarray) -> np.ndarray:
-    """Return the normal matrix of a sum of a Tx part and an Rx part, shape (n_tx + n_rx,) * 2."""
+    """Normal matrix of a sum of a Tx term and an Rx term, shape (n_tx + n_rx,) * 2."""
     return np.block(
         [
             [np.diag(weight.sum(axis=1)), weight],
@@ -432,39 +423,35 @@ def _two_way(weight: np.ndarray) -> np.ndarray:
 
 
 def _sums(values: np.ndarray) -> np.ndarray:
-    """Return the sums by Tx and by Rx, shape (n_tx + n_rx, ...)."""
+    """Sums by Tx and by Rx, shape (n_tx + n_rx, ...)."""
     return np.concatenate([values.sum(axis=1), values.sum(axis=0)])
 
 
-def _opposite(n_tx: int, n_rx: int) -> np.ndarray:
-    """Return the direction that no pair sees: all Tx up, all Rx down."""
-    return np.concatenate([np.ones(n_tx), -np.ones(n_rx)]) / np.sqrt(n_tx + n_rx)
-
-
-def _held_two_way(weight: np.ndarray) -> np.ndarray:
-    """Return the same without motion in the direction that it does not see."""
+def _constrained_two_way(weight: np.ndarray) -> np.ndarray:
+    """`_two_way`, regularised in its null space: all Tx up, all Rx down."""
     matrix = _two_way(weight)
-    unseen = _opposite(*weight.shape)
-    return matrix + float(np.mean(np.diag(matrix))) * np.outer(unseen, unseen)
+    n_tx, n_rx = weight.shape
+    null = np.concatenate([np.ones(n_tx), -np.ones(n_rx)]) / np.sqrt(n_tx + n_rx)
+    return matrix + float(np.mean(np.diag(matrix))) * np.outer(null, null)
 
 
 def _gain_step(pairs: Pairs, weight: np.ndarray) -> np.ndarray:
-    """Return the change of all logarithms of gains."""
-    louder = pairs.mean.real / pairs.model - 1.0
-    return np.clip(np.linalg.solve(_held_two_way(weight), _sums(weight * louder)), -1.0, 1.0)
+    """Change of all logarithms of gains."""
+    excess = pairs.mean.real / pairs.model - 1.0
+    return np.clip(np.linalg.solve(_constrained_two_way(weight), _sums(weight * excess)), -1.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Step:
-    """Changes of phases (rad), of delays (times the spread, rad) and of the place (tolerances)."""
+    """Changes of phases (rad), of delays (times the spread, rad) and of the pose (tolerances)."""
 
     phase: np.ndarray
     delay: np.ndarray
-    place: np.ndarray
+    pose: np.ndarray
     covariance: np.ndarray
 
-    def times(self, factor: float) -> _Step:
-        return _Step(factor * self.phase, factor * self.delay, factor * self.place, self.covariance)
+    def scaled(self, factor: float) -> _Step:
+        return _Step(factor * self.phase, factor * self.delay, factor * self.pose, self.covariance)
 
 
 def _solved(
@@ -476,58 +463,58 @@ def _solved(
     sides: tuple[Side, Side],
     zero_mean: bool,
 ) -> _Step:
-    """Return the step that minimises the weighted squares, and the covariance of the place.
+    """Gauss-Newton step of phases, delays and pose, and the covariance of the pose.
 
-    What a motion of the target does to the paths is split into the best sum of a Tx part and an
-    Rx part, which the channels make up for, and the rest, which only a motion can do. In terms of
-    channels that include the first, the data does not couple channels and place at all.
+    The effect of a motion on the paths is split into the best sum of a Tx term and an Rx term,
+    which the channels compensate, and the rest, which only a motion explains. In terms of channels
+    that include the first, the data do not couple channels and pose.
     """
     n_tx, n = weight.shape[0], sum(weight.shape)
     m = len(gradient)
-    two_way = _held_two_way(weight)
+    two_way = _constrained_two_way(weight)
     split = (
         np.linalg.solve(two_way, np.stack([_sums(weight * g) for g in gradient], axis=1))
         if m
         else np.zeros((n, 0))
     )
     rest = gradient - split[:n_tx].T[:, :, None] - split[n_tx:].T[:, None, :]
-    # A longer path sets the phase back and adds to the delay.
+    # A longer path decreases the phase and increases the delay.
     per_phase = -2 * np.pi * samples.reference_hz / SPEED_OF_LIGHT_M_PER_S
     per_delay = samples.spread_rad_per_s / SPEED_OF_LIGHT_M_PER_S
     ahead, late = pairs.mean.imag / pairs.model, -pairs.slope.imag / pairs.model
     phase = np.linalg.solve(two_way, _sums(weight * ahead))
 
     delay_now = samples.spread_rad_per_s * np.concatenate([side.delay_s for side in sides])
-    smooth = _smoothness(delay_now, n_tx, samples.spread_rad_per_s, zero_mean)
+    smooth = _delay_precision(delay_now, n_tx, samples.spread_rad_per_s, zero_mean)
     follows = per_delay * split
     flat = rest.reshape(m, weight.size)
-    told = (per_phase**2 + per_delay**2) * (flat * weight.ravel()) @ flat.T
+    information = (per_phase**2 + per_delay**2) * (flat * weight.ravel()) @ flat.T
     normal = np.block(
         [
             [two_way + smooth, -smooth @ follows],
-            [-follows.T @ smooth, told + follows.T @ smooth @ follows + np.eye(m)],
+            [-follows.T @ smooth, information + follows.T @ smooth @ follows + np.eye(m)],
         ]
     )
-    seen = flat @ (weight * (per_phase * ahead + per_delay * late)).ravel()
+    score = flat @ (weight * (per_phase * ahead + per_delay * late)).ravel()
     right = np.concatenate(
         [
             _sums(weight * late) - smooth @ delay_now,
-            seen + follows.T @ smooth @ delay_now - moved,
+            score + follows.T @ smooth @ delay_now - moved,
         ]
     )
     inverse = np.linalg.inv(normal)
     solution = inverse @ right
-    place = solution[n:]
+    pose = solution[n:]
     return _Step(
-        phase - per_phase * split @ place, solution[:n] - follows @ place, place, inverse[n:, n:]
+        phase - per_phase * split @ pose, solution[:n] - follows @ pose, pose, inverse[n:, n:]
     )
 
 
-def _smoothness(delay: np.ndarray, n_tx: int, spread: float, zero_mean: bool) -> np.ndarray:
-    """Return the inverse covariance of the delays before any measurement, from their own spread.
+def _delay_precision(delay: np.ndarray, n_tx: int, spread: float, zero_mean: bool) -> np.ndarray:
+    """Prior inverse covariance of the delays, from their own spread (empirical Bayes).
 
-    Delays that scatter at random are the only thing that tells where a target is whose paths are a
-    sum of two legs: a shift of it would look like delays that follow the antennas' positions.
+    For a target whose paths are a sum of two segments only this prior makes the position
+    observable: a shift is equivalent to delays that follow the antennas' positions.
     """
     n = delay.size
     centre = np.eye(n)
@@ -535,29 +522,23 @@ def _smoothness(delay: np.ndarray, n_tx: int, spread: float, zero_mean: bool) ->
         for part in (slice(0, n_tx), slice(n_tx, n)):
             centre[part, part] -= 1.0 / (part.stop - part.start)
     variance = max(float(delay @ centre @ delay) / n, (DELAY_FLOOR_S * spread) ** 2)
-    smooth: np.ndarray = centre / variance
-    return smooth
+    precision: np.ndarray = centre / variance
+    return precision
 
 
-def _stepped(
-    tx: Side, rx: Side, step: _Step, gain_step: np.ndarray, spread: float
-) -> tuple[Side, Side]:
-    def side(old: Side, part: slice) -> Side:
-        return Side(
-            old.log_gain + gain_step[part],
-            old.phase_rad + step.phase[part],
-            old.delay_s + step.delay[part] / spread,
-        )
-
-    n_tx = tx.phase_rad.size
-    return side(tx, slice(0, n_tx)), side(rx, slice(n_tx, None))
+def _stepped(old: Side, step: _Step, gain_step: np.ndarray, part: slice, spread: float) -> Side:
+    return Side(
+        old.log_gain + gain_step[part],
+        old.phase_rad + step.phase[part],
+        old.delay_s + step.delay[part] / spread,
+    )
 
 
 def _small(step: _Step, gain_step: np.ndarray, weight: np.ndarray) -> bool:
-    """Whether a step is nothing compared with how well its parameters are known."""
+    """Whether a step is negligible compared with the standard deviations of its parameters."""
     std = 1.0 / np.sqrt(np.diag(_two_way(weight)))
-    place_std = np.sqrt(np.diag(step.covariance))
-    parts = ((gain_step, std), (step.phase, std), (step.delay, std), (step.place, place_std))
+    pose_std = np.sqrt(np.diag(step.covariance))
+    parts = ((gain_step, std), (step.phase, std), (step.delay, std), (step.pose, pose_std))
     return all(
         bool((np.abs(x) <= np.maximum(STEP_TOLERANCE * s, LEAST_STEP)).all()) for x, s in parts
     )
@@ -569,28 +550,28 @@ def _placed(target: Target, parameters: np.ndarray) -> Target:
     except ModelError as error:
         raise CalibrationError(
             f"estimate_channels: the {target.kind} does not explain the capture: its fit leads to "
-            f"where none can stand ({error})"
+            f"an impossible pose ({error})"
         ) from error
 
 
-def _check_sense(pairs: Pairs, seen: np.ndarray, target: Target) -> None:
+def _check_explained(pairs: Pairs, seen: np.ndarray, target: Target) -> None:
     left = np.square(np.abs(pairs.mean - pairs.model)[seen]).sum()
     if not left <= np.square(np.abs(pairs.mean[seen])).sum():
         raise CalibrationError(
-            f"estimate_channels: the {target.kind} does not explain the capture: taking its echoes "
-            "off leaves more than there was. Another target, or another place"
+            f"estimate_channels: the {target.kind} does not explain the capture: subtracting its "
+            "echoes leaves more than there was. Another target, or another place"
         )
 
 
-def _check_range(target: Target, said: np.ndarray, tolerance: np.ndarray) -> None:
-    off = (target.parameters - said) / tolerance
+def _check_range(target: Target, nominal: np.ndarray, tolerance: np.ndarray) -> None:
+    off = (target.parameters - nominal) / tolerance
     worst = int(np.abs(off).argmax())
     if abs(off[worst]) > CAPTURE_RANGE:
         name, unit = target.parameter_names[worst].rsplit("_", 1)
         scale, unit = (1e3, "mm") if unit == "m" else (1.0, "degrees")
         raise CalibrationError(
-            f"estimate_channels: the {target.kind} is not where it was said to be, or is another: "
-            f"expected {name} {scale * said[worst]:.4g} {unit} within "
+            f"estimate_channels: the {target.kind} is not in its nominal place, or is another: "
+            f"expected {name} {scale * nominal[worst]:.4g} {unit} within "
             f"{CAPTURE_RANGE * scale * tolerance[worst]:.3g} {unit}, the fit leads "
             f"{scale * off[worst] * tolerance[worst]:+.3g} {unit} away and on"
         )

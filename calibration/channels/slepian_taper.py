@@ -1,37 +1,41 @@
-"""Look at the echoes within a window of delays only, at any list of frequencies."""
+"""Slepian (DPSS) tapers for a delay window, generalised to uneven frequencies.
+
+D. J. Thomson, "Spectrum estimation and harmonic analysis", Proc. IEEE 70(9), 1982,
+doi 10.1109/PROC.1982.12433.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 MIN_CELLS, MAX_CELLS = 1.0, 4.0
-"""Half width of a window in resolution cells 1 / bandwidth. Below the least nothing is shut out; at
-the most other echoes are more than 90 dB down, and a wider window would only cost bandwidth."""
+"""Half width of a window in resolution cells 1 / bandwidth. Below the minimum nothing is rejected;
+at the maximum other echoes are more than 90 dB down, and more width would only cost resolution."""
 
 CONCENTRATED = 0.5
-"""Share of the largest eigenvalue down to which a spectrum counts as one of the window's."""
+"""Eigenvectors with at least this fraction of the largest eigenvalue span the window."""
 
 
 def delay_taper(frequencies_hz: np.ndarray, half_width_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return weights over frequency that look at delays in [-half_width_s, half_width_s].
+    """Weights over frequency that pass delays in [-half_width_s, half_width_s].
 
-    Of all tapers, the first has the largest share of its energy within the window: the first
-    eigenvector of the kernel sin(2 pi T (f - f')) / (pi (f - f')), for equal steps Slepian's
-    sequence. Cutting a Fourier transform to the window would not do: what an echo elsewhere leaves
-    there is the side lobes of the band's two ends.
+    The taper with the largest fraction of its energy within the window: the first eigenvector of
+    the kernel sin(2 pi T (f - f')) / (pi (f - f')), for equal steps Slepian's sequence. Truncating
+    a Fourier transform to the window would keep the sidelobes that the band's two ends give to
+    echoes elsewhere.
 
     Parameters
     ----------
     frequencies_hz : ndarray, shape (n_freq,), hertz
     half_width_s : float, seconds
-        At most `MAX_CELLS` cells of it are used.
+        At most `MAX_CELLS` resolution cells are used.
 
     Returns
     -------
     weight : ndarray, shape (n_freq,), float64
         Not negative, with a sum of 1.
     basis : ndarray, shape (n_freq, m), float64
-        Orthonormal spectra within the window, to measure noise with.
+        Orthonormal spectra that span the window, to measure noise with.
 
     References
     ----------

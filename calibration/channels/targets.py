@@ -1,9 +1,9 @@
-"""Known calibration targets: closed forms of the one echo that each gives, in float64."""
+"""Calibration targets with closed-form echoes: plate (image source), sphere, corner reflector."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -20,15 +20,25 @@ _NEWTON_TOLERANCE = 1e-14
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Echo:
-    """The one path of every pair of antennas by way of a target.
+    """The specular path of every pair of antennas via a target.
 
     Attributes
     ----------
     length_m : ndarray, shape (n_tx, n_rx), float64, metres
-        Length of the path; finite where `seen` is False, too.
+        Path length; finite where `seen` is False, too.
     amplitude : ndarray, shape (n_tx, n_rx), float64
     seen : ndarray, shape (n_tx, n_rx), bool
-        Whether the target has this path: the specular point lies on it and faces both antennas.
+        Whether the path exists: the specular point lies on the target and faces both antennas.
+
+    Examples
+    --------
+    The plate of 10 cm reflects between the first Tx and the Rx, not between the second and the Rx:
+
+    >>> import calibration, clradar
+    >>> array = clradar.AntennaArray([[0, 0, 0], [0.4, 0, 0]], [[0, 0, 0]])
+    >>> echo = calibration.FlatPlate(0.3, size_m=(0.1, 0.1)).echo(array)
+    >>> echo.length_m[:, 0].round(3).tolist(), echo.seen[:, 0].tolist()
+    ([0.6, 0.721], [True, False])
     """
 
     length_m: np.ndarray
@@ -37,13 +47,20 @@ class Echo:
 
 
 class Target(Protocol):
-    """What the estimate of channels asks of a target.
+    """Interface of a calibration target, as `estimate_channels` uses it.
 
     Attributes
     ----------
     kind : str
     parameter_names : tuple of str
-        What places it; the name ends with the unit, "_m" or "_deg".
+        Of its pose; a name ends with the unit, "_m" or "_deg".
+
+    Examples
+    --------
+    >>> import calibration
+    >>> plate: calibration.Target = calibration.FlatPlate(0.3, 2.0)
+    >>> plate.kind, plate.parameter_names, plate.parameters.tolist()
+    ('plate', ('distance_m', 'tilt_x_deg', 'tilt_y_deg'), [0.3, 2.0, 0.0])
     """
 
     kind: ClassVar[str]
@@ -51,28 +68,35 @@ class Target(Protocol):
 
     @property
     def parameters(self) -> np.ndarray:
-        """Where it is, in the order and the units of `parameter_names`."""
+        """Its pose, in the order and the units of `parameter_names`."""
 
     def placed(self, parameters: np.ndarray) -> Target:
-        """Return the same target in another place; `ModelError` where none can stand."""
+        """The same target in another pose; `ModelError` if that is invalid."""
 
     def echo(self, array: AntennaArray) -> Echo:
-        """Return the path of every pair."""
+        """The specular path of every pair."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CornerReflector:
-    """A trihedral corner reflector, or a point: all paths go by way of its apex.
+    """A trihedral corner reflector, or a point target: all paths lead via its apex.
 
-    A trihedral returns every ray by three reflections as if from the apex, |tx - p| + |p - rx|:
-    exactly in the direction it came from, and for antennas closer together than the opening.
+    Three reflections return a ray as if from the apex, with path length |tx - p| + |p - rx|:
+    exactly for monostatic antennas, and for Tx and Rx closer together than the opening.
 
     Parameters
     ----------
     position_m : array_like, shape (3,), metres
         The apex (phase centre), antenna frame.
     amplitude : "unit" or "spreading"
-        1 for every pair, or 1 / (R1 R2), the legs in metres, as in `clradar.simulate`.
+        1 for every pair, or 1 / (R1 R2), the path segments in metres, as in `clradar.simulate`.
+
+    Examples
+    --------
+    >>> import calibration, clradar
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.4, 0, 0]])
+    >>> calibration.CornerReflector([0, 0, 0.3]).echo(array).length_m.round(3).tolist()
+    [[0.8]]
     """
 
     kind: ClassVar[str] = "corner"
@@ -91,11 +115,11 @@ class CornerReflector:
         return self.position_m
 
     def placed(self, parameters: np.ndarray) -> CornerReflector:
-        return CornerReflector(parameters, amplitude=self.amplitude)
+        return replace(self, position_m=parameters)
 
     def echo(self, array: AntennaArray) -> Echo:
-        to_m = _distance(array.tx_m, self.position_m)[:, None]
-        back_m = _distance(array.rx_m, self.position_m)[None, :]
+        to_m = np.linalg.norm(array.tx_m - self.position_m, axis=1)[:, None]
+        back_m = np.linalg.norm(array.rx_m - self.position_m, axis=1)[None, :]
         _outside("CornerReflector.position_m", "an antenna", min(to_m.min(), back_m.min()), 0.0)
         seen = np.ones((array.n_tx, array.n_rx), dtype=bool)
         return _echo(to_m, back_m, seen, self.amplitude)
@@ -103,15 +127,15 @@ class CornerReflector:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sphere:
-    """A sphere: one specular path per pair, of the law of reflection (Alhazen's problem).
+    """A sphere: one specular path per pair by the law of reflection (Alhazen's problem).
 
     The point of reflection lies in the plane of centre, Tx and Rx. With a and b the distances of
     the two from the centre, g the angle between them there and t the angle from Tx to the point,
 
         L(t) = sqrt(a^2 + r^2 - 2 a r cos t) + sqrt(b^2 + r^2 - 2 b r cos(g - t)),
 
-    which is convex where the point faces both antennas; the path is its minimum (Fermat), found by
-    Newton's method on L'(t) = 0.
+    which is convex where the point faces both antennas; the path length is its minimum (Fermat's
+    principle), found by Newton's method on L'(t) = 0.
 
     Parameters
     ----------
@@ -119,7 +143,16 @@ class Sphere:
         The centre, antenna frame.
     radius_m : float, metres
     amplitude : "unit" or "spreading"
-        1 for every pair, or 1 / (R1 R2), the legs in metres, as in `clradar.simulate`.
+        As of `CornerReflector`.
+
+    Examples
+    --------
+    A monostatic echo comes from the point of the sphere nearest to the antenna:
+
+    >>> import calibration, clradar
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
+    >>> calibration.Sphere([0, 0, 0.35], 0.05).echo(array).length_m.round(3).tolist()
+    [[0.6]]
     """
 
     kind: ClassVar[str] = "sphere"
@@ -141,7 +174,7 @@ class Sphere:
         return self.position_m
 
     def placed(self, parameters: np.ndarray) -> Sphere:
-        return Sphere(parameters, self.radius_m, amplitude=self.amplitude)
+        return replace(self, position_m=parameters)
 
     def echo(self, array: AntennaArray) -> Echo:
         r = self.radius_m
@@ -159,10 +192,10 @@ class Sphere:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlatPlate:
-    """A flat mirror: the path to an Rx is the straight line from the image of the Tx behind it.
+    """A flat mirror, by the image-source method.
 
     The plane is z = distance_m + x tan(tilt_x) + y tan(tilt_y). With h the distances of the two
-    antennas from it, the length is sqrt(|tx - rx|^2 + 4 h_tx h_rx).
+    antennas from it, the path length is sqrt(|tx - rx|^2 + 4 h_tx h_rx).
 
     Parameters
     ----------
@@ -176,7 +209,16 @@ class FlatPlate:
     centre_m : (float, float), metres
         x and y of the middle of the plate.
     amplitude : "unit" or "spreading"
-        1 for every pair, or 1 / (R1 R2), the legs in metres, as in `clradar.simulate`.
+        As of `CornerReflector`.
+
+    Examples
+    --------
+    The path length is the distance from the image of the Tx at z = 0.6 m:
+
+    >>> import calibration, clradar
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.8, 0, 0]])
+    >>> calibration.FlatPlate(0.3).echo(array).length_m.round(3).tolist()
+    [[1.0]]
     """
 
     kind: ClassVar[str] = "plate"
@@ -213,14 +255,7 @@ class FlatPlate:
 
     def placed(self, parameters: np.ndarray) -> FlatPlate:
         distance, tilt_x, tilt_y = (float(p) for p in parameters)
-        return FlatPlate(
-            distance,
-            tilt_x,
-            tilt_y,
-            size_m=self.size_m,
-            centre_m=self.centre_m,
-            amplitude=self.amplitude,
-        )
+        return replace(self, distance_m=distance, tilt_x_deg=tilt_x, tilt_y_deg=tilt_y)
 
     def echo(self, array: AntennaArray) -> Echo:
         slope = np.tan(np.radians([self.tilt_x_deg, self.tilt_y_deg]))
@@ -247,7 +282,7 @@ class FlatPlate:
 
 
 def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndarray:
-    """Return what ideal channels record of a target.
+    """Simulate the samples that ideal channels record of a target.
 
     Parameters
     ----------
@@ -259,17 +294,28 @@ def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndar
     -------
     ndarray, shape (n_tx, n_rx, n_freq), complex128
         a exp(-j 2 pi f d / c), with d the length and a the amplitude of the pair's path; 0 for
-        pairs that the target gives no echo.
+        pairs without an echo.
 
     Raises
     ------
     ModelError
-        The target cannot stand where it is: an antenna is on, in or behind it.
+        An antenna is on, in or behind the target.
+
+    Examples
+    --------
+    The path of 0.6 m is one wavelength at the first frequency, 1.25 at the second:
+
+    >>> import calibration, clradar, numpy as np
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
+    >>> waveform = clradar.Waveform([299_792_458 / 0.6, 1.25 * 299_792_458 / 0.6])
+    >>> samples = calibration.response(calibration.FlatPlate(0.3), array, waveform)[0, 0]
+    >>> [round(float(np.degrees(np.angle(s)))) for s in samples]
+    [0, -90]
     """
     echo = target.echo(array)
-    turns = echo.length_m[:, :, None] * (waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
-    phasor: np.ndarray = np.exp(-2j * np.pi * turns)
-    return phasor * (echo.amplitude * echo.seen)[:, :, None]
+    cycles = echo.length_m[:, :, None] * (waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
+    phasors: np.ndarray = np.exp(-2j * np.pi * cycles)
+    return phasors * (echo.amplitude * echo.seen)[:, :, None]
 
 
 def _position(name: str, value: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -279,16 +325,11 @@ def _position(name: str, value: Sequence[float] | np.ndarray) -> np.ndarray:
     return position
 
 
-def _distance(points_m: np.ndarray, position_m: np.ndarray) -> np.ndarray:
-    distance: np.ndarray = np.linalg.norm(points_m - position_m, axis=1)
-    return distance
-
-
 def _outside(name: str, what: str, distance_m: float, least_m: float) -> None:
     if not distance_m > least_m:
         checks.fail(
             name,
-            f"a target that no antenna touches, is inside of or behind ({what} more than "
+            f"a target that no antenna touches or is inside of or behind ({what} more than "
             f"{least_m:g} m away)",
             f"{distance_m:g} m",
         )
@@ -301,18 +342,19 @@ def _echo(to_m: np.ndarray, back_m: np.ndarray, seen: np.ndarray, amplitude: str
 
 
 def _reflection_angle(a: np.ndarray, b: np.ndarray, between: np.ndarray, r: float) -> np.ndarray:
-    """Return the angle at the sphere's centre from Tx to the point of reflection, radians."""
+    """Angle at the sphere's centre from Tx to the point of reflection, radians."""
     low, high = np.zeros_like(between), between.copy()
     t = between * ((b - r) / (a + b - 2 * r))  # exact for a plane
     for _ in range(_NEWTON_STEPS):
-        legs = [(a, t), (b, between - t)]
-        lengths = [np.sqrt(d**2 + r**2 - 2 * d * r * np.cos(u)) for d, u in legs]
-        pull = [d * r * np.sin(u) / n for (d, u), n in zip(legs, lengths, strict=True)]
+        sides = [(a, t), (b, between - t)]
+        lengths = [np.sqrt(d**2 + r**2 - 2 * d * r * np.cos(u)) for d, u in sides]
+        pull = [d * r * np.sin(u) / n for (d, u), n in zip(sides, lengths, strict=True)]
         curve = [
-            (d * r * np.cos(u) - p**2) / n for (d, u), n, p in zip(legs, lengths, pull, strict=True)
+            (d * r * np.cos(u) - p**2) / n
+            for (d, u), n, p in zip(sides, lengths, pull, strict=True)
         ]
         slope, curvature = pull[0] - pull[1], curve[0] + curve[1]
-        # Bisection keeps the root between the two, whatever Newton's step would do.
+        # Safeguarded by bisection: the root stays between low and high.
         low, high = np.where(slope < 0, t, low), np.where(slope > 0, t, high)
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = t - slope / curvature

@@ -143,6 +143,6 @@ def test_traced_mesh_has_the_same_paths(device: clradar.Device, target: Any) -> 
         (lambda: FlatPlate("near"), "a number"),
     ],
 )
-def test_targets_that_cannot_be_meant(make: Any, message: str) -> None:
+def test_invalid_targets(make: Any, message: str) -> None:
     with pytest.raises(ModelError, match=message):
         make()

@@ -1,4 +1,4 @@
-"""Channel calibration: known errors are found, and what cannot be is refused."""
+"""Channel calibration: known errors are found, other targets and invalid arguments refused."""
 
 from __future__ import annotations
 
@@ -54,6 +54,8 @@ SAID: dict[str, Target] = {
 }
 KINDS = list(TRUE)
 
+HALF = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2])
+
 
 def live(calibration: ChannelCalibration, side: str) -> np.ndarray:
     return np.flatnonzero(getattr(calibration.response, f"{side}_gain") != 0)
@@ -101,7 +103,7 @@ def peak_and_side_lobe_db(capture: Capture, device: clradar.Device) -> tuple[flo
 
 @pytest.fixture(scope="module")
 def ideal() -> Capture:
-    waveform = Waveform.sfcw(72e9, 82e9, 128)
+    waveform = Waveform.sfcw(72e9, 82e9, 64)
     return reference.point_targets(QAR50, waveform, POINT_M[None], np.ones(1))
 
 
@@ -118,7 +120,7 @@ def wanted_db(device: clradar.Device, ideal: Capture) -> list[tuple[float, float
 def test_image_of_another_target_is_as_good_as_ideal(
     device: clradar.Device, ideal: Capture, wanted_db: list[tuple[float, float]], kind: str
 ) -> None:
-    truth = instrument(seed=1, n_freq=128, dead_tx=DEAD_TX, dead_rx=DEAD_RX)
+    truth = instrument(seed=1, n_freq=64, dead_tx=DEAD_TX, dead_rx=DEAD_RX)
     found = estimate_channels(truth.record_target(TRUE[kind]), SAID[kind])
     assert found.dead_tx.tolist() == list(DEAD_TX)
     assert found.dead_rx.tolist() == list(DEAD_RX)
@@ -136,17 +138,21 @@ def test_image_of_another_target_is_as_good_as_ideal(
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_errors_are_those_that_are_reported(kind: str) -> None:
-    truth = instrument(seed=2, dead_tx=DEAD_TX, dead_rx=DEAD_RX)
+    truth = instrument(seed=2, array=HALF, dead_tx=(3, 40), dead_rx=(17,))
     found = estimate_channels(truth.record_target(TRUE[kind]), SAID[kind])
     off = TRUE[kind].parameters - np.array(list(found.target_position.values()))
     std = np.array(list(found.target_std.values()))
     assert list(found.target_position) == list(TRUE[kind].parameter_names)
     assert (np.abs(off) < SIGMAS * std).all()
     said_off = np.abs(TRUE[kind].parameters - SAID[kind].parameters)
-    # A corner's place is told by nothing but the randomness of 20 ps, so to a millimetre or two.
-    assert (std < (0.5 if kind == "corner" else 0.05) * said_off).all()
-    # White noise of -20 dB: what is left after a sum over the frequencies.
-    assert found.residual_db == pytest.approx(-20 - 10 * np.log10(truth.waveform.n_freq), abs=1.0)
+    # Only the scatter of the delays, 20 ps, makes a corner's position observable: some millimetres.
+    assert (std < (0.5 if kind == "corner" else 0.1) * said_off).all()
+    # White noise of -20 dB of an echo with unit gains, averaged over the frequencies. The mean of
+    # 46 x 44 pairs is good to 0.1 dB, the 180 parameters take as much.
+    gains = [getattr(truth.channels, f"{side}_gain") for side in ("tx", "rx")]
+    echo_db = sum(10 * np.log10(np.mean(np.abs(gain[gain != 0]) ** 2)) for gain in gains)
+    noise_db = -20 - 10 * np.log10(truth.waveform.n_freq) - echo_db
+    assert found.residual_db == pytest.approx(noise_db, abs=0.6)
     assert found.residual_db == pytest.approx(found.noise_residual_db, abs=0.5)
     for noise, alive in ((found.tx_noise, live(found, "tx")), (found.rx_noise, live(found, "rx"))):
         assert np.median(noise[alive]) == pytest.approx(0.1, rel=0.1)
@@ -252,8 +258,8 @@ def test_common_delay() -> None:
     assert free.target_std["z_m"] > 8e-3  # about as uncertain as it was said to be
 
 
-def test_corner_tells_no_place_by_itself() -> None:
-    """All places fit the same data equally well: its path is a sum of two legs."""
+def test_position_of_a_corner_is_unobservable() -> None:
+    """All positions fit equally well: the path is a sum of a Tx and an Rx segment."""
     truth = instrument(seed=9, array=SMALL)
     capture = truth.record_target(TRUE["corner"])
     left = [
@@ -276,17 +282,17 @@ def loud(capture: Capture, tx: int, rx: int, level: float) -> Capture:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_noisy_channels_are_found_and_harm_no_other(kind: str) -> None:
-    truth = instrument(seed=10, dead_tx=DEAD_TX, dead_rx=DEAD_RX)
+    truth = instrument(seed=10, array=SMALL, dead_tx=(3, 22), dead_rx=(17,))
     quiet = truth.record_target(TRUE[kind])
-    found = estimate_channels(loud(quiet, tx=20, rx=40, level=1.0), SAID[kind])
+    found = estimate_channels(loud(quiet, tx=20, rx=10, level=1.0), SAID[kind])
     assert found.noisy_tx.tolist() == [20]
-    assert found.noisy_rx.tolist() == [40]
-    assert found.dead_tx.tolist() == list(DEAD_TX)
-    assert found.dead_rx.tolist() == list(DEAD_RX)
+    assert found.noisy_rx.tolist() == [10]
+    assert found.dead_tx.tolist() == [3, 22]
+    assert found.dead_rx.tolist() == [17]
     # 1.0 times sqrt 2, relative to an echo of about 1.
     assert found.tx_noise[20] == pytest.approx(np.sqrt(2), rel=0.5)
-    good = np.ones((94, 94), dtype=bool)
-    good[20], good[:, 40] = False, False
+    good = np.ones((SMALL.n_tx, SMALL.n_rx), dtype=bool)
+    good[20], good[:, 10] = False, False
     good = good[np.ix_(live(found, "tx"), live(found, "rx"))]
     alone = estimate_channels(quiet, SAID[kind])
     errors = [np.abs(np.log(np.abs(product_error(f, truth)[good]))).max() for f in (found, alone)]
@@ -314,7 +320,7 @@ def test_exact_data_has_no_noisy_channels() -> None:
     assert np.abs(np.angle(product_error(found, truth, TRUE["sphere"]))).max() < 1e-5
 
 
-def test_outlying_pairs_have_little_say() -> None:
+def test_outlying_pairs_have_little_weight() -> None:
     truth = instrument(seed=13, array=SMALL)
     capture = truth.record_target(TRUE["plate"])
     data = np.array(capture.data)
@@ -340,7 +346,7 @@ def with_coupling_and_wall(truth: Instrument, target: Target) -> Capture:
 
 
 def test_gate_shuts_out_coupling_and_wall() -> None:
-    truth = instrument(seed=14, n_freq=64)
+    truth = instrument(seed=14, array=HALF, n_freq=64)
     capture = with_coupling_and_wall(truth, TRUE["plate"])
     worst = []
     for gate_m in (None, 0.05):
@@ -384,7 +390,7 @@ def test_wrong_target_is_refused(kind: str, taken_for: str) -> None:
     # Seeds 1 and 3 once had a third of the pairs left out as outliers, and the rest explained.
     for seed in (1, 3, 15):
         truth = instrument(seed, array=SMALL)
-        with pytest.raises(CalibrationError, match=r"explain|settles|said to be|end of that"):
+        with pytest.raises(CalibrationError, match=r"explain|settles|nominal|end of that"):
             estimate_channels(truth.record_target(same_range[kind]), same_range[taken_for])
 
 
@@ -435,7 +441,7 @@ def test_plate_too_small_for_all_channels() -> None:
         ({"target": "plate"}, "FlatPlate, Sphere or CornerReflector"),
         ({"position_tolerance_m": 0.0}, "positive"),
         ({"max_delay_s": float("nan")}, "finite"),
-        ({"max_delay_s": 1e-6}, "can tell apart"),
+        ({"max_delay_s": 1e-6}, "unambiguous"),
         ({"common_delay": "none"}, "'zero', 'free'"),
         ({"gate_m": 0.001}, "gate_m"),
         ({"level": "high"}, "'mean', 'target'"),
@@ -444,7 +450,7 @@ def test_plate_too_small_for_all_channels() -> None:
         ({"max_residual_db": "low"}, "number"),
     ],
 )
-def test_arguments_that_cannot_be_meant(changed: dict[str, Any], message: str) -> None:
+def test_invalid_arguments(changed: dict[str, Any], message: str) -> None:
     truth = instrument(seed=19, array=SMALL, n_freq=16)
     arguments = {"capture": truth.record_target(TRUE["plate"]), "target": SAID["plate"]}
     with pytest.raises(ModelError, match=message):
@@ -498,9 +504,7 @@ def test_correction_divides_and_masks(truth: Instrument, found: ChannelCalibrati
 
 
 @pytest.mark.parametrize("mask", ["dead", ["noisy"], ["live"], []])
-def test_masks_that_cannot_be_meant(
-    truth: Instrument, found: ChannelCalibration, mask: Any
-) -> None:
+def test_invalid_masks(truth: Instrument, found: ChannelCalibration, mask: Any) -> None:
     with pytest.raises(ModelError, match="correct: mask"):
         correct(truth.record_target(TRUE["corner"]), found, mask=mask)
 

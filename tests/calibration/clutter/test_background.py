@@ -348,7 +348,7 @@ def test_walls_beyond_the_unambiguous_range_fold_back() -> None:
         ({"near_m": "a", "far_m": 0.4}, "near_m"),
     ],
 )
-def test_windows_that_cannot_be_meant_are_refused(settings: dict[str, Any], message: str) -> None:
+def test_invalid_windows_are_refused(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ModelError, match=message):
         range_gate(echo(0.3), **settings)
 
