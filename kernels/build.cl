@@ -1,6 +1,6 @@
-/* Building the tree: one level of it, each node split in two by the surface area heuristic, after I. Wald,
- * "On fast construction of SAH-based bounding volume hierarchies", IEEE Symposium on Interactive Ray Tracing
- * 2007. Item = one node, which goes through its triangles one by one: the same tree on every device. */
+/* Building a bounding volume hierarchy, one level at a time: every node is split in two by the binned surface area
+ * heuristic (I. Wald, "On fast construction of SAH-based bounding volume hierarchies", IEEE Symposium on Interactive
+ * Ray Tracing 2007). Item = one node, which goes through its triangles one by one: the same tree on every device. */
 #include "common/width.h"
 #include "common/vector.h"
 
@@ -19,12 +19,12 @@ static inline float area(const float8 box) {
     return size.x * size.y + size.y * size.z + size.z * size.x;
 }
 
-/* What testing the triangles of a node costs that is not split any further. */
+/* Cost of a leaf. */
 static inline float blocks(const int count) {
     return (float)((count + CLR_BLOCK - 1) / CLR_BLOCK);
 }
 
-/* Bin of one coordinate; also for NaN and infinity one of them. */
+/* Bin of one coordinate, valid for NaN and infinity too. */
 static inline int bin_of(const float centre, const float low, const float scale) {
     const float at = (centre - low) * scale;
     return at < (float)(BINS - 1) ? (at > 0.0f ? (int)at : 0) : BINS - 1;
@@ -35,8 +35,8 @@ static inline float component(const float4 v, const int axis) {
 }
 
 /* boxes     float (n_triangles, 8)  -low x, y, z, 0, high x, y, z, 0; metres
- * start, count  int (n_nodes)       which part of `order` each node has; nodes do not overlap
- * order     int (n_triangles)       out: those of the left child first, otherwise in the order in which they were
+ * start, count  int (n_nodes)       range in `order` of each node; nodes do not overlap
+ * order     int (n_triangles)       in and out: a stable partition, left child first
  * scratch   int (n_triangles)
  * n_left    int (n_nodes)           out
  * children  float (n_nodes, 2, 8)   out: boxes of both children

@@ -1,10 +1,10 @@
 /* Expected receptions: in place of random outgoing directions, the probability P of each sample, Tx and Rx that
  * the outgoing ray enters the Rx sphere (common/lobe.h).
  *
- * Four steps for a tile of samples. Directions to the receivers; lobes of the transmitters; P for every pair and
- * sample, item = one Tx and CLR_WIDTH Rx, which goes through the samples; then the paths of each pair in the order
- * of samples, where the host says, from the counts of the third step, where they go. So the paths need no sort, and
- * no result depends on the tiling. */
+ * Four steps for a tile of samples: directions to the receivers; lobes of the transmitters (lobes.cl); P for every
+ * pair and sample, item = one Tx and CLR_WIDTH Rx, which goes through the samples; and the paths of each pair in the
+ * order of samples. The host sums the counts of the third step to the first path of each pair. So the paths need no
+ * sort, and no result depends on the tiling. */
 #if !defined(CLR_SPREADING) || !defined(CLR_GROUP)
 #error "CLR_SPREADING (0: amplitude 1, 1: 1 / (R1 R2) and patterns), CLR_GROUP (antennas) are missing"
 #endif
@@ -18,7 +18,7 @@
 #define LEAST_ALPHA 0x1p-20f
 
 /* P below this is rounding. */
-#define LEAST_SHARE 0x1p-24f
+#define LEAST_PROBABILITY 0x1p-24f
 
 /* antenna   float (6, n_padded)  x, y, z as hi, then as lo, metres
  * visible   uchar (n_samples, n_groups)
@@ -38,18 +38,18 @@ __kernel void receiver_discs(const uint n_samples, const uint n_rx, const uint n
                                    (realw)(0.0f));
     const dual z = dual_difference(LOADW(at + 2 * n_padded), LOADW(at + 5 * n_padded),
                                    (realw)(p.z), (realw)(0.0f));
-    const dual leg = dual_length(x, y, z);
-    const realw inverse = 1.0f / greater(leg.hi, (realw)(1e-20f));
+    const dual segment = dual_length(x, y, z);
+    const realw inverse = 1.0f / greater(segment.hi, (realw)(1e-20f));
     const uint bits = visible[(size_t)i * (n_padded / CLR_GROUP) + first / CLR_GROUP] >> (first % CLR_GROUP);
 #if CLR_WIDTH == 8
     const int8 lane_bit = (int8)(1, 2, 4, 8, 16, 32, 64, 128);
 #else
     const int lane_bit = 1;
 #endif
-    const intw seen = ((intw)((int)bits) & lane_bit) != 0;
+    const intw visible_lanes = ((intw)((int)bits) & lane_bit) != 0;
     const intw there = (LANE_INDEX + (float)first) < (float)n_rx;
     /* 2 marks a sample inside the sphere. */
-    const realw sine = leg.hi > radius ? radius * inverse : (realw)(2.0f);
+    const realw sine = segment.hi > radius ? radius * inverse : (realw)(2.0f);
     realw weight = (realw)(1.0f);
 #if CLR_SPREADING
     weight = inverse;
@@ -62,9 +62,9 @@ __kernel void receiver_discs(const uint n_samples, const uint n_rx, const uint n
     STOREW(x.hi * inverse, row);
     STOREW(y.hi * inverse, row + n_padded);
     STOREW(z.hi * inverse, row + 2 * n_padded);
-    STOREW(choose((seen & there) | ((sine > 1.0f) & there), sine, (realw)(0.0f)), row + 3 * n_padded);
-    STOREW(leg.hi, row + 4 * n_padded);
-    STOREW(leg.lo, row + 5 * n_padded);
+    STOREW(choose((visible_lanes & there) | ((sine > 1.0f) & there), sine, (realw)(0.0f)), row + 3 * n_padded);
+    STOREW(segment.hi, row + 4 * n_padded);
+    STOREW(segment.lo, row + 5 * n_padded);
     STOREW(weight, row + 6 * n_padded);
 }
 
@@ -100,13 +100,13 @@ static inline disc make_disc(realw x, realw y, realw z, realw sine) {
  * tx_lobe   float (n_samples, n_tx, CLR_TX_FIELDS)
  * alpha     float (n_samples)
  * rule      float, see common/lobe.h
- * share     float (n_tx, n_samples, n_padded)  out: P
- * pending   uint (n_tx, n_padded * n_samples)  work space, each item's own part: what is left for the slices
+ * probability     float (n_tx, n_samples, n_padded)  out: P
+ * pending   uint (n_tx, n_padded * n_samples)  work space, each item's own part: discs to be integrated by slices
  * count     float (n_tx, n_padded)             out: samples with a P of each pair; below 2^24, so exact */
-__kernel void expected_shares(const uint n_samples, const uint n_tx, const uint n_padded,
+__kernel void reception_probabilities(const uint n_samples, const uint n_tx, const uint n_padded,
                               __global const float *direction, __global const float *tx_lobe,
                               __global const float *alpha, __global const float *rule,
-                              __global float *share, __global uint *pending,
+                              __global float *probability, __global uint *pending,
                               __global float *count) {
     const uint block = (uint)get_global_id(0), tx = (uint)get_global_id(1);
     if (block * CLR_WIDTH >= n_padded || tx >= n_tx) return;
@@ -114,7 +114,7 @@ __kernel void expected_shares(const uint n_samples, const uint n_tx, const uint 
     const size_t tx_row = (size_t)n_tx * CLR_TX_FIELDS, rx_row = (size_t)CLR_RX_FIELDS * n_padded;
     __global const float *lobes = tx_lobe + (size_t)tx * CLR_TX_FIELDS;
     __global const float *rx = direction + first;
-    __global float *out = share + (size_t)tx * n_samples * n_padded + first;
+    __global float *out = probability + (size_t)tx * n_samples * n_padded + first;
     __global uint *left = pending + ((size_t)tx * n_padded + first) * n_samples;
     uint waiting = 0;
 
@@ -148,16 +148,10 @@ __kernel void expected_shares(const uint n_samples, const uint n_tx, const uint 
                 if (ANYW(wanted)) {
                     const intw smooth = wanted & is_smooth(l, d, height);
                     const intw rest = wanted & !smooth;
-                    if (ANYW(smooth)) p = choose(smooth, smooth_share(l, d), p);
+                    if (ANYW(smooth)) p = choose(smooth, smooth_probability(l, d), p);
                     if (ANYW(rest)) {
-#if CLR_WIDTH == 8
-                        const int flags[8] = {rest.s0, rest.s1, rest.s2, rest.s3,
-                                              rest.s4, rest.s5, rest.s6, rest.s7};
-#else
-                        const int flags[1] = {rest};
-#endif
                         for (uint lane = 0; lane < CLR_WIDTH; ++lane)
-                            if (flags[lane]) left[waiting++] = i * CLR_WIDTH + lane;
+                            if (INT_LANE(rest, lane)) left[waiting++] = i * CLR_WIDTH + lane;
                     }
                 }
             }
@@ -165,56 +159,45 @@ __kernel void expected_shares(const uint n_samples, const uint n_tx, const uint 
         STOREW(p, out + (size_t)i * n_padded);
     }
 
-    /* The rest in full vectors, the last one filled up with copies of its first. */
+    /* The remaining discs in full vectors, the last one filled up with copies of its first. */
     for (uint at = 0; at < waiting; at += CLR_WIDTH) {
-        float field[16][CLR_WIDTH];
+        realw field[16];
         for (uint lane = 0; lane < CLR_WIDTH; ++lane) {
             const uint which = left[at + lane < waiting ? at + lane : at];
             const uint i = which / CLR_WIDTH;
             __global const float *t = lobes + i * tx_row, *r = rx + i * rx_row + which % CLR_WIDTH;
-            for (int k = 0; k < 11; ++k) field[k][lane] = t[k];
-            for (int k = 0; k < 4; ++k) field[11 + k][lane] = r[k * n_padded];
-            field[15][lane] = alpha[i];
+            float *column = (float *)field + lane;
+            for (int k = 0; k < 11; ++k) column[k * CLR_WIDTH] = t[k];
+            for (int k = 0; k < 4; ++k) column[(11 + k) * CLR_WIDTH] = r[k * n_padded];
+            column[15 * CLR_WIDTH] = alpha[i];
         }
-#if CLR_WIDTH == 8
-#define FIELD(k)                                                                            \
-    ((float8)(field[k][0], field[k][1], field[k][2], field[k][3], field[k][4], field[k][5], \
-              field[k][6], field[k][7]))
-#else
-#define FIELD(k) field[k][0]
-#endif
-        const realw ax = FIELD(0), ay = FIELD(1), az = FIELD(2);
-        const realw sx = FIELD(3), sy = FIELD(4), sz = FIELD(5);
-        const realw ux = FIELD(11), uy = FIELD(12), uz = FIELD(13);
+        const realw ax = field[0], ay = field[1], az = field[2];
+        const realw sx = field[3], sy = field[4], sz = field[5];
+        const realw ux = field[11], uy = field[12], uz = field[13];
         lobe l;
-        set_alpha(&l, FIELD(15));
-        l.n_z = FIELD(6);
-        l.n_x = FIELD(7);
-        l.g_x = FIELD(8);
-        l.g_y = FIELD(9);
-        l.g_z = FIELD(10);
+        set_alpha(&l, field[15]);
+        l.n_z = field[6];
+        l.n_x = field[7];
+        l.g_x = field[8];
+        l.g_y = field[9];
+        l.g_z = field[10];
         const realw bx = ay * sz - az * sy, by = az * sx - ax * sz, bz = ax * sy - ay * sx;
         const realw x = ux * sx + uy * sy + uz * sz;
         const realw y = ux * bx + uy * by + uz * bz;
         const realw z = ux * ax + uy * ay + uz * az;
-        const disc d = make_disc(x, y, z, FIELD(14));
+        const disc d = make_disc(x, y, z, field[14]);
         const realw height = l.g_x * x + l.g_y * y + l.g_z * z;
-        const realw p = sliced_share(l, d, (height < d.sine) | d.inside, rule);
-#if CLR_WIDTH == 8
-        const float found[8] = {p.s0, p.s1, p.s2, p.s3, p.s4, p.s5, p.s6, p.s7};
-#else
-        const float found[1] = {p};
-#endif
+        const realw p = sliced_probability(l, d, (height < d.sine) | d.inside, rule);
         for (uint lane = 0; lane < CLR_WIDTH && at + lane < waiting; ++lane) {
             const uint which = left[at + lane];
-            out[(size_t)(which / CLR_WIDTH) * n_padded + which % CLR_WIDTH] = found[lane];
+            out[(size_t)(which / CLR_WIDTH) * n_padded + which % CLR_WIDTH] = LANE(p, lane);
         }
     }
 
     realw counted = (realw)(0.0f);
     for (uint i = 0; i < n_samples; ++i) {
         const realw p = LOADW(out + (size_t)i * n_padded);
-        counted += choose(p > LEAST_SHARE, (realw)(1.0f), (realw)(0.0f));
+        counted += choose(p > LEAST_PROBABILITY, (realw)(1.0f), (realw)(0.0f));
     }
     STOREW(counted, count + (size_t)tx * n_padded + first);
 }
@@ -225,7 +208,7 @@ __kernel void expected_shares(const uint n_samples, const uint n_tx, const uint 
 __kernel void expected_paths(const uint n_samples, const uint n_tx, const uint n_rx,
                              const uint n_padded, const float rays,
                              __global const float *direction, __global const float *tx_lobe,
-                             __global const float *share, __global const uint *start,
+                             __global const float *probability, __global const uint *start,
                              __global float *length, __global float *amplitude) {
     const uint block = (uint)get_global_id(0), tx = (uint)get_global_id(1);
     if (block * CLR_WIDTH >= n_padded || tx >= n_tx) return;
@@ -236,9 +219,9 @@ __kernel void expected_paths(const uint n_samples, const uint n_tx, const uint n
         next[lane] = start[tx * n_rx + (rx < n_rx ? rx : n_rx - 1)];
     }
     for (uint i = 0; i < n_samples; ++i) {
-        __global const float *of = share + ((size_t)tx * n_samples + i) * n_padded + first;
+        __global const float *of = probability + ((size_t)tx * n_samples + i) * n_padded + first;
         const realw p = LOADW(of);
-        if (!ANYW(p > LEAST_SHARE)) continue;
+        if (!ANYW(p > LEAST_PROBABILITY)) continue;
         __global const float *t = tx_lobe + ((size_t)i * n_tx + tx) * CLR_TX_FIELDS;
         __global const float *row = direction + (size_t)i * CLR_RX_FIELDS * n_padded + first;
         dual there, back;
@@ -248,27 +231,13 @@ __kernel void expected_paths(const uint n_samples, const uint n_tx, const uint n
         back.lo = LOADW(row + 5 * n_padded);
         const dual d = dual_add(there, back);
         const realw a = p * LOADW(row + 6 * n_padded) * (rays * t[13]);
-#if CLR_WIDTH == 8
-#define EMIT(n) EMIT_ONE(n, p.s##n, d.hi.s##n, d.lo.s##n, a.s##n)
-#else
-#define EMIT(n) EMIT_ONE(n, p, d.hi, d.lo, a)
-#endif
-#define EMIT_ONE(n, p, hi, lo, a)      \
-    if (p > LEAST_SHARE) {             \
-        const size_t at = next[n]++;   \
-        length[2 * at] = hi;           \
-        length[2 * at + 1] = lo;       \
-        amplitude[at] = a;             \
-    }
-        EMIT(0)
-#if CLR_WIDTH == 8
-        EMIT(1)
-        EMIT(2)
-        EMIT(3)
-        EMIT(4)
-        EMIT(5)
-        EMIT(6)
-        EMIT(7)
-#endif
+#pragma unroll
+        for (uint lane = 0; lane < CLR_WIDTH; ++lane) {
+            if (!(LANE(p, lane) > LEAST_PROBABILITY)) continue;
+            const size_t at = next[lane]++;
+            length[2 * at] = LANE(d.hi, lane);
+            length[2 * at + 1] = LANE(d.lo, lane);
+            amplitude[at] = LANE(a, lane);
+        }
     }
 }

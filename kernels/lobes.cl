@@ -13,8 +13,8 @@
  * visible    uchar (n_samples, n_groups)
  * tx_lobe    float (n_samples, n_tx, CLR_TX_FIELDS)  out:
  *     [0..2] t_m   [3..5] x axis of its frame: the normal lies in the plane of t_m and x
- *     [6] n_z, [7] n_x  the normal, turned towards the ray   [8..10] the face's normal, turned too
- *     [11] leg hi  [12] leg lo  [13] weight: 0 where the Tx does not see the sample   [14, 15] unused */
+ *     [6] n_z, [7] n_x  the normal, facing the ray   [8..10] the face's normal, facing it
+ *     [11] |Tx p| hi  [12] lo, metres  [13] weight: 0 where the Tx is hidden   [14, 15] unused */
 __kernel void tx_lobes(const uint n_samples, const uint n_tx, const uint n_groups,
                        const float pattern_exponent, __global const float *antenna,
                        __global const float *point, __global const float *shading,
@@ -30,8 +30,8 @@ __kernel void tx_lobes(const uint n_samples, const uint n_tx, const uint n_group
     const dual x = dual_difference(p.x, 0.0f, a[0], a[3]);
     const dual y = dual_difference(p.y, 0.0f, a[1], a[4]);
     const dual z = dual_difference(p.z, 0.0f, a[2], a[5]);
-    const dual leg = dual_length(x, y, z);
-    const float3 t_i = (float3)(x.hi, y.hi, z.hi) / leg.hi;
+    const dual segment = dual_length(x, y, z);
+    const float3 t_i = (float3)(x.hi, y.hi, z.hi) / segment.hi;
     float3 n = load3(shading + 3 * (size_t)i), face = load3(geometric + 3 * (size_t)i);
     if (dot3(n, t_i) > 0.0f) n = -n;
     if (dot3(face, t_i) > 0.0f) face = -face;
@@ -51,13 +51,13 @@ __kernel void tx_lobes(const uint n_samples, const uint n_tx, const uint n_group
     out[8] = dot3(face, side);
     out[9] = dot3(face, cross3(t_m, side));
     out[10] = dot3(face, t_m);
-    out[11] = leg.hi;
-    out[12] = leg.lo;
+    out[11] = segment.hi;
+    out[12] = segment.lo;
     float weight = 1.0f;
 #if CLR_SPREADING
-    weight = 1.0f / leg.hi;
+    weight = 1.0f / segment.hi;
     if (pattern_exponent > 0.0f) {
-        const float leaving = z.hi / leg.hi;
+        const float leaving = z.hi / segment.hi;
         weight *= leaving > 0.0f ? pow(leaving, pattern_exponent) : 0.0f;
     }
 #endif

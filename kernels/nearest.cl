@@ -1,10 +1,10 @@
-/* What rays hit first: the question of step 5 of the model, asked for rays given one by one. Item = one ray. */
+/* Closest-hit queries for rays given one by one. Item = one ray. */
 #include "common/width.h"
 #include "common/bvh.h"
 
-#define AHEAD 4 /* how many rays before it is traced a ray is asked for */
+#define AHEAD 4 /* rays that are prefetched */
 
-/* The lowest five bits of a coordinate, two apart; outside of 0 to 31, and if it is no number, any will do. */
+/* Spread the five bits of a coordinate two apart; clamped to 0 to 31, also NaN. */
 static inline uint spread(const float at) {
     uint k = (uint)smaller(larger(at, 0.0f), 31.0f);
     k = (k | k << 8) & 0x100f;
@@ -12,8 +12,8 @@ static inline uint spread(const float at) {
     return (k | k << 2) & 0x1249;
 }
 
-/* In which cell of a grid over all boxes each ray begins, along a curve that keeps neighbours together
- * (Morton 1966): rays in that order find in the cache what the ones before them read.
+/* Morton code of each ray's origin in a grid over all boxes (G. M. Morton, IBM 1966): rays in that order find in
+ * the cache what their predecessors read.
  *
  * cell  ushort (n_rays)  out: 5 bits by axis, interleaved */
 __kernel void ray_cells(const uint n_rays, __global const float *nodes, __global const float *origin,
@@ -27,7 +27,7 @@ __kernel void ray_cells(const uint n_rays, __global const float *nodes, __global
 }
 
 /* nodes, triangles  see common/bvh.h
- * order             uint (n_rays)      which ray each item traces
+ * order             uint (n_rays)      the ray that each item traces
  * origin, direction float (n_rays, 3)  metres; unit vectors
  * distance  float (n_rays)             out: metres; negative: nothing is hit
  * face      int (n_rays)               out: -1: nothing is hit
@@ -45,7 +45,7 @@ __kernel void nearest_hits(const uint n_rays, __global const float *nodes,
     fetch(distance + soon);
     fetch((__global float *)face + soon);
     fetch(weights + 2 * soon);
-    const hit_record hit = traced(nodes, triangles, load3(origin + 3 * (size_t)i),
+    const hit_record hit = intersect(nodes, triangles, load3(origin + 3 * (size_t)i),
                                   load3(direction + 3 * (size_t)i), FLT_MAX, false);
     distance[i] = hit.distance;
     face[i] = hit.triangle < 0 ? -1 : face_at(nodes, triangles, hit.triangle);

@@ -1,4 +1,4 @@
-/* Sample points on the surface.
+/* Stratified samples of a triangle mesh (docs/equations.md, E1).
  *
  * Face f holds samples face_start[f] ... face_start[f + 1] - 1. Its j-th of k points is the point of a
  * stratified set, a jittered Fibonacci lattice: first coordinate (j + xi) / k with xi random per sample,

@@ -2,13 +2,13 @@
  *
  * Every pair keeps moments of its paths in blocks of path length (docs/equations.md, E7). With k the
  * wavenumber of the band's centre in cycles per metre, kappa_n = f_n / c - k, and x = (d - b W) / (W / 2)
- * the place of a path in block b of length W,
+ * the position of a path in block b of length W,
  *     M_bp = sum_i a_i exp(-j 2 pi k d_i) (-j)^(p mod 2) x_i^p,         p = 0 ... 7,
  *     s_n  = sum_b exp(-j 2 pi kappa_n b W) sum_p c_np M_bp.
  * So a path costs one sine and cosine, whatever the number of frequencies and their steps.
  *
- * Block b is kept in slot b mod n_slots of its pair. When another block needs the slot, what is there is
- * added to the pair's frequencies first: any lengths take the same memory. One item does all that happens to
+ * Block b is kept in slot b mod n_slots of its pair. A block that is evicted from its slot is added to
+ * the pair's frequencies: any lengths take the same memory. One item does all that happens to
  * its pair, in the order of the pair's paths, and the state is kept between calls: the result is the same
  * to the bit however the paths are split into calls. Moments and sums are hi + lo, so a million equal paths do
  * not drift. */
@@ -26,9 +26,6 @@
 
 #define BLOCK_FLOATS (4 * CLR_MOMENTS)
 
-/* The j-th of the CLR_WIDTH numbers in v. */
-#define LANE(v, j) (((const float *)&(v))[j])
-
 /* a + b for a running sum of any length, to 2^-46: algorithm 4 of M. Joldes, J.-M. Muller, V. Popescu, ACM
  * Trans. Math. Softw. 44 (2017) 15. Renormalised at once: a million equal paths lose the same share each
  * time, and what is lost would by itself outgrow float32. */
@@ -40,7 +37,7 @@
         (lo) = low_ - ((hi) - s_); \
     } while (0)
 
-/* What CLR_WIDTH frequencies need of the band. */
+/* Coefficients and wavenumbers of CLR_WIDTH frequencies. */
 typedef struct {
     realw c[CLR_MOMENTS];
     wavenumber kappa;
@@ -73,7 +70,7 @@ static inline void block_phasor(__global const float *m, const band *f, const re
     *im = fused(y, cosine, -(x * sine));
 }
 
-/* Adds a block to the frequencies of its pair, to make room; `fresh`: nothing is there yet. */
+/* Evict a block: add it to the frequencies of its pair; `fresh`: these are undefined yet. */
 static void add_to_sum(const int block, const float block_m, __global const float *m,
                        __global const float *table, const uint n_freq, const bool fresh,
                        __global float *sum) {
@@ -100,7 +97,7 @@ static void add_to_sum(const int block, const float block_m, __global const floa
     }
 }
 
-/* Splits float64 lengths, given as their upper and lower 32 bits, into hi + lo to 2^-48 of their size. A
+/* Split float64 lengths, given as their upper and lower 32 bits, into hi + lo to 2^-48 of their size. A
  * device need not have float64. hi gets the first 24 bits of the 53, lo the other 29; below 2^-74 both are 0. */
 static inline dual split(const intw upper, const intw lower) {
     const intw least = 949 << 20;
@@ -115,8 +112,8 @@ static inline dual split(const intw upper, const intw lower) {
     return r;
 }
 
-/* Lengths as they come: float64 from the host, or hi + lo from another kernel, in as many bytes. */
-static inline dual taken(const intw upper, const intw lower) {
+/* Lengths: float64 from the host, or hi + lo from another kernel, in as many bytes. */
+static inline dual length_of(const intw upper, const intw lower) {
 #if CLR_IN_PARTS
     dual r;
     r.hi = AS_REALW(lower);
@@ -135,12 +132,12 @@ typedef struct __attribute__((packed)) {
 static inline dual load_lengths(__global const int2 *p) {
     const int8 a = ((__global const loose_int8 *)p)->v;
     const int8 b = ((__global const loose_int8 *)(p + 4))->v;
-    return taken((int8)(a.s1, a.s3, a.s5, a.s7, b.s1, b.s3, b.s5, b.s7),
+    return length_of((int8)(a.s1, a.s3, a.s5, a.s7, b.s1, b.s3, b.s5, b.s7),
                  (int8)(a.s0, a.s2, a.s4, a.s6, b.s0, b.s2, b.s4, b.s6));
 }
 #else
 static inline dual load_lengths(__global const int2 *p) {
-    return taken(p->y, p->x);
+    return length_of(p->y, p->x);
 }
 #endif
 
@@ -149,10 +146,10 @@ static inline dual load_lengths(__global const int2 *p) {
  * n_slots  blocks that a pair keeps, a power of two
  * block_m  length W of a block; its number is at most 2^22
  * table    float (10, n_freq)            c_np; then kappa_n as hi, lo, cycles per metre
- * tag      int (n_slots + 1, n_pairs)    number of the block in the slot, plus 1, and 0 for none; the last row
- *                                        says whether the pair has anything in `sum`
- * moments  float (n_slots, n_pairs, 4, 8)  re, im, and the low parts of both; undefined where tag is 0
- * sum      float (n_pairs, 4, n_freq)    re, im, and the low parts of both; undefined as tag's last row says
+ * tag      int (n_slots + 1, n_pairs)    number of the block in the slot, plus 1, or 0 for none; in the last row
+ *                                        1 for pairs whose `sum` is defined
+ * moments  float (n_slots, n_pairs, 4, 8)  re, im, and lo of both; undefined where tag is 0
+ * sum      float (n_pairs, 4, n_freq)    re, im, lo of both; defined where tag's last row is 1
  *
  * Item = one pair: first_pair + its index in this call.
  * start      uint (items + 1)            first path of each pair in this call
@@ -190,12 +187,12 @@ __kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_
             const int block = (int)LANE(number, j);
             const size_t at = (size_t)(block & (int)(n_slots - 1)) * n_pairs + pair;
             __global float *m = moments + at * BLOCK_FLOATS;
-            float8 hi, lo, turned_hi, turned_lo;
+            float8 hi, lo, minus_j_hi, minus_j_lo;
             if (tag[at] == block + 1) {
                 hi = LOAD8(m);
-                turned_hi = LOAD8(m + 8);
+                minus_j_hi = LOAD8(m + 8);
                 lo = LOAD8(m + 16);
-                turned_lo = LOAD8(m + 24);
+                minus_j_lo = LOAD8(m + 24);
             } else {
                 if (tag[at] != 0) {
                     __global int *in_use = tag + (size_t)n_slots * n_pairs + pair;
@@ -204,9 +201,8 @@ __kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_
                     *in_use = 1;
                 }
                 tag[at] = block + 1;
-                hi = lo = turned_hi = turned_lo = (float8)(0.0f);
+                hi = lo = minus_j_hi = minus_j_lo = (float8)(0.0f);
             }
-            /* By element, not by swizzles: the memory checker crashes on those. */
             const float x1 = LANE(x, j), xx = LANE(x2, j), xxxx = LANE(x4, j);
             const float8 power = (float8)(1.0f, x1, 1.0f, x1, 1.0f, x1, 1.0f, x1) *
                                  (float8)(1.0f, 1.0f, xx, xx, 1.0f, 1.0f, xx, xx) *
@@ -215,31 +211,18 @@ __kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_
             const float8 u = power * (float8)(zr, zi, zr, zi, zr, zi, zr, zi);
             const float8 v = power * (float8)(zi, -zr, zi, -zr, zi, -zr, zi, -zr);
             ADD_TO(hi, lo, u, float8);
-            ADD_TO(turned_hi, turned_lo, v, float8);
+            ADD_TO(minus_j_hi, minus_j_lo, v, float8);
             STORE8(hi, m);
-            STORE8(turned_hi, m + 8);
+            STORE8(minus_j_hi, m + 8);
             STORE8(lo, m + 16);
-            STORE8(turned_lo, m + 24);
+            STORE8(minus_j_lo, m + 24);
         }
         i = base + end;
     }
 }
 
-#if CLR_WIDTH == 8
-#define STORE_COMPLEX(re, im, p) \
-    do { \
-        STORE8(((float8)((re).s0, (im).s0, (re).s1, (im).s1, (re).s2, (im).s2, (re).s3, (im).s3)), (p)); \
-        STORE8(((float8)((re).s4, (im).s4, (re).s5, (im).s5, (re).s6, (im).s6, (re).s7, (im).s7)), (p) + 8); \
-    } while (0)
-#else
-#define STORE_COMPLEX(re, im, p) \
-    do { \
-        (p)[0] = (re); \
-        (p)[1] = (im); \
-    } while (0)
-#endif
-
-/* What all of it adds up to; the state stays as it is. Item = `columns` frequencies of CLR_PAIRS pairs.
+/* The sum of a pair's blocks and evicted blocks; the state stays as it is. Item = `columns` frequencies of CLR_PAIRS
+ * pairs, which share the phases of their blocks.
  * out      float (n_pairs, n_freq, 2)    re, im */
 __kernel void finish(const uint n_pairs, const uint n_freq, const uint columns, const uint n_slots,
                      const float block_m, __global const float *table, __global const int *tag,
@@ -282,7 +265,7 @@ __kernel void finish(const uint n_pairs, const uint n_freq, const uint columns, 
                 }
                 realw x, y;
                 block_phasor(moments + at * BLOCK_FLOATS, &f, cosine[slot], sine[slot], &x, &y);
-                /* Few enough that what is lost can add up by itself. */
+                /* So few that the rounding errors may add up in float32. */
                 const dual a = two_sum(re, x), b = two_sum(im, y);
                 re = a.hi;
                 im = b.hi;
@@ -291,7 +274,11 @@ __kernel void finish(const uint n_pairs, const uint n_freq, const uint columns, 
             }
             re += re_lost;
             im += im_lost;
-            STORE_COMPLEX(re, im, out + 2 * ((size_t)pair * plane + n));
+            __global float *at = out + 2 * ((size_t)pair * plane + n);
+            for (uint lane = 0; lane < CLR_WIDTH; ++lane) {
+                at[2 * lane] = LANE(re, lane);
+                at[2 * lane + 1] = LANE(im, lane);
+            }
         }
     }
 }

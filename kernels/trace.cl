@@ -1,8 +1,7 @@
 /* Outgoing rays, bounces and receptions: steps 2 to 6 of the model.
  *
- * Item = one surface sample and one group of 8 transmit antennas, of which `visible` says which see the
- * sample. For every seen antenna and ray:
- *     t_i  unit direction of arrival             n turned so that n.t_i < 0
+ * Item = one surface sample and one group of transmit antennas. For every visible antenna and ray:
+ *     t_i  unit direction of arrival             n facing it: n.t_i < 0
  *     t_d  = normalise(n + r), r uniform on the unit sphere             (diffuse)
  *     t_m  = t_i - 2 (t_i.n) n                                          (specular)
  *     t_c  = normalise(alpha t_d + (1 - alpha) t_m)                     (outgoing)
@@ -10,9 +9,9 @@
  * received by every Rx whose sphere of radius r it enters before it hits anything; the length of the path
  * is that to the sphere's centre. A ray that hits the mesh bounces there by the same rules.
  *
- * Receptions are appended in any order through an atomic counter; `key` gives each its place, so the
- * host's sort makes the order the same on every device. When the counter passes `capacity` nothing is
- * written beyond it, and the host sees the counter and asks again with room for all. */
+ * Receptions are appended in any order through an atomic counter; the host sorts them by `key`, so the order is
+ * the same on every device. Nothing is written beyond `capacity`; when the counter passes it, the host launches the
+ * kernel again with buffers for all. */
 #ifndef CLR_SPREADING
 #error "CLR_SPREADING (0: amplitude 1, 1: 1 / (R1 R2) and antenna patterns) is missing"
 #endif
@@ -31,7 +30,7 @@ static inline dual dual_distance(float3 p, float3 a_hi, float3 a_lo) {
                        dual_difference(p.z, 0.0f, a_hi.z, a_lo.z));
 }
 
-/* Distance along the ray at which it enters each sphere of a group of 8 receivers; negative where it
+/* Distance along the ray at which it enters each sphere of a group of receivers; negative where it
  * does not. A ray that starts inside enters at 0. */
 static inline float8 sphere_entry(__global const float *rx, const uint stride, const float3 o,
                                   const float3 d, const float radius_squared) {
@@ -47,7 +46,7 @@ static inline float8 sphere_entry(__global const float *rx, const uint stride, c
     return passed ? (entry > 0.0f ? entry : (float8)(0.0f)) : (float8)(-1.0f);
 }
 
-/* Whether the ray meets the box around all receivers' spheres. */
+/* Slab test of a ray against the box around all receivers' spheres. */
 static inline bool meets_box(const float3 o, const float3 d, const float4 low, const float4 high) {
     const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
     const float3 a = (low.xyz - o) * inverse, b = (high.xyz - o) * inverse;
@@ -57,11 +56,24 @@ static inline bool meets_box(const float3 o, const float3 d, const float4 low, c
     return leave > 0.0f && entry <= leave;
 }
 
+/* t_c for the random words of a draw. */
+static inline float3 outgoing_direction(const uint4 words, const float3 n, const float3 t_i,
+                                        const float alpha) {
+    const float height = 2.0f * unit_interval(words.x) - 1.0f;
+    const float ring = sqrt(larger(0.0f, 1.0f - height * height));
+    float cosine, sine;
+    cos_sin_cycles(unit_interval(words.y) - 0.5f, &cosine, &sine);
+    const float3 r = (float3)(ring * cosine, ring * sine, height);
+    const float3 t_d = unit(n + r);
+    const float3 t_m = t_i - 2.0f * dot3(t_i, n) * n;
+    return unit(alpha * t_d + (1.0f - alpha) * t_m);
+}
+
 /* nodes, triangles  see common/bvh.h
  * normal    float (n_faces, 3, 3)      unit normals at the corners
  * alpha     float (n_faces)
  * tx_hi, tx_lo, rx_hi, rx_lo  float (n, 3)  antennas, metres, as hi + lo
- * rx_soa    float (3, n_rx_groups * 8) receivers once more, padded with positions out of reach
+ * rx_columns float (3, n_rx_groups * CLR_GROUP)  receivers by coordinate, padded with positions out of reach
  * point, shading, geometric  float (n_samples, 3)   sample_alpha float (n_samples)
  * visible   uchar (n_samples, n_tx_groups)
  * counter   uint (3)                   receptions, outgoing draws, absorbed draws
@@ -74,7 +86,7 @@ __kernel void trace_rays(
     const float delta, const float4 box_low, const float4 box_high, const uint capacity,
     __global const float *nodes, __global const float *triangles, __global const float *normal,
     __global const float *alpha, __global const float *tx_hi, __global const float *tx_lo,
-    __global const float *rx_hi, __global const float *rx_lo, __global const float *rx_soa,
+    __global const float *rx_hi, __global const float *rx_lo, __global const float *rx_columns,
     __global const float *point, __global const float *shading, __global const float *geometric,
     __global const float *sample_alpha, __global const uchar *visible, __global uint *counter,
     __global ulong *key, __global float *path) {
@@ -90,30 +102,22 @@ __kernel void trace_rays(
         if (!(bits & (1u << b))) continue;
         const uint tx = group * CLR_GROUP + b;
         const float3 p0 = load3(point + 3 * (size_t)i);
-        const dual first_leg = dual_distance(p0, load3(tx_hi + 3 * (size_t)tx), load3(tx_lo + 3 * (size_t)tx));
-        const float3 arrival = (p0 - load3(tx_hi + 3 * (size_t)tx)) / first_leg.hi;
+        const dual first_segment = dual_distance(p0, load3(tx_hi + 3 * (size_t)tx), load3(tx_lo + 3 * (size_t)tx));
+        const float3 arrival = (p0 - load3(tx_hi + 3 * (size_t)tx)) / first_segment.hi;
 
         for (uint ray = 0; ray < rays; ++ray) {
             float3 p = p0, t_i = arrival;
             float3 n = load3(shading + 3 * (size_t)i), face = load3(geometric + 3 * (size_t)i);
             float a = sample_alpha[i];
-            dual travelled = first_leg;
+            dual travelled = first_segment;
 
             for (uint bounce = 0; bounce < max_bounces; ++bounce) {
                 if (dot3(n, t_i) > 0.0f) n = -n;
                 if (dot3(face, t_i) > 0.0f) face = -face;
 
-                const uint4 bits4 =
-                    draw(first_sample + i, tx, ray, DOMAIN_DIRECTION | bounce << 8, seed_low,
-                         seed_high);
-                const float height = 2.0f * unit_interval(bits4.x) - 1.0f;
-                const float ring = sqrt(larger(0.0f, 1.0f - height * height));
-                float cosine, sine;
-                cos_sin_cycles(unit_interval(bits4.y) - 0.5f, &cosine, &sine);
-                const float3 r = (float3)(ring * cosine, ring * sine, height);
-                const float3 t_d = unit(n + r);
-                const float3 t_m = t_i - 2.0f * dot3(t_i, n) * n;
-                const float3 t_c = unit(a * t_d + (1.0f - a) * t_m);
+                const uint4 words = draw(first_sample + i, tx, ray, DOMAIN_DIRECTION | bounce << 8,
+                                         seed_low, seed_high);
+                const float3 t_c = outgoing_direction(words, n, t_i, a);
                 ++drawn;
                 /* Also true for NaN, where t_d and t_m cancel. */
                 if (!(dot3(t_c, face) > 0.0f)) {
@@ -127,7 +131,7 @@ __kernel void trace_rays(
                 if (meets_box(p, t_c, box_low, box_high)) {
                     for (uint g = 0; g < n_rx_groups; ++g) {
                         const float8 entry =
-                            sphere_entry(rx_soa + g * CLR_GROUP, stride, p, t_c, radius_squared);
+                            sphere_entry(rx_columns + g * CLR_GROUP, stride, p, t_c, radius_squared);
                         const float4 four = entry.lo > entry.hi ? entry.lo : entry.hi;
                         const float2 two = four.lo > four.hi ? four.lo : four.hi;
                         farthest = larger(farthest, larger(two.x, two.y));
@@ -136,36 +140,29 @@ __kernel void trace_rays(
                 if (last && farthest < 0.0f) break;
 
                 const float reach = last ? farthest : FLT_MAX;
-                const hit_record hit = traced(nodes, triangles, o, t_c, reach, false);
+                const hit_record hit = intersect(nodes, triangles, o, t_c, reach, false);
                 const float limit = hit.triangle < 0 ? FLT_MAX : hit.distance;
 
                 if (farthest >= 0.0f) {
                     for (uint g = 0; g < n_rx_groups; ++g) {
                         const float8 entry =
-                            sphere_entry(rx_soa + g * CLR_GROUP, stride, p, t_c, radius_squared);
-                        const int8 received = (entry >= 0.0f) & (entry < limit);
-                        if (!any8(received)) continue;
-                        const int4 four = received.lo + received.hi;
-                        const int2 two = four.lo + four.hi;
-                        /* A lane that holds is -1. */
-                        uint slot = atomic_add(counter, (uint)-(two.x + two.y));
-                        const int flags[CLR_GROUP] = {received.s0, received.s1, received.s2,
-                                                  received.s3, received.s4, received.s5,
-                                                  received.s6, received.s7};
-                        for (uint lane = 0; lane < CLR_GROUP; ++lane) {
-                            if (!flags[lane]) continue;
+                            sphere_entry(rx_columns + g * CLR_GROUP, stride, p, t_c, radius_squared);
+                        uint received = lanes8((entry >= 0.0f) & (entry < limit));
+                        if (!received) continue;
+                        uint slot = atomic_add(counter, popcount(received));
+                        for (; received; received &= received - 1, ++slot) {
                             if (slot < capacity) {
-                                const uint rx = g * CLR_GROUP + lane;
+                                const uint rx = g * CLR_GROUP + lowest(received);
                                 const float3 rx_m = load3(rx_hi + 3 * (size_t)rx);
-                                const dual leg = dual_distance(p, rx_m, load3(rx_lo + 3 * (size_t)rx));
-                                const dual total = dual_add(travelled, leg);
+                                const dual segment = dual_distance(p, rx_m, load3(rx_lo + 3 * (size_t)rx));
+                                const dual total = dual_add(travelled, segment);
                                 float amplitude = 1.0f;
 #if CLR_SPREADING
                                 const float3 tx_m = load3(tx_hi + 3 * (size_t)tx);
-                                amplitude = 1.0f / (travelled.hi * leg.hi);
+                                amplitude = 1.0f / (travelled.hi * segment.hi);
                                 if (pattern_exponent > 0.0f) {
-                                    const float leaving = (p0.z - tx_m.z) / first_leg.hi;
-                                    const float back = (p.z - rx_m.z) / leg.hi;
+                                    const float leaving = (p0.z - tx_m.z) / first_segment.hi;
+                                    const float back = (p.z - rx_m.z) / segment.hi;
                                     amplitude *= leaving > 0.0f && back > 0.0f
                                                      ? pow(leaving * back, pattern_exponent)
                                                      : 0.0f;
@@ -179,7 +176,6 @@ __kernel void trace_rays(
                                 row[2] = amplitude;
                                 row[3] = 0.0f;
                             }
-                            ++slot;
                         }
                     }
                 }
@@ -191,9 +187,9 @@ __kernel void trace_rays(
                 const float u = limited(hit.u, 0.0f, 1.0f);
                 const float v = limited(hit.v, 0.0f, 1.0f - u);
                 const float3 next = rows3(t) + u * rows3(t + ROW_E1) + v * rows3(t + ROW_E2);
-                const dual leg = dual_distance(p, next, (float3)(0.0f));
-                travelled = dual_add(travelled, leg);
-                /* Not (next - p) / |next - p|: the ray started above p, which would turn short legs. */
+                const dual segment = dual_distance(p, next, (float3)(0.0f));
+                travelled = dual_add(travelled, segment);
+                /* Not (next - p) / |next - p|: the ray started above p, which changes the direction of short segments. */
                 t_i = t_c;
                 p = next;
                 face = unit(rows3(t + ROW_N));

@@ -1,18 +1,19 @@
-/* Which transmit antennas does each surface point see?
+/* Visibility of antennas from surface points (docs/equations.md, E2), by shaft culling (E. A. Haines and
+ * J. R. Wallace, "Shaft culling for efficient ray-traced radiosity", Eurographics Workshop on Rendering 1991).
  *
- * Step 1 of the model: the ray Tx -> p counts if p is what it hits first. It is asked from the point's
- * side, since one origin with many directions shares most of the work: any hit ends a ray.
+ * The ray Tx -> p counts if p is what it hits first. Rays are traced from the point, since one origin with many
+ * directions shares most of the work: any hit ends a ray.
  *
  * On a CPU, item = one point. The antennas come in bundles of up to 8 groups of up to 8 that are close to
  * each other. One pass through the tree serves a bundle: the shaft from the point around all its
- * antennas is held against the boxes of 8 children at a time, then against the 8 triangles of a leaf,
+ * antennas is tested against the boxes of 8 children at a time, then against the 8 triangles of a leaf,
  * and so is the shaft of each group. What is left is decided for one triangle and the 8 rays of a group
  * at a time. The shafts only save work: what blocks a ray is decided for each ray by itself.
  *
  * On a GPU, item = one point and 8 antennas, one ray after the other.
  *
- * Half of the points of a closed surface would have their rays go through what it encloses. One ray tells
- * that a point's side is inside (inside_closed); then no antenna outside of all boxes is seen.
+ * Half of the points of a closed surface would have their rays go through what it encloses. One ray decides
+ * whether a point's side is inside (inside_closed); then no antenna outside of all boxes is visible.
  *
  * The origin is lifted off its face by 2 delta towards the antenna (see common/bvh.h), so that
  * its own face and coincident ones are never hit. */
@@ -27,8 +28,7 @@
 #endif
 
 /* An antenna is a sphere of this radius, or a point (0). Where the plane of the point's face cuts a
- * sphere, each side asks for the middle of its own part, in height above the face: how far that is from
- * the centre. */
+ * sphere, rays on each side go to the middle of the part on theirs: how far that is above the centre. */
 static inline realw lift_of(const realw above, const float radius) {
     return above < radius ? 0.5f * (radius - above) : (realw)(0.0f);
 }
@@ -46,16 +46,12 @@ typedef struct {
     int antenna[CLR_BUNDLE_GROUPS][CLR_GROUP];        /* its index; -1: padding */
 } bundle;
 
-/* Rays to the antennas of a bundle go along a main axis, to one side. What they do along the two others,
- * per metre: */
+/* Rays to the antennas of a bundle go along a main axis, to one side. Their slopes along the two others: */
 typedef struct {
     float8 a_middle, a_half, b_middle, b_half;    /* of each group */
     float a_low, a_high, b_low, b_high;           /* of all groups together */
     float a_centre, a_extent, b_centre, b_extent; /* the same */
 } shafts;
-
-/* One of the floats of a vector, to be compared with all rays. */
-#define LANE(v) (((const float *)&(v))[lane])
 
 static inline float most8(float8 v) {
     return -least8(-v);
@@ -90,7 +86,7 @@ static inline float8 most_of(const edge8 e, const slopes s) {
                          fused8(e.x, s.a_centre, fused8(e.y, s.b_centre, e.along))));
 }
 
-/* What is searched for: rays of a bundle that something blocks.
+/* A search for the rays of a bundle that something blocks.
  *
  * `main` is the axis that all rays go along, `sense` to which side, `farthest` how far, and `slant` is more
  * than how much longer a ray is than that; `o` is the origin along the second, third and main axis.
@@ -104,7 +100,7 @@ typedef struct {
     const float8 *direction, *distance;
 } search;
 
-/* The boxes of a node's children along the axes of a search, as seen from its origin. */
+/* The boxes of a node's children relative to the origin and along the axes of a search. */
 typedef struct {
     float8 start, end, a_from, a_to, b_from, b_to;
 } boxes8;
@@ -122,7 +118,7 @@ static inline boxes8 boxes_of(const search *s, __global const float *node) {
     return box;
 }
 
-/* Which of them a shaft meets. */
+/* Boxes that a shaft meets. */
 static inline int8 met_by(const boxes8 box, const float a_low, const float a_high, const float b_low,
                           const float b_high) {
     return (box.start <= box.end) & (smaller8(box.start * a_low, box.end * a_low) <= box.a_to) &
@@ -136,50 +132,50 @@ static inline int8 met_in(const boxes8 box, const slopes of) {
                   of.b_centre - of.b_extent, of.b_centre + of.b_extent);
 }
 
-/* Those that are much smaller than the shaft is wide. */
+/* Boxes that are much smaller than the shaft is wide. */
 static inline int8 small_in(const boxes8 box, const slopes of, const float times) {
     return box.start * (2.0f * (of.a_extent + of.b_extent)) >
            ((box.a_to - box.a_from) + (box.b_to - box.b_from)) * times;
 }
 
-/* A block of triangles as seen from the origin of a search, and its edges for any shaft of it. */
+/* A block of triangles relative to the origin of a search, and its edges for any shaft of it. */
 typedef struct {
     __global const float *rows;
-    seen_block seen;
+    block_tests tests;
     edge8 u, v, w, facing;
 } shaft_block;
 
 static inline shaft_block shaft_block_from(const search *s, const int child) {
     shaft_block block;
     block.rows = s->triangles + (size_t)-(child + 1) * BLOCK_FLOATS;
-    const seen_block b = block_from(block.rows, s->o, s->second, s->third, s->main);
+    const block_tests b = block_from(block.rows, s->o, s->second, s->third, s->main);
     block.u = edge_of(b.q2x, b.q2y, b.q2z, s->slant * b.eu, s->sense);
     block.v = edge_of(b.q1x, b.q1y, b.q1z, s->slant * b.ev, s->sense);
     block.w = edge_of(b.nx - b.q2x - b.q1x, b.ny - b.q2y - b.q1y, b.nz - b.q2z - b.q1z,
                       s->slant * b.ew, s->sense);
     block.facing = edge_of(b.nx, b.ny, b.nz, (float8)(0.0f), s->sense);
-    block.seen = b;
+    block.tests = b;
     return block;
 }
 
-/* Inside all edges of which of its triangles some ray of a shaft may pass. */
+/* Triangles inside all edges of which some ray of a shaft may pass. */
 static inline int8 edges_met(const shaft_block *block, const slopes of) {
     return (most_of(block->u, of) >= 0.0f) & (most_of(block->v, of) >= 0.0f) &
            (most_of(block->w, of) >= 0.0f);
 }
 
-/* Which of its triangles may block a ray of a shaft. */
+/* Triangles that may block a ray of a shaft. */
 static inline int8 may_block(const shaft_block *block, const slopes of) {
     return edges_met(block, of) & (most_of(block->facing, of) > 0.0f) &
-           (block->seen.height > 0.0f);
+           (block->tests.height > 0.0f);
 }
 
-/* Which of the rays that are `open` (bit 8 g + lane) no triangle of a block stops. `pairs` says which are
- * to be tried: bit 8 g + t for group g and triangle t. */
+/* The rays of `open` (bit 8 g + lane) that no triangle of a block stops. `pairs` are to be tested: bit 8 g + t for
+ * group g and triangle t. */
 static inline ulong left_open(const search *s, const shaft_block *block, ulong pairs, ulong open) {
     const float8 *along0 = s->direction + 8 * s->main, *along1 = s->direction + 8 * s->second,
                  *along2 = s->direction + 8 * s->third;
-    const seen_block *b = &block->seen;
+    const block_tests *b = &block->tests;
     const float8 twice_eu = 2.0f * b->eu, twice_ev = 2.0f * b->ev, twice_ew = 2.0f * b->ew;
     const float8 sum_error = b->ew + b->eu + b->ev;
     for (; pairs; pairs &= pairs - 1) {
@@ -189,14 +185,14 @@ static inline ulong left_open(const search *s, const shaft_block *block, ulong p
         const float *n = (const float *)&b->nx + lane;
         const float8 d0 = along0[g], d1 = along1[g], d2 = along2[g];
         /* Each with its error added: inside an edge where not negative. */
-        const float8 u = fused8(d1, q2[0], fused8(d2, q2[8], fused8(d0, q2[16], LANE(b->eu))));
-        const float8 v = fused8(d1, q1[0], fused8(d2, q1[8], fused8(d0, q1[16], LANE(b->ev))));
+        const float8 u = fused8(d1, q2[0], fused8(d2, q2[8], fused8(d0, q2[16], LANE(b->eu, lane))));
+        const float8 v = fused8(d1, q1[0], fused8(d2, q1[8], fused8(d0, q1[16], LANE(b->ev, lane))));
         const float8 size = fused8(d1, n[0], fused8(d2, n[8], d0 * n[16]));
-        const float8 w = size + LANE(sum_error) - (u + v);
-        int8 blocked = (u >= 0.0f) & (v >= 0.0f) & (w >= 0.0f) & (size > LANE(b->edge_on)) &
-                       (LANE(b->height) < s->distance[g] * size);
+        const float8 w = size + LANE(sum_error, lane) - (u + v);
+        int8 blocked = (u >= 0.0f) & (v >= 0.0f) & (w >= 0.0f) & (size > LANE(b->edge_on, lane)) &
+                       (LANE(b->height, lane) < s->distance[g] * size);
         const int8 unsure =
-            blocked & ((u <= LANE(twice_eu)) | (v <= LANE(twice_ev)) | (w <= LANE(twice_ew)));
+            blocked & ((u <= LANE(twice_eu, lane)) | (v <= LANE(twice_ev, lane)) | (w <= LANE(twice_ew, lane)));
         if (any8(unsure)) {
             const int8 inside =
                 inside_triangle(block->rows + lane, s->from, s->direction[g], s->direction[8 + g],
@@ -220,14 +216,13 @@ static inline slopes of_ray(const search *s, const int ray) {
     return (slopes){a, 0x1p-21f * absolute(a), b, 0x1p-21f * absolute(b)};
 }
 
-/* The shaft of a bundle spares work as long as boxes are wider than it. Of boxes that are much smaller it
- * meets many that none of its rays does: there each group is searched for by itself, and further on each
- * ray. */
-#define FEW_OF_BUNDLE 16.0f /* from how many times as wide as a box the shaft of a bundle is too wide */
-#define FEW_OF_GROUP 1.0f  /* and that of a group */
-#define RAYS 8             /* "who": group g, or ray who - RAYS */
+/* The shaft of a bundle saves work as long as boxes are wider than it. It meets many boxes that are much
+ * narrower and that none of its rays meets: below those each group is traced by itself, and further down each ray. */
+#define WIDE_OF_BUNDLE 16.0f /* a shaft is too wide at this many times the width of a box */
+#define WIDE_OF_GROUP 1.0f   /* and that of a group */
+#define RAYS 8               /* "who": group g, or ray who - RAYS */
 
-/* Go on for each group with those children of a node whose bits are set. */
+/* Depth-first traversal for each group by itself, from those children of a node whose bits are set. */
 __attribute__((noinline)) static ulong unblocked_apart(const search *s, const int start,
                                                        const uint lanes, ulong open) {
     /* A node leaves behind at most a group and its 8 rays. */
@@ -243,7 +238,7 @@ __attribute__((noinline)) static ulong unblocked_apart(const search *s, const in
                 const boxes8 box = boxes_of(s, s->nodes + (size_t)child * NODE_FLOATS);
                 uint hit = lanes8(met_in(box, of)) & within;
                 const uint small =
-                    who < RAYS ? hit & lanes8(small_in(box, of, FEW_OF_GROUP)) : 0;
+                    who < RAYS ? hit & lanes8(small_in(box, of, WIDE_OF_GROUP)) : 0;
                 if (small) {
                     for (uint rest = (uint)(open >> 8 * g & 0xff); rest; rest &= rest - 1) {
                         const int ray = 8 * g + lowest(rest);
@@ -265,7 +260,7 @@ __attribute__((noinline)) static ulong unblocked_apart(const search *s, const in
                 const ulong pairs = (ulong)lanes8(may_block(&block, of)) << 8 * g;
                 if (pairs) open = left_open(s, &block, pairs, open);
             }
-            /* Leave out what only rays wait for that are blocked by now. */
+            /* Drop nodes of rays that are blocked by now. */
             for (; top; --top) {
                 who = whose[top - 1];
                 if (who < RAYS ? open >> 8 * g & 0xff : open >> (who - RAYS) & 1) break;
@@ -282,7 +277,7 @@ __attribute__((noinline)) static ulong unblocked_apart(const search *s, const in
     return open;
 }
 
-/* Which of the rays that are `open` (bit 8 g + lane) nothing blocks. */
+/* The rays of `open` (bit 8 g + lane) that nothing blocks. */
 static inline ulong unblocked(const search *s, ulong open) {
     const shafts *shaft = s->shaft;
     const slopes all = {shaft->a_centre, shaft->a_extent, shaft->b_centre, shaft->b_extent};
@@ -296,7 +291,7 @@ static inline ulong unblocked(const search *s, ulong open) {
             const boxes8 box = boxes_of(s, s->nodes + (size_t)child * NODE_FLOATS);
             const int8 met = met_by(box, shaft->a_low, shaft->a_high, shaft->b_low, shaft->b_high);
             uint hit = lanes8(met);
-            const uint small = lanes8(met & small_in(box, all, FEW_OF_BUNDLE));
+            const uint small = lanes8(met & small_in(box, all, WIDE_OF_BUNDLE));
             if (small) {
                 open = unblocked_apart(s, child, small, open);
                 if (!open) return 0;
@@ -329,10 +324,9 @@ static inline ulong unblocked(const search *s, ulong open) {
     }
 }
 
-/* Product of intervals' bounds: the least and the most of [low, high] x [c, d], c, d > 0. */
+/* Interval product: least and most of [low, high] x [c, d], c, d > 0, wider by what rounding may take. */
 static inline void stretch(const float8 low, const float8 high, const float8 c, const float8 d,
                            float8 *middle, float8 *spread, float *least, float *most) {
-    /* Wider by what rounding may take. */
     const float8 least_8 = smaller8(low * c, low * d), most_8 = larger8(high * c, high * d);
     const float8 size = larger8(larger8(least_8, -least_8), larger8(most_8, -most_8));
     *middle = 0.5f * (least_8 + most_8);
@@ -342,16 +336,68 @@ static inline void stretch(const float8 low, const float8 high, const float8 c, 
     *most = most8(most_8) + margin;
 }
 
-/* Set the bits in `out` of the antennas that a point sees, one bundle after the other. */
-static inline void see_bundles(const float3 p, const float3 normal, const float delta,
-                               const float radius, __global const float *nodes,
-                               __global const float *triangles, __global const float *header,
-                               __global uchar *out) {
+/* Directions and distances from o to the antennas of group g; returns those on this side of the face, as bits. */
+static inline uint aim(__global const bundle *of, const int g, const float3 p, const float3 o,
+                       const float3 normal, const float side, const float radius,
+                       float8 *direction, float8 *distance) {
+    const float8 ax = LOAD8(of->position[0][g]), ay = LOAD8(of->position[1][g]),
+                 az = LOAD8(of->position[2][g]);
+    const int8 antenna = LOAD8I(of->antenna[g]);
+    const float8 above = ((ax - p.x) * normal.x + (ay - p.y) * normal.y + (az - p.z) * normal.z) * side;
+    const float8 lift = lift_of(above, radius) * side;
+    const float8 dx = ax - o.x + lift * normal.x, dy = ay - o.y + lift * normal.y,
+                 dz = az - o.z + lift * normal.z;
+    distance[g] = sqrt(dx * dx + dy * dy + dz * dz);
+    const float8 inverse = 1.0f / distance[g];
+    direction[g] = dx * inverse;
+    direction[8 + g] = dy * inverse;
+    direction[16 + g] = dz * inverse;
+    return lanes8((above > -radius) & (antenna >= 0));
+}
+
+/* Set the bits of the antennas of a bundle. */
+static inline void set_visible(__global const bundle *of, const ulong visible, __global uchar *out) {
+    for (int g = 0; g < of->n_groups; ++g) {
+        uint bits = (uint)(visible >> 8 * g & 0xff);
+        if (!bits) continue;
+        const int first = of->first[g];
+        if (first >= 0) {
+            bits <<= first & 7;
+            out[first >> 3] |= (uchar)bits;
+            if (bits >> 8) out[(first >> 3) + 1] |= (uchar)(bits >> 8);
+        } else {
+            for (; bits; bits &= bits - 1) {
+                const int antenna = of->antenna[g][lowest(bits)];
+                out[antenna >> 3] |= (uchar)(1 << (antenna & 7));
+            }
+        }
+    }
+}
+
+/* The rays of `open` that nothing blocks, one after the other: for antennas too close to make a shaft. */
+static inline ulong unblocked_one_by_one(__global const float *nodes, __global const float *triangles,
+                                         const float3 o, const float8 *direction,
+                                         const float8 *distance, ulong open) {
+    for (ulong rest = open; rest; rest &= rest - 1) {
+        const int ray = lowest_long(rest);
+        const float *x = (const float *)direction + ray;
+        const float3 d = (float3)(x[0], x[64], x[128]);
+        const float far = ((const float *)distance)[ray];
+        if (intersect(nodes, triangles, o, d, far, true).triangle >= 0) open &= ~(1ul << ray);
+    }
+    return open;
+}
+
+/* Find the visible antennas of a point, one bundle after the other. */
+static inline void find_visible(const float3 p, const float3 normal, const float delta,
+                                const float radius, __global const float *nodes,
+                                __global const float *triangles, __global const float *header,
+                                __global uchar *out) {
     const int n_bundles = as_int(header[0]);
     __global const bundle *of = (__global const bundle *)(header + 8);
     __global const float *bounds = nodes + NODE_BOUNDS;
     const int inner = -(int)nodes[NODE_OUTWARD];
-    bool asked = false, inside = false;
+    bool tested = false, inside = false;
     for (int b = 0; b < n_bundles; ++b, ++of) {
         const int n_used = of->n_groups;
         float8 direction[3 * CLR_BUNDLE_GROUPS], distance[CLR_BUNDLE_GROUPS];
@@ -375,8 +421,8 @@ static inline void see_bundles(const float3 p, const float3 normal, const float 
                 const int8 outside = (lx > bounds[3]) | (ly > bounds[4]) | (lz > bounds[5]) |
                                     (hx < bounds[0]) | (hy < bounds[1]) | (hz < bounds[2]);
                 if (!(possible & ~lanes8(outside))) {
-                    if (!asked) inside = inside_closed(nodes, triangles, o, normal * (float)side, delta);
-                    asked = true;
+                    if (!tested) inside = inside_closed(nodes, triangles, o, normal * (float)side, delta);
+                    tested = true;
                     if (inside) continue;
                 }
             }
@@ -384,20 +430,7 @@ static inline void see_bundles(const float3 p, const float3 normal, const float 
             float8 most_distance = (float8)(0.0f);
             for (int g = 0; g < n_used; ++g) {
                 if (!(possible & 1u << g)) continue;
-                const float8 ax = LOAD8(of->position[0][g]), ay = LOAD8(of->position[1][g]),
-                             az = LOAD8(of->position[2][g]);
-                const int8 antenna = LOAD8I(of->antenna[g]);
-                const float8 above = ((ax - p.x) * normal.x + (ay - p.y) * normal.y +
-                                      (az - p.z) * normal.z) * (float)side;
-                open |= (ulong)lanes8((above > -radius) & (antenna >= 0)) << 8 * g;
-                const float8 lift = lift_of(above, radius) * (float)side;
-                const float8 dx = ax - o.x + lift * normal.x, dy = ay - o.y + lift * normal.y,
-                             dz = az - o.z + lift * normal.z;
-                distance[g] = sqrt(dx * dx + dy * dy + dz * dz);
-                const float8 inverse = 1.0f / distance[g];
-                direction[g] = dx * inverse;
-                direction[8 + g] = dy * inverse;
-                direction[16 + g] = dz * inverse;
+                open |= (ulong)aim(of, g, p, o, normal, (float)side, radius, direction, distance) << 8 * g;
                 most_distance = larger8(most_distance, distance[g]);
             }
             if (!open) continue;
@@ -436,31 +469,9 @@ static inline void see_bundles(const float3 p, const float3 normal, const float 
                                      32.0f, &shaft, direction, distance};
                 open = unblocked(&what, open);
             } else {
-                for (ulong rest = open; rest; rest &= rest - 1) {
-                    const int ray = lowest_long(rest), g = ray >> 3, lane = ray & 7;
-                    const float *x = (const float *)(direction + g) + lane;
-                    const float3 d = (float3)(x[0], x[64], x[128]);
-                    const float far = ((const float *)(distance + g))[lane];
-                    if (traced(nodes, triangles, o, d, far, true).triangle >= 0)
-                        open &= ~(1ul << ray);
-                }
+                open = unblocked_one_by_one(nodes, triangles, o, direction, distance, open);
             }
-            for (int g = 0; g < n_used; ++g) {
-                uint seen = (uint)(open >> 8 * g & 0xff);
-                if (!seen) continue;
-                const int first = of->first[g];
-                if (first >= 0) {
-                    seen <<= first & 7;
-                    out[first >> 3] |= (uchar)seen;
-                    if (seen >> 8) out[(first >> 3) + 1] |= (uchar)(seen >> 8);
-                } else {
-                    for (int lane = 0; lane < CLR_GROUP; ++lane) {
-                        if (!(seen & 1u << lane)) continue;
-                        const int antenna = of->antenna[g][lane];
-                        out[antenna >> 3] |= (uchar)(1 << (antenna & 7));
-                    }
-                }
-            }
+            set_visible(of, open, out);
         }
     }
 }
@@ -475,14 +486,14 @@ static inline bool beyond(__global const float *bounds, const float3 centre, con
 }
 
 /* Set the bits of a group of 8 antennas, one ray after the other. */
-static inline void see_group(const float3 p, const float3 normal, const uint n_antennas,
-                             const uint stride, const uint group, const float delta,
-                             const float radius, __global const float *nodes,
-                             __global const float *triangles, __global const float *antennas,
-                             __global uchar *out) {
+static inline void find_visible_of_group(const float3 p, const float3 normal, const uint n_antennas,
+                                         const uint stride, const uint group, const float delta,
+                                         const float radius, __global const float *nodes,
+                                         __global const float *triangles,
+                                         __global const float *antennas, __global uchar *out) {
     __global const float *bounds = nodes + NODE_BOUNDS;
     const int inner = -(int)nodes[NODE_OUTWARD];
-    bool asked = false, inside = false;
+    bool tested = false, inside = false;
     uint bits = 0;
     for (uint b = 0; b < CLR_GROUP && group * CLR_GROUP + b < n_antennas; ++b) {
         __global const float *at = antennas + group * CLR_GROUP + b;
@@ -492,13 +503,13 @@ static inline void see_group(const float3 p, const float3 normal, const uint n_a
             if (!(above > -radius)) continue;
             const float3 o = p + normal * ((float)side * 2.0f * delta);
             if (side == inner && beyond(bounds, antenna, radius)) {
-                if (!asked) inside = inside_closed(nodes, triangles, o, normal * (float)side, delta);
-                asked = true;
+                if (!tested) inside = inside_closed(nodes, triangles, o, normal * (float)side, delta);
+                tested = true;
                 if (inside) continue;
             }
             const float3 d = antenna - o + normal * (lift_of(above, radius) * (float)side);
             const float distance = length3(d);
-            if (traced(nodes, triangles, o, d * (1.0f / distance), distance, true).triangle < 0)
+            if (intersect(nodes, triangles, o, d * (1.0f / distance), distance, true).triangle < 0)
                 bits |= 1u << b;
         }
     }
@@ -507,12 +518,12 @@ static inline void see_group(const float3 p, const float3 normal, const uint n_a
 
 #endif
 
-/* Which antennas the point of this item sees. */
-static inline void see(const uint n_samples, const uint n_antennas, const uint n_groups,
-                       const float delta, const float radius, __global const float *nodes,
-                       __global const float *triangles, __global const float *antennas,
-                       __global const float *point, __global const float *geometric,
-                       __global uchar *visible) {
+/* Find the visible antennas of this item's point. */
+static inline void find(const uint n_samples, const uint n_antennas, const uint n_groups,
+                        const float delta, const float radius, __global const float *nodes,
+                        __global const float *triangles, __global const float *antennas,
+                        __global const float *point, __global const float *geometric,
+                        __global uchar *visible) {
     const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
     if (i >= n_samples || group >= n_groups) return;
     const float3 p = load3(point + 3 * (size_t)i), normal = load3(geometric + 3 * (size_t)i);
@@ -520,24 +531,24 @@ static inline void see(const uint n_samples, const uint n_antennas, const uint n
     __global uchar *out = visible + (size_t)i * n_groups;
 #if CLR_WIDTH == 8
     for (uint g = 0; g < n_groups; ++g) out[g] = 0;
-    see_bundles(p, normal, delta, radius, nodes, triangles, antennas + 3 * stride, out);
+    find_visible(p, normal, delta, radius, nodes, triangles, antennas + 3 * stride, out);
 #else
-    see_group(p, normal, n_antennas, stride, group, delta, radius, nodes, triangles, antennas, out);
+    find_visible_of_group(p, normal, n_antennas, stride, group, delta, radius, nodes, triangles, antennas, out);
 #endif
 }
 
 /* nodes, triangles  see common/bvh.h
  * tx        float (3, n_groups * 8)  antennas, metres; padded with copies of the last; then an int, the
- *           number of bundles, 7 unused, and the bundles
+ *           number of bundles, 7 unused words, and the bundles
  * point     float (n_samples, 3)     metres
  * geometric float (n_samples, 3)     unit face normals
- * visible   uchar (n_samples, n_groups)  out: bit b of group g is set if antenna 8 g + b is seen */
+ * visible   uchar (n_samples, n_groups)  out: bit b of group g is set if antenna 8 g + b is visible */
 __kernel void visible_antennas(const uint n_samples, const uint n_tx, const uint n_groups,
                                const float delta, __global const float *nodes,
                                __global const float *triangles, __global const float *tx,
                                __global const float *point, __global const float *geometric,
                                __global uchar *visible) {
-    see(n_samples, n_tx, n_groups, delta, 0.0f, nodes, triangles, tx, point, geometric, visible);
+    find(n_samples, n_tx, n_groups, delta, 0.0f, nodes, triangles, tx, point, geometric, visible);
 }
 
 /* The same of receivers, which are spheres. */
@@ -546,5 +557,5 @@ __kernel void visible_spheres(const uint n_samples, const uint n_rx, const uint 
                               __global const float *triangles, __global const float *rx,
                               __global const float *point, __global const float *geometric,
                               __global uchar *visible) {
-    see(n_samples, n_rx, n_groups, delta, radius, nodes, triangles, rx, point, geometric, visible);
+    find(n_samples, n_rx, n_groups, delta, radius, nodes, triangles, rx, point, geometric, visible);
 }

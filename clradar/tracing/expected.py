@@ -127,7 +127,7 @@ class ExpectedTracer(LitSurface):
         self._rx_visible = empty(self._n_rx_groups * batch)
         self._discs = empty(4 * RX_FIELDS * self._padded * batch)
         self._tx_lobes = empty(4 * TX_FIELDS * self.array.n_tx * batch)
-        self._shares = empty(shares * batch)
+        self._probabilities = empty(shares * batch)
         self._pending = empty(shares * batch)
         self._counts = empty(4 * self.array.n_tx * self._padded)
         self._starts = empty(4 * (n_pairs + 1))
@@ -161,12 +161,12 @@ class ExpectedTracer(LitSurface):
         count = len(columns[0])
         start = np.zeros(self.array.n_tx * self.array.n_rx + 1, np.uint32)
         if count:
-            np.cumsum(self._find_shares(columns, count), out=start[1:])
+            np.cumsum(self._find_probabilities(columns, count), out=start[1:])
         if start[-1]:
             self._emit(start, count)
         return Expectations(start, self._length, self._amplitude, self._longest_m, statistics)
 
-    def _find_shares(self, columns: list[np.ndarray], count: int) -> np.ndarray:
+    def _find_probabilities(self, columns: list[np.ndarray], count: int) -> np.ndarray:
         s, array, u = self.settings, self.array, np.uint32
         points, shading, geometric, _, alpha, visible = self._batch
         buffers = (points, shading, geometric, alpha, visible)
@@ -187,8 +187,8 @@ class ExpectedTracer(LitSurface):
             exponent, self._tx_rows, points, shading, geometric, visible, self._tx_lobes,
         )  # fmt: skip
         self._expected.launch(
-            "expected_shares", (blocks, array.n_tx), u(count), u(array.n_tx), u(self._padded),
-            self._discs, self._tx_lobes, alpha, self._rule, self._shares,
+            "reception_probabilities", (blocks, array.n_tx), u(count), u(array.n_tx), u(self._padded),
+            self._discs, self._tx_lobes, alpha, self._rule, self._probabilities,
             self._pending, self._counts,
         )  # fmt: skip
         counts = self._buffers.read(self._counts, (array.n_tx, self._padded), np.float32)
@@ -200,7 +200,7 @@ class ExpectedTracer(LitSurface):
         self._expected.launch(
             "expected_paths", (self._padded // self.device.width, array.n_tx), u(count),
             u(array.n_tx), u(array.n_rx), u(self._padded),
-            np.float32(self._rays_per_sample), self._discs, self._tx_lobes, self._shares,
+            np.float32(self._rays_per_sample), self._discs, self._tx_lobes, self._probabilities,
             self._starts, self._length, self._amplitude,
         )  # fmt: skip
 

@@ -1,20 +1,20 @@
-/* Bounding volume hierarchy: layout shared by all traversals.
+/* 8-wide bounding volume hierarchy: layout, traversals, and a triangle test whose error is bounded.
  *
- * nodes: float (n_nodes, 64). A node holds the boxes of up to eight children, each padded by the host by
- * the error bound delta below, so that no box test misses what an exact one finds:
+ * nodes: float (n_nodes, CLR_NODE_ROWS, CLR_CHILDREN). A node holds the boxes of up to eight children, each padded
+ * by the host by the error bound delta below, so that no box test misses what an exact one finds:
  *     [0..7] children, int bits   [8..15] lo x   [16..23] lo y   [24..31] lo z
- *     [32..39] hi x   [40..47] hi y   [48..55] hi z   [56..63] see below
+ *     [32..39] hi x   [40..47] hi y   [48..55] hi z   [56..63] of the first node only
  * A child >= 0 is a node; a child < 0 is a leaf, the block -(child + 1) of triangles. Where there are fewer
  * children, the other boxes are empty (lo > hi).
  *
- * triangles: float (n_blocks, 12, 8), metres. A block holds the up to eight triangles of a leaf in its columns; slot =
- * 8 block + column. Its rows:
+ * triangles: float (n_blocks, CLR_TRIANGLE_ROWS, CLR_BLOCK), metres. A block holds the up to eight triangles of a
+ * leaf in its columns; slot = 8 block + column. Its rows:
  *     [0..2] v0   [3..5] e1 = v1-v0   [6..8] e2 = v2-v0   [9..11] N = e1 x e2 (from float64)
  * In a column that is not used all are 0, and nothing hits it. After the last block: int (n_blocks, 8), the face at
  * each slot.
  *
- * What the first node does not use: word 56, int: n_blocks; 57: 0 if the surface is not closed, else the
- * side of its faces, 1 or -1, that the outside is on as a rule; 58 to 63: low and high corner of all boxes.
+ * The last row of the first node: word 56, int: n_blocks; 57: 0 if the surface is not closed, else the side,
+ * 1 or -1, of most of its faces that is outside; 58 to 63: low and high corner of all boxes.
  *
  * Triangle test (Moeller and Trumbore 1997, written for many directions from one origin o): with
  * T = v0 - o, u |d.N| = +-d.(e2 x T), v |d.N| = +-d.(T x e1), t = T.N / d.N. In float32, with unit
@@ -59,7 +59,7 @@ static inline int face_at(__global const float *nodes, __global const float *tri
     return as_int(triangles[(size_t)as_int(nodes[NODE_BLOCKS]) * BLOCK_FLOATS + slot]);
 }
 
-/* Where the rows of a slot begin. */
+/* First row of a slot. */
 static inline __global const float *slot_of(__global const float *triangles, const int slot) {
     return triangles + (size_t)(slot >> 3) * BLOCK_FLOATS + (slot & 7);
 }
@@ -69,7 +69,7 @@ static inline float3 rows3(__global const float *slot) {
     return (float3)(slot[0], slot[CLR_BLOCK], slot[2 * CLR_BLOCK]);
 }
 
-/* Ask for a child that is going to be visited. */
+/* Prefetch a child that will be visited. */
 static inline void fetch_child(__global const float *nodes, __global const float *triangles,
                                const int child) {
     fetch384(child >= 0 ? nodes + (size_t)child * NODE_FLOATS
@@ -116,7 +116,7 @@ static inline float safe_inverse(float d) {
     return 1.0f / (d < 1e-18f && d > -1e-18f ? 1e-18f : d);
 }
 
-/* Which lanes of a comparison hold, as bits. */
+/* Lanes of a comparison as bits. */
 static inline uint lanes8(int8 v) {
 #ifdef __AVX__
     return (uint)__builtin_ia32_movmskps256(as_float8(v));
@@ -137,7 +137,7 @@ static inline float least8(float8 v) {
     return smaller(two.x, two.y);
 }
 
-/* a b + c, and a b - c d, each with the fewest roundings that the device has to offer. */
+/* a b + c and a b - c d, contracted to fused operations where the device has them. */
 static inline float8 fused8(float8 a, float8 b, float8 c) {
 #pragma OPENCL FP_CONTRACT ON
     return a * b + c;
@@ -148,7 +148,7 @@ static inline float8 cross8(float8 a, float8 b, float8 c, float8 d) {
     return a * b - c * d;
 }
 
-/* What the test of a block of triangles needs of them, as seen from one origin: turned so that T.N >= 0. */
+/* The triangle tests of a block for one origin, turned so that T.N >= 0. */
 typedef struct {
     float8 q2x, q2y, q2z; /* e2 x T */
     float8 q1x, q1y, q1z; /* T x e1 */
@@ -156,12 +156,12 @@ typedef struct {
     float8 height;        /* T.N */
     float8 eu, ev, ew;    /* error bounds at the three edges */
     float8 edge_on;       /* and of |d.N| */
-} seen_block;
+} block_tests;
 
 /* `x`, `y`, `z` are three axes, cyclic; `o` is given along them. */
-static inline seen_block block_from(__global const float *block, const float3 o, const int x,
+static inline block_tests block_from(__global const float *block, const float3 o, const int x,
                                     const int y, const int z) {
-    seen_block s;
+    block_tests s;
     const float8 tx = LOAD8(block + CLR_BLOCK * x) - o.x, ty = LOAD8(block + CLR_BLOCK * y) - o.y,
                  tz = LOAD8(block + CLR_BLOCK * z) - o.z;
     float8 ex = LOAD8(block + ROW_E2 + CLR_BLOCK * x), ey = LOAD8(block + ROW_E2 + CLR_BLOCK * y),
@@ -205,7 +205,7 @@ typedef struct {
     float u, v;
 } hit_record;
 
-/* Where in a node the sides are that a ray enters a box by; it leaves by the others. */
+/* Rows of a node with the slabs by which a ray enters a box; it leaves by the opposite ones. */
 typedef struct {
     int x, y, z;
 } slabs;
@@ -216,7 +216,7 @@ static inline slabs slabs_of(const float3 inverse) {
                    (inverse.z < 0.0f ? NODE_HIGH : NODE_LOW) + 16};
 }
 
-/* Which boxes of a node a ray passes through within reach, and how near. */
+/* Slab test: boxes of a node that a ray meets within reach, as bits, and where it enters them. */
 static inline uint boxes_hit(__global const float *node, const slabs in, const float3 inverse,
                              const float3 moved, const float reach, float8 *near) {
     const int both = NODE_LOW + NODE_HIGH;
@@ -232,13 +232,14 @@ static inline uint boxes_hit(__global const float *node, const slabs in, const f
     return lanes8(*near <= far);
 }
 
-/* Products of eight vectors with one. */
+/* Dot products of eight vectors with one. */
 static inline float8 along8(const float8 x, const float8 y, const float8 z, const float3 d) {
     return fused8(x, (float8)(d.x), fused8(y, (float8)(d.y), z * d.z));
 }
 
-/* Nearest triangle along o + t d, 0 < t < reach; with `any`, whichever is found first. */
-static inline hit_record traced(__global const float *nodes, __global const float *triangles,
+/* Closest hit along o + t d, 0 < t < reach; with `any`, the first that is found. Children are visited from near to
+ * far. */
+static inline hit_record intersect(__global const float *nodes, __global const float *triangles,
                                 const float3 o, const float3 d, float reach, const bool any) {
     const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
     const float3 moved = -o * inverse;
@@ -289,7 +290,7 @@ static inline hit_record traced(__global const float *nodes, __global const floa
         } else {
             const int block = -(child + 1);
             __global const float *rows = triangles + (size_t)block * BLOCK_FLOATS;
-            const seen_block s = block_from(rows, o, 0, 1, 2);
+            const block_tests s = block_from(rows, o, 0, 1, 2);
             const float8 size = along8(s.nx, s.ny, s.nz, d);
             const float8 u = along8(s.q2x, s.q2y, s.q2z, d), v = along8(s.q1x, s.q1y, s.q1z, d);
             int8 hit = (u >= -s.eu) & (v >= -s.ev) & (u + v <= size + s.ew) & (size > s.edge_on) &
@@ -328,9 +329,9 @@ static inline hit_record traced(__global const float *nodes, __global const floa
     }
 }
 
-/* Whether a point is inside a closed surface: whether a ray from it, which nothing limits, crosses an odd
- * number of faces. Then no ray from it to what is outside of all boxes is free. False where an edge is
- * too close to the ray, or a face to the point, to count in float32. */
+/* Whether a point is inside a closed surface, by the parity of the faces that one ray to infinity crosses. Then every
+ * ray from it to a point outside of all boxes is blocked. False where an edge is too close to the ray, or a face to
+ * the point, to count in float32. */
 static inline bool inside_closed(__global const float *nodes, __global const float *triangles,
                                  const float3 o, const float3 d, const float delta) {
     const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
@@ -349,7 +350,7 @@ static inline bool inside_closed(__global const float *nodes, __global const flo
                 fetch_child(nodes, triangles, stack[top++]);
             }
         } else {
-            const seen_block s =
+            const block_tests s =
                 block_from(triangles + (size_t)-(child + 1) * BLOCK_FLOATS, o, 0, 1, 2);
             const float8 size = along8(s.nx, s.ny, s.nz, d);
             const float8 u = along8(s.q2x, s.q2y, s.q2z, d), v = along8(s.q1x, s.q1y, s.q1z, d);

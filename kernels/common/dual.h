@@ -1,6 +1,8 @@
-/* Numbers as an unevaluated sum hi + lo of two float32 ("dual"), with a relative error of about 2^-45.
+/* Double-single arithmetic: a number as an unevaluated sum hi + lo of two float32, with a relative error of
+ * about 2^-45 (T. J. Dekker, "A floating-point technique for extending the available precision", Numer. Math. 18
+ * (1971) 224).
  *
- * Source: T. J. Dekker, Numer. Math. 18 (1971) 224. No step needs an fma, and none may be reordered:
+ * No step needs an fma, and none may be reordered:
  * the programs are built without fast-math, and width.h switches contraction off. */
 #include "common/width.h"
 

@@ -1,4 +1,4 @@
-/* Which share of the outgoing directions of the model enters a receiver's sphere.
+/* Probability P that an outgoing direction of the model enters a receiver's sphere (docs/estimators.md).
  *
  * t_c = normalise((1 - alpha) t_m + alpha t_d), t_d with density max(0, n.t_d) / pi on the unit sphere. Before
  * it is normalised, the sum lies on a sphere of radius alpha about k t_m, k = 1 - alpha. That sphere is symmetric
@@ -17,10 +17,10 @@
  * sin psi' = sin theta / sin beta_c sin t, psi' from the centre's azimuth; else t = psi' all around. The length of
  * a chord of the disc is then proportional to cos t. A disc that the lobe's edge does not cut is integrated by
  * the midpoint rule, which is spectral there; one that it cuts in up to three pieces, split where the edge cuts the
- * disc's rim, by Gauss and Legendre's rule in tau, t = middle - half-width x cos tau, which removes the square
- * roots at the pieces' ends. Discs that nothing cuts nor comes near take the density in four directions instead
- * (smooth_share), which costs a twentieth. docs/estimators.md has the derivation and the errors measured. */
-#ifndef CLR_FINE
+ * disc's rim, by the Gauss-Legendre rule in tau, t = middle - half-width x cos tau, which removes the square
+ * roots at the pieces' ends. Discs far from every limit take the density in four directions instead
+ * (smooth_probability), which costs a twentieth. */
+#if !defined(CLR_PLAIN) || !defined(CLR_EDGE) || !defined(CLR_FINE)
 #error "CLR_PLAIN, CLR_EDGE, CLR_FINE (nodes of the quadratures) are missing"
 #endif
 
@@ -73,6 +73,14 @@ static inline realw flux(realw n_z, realw m, realw c1, realw s1, realw c2, realw
     return 0.5f * (n_z * (s1 * c2 + c1 * s2) * sine + m * (swept - (product - s1 * s2) * sine));
 }
 
+/* Move an angle, given as cosine and sine, that is behind the horizon of n onto it. */
+static inline void keep_above(realw n_z, realw m, realw horizon_cos, realw horizon_sin, realw *c,
+                              realw *s) {
+    const intw hidden = n_z * *c + m * *s < 0.0f;
+    *c = choose(hidden, horizon_cos, *c);
+    *s = choose(hidden, horizon_sin, *s);
+}
+
 /* The inner integral at the azimuth psi' from the disc's centre, given as cosine and sine. */
 static inline realw slice(const lobe l, const disc d, realw cos_t, realw sin_t, intw clipped) {
     /* The chord: from its middle e, the disc's rim is at +-eta. */
@@ -113,7 +121,7 @@ static inline realw slice(const lobe l, const disc d, realw cos_t, realw sin_t, 
         x2 = choose(beyond, l.edge, x2);
     }
 
-    /* gamma of both ends on both sheets; those behind the horizon of n are moved onto it. */
+    /* gamma of both ends on both sheets. */
     const realw m = l.n_x * azimuth_x;
     const realw to_horizon = 1.0f / sqrt(l.n_z * l.n_z + m * m + 1e-30f);
     const realw horizon_cos = -m * to_horizon, horizon_sin = l.n_z * to_horizon;
@@ -124,24 +132,16 @@ static inline realw slice(const lobe l, const disc d, realw cos_t, realw sin_t, 
     const realw root2 = sqrt(square2 > 0.0f ? square2 : (realw)(0.0f));
     realw c1 = (z1 * root1 - l.k * x1 * x1) * inverse, s1 = x1 * (l.k * z1 + root1) * inverse;
     realw c2 = (z2 * root2 - l.k * x2 * x2) * inverse, s2 = x2 * (l.k * z2 + root2) * inverse;
-    intw hidden = l.n_z * c1 + m * s1 < 0.0f;
-    c1 = choose(hidden, horizon_cos, c1);
-    s1 = choose(hidden, horizon_sin, s1);
-    hidden = l.n_z * c2 + m * s2 < 0.0f;
-    c2 = choose(hidden, horizon_cos, c2);
-    s2 = choose(hidden, horizon_sin, s2);
+    keep_above(l.n_z, m, horizon_cos, horizon_sin, &c1, &s1);
+    keep_above(l.n_z, m, horizon_cos, horizon_sin, &c2, &s2);
     realw sum = flux(l.n_z, m, c1, s1, c2, s2);
     if (l.any_two) {
         c1 = (-z1 * root1 - l.k * x1 * x1) * inverse;
         s1 = x1 * (l.k * z1 - root1) * inverse;
         c2 = (-z2 * root2 - l.k * x2 * x2) * inverse;
         s2 = x2 * (l.k * z2 - root2) * inverse;
-        hidden = l.n_z * c1 + m * s1 < 0.0f;
-        c1 = choose(hidden, horizon_cos, c1);
-        s1 = choose(hidden, horizon_sin, s1);
-        hidden = l.n_z * c2 + m * s2 < 0.0f;
-        c2 = choose(hidden, horizon_cos, c2);
-        s2 = choose(hidden, horizon_sin, s2);
+        keep_above(l.n_z, m, horizon_cos, horizon_sin, &c1, &s1);
+        keep_above(l.n_z, m, horizon_cos, horizon_sin, &c2, &s2);
         sum += choose(l.two, flux(l.n_z, m, c2, s2, c1, s1), (realw)(0.0f));
     }
     return choose(empty, (realw)(0.0f), sum);
@@ -159,9 +159,9 @@ static inline realw at_angle(const lobe l, const disc d, realw t, intw clipped) 
                           clipped);
 }
 
-/* Nodes of the quadratures: CLR_PLAIN of the midpoint rule, CLR_EDGE of Gauss and Legendre's, and CLR_FINE of both
- * for discs that are large, or more than a quarter as wide as the lobe. Lanes with fewer get weight 0 for the others, so that no lane
- * depends on its neighbours. rule: (CLR_EDGE + CLR_FINE, 2), -cos tau and weight. */
+/* Nodes of the quadratures: CLR_PLAIN of the midpoint rule, CLR_EDGE of the Gauss-Legendre rule, and CLR_FINE of both
+ * for discs that are large, or more than a quarter as wide as the lobe. Lanes with fewer nodes have weight 0 for the
+ * rest, so that no lane depends on its neighbours. rule: (CLR_EDGE + CLR_FINE, 2), -cos tau and weight. */
 static inline realw piece(const lobe l, const disc d, realw from, realw to, intw clipped,
                           intw fine, __global const float *rule) {
     const realw middle = 0.5f * (from + to), half_width = 0.5f * (to - from);
@@ -208,9 +208,9 @@ static inline realw sheet_root(const lobe l, realw w_x) {
     return sqrt(square > 1e-12f ? square : (realw)(1e-12f));
 }
 
-/* Of discs on which the density is smooth: four directions at cos delta = (1 + cos theta) / 2, towards and from t_m and
+/* P of a disc on which the density is smooth: four directions at cos delta = (1 + cos theta) / 2, towards and from t_m and
  * to both sides, which is exact for a density of degree 3. */
-static inline realw smooth_share(const lobe l, const disc d) {
+static inline realw smooth_probability(const lobe l, const disc d) {
     const realw near = 0.5f * (1.0f + d.cosine);
     const realw out = sqrt((1.0f - near) * (1.0f + near));
     realw w_z = near * d.z - out * d.rho, w_x = near * d.rho + out * d.z;
@@ -226,7 +226,7 @@ static inline realw smooth_share(const lobe l, const disc d) {
     return sum * (d.sine * d.sine / ((2.0f * l.alpha * l.alpha) * (1.0f + d.cosine)));
 }
 
-/* Whether it is: the lobe's edge is at least 1.5 disc radii away from the centre, the horizon of n on both sheets 1.2
+/* Whether the density is smooth on a disc: the lobe's edge is at least 1.5 disc radii away from the centre, the horizon of n on both sheets 1.2
  * (the sheet is s / root times as long as w on it), and the face's one. */
 static inline intw is_smooth(const lobe l, const disc d, realw height) {
     const realw root = sheet_root(l, d.rho), along = l.k * d.z;
@@ -246,13 +246,13 @@ static inline intw is_smooth(const lobe l, const disc d, realw height) {
 }
 
 /* P of any discs by slices. */
-static inline realw sliced_share(const lobe l, const disc d, intw clipped,
+static inline realw sliced_probability(const lobe l, const disc d, intw clipped,
                                  __global const float *rule) {
     const intw fine = (d.sine > 0.15f) | ((4.0f * d.sine > l.edge) & l.two);
     const realw whole = choose(d.around, (realw)(PI_F), (realw)(0.5f * PI_F));
     realw cut_at = whole;
     intw cut = whole < 0.0f; /* none */
-    intw outer = cut;        /* the edge cuts the disc, which has parts inside it on both sides of the cut */
+    intw outer = cut;        /* the edge cuts the disc, parts of which are inside it on both sides of the cut */
     intw apart = cut;
     if (l.any_two) {
         /* Azimuth psi* at which the edge's circle meets the disc's: cos theta - cos beta_c cos beta_m over
@@ -268,9 +268,9 @@ static inline realw sliced_share(const lobe l, const disc d, intw clipped,
         const realw cosine = choose(cut, above / (below + 1e-30f), (realw)(0.0f));
         const realw sine_square = 1.0f - cosine * cosine;
         const realw sine = sqrt(sine_square > 0.0f ? sine_square : (realw)(0.0f));
-        const realw share = lesser(sine / d.ratio, (realw)(1.0f));
-        const realw rest = sqrt(1.0f - share * share);
-        cut_at = choose(cut, angle(choose(d.around, sine, share), choose(d.around, cosine, rest)), whole);
+        const realw part = lesser(sine / d.ratio, (realw)(1.0f));
+        const realw rest = sqrt(1.0f - part * part);
+        cut_at = choose(cut, angle(choose(d.around, sine, part), choose(d.around, cosine, rest)), whole);
         /* Beyond the cut the chords end before the edge if the tangent from t_m to the disc does. */
         outer = cut & (d.around | (d.z > l.edge_cos * d.cosine));
     }

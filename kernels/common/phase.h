@@ -1,10 +1,10 @@
-/* Path lengths and phases in float32 without losing the carrier.
+/* Carrier phase of a path length in float32.
  *
  * A length of 0.5 m is some 130 wavelengths, so a plain float32 length costs about 5e-5 rad. Lengths
  * are therefore kept as hi + lo (common/dual.h), and the phase is counted in cycles and reduced to one
- * turn before sine and cosine.
+ * cycle before sine and cosine.
  *
- * Polynomials: Cephes sinf/cosf (S. L. Moshier), maximal error 1.1e-7 over a turn. */
+ * Polynomials: Cephes sinf/cosf (S. L. Moshier), maximal error 1.1e-7 over a cycle. */
 #include "common/dual.h"
 
 /* (ah + al) - (bh + bl), metres. */
@@ -25,14 +25,14 @@ static inline dual dual_length(dual x, dual y, dual z) {
     realw root = sqrt(b.hi);
     dual r;
     r.hi = root;
-    /* root = 0 only where antenna and voxel coincide. */
+    /* root = 0 only where both points coincide. */
     const realw square = root * root;
     const realw rest = (b.hi - square) - square_error(root, square);
     r.lo = root > 0.0f ? (rest + error) / (2.0f * root) : (realw)(0.0f);
     return r;
 }
 
-/* k = f / c in cycles per metre as hi + lo, with the halves of hi at hand. */
+/* k = f / c in cycles per metre as hi + lo, with the halves of hi for exact products. */
 typedef struct {
     realw hi, lo, high, low;
 } wavenumber;
@@ -45,7 +45,7 @@ static inline wavenumber make_wavenumber(realw hi, realw lo) {
     return k;
 }
 
-/* Fraction of a turn of length * k: half a turn and what the product rounds off, so within [-1, 1]. Valid
+/* Fraction of a cycle of length * k: half a cycle and the rounding of the product, so within [-1, 1]. Valid
  * up to 2^22 cycles. */
 static inline realw cycles(dual length, wavenumber k) {
     const realw magic = 12582912.0f; /* 1.5 * 2^23: adding it rounds to a whole number */

@@ -1,4 +1,5 @@
-/* Counter-based random numbers and what is made of them. */
+/* Counter-based random numbers: Philox4x32-10 (J. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3",
+ * SC 2011), from the Random123 headers that pyopencl ships. */
 #ifdef CLR_CHECKED
 /* The memory checker runs unoptimised code and cannot have functions forced inline. */
 #define R123_STATIC_INLINE static inline

@@ -1,5 +1,5 @@
-/* Small helpers on float3. OpenCL's own (dot, cross, vload3, normalize, min, ...) are calls into a
- * library on PoCL, which cost more than what they do. */
+/* Vector algebra on float3. OpenCL's own functions (dot, cross, vload3, normalize, min, ...) are calls into a
+ * library on PoCL, which cost more than the arithmetic. */
 static inline float3 load3(__global const float *p) {
     return (float3)(p[0], p[1], p[2]);
 }

@@ -39,14 +39,14 @@ static inline int any8(int8 v) {
     return two.x | two.y;
 }
 
-/* Begin to load what is at an address. */
+/* Prefetch an address. */
 static inline void fetch(__global const float *p) {
 #if defined(__x86_64__) || defined(__aarch64__)
     __builtin_prefetch((const void *)(size_t)p);
 #endif
 }
 
-/* Begin to load 384 bytes. */
+/* Prefetch 384 bytes: a node without its last row, or a block of triangles. */
 static inline void fetch384(__global const float *p) {
 #pragma unroll
     for (int line = 0; line < 6; ++line) fetch(p + 16 * line);
@@ -96,6 +96,10 @@ typedef int intw;
 #else
 #error "CLR_WIDTH must be 1 or 8"
 #endif
+
+/* One lane, by element and not by a swizzle, on which the memory checker crashes. */
+#define LANE(v, lane) (((const float *)&(v))[lane])
+#define INT_LANE(v, lane) (((const int *)&(v))[lane])
 
 /* Lane by lane. */
 static inline realw choose(intw condition, realw yes, realw no) {

@@ -1,0 +1,36 @@
+"""Every size that a kernel takes from the host is an option that it demands."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields
+
+import pytest
+
+from clradar.geometry.bvh import BuildOptions, TraversalOptions
+from clradar.opencl.sources import source
+from clradar.phasors.phasor_sum import SynthesizeOptions
+from clradar.tracing.antenna_packets import VisibilityOptions
+from clradar.tracing.expected import ExpectedOptions, LobeOptions
+from clradar.tracing.sampled_surface import SampleOptions
+from clradar.tracing.stochastic import TraceOptions
+
+KERNELS = {
+    "build.cl": BuildOptions,
+    "nearest.cl": TraversalOptions,
+    "visibility.cl": VisibilityOptions,
+    "sample.cl": SampleOptions,
+    "trace.cl": TraceOptions,
+    "lobes.cl": LobeOptions,
+    "expected.cl": ExpectedOptions,
+    "synthesize.cl": SynthesizeOptions,
+}
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_options_are_those_that_the_kernel_demands(name: str) -> None:
+    text = re.sub(r"/\*.*?\*/", "", source(name), flags=re.DOTALL)
+    named = set(re.findall(r"CLR_\w+", text)) - {"CLR_CHECKED"}
+    demanded = set(re.findall(r"(?:#ifndef |!defined\()(CLR_\w+)", text)) - {"CLR_CHECKED"}
+    options = {f"CLR_{field.name.upper()}" for field in fields(KERNELS[name])}
+    assert options == demanded == named
