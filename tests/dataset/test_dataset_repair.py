@@ -1,92 +1,41 @@
-"""Data sets whose files were damaged or lost: the same command makes them again, or says why."""
+"""Data sets whose files are corrupt or lost: the same command makes them again, or says why."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from dataset_plans import tiny
+from dataset_plans import DEVICE, LIGHT, Engine, digests, flip_a_bit, light_plan
 
 from clradar.cli import main
 from clradar.dataset import run
-from clradar.dataset.engine.serial import Outcome, PartMaker, Serial
-from clradar.dataset.plan.reader import plan_from
 from clradar.dataset.store.check import check_dataset, describe_dataset
-from clradar.dataset.store.folder import MANIFEST, SUMMARIES, Aside, DatasetFolder, read_manifest
+from clradar.dataset.store.folder import (
+    MANIFEST,
+    SUMMARIES,
+    Aside,
+    DatasetFolder,
+    read_manifest,
+)
 from clradar.errors import MeasurementError
 
-DEVICE = "pocl"
-
-PLAN = plan_from(
-    tiny(
-        samples=7,
-        impairments=None,
-        output={"shard_size": 3, "products": ["joints", "mesh"]},
-        poses={"names": ["A", "B"]},
-    ),
-    "plan",
-    Path(),
-)
-"""Hands alone, in three shards: nothing is simulated."""
-
-
-class Stopping(Serial):
-    """An engine that stops after some samples, as if its process were killed."""
-
-    def __init__(self, after: int, *, aside: int | None = None) -> None:
-        super().__init__(DEVICE)
-        self.after, self.aside = after, aside
-
-    def outcomes(self, samples: Sequence[int], make: PartMaker) -> Iterator[Outcome]:
-        for sample in samples:
-            if self.after == 0:
-                raise KeyboardInterrupt
-            self.after -= 1
-            yield Aside(sample, "poisoned", 2) if sample == self.aside else make(sample)
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The data set of `PLAN`, whole; not to be changed."""
-    folder = tmp_path_factory.mktemp("dataset") / "made"
-    run(PLAN, folder, device=DEVICE)
-    return folder
-
-
-@pytest.fixture
-def copy(made: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(made, tmp_path / "copy"))
+pytestmark = pytest.mark.usefixtures("no_contact_sheet")
 
 
 @pytest.fixture
 def stopped(tmp_path: Path) -> Path:
     """A data set with one closed shard and the parts 3 and 4."""
     with pytest.raises(KeyboardInterrupt):
-        run(PLAN, tmp_path / "stopped", engine=Stopping(5))
+        run(LIGHT, tmp_path / "stopped", engine=Engine(5))
     return tmp_path / "stopped"
-
-
-def digests(folder: Path) -> dict[str, str]:
-    return {
-        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != ".lock"
-    }
 
 
 def shortened(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-1000])
-
-
-def flipped(path: Path) -> None:
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
 
 
 def emptied(path: Path) -> None:
@@ -102,16 +51,10 @@ def another(path: Path) -> None:
 
 
 def of_another_plan(path: Path) -> None:
-    record = tiny(
-        seed=4,
-        samples=7,
-        impairments=None,
-        output={"shard_size": 7, "products": ["joints", "mesh"]},
-        poses={"names": ["A", "B"]},
-    )
+    other = light_plan(seed=4, output={"shard_size": 7, "products": ["joints", "mesh"]})
     folder = path.parent.parent.parent / "other"
     with pytest.raises(KeyboardInterrupt):
-        run(plan_from(record, "plan", Path()), folder, engine=Stopping(4))
+        run(other, folder, engine=Engine(4))
     shutil.copyfile(folder / "parts" / path.name, path)
 
 
@@ -120,36 +63,36 @@ def of_another_plan(path: Path) -> None:
 
 @pytest.mark.parametrize("damage", [Path.unlink, shortened, emptied])
 def test_a_shard_that_is_gone_is_made_again(
-    made: Path, copy: Path, damage: Callable[[Path], Any]
+    light: Path, light_copy: Path, damage: Callable[[Path], Any]
 ) -> None:
-    damage(copy / "shards" / "shard-00001.h5")
-    facts = describe_dataset(copy)
+    damage(light_copy / "shards" / "shard-00001.h5")
+    facts = describe_dataset(light_copy)
     assert facts.values["shards"]["closed"] == 2
     assert facts.values["complete"] is False
     assert facts.values["samples"] == {"stored": 4, "plan": 7}
     assert any("shards/shard-00001.h5" in line for line in facts.missing)
     lines: list[str] = []
-    assert run(PLAN, copy, device=DEVICE, warn=lines.append).made == 3
+    assert run(LIGHT, light_copy, device=DEVICE, warn=lines.append).made == 3
     (line,) = lines
     assert "shard-00001.h5" in line
     assert "its samples are made again" in line
-    assert digests(copy) == digests(made)
+    assert digests(light_copy) == digests(light)
 
 
 def test_a_sample_that_was_set_aside_stays_so_when_its_shard_is_made_again(tmp_path: Path) -> None:
-    run(PLAN, tmp_path, engine=Stopping(7, aside=4))
+    run(LIGHT, tmp_path, engine=Engine(aside=(4,)))
     before = digests(tmp_path)
     (tmp_path / "shards" / "shard-00001.h5").unlink()
-    result = run(PLAN, tmp_path, device=DEVICE)
+    result = run(LIGHT, tmp_path, device=DEVICE)
     assert (result.made, result.aside) == (2, (Aside(4, "poisoned", 2),))
     assert digests(tmp_path) == before
 
 
 @pytest.mark.parametrize("at", [1, 2, 3, 4])
-def test_a_kill_while_it_mends_loses_nothing(
+def test_a_kill_while_it_repairs_loses_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: int
 ) -> None:
-    run(PLAN, tmp_path, engine=Stopping(7, aside=4))
+    run(LIGHT, tmp_path, engine=Engine(aside=(4,)))
     before = digests(tmp_path)
     shortened(tmp_path / "shards" / "shard-00001.h5")
     write_manifest = DatasetFolder.write_manifest
@@ -164,23 +107,23 @@ def test_a_kill_while_it_mends_loses_nothing(
     with monkeypatch.context() as patch:
         patch.setattr(DatasetFolder, "write_manifest", killed)
         with pytest.raises(KeyboardInterrupt):
-            run(PLAN, tmp_path, device=DEVICE)
-    run(PLAN, tmp_path, device=DEVICE)
+            run(LIGHT, tmp_path, device=DEVICE)
+    run(LIGHT, tmp_path, device=DEVICE)
     assert digests(tmp_path) == before
 
 
-@pytest.mark.parametrize("damage", [None, shortened, flipped])
+@pytest.mark.parametrize("damage", [None, shortened, flip_a_bit])
 def test_a_manifest_without_sizes_is_read_and_its_shards_verified_once(
-    made: Path, copy: Path, damage: Callable[[Path], None] | None
+    light: Path, light_copy: Path, damage: Callable[[Path], None] | None
 ) -> None:
-    record = json.loads((copy / MANIFEST).read_text())
+    record = json.loads((light_copy / MANIFEST).read_text())
     for entry in record["shards"]:
         del entry["size_bytes"]
-    (copy / MANIFEST).write_text(json.dumps(record))
+    (light_copy / MANIFEST).write_text(json.dumps(record))
     if damage is not None:
-        damage(copy / "shards" / "shard-00001.h5")
-    assert run(PLAN, copy, device=DEVICE).made == (0 if damage is None else 3)
-    assert digests(copy) == digests(made)
+        damage(light_copy / "shards" / "shard-00001.h5")
+    assert run(LIGHT, light_copy, device=DEVICE).made == (0 if damage is None else 3)
+    assert digests(light_copy) == digests(light)
 
 
 def test_the_command_says_that_a_shard_is_made_again(
@@ -206,41 +149,43 @@ def test_the_command_says_that_a_shard_is_made_again(
     assert "shard-00000.h5: is missing; its samples are made again" in err
     assert "4 of 4 samples, 2 of them made now" in out
     assert digests(tmp_path / "set") == before
-    # What inspect --check says of a flipped byte: delete the file, and give the command again.
-    flipped(tmp_path / "set" / "shards" / "shard-00001.h5")
+    # What inspect --check says of a flip_a_bit byte: delete the file, and give the command again.
+    flip_a_bit(tmp_path / "set" / "shards" / "shard-00001.h5")
     assert "0 of them made now" in called()[0]
     assert "4 of them made now" in called("--force")[0]
     assert digests(tmp_path / "set") == before
 
 
-def test_force_begins_anew_and_leaves_other_files(made: Path, copy: Path) -> None:
-    flipped(copy / "shards" / "shard-00001.h5")
+def test_force_begins_anew_and_leaves_other_files(light: Path, light_copy: Path) -> None:
+    flip_a_bit(light_copy / "shards" / "shard-00001.h5")
     for name in ("mine.tex", "parts/mine.tex", "shards/mine.h5"):
-        (copy / name).write_text("mine")
-    assert run(PLAN, copy, device=DEVICE, force=True).made == 7
+        (light_copy / name).write_text("mine")
+    assert run(LIGHT, light_copy, device=DEVICE, force=True).made == 7
     for name in ("mine.tex", "parts/mine.tex", "shards/mine.h5"):
-        assert (copy / name).read_text() == "mine"
-        (copy / name).unlink()
-    assert digests(copy) == digests(made)
+        assert (light_copy / name).read_text() == "mine"
+        (light_copy / name).unlink()
+    assert digests(light_copy) == digests(light)
 
 
 # Parts
 
 
-@pytest.mark.parametrize("damage", [flipped, shortened, zeroed, emptied, another, of_another_plan])
+@pytest.mark.parametrize(
+    "damage", [flip_a_bit, shortened, zeroed, emptied, another, of_another_plan]
+)
 def test_a_part_that_is_damaged_is_made_again(
-    made: Path, stopped: Path, damage: Callable[[Path], None]
+    light: Path, stopped: Path, damage: Callable[[Path], None]
 ) -> None:
     damage(stopped / "parts" / "00000003.h5")
     lines: list[str] = []
-    assert run(PLAN, stopped, device=DEVICE, warn=lines.append).made == 3
+    assert run(LIGHT, stopped, device=DEVICE, warn=lines.append).made == 3
     (line,) = lines
     assert "parts/00000003.h5" in line
     assert "sample 3 is made again" in line
-    assert digests(stopped) == digests(made)
+    assert digests(stopped) == digests(light)
 
 
-def test_every_flipped_byte_of_a_part_is_harmless(stopped: Path, made: Path) -> None:
+def test_every_flipped_byte_of_a_part_is_harmless(stopped: Path, light: Path) -> None:
     """Either it is found, or it is where nothing is stored: the shard has the same bytes."""
     part = stopped / "parts" / "00000003.h5"
     content = part.read_bytes()
@@ -251,16 +196,16 @@ def test_every_flipped_byte_of_a_part_is_harmless(stopped: Path, made: Path) -> 
         part.write_bytes(damaged)
         (stopped / "parts" / "00000004.h5").write_bytes(other)
         folder = Path(shutil.copytree(stopped, stopped.parent / f"at-{at}"))
-        run(PLAN, folder, device=DEVICE)
-        found, wanted = read_manifest(folder), read_manifest(made)
+        run(LIGHT, folder, device=DEVICE)
+        found, wanted = read_manifest(folder), read_manifest(light)
         assert found.shards[1] == wanted.shards[1], at
 
 
-def test_a_note_that_is_damaged_is_forgotten(made: Path, stopped: Path) -> None:
+def test_a_note_that_is_damaged_is_forgotten(light: Path, stopped: Path) -> None:
     (stopped / "parts" / "00000005.json").write_text("{")
     (stopped / "parts" / "00000006.json").write_text('{"sample": 5, "reason": "", "attempts": 2}')
-    assert run(PLAN, stopped, device=DEVICE).made == 2
-    assert digests(stopped) == digests(made)
+    assert run(LIGHT, stopped, device=DEVICE).made == 2
+    assert digests(stopped) == digests(light)
 
 
 def test_a_part_that_breaks_meanwhile_is_named(
@@ -275,23 +220,23 @@ def test_a_part_that_breaks_meanwhile_is_named(
 
     monkeypatch.setattr(DatasetFolder, "close_shard", breaking)
     with pytest.raises(MeasurementError, match=r"parts/00000003\.h5"):
-        run(PLAN, stopped, device=DEVICE)
+        run(LIGHT, stopped, device=DEVICE)
 
 
-def test_foreign_files_in_parts_are_left_alone(copy: Path) -> None:
-    own, foreign = copy / "parts" / "00000001.h5", copy / "parts" / "1.csv"
+def test_foreign_files_in_parts_are_left_alone(light_copy: Path) -> None:
+    own, foreign = light_copy / "parts" / "00000001.h5", light_copy / "parts" / "1.csv"
     for path in (own, foreign):
         path.write_bytes(b"")
-    problems = check_dataset(copy).problems
+    problems = check_dataset(light_copy).problems
     assert any("00000001.h5: left over; the same command removes it" in p for p in problems)
-    run(PLAN, copy, device=DEVICE)
-    assert [path.name for path in (copy / "parts").iterdir()] == ["1.csv"]
-    (line,) = check_dataset(copy).problems
+    run(LIGHT, light_copy, device=DEVICE)
+    assert [path.name for path in (light_copy / "parts").iterdir()] == ["1.csv"]
+    (line,) = check_dataset(light_copy).problems
     assert line == "parts/1.csv: is not of this data set; it can be removed by hand"
 
 
 def test_a_complete_data_set_says_what_it_does_without(tmp_path: Path) -> None:
-    run(PLAN, tmp_path, engine=Stopping(7, aside=4))
+    run(LIGHT, tmp_path, engine=Engine(aside=(4,)))
     text = str(describe_dataset(tmp_path))
     assert "yes, but for 1 set aside" in text
     assert all((tmp_path / name).is_file() for name in SUMMARIES)

@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
+
+from clradar.dataset import Plan
+from clradar.dataset.engine.serial import Outcome, PartMaker, Serial
+from clradar.dataset.plan.reader import plan_from
+from clradar.dataset.store.folder import Aside
+
+DEVICE = "pocl"
 
 TINY: dict[str, Any] = {
     "seed": 3,
@@ -39,3 +49,69 @@ def tiny(**tables: Any) -> dict[str, Any]:
         else:
             found[name] = value
     return found
+
+
+def plan_of(**tables: Any) -> Plan:
+    return plan_from(tiny(**tables), "plan", Path())
+
+
+def light_plan(**tables: Any) -> Plan:
+    """Return a plan of seven hands in three shards, of which nothing is simulated."""
+    light = {
+        "samples": 7,
+        "impairments": None,
+        "output": {"shard_size": 3, "products": ["joints", "mesh"]},
+        "poses": {"names": ["A", "B"]},
+    }
+    return plan_of(**{**light, **tables})
+
+
+PLAN, LIGHT = plan_of(), light_plan()
+
+
+class Engine(Serial):
+    """Makes samples in some order and records which; it may stop before the end, as if killed.
+
+    Parameters
+    ----------
+    stop_after : int, optional
+    backwards : bool
+    aside : sequence of int
+        These samples are set aside.
+    """
+
+    def __init__(
+        self,
+        stop_after: int | None = None,
+        *,
+        backwards: bool = False,
+        aside: Sequence[int] = (),
+    ) -> None:
+        super().__init__(DEVICE)
+        self.stop_after, self.backwards, self.aside = stop_after, backwards, aside
+        self.made: list[int] = []
+
+    def outcomes(self, samples: Sequence[int], make: PartMaker) -> Iterator[Outcome]:
+        for sample in reversed(samples) if self.backwards else samples:
+            if self.stop_after is not None and len(self.made) == self.stop_after:
+                raise KeyboardInterrupt
+            if sample in self.aside:
+                yield Aside(sample, "poisoned", 2)
+            else:
+                self.made.append(make(sample))
+                yield sample
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 of every file of a data set but the lock, by name."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != ".lock"
+    }
+
+
+def flip_a_bit(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)

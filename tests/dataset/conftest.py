@@ -1,0 +1,53 @@
+"""Data sets that several tests look at, and copies that a test may damage."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from dataset_plans import DEVICE, LIGHT, PLAN
+
+from clradar.dataset import run
+from clradar.dataset.store.folder import CONTACT_SHEET, Manifest
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The data set of `PLAN`, whole; not to be changed."""
+    folder = tmp_path_factory.mktemp("dataset") / "made"
+    result = run(PLAN, folder, device=DEVICE)
+    assert (result.made, result.samples, result.aside) == (5, 5, ())
+    return folder
+
+
+@pytest.fixture
+def copy(made: Path, tmp_path: Path) -> Path:
+    """A copy of `made`."""
+    return Path(shutil.copytree(made, tmp_path / "copy"))
+
+
+@pytest.fixture(scope="module")
+def no_contact_sheet() -> Iterator[None]:
+    """Have runs write a word for the contact sheet, which takes longer to draw than light hands."""
+
+    def written(folder: Path, manifest: Manifest) -> None:
+        (folder / CONTACT_SHEET).write_bytes(b"contact sheet")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("clradar.dataset.engine.run.write_contact_sheet", written)
+        yield
+
+
+@pytest.fixture(scope="module")
+def light(no_contact_sheet: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The data set of `LIGHT`, whole; not to be changed."""
+    folder = tmp_path_factory.mktemp("dataset") / "light"
+    run(LIGHT, folder, device=DEVICE)
+    return folder
+
+
+@pytest.fixture
+def light_copy(light: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(light, tmp_path / "copy"))
