@@ -381,7 +381,7 @@ def test_an_interrupted_sweep_ends_with_the_same_bits(regions):
 def files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
-    monkeypatch.setattr("clradar.plot.DPI", 40)  # the figures are most of the time otherwise
+    monkeypatch.setattr("clradar.plot.layout.DPI", 40)  # the figures are most of the time otherwise
     capture = clradar.simulate(SCENE.with_alpha(0.3), ARRAY, WAVEFORM, seed=9, device="pocl", **FEW)
     save_capture("measured.h5", capture)
     import trimesh

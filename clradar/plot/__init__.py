@@ -1,0 +1,23 @@
+"""Figures of images and of comparisons, in the radar's view: x increases to the left.
+
+Everything is built on `matplotlib.figure.Figure`: no pyplot, no open windows, no state between
+calls.
+"""
+
+from clradar.plot.figures import comparison_figure, image_figure, panels_figure
+from clradar.plot.layout import printable
+from clradar.plot.panels import AMPLITUDE_BACKGROUND, DEPTH_BACKGROUND, depth_limits_mm
+from clradar.plot.saving import SUFFIXES, png_bytes, save_figure
+
+__all__ = [
+    "AMPLITUDE_BACKGROUND",
+    "DEPTH_BACKGROUND",
+    "SUFFIXES",
+    "comparison_figure",
+    "depth_limits_mm",
+    "image_figure",
+    "panels_figure",
+    "png_bytes",
+    "printable",
+    "save_figure",
+]

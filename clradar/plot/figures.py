@@ -1,0 +1,281 @@
+"""Figures: one image, a comparison of several, and rows of amplitude images."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from clradar.compare import Metrics, compare, depth_map_of
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.errors import CompareError
+from clradar.model import DepthMap, Volume
+from clradar.plot.layout import (
+    BAR_GAP,
+    BAR_LABELS,
+    BAR_WIDTH,
+    BOTTOM,
+    CAPTION_PT,
+    DPI,
+    GAP,
+    LABEL_PT,
+    LEFT,
+    MULTIPLE_PANEL_WIDTH,
+    PANEL_WIDTH,
+    ROW_WIDTH,
+    SINGLE_PANEL_WIDTH,
+    TICK_PT,
+    TITLE_PT,
+    TOP,
+    Extent,
+    add_axes,
+    add_text,
+    new_figure,
+    panel_size,
+    text_height,
+    typeset,
+    wrapped,
+)
+from clradar.plot.panels import (
+    amplitude_bar,
+    depth_bar,
+    depth_limits_mm,
+    draw_amplitude,
+    draw_depth,
+    draw_frame,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CAPTION = (
+    ("overlap", "overlap", 1.0, 2),
+    ("dB correlation", "db_correlation", 1.0, 2),
+    ("SSIM", "ssim", 1.0, 2),
+    ("mask IoU", "mask_iou", 1.0, 2),
+    ("depth RMSE (mm)", "depth_rmse_m", 1e3, 1),
+    ("Chamfer sim. to meas. (mm)", "chamfer_simulated_to_measured_m", 1e3, 1),
+)
+"""Metrics below an image: name, field of `Metrics`, scale and digits."""
+
+
+def image_figure(
+    image: Volume | DepthMap,
+    title: str | None = None,
+    *,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+) -> Figure:
+    """Draw the amplitude and the depth of one image side by side.
+
+    Parameters
+    ----------
+    image : Volume or DepthMap
+    title : str, optional
+        Plain text above both panels.
+    dynamic_range_db : float, decibel
+        Pixels further below the maximum are background.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes in this order: amplitude, depth, colour bar of the amplitude, colour bar of the depth.
+
+    Raises
+    ------
+    CompareError
+        Not an image, zero everywhere, without any depth, or a depth map that was cut at a smaller
+        dynamic range.
+    """
+    shown = depth_map_of(image, dynamic_range_db, "image")
+    extent = Extent.around([shown])
+    panel_w, panel_h = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
+    lines = wrapped(title or "", 2 * panel_w, TITLE_PT)
+    bar = BAR_GAP + BAR_WIDTH + BAR_LABELS
+    width = LEFT + panel_w + bar + LEFT + panel_w + bar
+    titles_h = text_height(1, LABEL_PT) + text_height(len(lines), TITLE_PT)
+    height = BOTTOM + panel_h + titles_h + 2 * TOP
+    figure = new_figure(width, height)
+
+    lefts = (LEFT, LEFT + panel_w + bar + LEFT)
+    axes = [add_axes(figure, left, BOTTOM, panel_w, panel_h) for left in lefts]
+    amplitude = draw_amplitude(axes[0], shown)
+    limits_mm = depth_limits_mm([shown])
+    depth = draw_depth(axes[1], shown, limits_mm)
+    for panel, name in zip(axes, ("Amplitude, maximum over depth", "Depth"), strict=True):
+        draw_frame(panel, extent, panel_w, panel_h, x_labels=True, y_labels=True, margin=0.0)
+        panel.set_title(name, fontsize=LABEL_PT, pad=4)
+    bars = [add_axes(figure, at + panel_w + BAR_GAP, BOTTOM, BAR_WIDTH, panel_h) for at in lefts]
+    amplitude_bar(bars[0], amplitude, dynamic_range_db)
+    depth_bar(bars[1], depth, limits_mm, [shown])
+    middle = (lefts[0] + lefts[1] + panel_w) / 2
+    for row, line in enumerate(lines):
+        top = height - TOP - text_height(row, TITLE_PT)
+        add_text(figure, middle, top, line, size=TITLE_PT, ha="center", bold=True)
+    return figure
+
+
+def comparison_figure(
+    measured: Volume | DepthMap,
+    simulated: Sequence[tuple[str, Volume | DepthMap]],
+    *,
+    metrics: Sequence[Metrics] | None = None,
+    measured_label: str = "Measurement",
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+) -> Figure:
+    """Draw a measured image and simulated ones in a row, amplitude above depth.
+
+    Parameters
+    ----------
+    measured : Volume or DepthMap
+    simulated : sequence of (label, Volume or DepthMap)
+        One column each, in this order. Labels are plain text; long ones are wrapped.
+    metrics : sequence of Metrics, optional
+        One for each simulated image, printed below it. None computes them with
+        `clradar.compare`; an empty sequence omits them.
+    measured_label : str
+        Title of the first column.
+    dynamic_range_db : float, decibel
+        Pixels further below an image's own maximum are background.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes in this order: the amplitudes from left to right, the depths, the colour bar of all
+        amplitudes, the colour bar of all depths.
+
+    Raises
+    ------
+    CompareError
+        No simulated image; another number of metrics, or metrics at another dynamic range; the
+        errors of `clradar.compare`.
+    """
+    if not simulated:
+        raise CompareError("comparison_figure: expected at least one simulated image, got none")
+    shown = [depth_map_of(measured, dynamic_range_db, "measured image")]
+    for label, image in simulated:
+        shown.append(depth_map_of(image, dynamic_range_db, f"simulated image '{label}'"))
+    if metrics is None:
+        metrics = [compare(shown[0], s, dynamic_range_db=dynamic_range_db) for s in shown[1:]]
+    _check_metrics(metrics, len(simulated), dynamic_range_db)
+
+    extent = Extent.around(shown)
+    columns = len(shown)
+    panel_w, panel_h = panel_size(
+        min(ROW_WIDTH / columns - GAP, MULTIPLE_PANEL_WIDTH), extent.aspect
+    )
+    titles = [wrapped(t, panel_w, TITLE_PT) for t in (measured_label, *(s[0] for s in simulated))]
+    title_h = text_height(max(map(len, titles)), TITLE_PT)
+    caption_h = text_height(len(CAPTION), CAPTION_PT) + TOP if metrics else 0.0
+    bar_left = LEFT + columns * (panel_w + GAP) - GAP + BAR_GAP
+    width = bar_left + BAR_WIDTH + BAR_LABELS
+    lower = caption_h + BOTTOM
+    upper = lower + panel_h + GAP
+    height = upper + panel_h + title_h + 2 * TOP
+    figure = new_figure(width, height)
+
+    lefts = [LEFT + i * (panel_w + GAP) for i in range(columns)]
+    above = [add_axes(figure, left, upper, panel_w, panel_h) for left in lefts]
+    below = [add_axes(figure, left, lower, panel_w, panel_h) for left in lefts]
+    limits_mm = depth_limits_mm(shown)
+    for i, image in enumerate(shown):
+        amplitude = draw_amplitude(above[i], image)
+        depth = draw_depth(below[i], image, limits_mm)
+        draw_frame(above[i], extent, panel_w, panel_h, x_labels=False, y_labels=i == 0, margin=0.12)
+        draw_frame(below[i], extent, panel_w, panel_h, x_labels=True, y_labels=i == 0, margin=0.12)
+        # parse_math: a label can be a file's name with a literal dollar sign.
+        above[i].set_title("\n".join(titles[i]), fontsize=TITLE_PT, pad=4, parse_math=False)
+    bars = [add_axes(figure, bar_left, bottom, BAR_WIDTH, panel_h) for bottom in (upper, lower)]
+    amplitude_bar(bars[0], amplitude, dynamic_range_db)
+    depth_bar(bars[1], depth, limits_mm, shown)
+    # Row by row: lines of one multi-line text are not evenly spaced and would not align.
+    for row, (name, field, scale, digits) in enumerate(CAPTION if metrics else ()):
+        top = caption_h - text_height(row, CAPTION_PT)
+        add_text(figure, lefts[0] + panel_w, top, name, size=CAPTION_PT, ha="right")
+        for left, values in zip(lefts[1:], metrics, strict=True):
+            value = scale * getattr(values, field)
+            text = "n/a" if math.isnan(value) else typeset(f"{value:.{digits}f}")
+            add_text(figure, left + panel_w / 2, top, text, size=CAPTION_PT, ha="center")
+    return figure
+
+
+def panels_figure(
+    panels: Sequence[Sequence[tuple[str, DepthMap | None]]],
+    title: str | None = None,
+    *,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+) -> Figure:
+    """Draw the amplitudes of several images in rows, each relative to its own maximum.
+
+    Parameters
+    ----------
+    panels : sequence of rows of (label, DepthMap or None)
+        From top to bottom and left to right. Labels are plain text. Each panel has its own axes; it
+        stays empty without an image, or with an image that is zero.
+    title : str, optional
+        Plain text above all panels.
+    dynamic_range_db : float, decibel
+        Pixels further below an image's maximum are background.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes in the order of the panels, then the colour bar.
+
+    Raises
+    ------
+    CompareError
+        No image at all that is not zero.
+    """
+    shown = [
+        depth_map_of(image, dynamic_range_db, f"image '{label}'")
+        for row in panels
+        for label, image in row
+        if image is not None and image.amplitude.any()
+    ]
+    if not shown:
+        raise CompareError("panels_figure: expected at least one image that is not zero, got none")
+    columns = max(map(len, panels))
+    width = max(ROW_WIDTH / columns - LEFT, PANEL_WIDTH)
+    line_h = text_height(3, TICK_PT)
+    row_h = BOTTOM + width + line_h
+    bar_left = columns * (LEFT + width) + BAR_GAP
+    lines = wrapped(title or "", bar_left, TITLE_PT)
+    height = len(panels) * row_h + text_height(len(lines), TITLE_PT) + TOP
+    figure = new_figure(bar_left + BAR_WIDTH + BAR_LABELS, height, DPI / 2)
+    drawn: Any = None
+    for i, row in enumerate(panels):
+        bottom = (len(panels) - 1 - i) * row_h + BOTTOM
+        for j, (label, image) in enumerate(row):
+            axes = add_axes(figure, LEFT + j * (LEFT + width), bottom, width, width)
+            lettering = "\n".join(wrapped(label, width + LEFT / 2, TICK_PT))
+            axes.set_title(lettering, fontsize=TICK_PT, pad=3, parse_math=False)
+            if image is None or not image.amplitude.any():
+                axes.set_xticks([])
+                axes.set_yticks([])
+                continue
+            one = depth_map_of(image, dynamic_range_db, f"image '{label}'")
+            drawn = draw_amplitude(axes, one)
+            draw_frame(
+                axes, Extent.around([one]), width, width,
+                x_labels=True, y_labels=True, margin=0.05,
+            )  # fmt: skip
+    bar_height = min(2 * row_h, len(panels) * row_h) - BOTTOM - line_h
+    bar = add_axes(figure, bar_left, BOTTOM, BAR_WIDTH, bar_height)
+    amplitude_bar(bar, drawn, dynamic_range_db)
+    for at, line in enumerate(lines):
+        top = height - TOP / 2 - text_height(at, TITLE_PT)
+        add_text(figure, bar_left / 2, top, line, size=TITLE_PT, ha="center", bold=True)
+    return figure
+
+
+def _check_metrics(metrics: Sequence[Metrics], count: int, dynamic_range_db: float) -> None:
+    if metrics and len(metrics) != count:
+        raise CompareError(
+            f"comparison_figure: expected metrics for {count} simulated images, got {len(metrics)}"
+        )
+    for values in metrics:
+        if values.dynamic_range_db != dynamic_range_db:
+            raise CompareError(
+                f"comparison_figure: expected metrics at {dynamic_range_db:g} dB, got metrics at "
+                f"{values.dynamic_range_db:g} dB"
+            )

@@ -1,0 +1,146 @@
+"""One panel of a figure: an amplitude or a depth image with its axes and colour bar."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clradar.compare import clipped_db
+from clradar.model import DepthMap
+from clradar.plot.layout import (
+    LABEL_PT,
+    TICK_DISTANCE,
+    TICK_PT,
+    Extent,
+    edges_mm,
+    round_ticks,
+    typeset,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+AMPLITUDE_BACKGROUND = "#262626"
+"""Colour where the amplitude is below the dynamic range: neutral, and not in the scale."""
+
+DEPTH_BACKGROUND = "#d9d9d9"
+"""Colour where there is no depth: neutral, and not in the scale."""
+
+DEPTH_PERCENTILES = (1.0, 99.0)
+"""Depths that the colour scale spans, so that a few outliers do not stretch it."""
+
+
+def draw_amplitude(axes: Axes, image: DepthMap) -> Any:
+    import matplotlib
+    from matplotlib.colors import ListedColormap
+
+    # Without the lower end of the scale, which is nearly black as the background is.
+    colours = matplotlib.colormaps["inferno"](np.linspace(0.2, 1.0, 256))
+    scale = ListedColormap(colours).with_extremes(
+        bad=AMPLITUDE_BACKGROUND, under=AMPLITUDE_BACKGROUND
+    )
+    level_db = clipped_db(image)
+    level_db[level_db <= -image.dynamic_range_db] = np.nan
+    limits = (-image.dynamic_range_db, 0.0)
+    return _draw(axes, image, level_db, scale, limits, AMPLITUDE_BACKGROUND)
+
+
+def draw_depth(axes: Axes, image: DepthMap, limits_mm: tuple[float, float]) -> Any:
+    import matplotlib
+
+    scale = matplotlib.colormaps["viridis_r"].with_extremes(bad=DEPTH_BACKGROUND)
+    return _draw(axes, image, 1e3 * image.depth_m, scale, limits_mm, DEPTH_BACKGROUND)
+
+
+def _draw(
+    axes: Axes,
+    image: DepthMap,
+    values: np.ndarray,
+    scale: Any,
+    limits: tuple[float, float],
+    background: str,
+) -> Any:
+    axes.set_facecolor(background)
+    x_mm, y_mm = edges_mm(image)
+    # A mesh, not an image: it takes uneven steps and smooths nothing. Rasterised, because one path
+    # per pixel makes PDF and SVG files enormous.
+    return axes.pcolormesh(
+        x_mm,
+        y_mm,
+        np.ma.masked_invalid(values),
+        cmap=scale,
+        vmin=limits[0],
+        vmax=limits[1],
+        shading="flat",
+        rasterized=True,
+    )
+
+
+def draw_frame(
+    axes: Axes,
+    extent: Extent,
+    width: float,
+    height: float,
+    *,
+    x_labels: bool,
+    y_labels: bool,
+    margin: float,
+) -> None:
+    """Set limits, ticks and labels; x increases to the left, in the radar's view."""
+    x_low, x_high = extent.x_mm
+    y_low, y_high = extent.y_mm
+    axes.set_xlim(x_high, x_low)
+    axes.set_ylim(y_low, y_high)
+    axes.set_aspect("equal", adjustable="box", anchor="C")
+    axes.grid(visible=False)
+    # An image much thinner than its panel has space for fewer ticks than the panel.
+    inches_per_mm = min(width / (x_high - x_low), height / (y_high - y_low))
+    x_ticks = round_ticks(x_low, x_high, (x_high - x_low) * inches_per_mm / TICK_DISTANCE, margin)
+    y_ticks = round_ticks(y_low, y_high, (y_high - y_low) * inches_per_mm / TICK_DISTANCE, margin)
+    axes.set_xticks(x_ticks, [typeset(f"{t:g}") if x_labels else "" for t in x_ticks])
+    axes.set_yticks(y_ticks, [typeset(f"{t:g}") if y_labels else "" for t in y_ticks])
+    axes.tick_params(labelsize=TICK_PT, length=2.5, width=0.6, pad=2)
+    for spine in axes.spines.values():
+        spine.set_linewidth(0.6)
+    if x_labels:
+        axes.set_xlabel("x (mm)", fontsize=LABEL_PT, labelpad=2)
+    if y_labels:
+        axes.set_ylabel("y (mm)", fontsize=LABEL_PT, labelpad=1)
+
+
+def depth_limits_mm(images: Sequence[DepthMap]) -> tuple[float, float]:
+    """Return the depths that the colour scale of these images spans, whole millimetres."""
+    depths_mm = np.concatenate([1e3 * image.depth_m[image.mask] for image in images])
+    # Rounded first: 0.3 m is 299.999999… mm.
+    low, high = np.round(np.percentile(depths_mm, DEPTH_PERCENTILES), 6)
+    low, high = math.floor(low), math.ceil(high)
+    if high - low < 2:
+        low, high = low - 1, high + 1
+    return float(low), float(high)
+
+
+def amplitude_bar(axes: Axes, drawn: Any, dynamic_range_db: float) -> None:
+    bar = axes.figure.colorbar(drawn, cax=axes, extend="min", extendfrac=0.06)
+    _bar_labels(bar, (-dynamic_range_db, 0.0), "amplitude (dB)")
+
+
+def depth_bar(
+    axes: Axes, drawn: Any, limits_mm: tuple[float, float], images: Sequence[DepthMap]
+) -> None:
+    low = min(1e3 * float(np.nanmin(image.depth_m)) for image in images) < limits_mm[0] - 1e-6
+    high = max(1e3 * float(np.nanmax(image.depth_m)) for image in images) > limits_mm[1] + 1e-6
+    extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[(low, high)]
+    bar = axes.figure.colorbar(drawn, cax=axes, extend=extend, extendfrac=0.06)
+    _bar_labels(bar, limits_mm, "depth z (mm)")
+
+
+def _bar_labels(bar: Any, limits: tuple[float, float], name: str) -> None:
+    ticks = round_ticks(*limits, 5)
+    bar.set_ticks(ticks, labels=[typeset(f"{t:g}") for t in ticks])
+    bar.ax.minorticks_off()
+    bar.ax.tick_params(labelsize=TICK_PT, length=2.5, width=0.6, pad=2)
+    bar.outline.set_linewidth(0.6)
+    bar.set_label(name, fontsize=LABEL_PT, labelpad=3)

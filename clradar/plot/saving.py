@@ -1,0 +1,74 @@
+"""Writing figures reproducibly: the same figure gives the same bytes."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+from clradar.errors import OutputError
+from clradar.files.atomic import replacing
+from clradar.plot.layout import DPI
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+METADATA: dict[str, dict[str, None]] = {
+    ".png": {"Software": None},
+    ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    ".svg": {"Date": None, "Creator": None},
+}
+"""None drops what would differ from run to run (dates) or from version to version (software)."""
+
+SUFFIXES = tuple(METADATA)
+"""The kinds of file that `save_figure` writes."""
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = False) -> Path:
+    """Write a figure whole or not at all; the same figure gives the same bytes.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    path : str or path
+        Ends in .png, .pdf or .svg, in a folder that exists.
+    force : bool
+        Replace an existing file.
+
+    Returns
+    -------
+    Path
+        The file that was written.
+
+    Raises
+    ------
+    OutputError
+        The file exists and `force` is False, the folder does not exist, the suffix is unknown, or
+        the system refuses to write. A file that was at `path` before is then unchanged.
+    """
+    target = Path(path)
+    suffix = target.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise OutputError(
+            f"{target}: expected a name that ends in {', '.join(SUFFIXES)}, got '{target.suffix}'"
+        )
+    with replacing(target, force=force) as temporary, open(temporary, "xb") as stream:
+        _render(figure, stream, suffix, figure.dpi)
+    return target
+
+
+def png_bytes(figure: Figure, *, dpi: float = DPI) -> bytes:
+    """Return a figure as a PNG with `dpi` dots per inch; the same figure gives the same bytes."""
+    stream = io.BytesIO()
+    _render(figure, stream, ".png", dpi)
+    return stream.getvalue()
+
+
+def _render(figure: Figure, stream: BinaryIO, suffix: str, dpi: float) -> None:
+    import matplotlib
+
+    # SVG ids are random without a salt, and a user's settings must not crop the page.
+    settings = {"svg.hashsalt": "clradar", "savefig.bbox": None, "savefig.transparent": False}
+    with matplotlib.rc_context(settings):
+        figure.savefig(stream, format=suffix[1:], dpi=dpi, metadata=METADATA[suffix])
