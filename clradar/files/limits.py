@@ -37,3 +37,9 @@ MAX_DIMENSIONS = 32
 
 MAX_SPARSE_ELEMENTS = 2**24
 """Of a sparse matrix with its zeros: 16 joints of a hand of a million vertices."""
+
+MAX_IMAGE_PIXELS = 2**24
+"""Of a PNG image: 4096 x 4096."""
+
+MAX_PNG_BYTES = 2 * MAX_IMAGE_PIXELS + 2**20
+"""The pixels as they are, and a little for the form."""

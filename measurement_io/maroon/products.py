@@ -15,6 +15,7 @@ import numpy as np
 
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.files.failures import fail, reading
+from clradar.files.limits import MAX_IMAGE_PIXELS
 from clradar.model import DepthMap, VoxelGrid, checks
 from measurement_io.maroon.calibration_file import (
     CALIBRATION_FILE,
@@ -25,7 +26,7 @@ from measurement_io.maroon.calibration_file import (
 )
 from measurement_io.maroon.folders import entries, ranges
 from measurement_io.maroon.ply_points import ply_blocks, read_ply_header, require_properties
-from measurement_io.maroon.png16 import MAX_PIXELS, read_png16
+from measurement_io.maroon.png16 import read_png16
 
 PRODUCTS = {"depth": "png", "maxproj": "png", "volume": "ply", "xyz": "ply"}
 """Folder of each product, and the extension of its files."""
@@ -284,7 +285,7 @@ def read_points(radar: str | os.PathLike[str], number: int) -> PointCloud:
         The frame has no such file, it is damaged, or its points have no green.
     """
     path = _product_file(Path(radar), "xyz", number)
-    header = read_ply_header(path, MAX_PIXELS)
+    header = read_ply_header(path, MAX_IMAGE_PIXELS)
     require_properties(path, header, x="float", y="float", z="float", green="8-bit")
     points_m = np.empty((header.count, 3))
     amplitude = np.empty(header.count, np.float32)
