@@ -9,13 +9,13 @@ import numpy as np
 
 from clradar import arrays
 from clradar.files.failures import fail, read_bytes, reading
+from clradar.files.limits import MAX_ANTENNA_FILE_BYTES
 from clradar.model import AntennaArray
 
 CHANNELS = 96
 """Channels of the instrument; the first and the last are no imaging antennas."""
 
 IMAGING = slice(1, 95)
-MAX_ANTENNA_FILE_BYTES = 2**20
 _EXPECTED = "an antenna file (a header x,y,z, then a row of three numbers per antenna)"
 
 

@@ -10,9 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from clradar.files.failures import clean, fail
+from clradar.files.limits import MAX_NPY_HEADER_BYTES
 
 NPY_MAGIC = b"\x93NUMPY"
-_MAX_HEADER_BYTES = 2**16
 
 
 class _Stream(Protocol):
@@ -47,8 +47,8 @@ def read_npy_header(
     width = 2 if version == (1, 0) else 4
     prefix = stream.read(width)
     length = int.from_bytes(prefix, "little")
-    if len(prefix) != width or length > _MAX_HEADER_BYTES:
-        fail(path, f"an .npy header of at most {_MAX_HEADER_BYTES} bytes", f"{length} bytes")
+    if len(prefix) != width or length > MAX_NPY_HEADER_BYTES:
+        fail(path, f"an .npy header of at most {MAX_NPY_HEADER_BYTES} bytes", f"{length} bytes")
     text = io.BytesIO(prefix + stream.read(length))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a damaged header can be odd Python that still parses

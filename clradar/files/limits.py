@@ -5,11 +5,13 @@ docs/untrusted-files.md has the policy: which library or parser reads what, in w
 
 from __future__ import annotations
 
+# ---- text
+
 MAX_MESSAGE_CHARACTERS = 400
 """Of a foreign message that is passed on; a damaged file can make one of any length."""
 
 MAX_JSON_BYTES = 16 * 2**20
-"""JSON of recordings and of `meta`, read or written."""
+"""JSON of recordings and of `meta`, read or written; other attributes of HDF5 files."""
 
 MAX_SMALL_JSON_BYTES = 2**20
 """JSON of a matrix, of joints, of settings."""
@@ -23,23 +25,87 @@ MAX_TOML_BYTES = 2**18
 MAX_PLAN_BYTES = 2**20
 """Plans of data sets: they can list thousands of poses."""
 
-MAX_RIG_BYTES = 2**29
-"""A hand of a million vertices needs a tenth of it; scans carry large pictures, too."""
-
 MAX_TOML_LINE_CHARACTERS = 2**13
 """A key of thousands of dotted parts keeps the parser busy for minutes."""
 
-MAX_PICKLE_OPERATIONS = 2_000_000
-"""A frame and a hand model need some hundreds; a long list of time stamps fits, too."""
+MAX_ANTENNA_FILE_BYTES = 2**20
+
+# ---- arrays
 
 MAX_DIMENSIONS = 32
 """Of an array, as in numpy."""
 
+MAX_NPY_HEADER_BYTES = 2**16
+
+MAX_ARRAY_BYTES = 2**29
+"""Most that one key of a lab's file may take in memory, after single frames were picked."""
+
+MAX_INFLATED_BYTES = 2**32
+"""Most that is inflated to get at one key of a compressed file, passed over or not."""
+
+# ---- files of labs (`measurement_io.layouts`)
+
+MAX_KEYS = 10_000
+MAX_NESTING = 16
+"""Of groups and structs."""
+
+MAX_TEXT_CHARACTERS = 2**16
+MAX_CHANNELS = 100_000
+MAX_FREQUENCIES = 10_000_000
+MAX_META_NUMBERS = 1000
+MAX_MAT5_NAME_BYTES = 4096
+MAX_MAT5_FIELDS = 4096
+MAX_CHUNK_BYTES = 2**28
+"""Of an HDF5 dataset: HDF5 holds a chunk twice, as stored and inflated."""
+
+# ---- HDF5, read in a process of its own (`measurement_io.confined`)
+
+CPU_LIMIT_S = 3
+"""Processor time for reading a file, and as much again for every `CPU_LIMIT_BYTES` of it and
+every `CPU_LIMIT_INFLATED_BYTES` that may come back, which a small file can hold compressed."""
+
+CPU_LIMIT_BYTES = 2**26
+CPU_LIMIT_INFLATED_BYTES = 2**28
+WALL_LIMIT_S = 3600
+"""For disks that answer slowly. What is damaged takes processor time."""
+
+MEMORY_BYTES = 2**30
+"""Memory that reading may take on top of twice the content."""
+
+MAX_REQUEST_BYTES = 2**16
+MAX_ANSWER_HEADER_BYTES = 2**28
+
+# ---- pickles
+
+MAX_FRAME_BYTES = 2**30
+"""A recorded frame: 96 x 96 channels at 7281 frequencies in complex128."""
+
+MAX_TIME_STAMPS = 100_000
+MAX_PICKLE_OPERATIONS = 2_000_000
+"""A frame and a hand model need some hundreds; a long list of time stamps fits, too."""
+
 MAX_SPARSE_ELEMENTS = 2**24
 """Of a sparse matrix with its zeros: 16 joints of a hand of a million vertices."""
+
+# ---- images, points, meshes and rigs
 
 MAX_IMAGE_PIXELS = 2**24
 """Of a PNG image: 4096 x 4096."""
 
 MAX_PNG_BYTES = 2 * MAX_IMAGE_PIXELS + 2**20
 """The pixels as they are, and a little for the form."""
+
+MAX_PLY_HEADER_BYTES = 2**16
+MAX_PLY_LINE_BYTES = 4096
+MAX_PLY_PROPERTIES = 64
+MAX_PLY_TEXT_BYTES = 2**28
+"""Largest file whose points are text; parsing more would take minutes."""
+
+MAX_PLY_VOXELS = 2**26
+"""Of an amplitude volume, whose voxels are points."""
+
+MAX_MESH_BYTES = 2**27
+"""A mesh of a recording: some two million faces."""
+
+MAX_RIG_BYTES = 2**29
+"""A hand of a million vertices needs a tenth of it; scans carry large pictures, too."""

@@ -28,22 +28,19 @@ from typing import Any
 
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import clean, fail, regular_file_size, shown
+from clradar.files.limits import (
+    CPU_LIMIT_BYTES,
+    CPU_LIMIT_INFLATED_BYTES,
+    CPU_LIMIT_S,
+    MAX_REQUEST_BYTES,
+    MEMORY_BYTES,
+    WALL_LIMIT_S,
+)
 from measurement_io.confined import wire
 
 EXPECTED = "a readable HDF5 file"
-CPU_LIMIT_S = 3
-"""Processor time for reading a file, and as much again for every `CPU_LIMIT_BYTES` of it and
-every `CPU_LIMIT_INFLATED_BYTES` that may come back, which a small file can hold compressed."""
 
-CPU_LIMIT_BYTES = 2**26
-CPU_LIMIT_INFLATED_BYTES = 2**28
-WALL_LIMIT_S = 3600
-"""For disks that answer slowly. What is damaged takes processor time."""
 
-MEMORY_BYTES = 2**30
-"""Memory that reading may take on top of twice the content."""
-
-_MAX_REQUEST_BYTES = 2**16
 _READY = b"ready"
 _START = "import sys; sys.path[:] = {path!r}; from {module} import serve; serve({link})"
 
@@ -87,7 +84,7 @@ def run(
         "memory_bytes": memory_bytes,
     }
     message = json.dumps(request).encode("ascii")
-    if len(message) > _MAX_REQUEST_BYTES:
+    if len(message) > MAX_REQUEST_BYTES:
         fail(path, "a path and keys of sane length", f"{len(message)} bytes of them")
     try:
         answer = _answer_of(path, message, 8 * size if most_bytes is None else most_bytes)
@@ -143,7 +140,7 @@ def _start_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
             stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
         )
-    greeting = ours.recv(_MAX_REQUEST_BYTES)
+    greeting = ours.recv(MAX_REQUEST_BYTES)
     if greeting != _READY:
         ours.close()
         process.kill()
@@ -192,7 +189,7 @@ def serve(link_number: int) -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for the processes
         while True:
-            message, handles, _, _ = socket.recv_fds(link, _MAX_REQUEST_BYTES, 1)
+            message, handles, _, _ = socket.recv_fds(link, MAX_REQUEST_BYTES, 1)
             if not message:
                 return
             # Here, so that it is imported once and not by every process.

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-MAX_HEADER_BYTES = 2**28
+from clradar.files.limits import MAX_ANSWER_HEADER_BYTES
+
 _LENGTH = struct.Struct("<Q")
 _CODE = re.compile(r"[<>|](b1|[iuf][1248]|c8|c16|[SU][0-9]{1,9})\Z")
 
@@ -43,7 +44,7 @@ def receive(link: socket.socket, most_bytes: int) -> Any:
     BrokenMessage
     """
     length = _LENGTH.unpack(_exactly(link, _LENGTH.size))[0]
-    if length > MAX_HEADER_BYTES:
+    if length > MAX_ANSWER_HEADER_BYTES:
         raise BrokenMessage(f"a header of {length} bytes")
     try:
         header = json.loads(_exactly(link, length))

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from clradar.files.failures import fail, reading, shown
+from clradar.files.limits import MAX_CHANNELS
 from clradar.model import AntennaArray, Capture, Waveform, checks
 from measurement_io.layouts.container import Container
 from measurement_io.layouts.containers import EXPECTED, open_container
 from measurement_io.layouts.cube import DataShape, data_shape, read_cube
-from measurement_io.layouts.description import MAX_CHANNELS, AntennaLayout, Layout
+from measurement_io.layouts.description import AntennaLayout, Layout
 from measurement_io.layouts.frequencies import read_frequencies
 from measurement_io.layouts.positions import Positions, check_plausible, read_positions
 from measurement_io.layouts.real_values import meta_value

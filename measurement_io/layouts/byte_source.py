@@ -10,12 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from clradar.files.failures import clean, fail
-
-MAX_ARRAY_BYTES = 2**29
-"""Most that one key may take in memory, after single frames were picked from it."""
-
-MAX_INFLATED_BYTES = 2**32
-"""Most that is inflated to get at one key of a compressed file, passed over or not."""
+from clradar.files.limits import MAX_ARRAY_BYTES
 
 _BLOCK_BYTES = 2**22
 

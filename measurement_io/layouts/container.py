@@ -11,11 +11,8 @@ from typing import Any, Literal
 import numpy as np
 
 from clradar.files.failures import clean, fail
+from clradar.files.limits import MAX_KEYS
 
-MAX_KEYS = 10_000
-MAX_DEPTH = 16
-MAX_DIMENSIONS = 32
-MAX_TEXT_CHARACTERS = 2**16
 _SHOWN_KEYS = 30
 
 Content = Literal["numbers", "text", "other"]

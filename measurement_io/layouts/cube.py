@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.files.failures import clean, fail
-from measurement_io.layouts.byte_source import MAX_ARRAY_BYTES
+from clradar.files.limits import MAX_ARRAY_BYTES
 from measurement_io.layouts.container import Container, Key
 from measurement_io.layouts.description import DataLayout
 

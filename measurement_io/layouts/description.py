@@ -11,7 +11,6 @@ FREQUENCY_UNITS_HZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9}
 LENGTH_UNITS_PER_M = {"m": 1.0, "cm": 1e2, "mm": 1e3, "um": 1e6}
 """Known units of length and how many make a metre: 70.5 / 1000 is 0.0705, 70.5 * 0.001 is not."""
 
-MAX_CHANNELS = 100_000
 KNOWN_ARRAYS = ("qar50",)
 SIGNAL_AXES = ("tx", "rx", "pair", "freq", "frame", "part", "one")
 """Names of axes with a meaning: antennas, pairs of them, frequency, the frame to choose, the two

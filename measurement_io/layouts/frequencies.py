@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from clradar.files.failures import clean, fail
+from clradar.files.limits import MAX_FREQUENCIES
 from measurement_io.layouts.container import Container
 from measurement_io.layouts.description import FREQUENCY_UNITS_HZ, FrequencyLayout
 from measurement_io.layouts.real_values import real_list, real_number
 from measurement_io.maroon.frame import PLAUSIBLE_HZ
-
-_MAX_POINTS = 10_000_000
 
 
 def read_frequencies(container: Container, layout: FrequencyLayout) -> tuple[np.ndarray, bool]:
@@ -62,7 +61,7 @@ def _as_described(container: Container, layout: FrequencyLayout) -> np.ndarray:
     assert layout.points is not None
     start = real_number(container, layout.start, "the first frequency")
     points = real_number(container, layout.points, "the number of frequencies")
-    if points != int(points) or not 1 <= points <= _MAX_POINTS:
+    if points != int(points) or not 1 <= points <= MAX_FREQUENCIES:
         fail(container.path, "a whole number of frequencies from 1", clean(points))
     count = int(points)
     if layout.step is not None:

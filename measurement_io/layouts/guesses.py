@@ -23,8 +23,8 @@ UNKNOWN = "?"
 GUESS = "guess: "
 SIDES = {"tx": r"tx|transmit|sender", "rx": r"rx|receiv"}
 
-_MAX_LIST = 1_000_000
-_MAX_POSITIONS = 300_000
+_MOST_FREQUENCIES = 1_000_000
+_MOST_POSITION_NUMBERS = 300_000
 _PLAUSIBLE_M = (0.01, 2.0)
 _PARTS = ((r"re(al)?", "im(ag(inary)?)?"), ("i", "q"))
 
@@ -131,7 +131,7 @@ def guess_frequencies(container: Container, keys: Sequence[Key]) -> Frequencies:
     for key in sorted(keys, key=rank):
         if math.prod(key.shape) < 2 or max(key.shape) != math.prod(key.shape):
             continue
-        values = _numbers(container, key, _MAX_LIST)
+        values = _numbers(container, key, _MOST_FREQUENCIES)
         if values is None:
             continue
         values = values.ravel()
@@ -166,7 +166,7 @@ def guess_antennas(container: Container, keys: Sequence[Key], side: str) -> Side
     for key in sorted(named, key=lambda key: -len(key.shape)):
         if len(key.shape) != 2 or not {2, 3} & set(key.shape):
             continue
-        values = _numbers(container, key, _MAX_POSITIONS)
+        values = _numbers(container, key, _MOST_POSITION_NUMBERS)
         if values is None:
             continue
         across = 1 if key.shape[1] in (2, 3) else 0
@@ -183,7 +183,7 @@ def guess_antennas(container: Container, keys: Sequence[Key], side: str) -> Side
     found: dict[str, tuple[Key, np.ndarray]] = {}
     for axis in "xyz":
         for key in named:
-            values = _numbers(container, key, _MAX_POSITIONS)
+            values = _numbers(container, key, _MOST_POSITION_NUMBERS)
             last = re.sub(SIDES[side], "", key.name.rsplit("/", 1)[-1], flags=re.IGNORECASE)
             if values is not None and re.search(rf"(?<![a-z]){axis}(?![a-z])", last, re.I):
                 found.setdefault(axis, (key, values))

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from clradar.files.limits import MAX_ARRAY_BYTES
 from measurement_io.confined import hdf5_process
 from measurement_io.layouts import hdf5_contents
-from measurement_io.layouts.byte_source import MAX_ARRAY_BYTES, kept_shape
+from measurement_io.layouts.byte_source import kept_shape
 from measurement_io.layouts.container import Container, Key
 
 _LARGEST_NUMBER_BYTES = 16

@@ -17,22 +17,14 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from clradar.files.failures import clean, fail
+from clradar.files.limits import MAX_CHUNK_BYTES, MAX_KEYS, MAX_NESTING, MAX_TEXT_CHARACTERS
 from measurement_io.confined import hdf5_guard
 from measurement_io.confined.hdf5_guard import DEFLATE, FLETCHER32, LZF, SHUFFLE
 from measurement_io.layouts.byte_source import check_size
-from measurement_io.layouts.container import (
-    MAX_DEPTH,
-    MAX_KEYS,
-    MAX_TEXT_CHARACTERS,
-    Content,
-    Key,
-    holds_numbers,
-)
+from measurement_io.layouts.container import Content, Key, holds_numbers
 
 EXPECTED = "a readable HDF5 file"
 FILTERS = (SHUFFLE, FLETCHER32, DEFLATE, LZF)
-MAX_CHUNK_BYTES = 2**28
-"""Largest chunk: HDF5 holds it twice, as stored and inflated."""
 
 _LZF_RATIO = 88
 """Three bytes of LZF can stand for 264, and nothing stands for more."""
@@ -62,8 +54,8 @@ class Hdf5Contents:
     def _walk(self, group: Any, prefix: str, depth: int, seen: set[Any]) -> None:
         import h5py
 
-        if depth > MAX_DEPTH:
-            fail(self.path, f"groups nested at most {MAX_DEPTH} deep", "more")
+        if depth > MAX_NESTING:
+            fail(self.path, f"groups nested at most {MAX_NESTING} deep", "more")
         names = list(islice(group, MAX_KEYS + 1))
         if len(names) > MAX_KEYS:
             fail(self.path, f"at most {MAX_KEYS} keys in {clean(group.name)}", "more")

@@ -18,20 +18,16 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 
 from clradar.files.failures import clean, fail
-from measurement_io.layouts.byte_source import (
-    MAX_INFLATED_BYTES,
-    ByteSource,
-    check_size,
-    kept_shape,
-    read_array,
-)
-from measurement_io.layouts.container import (
-    MAX_DEPTH,
+from clradar.files.limits import (
     MAX_DIMENSIONS,
+    MAX_INFLATED_BYTES,
+    MAX_MAT5_FIELDS,
+    MAX_MAT5_NAME_BYTES,
+    MAX_NESTING,
     MAX_TEXT_CHARACTERS,
-    Container,
-    Key,
 )
+from measurement_io.layouts.byte_source import ByteSource, check_size, kept_shape, read_array
+from measurement_io.layouts.container import Container, Key
 
 HEADER_BYTES = 128
 _MATRIX, _COMPRESSED = 14, 15
@@ -48,8 +44,6 @@ _OTHER_CLASSES = {
     1: "cell array", 3: "object", 5: "sparse array", 16: "function handle", 17: "object",
 }  # fmt: skip
 _COMPLEX_FLAG, _LOGICAL_FLAG = 0x0800, 0x0200
-_MAX_NAME_BYTES = 4096
-_MAX_FIELDS = 4096
 _INFLATE_BLOCK = 2**16
 
 
@@ -199,8 +193,8 @@ class _Walk:
         bool
             True for an array that is only listed: its numbers have not been passed over.
         """
-        if depth > MAX_DEPTH:
-            fail(self._path, f"structs nested at most {MAX_DEPTH} deep", "more")
+        if depth > MAX_NESTING:
+            fail(self._path, f"structs nested at most {MAX_NESTING} deep", "more")
         if size == 0:  # MATLAB's short form of []
             self._list(Key(name, (0, 0), "empty", "other"))
             return False
@@ -211,7 +205,7 @@ class _Walk:
         word = int(np.frombuffer(flags, f"{self._order}u4")[0])
         array_class = word & 0xFF
         if array_class == 17:  # opaque objects have no sizes
-            own = self._small(source, _INT8, _MAX_NAME_BYTES, "a name").decode("latin1")
+            own = self._small(source, _INT8, MAX_MAT5_NAME_BYTES, "a name").decode("latin1")
             self._list(Key(_join(name, own), (), "object", "other"))
             self._skip_rest(source, start, size)
             return False
@@ -219,7 +213,7 @@ class _Walk:
         shape = tuple(int(n) for n in np.frombuffer(raw_shape, f"{self._order}i4"))
         if len(shape) < 2 or min(shape) < 0:
             fail(self._path, "an array of at least two sizes from 0", f"sizes {shape}")
-        own = self._small(source, _INT8, _MAX_NAME_BYTES, "a name").decode("latin1")
+        own = self._small(source, _INT8, MAX_MAT5_NAME_BYTES, "a name").decode("latin1")
         name = _join(name, own) if depth == 0 else name
         if array_class == _STRUCT:
             self._struct(source, shape, name, depth)
@@ -321,7 +315,7 @@ class _Walk:
         if len(length_raw) != 4:
             fail(self._path, "the length of field names in 4 bytes", f"{len(length_raw)}")
         length = int(np.frombuffer(length_raw, f"{self._order}i4")[0])
-        raw = self._small(source, _INT8, _MAX_FIELDS * 64, "field names")
+        raw = self._small(source, _INT8, MAX_MAT5_FIELDS * 64, "field names")
         if not 0 < length <= 4096 or len(raw) % length:
             fail(self._path, f"field names of {length} bytes each", f"{len(raw)} bytes")
         for start in range(0, len(raw), length):

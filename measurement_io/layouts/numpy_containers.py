@@ -12,21 +12,9 @@ from typing import Any
 import numpy as np
 
 from clradar.files.failures import clean, fail
-from measurement_io.layouts.byte_source import (
-    MAX_INFLATED_BYTES,
-    ByteSource,
-    check_size,
-    read_array,
-)
-from measurement_io.layouts.container import (
-    MAX_DIMENSIONS,
-    MAX_KEYS,
-    MAX_TEXT_CHARACTERS,
-    Container,
-    Content,
-    Key,
-    holds_numbers,
-)
+from clradar.files.limits import MAX_DIMENSIONS, MAX_INFLATED_BYTES, MAX_KEYS, MAX_TEXT_CHARACTERS
+from measurement_io.layouts.byte_source import ByteSource, check_size, read_array
+from measurement_io.layouts.container import Container, Content, Key, holds_numbers
 from measurement_io.npy_header import read_npy_header
 
 NPY_KEY = "array"

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from clradar.files.failures import clean, fail
+from clradar.files.limits import MAX_META_NUMBERS
 from measurement_io.layouts.container import Container
-
-MAX_META_NUMBERS = 1000
 
 
 def real_array(container: Container, key: str, purpose: str) -> np.ndarray:

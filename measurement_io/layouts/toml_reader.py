@@ -7,12 +7,12 @@ import re
 from pathlib import Path
 
 from clradar.files.failures import reading, shown
+from clradar.files.limits import MAX_CHANNELS
 from clradar.files.toml_file import read_toml
 from measurement_io.layouts.description import (
     FREQUENCY_UNITS_HZ,
     KNOWN_ARRAYS,
     LENGTH_UNITS_PER_M,
-    MAX_CHANNELS,
     SIGNAL_AXES,
     AntennaLayout,
     DataLayout,

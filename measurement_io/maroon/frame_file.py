@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from clradar.files.failures import clean, fail, read_bytes, reading
+from clradar.files.limits import MAX_FRAME_BYTES
 from clradar.files.safe_pickle import ARRAYS, PickledArray, UnsafePickle, load
 from measurement_io.npy_header import read_npy_header
-
-MAX_FRAME_BYTES = 2**30
-"""Largest frame file that is read: 96 x 96 channels at 7281 frequencies in complex128."""
 
 _EXPECTED = "a recorded frame (a .npy file with a pickled dictionary)"
 

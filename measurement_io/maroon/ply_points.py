@@ -11,14 +11,14 @@ from typing import BinaryIO
 import numpy as np
 
 from clradar.files.failures import clean, fail, reading, regular_file_size
-
-MAX_HEADER_BYTES = 2**16
-MAX_PROPERTIES = 64
-MAX_TEXT_BYTES = 2**28
-"""Largest file whose points are text; parsing more would take minutes."""
+from clradar.files.limits import (
+    MAX_PLY_HEADER_BYTES,
+    MAX_PLY_LINE_BYTES,
+    MAX_PLY_PROPERTIES,
+    MAX_PLY_TEXT_BYTES,
+)
 
 BLOCK_POINTS = 2**16
-_MAX_LINE_BYTES = 4096
 _EXPECTED = "a PLY file of points"
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _TYPES = {
@@ -78,18 +78,18 @@ def read_ply_header(path: Path, max_points: int) -> PlyHeader:
     """
     size = regular_file_size(path, _EXPECTED)
     with reading(path, _EXPECTED), open(path, "rb") as file:
-        start = file.read(MAX_HEADER_BYTES)
+        start = file.read(MAX_PLY_HEADER_BYTES)
         if not re.match(rb"ply\r?\n", start):
             fail(path, _EXPECTED, "something else" if start else "an empty file")
         end = re.search(rb"\nend_header\r?\n", start)
         if end is None:
-            fail(path, f"a header that ends within {MAX_HEADER_BYTES} bytes", "none")
+            fail(path, f"a header that ends within {MAX_PLY_HEADER_BYTES} bytes", "none")
         lines = start[: end.start()].decode("ascii", "replace").splitlines()[1:]
         header = _parsed(path, lines, end.end())
     if header.count > max_points:
         fail(path, f"at most {max_points} points", f"{header.count}")
-    if header.text and size > MAX_TEXT_BYTES:
-        fail(path, f"at most {MAX_TEXT_BYTES} bytes where points are text", f"{size}")
+    if header.text and size > MAX_PLY_TEXT_BYTES:
+        fail(path, f"at most {MAX_PLY_TEXT_BYTES} bytes where points are text", f"{size}")
     # The shortest text of a property is one digit and what separates it from the next.
     least = 2 * len(header.names) - 1 if header.text else header.dtype.itemsize
     if header.count * least > size - header.offset:
@@ -184,7 +184,7 @@ def _parsed(path: Path, lines: list[str], offset: int) -> PlyHeader:
             properties.append((words[2], words[1]))
         else:
             fail(path, "a PLY header of scalar properties", f"the line '{clean(line)[:60]}'")
-    if order is None or count is None or not 0 < len(properties) <= MAX_PROPERTIES:
+    if order is None or count is None or not 0 < len(properties) <= MAX_PLY_PROPERTIES:
         fail(path, "format, points and their properties in the header", "a header without")
     if len({name for name, _ in properties}) < len(properties):
         fail(path, "different names of properties", "one that is there twice")
@@ -194,7 +194,7 @@ def _parsed(path: Path, lines: list[str], offset: int) -> PlyHeader:
 def _text_block(path: Path, file: BinaryIO, header: PlyHeader, n: int) -> np.ndarray:
     rows = []
     for _ in range(n):
-        words = file.readline(_MAX_LINE_BYTES).split()
+        words = file.readline(MAX_PLY_LINE_BYTES).split()
         if len(words) != len(header.names):
             fail(path, f"{len(header.names)} numbers in the line of each point", f"{len(words)}")
         rows.append(words)

@@ -15,7 +15,7 @@ import numpy as np
 
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.files.failures import fail, reading
-from clradar.files.limits import MAX_IMAGE_PIXELS
+from clradar.files.limits import MAX_IMAGE_PIXELS, MAX_PLY_VOXELS
 from clradar.model import DepthMap, VoxelGrid, checks
 from measurement_io.maroon.calibration_file import (
     CALIBRATION_FILE,
@@ -34,8 +34,6 @@ PRODUCTS = {"depth": "png", "maxproj": "png", "volume": "ply", "xyz": "ply"}
 PLACED = {"depth": "its pixels", "maxproj": "its pixels", "volume": "its grid and its amplitudes"}
 """What only `calibration.json` knows of a product; the points of `xyz` carry their positions."""
 
-MAX_VOXELS = 2**26
-"""Largest volume: 406 x 406 x 406. It takes 0.5 GB to read."""
 
 MM_PER_M = 1000.0
 SINGLE_SPACING_M = 1e-3
@@ -248,7 +246,7 @@ def read_amplitude_volume(radar: str | os.PathLike[str], number: int) -> Amplitu
             f"{part.min_amplitude:g} and {part.max_amplitude:g}",
         )
     n_x, n_y, n_z = part.box.counts
-    header = read_ply_header(path, MAX_VOXELS)
+    header = read_ply_header(path, MAX_PLY_VOXELS)
     if header.count != n_x * n_y * n_z:
         fail(path, f"the {n_x} x {n_y} x {n_z} points of {CALIBRATION_FILE}", f"{header.count}")
     require_properties(path, header, x="float", z="float", red="8-bit")

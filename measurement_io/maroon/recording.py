@@ -13,6 +13,7 @@ import numpy as np
 
 from clradar.errors import MeasurementError
 from clradar.files.failures import clean, fail, read_bytes, reading, shown
+from clradar.files.limits import MAX_MESH_BYTES
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Waveform, checks
 from measurement_io.antenna_file import antenna_array
 from measurement_io.maroon import folders
@@ -28,8 +29,6 @@ METADATA_FILE = "metadata.json"
 MESH_FOLDER = "photogrammetry"
 MESH_SOURCE = "photogrammetry"
 """The frame of reference of the meshes, as `alignment.json` calls it."""
-MAX_MESH_BYTES = 2**27
-"""Largest mesh file that is read: some two million faces."""
 
 _EXPECTED = (
     "the folder of a recording: radar_<low GHz>_<high GHz>_<points>, or the <object>/<distance> "

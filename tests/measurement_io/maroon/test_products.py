@@ -436,7 +436,7 @@ def test_a_product_that_is_no_file(radar):
 def test_limits_hold_before_anything_is_read(radar, monkeypatch):
     monkeypatch.setattr(png16, "MAX_IMAGE_PIXELS", 31 * 21 - 1)
     assert "at most 650 pixels" in refused(radar, "depth")
-    monkeypatch.setattr(ply_points, "MAX_TEXT_BYTES", 10)
+    monkeypatch.setattr(ply_points, "MAX_PLY_TEXT_BYTES", 10)
     (radar / "xyz" / "000000.ply").write_bytes(made.ply([(0, 0, 1)], [(0, 0, 0)], "ascii"))
     assert "at most 10 bytes" in refused(radar, "xyz")
 
