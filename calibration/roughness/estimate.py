@@ -1,4 +1,8 @@
-"""The alpha whose simulations are most like a measurement, and how sure that is."""
+"""Estimation of alpha with its uncertainty, corrected for the simulations' own speckle.
+
+Similarities are divided by the root of their reliability: C. Spearman, "The proof and measurement
+of association between two things", American Journal of Psychology 15(1), 1904, doi 10.2307/1412159.
+"""
 
 from __future__ import annotations
 
@@ -19,17 +23,17 @@ Images = Sequence[Sequence[DepthMap | None]]
 """Simulated depth maps [seed][alpha]; None where no ray reached a receiver."""
 
 PAIRED_CONFIDENCE = 0.95
-"""An alpha counts as worse than the best if the seeds say so with this confidence, one-sided."""
+"""Confidence of the one-sided paired t-test by which an alpha is worse than the best."""
 
 MIN_SELF_AGREEMENT = 0.1
-"""Of a similarity: simulations that agree by less among themselves are noise rather than images,
-and dividing by the root of what is left would make it the best score."""
+"""Smallest reliability, the similarity of simulations among themselves: below it they are noise,
+and division by its root would make that the best score."""
 
 GRID = 12**-0.5
-"""Standard deviation of rounding to a grid, in steps: what is allowed for the parabola."""
+"""Standard deviation of rounding to a grid, in steps: the error allowed for the parabola."""
 
 FLAT_SHARE = 0.5
-"""A curve is called flat where this share of the alphas is not told apart from the best."""
+"""A curve is flat if the test does not distinguish this fraction of the alphas from the best."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,20 +47,19 @@ class AlphaEstimate:
     alpha : float
         Mean of `per_seed`.
     uncertainty : float
-        One standard deviation: scatter over the seeds or `self_check_error`, whichever is more, and
-        the rounding to the grid, which is a whole step on an edge. NaN where it is unknown: with
-        a single seed, or simulations that are all noise.
+        One standard deviation: the larger of the scatter over the seeds and `self_check_error`, and
+        the rounding to the grid, which is a whole step on an edge. NaN if unknown: with a single
+        seed, or if all simulations are noise.
     standard_error : float
-        Standard deviation of `per_seed` over the square root of K: what other seeds of the
-        simulation would change, and not the scatter of the measurement's own speckle. NaN with a
-        single seed.
+        Standard deviation of `per_seed` over the square root of K: the scatter due to the seeds of
+        the simulation, without that of the measurement's own speckle. NaN with a single seed.
     per_seed : ndarray, shape (K,)
-        Where a parabola through the best score of a seed and its two neighbours peaks.
+        Vertex of the parabola through the best score of a seed and its two neighbours.
     on_edge : bool
         Whether the score of some seed is best at an end of the range: the truth may lie outside.
     self_check_error : float
-        Root mean square error of the same estimate where simulations with the nearest alpha of the
-        grid stand in for the measurement. NaN with a single seed.
+        Root mean square error of the same estimate for simulations at the nearest alpha of the grid
+        in place of the measurement. NaN with a single seed.
     metric : str
         The field of `Metrics` that was used.
     values : ndarray, shape (K, A)
@@ -64,16 +67,32 @@ class AlphaEstimate:
     self_agreement : ndarray, shape (A,)
         The metric of simulations against those with another seed; NaN with a single seed.
     score : ndarray, shape (K, A)
-        The metric with the simulations' own speckle taken out; the higher the better. NaN where
-        the metric is undefined, or simulations hardly agree among themselves.
+        The metric corrected for the simulations' own speckle; the higher the better. NaN where the
+        metric is undefined, or simulations hardly agree among themselves.
     metric_peak : float
-        Where the mean of the metric itself peaks: biased by speckle.
+        Maximum of the mean of the metric itself: biased by speckle.
     deficit, deficit_error : ndarray, shape (A,)
-        By how much the score is below that of `grid_best`, seed by seed: mean and standard error.
+        Score below that of `grid_best`, seed by seed: mean and standard error.
     alike : ndarray, shape (A,), bool
-        Which alphas the seeds cannot tell from `grid_best`.
+        Alphas that the paired test does not distinguish from `grid_best`.
     grid_best : int
         Index of the alpha with the highest mean score.
+
+    Examples
+    --------
+    >>> import calibration, clradar, trimesh
+    >>> mesh = trimesh.creation.icosphere(2, 0.04)
+    >>> scene = clradar.Scene(mesh.vertices + [0, 0, 0.3], mesh.faces)
+    >>> q = clradar.arrays.qar50()
+    >>> radar = {"array": clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12]),
+    ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
+    >>> rays = {"samples_per_mm2": 0.2, "reception_radius_m": 0.02}
+    >>> capture = clradar.simulate(scene.with_alpha(0.5), **radar, **rays)
+    >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.25, 0.3), 5e-3)
+    >>> image = clradar.backproject(capture, grid, device="pocl")
+    >>> found = calibration.sweep(image, scene, [0.1, 0.5, 0.9], seeds=1, **radar, **rays)
+    >>> print(found.estimate.text(), found.estimate.alike)
+    0... (uncertainty unknown) [False  True False]
     """
 
     alpha: float
@@ -94,22 +113,22 @@ class AlphaEstimate:
 
     @property
     def flat(self) -> bool:
-        """Whether the score hardly depends on alpha, as far as the seeds can tell."""
+        """Whether the paired test distinguishes few alphas from the best."""
         return bool(np.count_nonzero(self.alike) >= max(3, FLAT_SHARE * self.alike.size))
 
     @property
     def corrected(self) -> bool:
-        """Whether speckle is taken out of the score: not with one seed, nor of noise alone."""
+        """Whether the score is corrected for speckle: not with one seed, nor if all is noise."""
         return _is_corrected(self.self_agreement, self.metric)
 
     def text(self) -> str:
-        """Return the alpha and its uncertainty."""
+        """The alpha and its uncertainty."""
         if math.isnan(self.uncertainty):
             return f"{self.alpha:.3f} (uncertainty unknown)"
         return f"{self.alpha:.3f} \N{PLUS-MINUS SIGN} {self.uncertainty:.3f}"
 
     def remarks(self, alphas: np.ndarray) -> list[str]:
-        """Return in words what a reader of the alpha has to know."""
+        """Caveats of the estimate, one clause each."""
         found = []
         if self.on_edge:
             found.append(
@@ -140,7 +159,7 @@ class AlphaEstimate:
         return found
 
     def to_dict(self, alphas: np.ndarray) -> dict[str, Any]:
-        """Return all numbers in types that strict JSON knows: None stands for NaN."""
+        """All numbers in types that strict JSON has; None stands for NaN."""
         record = {field.name: getattr(self, field.name) for field in fields(self)}
         record["grid_best"] = float(alphas[self.grid_best])
         record["flat"] = self.flat
@@ -148,7 +167,7 @@ class AlphaEstimate:
 
 
 def plain(value: Any) -> Any:
-    """Return numbers and arrays as JSON has them: None stands for NaN."""
+    """Convert numbers and arrays to JSON types; None stands for NaN."""
     if isinstance(value, np.ndarray):
         return [plain(item) for item in value]
     if isinstance(value, float | np.floating):
@@ -163,7 +182,7 @@ def estimate_alpha(
     metric: str,
     dynamic_range_db: float,
 ) -> AlphaEstimate:
-    """Return the best alpha.
+    """Estimate alpha by one metric.
 
     Parameters
     ----------
@@ -223,14 +242,14 @@ def estimate_alpha(
 def mean_score(
     measured: DepthMap, images: Images, metric: str, dynamic_range_db: float
 ) -> np.ndarray:
-    """Return the mean over the seeds of `AlphaEstimate.score`, shape (A,); NaN if undefined."""
+    """Mean over the seeds of `AlphaEstimate.score`, shape (A,); NaN if undefined."""
     return _scores(measured, images, metric, dynamic_range_db)[0].mean(axis=0)
 
 
 def _scores(
     measured: DepthMap, images: Images, metric: str, dynamic_range_db: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return score and values, shape (K, A), and self-agreement, shape (A,)."""
+    """Score and values, shape (K, A), and self-agreement, shape (A,)."""
     checks.one_of("metric", metric, METRICS)
     values = np.array(
         [[_value(metric, measured, image, dynamic_range_db) for image in row] for row in images]
@@ -262,7 +281,7 @@ def _self_check(
     metric: str,
     dynamic_range_db: float,
 ) -> np.ndarray:
-    """Return the errors where one seed's image at an alpha stands in for the measurement."""
+    """Errors of the estimate for one seed's image at an alpha in place of the measurement."""
     errors = []
     for stand_in, other in permutations(images, 2):
         values = np.array([_value(metric, stand_in[at], b, dynamic_range_db) for b in other])
@@ -273,20 +292,20 @@ def _self_check(
 
 
 def scored(values: np.ndarray, own: np.ndarray, metric: str) -> np.ndarray:
-    """Return the metric with the speckle of the simulations taken out; the higher the better.
+    """Correct a metric for the speckle of the simulations; the higher the better.
 
     Parameters
     ----------
     values : ndarray, shape (..., A)
     own : ndarray, shape (A,)
-        Of simulations against those with another seed; NaN throughout if there is one seed only.
-        Then, and where it is too small at every alpha, the values are taken as they are.
+        Of simulations against those with another seed; NaN throughout with a single seed. Then, and
+        if it is too small at every alpha, the values are not corrected.
     metric : str
     """
     if not _is_corrected(own, metric):
         return _signed(values, metric)
     if metric in HIGHER_IS_BETTER:
-        # Spearman's correction for attenuation: what is left of a similarity of 1 is sqrt(own).
+        # Spearman's correction for attenuation: noise reduces a similarity of 1 to sqrt(own).
         return values / np.sqrt(np.where(own >= MIN_SELF_AGREEMENT, own, math.nan))
     return -(values - 0.5 * own)
 
@@ -301,7 +320,7 @@ def _signed(values: np.ndarray, metric: str) -> np.ndarray:
 
 
 def peak(alphas: np.ndarray, score: np.ndarray) -> tuple[float, bool]:
-    """Return where a curve peaks, and whether that is at an end of where it is defined.
+    """Maximum of a curve, and whether that is at an end of its domain.
 
     The vertex of the parabola through the highest point and its two neighbours, which may be
     unevenly spaced; it lies between them.
@@ -319,7 +338,7 @@ def peak(alphas: np.ndarray, score: np.ndarray) -> tuple[float, bool]:
 
 
 def _paired(score: np.ndarray, best: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean and standard error of what each alpha lacks, and whether that may be nothing."""
+    """Mean and standard error of each alpha's deficit, and whether it is insignificant."""
     lacking = score[:, best : best + 1] - score
     n = len(score)
     deficit = lacking.mean(axis=0)
@@ -331,7 +350,7 @@ def _paired(score: np.ndarray, best: int) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def _uncertainty(scatter: float, n_seeds: int, self_check: float, grid: float) -> float:
-    # The measurement is a single draw of its speckle, which moves the peak as one seed of the
-    # simulation does: hence 1 + 1/K and not 1/K.
+    # The measurement is a single realisation of speckle, which moves the peak as much as one seed
+    # of the simulation: hence 1 + 1/K and not 1/K.
     of_seeds = scatter * math.sqrt(1 + 1 / n_seeds)
     return math.hypot(np.fmax(of_seeds, self_check), grid)

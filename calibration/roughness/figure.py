@@ -1,4 +1,4 @@
-"""The figure of a sweep: images in a row, and how like the measurement they are over alpha."""
+"""Figure of a sweep: images in a row, and metrics and scores over alpha."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_IMAGES = 6
-"""Simulated images beside the measured one: more would be too small to see."""
+"""Simulated images beside the measured one."""
 
 ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
 
@@ -33,7 +33,7 @@ LENGTHS = (
 )
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#404040")
-"""Okabe and Ito's, which colour-blind readers can tell apart."""
+"""Palette of Okabe and Ito (2008), which colour-blind readers distinguish."""
 
 # Inches.
 ROW_HEIGHT, ROW_BELOW, ROW_ABOVE = 2.1, 0.55, 0.35
@@ -95,7 +95,7 @@ def sweep_figure(sweep: Sweep, measured_label: str = "Measurement") -> Figure:
 
 
 def shown_alphas(sweep: Sweep) -> list[int]:
-    """Return the indices of the alphas whose images are drawn: evenly spread, with the best."""
+    """Indices of the alphas whose images are drawn: evenly spread, with the best."""
     there = [i for i, image in enumerate(sweep.images) if image is not None]
     if len(there) <= MOST_IMAGES:
         return there
@@ -110,7 +110,7 @@ def shown_alphas(sweep: Sweep) -> list[int]:
 
 
 def _make_room_below(figure: Figure, height: float) -> None:
-    """Make a figure higher and keep what is in it where it is from the top, in inches."""
+    """Extend a figure downwards, in inches."""
     width, before = figure.get_size_inches()
     after = before + height
     figure.set_size_inches(width, after)
@@ -127,7 +127,7 @@ def _make_room_below(figure: Figure, height: float) -> None:
 
 
 def _row(figure: Figure, from_below: int, n: int) -> list[Axes]:
-    """Return `n` axes side by side over the width of the figure."""
+    """Add `n` axes side by side over the width of the figure."""
     width, height = figure.get_size_inches()
     each = (width - LEFT - RIGHT - (n - 1) * GAP) / n
     bottom = from_below * (ROW_BELOW + ROW_HEIGHT + ROW_ABOVE) + ROW_BELOW
@@ -157,7 +157,7 @@ def _band(axes: Axes, alphas: np.ndarray, values: np.ndarray, label: str, colour
 def _score(axes: Axes, sweep: Sweep, estimates: dict[str, AlphaEstimate]) -> None:
     for i, (name, found) in enumerate(estimates.items()):
         colour = COLOURS[i % len(COLOURS)]
-        # A curve each of its own level: what counts is where it peaks.
+        # Curves relative to their maxima: only the position of the peak matters.
         best = found.score[:, found.grid_best].mean()
         shown = found.text().split(" (")[0]
         _band(axes, sweep.alphas, found.score - best, f"{name}: {shown}", colour)

@@ -1,4 +1,4 @@
-"""The pixels of an image in which each region of a mesh is seen."""
+"""Segmentation of image pixels by the region of the mesh visible in them."""
 
 from __future__ import annotations
 
@@ -12,41 +12,41 @@ from clradar.opencl import Device
 from clradar.tracing.visible_surface import VisibleSurface
 
 REACH_M = 4e-3
-"""A pixel belongs to the visible surface that is nearest to it along x and y, if it is this near:
-the lateral resolution of the imager."""
+"""Largest distance along x and y of a pixel from the visible surface it shows: the lateral
+resolution of the imager."""
 
 SAMPLES_PER_MM2 = 1.0
 
 EVERYTHING_DB = 400.0
-"""A dynamic range below which nothing is left out of a depth map."""
+"""Dynamic range that keeps every non-zero pixel of a depth map."""
 
 
 def region_pixels(
     scene: Scene, regions: Regions, grid: VoxelGrid, centre_m: np.ndarray, device: Device
 ) -> np.ndarray:
-    """Return the number of the region that each pixel shows, shape (n_y, n_x), -1 for none.
+    """Number of the region that each pixel shows, shape (n_y, n_x), -1 for none.
 
     Parameters
     ----------
     scene : Scene
-        In its place.
+        In its measured pose.
     regions : Regions
     grid : VoxelGrid
     centre_m : ndarray, shape (3,), metres
-        Where it is looked at from.
+        Viewpoint.
     device : Device
 
     Raises
     ------
     CompareError
-        A region is seen in no pixel.
+        A region is visible in no pixel.
     """
     triangles = scene.triangles_m
     reach_m = float(np.linalg.norm(centre_m)) + 1.0
     with VisibleSurface(scene, SAMPLES_PER_MM2, reach_m, device) as surface:
         points_m = surface.points_m[surface.visible_from(centre_m[None])[:, 0]]
-    # By the middles of the faces: the mesh is fine compared with the pixels, or its regions are
-    # large compared with its faces.
+    # By the centroids of the faces: either they are smaller than the pixels, or the regions are
+    # large compared with them.
     _, nearest = cKDTree(triangles.mean(axis=1)).query(points_m)
     label = regions.face[nearest]
     x_m, y_m = np.meshgrid(grid.x_m, grid.y_m)
@@ -57,12 +57,12 @@ def region_pixels(
         found = np.where(apart_m <= REACH_M, label[at], -1)
     for number, name in enumerate(regions.names):
         if not (found == number).any():
-            raise CompareError(f"sweep: region '{name}' is seen in no pixel of the image")
+            raise CompareError(f"sweep: region '{name}' is visible in no pixel of the image")
     return found.reshape(x_m.shape)
 
 
 def within(image: DepthMap, pixels: np.ndarray, dynamic_range_db: float) -> DepthMap | None:
-    """Return an image of some pixels only, cut below their own maximum; None if they are zero.
+    """Restrict an image to some pixels, cut below their own maximum; None if they are zero.
 
     `image` has a depth wherever its amplitude is not zero; `pixels` has shape (n_y, n_x), bool.
     """

@@ -1,4 +1,4 @@
-"""An alpha for each region of a mesh, from images that add up."""
+"""Estimation of an alpha per region, from the linear superposition of region images."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, VoxelGrid
 
 MAX_PASSES = 6
-"""Of the descent where there are more than two regions."""
+"""Passes of the coordinate descent over more than two regions."""
 
 VolumeOf = Callable[[int, int, int], np.ndarray]
-"""What a region adds to an image: (seed, alpha, region), all by number -> complex data."""
+"""Complex image of one region: (seed, alpha, region), all by number -> complex data."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegionSweep:
-    """The alphas of the regions that together are most like the measurement.
+    """The combination of region alphas whose images match the measurement best.
 
-    Each region is compared in its own pixels, relative to their own maximum: a dim region then
-    counts as much as a bright one.
+    Each region is compared in its own pixels, relative to their maximum, so that a dim region has
+    the same weight as a bright one.
 
     Attributes
     ----------
@@ -40,16 +40,38 @@ class RegionSweep:
         The same with one alpha for all: the highest of the grid for two regions, that at the best
         alpha of the whole mesh for more.
     estimates : tuple of AlphaEstimate
-        One per region, in its own pixels, with the others held at `best`. What the others'
-        uncertainty adds is part of `uncertainty`.
+        One per region, in its own pixels, with the others fixed at `best`; `uncertainty` includes
+        the propagated uncertainty of the others.
     coupling : ndarray, shape (n, n)
-        By how much the alpha of the region of the row moves with that of the column.
+        Derivative of the alpha of the row's region by that of the column's.
     grid : ndarray, shape (A, A), or None
         The score of all combinations (first region, second region), of two regions.
     converged : bool
-        Whether the descent came to rest; always where all combinations were tried.
+        Whether the descent converged; always for two regions.
     image : DepthMap
         Of the first seed at `best`, the whole mesh.
+
+    Examples
+    --------
+    The left and the right half of a sphere:
+
+    >>> import calibration, clradar, numpy as np, trimesh
+    >>> mesh = trimesh.creation.icosphere(2, 0.04)
+    >>> side = np.where(mesh.triangles_center[:, 0] < 0, "left", "right")
+    >>> regions = calibration.Regions.of_labels(side)
+    >>> scene = clradar.Scene(
+    ...     mesh.vertices + [0, 0, 0.3], mesh.faces, 0.5, regions.face, regions.names)
+    >>> q = clradar.arrays.qar50()
+    >>> radar = {"array": clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12]),
+    ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
+    >>> rays = {"samples_per_mm2": 0.2, "reception_radius_m": 0.02}
+    >>> capture = clradar.simulate(scene.with_alpha({"left": 0.1, "right": 0.5}), **radar, **rays)
+    >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.25, 0.3), 5e-3)
+    >>> image = clradar.backproject(capture, grid, device="pocl")
+    >>> found = calibration.sweep(
+    ...     image, scene, [0.1, 0.5, 0.9], seeds=1, regions=regions, **radar, **rays)
+    >>> dict(zip(found.regions.names, found.alphas[list(found.regions.best)].tolist()))
+    {'left': 0.1, 'right': 0.5}
     """
 
     names: tuple[str, ...]
@@ -64,7 +86,7 @@ class RegionSweep:
     image: DepthMap
 
     def to_dict(self, alphas: np.ndarray) -> dict[str, Any]:
-        """Return all numbers in types that strict JSON knows."""
+        """All numbers in types that strict JSON has; None stands for NaN."""
         return {
             "names": list(self.names),
             "pixels": [int((self.pixels == r).sum()) for r in range(len(self.names))],
@@ -82,7 +104,7 @@ class RegionSweep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegionImages:
-    """Images of combinations of alphas, and the measured one, region by region.
+    """Images of combinations of alphas, and the measured image, region by region.
 
     Parameters
     ----------
@@ -108,7 +130,7 @@ class RegionImages:
     dynamic_range_db: float
 
     def along(self, combination: Sequence[int], region: int) -> list[list[DepthMap | None]]:
-        """Return the whole images [seed][alpha] over the alpha of one region, the others held."""
+        """Whole images [seed][alpha] over the alpha of one region, the others fixed."""
         rows = []
         for k in range(self.n_seeds):
             others = self._sum(k, combination, region)
@@ -117,7 +139,7 @@ class RegionImages:
         return rows
 
     def at(self, combination: Sequence[int]) -> DepthMap:
-        """Return the image of the first seed."""
+        """Image of the first seed."""
         data = self._sum(0, combination, None)
         return Volume(data, self.grid).depth_map(self.dynamic_range_db)
 
@@ -129,7 +151,7 @@ class RegionImages:
         return total
 
     def of_region(self, images: Images, region: int) -> tuple[DepthMap, Images]:
-        """Return the measured and the simulated images in the pixels of a region."""
+        """The measured and the simulated images in the pixels of a region."""
         mine = self.pixels == region
         measured = within(self.measured, mine, self.dynamic_range_db)
         if measured is None:
@@ -142,7 +164,7 @@ class RegionImages:
         ]
 
     def scores(self, images: Images) -> np.ndarray:
-        """Return the mean score over regions and seeds, shape (A,)."""
+        """Mean score over regions and seeds, shape (A,)."""
         of_each = [
             mean_score(*self.of_region(images, r), self.metric, self.dynamic_range_db)
             for r in range(len(self.names))
@@ -152,7 +174,7 @@ class RegionImages:
     def estimate(
         self, combination: Sequence[int], region: int, alphas: np.ndarray
     ) -> AlphaEstimate:
-        """Return the best alpha of one region, the others held."""
+        """Estimate the alpha of one region, the others fixed."""
         measured, images = self.of_region(self.along(combination, region), region)
         return estimate_alpha(measured, images, alphas, self.metric, self.dynamic_range_db)
 
@@ -162,11 +184,11 @@ def _everywhere(data: np.ndarray, grid: VoxelGrid) -> DepthMap | None:
 
 
 def sweep_regions(images: RegionImages, alphas: np.ndarray, start: int) -> RegionSweep:
-    """Return the best alpha of each region.
+    """Estimate the alpha of each region.
 
-    With single reflections a capture is the sum of what each region reflects, and so is its image:
-    every combination of alphas costs a sum of volumes and a metric. For two regions all of them are
-    tried, for more one region after the other from alpha number `start`, until none changes.
+    With single reflections a capture is the sum over the regions, and so is its image: a
+    combination of alphas costs a sum of volumes and a metric. Exhaustive search for two regions,
+    coordinate descent from alpha number `start` for more.
     """
     n = len(images.names)
     grid, converged = None, True
@@ -181,13 +203,13 @@ def sweep_regions(images: RegionImages, alphas: np.ndarray, start: int) -> Regio
     else:
         best = [start] * n
         uniform = score = -np.inf
-        for turn in range(MAX_PASSES):
+        for number in range(MAX_PASSES):
             before = list(best)
             for region in range(n):
                 row = images.scores(images.along(best, region))
                 if not np.isfinite(row).any():
                     raise _undefined(images.metric)
-                if turn == 0 and region == 0:
+                if number == 0 and region == 0:
                     uniform = float(row[start])
                 best[region], score = int(np.nanargmax(row)), float(np.nanmax(row))
             converged = best == before
@@ -210,7 +232,7 @@ def sweep_regions(images: RegionImages, alphas: np.ndarray, start: int) -> Regio
 
 
 def _coupling(images: RegionImages, best: Sequence[int], alphas: np.ndarray) -> np.ndarray:
-    """Return d alpha_r / d alpha_q from the best combination and its neighbours on the grid."""
+    """d alpha_r / d alpha_q from the best combination and its neighbours on the grid."""
     n = len(best)
     slope = np.zeros((n, n))
     for q, i in enumerate(best):

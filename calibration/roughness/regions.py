@@ -1,4 +1,4 @@
-"""Regions of a mesh that may each have an alpha of their own."""
+"""Partition of a mesh into regions, each with its own alpha."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DIGITS = ("thumb", "index", "middle", "ring", "pinky")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regions:
-    """Which region each face of a mesh belongs to.
+    """The region of each face of a mesh.
 
     Parameters
     ----------
@@ -32,6 +32,13 @@ class Regions:
     ------
     ModelError
         A region without a face, an index without a name, or fewer than two regions.
+
+    Examples
+    --------
+    >>> import calibration
+    >>> regions = calibration.Regions.of_labels(["palm", "thumb", "palm"])
+    >>> regions.names, regions.face.tolist()
+    (('palm', 'thumb'), [0, 1, 0])
     """
 
     face: np.ndarray
@@ -52,22 +59,22 @@ class Regions:
 
     @classmethod
     def of_labels(cls, labels: Sequence[Any] | np.ndarray) -> Regions:
-        """Return regions of one label per face, whole numbers or strings; named after them."""
+        """Regions from one label per face, whole numbers or strings."""
         values, face = np.unique(np.asarray(labels), return_inverse=True)
         return cls(face.reshape(-1), tuple(str(value) for value in values))
 
     @classmethod
     def of_parts(cls, scene: Scene, groups: Mapping[str, Sequence[str]] | None = None) -> Regions:
-        """Return the named parts of a scene as regions, or groups of them.
+        """Regions from the named parts of a scene, or from groups of them.
 
         Parameters
         ----------
         scene : Scene
         groups : mapping region's name -> names of parts, optional
-            Every part exactly once. Each part is a region of its own if not given.
+            Every part exactly once. Default: each part is a region.
         """
         part = np.asarray(scene.part)
-        # A name without faces is no region.
+        # Without the names that no face has.
         parts = [name for i, name in enumerate(scene.part_names) if (part == i).any()]
         if groups is None:
             groups = {name: [name] for name in parts}
@@ -82,7 +89,7 @@ class Regions:
 
     @classmethod
     def of_fingers(cls, scene: Scene, joints_m: np.ndarray | None = None) -> Regions:
-        """Return palm and fingers of a hand.
+        """Palm and fingers of a hand.
 
         Parameters
         ----------
@@ -90,7 +97,7 @@ class Regions:
             A hand, in the frame of the joints.
         joints_m : array_like, shape (25, 3), metres, optional
             Joint centres in the order of `clradar.hand.JOINT_NAMES`: a face belongs to the bone
-            nearest to its middle, and the phalanges are fingers. If not given, the parts of the
+            nearest to its centroid, and the phalanges are fingers. Without joints the parts of the
             scene have to be those of the embedded hand (palm, thumb, index, middle, ring, pinky).
 
         Raises
@@ -121,7 +128,7 @@ class Regions:
 
 
 def _bones() -> list[tuple[int, int, bool]]:
-    """Return the bones of a hand: joints at either end, and whether it is a phalanx."""
+    """Bones of a hand: indices of the joints at either end, and whether it is a phalanx."""
     wrist = JOINT_NAMES.index("wrist")
     bones = []
     for i, name in enumerate(JOINT_NAMES):

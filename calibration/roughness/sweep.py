@@ -1,10 +1,10 @@
-"""Simulate a placed mesh at several alphas, and find the one that is most like a measurement."""
+"""Grid search for the roughness alpha whose simulated images match a measured one best."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, MutableMapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,40 +31,56 @@ from clradar.model import (
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 from clradar.simulation import simulate_alphas
-from clradar.tracing.settings import resolve_settings
+from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
 
 SEEDS = 3
 
 METRIC = "db_correlation"
-"""Needed hundreds of times, and a thousand times as fast as the overlap, which finds alpha about as
-well once speckle is taken out (docs/sweep.md)."""
+"""Evaluated hundreds of times, a thousand times faster than the overlap, and about as accurate once
+speckle is corrected for (docs/sweep.md)."""
 
 Store = MutableMapping[str, dict[str, np.ndarray]]
-"""Where the images that are done are kept: name -> arrays. A dict, or one that keeps files."""
+"""Finished images: name -> arrays. A dict, or a mapping that keeps files."""
 
 TRACING_SHARE = 0.75
-"""Of the time that one image takes, for the progress bar."""
+"""Fraction of the time of one image, for the progress bar."""
 
 _STEPS = 1000  # of the progress bar, per image
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """What a sweep over alpha found.
+    """Result of a sweep over alpha.
 
     Attributes
     ----------
     alphas : ndarray, shape (A,)
     seeds : tuple of int
     metrics : tuple of tuple of Metrics
-        [seed][alpha]; every number NaN where no ray reached a receiver.
+        [seed][alpha]; every number NaN if no ray reached a receiver.
     estimate : AlphaEstimate
         The best alpha of the whole mesh.
     measured : DepthMap
     images : tuple of DepthMap or None
         One per alpha, of the first seed.
     regions : RegionSweep or None
-        The best alpha of each region, where regions were given.
+        The best alpha of each region, if there were regions.
+
+    Examples
+    --------
+    >>> import calibration, clradar, trimesh
+    >>> mesh = trimesh.creation.icosphere(2, 0.04)
+    >>> scene = clradar.Scene(mesh.vertices + [0, 0, 0.3], mesh.faces)
+    >>> q = clradar.arrays.qar50()
+    >>> radar = {"array": clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12]),
+    ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
+    >>> rays = {"samples_per_mm2": 0.2, "reception_radius_m": 0.02}
+    >>> capture = clradar.simulate(scene.with_alpha(0.5), **radar, **rays)
+    >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.25, 0.3), 5e-3)
+    >>> image = clradar.backproject(capture, grid, device="pocl")
+    >>> found = calibration.sweep(image, scene, [0.1, 0.5, 0.9], seeds=1, **radar, **rays)
+    >>> found.seeds, found.of("overlap").shape, len(found.images)
+    ((0,), (1, 3), 3)
     """
 
     alphas: np.ndarray
@@ -76,11 +92,11 @@ class Sweep:
     regions: RegionSweep | None
 
     def of(self, metric: str) -> np.ndarray:
-        """Return one metric of all simulations, shape (K, A)."""
+        """One metric of all simulations, shape (K, A)."""
         return np.array([[getattr(m, metric) for m in row] for row in self.metrics])
 
     def report(self) -> str:
-        """Return what was found, in words."""
+        """The estimates and their caveats as text."""
         found = self.estimate
         seeds = ", ".join(f"{alpha:.3f}" for alpha in found.per_seed)
         lines = [
@@ -102,7 +118,7 @@ class Sweep:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all numbers in types that strict JSON knows: None stands for NaN."""
+        """All numbers in types that strict JSON has; None stands for NaN."""
         return {
             "alphas": self.alphas.tolist(),
             "seeds": list(self.seeds),
@@ -112,13 +128,13 @@ class Sweep:
         }
 
 
+@takes_settings
 def sweep(
     measured: Volume,
     scene: Scene,
     alphas: Sequence[float] | np.ndarray,
     *,
     seeds: int = SEEDS,
-    seed: int = 0,
     metric: str = METRIC,
     dynamic_range_db: float = DYNAMIC_RANGE_DB,
     regions: Regions | None = None,
@@ -129,7 +145,8 @@ def sweep(
     device: Device | str | None = None,
     store: Store | None = None,
     progress: Progress | None = None,
-    **simulation: Any,
+    settings: SimulationSettings | None = None,
+    **fields: Any,
 ) -> Sweep:
     """Simulate a mesh at several alphas and compare each image with a measured one.
 
@@ -138,32 +155,33 @@ def sweep(
     measured : Volume
         Of the object, in the antenna frame. Simulations are imaged on its grid.
     scene : Scene
-        In its place; its own alpha is not used.
+        In its measured pose; its own alpha is not used.
     alphas : array_like, shape (A,)
         Ascending, in [0, 1], at least two.
     seeds : int
-        How many seeds: `seed`, `seed` + 1, … With a single one there is no uncertainty.
-    seed : int
+        Number of seeds, from the `seed` of the settings upwards. One seed gives no uncertainty.
     metric : str
         The field of `Metrics` that the best alpha is chosen by.
     dynamic_range_db : float, decibel
         As in `clradar.compare`.
     regions : Regions, optional
-        Find an alpha for each of these, too.
+        Estimate an alpha for each of these, too.
     array : AntennaArray, optional
     waveform : Waveform, optional
-        Of the measurement: the 94 x 94 imager and 72 to 82 GHz in 128 steps if not given.
+        Of the measurement. Default: the 94 x 94 imager and 72 to 82 GHz in 128 steps.
     method, window
         As in `clradar.backproject`.
     device : Device, str or None
     store : mutable mapping, optional
-        Images that it holds are not simulated again, new ones are put in one by one: a sweep that
-        was interrupted goes on, to the same bits, if it is given the same store and arguments. It
-        has to belong to these arguments; nothing in it is checked against them.
+        Images in it are not simulated again, new ones are stored one by one: given the same store
+        and arguments, an interrupted sweep resumes, to the same bits. Its content is not checked
+        against the arguments.
     progress : callable, optional
         Called with (done, total).
-    **simulation
-        Settings of `clradar.simulate`.
+    settings : SimulationSettings, optional
+        The defaults if not given.
+    **fields
+        Fields of `SimulationSettings`, in place of those of `settings`.
 
     Returns
     -------
@@ -175,21 +193,39 @@ def sweep(
         The measured image is zero or has no depth; the mesh lies outside of it; or the metric is
         undefined at every alpha.
     ModelError
-        An argument cannot be meant.
+        An argument is invalid.
     MeshError, DeviceError
         As `clradar.simulate`.
 
     Notes
     -----
     `docs/sweep.md` has the equations. All alphas of a seed share rays and random numbers.
+
+    Examples
+    --------
+    A simulation with the sweep's seed in place of a measurement: at its alpha the images are equal.
+
+    >>> import calibration, clradar, trimesh
+    >>> mesh = trimesh.creation.icosphere(2, 0.04)
+    >>> scene = clradar.Scene(mesh.vertices + [0, 0, 0.3], mesh.faces)
+    >>> q = clradar.arrays.qar50()
+    >>> radar = {"array": clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12]),
+    ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
+    >>> rays = {"samples_per_mm2": 0.2, "reception_radius_m": 0.02}
+    >>> capture = clradar.simulate(scene.with_alpha(0.5), **radar, **rays)
+    >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.25, 0.3), 5e-3)
+    >>> image = clradar.backproject(capture, grid, device="pocl")
+    >>> found = calibration.sweep(image, scene, [0.1, 0.5, 0.9], seeds=1, **radar, **rays)
+    >>> print(found.alphas[found.estimate.grid_best], found.estimate.score.max().round(6))
+    0.5 1.0
     """
     checks.instance("sweep: measured", measured, Volume)
     checks.instance("sweep: scene", scene, Scene)
     values = _alphas(alphas)
     checks.one_of("sweep: metric", metric, METRICS)
     n_seeds = checks.whole("sweep: seeds", seeds, 1)
-    first = checks.whole("sweep: seed", seed, 0, 2**64 - n_seeds)
-    resolved = resolve_settings(**simulation)
+    resolved = resolve_settings(settings, **fields)
+    first = checks.whole("sweep: seed", resolved.seed, 0, 2**64 - n_seeds)
     if regions is not None:
         checks.instance("sweep: regions", regions, Regions)
         if len(regions.face) != scene.n_faces:
@@ -202,7 +238,7 @@ def sweep(
     checks.instance("sweep: waveform", frequencies, Waveform)
     measured_map = depth_map_of(measured, dynamic_range_db, "measured image")
     check_place(scene, measured.grid)
-    made = _Images(
+    images = _SweepImages(
         scene=scene,
         alphas=values,
         seeds=tuple(range(first, first + n_seeds)),
@@ -215,40 +251,25 @@ def sweep(
         dynamic_range_db=dynamic_range_db,
         device=open_device(device),
         store={} if store is None else store,
-        simulation=simulation,
+        settings=resolved,
     )
-    pixels = np.zeros((0, 0))
-    if regions is not None:  # before the long work: a region may be out of sight
-        centre_m = radar.tx_m.mean(axis=0)
-        pixels = region_pixels(scene, regions, measured.grid, centre_m, made.device)
-    made.make(progress)
-    images = made.whole()
-    found = estimate_alpha(measured_map, images, values, metric, dynamic_range_db)
-    by_region = None
-    if regions is not None:
-        parts = RegionImages(
-            measured=measured.depth_map(EVERYTHING_DB),
-            grid=measured.grid,
-            names=regions.names,
-            pixels=pixels,
-            volume_of=made.volume_of,
-            n_seeds=n_seeds,
-            n_alphas=len(values),
-            metric=metric,
-            dynamic_range_db=dynamic_range_db,
-        )
-        by_region = sweep_regions(parts, values, found.grid_best)
+    # Before the simulations: a region may be hidden.
+    pixels = None if regions is None else images.region_pixels()
+    images.simulate_missing(progress)
+    whole = images.whole()
+    estimate = estimate_alpha(measured_map, whole, values, metric, dynamic_range_db)
     return Sweep(
         alphas=values,
-        seeds=made.seeds,
+        seeds=images.seeds,
         metrics=tuple(
-            tuple(_metrics(measured_map, image, dynamic_range_db) for image in row)
-            for row in images
+            tuple(_metrics(measured_map, image, dynamic_range_db) for image in row) for row in whole
         ),
-        estimate=found,
+        estimate=estimate,
         measured=measured_map,
-        images=tuple(images[0]),
-        regions=by_region,
+        images=tuple(whole[0]),
+        regions=None
+        if pixels is None
+        else sweep_regions(images.of_regions(measured, pixels, metric), values, estimate.grid_best),
     )
 
 
@@ -291,7 +312,7 @@ def _metrics(measured: DepthMap, image: DepthMap | None, dynamic_range_db: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Images:
+class _SweepImages:
     """All images of a sweep, in its store: depth maps, or volumes of the regions."""
 
     scene: Scene
@@ -306,97 +327,108 @@ class _Images:
     dynamic_range_db: float
     device: Device
     store: Store
-    simulation: dict[str, Any]
+    settings: SimulationSettings
 
-    def make(self, progress: Progress | None) -> None:
-        """Simulate what the store lacks, and put in each image as it is ready."""
+    def simulate_missing(self, progress: Progress | None) -> None:
+        """Simulate the images that the store lacks, and store each as soon as it is finished."""
         total = len(self.seeds) * len(self.alphas)
         missing = [
-            [i for i in range(len(self.alphas)) if not self._is_done(k, i)]
+            [i for i in range(len(self.alphas)) if not self._is_stored(k, i)]
             for k in range(len(self.seeds))
         ]
-        ready = total - sum(map(len, missing))
+        done = total - sum(map(len, missing))
 
         def show(images: float) -> None:
             if progress is not None:
-                progress(round(_STEPS * images), _STEPS * total)
+                progress(round(_STEPS * (done + images)), _STEPS * total)
 
-        show(ready)
-        for k, which in enumerate(missing):
-            if not which:
-                continue
-            state = [0.0, 0]  # of this seed: share that is traced, images that are ready
+        show(0.0)
+        for k, indices in enumerate(missing):
+            if indices:
+                self._simulate(k, indices, show)
+                done += len(indices)
 
-            def tell(at: int = ready, n: int = len(which), state: list[float] = state) -> None:
-                show(at + TRACING_SHARE * n * state[0] + (1 - TRACING_SHARE) * state[1])
+    def _simulate(self, k: int, indices: list[int], show: Callable[[float], None]) -> None:
+        """Simulate and store some alphas of one seed; `show` takes the number of images done."""
+        traced, stored = 0.0, 0
 
-            def traced(
-                now: int, of: int, state: list[float] = state, tell: Callable[[], None] = tell
-            ) -> None:
-                state[0] = now / of
-                tell()
+        def tell() -> None:
+            show(TRACING_SHARE * len(indices) * traced + (1 - TRACING_SHARE) * stored)
 
-            captures = simulate_alphas(
-                self.scene,
-                self.array,
-                self.waveform,
-                list(self.alphas[which]),
-                region=None if self.regions is None else self.regions.face,
-                device=self.device,
-                progress=traced,
-                **{**self.simulation, "seed": self.seeds[k]},
-            )
-            for i, made in zip(which, captures, strict=True):
-                self._keep(k, i, made)
-                state[1] += 1
-                tell()
-            ready += len(which)
+        def on_tracing(now: int, of: int) -> None:
+            nonlocal traced
+            traced = now / of
+            tell()
 
-    def whole(self) -> list[list[DepthMap | None]]:
-        """Return the depth maps of the whole mesh, [seed][alpha]."""
-        indices = range(len(self.alphas))
-        return [[self._whole(k, i) for i in indices] for k in range(len(self.seeds))]
+        captures = simulate_alphas(
+            self.scene,
+            self.array,
+            self.waveform,
+            list(self.alphas[indices]),
+            region=None if self.regions is None else self.regions.face,
+            settings=replace(self.settings, seed=self.seeds[k]),
+            device=self.device,
+            progress=on_tracing,
+        )
+        for i, of_alpha in zip(indices, captures, strict=True):
+            for r, capture in enumerate(of_alpha):
+                self.store[self._name(k, i, r)] = self._image(capture)
+            stored += 1
+            tell()
 
-    def volume_of(self, k: int, i: int, r: int) -> np.ndarray:
-        """Return what region `r` adds to the image of seed `k` at alpha `i`, complex64."""
-        return self.store[self._name(k, i, r)]["data"]
-
-    def depth_map(self, data: np.ndarray) -> DepthMap | None:
-        """Return the depth map of a volume's data; None if it is zero."""
-        if not data.any():
-            return None
-        return Volume(data, self.grid).depth_map(self.dynamic_range_db)
-
-    def _whole(self, k: int, i: int) -> DepthMap | None:
+    def _image(self, capture: Capture) -> dict[str, np.ndarray]:
+        volume = backproject(
+            capture, self.grid, method=self.method, window=self.window, device=self.device
+        )
         if self.regions is not None:
-            data = np.zeros(self.grid.shape, np.complex64)
-            for r in range(len(self.regions.names)):
-                data += self.volume_of(k, i, r)
-            return self.depth_map(data)
-        held = self.store[self._name(k, i, 0)]
-        if not held["amplitude"].any():
-            return None
-        axes = (self.grid.x_m, self.grid.y_m)
-        return DepthMap(held["depth_m"], held["amplitude"], *axes, self.dynamic_range_db)
+            return {"data": volume.data}
+        depth = volume.depth_map(self.dynamic_range_db)
+        return {"depth_m": depth.depth_m, "amplitude": depth.amplitude}
 
     def _name(self, k: int, i: int, r: int) -> str:
         region = "" if self.regions is None else f"-region{r}"
         return f"seed{k}-alpha{i}{region}"
 
-    def _is_done(self, k: int, i: int) -> bool:
+    def _is_stored(self, k: int, i: int) -> bool:
         parts = 1 if self.regions is None else len(self.regions.names)
         return all(self._name(k, i, r) in self.store for r in range(parts))
 
-    def _keep(self, k: int, i: int, captures: tuple[Capture, ...]) -> None:
-        for r, capture in enumerate(captures):
-            volume = backproject(
-                capture, self.grid, method=self.method, window=self.window, device=self.device
-            )
-            if self.regions is not None:
-                self.store[self._name(k, i, r)] = {"data": volume.data}
-                continue
-            depth = volume.depth_map(self.dynamic_range_db)
-            self.store[self._name(k, i, r)] = {
-                "depth_m": depth.depth_m,
-                "amplitude": depth.amplitude,
-            }
+    def whole(self) -> list[list[DepthMap | None]]:
+        """Depth maps of the whole mesh, [seed][alpha]; None where the image is zero."""
+        indices = range(len(self.alphas))
+        return [[self._whole(k, i) for i in indices] for k in range(len(self.seeds))]
+
+    def _whole(self, k: int, i: int) -> DepthMap | None:
+        if self.regions is not None:
+            data = np.zeros(self.grid.shape, np.complex64)
+            for r in range(len(self.regions.names)):
+                data += self._volume(k, i, r)
+            return Volume(data, self.grid).depth_map(self.dynamic_range_db) if data.any() else None
+        stored = self.store[self._name(k, i, 0)]
+        if not stored["amplitude"].any():
+            return None
+        axes = (self.grid.x_m, self.grid.y_m)
+        return DepthMap(stored["depth_m"], stored["amplitude"], *axes, self.dynamic_range_db)
+
+    def _volume(self, k: int, i: int, r: int) -> np.ndarray:
+        return self.store[self._name(k, i, r)]["data"]
+
+    def region_pixels(self) -> np.ndarray:
+        """Number of the region that each pixel shows, shape (n_y, n_x), -1 for none."""
+        assert self.regions is not None
+        centre_m = self.array.tx_m.mean(axis=0)
+        return region_pixels(self.scene, self.regions, self.grid, centre_m, self.device)
+
+    def of_regions(self, measured: Volume, pixels: np.ndarray, metric: str) -> RegionImages:
+        assert self.regions is not None
+        return RegionImages(
+            measured=measured.depth_map(EVERYTHING_DB),
+            grid=self.grid,
+            names=self.regions.names,
+            pixels=pixels,
+            volume_of=self._volume,
+            n_seeds=len(self.seeds),
+            n_alphas=len(self.alphas),
+            metric=metric,
+            dynamic_range_db=self.dynamic_range_db,
+        )

@@ -188,7 +188,7 @@ def command(
         raise wrong_usage("--joints", "expected --regions fingers with it")
     checks.whole("--seeds", seeds, 1)
     checks.positive("--dynamic-range-db", dynamic_range_db)
-    simulation = {
+    simulation: dict[str, Any] = {
         "samples_per_mm2": samples_per_mm2,
         "rays_per_face": rays_per_face,
         "rays_per_sample": rays_per_sample,

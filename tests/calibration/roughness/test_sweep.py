@@ -610,7 +610,7 @@ def test_a_region_out_of_sight_is_an_error():
     hidden = clradar.Scene(*plate(0.01, 0.33, 1))
     behind = clradar.Scene.combine([clradar.Scene(*plate(0.1, 0.3, 4)), hidden])
     labels = np.repeat([0, 1], [behind.n_faces - hidden.n_faces, hidden.n_faces])
-    with pytest.raises(CompareError, match="region '1' is seen in no pixel"):
+    with pytest.raises(CompareError, match="region '1' is visible in no pixel"):
         sweep(somewhere(), behind, ALPHAS, regions=Regions.of_labels(labels), **RADAR, **FEW)
 
 
