@@ -22,8 +22,8 @@ def frequency_weights(window: str | np.ndarray, n_freq: int) -> np.ndarray:
     Parameters
     ----------
     window : "rect", "hann", "taylor", or array_like of shape (n_freq,)
-        "hann" and "taylor" (nbar 4, -30 dB) are scipy's symmetric windows as they are, with maximum
-        1, not scaled to mean 1.
+        "hann" and "taylor" (nbar 4, -30 dB) are scipy's symmetric windows, with maximum 1, not
+        scaled to mean 1.
     """
     if isinstance(window, str):
         checks.one_of("window", window, WINDOWS)
@@ -81,6 +81,22 @@ def backproject(
         Unknown method or window; a tolerance out of range, or with a method other than "fast".
     DeviceError
         The device is missing, out of memory or fails. A volume larger than its memory is tiled.
+
+    Examples
+    --------
+    The image of a point reflector has its maximum where the point is.
+
+    >>> import numpy as np
+    >>> import clradar
+    >>> q = clradar.arrays.qar50()
+    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> capture = clradar.room_capture(array, waveform, [], points_m=[[0.01, -0.02, 0.3]])
+    >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.28, 0.32), 2e-3)
+    >>> image = clradar.backproject(capture, grid, window="hann")
+    >>> z, y, x = np.unravel_index(np.abs(image.data).argmax(), grid.shape)
+    >>> print(f"{grid.x_m[x]:.3f} {grid.y_m[y]:.3f} {grid.z_m[z]:.3f}")
+    0.010 -0.020 0.300
     """
     checks.one_of("backproject: method", method, METHODS)
     checks.instance("backproject: capture", capture, Capture)

@@ -1,4 +1,4 @@
-"""How far a simulated image is from a measured one: the numbers that `docs/metrics.md` defines."""
+"""Image similarity: the metrics of a simulated against a measured image (``docs/metrics.md``)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from clradar.model import DepthMap, Volume, checks
 from clradar.overlap import overlap
 
 SSIM_WINDOW = 11
-"""Side of the SSIM window in pixels: skimage cuts its Gaussian off at 3.5 standard deviations."""
+"""Side of the SSIM window in pixels: skimage truncates its Gaussian at 3.5 standard deviations."""
 
 SSIM_SIGMA = 1.5
 """Standard deviation of the SSIM window in pixels, as in Wang et al. 2004."""
@@ -23,13 +23,13 @@ SAME_PIXEL_TOLERANCE_M = 1e-7
 """Pixel centres closer than this are the same, as in `VoxelGrid.same_voxels`."""
 
 HEADLINE_METRIC = "overlap"
-"""The field of `Metrics` to go by where one number has to do; `docs/metrics.md` says why."""
+"""The field of `Metrics` for ranking by a single number; reasons in `docs/metrics.md`."""
 
 HIGHER_IS_BETTER = frozenset({"overlap", "db_correlation", "ssim", "mask_iou"})
 """The metrics whose best value is their largest; of the others it is the smallest."""
 
 UNDEFINED = {
-    "db_correlation": "one of the two dB images is the same everywhere, so it has no variance",
+    "db_correlation": "one of the two dB images is constant, so it has no variance",
     "depth_rmse_m": "the two masks have no pixel in common",
 }
 """The metrics that can be NaN, and what NaN means there."""
@@ -39,7 +39,7 @@ UNDEFINED = {
 class Metrics:
     """Agreement between a measured and a simulated image.
 
-    `docs/metrics.md` has the formulas and says which pixels each metric looks at.
+    `docs/metrics.md` has the formulas and the pixels that each metric uses.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Metrics:
         Cosine between the two depth maps as blurred points in space, in [0, 1]; 1 is best.
     db_correlation : float
         Pearson correlation of the clipped dB images, in [-1, 1]; 1 is best. NaN where one of them
-        is the same everywhere.
+        is constant.
     ssim : float
         Mean structural similarity of the clipped dB images scaled to [0, 1]; at most 1, the best.
     mask_iou : float
@@ -60,7 +60,17 @@ class Metrics:
     chamfer_measured_to_simulated_m : float, metres
         Mean distance from each measured depth point to the nearest simulated one; 0 is best.
     dynamic_range_db : float, decibel
-        Where the images were clipped and the masks cut, below each image's own maximum.
+        Level below each image's own maximum at which it was clipped and its mask cut.
+
+    Examples
+    --------
+    NaN, here of two masks without a common pixel, becomes None for JSON.
+
+    >>> import clradar
+    >>> metrics = clradar.Metrics(0.0, 0.1, 0.2, 0.0, float("nan"), 0.012, 0.009)
+    >>> record = metrics.to_dict()
+    >>> record["mask_iou"], record["depth_rmse_m"]
+    (0.0, None)
     """
 
     overlap: float
@@ -73,7 +83,7 @@ class Metrics:
     dynamic_range_db: float = DYNAMIC_RANGE_DB
 
     def to_dict(self) -> dict[str, float | None]:
-        """Return the fields in order, in types that strict JSON knows: None stands for NaN."""
+        """Return the fields in order, in types of strict JSON: None replaces NaN."""
         values = {f.name: float(getattr(self, f.name)) for f in fields(self)}
         return {name: None if math.isnan(value) else value for name, value in values.items()}
 
@@ -89,8 +99,8 @@ def compare(
     Parameters
     ----------
     measured, simulated : Volume or DepthMap
-        Both with the same pixel centres along x and y. Their z axes may differ: of a volume only
-        the maximum projection and the depth map are used.
+        Both with the same pixel centres along x and y. Their z axes may differ: only the maximum
+        projection and the depth map of a volume are used.
     dynamic_range_db : float, decibel
         Each image is clipped, and its mask cut, this far below its own maximum.
 
@@ -101,15 +111,28 @@ def compare(
     Raises
     ------
     CompareError
-        One of them is no image, is zero everywhere, has no depth anywhere, or is a depth map that
-        was cut at a smaller dynamic range; the pixels differ; or the images are smaller than the
-        SSIM window, 11 x 11 pixels.
+        One of them is not an image, is zero everywhere, has no depth anywhere, or is a depth map
+        that was cut at a smaller dynamic range; the pixels differ; or the images are smaller than
+        the SSIM window, 11 x 11 pixels.
     ModelError
         `dynamic_range_db` is not a positive number.
 
     Notes
     -----
     The overall level of an image has no influence: each is normalised to its own maximum.
+
+    Examples
+    --------
+    Two equal spots, 2 mm apart in depth; the overlap of equal planes is exp(-(d / 4 mm)^2).
+
+    >>> import numpy as np
+    >>> import clradar
+    >>> x_m = np.arange(-10, 11) * 1e-3
+    >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
+    >>> near, far = (clradar.DepthMap(0 * spot + z_m, spot, x_m, x_m) for z_m in (0.300, 0.302))
+    >>> metrics = clradar.compare(near, far)
+    >>> print(f"{metrics.overlap:.3f} {metrics.ssim:.3f} {1e3 * metrics.depth_rmse_m:.1f} mm")
+    0.779 1.000 2.0 mm
     """
     first, second, dynamic_range_db = _prepared(measured, simulated, dynamic_range_db)
     values = {name: value_of(first, second) for name, value_of in _VALUES.items()}
@@ -129,8 +152,8 @@ def compare_by(
     ----------
     metric : str
         A field of `Metrics` other than `dynamic_range_db`.
-
-    The other arguments and the errors are those of `compare`.
+    measured, simulated, dynamic_range_db
+        As in `compare`, with its errors.
     """
     checks.one_of("compare_by: metric", metric, tuple(_VALUES))
     first, second, _ = _prepared(measured, simulated, dynamic_range_db)
@@ -153,16 +176,16 @@ def depth_map_of(image: Volume | DepthMap, dynamic_range_db: float, label: str) 
     Parameters
     ----------
     image : Volume or DepthMap
-        A depth map that was cut further down is cut again.
+        A depth map that was cut at a larger dynamic range is cut again.
     dynamic_range_db : float, decibel
     label : str
-        What to call the image in errors.
+        Name of the image in errors.
 
     Raises
     ------
     CompareError
-        Not an image, zero everywhere, without any depth, or a depth map that does not reach down
-        to `dynamic_range_db`.
+        Not an image, zero everywhere, without any depth, or a depth map that was cut at a smaller
+        dynamic range.
     """
     if isinstance(image, Volume):
         image = image.depth_map(dynamic_range_db)
@@ -176,7 +199,7 @@ def depth_map_of(image: Volume | DepthMap, dynamic_range_db: float, label: str) 
             f"{label}: expected depths down to {dynamic_range_db:g} dB below the maximum, got a "
             f"depth map that was cut at {image.dynamic_range_db:g} dB"
         )
-    # The same expression as in Volume.depth_map, so that cutting there and here agree to the pixel.
+    # The same expression as in Volume.depth_map, so that both cuts agree to the pixel.
     threshold = peak * 10.0 ** (-dynamic_range_db / 20.0)
     kept = image.mask & (image.amplitude >= threshold) & (image.amplitude > 0)
     if not kept.any():
@@ -221,7 +244,7 @@ def _check_same_pixels(measured: DepthMap, simulated: DepthMap) -> None:
 
 def _pixels_text(image: DepthMap) -> str:
     def axis_text(name: str, axis_m: np.ndarray) -> str:
-        # Nine digits: two axes that differ by more than the tolerance have to read differently.
+        # Nine digits show any difference beyond the tolerance.
         ends = f"{1e3 * axis_m[0]:.9g} to {1e3 * axis_m[-1]:.9g} mm"
         return f"{name} = {ends} in {len(axis_m)}"
 
@@ -231,8 +254,7 @@ def _pixels_text(image: DepthMap) -> str:
 def _correlation(a: np.ndarray, b: np.ndarray) -> float:
     """Return the Pearson correlation, NaN where `a` or `b` is constant.
 
-    Constant is tested on the values: the variance of a constant image can round to above 0, and the
-    correlation would then be a ratio of rounding errors.
+    The test is on the values, because the variance of a constant image can round to above 0.
     """
     if np.ptp(a) == 0 or np.ptp(b) == 0:
         return math.nan
@@ -292,7 +314,7 @@ _VALUES: dict[str, Callable[[DepthMap, DepthMap], float]] = {
     "chamfer_simulated_to_measured_m": lambda a, b: _mean_nearest_m(b.points_m(), a.points_m()),
     "chamfer_measured_to_simulated_m": lambda a, b: _mean_nearest_m(a.points_m(), b.points_m()),
 }
-"""Each metric of a measured and a simulated depth map that are cut alike."""
+"""Each metric of a measured and a simulated depth map of the same dynamic range."""
 
 METRICS = tuple(_VALUES)
 """The names of the metrics, in the order of the fields of `Metrics`."""

@@ -1,4 +1,4 @@
-"""How much two depth maps share in space: the cosine between them as clouds of blurred points."""
+"""Kernel correlation of two depth maps (Tsin, Kanade, ECCV 2004), normalised to a cosine."""
 
 from __future__ import annotations
 
@@ -10,15 +10,14 @@ import numpy as np
 from clradar.model import DepthMap
 
 OVERLAP_BLUR_M = 2e-3
-"""Standard deviation of the ball that every depth point is blurred to, metres.
+"""Standard deviation of the Gaussian that every depth point is blurred with, metres.
 
-The image of a point 0.3 m away falls to -3 dB at 1.9 mm from its middle, as a Gaussian of 2.3 mm
-does: a blur much below that compares speckle, one much above it cannot tell places apart that the
-radar can.
+The image of a point 0.3 m away falls to -3 dB at 1.9 mm from its centre, as a Gaussian of 2.3 mm
+does: a blur much below that compares speckle, one much above it has less resolution than the radar.
 """
 
-# exp(-(d / 2 blur)^2) at d = 8 blur is exp(-16), 1e-7: what is cut off or folded in beyond it.
 REACH = 8.0
+"""Distance in units of the blur at which the kernel is truncated: exp(-(8 / 2)^2) = 1e-7."""
 
 
 def overlap(first: DepthMap, second: DepthMap, blur_m: float = OVERLAP_BLUR_M) -> float:

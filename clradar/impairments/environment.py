@@ -30,6 +30,12 @@ class Wall:
     ------
     ModelError
         Wrong shape, NaN or infinite, or a normal of length zero.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> clradar.Wall(point_m=(0, 0, 1.2), normal=(0, -3, -4), amplitude=40.0).normal
+    array([ 0. , -0.6, -0.8])
     """
 
     point_m: np.ndarray
@@ -85,6 +91,23 @@ def room_capture(
     and the length of the path its distance from the Rx (docs/equations.md, E10):
 
         s[tx, rx, n] = a (1/d) / rms(1/d) exp(-j 2 pi f_n d / c),  d = |image(tx) - rx|.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> array = clradar.AntennaArray([[-0.3, 0, 0]], [[0.3, 0, 0]])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)
+    >>> wall = clradar.Wall(point_m=(0, 0, 0.4), normal=(0, 0, -1), amplitude=2.0)
+    >>> room = clradar.room_capture(array, waveform, [wall])
+    >>> print(f"{abs(room.data[0, 0, 0]):.3f}")
+    2.000
+
+    The slope of the phase gives the path by way of the wall: 2 |(0.3 m, 0.4 m)| = 1 m.
+
+    >>> k = 2 * np.pi * waveform.frequencies_hz / 299_792_458
+    >>> print(f"{-np.polyfit(k, np.unwrap(np.angle(room.data[0, 0])), 1)[0]:.3f} m")
+    1.000 m
     """
     checks.instance("room_capture: array", array, AntennaArray)
     checks.instance("room_capture: waveform", waveform, Waveform)

@@ -110,6 +110,21 @@ def impair(
 
     Computed in float64, one transmitter at a time, and rounded to complex64 at the end. The streams
     are numpy's, which keeps them within a version and seldom changes them between versions.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> q = clradar.arrays.qar50()
+    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)
+    >>> clean = clradar.room_capture(array, waveform, [], points_m=[[0, 0, 0.3]])
+    >>> noisy = clradar.impair(clean, snr_db=20, seed=1)
+    >>> power = np.mean(np.abs(noisy.data - clean.data) ** 2)
+    >>> print(f"{10 * np.log10(power):.0f} dB")
+    -20 dB
+    >>> noisy.meta["impairments"][0]["snr_db"]
+    20.0
     """
     checks.instance("impair: capture", capture, Capture)
     n_tx, n_rx = capture.array.n_tx, capture.array.n_rx

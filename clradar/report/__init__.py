@@ -1,4 +1,4 @@
-"""One self-contained HTML page about a measurement and simulations of it."""
+"""A self-contained HTML page that compares simulated images with a measured one."""
 
 from clradar.report.page import ReportImage, html_report
 

@@ -1,4 +1,4 @@
-"""Depth points for the 3-D view of a page: few enough, packed, and with what the view draws."""
+"""Point clouds of the 3-D view: depth points, subsampled and packed as base64."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from clradar.model import DepthMap
 from clradar.plot import depth_limits_mm
 
 MAX_POINTS = 60_000
-"""In one page, over all its clouds: 17 bytes each, so 1 MB."""
+"""Points of one page over all its clouds: 17 bytes each, so 1 MB."""
 
 MEASURED_COLOUR = "#e08a00"
 SIMULATED_COLOURS = (
@@ -27,7 +27,7 @@ SIMULATED_COLOURS = (
     "#6d8a1f",
     "#5b7083",
 )
-"""All of a brightness that shows on white and on black; used again where there are more images."""
+"""Of a brightness that contrasts with white and with black; repeated for more images."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +41,7 @@ class Cloud:
     level : ndarray, shape (n,), uint8
         Amplitude: 0 at the lower end of the dynamic range, 255 at the image's maximum; in decibel.
     total : int
-        How many depth points the image has.
+        Number of depth points of the image before subsampling.
     colour : str
         "#rrggbb".
     """
@@ -59,8 +59,8 @@ def clouds(images: Sequence[DepthMap], most: int = MAX_POINTS) -> list[Cloud]:
     ----------
     images : sequence of DepthMap
     most : int
-        Of points in all clouds together. Where there are more, each image gets the same number
-        at most, and of an image that has more a random choice is kept, always the same one.
+        Limit of the points of all clouds together. Beyond it all images get the same limit each,
+        and larger ones are subsampled at random, with a fixed seed.
     """
     points = [image.points_m() for image in images]
     share = _share([len(p) for p in points], most)
@@ -69,7 +69,7 @@ def clouds(images: Sequence[DepthMap], most: int = MAX_POINTS) -> list[Cloud]:
         level = np.round(255 * (1 + clipped_db(image)[image.mask] / image.dynamic_range_db))
         kept = np.arange(len(xyz_m))
         if len(kept) > share:
-            # Random and not every n-th: a regular choice from a lattice draws stripes.
+            # Random, because every n-th point of a lattice makes stripes.
             kept = np.sort(np.random.default_rng(0).choice(kept, share, replace=False))
         found.append(
             Cloud(
@@ -83,10 +83,10 @@ def clouds(images: Sequence[DepthMap], most: int = MAX_POINTS) -> list[Cloud]:
 
 
 def view_data(images: Sequence[DepthMap], drawn: Sequence[Cloud]) -> dict[str, Any]:
-    """Return what the page's script needs, in types that JSON knows."""
+    """Return the data of the page's script, in types of JSON."""
     import matplotlib
 
-    # The colours of the depth in the figure above the view.
+    # The colours of depth as in the figure.
     scale = matplotlib.colormaps["viridis_r"](np.linspace(0.0, 1.0, 256))[:, :3]
     steps_mm = [1e3 * np.diff(a).min() for i in images for a in (i.x_m, i.y_m) if len(a) > 1]
     return {

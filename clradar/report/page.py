@@ -1,4 +1,4 @@
-"""The page itself: figure, 3-D view, metrics and settings in one file that needs no other."""
+"""Self-contained HTML report: figure, 3-D view, metrics and settings in one file."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from clradar.report.tables import image_facts, metrics_notes, metrics_table, set
 from clradar.report.text import escaped, script_json
 
 FIGURE_DPI = 200
-"""Of the figure in the page: sharp at twice the width at which a wide screen shows it."""
+"""Resolution of the figure: sharp at twice the width that it has on a wide screen."""
 
 PANEL_PX = 150
-"""A panel of the figure is never narrower; where the screen is, the figure scrolls in its frame."""
+"""Least width of a panel of the figure; on a narrower screen the figure scrolls in its frame."""
 
 SHOWN_FIRST = 2
 """Clouds in the 3-D view when the page opens: the measurement and the first simulation."""
@@ -31,7 +31,7 @@ SHOWN_FIRST = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportImage:
-    """An image of a report, and what the report says about it.
+    """An image of a report, with its label and provenance.
 
     Parameters
     ----------
@@ -39,10 +39,19 @@ class ReportImage:
         Its name in figure, tables and view: plain text.
     image : Volume or DepthMap
     source : str
-        Where it comes from, such as a file's name: plain text.
+        Its origin, such as a file's name: plain text.
     meta : mapping, optional
-        Settings and provenance, in types that JSON knows. None is the volume's own `meta`; a depth
-        map has none.
+        Settings and provenance, in types of JSON. None: the volume's own `meta`; a depth map has
+        none.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> from clradar.report import ReportImage
+    >>> grid = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (2, 1, 1))
+    >>> entry = ReportImage("alpha = 0.3", clradar.Volume([[[1, 0.5]]], grid, {"kind": "image"}))
+    >>> entry.label, dict(entry.image.meta)
+    ('alpha = 0.3', {'kind': 'image'})
     """
 
     label: str
@@ -69,34 +78,48 @@ def html_report(
     simulated : sequence of ReportImage
         At least one, each on the pixels of the measured one.
     metrics : sequence of Metrics, optional
-        One for each simulated image. None computes them with `clradar.compare.compare`.
+        One for each simulated image. None computes them with `clradar.compare`.
     title : str
         Plain text.
     notes : sequence of str
         Paragraphs of plain text below the title; line feeds are kept.
     settings : mapping, optional
-        How the comparison was made, in types that JSON knows.
+        Settings of the comparison, in types of JSON.
     dynamic_range_db : float, decibel
-        What is further below an image's own maximum is background.
+        Pixels further below an image's own maximum are background.
 
     Returns
     -------
     str
         To be written as UTF-8. The same arguments give the same text. It loads nothing: style,
-        script, figure and points are inside, and a content security policy keeps it that way.
+        script, figure and points are inside, and a content security policy forbids anything else.
 
     Raises
     ------
     CompareError
-        No simulated image, metrics of another number or another dynamic range, or what
-        `clradar.compare.compare` refuses.
+        No simulated image; another number of metrics, or metrics at another dynamic range; the
+        errors of `clradar.compare`.
     ModelError
         `dynamic_range_db` is not a positive number.
 
     Notes
     -----
-    Labels, sources, notes and settings can come from files that somebody else wrote: all of it is
-    escaped, and the policy lets no script run but the page's own, which is named by its hash.
+    Labels, sources, notes and settings can come from untrusted files: all of it is escaped, and the
+    policy allows the page's own script alone, identified by its hash.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> import clradar
+    >>> from clradar.report import ReportImage, html_report
+    >>> x_m = np.arange(-10, 11) * 1e-3
+    >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
+    >>> near, far = (clradar.DepthMap(0 * spot + z_m, spot, x_m, x_m) for z_m in (0.300, 0.302))
+    >>> page = html_report(ReportImage("measured", near), [ReportImage("alpha = 0.3", far)])
+    >>> "Overlap" in page, "0.779" in page
+    (True, True)
+    >>> _ = Path("report.html").write_text(page, encoding="utf-8")
     """
     dynamic_range_db = checks.positive("html_report: dynamic_range_db", dynamic_range_db)
     if not simulated:
@@ -145,13 +168,13 @@ def _part(name: str) -> str:
 
 
 def _policy_hash(content: str) -> str:
-    """Return how a content security policy names an inline script or style."""
+    """Return the name of an inline script or style in a content security policy."""
     digest = hashlib.sha256(content.encode("utf-8")).digest()
     return f"sha256-{base64.b64encode(digest).decode('ascii')}"
 
 
 def _own_style(drawn: Sequence[Cloud]) -> str:
-    """Return what depends on the images: the policy allows no style attributes."""
+    """Return the style that depends on the images: the policy forbids style attributes."""
     swatches = "".join(f".cloud-{i}{{background:{c.colour}}}\n" for i, c in enumerate(drawn))
     return f"@media screen{{.figure img{{min-width:{PANEL_PX * len(drawn)}px}}}}\n{swatches}"
 
@@ -176,7 +199,7 @@ def _input_details(entry: ReportImage, shown: DepthMap) -> str:
     if meta is None:
         meta = entry.image.meta if isinstance(entry.image, Volume) else {}
     facts = settings_table(image_facts(entry.image, shown, entry.source))
-    known = settings_table(meta) if meta else "<p>The image says nothing about its origin.</p>"
+    known = settings_table(meta) if meta else "<p>The image has no record of its origin.</p>"
     return _details(entry.label, f"{facts}<h3>Settings and provenance</h3>{known}")
 
 

@@ -1,4 +1,4 @@
-"""The tables of a page: the metrics with what they mean, and the settings of every input."""
+"""Tables of the report: the metrics with their meaning, and the settings of every input."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from clradar.model import DepthMap, Volume
 from clradar.report.text import escaped, shortened
 
 MAX_ROWS = 200
-"""Of one record of settings; the page says how many it leaves out."""
+"""Rows of one record of settings; the page states how many are omitted."""
 
 MAX_NAME, MAX_VALUE = 120, 400
 """Characters of one row."""
 
 MAX_DEPTH = 16
-"""Of nested settings; what is nested deeper is left out, visibly."""
+"""Nesting of settings; deeper values are replaced by a note."""
 
 
 @dataclass(frozen=True, slots=True)
 class MetricText:
-    """How a metric is called and explained."""
+    """Name, explanation and format of a metric."""
 
     field: str
     name: str
@@ -89,9 +89,9 @@ METRIC_TEXTS = (
 
 
 def metrics_table(labels: Sequence[str], metrics: Sequence[Metrics]) -> str:
-    """Return one row per simulated image; the best value of a column is bold where there are two.
+    """Return one row per simulated image; of several the best value of a column is bold.
 
-    On a narrow screen each row becomes a block, and `data-name` the name before each value.
+    On a narrow screen each row becomes a block with `data-name` before each value.
     """
     head = "".join(f'<th scope="col">{escaped(m.name)}</th>' for m in METRIC_TEXTS)
     best = [_best(text, metrics) for text in METRIC_TEXTS]
@@ -110,7 +110,7 @@ def metrics_table(labels: Sequence[str], metrics: Sequence[Metrics]) -> str:
 
 
 def metrics_notes(metrics: Sequence[Metrics]) -> str:
-    """Return the meaning of every metric, and why one that is n/a is."""
+    """Return the meaning of every metric, and the reason where one is n/a."""
     notes = "".join(
         f"<dt>{escaped(text.name)}</dt><dd>{escaped(text.meaning)}{_why_undefined(text, metrics)}"
         "</dd>"
@@ -127,7 +127,7 @@ def _value(text: MetricText, metrics: Metrics) -> str:
 
 
 def _best(text: MetricText, metrics: Sequence[Metrics]) -> str | None:
-    """Return the best value as it is shown, None where there is nothing to choose from."""
+    """Return the best value as it is displayed, None for fewer than two values."""
     known = [m for m in metrics if not math.isnan(getattr(m, text.field))]
     if len(known) < 2:
         return None
@@ -142,7 +142,7 @@ def _why_undefined(text: MetricText, metrics: Sequence[Metrics]) -> str:
 
 
 def image_facts(image: Volume | DepthMap, shown: DepthMap, source: str) -> dict[str, str]:
-    """Return what can be said about an image without knowing where it comes from."""
+    """Return the geometry and level of an image."""
     facts = {"file": source} if source else {}
     axes = [("x", shown.x_m), ("y", shown.y_m)]
     if isinstance(image, Volume):
@@ -161,7 +161,7 @@ def image_facts(image: Volume | DepthMap, shown: DepthMap, source: str) -> dict[
 
 
 def settings_table(record: Mapping[str, Any]) -> str:
-    """Return a record as rows of dotted names and values, cut where it is enormous."""
+    """Return a record as rows of dotted names and values, limited in rows and characters."""
     rows: list[str] = []
     left_out = 0
     for name, value in _flat(record, "", 0):
@@ -173,12 +173,12 @@ def settings_table(record: Mapping[str, Any]) -> str:
         rows.append(f'<tr><th scope="row">{shown_name}</th><td>{shown_value}</td></tr>')
     table = f'<table class="settings"><tbody>{"".join(rows)}</tbody></table>'
     if left_out:
-        table += f"<p>{left_out} more rows are left out here; the file has them.</p>"
+        table += f"<p>{left_out} more rows are omitted here; the file has them.</p>"
     return table
 
 
 def _breakable(name: str) -> str:
-    """Return an escaped dotted name that a narrow screen breaks behind dots and underscores."""
+    """Return an escaped dotted name with optional line breaks after dots and underscores."""
     return name.replace(".", ".<wbr>").replace("_", "_<wbr>")
 
 

@@ -1,4 +1,4 @@
-"""Text from files on its way into a page: nothing in it is markup, and nothing is invisible."""
+"""Escaping of untrusted text for HTML and scripts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from clradar.plot import printable
 def escaped(value: object) -> str:
     """Return `value` as HTML text that is also safe inside a quoted attribute.
 
-    What cannot be printed is written as an escape: a name then cannot pass for another one.
+    Unprintable characters are written as escapes, so that no name imitates another one.
     """
     return html.escape(printable(value), quote=True)
 
@@ -24,7 +24,7 @@ def script_json(value: Any) -> str:
 
 
 def shortened(value: object, longest: int) -> str:
-    """Return `value` as text of at most `longest` characters and a note of how many are missing."""
+    """Return `value` as text of at most `longest` characters, with a note of the missing number."""
     text = str(value)
     if len(text) <= longest:
         return text

@@ -228,7 +228,7 @@ def test_enormous_settings_are_cut_and_say_so() -> None:
     assert "(9600 more characters)" in table
     assert len(table) < 2000
     many = settings_table({str(i): i for i in range(1000)})
-    assert "800 more rows are left out" in many
+    assert "800 more rows are omitted" in many
 
 
 def test_the_same_arguments_give_the_same_page() -> None:
