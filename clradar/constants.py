@@ -1,4 +1,4 @@
-"""Physical constants and the shared conventions that are numbers."""
+"""Physical constants and shared conventions."""
 
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
 """Speed of light in vacuum, m/s (exact by definition of the metre)."""

@@ -1,4 +1,4 @@
-"""The errors that clradar raises on purpose: one base, each subclass also a builtin."""
+"""Exception classes: one base, each subclass also a builtin."""
 
 
 class ClradarError(Exception):
@@ -6,7 +6,7 @@ class ClradarError(Exception):
 
 
 class ModelError(ClradarError, ValueError):
-    """A field or an argument has a value that cannot be meant."""
+    """A field or an argument has an invalid value."""
 
 
 class MeshError(ClradarError, ValueError):
@@ -22,7 +22,7 @@ class DeviceError(ClradarError, RuntimeError):
 
 
 class MeasurementError(ClradarError, ValueError):
-    """A recorded or native file is missing, damaged, hostile, or not what it says it is."""
+    """A recorded or native file is missing, damaged, hostile, or of another format than stated."""
 
 
 class CompareError(ClradarError, ValueError):

@@ -22,7 +22,7 @@ from clradar.tracing.settings import (
 from clradar.tracing.stochastic import Tracer
 
 SUMS_AT_ONCE = 12
-"""Running sums held at the same time, fewer where memory is short. No result depends on it."""
+"""Phasor sums held at the same time, fewer where memory is short. No result depends on it."""
 
 
 @takes_settings
@@ -36,7 +36,7 @@ def simulate(
     progress: Progress | None = None,
     **fields: Any,
 ) -> Capture:
-    """Trace and synthesize tile by tile; the paths are never held whole.
+    """Simulate a capture: trace and synthesize tile by tile.
 
     The memory needed depends on neither the number of samples nor that of paths.
 
@@ -68,6 +68,20 @@ def simulate(
         The scene has no face with area, or more samples than 2^31.
     DeviceError
         The device is missing, out of memory or fails.
+
+    Examples
+    --------
+    A ball of 4 cm, seen by a part of the imager.
+
+    >>> import clradar, trimesh
+    >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
+    >>> scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), alpha=0.5)
+    >>> imager = clradar.arrays.qar50()
+    >>> array = clradar.AntennaArray(imager.tx_m[::12], imager.rx_m[::12])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> capture = clradar.simulate(scene, array, waveform, samples_per_mm2=0.1)
+    >>> capture.data.shape, capture.meta["settings"]["samples_per_mm2"]
+    ((8, 8, 16), 0.1)
     """
     checks.instance("simulate: scene", scene, Scene)
     checks.instance("simulate: array", array, AntennaArray)
@@ -110,8 +124,8 @@ def simulate_alphas(
 ) -> Iterator[tuple[Capture, ...]]:
     """Simulate a scene at several alphas with the same rays and random numbers.
 
-    Samples, the tree and which Tx see which sample are found once for up to twelve alphas. Each
-    capture has the bits of ``simulate(scene.with_alpha(alpha), array, waveform, ...)``.
+    The tree, the samples and their visibility are found once for up to twelve alphas. Each capture
+    has the bits of ``simulate(scene.with_alpha(alpha), array, waveform, ...)``.
 
     Parameters
     ----------

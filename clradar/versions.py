@@ -1,4 +1,4 @@
-"""Versions of what takes part in a result."""
+"""Versions of the packages that take part in a result, for provenance."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ PACKAGES = ("numpy", "scipy", "pyopencl", "pocl-binary-distribution", "trimesh",
 
 
 def package_versions() -> dict[str, str]:
-    """Return the versions of the packages in `PACKAGES` that are installed."""
+    """Versions of the installed ones of `PACKAGES`."""
     versions = {}
     for name in PACKAGES:
         try:

@@ -1,1 +1,1 @@
-"""Triangle meshes as the kernels read them: bounding volume hierarchy, normals, closedness."""
+"""Triangle meshes for ray tracing: bounding volume hierarchy, shading normals, watertightness."""

@@ -157,7 +157,7 @@ def _split_all(
 
 
 def face_normals(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the unit normals, shape (n, 3), and areas, shape (n,), square metres, in float64.
+    """Unit normals, shape (n, 3), and areas, shape (n,), square metres, in float64.
 
     A face whose area is below what its coordinates resolve (2^-40 of its longest edge squared)
     counts as degenerate: area 0 and normal 0.
@@ -175,12 +175,12 @@ def face_normals(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def error_bound_m(*points_m: np.ndarray) -> float:
-    """Return delta, the error bound of the triangle test, metres (``kernels/common/bvh.h``).
+    """Error bound delta of the triangle test, metres (``kernels/common/bvh.h``).
 
     Parameters
     ----------
     points_m : arrays of shape (n, 3), metres
-        Everything that a ray can start from or hit.
+        All vertices and antennas.
     """
     farthest = max(float(np.sqrt((p.reshape(-1, 3) ** 2).sum(axis=1).max())) for p in points_m)
     return ERROR_ULPS * 2.0**-24 * farthest
@@ -234,7 +234,7 @@ def flatten(
     inner = (box >= 0) & (child[box] >= 0)
     filled = (box >= 0) & (child[box] < -1)
     if not filled.any():
-        filled[0, 0] = True  # a block of nothing, so that there is something to point to
+        filled[0, 0] = True  # an empty block for the children to point to
     children = np.full(box.shape, _leaf(0, 0), dtype=np.int32)
     # Level by level, the inner children are the next nodes in the order in which they are met.
     children[inner] = np.arange(1, inner.sum() + 1)
@@ -328,7 +328,7 @@ def _optimal_shares(child: np.ndarray, area: np.ndarray) -> np.ndarray:
 
 
 def _records(bvh: Bvh, first: np.ndarray, count: np.ndarray, triangles_m: np.ndarray) -> np.ndarray:
-    """Return the triangles of the leaves in blocks, and their faces after all blocks."""
+    """Triangles of the leaves in blocks, and their faces after all blocks."""
     column = np.arange(BLOCK)
     used = column < count[:, None]
     order = bvh.order if len(bvh.order) else np.zeros(1, dtype=np.int32)

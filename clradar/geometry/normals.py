@@ -1,4 +1,8 @@
-"""Normals at the corners of faces: flat, or smooth with creases."""
+"""Shading normals at the corners of faces: flat, or angle-weighted with creases.
+
+Weights by corner angle are those of G. Thuermer and C. A. Wuethrich, "Computing vertex normals from
+polygonal facets", J. Graphics Tools 3(1), 1998.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +15,14 @@ CREASE_DEG = 30.0
 """Faces that meet at more than this angle keep an edge between them."""
 
 KNOWN_DEG = 60.0
-"""Normals that a scene has are used at faces that are tilted against them by no more. At a vertex
-in a fold between two surfaces that touch, the normal is that of one of them."""
+"""A scene's own normals are used at faces that are tilted against them by no more: at a vertex
+between two surfaces that touch, its normal is that of one of them."""
 
 
 def corner_normals(
     scene: Scene, normals: str = "smooth", crease_deg: float = CREASE_DEG
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the unit normal at every corner of every face, and of every face.
+    """Unit normals at the corners of all faces, and of the faces.
 
     Parameters
     ----------
@@ -26,8 +30,8 @@ def corner_normals(
     normals : "smooth" or "face"
         "smooth": the average, weighted by corner angle, over the faces around the vertex that are
         connected to this face by edges at which they meet at no more than `crease_deg`. Vertices at
-        the same place count as one, whatever the file says. Where the scene has a normal that is no
-        more than `KNOWN_DEG` off that of the face, it is that one. "face": the face's own normal.
+        the same place count as one, whatever the file says. Where the scene has a normal within
+        `KNOWN_DEG` of the face's, it is that one. "face": the face's own normal.
     crease_deg : float, degrees, 0 to 180
 
     Returns
@@ -54,8 +58,8 @@ def corner_normals(
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    _, place = np.unique(scene.vertices_m, axis=0, return_inverse=True)
-    faces = place.reshape(-1)[scene.faces]
+    _, position = np.unique(scene.vertices_m, axis=0, return_inverse=True)
+    faces = position.reshape(-1)[scene.faces]
     n_corners = 3 * len(faces)
     one, other = _smooth_corner_pairs(faces, face_normal, area > 0, np.cos(np.radians(crease_deg)))
     graph = coo_array((np.ones(len(one), bool), (one, other)), shape=(n_corners, n_corners))
@@ -71,7 +75,7 @@ def corner_normals(
 
 
 def _known(scene: Scene, found: np.ndarray, face_normal: np.ndarray) -> np.ndarray:
-    """Return the scene's own normals where it has them and they fit the face, `found` elsewhere."""
+    """The scene's own normals where it has them and they fit the face, `found` elsewhere."""
     if scene.normals is None:
         return found
     given = scene.normals[scene.faces]
@@ -83,7 +87,7 @@ def _known(scene: Scene, found: np.ndarray, face_normal: np.ndarray) -> np.ndarr
 def _smooth_corner_pairs(
     faces: np.ndarray, face_normal: np.ndarray, real: np.ndarray, cos_crease: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs of corners (3 * face + corner) at both ends of every edge but creases."""
+    """Pairs of corners (3 * face + corner) at both ends of every edge but creases."""
     ends = faces[:, [[0, 1], [1, 2], [2, 0]]]  # (n_faces, 3 edges, 2 ends)
     corner = 3 * np.arange(len(faces))[:, None, None] + np.array([[0, 1], [1, 2], [2, 0]])
     swap = ends[..., 0] > ends[..., 1]
@@ -101,7 +105,7 @@ def _smooth_corner_pairs(
 
 
 def _corner_angles(triangles_m: np.ndarray) -> np.ndarray:
-    """Return the inner angle at every corner, shape (n_faces, 3), radians; 0 where degenerate."""
+    """Inner angle at every corner, shape (n_faces, 3), radians; 0 where degenerate."""
     angles = np.zeros(triangles_m.shape[:2])
     for k in range(3):
         a = triangles_m[:, (k + 1) % 3] - triangles_m[:, k]

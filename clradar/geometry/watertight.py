@@ -1,20 +1,20 @@
-"""Whether a surface is closed: a point inside it sees nothing outside, which spares rays."""
+"""Watertightness of a triangle mesh: from inside a closed surface no antenna outside is visible."""
 
 from __future__ import annotations
 
 import numpy as np
 
 _CHUNK = 2**16
-"""Faces at a time: what is worked on stays in the cache."""
+"""Faces at a time, so that they stay in the cache."""
 
 
 def outward_side(triangles_m: np.ndarray) -> int:
-    """Return on which side of its faces the outside of a closed surface is.
+    """Side of the faces of a closed surface that is outside.
 
-    A surface is closed if every edge belongs to an even number of faces: what begins inside cannot
-    leave without passing through a face [1]_. Edges are not sorted; each has a 64-bit value from
-    the bits of its corners, and the exclusive or of all of them is 0 if each comes in pairs (and by
-    chance in one case of 2^64).
+    A surface is closed if every edge belongs to an even number of faces: no ray leaves it without
+    crossing a face [1]_. Edges are not sorted; each has a 64-bit hash of the bits of its corners,
+    and the exclusive or of all hashes is 0 if each comes in pairs (or by chance, with probability
+    2^-64).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Everything that touches OpenCL: devices, kernel sources, programs, buffers.
+"""OpenCL devices, kernel sources, programs and buffers.
 
 No other package imports pyopencl.
 """

@@ -1,4 +1,4 @@
-"""Device memory with an owner: sized before it is taken, freed when the block ends."""
+"""Device memory that is counted against a budget and freed when a `with` block ends."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from clradar.errors import DeviceError
 from clradar.opencl.device import Device
 
 HUGE_BYTES = 4 * 2**20
-"""From this size on numpy asks for memory in huge pages. Buffers on a CPU are numpy's memory then:
-PoCL's own costs a page fault for every 4 KiB that is used, some microseconds each."""
+"""From this size on numpy allocates huge pages. Such buffers on a CPU are numpy's memory; PoCL's own
+costs a page fault for every 4 KiB that is used, some microseconds each."""
 
 PAGE_BYTES = 4096
 
@@ -23,14 +23,17 @@ Prepared = TypeVar("Prepared", bound="OnDevice")
 class Buffers:
     """Buffers of one call, freed together.
 
-    Use as a context manager::
+    A context manager. Every buffer counts against the device's budget. A caller that may exceed it
+    tiles its work; an allocation beyond the budget is therefore a `DeviceError`, not a slow-down.
 
-        with Buffers(device) as buffers:
-            points = buffers.upload(points_m)
-            out = buffers.empty(out_array.nbytes)
-
-    Every buffer counts against the device's budget. A caller that may exceed it tiles its work;
-    an allocation beyond the budget is therefore a `DeviceError`, not a slow-down.
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from clradar.opencl import Buffers, open_device
+    >>> with Buffers(open_device("pocl", memory_limit_bytes=4096)) as buffers:
+    ...     lengths_m = buffers.upload(np.array([0.6, 0.7]))
+    ...     buffers.read(lengths_m, 2, np.float64), buffers.free_bytes
+    (array([0.6, 0.7]), 4080)
     """
 
     def __init__(self, device: Device) -> None:
@@ -56,11 +59,11 @@ class Buffers:
 
     @property
     def free_bytes(self) -> int:
-        """What is left of the budget."""
+        """Rest of the budget."""
         return self.device.budget_bytes - self.used_bytes
 
     def empty(self, n_bytes: int) -> Any:
-        """Return a buffer of at least `n_bytes`, contents undefined."""
+        """Allocate at least `n_bytes`, contents undefined."""
         size = max(int(n_bytes), 16)  # OpenCL has no empty buffers
         if self.device.info.kind != "cpu" or size < HUGE_BYTES:
             return self._hold(size, cl.mem_flags.READ_WRITE)
@@ -83,7 +86,7 @@ class Buffers:
             raise DeviceError(
                 f"device {info.label}: a buffer of {_mib(size)} does not fit "
                 f"({_mib(self.used_bytes)} of {_mib(self.device.budget_bytes)} in use, largest "
-                f"single buffer {_mib(info.max_alloc_bytes)}); ask for a smaller problem, or "
+                f"single buffer {_mib(info.max_alloc_bytes)}); make the problem smaller, or "
                 f"choose another device with CLRADAR_DEVICE=..."
             )
 
@@ -101,13 +104,13 @@ class Buffers:
         return buffer
 
     def upload(self, array: np.ndarray) -> Any:
-        """Return a new buffer that holds `array`."""
+        """Copy `array` to a new buffer."""
         buffer = self.empty(array.nbytes)
         self.write(buffer, array)
         return buffer
 
     def borrow(self, array: np.ndarray) -> Any:
-        """Return a buffer for kernels to read `array` from, which must not change meanwhile.
+        """A read-only buffer of `array`, which must not change meanwhile.
 
         On a CPU it is the array's own memory and nothing is copied.
         """
@@ -118,7 +121,7 @@ class Buffers:
         return self._hold(array.nbytes, flags, array)
 
     def zeros(self, n_bytes: int) -> Any:
-        """Return a new buffer filled with zero bytes."""
+        """Allocate zero bytes."""
         buffer = self.empty(n_bytes)
         self.write(buffer, np.zeros(buffer.size, np.uint8))
         return buffer
@@ -134,7 +137,7 @@ class Buffers:
             raise self._no_memory(array.nbytes, error) from error
 
     def read(self, buffer: Any, shape: tuple[int, ...] | int, dtype: Any) -> np.ndarray:
-        """Return the start of `buffer` as a new array."""
+        """Copy the start of `buffer` to a new array."""
         self._check_held(buffer)
         out: np.ndarray = np.empty(shape, dtype=dtype)
         if out.nbytes:
@@ -152,14 +155,14 @@ class Buffers:
         self.used_bytes -= size
 
     def _check_held(self, buffer: Any) -> None:
-        # Drivers do not look: PoCL crashes on a buffer that was released.
+        # PoCL crashes on a buffer that was released.
         if id(buffer) not in self._held:
             raise DeviceError("buffers: expected a buffer of this block, got one that was freed")
 
     def _no_memory(self, size: int, error: Exception) -> DeviceError:
         return DeviceError(
             f"device {self.device.info.label}: {_mib(size)} could not be allocated or copied "
-            f"({error}); free memory, ask for a smaller problem, or choose another device with "
+            f"({error}); free memory, make the problem smaller, or choose another device with "
             f"CLRADAR_DEVICE=..."
         )
 

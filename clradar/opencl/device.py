@@ -1,9 +1,8 @@
-"""Which OpenCL devices there are, and which one is used."""
+"""Enumeration, selection and opening of OpenCL devices."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -20,7 +19,7 @@ INSTALL_HINT = (
 )
 
 MEMORY_SHARE = 0.75
-"""Share of a device's memory that one call may plan to use; the rest is the runtime's."""
+"""Fraction of a device's memory that one call may plan to use; the rest is the runtime's."""
 
 _ALIASES = {
     "pocl": "portable computing language",
@@ -45,6 +44,13 @@ class DeviceInfo:
     memory_bytes, max_alloc_bytes : int
         Global memory and the largest single buffer.
     compute_units : int
+
+    Examples
+    --------
+    >>> import clradar
+    >>> info = clradar.open_device("pocl").info
+    >>> info.kind, info.is_interpreter, info.max_alloc_bytes <= info.memory_bytes
+    ('cpu', False, True)
     """
 
     selector: str
@@ -62,7 +68,7 @@ class DeviceInfo:
 
     @property
     def is_interpreter(self) -> bool:
-        """Oclgrind: a memory checker, never chosen unless asked for by name."""
+        """Oclgrind: a memory checker, chosen by name only."""
         return "oclgrind" in self.platform.lower()
 
 
@@ -76,12 +82,19 @@ class Device:
     ----------
     info : DeviceInfo
     budget_bytes : int
-        What one call may have allocated at a time; larger problems are tiled.
+        Memory that one call may have allocated at a time; larger problems are tiled.
     width : int
         Lanes per work-item: 8 on a CPU, where wide vectors pay, and 1 on a GPU, where neighbouring
         items are the lanes.
     launched : list or None
         Of a device that was opened with ``profiling=True``: the events of its kernels.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> device = clradar.open_device("pocl", memory_limit_bytes=10**6)
+    >>> device.budget_bytes, device.width
+    (1000000, 8)
     """
 
     info: DeviceInfo
@@ -98,12 +111,12 @@ class Device:
         return min(self.budget_bytes, self.info.max_alloc_bytes)
 
     def kernel_time_s(self) -> float:
-        """Return how long the device has run kernels since this was asked last.
+        """Seconds that the device has run kernels since the previous call.
 
         Raises
         ------
         DeviceError
-            It was not opened with ``profiling=True``.
+            The device was not opened with ``profiling=True``.
         """
         if self.launched is None:
             raise DeviceError(f"device {self.info.label}: expected it opened with profiling=True")
@@ -112,8 +125,8 @@ class Device:
         self.launched.clear()
         return time_s
 
-    def describe(self) -> Mapping[str, str]:
-        """Return what goes into a file's provenance."""
+    def describe(self) -> dict[str, str]:
+        """Device, platform and version, for a file's provenance."""
         return {
             "device": self.info.name,
             "platform": self.info.platform,
@@ -122,12 +135,18 @@ class Device:
 
 
 def list_devices() -> list[DeviceInfo]:
-    """Return every OpenCL device of this machine, in the order of platforms.
+    """All OpenCL devices of this machine, in the order of platforms.
 
     Raises
     ------
     DeviceError
-        There is no OpenCL platform at all.
+        There is no OpenCL platform.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> any("Portable Computing Language" in info.platform for info in clradar.list_devices())
+    True
     """
     return [info for info, _ in _found()]
 
@@ -139,7 +158,7 @@ def open_device(
     width: int | None = None,
     profiling: bool = False,
 ) -> Device:
-    """Return an opened device.
+    """Open a device, or return the one that is open already.
 
     Parameters
     ----------
@@ -159,6 +178,13 @@ def open_device(
     ------
     DeviceError
         No such device, or it cannot be opened. There is no fallback to another one.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> device = clradar.open_device("pocl")
+    >>> device is clradar.open_device(device.info.selector)
+    True
     """
     if isinstance(device, Device):
         if memory_limit_bytes is not None or width is not None or profiling:
@@ -180,25 +206,39 @@ def open_device(
 
 
 def forget_devices() -> None:
-    """Let `open_device` open every device anew; those that are open stay so for who has them.
+    """Make `open_device` open every device anew; `Device` objects stay valid.
 
-    After a failed launch a driver may refuse everything in the same context.
+    After a failed launch a driver may refuse every command in the same context.
+
+    Examples
+    --------
+    >>> from clradar.opencl import forget_devices, open_device
+    >>> before = open_device("pocl")
+    >>> forget_devices()
+    >>> open_device("pocl") is before
+    False
     """
     _open.cache_clear()
 
 
 def devices_like(device: str | None = None) -> list[DeviceInfo]:
-    """Return the device that `open_device` would open and all others of its name and driver.
+    """The device that `open_device` would open, and all others of its name and driver.
 
     Parameters
     ----------
     device : str or None
-        As `open_device` takes it. A selector means that device alone.
+        As for `open_device`. A selector means that device alone.
 
     Raises
     ------
     DeviceError
         No such device.
+
+    Examples
+    --------
+    >>> from clradar.opencl import devices_like
+    >>> {info.kind for info in devices_like("pocl")}
+    {'cpu'}
     """
     chosen = default_device() if device is None else _select(device, "device")
     wanted = device or os.environ.get("CLRADAR_DEVICE") or os.environ.get("PYOPENCL_CTX") or ""
@@ -209,7 +249,7 @@ def devices_like(device: str | None = None) -> list[DeviceInfo]:
 
 
 def default_device() -> DeviceInfo:
-    """Return the device that None stands for, without opening it."""
+    """The device that `open_device` opens for None."""
     for variable in ("CLRADAR_DEVICE", "PYOPENCL_CTX"):
         if os.environ.get(variable):
             return _select(os.environ[variable], variable)
@@ -267,7 +307,7 @@ def _select(wanted: str | None, origin: str) -> DeviceInfo:
         # By platform only: an Intel processor driven by PoCL is not Intel's runtime.
         matches = [info for info in infos if _ALIASES[key] in info.platform.lower()]
     else:
-        # PYOPENCL_CTX may say "platform:device" by name.
+        # PYOPENCL_CTX may be "platform:device" by name.
         parts = [_ALIASES.get(part, part) for part in key.split(":") if part]
         matches = [info for info in infos if parts and all(p in info.label.lower() for p in parts)]
     if not matches:

@@ -1,4 +1,4 @@
-"""Building programs and launching kernels, with errors that say the device and what to do."""
+"""Building programs and launching kernels, with errors that name the device and a remedy."""
 
 from __future__ import annotations
 
@@ -15,16 +15,39 @@ from clradar.opencl.device import Device
 from clradar.opencl.sources import source
 
 CACHE_FAILURE = "PYOPENCL_CACHE_FAILURE_FATAL"
-"""pyopencl keeps what it has built in the user's cache. What another processor or a damaged file
-has left there does not load; pyopencl then builds from source only if this variable is set and
-empty, and stops with a KeyError where it is missing."""
+"""pyopencl caches programs for the user. Where one of another processor or a damaged file does not
+load, pyopencl builds from source only if this variable is set and empty; where it is missing it
+stops with a KeyError."""
 
 OTHER_DEVICE_HINT = "choose another device with CLRADAR_DEVICE=... (see `clradar devices`)"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Program:
-    """Kernels of one source file, built for one device and one set of options."""
+    """Kernels of one source file, built for one device and one set of options.
+
+    Examples
+    --------
+    Four boxes along x, as (-low, high), split by the surface area heuristic into two and two.
+
+    >>> import numpy as np
+    >>> from clradar.geometry.bvh import BuildOptions
+    >>> from clradar.opencl import Buffers, build, open_device
+    >>> device = open_device("pocl")
+    >>> x = np.array([0.0, 1.0, 8.0, 9.0], dtype=np.float32)
+    >>> boxes = np.ones((4, 8), dtype=np.float32)
+    >>> boxes[:, 0], boxes[:, 4] = 0.1 - x, 0.1 + x
+    >>> with Buffers(device) as buffers:
+    ...     start, count = (buffers.upload(np.array([n], dtype=np.int32)) for n in (0, 4))
+    ...     order = buffers.upload(np.arange(4, dtype=np.int32))
+    ...     scratch, n_left, children = (buffers.empty(64) for _ in range(3))
+    ...     build(device, "build.cl", BuildOptions()).launch(
+    ...         "split_nodes", (1,), np.uint32(1), np.uint32(0), buffers.upload(boxes),
+    ...         start, count, order, scratch, n_left, children,
+    ...     )
+    ...     buffers.read(n_left, 1, np.int32)
+    array([2], dtype=int32)
+    """
 
     device: Device
     file: str
@@ -34,15 +57,15 @@ class Program:
         """Run kernel `name` over `global_size` items and wait for it.
 
         `args` are buffers and numpy scalars in the kernel's order. No result depends on the size of
-        the work-groups: on a GPU the driver chooses; on a CPU each item, which is 8 lanes wide, is
-        one of its own, since PoCL keeps the private arrays of a whole group on the stack.
+        the work-groups: a GPU's driver chooses it; on a CPU each item, which is 8 lanes wide, is a
+        group of its own, since PoCL keeps the private arrays of a whole group on the stack.
         """
         self.start(name, global_size, *args)()
 
     def start(self, name: str, global_size: tuple[int, ...], *args: Any) -> Callable[[], None]:
-        """As `launch`, but return at once what waits for it.
+        """As `launch`, without waiting; returns a function that waits.
 
-        Commands that follow come after it. Borrowed arrays are its own until it has run.
+        Later commands run after it. Borrowed arrays must not change until it has run.
         """
         kernel = self.kernels[name]
         local = None if self.device.info.kind == "gpu" else (1,) * len(global_size)
@@ -64,7 +87,7 @@ class Program:
         except cl.MemoryError as error:
             raise DeviceError(
                 f"device {self.device.info.label}: out of memory in kernel {name} of {self.file} "
-                f"({error}); ask for a smaller problem, or {OTHER_DEVICE_HINT}"
+                f"({error}); make the problem smaller, or {OTHER_DEVICE_HINT}"
             ) from error
         except cl.Error as error:
             raise DeviceError(
@@ -74,7 +97,7 @@ class Program:
 
 
 def build(device: Device, file: str, options: Any) -> Program:
-    """Return the program of kernel file `file`, from the device's cache or newly built.
+    """Build kernel file `file`, or return the program that the device has already.
 
     Parameters
     ----------
@@ -86,6 +109,13 @@ def build(device: Device, file: str, options: Any) -> Program:
     ------
     DeviceError
         The build failed; the message has the device, the options and the build log.
+
+    Examples
+    --------
+    >>> from clradar.geometry.bvh import BuildOptions
+    >>> from clradar.opencl import build, open_device
+    >>> list(build(open_device("pocl"), "build.cl", BuildOptions()).kernels)
+    ['split_nodes']
     """
     key = (file, options)
     cached = device.programs.get(key)
@@ -96,13 +126,13 @@ def build(device: Device, file: str, options: Any) -> Program:
     ]
     flags = ["-cl-std=CL1.2", *defines]
     if device.info.is_interpreter:
-        # A checker should see the code as written, and Oclgrind does not know all that its own
-        # optimiser makes of it. CLR_CHECKED marks the few places that avoid its faults.
+        # Oclgrind checks the code as written and does not support all that its own optimiser
+        # emits. CLR_CHECKED marks the few places that avoid its faults.
         flags += ["-cl-opt-disable", "-DCLR_CHECKED"]
     os.environ.setdefault(CACHE_FAILURE, "")
     try:
         with warnings.catch_warnings():
-            # Drivers print remarks on success, which pyopencl turns into warnings.
+            # pyopencl turns remarks of drivers into warnings.
             warnings.simplefilter("ignore")
             built = cl.Program(device.context, source(file)).build(flags)
             kernels = {kernel.function_name: kernel for kernel in built.all_kernels()}

@@ -1,9 +1,9 @@
-"""Make Intel's CPU runtime visible where it is installed as a Python package.
+"""Discovery of Intel's CPU runtime where it is installed as a Python package.
 
 The package (`pip install clradar[intel]`) puts its library into the environment, where the OpenCL
 loader does not look. The loader reads one folder of `.icd` files, each naming a library, once per
-process; `OCL_ICD_VENDORS` says which. It is pointed at a temporary folder with the system's
-entries and one more while the platforms are asked for the first time, and then left as it was.
+process; `OCL_ICD_VENDORS` names it. While the platforms are listed for the first time it names a
+temporary folder with the system's entries and one more.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ import pyopencl as cl
 INTEL_PACKAGE, INTEL_LIBRARY = "intel-opencl-rt", "libintelocl.so"
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 VARIABLES = ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH", "OCL_ICD_FILENAMES")
-"""Who has set one of these has chosen the platforms; nothing is added."""
+"""Where one of these is set, the user has chosen the platforms, and nothing is added."""
 
-_asked = False
+_listed = False
 
 
 def platforms() -> list[Any]:
-    """Return the OpenCL platforms of this machine, Intel's CPU runtime among them.
+    """The OpenCL platforms of this machine, with Intel's CPU runtime.
 
-    Where something else in the process has asked pyopencl for platforms before, the loader's list
-    is settled, and Intel's runtime is in it only if the system knows it.
+    Where other code of the process has listed platforms before, the loader's list is fixed, and
+    Intel's runtime is in it only if the system has it.
 
     Raises
     ------
     pyopencl.Error
         There is none.
     """
-    global _asked
-    library = None if _asked else intel_library()
-    _asked = True
+    global _listed
+    library = None if _listed else intel_library()
+    _listed = True
     if library is None or any(os.environ.get(name) for name in VARIABLES):
         return list(cl.get_platforms())
     with _vendors(library):
@@ -47,7 +47,7 @@ def platforms() -> list[Any]:
 
 
 def intel_library() -> Path | None:
-    """Return the library of Intel's runtime in this environment, None if it is not installed."""
+    """The library of Intel's runtime in this environment, None if it is not installed."""
     try:
         files = distribution(INTEL_PACKAGE).files or []
     except PackageNotFoundError:
@@ -61,7 +61,7 @@ def intel_library() -> Path | None:
 
 @contextmanager
 def _vendors(library: Path) -> Iterator[None]:
-    """Let the loader see the system's platforms and `library` while the block runs."""
+    """Show the loader the system's platforms and `library` while the block runs."""
     with tempfile.TemporaryDirectory(prefix="clradar-icd-") as name:
         folder = Path(name)
         known = sorted(SYSTEM_VENDORS.glob("*.icd")) if SYSTEM_VENDORS.is_dir() else []

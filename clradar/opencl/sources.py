@@ -1,7 +1,7 @@
-"""Where the kernel sources are, and how one file becomes one text.
+"""Kernel sources with their includes expanded.
 
-Includes are expanded here rather than by the driver, so that a path with blanks in it works with
-every driver and the text that is compiled is the text that is cached.
+They are expanded here rather than by the driver, so that a path with blanks in it works with every
+driver and the text that is compiled is the text that is cached.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _PYOPENCL = Path(pyopencl.__file__).parent / "cl"
 
 @lru_cache(maxsize=1)
 def kernel_folder() -> Path:
-    """Return the folder of the OpenCL sources: inside an installed wheel, or beside a checkout."""
+    """Folder of the OpenCL sources: in an installed wheel, or beside the package in a checkout."""
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "kernels", package.parent / "kernels"):
         if (folder / "trace.cl").is_file():
@@ -35,7 +35,7 @@ def kernel_folder() -> Path:
 
 @lru_cache(maxsize=64)
 def source(name: str) -> str:
-    """Return the text of kernel file `name` with its includes expanded, each at most once."""
+    """Text of kernel file `name` with each include expanded at most once."""
     return _expand(kernel_folder() / name, set())
 
 

@@ -1,1 +1,1 @@
-"""The phasor sum: path lengths to frequency samples."""
+"""The phasor sum: from path lengths to frequency samples."""

@@ -1,5 +1,9 @@
-"""How the phasor sum cuts path lengths into blocks: equation E7 and its error are in
-``docs/equations.md``, the kernels in ``synthesize.cl``.
+"""Blocks of path length with Chebyshev moments: a type-3 nonuniform Fourier transform by series.
+
+Within a block the phase over the band is a short Jacobi-Anger series in the path length, so a few
+moments of a block give all frequencies (E7 in ``docs/equations.md``, ``synthesize.cl``). Expansion
+about centres by moments is that of fast multipole methods and of A. Dutt and V. Rokhlin, "Fast
+Fourier transforms for nonequispaced data", SIAM J. Sci. Comput. 14 (1993) 1368.
 """
 
 from __future__ import annotations
@@ -24,12 +28,12 @@ MOST_SLOTS = 64
 """Blocks that a pair keeps. Fewer for few frequencies, for which a block is cheap to add."""
 
 MOST_CYCLES = 2**21
-"""Longest path in cycles of the highest frequency: one of the kernels' two counts, of cycles and of
-blocks, of which there are up to 1.75 per cycle, would leave 2^22 beyond."""
+"""Longest path in cycles of the highest frequency. The kernels count cycles, and blocks, of which
+there are up to 1.75 per cycle, in float32 up to 2^22."""
 
 NARROWEST_HZ = 1e6
-"""Narrower bands have the blocks of this one, 191 m: with longer ones the powers of a usual path's
-place would underflow, which is slow on a CPU."""
+"""Narrower bands have the blocks of this one, 191 m: in longer ones the powers of a short path's
+position would underflow, which is slow on a CPU."""
 
 _POWERS = np.zeros((MOMENTS, MOMENTS))
 """Column p: T_p in powers of x."""
@@ -46,11 +50,11 @@ class LengthBlocks:
     block_m : float
         Length of a block, metres, exact in float32. Block b is centred at b block_m.
     per_half_block : float
-        1/m, exact in float32: what turns the distance from the centre into -1 to 1.
+        1/m, exact in float32: scales the distance from the centre to -1 to 1.
     wavenumber : float
         Of the band's centre, cycles per metre.
     table : ndarray, shape (MOMENTS + 2, n_freq), float32
-        What each moment counts for at each frequency; then the wavenumbers from the centre's as
+        Weight of each moment at each frequency; then the wavenumbers relative to the centre's as
         hi and lo, cycles per metre.
     n_slots : int
         Blocks that each pair keeps at a time, a power of two.
@@ -67,7 +71,7 @@ class LengthBlocks:
 
 
 def length_blocks(waveform: Waveform) -> LengthBlocks:
-    """Return the blocks for `waveform`; nothing else goes into them."""
+    """Blocks for a waveform."""
     f_hz, span_hz = waveform.frequencies_hz, max(waveform.span_hz, NARROWEST_HZ)
     kappa = (f_hz - waveform.center_hz) / SPEED_OF_LIGHT_M_PER_S
     block_m = np.float32(2 * EDGE_PHASE_RAD / np.pi * SPEED_OF_LIGHT_M_PER_S / span_hz)
@@ -86,7 +90,7 @@ def length_blocks(waveform: Waveform) -> LengthBlocks:
 
 
 def _coefficients(edge_phase_rad: np.ndarray) -> np.ndarray:
-    """Return c, shape (MOMENTS, n), with exp(-j z x) = sum_p c_p (-j)^(p mod 2) x^p for |x| <= 1.
+    """c, shape (MOMENTS, n), with exp(-j z x) = sum_p c_p (-j)^(p mod 2) x^p for |x| <= 1.
 
     The first terms of the Jacobi-Anger series, exp(-j z x) = J_0(z) + 2 sum_p (-j)^p J_p(z) T_p(x),
     written in powers of x.

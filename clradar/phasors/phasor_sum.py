@@ -17,7 +17,7 @@ CALL_PATHS = 2**18
 """Paths per kernel call; a smaller device makes it smaller. No result depends on it."""
 
 PATH_BYTES = 8 + 4
-"""Of a path on the device: float64 length, float32 amplitude."""
+"""Device memory of a path: float64 length, float32 amplitude."""
 
 GROUP_PAIRS = 16
 """Pairs per item of the last kernel with eight lanes, which share the phases of their blocks."""
@@ -36,7 +36,7 @@ class SynthesizeOptions:
 
 @dataclass(slots=True, eq=False)
 class _Slice:
-    """A range of pairs whose state is on the device at a time, with the state while it is not."""
+    """A range of pairs whose state is on the device at a time, and that state when it is not."""
 
     first: int
     stop: int
@@ -46,8 +46,8 @@ class _Slice:
 class PhasorSum(OnDevice):
     """The running sum of one capture on a device.
 
-    A context manager. Where the state of all pairs exceeds the device's memory, that of a part of
-    them is there at a time, and the parts stay on the host between calls. `on_device`: whether
+    A context manager. Where the state of all pairs exceeds the device's memory, that of one slice
+    of them is there at a time, and the slices stay on the host between calls. `on_device`: whether
     paths come from a kernel (`add_on_device`) or from the host (`add`, `add_columns`).
     """
 
@@ -87,12 +87,12 @@ class PhasorSum(OnDevice):
         self._moments = self._buffers.empty(moments * count)
         self._sum = self._buffers.empty(total * count)
         self._out = self._buffers.empty(out * count)
-        # A call's columns come while those of the call before are in use.
+        # The columns of a call are uploaded while those of the previous one are in use.
         left = min(self._buffers.free_bytes - 8 * (count + 1), self.device.max_buffer_bytes)
         self._call_paths = int(max(1, min(CALL_PATHS, left // 2 // PATH_BYTES)))
 
     def add(self, pair: np.ndarray, rows: np.ndarray) -> None:
-        """Add paths as the tracer has them.
+        """Add paths of the stochastic tracer.
 
         Parameters
         ----------
@@ -132,7 +132,7 @@ class PhasorSum(OnDevice):
             )
 
     def _add_call(self, pair: np.ndarray, length_m: np.ndarray, amplitude: np.ndarray) -> None:
-        if len(pair) < self.device.width:  # the kernel reads as many as it has lanes
+        if len(pair) < self.device.width:  # the kernel reads as many paths as it has lanes
             fill = (0, self.device.width - len(pair))
             length_m, amplitude = np.pad(length_m, fill), np.pad(amplitude, fill)
         columns = [self._buffers.borrow(length_m), self._buffers.borrow(amplitude)]
@@ -143,14 +143,14 @@ class PhasorSum(OnDevice):
     def add_on_device(
         self, start: np.ndarray, length: Any, amplitude: Any, longest_m: float
     ) -> None:
-        """Add paths that a kernel wrote; the commands that follow may overwrite them.
+        """Add paths that a kernel wrote; later commands may overwrite them.
 
         Parameters
         ----------
         start : ndarray, shape (n_pairs + 1,), uint32
-            The first path of each pair, and how many there are.
+            First path of each pair, then the number of paths.
         length : Buffer
-            float (n, 2): hi + lo, metres; like `amplitude` of no fewer than eight paths.
+            float (n, 2): hi + lo, metres; like `amplitude` for at least eight paths.
         amplitude : Buffer
             float (n)
         longest_m : float, metres
@@ -168,7 +168,7 @@ class PhasorSum(OnDevice):
     def _start(
         self, starts: np.ndarray, at: int, total: int, columns: list[Any], borrowed: list[Any]
     ) -> None:
-        """Add paths of successive pairs from `at` on; `borrowed` is let go of when that is done."""
+        """Add paths of successive pairs from `at` on and release `borrowed` afterwards."""
         for part in self._slices:
             first, stop = max(part.first, at), min(part.stop, at + len(starts) - 1)
             if first >= stop:
@@ -194,7 +194,7 @@ class PhasorSum(OnDevice):
                 self._sum,
             )
             if len(self._slices) == 1:
-                # While it runs the host can prepare the next call.
+                # The host prepares the next call while this one runs.
                 self._finish_call()
                 self._running = [wait, *borrowed, start]
                 return
@@ -205,7 +205,7 @@ class PhasorSum(OnDevice):
             self._buffers.release(column)
 
     def _finish_call(self) -> None:
-        """Wait for the call that is running, if any, and let go of what it borrowed."""
+        """Wait for the call that is running, if any, and release what it borrowed."""
         if self._running:
             wait, *borrowed = self._running
             self._running = []
@@ -214,7 +214,7 @@ class PhasorSum(OnDevice):
                 self._buffers.release(buffer)
 
     def _state(self, n_pairs: int) -> list[tuple[Any, tuple[int, ...], Any]]:
-        """Return what is kept between calls: buffers with shapes and dtypes."""
+        """The state that is kept between calls: buffers with shapes and dtypes."""
         n_slots = self._blocks.n_slots
         return [
             (self._tag, (n_slots + 1, n_pairs), np.int32),
@@ -223,7 +223,7 @@ class PhasorSum(OnDevice):
         ]
 
     def _fetch(self, part: _Slice) -> None:
-        """Bring a slice's state to the device; with one slice only it stays there."""
+        """Bring a slice's state to the device; a single slice stays there."""
         if len(self._slices) == 1:
             return
         kept = self._state(part.stop - part.first)
@@ -238,7 +238,7 @@ class PhasorSum(OnDevice):
         part.state = [self._buffers.read(*kept) for kept in self._state(part.stop - part.first)]
 
     def result(self) -> np.ndarray:
-        """Return the sum, shape (n_tx, n_rx, n_freq), complex64, read-only."""
+        """The sum, shape (n_tx, n_rx, n_freq), complex64, read-only."""
         n_freq, parts = self._waveform.n_freq, []
         self._finish_call()
         columns = 1 if self.device.width == 1 else self._n_columns

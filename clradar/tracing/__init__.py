@@ -1,1 +1,1 @@
-"""The ray tracer: surface samples, visibility, outgoing rays, receptions."""
+"""Ray tracing: surface samples, visibility, outgoing directions, receptions."""

@@ -1,7 +1,7 @@
-"""Expected receptions in place of random ones: the tracer behind ``estimator="expected"``.
+"""Expected receptions: integration over the outgoing directions in place of Monte Carlo sampling.
 
-For each sample, Tx and Rx: the probability that the outgoing ray enters the Rx sphere. The
-derivation is in ``docs/estimators.md``, the kernels in ``lobes.cl`` and ``expected.cl``.
+For each sample, Tx and Rx the probability that the outgoing ray enters the Rx sphere, as derived in
+``docs/estimators.md``. Host side of ``lobes.cl`` and ``expected.cl``.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from clradar.tracing.antenna_packets import GROUP
 from clradar.tracing.lit_surface import TILE_SAMPLES, LitSurface
 
 PLAIN_NODES, EDGE_NODES, FINE_NODES = 4, 6, 12
-"""Slices of a disc, of a piece of one that the lobe's edge cuts, and of both for large discs."""
+"""Quadrature nodes of a disc, of a piece of one that the lobe's edge cuts, and of large discs."""
 
 BATCH_SAMPLES = 256
-"""Seen samples whose probabilities are held at a time; fewer where memory is short or the array
+"""Visible samples whose probabilities are held at a time; fewer where memory is short or the array
 large. No result depends on it."""
 
 BATCH_BYTES = 2**26
@@ -59,12 +59,12 @@ class ExpectedOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expectations:
-    """Expected receptions of some samples, on the device, until the next ones are asked for.
+    """Expected receptions of some samples, on the device until the next tile is requested.
 
     Attributes
     ----------
     start : ndarray, shape (n_tx * n_rx + 1,), uint32
-        The first path of each pair, and how many there are. A pair's are in the order of samples.
+        First path of each pair, then the number of paths. A pair's are in the order of samples.
     length : Buffer
         float (n, 2): hi + lo, metres.
     amplitude : Buffer
@@ -83,27 +83,25 @@ class Expectations:
 
 
 class ExpectedTracer(LitSurface):
-    """A scene and an array on a device, ready for the expected receptions.
+    """Finds one path per sample, Tx and Rx, whose amplitude is the mean over random directions.
 
-    One path per sample, Tx and Rx instead of `rays_per_sample` random rays: its amplitude is the
-    mean of what these would add up to. Nothing is drawn at random but the samples' positions, which
-    are those of `Tracer`.
+    The samples are those of `Tracer`; nothing else is random.
     """
 
     def _prepare_rays(self) -> None:
         array, up = self.array, self._buffers.upload
         spreading = self.settings.amplitude == "spreading"
         self._padded = self._n_rx_groups * GROUP
-        # Padding may be anywhere: its lanes are marked as not there.
+        # Padding may be anywhere: the kernel marks its lanes as missing.
         rx = np.concatenate(
             [array.rx_m, np.repeat(array.rx_m[-1:], self._padded - array.n_rx, axis=0)]
         )
         self._rx_columns = up(np.ascontiguousarray(antenna_rows(rx).T))
         self._tx_rows = up(antenna_rows(array.tx_m))
-        places = (self._scene.triangles_m.reshape(-1, 3), array.tx_m, array.rx_m)
-        point_m, *antennas_m = (np.linalg.norm(at, axis=1).max() for at in places)
+        ends = (self._scene.triangles_m.reshape(-1, 3), array.tx_m, array.rx_m)
+        point_m, *antennas_m = (np.linalg.norm(at, axis=1).max() for at in ends)
         self._longest_m = float(2 * point_m + sum(antennas_m))
-        rules = np.concatenate([_rule(EDGE_NODES), _rule(FINE_NODES)])
+        rules = np.concatenate([_gauss_legendre(EDGE_NODES), _gauss_legendre(FINE_NODES)])
         self._rule = up(rules.astype(np.float32))
         self._lobes = build(self.device, "lobes.cl", LobeOptions(spreading=spreading))
         options = ExpectedOptions(width=self.device.width, spreading=spreading)
@@ -111,13 +109,13 @@ class ExpectedTracer(LitSurface):
 
     def _size_tiles(self) -> None:
         n_pairs = self.array.n_tx * self.array.n_rx
-        shares = 4 * self.array.n_tx * self._padded
-        legs = 4 * (RX_FIELDS * self._padded + TX_FIELDS * self.array.n_tx)
+        probabilities = 4 * self.array.n_tx * self._padded
+        fields = 4 * (RX_FIELDS * self._padded + TX_FIELDS * self.array.n_tx)
         per_sample = 44 + self._n_tx_groups
         free = min(self._buffers.free_bytes, 4 * self.device.max_buffer_bytes) - 8 * n_pairs
-        room = min(BATCH_BYTES, max(0, free) // 2)
-        fits = room // (2 * shares + legs + 12 * n_pairs + per_sample + self._n_rx_groups)
-        largest = self.device.max_buffer_bytes // max(shares, 8 * n_pairs)
+        per_batch = 2 * probabilities + fields + 12 * n_pairs + per_sample + self._n_rx_groups
+        fits = min(BATCH_BYTES, max(0, free) // 2) // per_batch
+        largest = self.device.max_buffer_bytes // max(probabilities, 8 * n_pairs)
         batch = int(max(1, min(BATCH_SAMPLES, self.n_samples, fits, largest)))
         tile = int(max(1, min(TILE_SAMPLES, self.n_samples, max(0, free) // 4 // per_sample)))
         empty = self._buffers.empty
@@ -127,11 +125,11 @@ class ExpectedTracer(LitSurface):
         self._rx_visible = empty(self._n_rx_groups * batch)
         self._discs = empty(4 * RX_FIELDS * self._padded * batch)
         self._tx_lobes = empty(4 * TX_FIELDS * self.array.n_tx * batch)
-        self._probabilities = empty(shares * batch)
-        self._pending = empty(shares * batch)
+        self._probabilities = empty(probabilities * batch)
+        self._pending = empty(probabilities * batch)
         self._counts = empty(4 * self.array.n_tx * self._padded)
         self._starts = empty(4 * (n_pairs + 1))
-        # Eight at least, which the sum reads at a time.
+        # At least the eight that the phasor sum reads at a time.
         self._length = self._buffers.zeros(8 * max(8, n_pairs * batch))
         self._amplitude = self._buffers.zeros(4 * max(8, n_pairs * batch))
 
@@ -140,15 +138,15 @@ class ExpectedTracer(LitSurface):
         n_groups = self._n_tx_groups
         for first in range(0, self.n_samples, self._tile_samples):
             count = min(self._tile_samples, self.n_samples - first)
-            faces, seen = self._illuminate(first, count)
+            faces, n_visible = self._illuminate(first, count)
             points, shading, geometric, _, _, visible = self._tile
             vectors = [
                 self._buffers.read(b, (count, 3), np.float32) for b in (points, shading, geometric)
             ]
             bits = self._buffers.read(visible, (count, n_groups), np.uint8)
-            # A batch has seen samples only: most of the work on the others would be in vain.
+            # Samples that no Tx sees are left out.
             rows = np.flatnonzero(bits.any(axis=1))
-            statistics = TraceStatistics(count, seen, 0, 0)
+            statistics = TraceStatistics(count, n_visible, 0, 0)
             for at in range(0, max(1, len(rows)), self._batch_samples):
                 part = rows[at : at + self._batch_samples]
                 columns = [*(v[part] for v in vectors), self._face_alpha[faces[part]], bits[part]]
@@ -187,8 +185,8 @@ class ExpectedTracer(LitSurface):
             exponent, self._tx_rows, points, shading, geometric, visible, self._tx_lobes,
         )  # fmt: skip
         self._expected.launch(
-            "reception_probabilities", (blocks, array.n_tx), u(count), u(array.n_tx), u(self._padded),
-            self._discs, self._tx_lobes, alpha, self._rule, self._probabilities,
+            "reception_probabilities", (blocks, array.n_tx), u(count), u(array.n_tx),
+            u(self._padded), self._discs, self._tx_lobes, alpha, self._rule, self._probabilities,
             self._pending, self._counts,
         )  # fmt: skip
         counts = self._buffers.read(self._counts, (array.n_tx, self._padded), np.float32)
@@ -205,8 +203,8 @@ class ExpectedTracer(LitSurface):
         )  # fmt: skip
 
 
-def _rule(nodes: int) -> Any:
-    """Return -cos tau and its weight at Gauss and Legendre's nodes tau in 0 to pi, (nodes, 2)."""
+def _gauss_legendre(nodes: int) -> np.ndarray:
+    """-cos tau and its weight at the Gauss-Legendre nodes tau in 0 to pi, shape (nodes, 2)."""
     x, weight = np.polynomial.legendre.leggauss(nodes)
     tau = (x + 1) * np.pi / 2
     return np.stack([-np.cos(tau), weight * np.pi / 2 * np.sin(tau)], axis=1)

@@ -1,4 +1,4 @@
-"""Settings of a simulation: how rays are launched, reflected and received."""
+"""Settings record of a simulation, and how functions take it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SAMPLES_PER_MM2 = 10.0
 RAYS_PER_SAMPLE = 4
 
 EXPECTED_SAMPLES_PER_MM2 = 1.0
-"""For ``estimator="expected"``, which needs fewer; each then stands for as many more rays."""
+"""For ``estimator="expected"``, which needs fewer; each then has as many more rays."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,8 +47,8 @@ class SimulationSettings:
     crease_deg : float, degrees
         Edges sharper than this stay sharp in "smooth".
     amplitude : "unit" or "spreading"
-        1 per path as in the paper, or 1 / (R1 R2): R1 the length up to the last reflection, R2 the
-        last leg, metres.
+        1 per path as in the paper, or 1 / (R1 R2): R1 the length up to the last reflection, R2 from
+        there on, metres.
     pattern_exponent : float
         With "spreading": both antennas have the field pattern cos(angle to +z)^exponent.
     seed : int, 0 to 2^64 - 1
@@ -56,7 +56,7 @@ class SimulationSettings:
         "expected" is the mean of "stochastic" over the random outgoing directions, for the same
         samples: each of them, Tx and Rx adds one path whose amplitude is `rays_per_sample` times
         the probability that the outgoing ray enters the Rx sphere. It has no shot noise, so fewer
-        samples suffice. An Rx counts as hidden if the centre of its sphere is. See
+        samples suffice. An Rx is hidden if the centre of its sphere is. See
         ``docs/estimators.md``.
 
     Raises
@@ -185,5 +185,5 @@ def simulated_meta(
             "absorbed_share": statistics.absorbed_share,
             "paths": n_paths,
         },
-        "device": dict(device.describe()),
+        "device": device.describe(),
     }

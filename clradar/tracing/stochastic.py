@@ -1,4 +1,8 @@
-"""Stochastic ray tracing of receptions (Braeunig et al., EuRAD 2023): host side of ``trace.cl``."""
+"""Monte Carlo tracing of receptions: host side of ``trace.cl``.
+
+The model is that of J. Braeunig et al., "A Realistic Radar Ray Tracing Simulator for Hand Pose
+Imaging", EuRAD 2023; E3 to E6 in ``docs/equations.md``.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +43,7 @@ class Receptions:
         Length as hi + lo, metres; amplitude; unused.
     bounces : ndarray, shape (n,), uint8
     face : ndarray, shape (n,), int32
-        Where the path was reflected first.
+        Of the first reflection.
     statistics : TraceStatistics
     """
 
@@ -51,7 +55,7 @@ class Receptions:
 
 
 class Tracer(LitSurface):
-    """A scene and an array on a device, ready to be traced tile by tile."""
+    """Traces random rays from the illuminated samples, tile by tile."""
 
     def _prepare_rays(self) -> None:
         array, up = self.array, self._buffers.upload
@@ -64,7 +68,7 @@ class Tracer(LitSurface):
         self._trace = build(self.device, "trace.cl", options)
 
     def _size_tiles(self) -> None:
-        """Share what memory is left between samples and receptions."""
+        """Divide the free memory between samples and receptions."""
         per_sample = 3 * 12 + 4 + 4 + self._n_tx_groups
         free = min(self._buffers.free_bytes, 8 * self.device.max_buffer_bytes)
         # Neither a ray's ordinal nor the count of receptions in a tile may exceed 32 bits.
@@ -78,7 +82,7 @@ class Tracer(LitSurface):
         self._grow(max(1, min(64 * wanted, self._most_receptions())))
 
     def _most_receptions(self) -> int:
-        """How many receptions fit the memory that is left, counting what they hold already."""
+        """How many receptions fit into free memory and their present buffers."""
         held = self._capacity * RECEPTION_BYTES
         room = (self._buffers.free_bytes + held) // RECEPTION_BYTES
         return int(min(room, self.device.max_buffer_bytes // 16, 2**32 - 1))
@@ -101,9 +105,9 @@ class Tracer(LitSurface):
     def tiles_of(
         self, alphas: Sequence[np.ndarray], progress: Progress | None = None
     ) -> Iterator[tuple[int, Receptions]]:
-        """Yield what `tiles` would for several alphas: which of them, and its receptions.
+        """As `tiles` for several alphas: yields the index of the alpha and its receptions.
 
-        Samples and which Tx they see are found once for all. Each of `alphas` has shape (n_faces,),
+        Samples and their visibility are found once for all. Each of `alphas` has shape (n_faces,),
         float32; the receptions of each come in the order of samples.
         """
         first = 0
@@ -117,7 +121,7 @@ class Tracer(LitSurface):
     def _tile_of(
         self, first: int, count: int, alphas: list[tuple[int, np.ndarray]]
     ) -> Iterator[tuple[int, Receptions]]:
-        faces, seen = self._illuminate(first, count)
+        faces, n_visible = self._illuminate(first, count)
         for at, (index, alpha) in enumerate(alphas):
             received, outgoing, absorbed = self._send(first, count, faces, alpha)
             if received > self._capacity:
@@ -128,7 +132,7 @@ class Tracer(LitSurface):
                     return
                 self._grow(received)  # raises where one sample alone does not fit
                 received, outgoing, absorbed = self._send(first, count, faces, alpha)
-            statistics = TraceStatistics(count, seen, outgoing, absorbed)
+            statistics = TraceStatistics(count, n_visible, outgoing, absorbed)
             yield index, self._collect(received, faces, statistics)
 
     def _send(
@@ -153,23 +157,21 @@ class Tracer(LitSurface):
         return int(received), int(outgoing), int(absorbed)
 
     def _reception_box(self) -> list[np.ndarray]:
-        """Box around all receivers' spheres as two float4, a little larger for the rounding."""
+        """Corners of the box around all receivers' spheres, float4, padded for rounding."""
         pad = self.settings.reception_radius_m * (1 + 1e-5) + float(self._tree.delta_m)
-        corners = []
-        for corner in (self.array.rx_m.min(axis=0) - pad, self.array.rx_m.max(axis=0) + pad):
-            corners.append(np.append(corner, 0.0).astype(np.float32))
-        return corners
+        corners = (self.array.rx_m.min(axis=0) - pad, self.array.rx_m.max(axis=0) + pad)
+        return [np.append(corner, 0.0).astype(np.float32) for corner in corners]
 
     def _collect(self, found: int, faces: np.ndarray, statistics: TraceStatistics) -> Receptions:
         keys = self._buffers.read(self._keys, found, np.uint64)
         paths = self._buffers.read(self._paths, (found, 4), np.float32)
-        place = np.argsort(keys)  # keys are unique, so any sort gives the same order
-        keys = keys[place]
+        order = np.argsort(keys)  # keys are unique, so any sort gives the same order
+        keys = keys[order]
         within = keys & 0xFFFFFFFF
         most = self.settings.max_bounces
         return Receptions(
             pair=(keys >> 32).astype(np.uint32),
-            path=np.take(paths, place, axis=0),
+            path=np.take(paths, order, axis=0),
             bounces=(within % most + 1).astype(np.uint8),
             face=faces[within // (self._rays_per_sample * most)],
             statistics=statistics,

@@ -334,7 +334,7 @@ def test_an_allocation_beyond_the_budget_names_device_and_remedy(
         message = str(caught.value)
         assert message.startswith(f"device {small.info.label}: a buffer of ")
         assert "does not fit" in message
-        assert "smaller problem" in message
+        assert "make the problem smaller" in message
         assert "CLRADAR_DEVICE=" in message
         assert buffers.used_bytes == 1024
         buffers.empty(3072)  # exactly full
@@ -639,8 +639,8 @@ def test_lengths_keep_what_float32_loses(compute: Callable) -> None:
 
 
 @pytest.fixture
-def asked(monkeypatch, tmp_path):
-    """What the loader would see at each question for platforms; no question was asked before."""
+def listed(monkeypatch, tmp_path):
+    """Entries that the loader sees at each listing of platforms, of which this is the first."""
     seen = []
 
     def get_platforms():
@@ -651,13 +651,13 @@ def asked(monkeypatch, tmp_path):
 
     for name in runtimes.VARIABLES:
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(runtimes, "_asked", False)
+    monkeypatch.setattr(runtimes, "_listed", False)
     monkeypatch.setattr(runtimes.cl, "get_platforms", get_platforms)
     monkeypatch.setattr(runtimes, "SYSTEM_VENDORS", tmp_path / "vendors")
     return seen
 
 
-def test_intel_runtime_is_added_to_the_systems(asked, monkeypatch, tmp_path):
+def test_intel_runtime_is_added_to_the_systems(listed, monkeypatch, tmp_path):
     runtimes.SYSTEM_VENDORS.mkdir()
     (runtimes.SYSTEM_VENDORS / "gpu.icd").write_text("libgpu.so.1")
     # One that the system knows would be there twice.
@@ -665,19 +665,19 @@ def test_intel_runtime_is_added_to_the_systems(asked, monkeypatch, tmp_path):
     library = tmp_path / "libintelocl.so"
     monkeypatch.setattr(runtimes, "intel_library", lambda: library)
     runtimes.platforms()
-    assert asked == [{"gpu.icd": "libgpu.so.1", "clradar-intel.icd": f"{library}\n"}]
+    assert listed == [{"gpu.icd": "libgpu.so.1", "clradar-intel.icd": f"{library}\n"}]
     assert "OCL_ICD_VENDORS" not in os.environ
     runtimes.platforms()  # the loader has read its list
-    assert asked[1:] == [{}]
+    assert listed[1:] == [{}]
 
 
-def test_who_chooses_platforms_keeps_them(asked, monkeypatch, tmp_path):
+def test_who_chooses_platforms_keeps_them(listed, monkeypatch, tmp_path):
     monkeypatch.setattr(runtimes, "intel_library", lambda: tmp_path / "libintelocl.so")
     chosen = tmp_path / "chosen"
     chosen.mkdir()
     monkeypatch.setenv("OCL_ICD_VENDORS", str(chosen))
     runtimes.platforms()
-    assert asked == [{}]
+    assert listed == [{}]
     assert os.environ["OCL_ICD_VENDORS"] == str(chosen)
 
 
