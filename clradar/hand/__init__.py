@@ -1,4 +1,8 @@
-"""A parametric hand: skeleton, poses, shapes, and a closed surface as a target for the radar."""
+"""A parametric hand as a radar target: poses, shapes, forward kinematics, and a closed surface.
+
+The surface is an implicit one, round cones along the bones united by smooth minima, triangulated by
+marching cubes; see ``docs/poses.md``.
+"""
 
 from clradar.hand.flesh import PART_NAMES
 from clradar.hand.joints import ANGLES, JOINT_NAMES, LIMITS_DEG

@@ -1,4 +1,4 @@
-"""Rounded cones, of which the hand's flesh is made."""
+"""Round cones: the convex hulls of two spheres, of which the hand's flesh is made."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cone:
-    """A rounded cone: the convex hull of two spheres.
+    """A round cone: the convex hull of two spheres.
 
     Parameters
     ----------
@@ -23,14 +23,8 @@ class Cone:
     begin_radius_m: float
     end_radius_m: float
 
-    def reach_m(self) -> tuple[np.ndarray, np.ndarray]:
+    def bounds_m(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest and the highest corner (3,) of the bounding box, metres."""
-        low_m = np.minimum(
-            self.begin_m - self.begin_radius_m,
-            self.end_m - self.end_radius_m,
-        )
-        high_m = np.maximum(
-            self.begin_m + self.begin_radius_m,
-            self.end_m + self.end_radius_m,
-        )
+        low_m = np.minimum(self.begin_m - self.begin_radius_m, self.end_m - self.end_radius_m)
+        high_m = np.maximum(self.begin_m + self.begin_radius_m, self.end_m + self.end_radius_m)
         return low_m, high_m

@@ -1,4 +1,7 @@
-"""How deep the digits of a posed hand run into one another and into the palm."""
+"""Penetration depth between the digits of a posed hand, and between digits and palm.
+
+Each cone is approximated by spheres along its axis.
+"""
 
 from __future__ import annotations
 
@@ -12,25 +15,25 @@ from clradar.hand.pose import HandPose
 from clradar.hand.shape import AVERAGE, HandShape
 from clradar.hand.skeleton import posed_skeleton
 
-# Spheres that stand for a cone. Between two of them, up to 5 mm apart on a bone of 45 mm, the
-# spheres lie 0.3 mm below a flank of 10 mm radius.
+# Fractions of a cone's axis at which spheres approximate it. Between two spheres, up to 5 mm apart
+# on a bone of 45 mm, their surface is 0.3 mm below a flank of 10 mm radius.
 _SPHERES = np.linspace(0.0, 1.0, 10)
 
-# Neighbouring fingers share their webs, so where both are nearer to the knuckles than this share of
-# their first phalanges they may touch.
+# Neighbouring fingers share their webs, so they may touch within this fraction of their first
+# phalanges from the knuckles.
 _WEB = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Overlap:
-    """How deep two parts of a hand run into each other.
+    """Penetration depth of two parts of a hand.
 
     Parameters
     ----------
     parts : tuple of two str
         Names of `PART_NAMES`.
     depth_m : float, metres
-        By how much the two would have to move apart to touch only; negative is the gap between.
+        Distance to move one out of the other; negative: the gap between them.
     """
 
     parts: tuple[str, str]
@@ -38,10 +41,10 @@ class Overlap:
 
 
 def overlaps(pose: HandPose, shape: HandShape = AVERAGE) -> tuple[Overlap, ...]:
-    """Return the overlap of each two digits and of each digit with the palm, deepest first.
+    """Return the overlap of every pair of digits, and of each digit and the palm, deepest first.
 
-    Not counted is what belongs together: the roots of neighbouring fingers, where the webs are, and
-    the first phalanges with the palm.
+    Anatomically joined parts do not count: the roots of neighbouring fingers, where the webs are,
+    and the first phalanges with the palm.
 
     Parameters
     ----------
@@ -70,7 +73,7 @@ _Spheres = tuple[np.ndarray, np.ndarray]
 
 
 def _spheres(cones: tuple[Cone, ...], begin: float = 0.0, end: float = 1.0) -> _Spheres:
-    """Return centres (N, 3) and radii (N,) of spheres that stand for a share of each cone."""
+    """Return centres (N, 3) and radii (N,) of spheres along a part of each cone."""
     along = begin + (end - begin) * _SPHERES
     centres_m = [c.begin_m + along[:, None] * (c.end_m - c.begin_m) for c in cones]
     radii_m = [c.begin_radius_m + along * (c.end_radius_m - c.begin_radius_m) for c in cones]
@@ -78,7 +81,7 @@ def _spheres(cones: tuple[Cone, ...], begin: float = 0.0, end: float = 1.0) -> _
 
 
 def _digit_spheres(flesh: Flesh) -> tuple[list[_Spheres], list[_Spheres], list[_Spheres]]:
-    """Return for each digit the spheres at its web, those beyond, and those that bend free."""
+    """Return for each digit its spheres at the web, beyond it, and beyond the first phalanx."""
     webs, rests, ends = [], [], []
     for root, end in zip(flesh.roots, flesh.ends, strict=True):
         bone = root[:1]

@@ -1,27 +1,27 @@
-"""Find faces of a mesh that run through one another."""
+"""Self-intersections of a triangle mesh: edge against triangle, in pairs from a k-d tree."""
 
 from __future__ import annotations
 
 import numpy as np
 
-# An edge whose slope against a triangle is less lies in its plane, up to rounding: as it is where
-# many triangles share a plane, without crossing.
+# An edge whose sine to a triangle's plane is less lies in that plane, up to rounding: coplanar
+# triangles do not cross.
 _LEAST_SLOPE = 1e-7
 
 
 def crossing_faces(
     vertices_m: np.ndarray, faces: np.ndarray, among: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the pairs of faces that cross without sharing a corner.
+    """Return the pairs of faces without a common corner that intersect.
 
-    Two triangles cross if an edge of one meets the other, unless it lies in its plane.
+    Two triangles intersect if an edge of one meets the other, unless it lies in its plane.
 
     Parameters
     ----------
     vertices_m : ndarray, shape (V, 3), metres
     faces : ndarray, shape (F, 3), int
     among : ndarray, int, optional
-        Indices of the faces to look at; all of them by default.
+        Indices of the faces to test; all of them by default.
 
     Returns
     -------
@@ -45,16 +45,16 @@ def crossing_faces(
 def faces_beside(
     vertices_m: np.ndarray, faces: np.ndarray, among: np.ndarray, chosen: np.ndarray
 ) -> np.ndarray:
-    """Return which faces may touch a chosen one: all that do, and others.
+    """Return faces near the chosen ones: a superset of those that touch them.
 
     Parameters
     ----------
     vertices_m : ndarray, shape (V, 3), metres
     faces : ndarray, shape (F, 3), int
     among : ndarray, int
-        Indices of the faces to look at.
+        Indices of the faces to test.
     chosen : ndarray, shape (F,), bool
-        At least one of the faces to look at.
+        At least one of `among`.
 
     Returns
     -------
@@ -63,34 +63,34 @@ def faces_beside(
     """
     from scipy.spatial import cKDTree
 
-    centre_m, radius_m = _balls(vertices_m[faces[among]])
+    centre_m, radius_m = _bounding_spheres(vertices_m[faces[among]])
     tree = cKDTree(centre_m[chosen[among]])
-    apart_m, _ = tree.query(centre_m, distance_upper_bound=_reach_m(radius_m))
+    apart_m, _ = tree.query(centre_m, distance_upper_bound=_contact_distance_m(radius_m))
     return among[np.isfinite(apart_m)]
 
 
-def _balls(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the middles (N, 3) of triangles (N, 3, 3), and how far their corners are (N,)."""
+def _bounding_spheres(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return bounding spheres of triangles (N, 3, 3): centroids (N, 3) and radii (N,)."""
     centre_m = (triangles_m[:, 0] + triangles_m[:, 1] + triangles_m[:, 2]) / 3.0
     from_m = triangles_m - centre_m[:, None]
     return centre_m, np.sqrt(np.einsum("ijk,ijk->ij", from_m, from_m).max(axis=1))
 
 
-def _reach_m(radius_m: np.ndarray) -> float:
-    """Return how far apart the middles of two triangles that touch can be."""
-    # A little more, for rounding.
+def _contact_distance_m(radius_m: np.ndarray) -> float:
+    """Return the largest distance of the centroids of two triangles that touch."""
+    # With a margin for rounding.
     return 2.0 * float(radius_m.max()) * (1.0 + 1e-9)
 
 
 def _close_pairs(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pairs of triangles (N, 3, 3) whose bounding boxes meet, each pair once."""
+    """Return the pairs of triangles (N, 3, 3) whose bounding boxes overlap, each pair once."""
     from scipy.spatial import cKDTree
 
     none = np.zeros(0, dtype=np.int64)
     if len(triangles_m) < 2:
         return none, none
-    centre_m, radius_m = _balls(triangles_m)
-    pairs = cKDTree(centre_m).query_pairs(_reach_m(radius_m), output_type="ndarray")
+    centre_m, radius_m = _bounding_spheres(triangles_m)
+    pairs = cKDTree(centre_m).query_pairs(_contact_distance_m(radius_m), output_type="ndarray")
     one, other = pairs.T
     low_m, high_m = triangles_m.min(axis=1), triangles_m.max(axis=1)
     for axis in range(3):

@@ -1,4 +1,8 @@
-"""The hand's flesh: rounded cones along the bones, blended where skin is continuous.
+"""The hand's flesh as an implicit surface: round cones along the bones, united by smooth minima.
+
+The smooth minimum is the quadratic polynomial one of I. Quilez ("Smooth minimum",
+iquilezles.org/articles/smin): it differs from the minimum where two distances differ by less than a
+blend radius, and by at most a quarter of it.
 
 Radii follow published breadths: index and middle finger 20 mm wide at the middle joint and 17.5 mm
 at the last joint, the others less, thumb about 21 mm at its joint (between the means of men and
@@ -25,16 +29,16 @@ from clradar.hand.skeleton import (
 
 PART_NAMES: tuple[str, ...] = ("palm", "thumb", *FINGERS)
 
-# Blend radii: wide where the palm's muscles and the fingers' roots run into each other, small along
-# a finger, and nearly none where skin only touches skin, so that fingers never fuse.
+# Blend radii: wide where the palm's muscles and the fingers' roots merge, small along a finger, and
+# nearly none where skin only touches skin, so that fingers never fuse.
 PALM_BLEND_M = 9e-3
 ROOT_BLEND_M = 6e-3
 DIGIT_BLEND_M = 2.5e-3
 CONTACT_BLEND_M = 1e-3
 CUT_BLEND_M = 2e-3
 
-# Two cones that share a sphere are equally far from its surroundings, so their smooth union is a
-# quarter of the blend radius thicker there. Digits are made that much thinner at their joints.
+# Two cones that share a sphere have equal distances around it, so their smooth union is a quarter
+# of the blend radius thicker there. Digits are made that much thinner at their joints.
 _JOINT_EXCESS_MM = 0.25 * DIGIT_BLEND_M / MILLIMETRE_M
 
 # The forearm ends in a plane this far below the wrist crease.
@@ -69,8 +73,8 @@ class Flesh:
 
     Notes
     -----
-    `FleshField` has the signed distance: cones united smoothly, with the blend radii of this
-    module, then digits with the palm, and cut by the plane that ends the forearm.
+    `FleshField` computes the signed distance: smooth unions of cones with the blend radii of this
+    module, then of digits with the palm, minus what lies beyond the plane that ends the forearm.
     """
 
     forearm: np.ndarray
@@ -80,7 +84,7 @@ class Flesh:
 
     def bounds_m(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest and the highest corner (3,) of a box around the flesh, metres."""
-        corners = [cone.reach_m() for cone in self.cones()]
+        corners = [cone.bounds_m() for cone in self.cones()]
         low_m = np.min([low for low, _ in corners], axis=0)
         high_m = np.max([high for _, high in corners], axis=0)
         # Blending adds a little outside the cones themselves; several blends may add up.
@@ -100,7 +104,7 @@ def _cone(begin_m: np.ndarray, end_m: np.ndarray, begin_mm: float, end_mm: float
 
 
 def _strand(points_m: list[np.ndarray], radii_mm: list[float]) -> tuple[Cone, ...]:
-    """Return the cones between successive points; blended, they have these radii there."""
+    """Return the cones between successive points, with these radii there after blending."""
     radii_mm = [radii_mm[0], *(r - _JOINT_EXCESS_MM for r in radii_mm[1:-1]), radii_mm[-1]]
     return tuple(
         _cone(points_m[i], points_m[i + 1], radii_mm[i], radii_mm[i + 1])
@@ -109,7 +113,7 @@ def _strand(points_m: list[np.ndarray], radii_mm: list[float]) -> tuple[Cone, ..
 
 
 def _tip_at(bones: Skeleton, end: str, tip: str, tissue: float, radius_mm: float) -> float:
-    """Return where along the last bone the tip's sphere is, as a fraction of the bone's length.
+    """Return the place of the tip's sphere along the last bone, as a fraction of its length.
 
     `tissue` is the thickness of the soft tissue beyond the bone, in lengths of the bone.
     """

@@ -1,4 +1,4 @@
-"""Signed distances of a hand's flesh on a device: host side of ``flesh.cl``."""
+"""Signed distance field of a hand's flesh on a device: host side of ``flesh.cl``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from clradar.hand.flesh import (
 )
 from clradar.opencl import Buffers, build
 
-# Nodes along an edge of a cell: one place in their cube is asked where the surface can be.
+# Nodes along an edge of a cell. The distance at the middle of a cell tells whether the surface can
+# cross it; only then are its nodes evaluated.
 _NODES = 4
 
 # Lanes of the widest item. Arrays are padded to it on every device.
@@ -45,8 +46,8 @@ class FleshField:
     """The flesh of a posed hand on a device, with a grid of nodes around it.
 
     Coordinates are float32 about the middle of the hand's box on the device, so that distances are
-    within 0.1 um. The nodes lie half a spacing inside cells of 4 x 4 x 4; for each cell is kept
-    which cones matter there.
+    within 0.1 um. The nodes lie half a spacing inside cells of 4 x 4 x 4; each cell has a bit mask
+    of the cones that matter in it.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ class FleshField:
     spacing_m : float, metres
         Of the nodes.
     buffers : Buffers
-        Hold what is on the device.
+        Owner of the device memory.
 
     Attributes
     ----------
@@ -94,7 +95,7 @@ class FleshField:
     def node_distances_m(self) -> np.ndarray:
         """Return signed distances at all nodes, shape (n_x, n_y, n_z), float32, metres.
 
-        Nodes of cells without surface have their cell's, of which only the sign is right.
+        Nodes of cells without surface have the distance of the cell's middle: right in sign only.
         """
         n_x, n_y, n_z = self._cells
         out = np.empty((_NODES * n_x, _NODES * n_y, _NODES * n_z), np.float32)
@@ -117,7 +118,7 @@ class FleshField:
     def distances_m(self, points_m: np.ndarray) -> np.ndarray:
         """Return the signed distances (N,) of points (N, 3), float32, negative inside, metres.
 
-        Never larger in magnitude than the distance to the surface, but for rounding.
+        A lower bound of the distance to the surface in magnitude, up to rounding.
         """
         return self._of_points("flesh_distances", points_m, (1, np.float32))[0]
 
@@ -153,7 +154,7 @@ class FleshField:
         return out
 
     def _at_once(self, n_bytes: int) -> int:
-        """Return how many pieces of so many bytes are done in a call; no result depends on it."""
+        """Return how many pieces of `n_bytes` a launch handles; no result depends on it."""
         room = min(self._buffers.free_bytes, self._device.max_buffer_bytes)
         if room < n_bytes:
             raise DeviceError(
@@ -165,7 +166,7 @@ class FleshField:
 
 
 def _record(cone: Cone, origin_m: np.ndarray) -> list[float]:
-    """Return a cone as the kernels read it."""
+    """Return a cone as a record of ten numbers, see ``flesh.cl``."""
     axis_m = cone.end_m - cone.begin_m
     length_m = float(np.linalg.norm(axis_m))
     sine = (cone.begin_radius_m - cone.end_radius_m) / length_m

@@ -1,4 +1,4 @@
-"""The hand's joints: their names, which of their angles move, and how far.
+"""The hand's joints: WebXR names, degrees of freedom and ranges of motion.
 
 All angles are zero in the hand held flat: fingers straight and parallel, the thumb straight beside
 them, the palm towards the radar and the fingers up. Flexion bends towards the palm; the thumb's
@@ -7,7 +7,7 @@ finger towards the thumb, ring and little finger away from it, the thumb out of 
 palm towards its front, the wrist towards the thumb (radial deviation). Twist is about the bone that
 begins at the joint: it turns a finger's pad towards the thumb, the thumb's pad towards the fingers
 (opposition), and the whole hand into pronation. Flexion comes first, then abduction about the axis
-that it has turned, then twist, as the International Society of Biomechanics has it [2]_.
+that it has rotated, then twist, the order of the International Society of Biomechanics [2]_.
 
 References
 ----------

@@ -1,4 +1,4 @@
-"""The poses known by name: the static letters of the ASL alphabet, the digits, an open hand."""
+"""Poses by name: an open hand, the static letters of the American manual alphabet, the digits."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from clradar.hand.pose_file import parse_pose
 from clradar.model import checks
 
 LETTERS: tuple[str, ...] = tuple("ABCDEFGHIKLMNOPQRSTUVWXY")
-"""The letters of the American manual alphabet that stand still: all but J and Z."""
+"""The static letters of the American manual alphabet: all but J and Z, which are movements."""
 
 DIGITS: tuple[str, ...] = tuple("0123456789")
 
 
 class _PackagedPoses(Mapping[str, HandPose]):
-    """Poses of the files in clradar/hand/poses, each read when it is first asked for."""
+    """Poses of the files in clradar/hand/poses, each read at its first use."""
 
     _NAMES = ("flat", *LETTERS, *DIGITS)
 
@@ -45,12 +45,19 @@ POSES: Mapping[str, HandPose] = _PackagedPoses()
 
 
 def pose_by_name(name: str) -> HandPose:
-    """Return a pose of `POSES`; upper and lower case mean the same.
+    """Return a pose of `POSES`; in upper or lower case.
 
     Raises
     ------
     ModelError
-        If there is no pose of that name.
+        There is no pose of that name.
+
+    Examples
+    --------
+    >>> from clradar.hand import pose_by_name
+    >>> pose = pose_by_name("f")
+    >>> pose.name, round(pose.angles("index-finger-phalanx-intermediate").degrees()[0])
+    ('F', 79)
     """
     wanted = checks.text("pose", name).strip().casefold()
     for known in POSES:

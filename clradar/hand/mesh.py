@@ -1,4 +1,8 @@
-"""The hand's surface: marching cubes on the flesh, placed in front of the radar."""
+"""The hand's surface: marching cubes on the signed distance field, placed in front of the radar.
+
+Lorensen and Cline, "Marching cubes: a high resolution 3D surface construction algorithm", SIGGRAPH
+1987, in the variant of scikit-image; then two steps of tangential Laplacian relaxation.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +22,7 @@ from clradar.hand.pose import HandPose
 from clradar.hand.shape import AVERAGE, HandShape
 from clradar.hand.skeleton import posed_skeleton
 from clradar.model import checks
+from clradar.model.record import Record
 from clradar.opencl import Buffers, Device, open_device
 
 if TYPE_CHECKING:
@@ -35,8 +40,8 @@ _EDGE_LIMITS_M = (0.5e-3, 4e-3)
 _HANDEDNESS = ("right", "left")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HandMesh:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class HandMesh(Record):
     """A closed triangle mesh of a hand, with its joints.
 
     Parameters
@@ -47,14 +52,23 @@ class HandMesh:
         Vertex indices, counter-clockwise seen from outside.
     joints_m : array_like, shape (25, 3), float64, metres
         Joint centres in the antenna frame, in the order of `JOINT_NAMES`; NaN for a joint that a
-        rig of one's own does not have.
+        rig does not have.
     part : array_like, shape (F,), int32
         For each face, the index into `part_names` of the part it belongs to.
     part_names : tuple of str
         Names of the parts: palm, thumb, index, middle, ring, pinky.
     normals : array_like, shape (V, 3), float64, optional
-        Outward unit normals of the surface that the faces stand for, at each vertex; None for a rig
-        of one's own.
+        Outward unit normals of the implicit surface at each vertex; None for a rig.
+
+    Examples
+    --------
+    >>> from clradar.hand import hand_mesh
+    >>> mesh = hand_mesh("flat", edge_length_m=4e-3)
+    >>> mesh.to_trimesh().is_watertight
+    True
+    >>> thumb = mesh.vertices_m[mesh.faces[mesh.part == mesh.part_names.index("thumb")]]
+    >>> bool((thumb[..., 0] < 0.01).all())  # of a right hand whose palm is towards the radar
+    True
     """
 
     vertices_m: np.ndarray
@@ -65,40 +79,24 @@ class HandMesh:
     normals: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        vertices_m = checks.read_only("HandMesh.vertices_m", self.vertices_m, np.float64, (None, 3))
-        faces = checks.read_only("HandMesh.faces", self.faces, np.int32, (None, 3))
-        if faces.min() < 0 or faces.max() >= len(vertices_m):
-            checks.fail(
-                "HandMesh.faces",
-                f"indices in [0, {len(vertices_m) - 1}]",
-                f"[{faces.min()}, {faces.max()}]",
-            )
-        joints_m = checks.read_only(
-            "HandMesh.joints_m", self.joints_m, np.float64, (len(JOINT_NAMES), 3), finite=False
-        )
-        part_names = tuple(checks.text("HandMesh.part_names", n) for n in self.part_names)
-        part = checks.read_only("HandMesh.part", self.part, np.int32, (len(faces),))
-        if part.min() < 0 or part.max() >= len(part_names):
-            checks.fail(
-                "HandMesh.part",
-                f"indices in [0, {len(part_names) - 1}]",
-                f"[{part.min()}, {part.max()}]",
-            )
-        normals = self.normals
-        if normals is not None:
-            normals = checks.read_only("HandMesh.normals", normals, np.float64, vertices_m.shape)
-        for name, value in (
-            ("normals", normals),
-            ("vertices_m", vertices_m),
-            ("faces", faces),
-            ("joints_m", joints_m),
-            ("part", part),
-            ("part_names", part_names),
+        vertices_m = self._set_array("vertices_m", np.float64, (None, 3))
+        faces = self._set_array("faces", np.int32, (None, 3))
+        self._set_array("joints_m", np.float64, (len(JOINT_NAMES), 3), finite=False)
+        names = tuple(checks.text("HandMesh.part_names", name) for name in self.part_names)
+        self._set(part_names=names)
+        part = self._set_array("part", np.int32, (len(faces),))
+        if self.normals is not None:
+            self._set_array("normals", np.float64, vertices_m.shape)
+        for name, indices, count in (
+            ("faces", faces, len(vertices_m)),
+            ("part", part, len(names)),
         ):
-            object.__setattr__(self, name, value)
+            low, high = indices.min(), indices.max()
+            if low < 0 or high >= count:
+                checks.fail(f"HandMesh.{name}", f"indices in [0, {count - 1}]", f"[{low}, {high}]")
 
     def moved(self, matrix: np.ndarray, shift_m: np.ndarray) -> HandMesh:
-        """Return the mesh turned, or mirrored, and then shifted.
+        """Return the mesh rotated or mirrored, then shifted.
 
         Parameters
         ----------
@@ -106,12 +104,12 @@ class HandMesh:
             Orthogonal.
         shift_m : ndarray, shape (3,), metres
         """
-        normals = None if self.normals is None else _turned(self.normals, matrix)
+        normals = None if self.normals is None else _rotated(self.normals, matrix)
         return replace(
             self,
-            vertices_m=_turned(self.vertices_m, matrix) + shift_m,
-            joints_m=_turned(self.joints_m, matrix) + shift_m,
-            # A mirror image turns every triangle inside out; exchanging two corners turns it back.
+            vertices_m=_rotated(self.vertices_m, matrix) + shift_m,
+            joints_m=_rotated(self.joints_m, matrix) + shift_m,
+            # A mirror image reverses the winding; exchanging two corners restores it.
             faces=self.faces if np.linalg.det(matrix) > 0 else self.faces[:, [0, 2, 1]],
             normals=normals,
         )
@@ -125,8 +123,8 @@ class HandMesh:
         )
 
 
-def _turned(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    # Written out: what a library for matrices does may depend on its number of threads.
+def _rotated(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    # Written out: the bits of a matrix product may depend on the number of threads of BLAS.
     x, y, z = vectors.T
     return np.stack([m[0] * x + m[1] * y + m[2] * z for m in matrix], axis=1)
 
@@ -143,7 +141,7 @@ def hand_joints(
     Parameters
     ----------
     pose : str or HandPose
-        A name in `POSES`, upper or lower case, or a pose of one's own.
+        A name in `POSES`, upper or lower case, or a pose.
     handedness : {"right", "left"}
         A right hand's thumb points to -x, a left hand is its mirror image.
     center_m : array_like, shape (3,), metres
@@ -157,6 +155,15 @@ def hand_joints(
     ndarray, shape (25, 3), float64, metres
         Joint centres in the order of `JOINT_NAMES`: those of `hand_mesh` with the default edge
         length. Another edge length moves the box's centre, and so the joints, by up to 0.2 mm.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from clradar.hand import JOINT_NAMES, hand_joints
+    >>> joints_m = hand_joints("flat")
+    >>> tip, wrist = (JOINT_NAMES.index(name) for name in ("middle-finger-tip", "wrist"))
+    >>> round(100 * float(np.linalg.norm(joints_m[tip] - joints_m[wrist])))  # centimetres
+    18
     """
     mesh = hand_mesh(pose, handedness=handedness, center_m=center_m, shape=shape, device=device)
     return mesh.joints_m
@@ -175,7 +182,7 @@ def hand_mesh(
     Parameters
     ----------
     pose : str or HandPose
-        A name in `POSES`, upper or lower case, or a pose of one's own.
+        A name in `POSES`, upper or lower case, or a pose.
     edge_length_m : float, metres
         Spacing of the sampling grid, in [0.5, 4] mm; the triangles' edges are 0.95 of it in the
         mean and at most 1.6 of it.
@@ -196,9 +203,19 @@ def hand_mesh(
     Raises
     ------
     ModelError
-        If an argument cannot be meant.
+        An argument is invalid.
     DeviceError
         The device is missing, out of memory or fails.
+
+    Examples
+    --------
+    >>> from clradar.hand import hand_mesh
+    >>> mesh = hand_mesh("L", edge_length_m=4e-3, handedness="left", center_m=(0, 0, 0.25))
+    >>> size_m = mesh.vertices_m.max(axis=0) - mesh.vertices_m.min(axis=0)
+    >>> [round(100 * length_m) for length_m in size_m.tolist()]  # centimetres
+    [17, 18, 7]
+    >>> mesh.part_names
+    ('palm', 'thumb', 'index', 'middle', 'ring', 'pinky')
     """
     posed = pose if isinstance(pose, HandPose) else pose_by_name(pose)
     spacing_m = checks.positive("edge_length_m", edge_length_m)
@@ -216,19 +233,21 @@ def hand_mesh(
 @lru_cache(maxsize=4)
 def _right_hand(pose: HandPose, spacing_m: float, shape: HandShape, device: Device) -> HandMesh:
     """Return a right hand with its box around the origin."""
-    # Sampled before the wrist turns it: the same fingers get the same triangles however the hand is
-    # held, in the smallest box.
-    unturned = replace(pose, joints={j: a for j, a in pose.joints.items() if j != "wrist"})
-    bones, turned = posed_skeleton(unturned, shape), posed_skeleton(pose, shape)
+    # Sampled before the wrist rotates it: the same fingers get the same triangles for every angle
+    # of the wrist, in the smallest box.
+    unrotated = replace(pose, joints={j: a for j, a in pose.joints.items() if j != "wrist"})
+    bones, rotated = posed_skeleton(unrotated, shape), posed_skeleton(pose, shape)
     with Buffers(device) as buffers:
         field = FleshField(grown_flesh(bones), spacing_m, buffers)
         vertices_m, faces = _surface(field, spacing_m)
         part = field.nearest_parts(vertices_m[faces].mean(axis=1))
         normals = _unit_vectors(field.gradients(vertices_m))
-    vertices_m = vertices_m @ turned.frames[0].T
-    normals = normals @ turned.frames[0].T
+    vertices_m = vertices_m @ rotated.frames[0].T
+    normals = normals @ rotated.frames[0].T
     centre_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
-    return HandMesh(vertices_m - centre_m, faces, turned.joints_m - centre_m, part, normals=normals)
+    return HandMesh(
+        vertices_m - centre_m, faces, rotated.joints_m - centre_m, part, normals=normals
+    )
 
 
 def _surface(field: FleshField, spacing_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -239,10 +258,10 @@ def _surface(field: FleshField, spacing_m: float) -> tuple[np.ndarray, np.ndarra
     distance = field.node_distances_m() / np.float32(spacing_m)
     raw, faces, _, _ = marching_cubes(distance, 0.0, gradient_direction="descent")
     raw_m = field.first_m + raw.astype(np.float64) * spacing_m
-    raw_m, faces, links = _largest_component(raw_m, faces)
-    if not _is_closed(links):
+    raw_m, faces, adjacency = _largest_component(raw_m, faces)
+    if not _is_closed(adjacency):
         raise ModelError("pose: expected one closed surface, got one with open edges")
-    vertices_m, normal = _relaxed(field, raw_m, links)
+    vertices_m, normal = _relaxed(field, raw_m, adjacency)
     facing = _facing(field, vertices_m, normal, spacing_m)
     return _uncrossed(vertices_m, raw_m, faces, facing), faces
 
@@ -250,22 +269,22 @@ def _surface(field: FleshField, spacing_m: float) -> tuple[np.ndarray, np.ndarra
 def _largest_component(
     vertices_m: np.ndarray, faces: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, csr_array]:
-    """Return the connected surface with the most faces, without unused vertices, and its links."""
+    """Return the component with the most faces, without unused vertices, and its adjacency."""
     from scipy.sparse.csgraph import connected_components
 
-    links = _links(faces, len(vertices_m))
-    count, label = connected_components(links, directed=False)
+    adjacency = _adjacency(faces, len(vertices_m))
+    count, label = connected_components(adjacency, directed=False)
     if count == 1:
-        return vertices_m, faces, links
+        return vertices_m, faces, adjacency
     keep = label[faces[:, 0]] == np.argmax(np.bincount(label[faces[:, 0]]))
     used = np.zeros(len(vertices_m), dtype=bool)
     used[faces[keep]] = True
     faces = (np.cumsum(used, dtype=np.int32) - 1)[faces[keep]]
-    return vertices_m[used], faces, _links(faces, int(used.sum()))
+    return vertices_m[used], faces, _adjacency(faces, int(used.sum()))
 
 
-def _links(faces: np.ndarray, n: int) -> csr_array:
-    """Return how often an edge goes from one of `n` vertices to another, float64."""
+def _adjacency(faces: np.ndarray, n: int) -> csr_array:
+    """Return the adjacency matrix (n, n) of directed edges, with their counts, float64."""
     from scipy.sparse import coo_array
 
     begin = faces.T.reshape(-1)
@@ -273,28 +292,30 @@ def _links(faces: np.ndarray, n: int) -> csr_array:
     return coo_array((np.ones(len(begin)), (begin, end)), shape=(n, n)).tocsr()
 
 
-def _is_closed(links: csr_array) -> bool:
+def _is_closed(adjacency: csr_array) -> bool:
     """Return whether every edge occurs exactly once in each direction."""
-    links.sort_indices()
-    back = links.T.tocsr()
+    adjacency.sort_indices()
+    back = adjacency.T.tocsr()
     back.sort_indices()
-    same = np.array_equal(links.indptr, back.indptr) and np.array_equal(links.indices, back.indices)
-    return bool(same and (links.data == 1.0).all())
+    same = np.array_equal(adjacency.indptr, back.indptr) and np.array_equal(
+        adjacency.indices, back.indices
+    )
+    return bool(same and (adjacency.data == 1.0).all())
 
 
 def _relaxed(
-    field: FleshField, vertices_m: np.ndarray, links: csr_array
+    field: FleshField, vertices_m: np.ndarray, adjacency: csr_array
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices moved along the surface to even out the triangles, and onto the surface.
+    """Return vertices after two steps of tangential Laplacian relaxation, and their normals (V, 3).
 
-    Marching cubes leaves slivers where the surface passes close to a grid node; moving each vertex
-    half-way to the mean of its neighbours, in the tangent plane only, opens them. Also returned are
-    the normals (V, 3) along which the vertices came back to the surface.
+    Marching cubes leaves slivers where the surface passes close to a grid node. Each vertex moves
+    half-way to the mean of its neighbours, within the tangent plane, and then along the normal back
+    to the surface by a Newton step.
     """
-    weight = links.sum(axis=1).reshape(-1, 1)
+    weight = adjacency.sum(axis=1).reshape(-1, 1)
     for _ in range(2):
         normal = _unit_vectors(field.gradients(vertices_m))
-        step_m = 0.5 * (links @ vertices_m / weight - vertices_m)
+        step_m = 0.5 * (adjacency @ vertices_m / weight - vertices_m)
         step_m -= normal * np.einsum("ij,ij->i", step_m, normal)[:, None]
         vertices_m = vertices_m + step_m
         vertices_m = vertices_m - normal * field.distances_m(vertices_m)[:, None]
@@ -309,7 +330,7 @@ def _unit_vectors(vectors: np.ndarray) -> np.ndarray:
 def _facing(
     field: FleshField, vertices_m: np.ndarray, normal: np.ndarray, spacing_m: float
 ) -> np.ndarray:
-    """Return which vertices (V,) have skin in front of them, as where fingers touch."""
+    """Return which vertices (V,) have other skin close in front, as where fingers touch."""
     ahead_m = 2.0 * spacing_m
     return field.distances_m(vertices_m + ahead_m * normal) < 0.9 * ahead_m
 
@@ -317,9 +338,9 @@ def _facing(
 def _uncrossed(
     vertices_m: np.ndarray, raw_m: np.ndarray, faces: np.ndarray, facing: np.ndarray
 ) -> np.ndarray:
-    """Return the vertices, those of faces that cross others back where marching cubes had them.
+    """Return the vertices with those of intersecting faces where marching cubes had them.
 
-    Its triangles stay in their cells, where they may touch but not cross.
+    The triangles of marching cubes stay within their cells, so they cannot intersect.
     """
     vertices_m = vertices_m.copy()
     among = np.flatnonzero(facing[faces].any(axis=1))
@@ -332,6 +353,6 @@ def _uncrossed(
             break
         back |= moved
         vertices_m[moved] = raw_m[moved]
-        # Only with a face that moved can there be a crossing that was not there before.
+        # New intersections can only involve a face that moved.
         among = faces_beside(vertices_m, faces, among, moved[faces].any(axis=1))
     return vertices_m

@@ -18,11 +18,22 @@ _LIMIT_SLACK_DEG = 1e-7
 
 @dataclass(frozen=True, slots=True)
 class JointAngles:
-    """The three angles of a joint; `clradar.hand.joints` says what is positive.
+    """The three angles of a joint; `clradar.hand.joints` defines their signs.
 
     Parameters
     ----------
     flexion_rad, abduction_rad, twist_rad : float, radians
+
+    Raises
+    ------
+    ModelError
+        An angle is no finite number.
+
+    Examples
+    --------
+    >>> from clradar.hand import JointAngles
+    >>> JointAngles.from_degrees(90.0).flexion_rad
+    1.5707963267948966
     """
 
     flexion_rad: float = 0.0
@@ -65,17 +76,27 @@ class HandPose:
     Parameters
     ----------
     name : str
-        How the pose is called.
     joints : mapping of str to JointAngles
-        Angles by joint of `JOINT_NAMES`. A joint that is left out has all angles 0, and one whose
-        angles are all 0 is left out of the record.
+        Angles by joint of `JOINT_NAMES`. A joint that is left out has all angles 0, and joints with
+        all angles 0 are dropped.
     description, source : str
-        What the pose looks like, and who says so.
+        What the pose looks like, and the publication that describes it.
 
     Raises
     ------
     ModelError
         An unknown joint, or an angle beyond `LIMITS_DEG`.
+
+    Examples
+    --------
+    >>> from clradar.hand import HandPose, JointAngles
+    >>> bent = {"index-finger-phalanx-proximal": JointAngles.from_degrees(70.0)}
+    >>> pose = HandPose("pointing down", bent)
+    >>> [round(angle_deg) for angle_deg in pose.angles("index-finger-phalanx-proximal").degrees()]
+    [70, 0, 0]
+    >>> HandPose("impossible", {"thumb-tip": JointAngles.from_degrees(10.0)})
+    Traceback (most recent call last):
+    clradar.errors.ModelError: joint thumb-tip: flexion: expected 0, since this joint ...
     """
 
     name: str
@@ -105,7 +126,7 @@ class HandPose:
 
 
 def check_angles(joint: str, angles: Any) -> None:
-    """Raise `ModelError` unless the hand has this joint and it can take these angles."""
+    """Raise `ModelError` unless the hand has this joint and the angles are within its limits."""
     if joint not in LIMITS_DEG:
         example = "one of the 25 of WebXR Hand Input, such as 'index-finger-phalanx-proximal'"
         checks.fail("joint", example, repr(joint))
@@ -116,21 +137,28 @@ def check_angles(joint: str, angles: Any) -> None:
         if not low_deg - _LIMIT_SLACK_DEG <= angle_deg <= high_deg + _LIMIT_SLACK_DEG:
             expected = f"an angle in [{low_deg:g}, {high_deg:g}] degrees"
             if low_deg == high_deg == 0.0:
-                expected = "0, since nothing turns so there"
+                expected = "0, since this joint does not move so"
             checks.fail(f"joint {joint}: {name}", expected, f"{angle_deg:g} degrees")
 
 
 def interpolate_poses(a: HandPose, b: HandPose, share: float) -> HandPose:
-    """Return the pose a share of the way from one to the other, each angle by itself.
+    """Return the linear interpolation of two poses, angle by angle.
 
-    The limits are ranges of each angle, so what lies between two poses keeps them; fingers may have
-    to pass through each other on the way (`clradar.hand.contact` tells).
+    Interpolated angles are within the limits of the joints. Fingers may penetrate each other on the
+    way; `clradar.hand.contact.overlaps` measures how deep.
 
     Parameters
     ----------
     a, b : HandPose
     share : float
         In [0, 1]: 0 gives the angles of `a`, 1 those of `b`, to the last bit.
+
+    Examples
+    --------
+    >>> from clradar.hand import interpolate_poses, pose_by_name
+    >>> half = interpolate_poses(pose_by_name("flat"), pose_by_name("S"), 0.5)
+    >>> round(half.angles("middle-finger-phalanx-intermediate").degrees()[0])
+    57
     """
     checks.instance("a", a, HandPose)
     checks.instance("b", b, HandPose)

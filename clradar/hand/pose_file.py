@@ -1,4 +1,4 @@
-"""Poses as small TOML or JSON files."""
+"""Pose files: TOML or JSON, angles in degrees by joint; format in ``docs/poses.md``."""
 
 from __future__ import annotations
 
@@ -31,6 +31,15 @@ def read_pose(path: str | os.PathLike[str]) -> HandPose:
     MeasurementError
         Missing, neither TOML nor JSON, an unknown joint or key, a value of the wrong type, an angle
         beyond its limit. The message names the file, the joint, what was expected, what was found.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.hand import read_pose
+    >>> text = 'name = "hook"\\n[joints.index-finger-phalanx-intermediate]\\nflexion_deg = 80'
+    >>> _ = Path("hook.toml").write_text(text)
+    >>> read_pose("hook.toml").angles("index-finger-phalanx-intermediate").degrees()
+    (80.0, 0.0, 0.0)
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -39,7 +48,7 @@ def read_pose(path: str | os.PathLike[str]) -> HandPose:
 
 
 def parse_pose(content: bytes, path: Path) -> HandPose:
-    """Return the pose of a file's content; the name says which of the two it is."""
+    """Return the pose of a file's content, JSON or TOML by the ending of its name."""
     with reading(path, _EXPECTED):
         text = content.decode("utf-8-sig")
         parsed = parse_json(text) if path.suffix.lower() == ".json" else parse_toml(text)
@@ -64,6 +73,13 @@ def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = Fa
     ------
     OutputError
         The file exists, its folder does not, or it cannot be written.
+
+    Examples
+    --------
+    >>> from clradar.hand import pose_by_name, read_pose, write_pose
+    >>> write_pose("letter.json", pose_by_name("W"))
+    >>> read_pose("letter.json") == pose_by_name("W")
+    True
     """
     target = Path(path)
     suffix = target.suffix.lower()

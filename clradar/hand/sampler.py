@@ -1,4 +1,4 @@
-"""Random poses of a hand."""
+"""Random plausible poses: correlated joint angles, with rejection of poses that penetrate."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from clradar.hand.joints import FINGERS, LIMITS_DEG
 from clradar.hand.pose import HandPose, JointAngles
 
 MOST_OVERLAP_M = 1.5e-3
-"""How deep two digits of a random pose may run into each other: skin that touches gives way."""
+"""Largest penetration depth of two digits of a random pose: skin in contact deforms."""
 
 MOST_PALM_OVERLAP_M = 4e-3
-"""The same for a digit and the palm, whose muscles and pads give way more."""
+"""The same for a digit and the palm, whose muscles and pads deform more."""
 
 # Neighbouring fingers bend together: tendons and muscles are shared (Santello, Flanders and
 # Soechting, "Postural hand synergies for tool use", Journal of Neuroscience 18(23), 1998).
 _NEIGHBOURS = 0.6
-# A finger's knuckle and its middle joint: hooks and flat fists exist, but are not the rule.
+# A finger's knuckle and its middle joint: hooks and flat fists exist, but are less frequent.
 _KNUCKLE = 0.6
 # The last joint bends by about two thirds of the middle one (Rijpkema and Girard, "Computer
 # animation of knowledge-based human grasping", SIGGRAPH 1991), which fingertips that press change.
@@ -35,17 +35,26 @@ _WRIST_SIGMA_DEG = (14.0, 7.0, 14.0)
 
 
 def random_pose(rng: np.random.Generator) -> HandPose:
-    """Return a plausible pose; the state of the generator alone decides.
+    """Draw a plausible pose; it depends on the state of the generator alone.
 
-    Flexions go together: those of neighbouring fingers, those of a finger's knuckle and middle
+    Flexions are correlated: those of neighbouring fingers, those of a finger's knuckle and middle
     joint, and the last joint follows the middle one. Fingers spread less the more they are bent.
-    The thumb turns into opposition as it comes to the front. The wrist is within its own range,
-    the palm towards the radar. What runs into something else by more than `MOST_OVERLAP_M` (the
-    palm: `MOST_PALM_OVERLAP_M`) is drawn again.
+    The thumb moves into opposition as it comes to the front. The wrist is within its own range,
+    the palm towards the radar. Poses in which digits penetrate by more than `MOST_OVERLAP_M`, or
+    the palm by more than `MOST_PALM_OVERLAP_M`, are rejected.
 
     Parameters
     ----------
     rng : numpy.random.Generator
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from clradar.hand import random_pose
+    >>> pose = random_pose(np.random.default_rng(1))
+    >>> [round(pose.angles(f"{name}-finger-phalanx-proximal").degrees()[0])
+    ...  for name in ("index", "middle", "ring", "pinky")]
+    [61, 14, 25, 37]
     """
     while True:
         pose = _drawn(rng)
@@ -57,14 +66,14 @@ def random_pose(rng: np.random.Generator) -> HandPose:
 
 
 def _between(ends: tuple[float, float], normal: float) -> float:
-    """Return a place between two ends, uniform where `normal` is a standard normal deviate."""
+    """Return a number that is uniform between two ends if `normal` is a standard normal deviate."""
     from scipy.special import ndtr
 
     return ends[0] + (ends[1] - ends[0]) * float(ndtr(normal))
 
 
 def _mixed(shared: float, own: float, correlation: float) -> float:
-    """Return a standard normal deviate that has this correlation with `shared`."""
+    """Return a standard normal deviate with this correlation to `shared`."""
     return correlation * shared + float(np.sqrt(1.0 - correlation**2)) * own
 
 

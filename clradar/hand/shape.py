@@ -1,4 +1,4 @@
-"""A hand's shape: length, breadth, lengths of the fingers, girth; and what adults have."""
+"""A hand's shape: length, breadth, lengths of the fingers, girth; and their spread among adults."""
 
 from __future__ import annotations
 
@@ -30,9 +30,22 @@ class HandShape:
         Across the knuckles of index and little finger.
     finger_lengths : tuple of 5 floats
         Lengths of thumb, index, middle, ring and little finger, relative to those that an average
-        hand scaled to this length has. The palm gives way: `length_m` holds for any of them.
+        hand scaled to this length has. `length_m` holds for any of them: the palm takes the rest.
     girth : float
         Thickness of palm and fingers, relative to that of an average hand of this breadth.
+
+    Raises
+    ------
+    ModelError
+        A number is beyond the limits of this module.
+
+    Examples
+    --------
+    >>> from clradar.hand import HandPose, HandShape, posed_skeleton
+    >>> long = HandShape(length_m=0.2, finger_lengths=(1.0, 1.0, 1.05, 1.0, 1.0))
+    >>> tip_m = posed_skeleton(HandPose("straight"), long).joint_m("middle-finger-tip")
+    >>> f"{tip_m[1]:.3f} m, without the soft tissue of the fingertip"
+    '0.196 m, without the soft tissue of the fingertip'
     """
 
     length_m: float = 0.1874
@@ -69,7 +82,7 @@ ADULT_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType(
         "girth": (0.91, 1.09),
     }
 )
-"""Lowest and highest value of each field of `HandShape` that `random_shape` gives.
+"""Lowest and highest value of each field of `HandShape` that `random_shape` returns.
 
 Length and breadth go from the 5th percentile of women to the 95th of men [1]_. Finger lengths and
 girth are two and a half and two standard deviations, respectively, to either side (`random_shape`).
@@ -85,7 +98,7 @@ References
 # Mean and standard deviation of length and breadth, millimetres: women, men.
 _POPULATIONS_MM = (((180.5, 9.7), (79.4, 3.8)), ((193.8, 9.8), (90.4, 4.2)))
 
-# How length and breadth go together within a sex; long hands are not always broad ones.
+# Correlation of length and breadth within a sex.
 _LENGTH_BREADTH_CORRELATION = 0.6
 
 # The ratio of two fingers' lengths has a standard deviation of about 0.035 (index to ring finger:
@@ -98,15 +111,22 @@ _GIRTH_SIGMA = 0.045
 
 
 def random_shape(rng: np.random.Generator) -> HandShape:
-    """Return an adult's hand; the state of the generator alone decides.
+    """Draw an adult's hand; it depends on the state of the generator alone.
 
     Half of the hands are women's. Within a sex length and breadth are normal with a correlation of
     0.6; the fingers' factors have a standard deviation of 0.024, girth one of 0.045. Draws outside
-    `ADULT_RANGES` are made again.
+    `ADULT_RANGES` are rejected.
 
     Parameters
     ----------
     rng : numpy.random.Generator
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from clradar.hand import random_shape
+    >>> round(1e3 * random_shape(np.random.default_rng(1)).length_m)  # millimetres
+    188
     """
     length, breadth = _POPULATIONS_MM[int(rng.integers(2))]
     rest = np.sqrt(1.0 - _LENGTH_BREADTH_CORRELATION**2)

@@ -1,4 +1,4 @@
-"""The hand's skeleton: 25 joints with the names of WebXR Hand Input, and forward kinematics.
+"""Forward kinematics of the hand: 25 joints with the names of WebXR Hand Input.
 
 Everything here is a right hand in its own frame: origin in the middle of the wrist crease, +y along
 the fingers, palm towards -z, thumb towards -x. Placing it in front of the radar is a translation,
@@ -45,9 +45,8 @@ _METACARPALS_MM: dict[str, tuple[tuple[float, float, float], tuple[float, float,
 }
 _THUMB_BASE_MM = (-21.0, 18.8, -8.0)
 
-# Bones and breadth at the knuckles of the hand that these figures describe: wrist crease to the tip
-# of the straight middle finger with 3.8 mm of soft tissue, and the flesh beside the two outer
-# knuckles' centres as measured on the surface.
+# Lengths of the average hand, wrist crease to the tip of the straight middle finger with 3.8 mm of
+# soft tissue, and the vector between its outer knuckles.
 _PALM_LENGTH_MM = _METACARPALS_MM["middle"][1][1]
 FINGER_TIP_TISSUE_MM = 3.8
 _FINGER_LENGTH_MM = sum(PHALANGES_MM["middle"]) + FINGER_TIP_TISSUE_MM
@@ -74,7 +73,17 @@ class Skeleton:
         Axes of the bone that begins at each joint, as columns: bending axis, along the bone, dorsal
         (the side of the nail). A tip has the axes of the last bone.
     thickness : float
-        Factor of what lies around the bones, relative to the average hand.
+        Scale of the flesh around the bones, relative to the average hand.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from clradar.hand import pose_by_name, posed_skeleton
+    >>> bones = posed_skeleton(pose_by_name("F"))
+    >>> knuckle, middle = (bones.joint_m(f"ring-finger-phalanx-{b}")
+    ...                    for b in ("proximal", "intermediate"))
+    >>> round(1e3 * float(np.linalg.norm(middle - knuckle)), 1)  # millimetres, in every pose
+    41.4
     """
 
     joints_m: np.ndarray
@@ -92,7 +101,7 @@ class Skeleton:
     def point_m(
         self, name: str, along: float, side_mm: float = 0.0, dorsal_mm: float = 0.0
     ) -> np.ndarray:
-        """Return a point beside the bone that begins at a joint.
+        """Return a point next to the bone that begins at a joint.
 
         Parameters
         ----------
@@ -116,16 +125,16 @@ class Skeleton:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proportions:
-    """What a shape makes of the average hand's figures.
+    """Scale factors from the average hand to one of another shape.
 
     Parameters
     ----------
     palm : ndarray, shape (3,)
-        Factors of the places of bones in the palm.
+        Of the positions of bones in the palm.
     digits : dict of str to float
-        Factors of the lengths of the bones, for the thumb and each finger.
+        Of the lengths of the bones of the thumb and of each finger.
     thickness : float
-        Factor of what lies around the bones.
+        Of the flesh around the bones.
     """
 
     palm: np.ndarray
@@ -134,11 +143,11 @@ class Proportions:
 
 
 def proportions(shape: HandShape) -> Proportions:
-    """Return the factors that give a hand its length, breadth, finger lengths and girth.
+    """Return the scale factors for a hand's length, breadth, finger lengths and girth.
 
     The fingers' factors are relative to the hand: the palm and all fingers are scaled until the
-    middle finger ends at the hand's length. The knuckles' places leave room for the flesh beside
-    them, so that the breadth is what it says for every girth.
+    middle finger ends at the hand's length. The positions of the knuckles allow for the flesh
+    beside them, so that the breadth holds for every girth.
     """
     middle = shape.finger_lengths[2]
     scale = shape.length_m / MILLIMETRE_M / (_PALM_LENGTH_MM + middle * _FINGER_LENGTH_MM)
@@ -154,7 +163,7 @@ def proportions(shape: HandShape) -> Proportions:
     )
 
 
-def _turn(axis: int, angle_rad: float) -> np.ndarray:
+def _axis_rotation(axis: int, angle_rad: float) -> np.ndarray:
     """Return the right-handed rotation matrix (3, 3) about a coordinate axis."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     after, last = (axis + 1) % 3, (axis + 2) % 3
@@ -176,14 +185,14 @@ def _rotation(angles: JointAngles, abduction_sign: float, twist_sign: float) -> 
     """Return the rotation (3, 3) of a joint in the axes of the bone before it.
 
     Flexion comes first, about the bending axis of the bone before; then abduction, about the dorsal
-    axis that the flexion has turned; then twist about the bone. The signs say which way about the
-    axes of the skeleton the two are positive.
+    axis that the flexion has rotated; then twist about the bone. The signs give the positive sense
+    of the two about the axes of the skeleton.
     """
-    # Bending turns the bone (+y) towards the palm (-z), hence the negative turn about x.
+    # Bending rotates the bone (+y) towards the palm (-z), hence the negative angle about x.
     return (
-        _turn(0, -angles.flexion_rad)
-        @ _turn(2, abduction_sign * angles.abduction_rad)
-        @ _turn(1, twist_sign * angles.twist_rad)
+        _axis_rotation(0, -angles.flexion_rad)
+        @ _axis_rotation(2, abduction_sign * angles.abduction_rad)
+        @ _axis_rotation(1, twist_sign * angles.twist_rad)
     )
 
 
@@ -208,12 +217,12 @@ def _finger(finger: str, pose: HandPose, size: Proportions) -> _Chain:
     base_m, head_m = np.array(_METACARPALS_MM[finger]) * size.palm * MILLIMETRE_M
     away = 1.0 if finger in ("index", "middle") else -1.0
     palm_frame = _frame_along(head_m - base_m)
-    roll = _turn(1, np.deg2rad(_FINGER_ROLL_DEG[finger]))
+    roll = _axis_rotation(1, np.deg2rad(_FINGER_ROLL_DEG[finger]))
     if metacarpal in pose.joints:
         frame = palm_frame @ _rotation(pose.angles(metacarpal), away, 1.0)
-        # What the bone's end carries turns with it.
-        turned = frame @ palm_frame.T
-        head_m, palm_frame, roll = base_m + turned @ (head_m - base_m), frame, turned @ roll
+        # The finger rotates with the metacarpal.
+        turn = frame @ palm_frame.T
+        head_m, palm_frame, roll = base_m + turn @ (head_m - base_m), frame, turn @ roll
     frames = []
     frame = roll
     for bone in bones:
@@ -236,13 +245,20 @@ def _thumb(pose: HandPose, size: Proportions) -> _Chain:
 def posed_skeleton(pose: HandPose, shape: HandShape = AVERAGE) -> Skeleton:
     """Return the skeleton of a right hand in its own frame.
 
-    The origin is the wrist. The angles of the wrist turn all the rest; with all of them 0 the
-    frame is that of the hand: +y along the fingers, palm towards -z, thumb towards -x.
+    The origin is the wrist. The angles of the wrist rotate the whole hand; with all of them 0 it
+    has +y along the fingers, the palm towards -z, the thumb towards -x.
 
     Parameters
     ----------
     pose : HandPose
     shape : HandShape
+
+    Examples
+    --------
+    >>> from clradar.hand import HandPose, posed_skeleton
+    >>> straight = posed_skeleton(HandPose("straight"))
+    >>> [round(1e3 * c, 1) for c in straight.joint_m("middle-finger-tip").tolist()]  # millimetres
+    [-5.0, 183.6, 1.0]
     """
     size = proportions(shape)
     joints_m, frames = [np.zeros(3)], [np.eye(3)]
