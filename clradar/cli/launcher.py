@@ -1,4 +1,4 @@
-"""From arguments to a subcommand: which module it is in, and what becomes of its errors."""
+"""The entry point: it imports the requested subcommand alone, and reports errors in one line."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ from typing import Annotated, Any
 import typer
 
 from clradar import __version__
-from clradar.cli.output import print_error
+from clradar.cli.console import print_error
+from clradar.cli.options.groups import expanded
 from clradar.errors import ClradarError
 
 COMMANDS = {
-    "devices": "Show what OpenCL offers here, and which device would be used.",
-    "demo": "Run the main job end to end on the embedded hand, figure included.",
+    "devices": "List the OpenCL devices, and which of them is used.",
+    "demo": "Simulate, image and compare the embedded hand, with figure and metrics.",
     "hand": "Write the mesh of a posed hand.",
     "simulate": "Simulate what the radar would record of one or several meshes.",
     "image": "Form the image of a capture.",
     "convert": "Turn any supported recording into native captures, or captures into a recording.",
-    "background": "Subtract the empty room, average frames, keep a window of range.",
-    "inspect": "Say in words what a file or a recording holds, or verify it.",
+    "background": "Subtract the empty room, average frames, gate in range.",
+    "inspect": "Describe what a file or a recording holds, or verify it.",
     "align": "Find the motion that brings a simulated image, or a mesh, onto a measured image.",
-    "register": "Place a mesh where it was measured, simulate it there, and correct the place.",
+    "register": "Place a mesh where it was measured, and simulate it there.",
     "sweep": "Find the alpha whose simulation is most like a measurement.",
-    "channels": "Measure gain and delay of every channel with a capture of a known target.",
-    "correct": "Take measured channels off a capture.",
-    "diagnose": "Say in which convention a capture was written: axes, sign, mirror, order.",
-    "dataset": "Make training data by a plan: posed hands, simulated and imaged.",
+    "channels": "Estimate gain and delay of every channel from a capture of a known target.",
+    "correct": "Correct a capture for gain and delay of its channels.",
+    "diagnose": "Find the convention a capture was written in: axes, sign, mirror, order.",
+    "dataset": "Make training data after a plan: posed hands, simulated and imaged.",
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
     "bench": "Time the core against other libraries on this machine.",
 }
@@ -62,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _without_debug(arguments: Sequence[str]) -> tuple[list[str], bool]:
-    """Return the arguments without ``--debug``, which may stand anywhere before ``--``."""
+    """The arguments without ``--debug`` before ``--``, and whether it was there."""
     given = list(arguments)
     end = given.index("--") if "--" in given else len(given)
     kept = [a for a in given[:end] if a != "--debug"]
@@ -70,12 +71,12 @@ def _without_debug(arguments: Sequence[str]) -> tuple[list[str], bool]:
 
 
 def _requested(arguments: Sequence[str]) -> str | None:
-    """Return the subcommand: the first argument that is no option; the options have no values."""
+    """The subcommand: the first argument that is no option; the options have no values."""
     return next((a for a in arguments if not a.startswith("-")), None)
 
 
 def _app(requested: str | None, debug: bool) -> typer.Typer:
-    # Plain help: brackets in it mean what they say, and it reads the same in a pipe.
+    # Plain help: brackets are no markup, and it reads the same in a pipe.
     app = typer.Typer(
         add_completion=False,
         no_args_is_help=True,
@@ -87,9 +88,9 @@ def _app(requested: str | None, debug: bool) -> typer.Typer:
     for name, summary in COMMANDS.items():
         function: Callable[..., Any] = _not_loaded
         if name == requested:
-            module = import_module(f"clradar.cli.{name}")
-            function = _guarded(module.command, debug)
-            summary = summary + "\n\n" + _details(module.command)
+            module = import_module(f"clradar.cli.commands.{name}")
+            function = _guarded(expanded(module.command), debug)
+            summary = f"{summary}\n\n{inspect.getdoc(module.command)}"
         app.command(name, help=summary, short_help=COMMANDS[name])(function)
     return app
 
@@ -121,15 +122,11 @@ def _root(
 
 
 def _not_loaded() -> None:
-    """Stand for a subcommand that was not asked for, so that the help lists it."""
-
-
-def _details(function: Callable[..., Any]) -> str:
-    return inspect.getdoc(function) or ""
+    """Stand for a subcommand that is not run, so that the help lists it."""
 
 
 def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
-    """Return `function` with every error turned into one line and an exit status."""
+    """Turn every error of a function into one line and an exit status."""
 
     @functools.wraps(function)
     def run(*args: Any, **kwargs: Any) -> Any:

@@ -1,4 +1,4 @@
-"""What every written capture and volume carries about how it came to be."""
+"""Provenance: the record in every written file of the command, its options and its inputs."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from clradar.versions import package_versions
 
 
 def provenance(
-    command: str, settings: Mapping[str, Any], inputs: Sequence[Path] = ()
+    command: str, options: Mapping[str, Any], inputs: Sequence[Path] = ()
 ) -> dict[str, Any]:
-    """Return what goes into the `meta` of a written file.
+    """The record that goes into the `meta` of a written file.
 
     Parameters
     ----------
     command : str
         The subcommand.
-    settings : mapping
+    options : mapping
         Its resolved options, in types that JSON knows.
     inputs : sequence of Path
         The files it read; their SHA-256 is part of the record.
@@ -38,6 +38,6 @@ def provenance(
         "python": platform.python_version(),
         "machine": platform.platform(),
         "command": command,
-        "options": dict(settings),
+        "options": dict(options),
         "inputs": [{"file": path.name, "sha256": sha256_of(path)} for path in inputs],
     }

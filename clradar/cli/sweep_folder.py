@@ -1,25 +1,32 @@
-"""The folder of a sweep: what has been done is kept in it, so that it can go on after a kill."""
+"""A sweep over alpha in a folder that keeps every image, so that a killed sweep goes on there."""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import shutil
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.cli.output import write_json
+from clradar.cli.console import print_line, print_text, progress_bar
+from clradar.compare import METRICS
 from clradar.errors import OutputError
 from clradar.files import work_folder
-from clradar.files.atomic import replacing
+from clradar.files.atomic import replacing, write_file
 from clradar.files.failures import fail, reading
 from clradar.files.json_differences import differences
-from clradar.files.json_file import read_json
+from clradar.files.json_file import read_json, write_json
 from clradar.files.limits import MAX_SMALL_JSON_BYTES
 from clradar.files.work_folder import LOCK, remove_temporaries
+
+if TYPE_CHECKING:
+    from calibration import Sweep
+    from clradar import Device, Scene, Volume
 
 SETTINGS, TRANSFORM, RESULT = "settings.json", "transform.json", "sweep.json"
 TABLE, REGION_TABLE, FIGURE = "sweep.csv", "regions.csv", "sweep.png"
@@ -31,7 +38,129 @@ FILES = (SETTINGS, TRANSFORM, RESULT, TABLE, REGION_TABLE, FIGURE)
 MOST_DIFFERENCES = 5
 
 held = partial(work_folder.held, work="sweep")
-"""Make the folder, and keep other processes from sweeping into it while the block runs."""
+"""Make the folder, and keep other sweeps out of it while the block runs."""
+
+
+def sweep_into(
+    folder: Path,
+    measured: Volume,
+    scene: Scene,
+    alphas: np.ndarray,
+    *,
+    source: str,
+    origin: Mapping[str, Any],
+    align: Mapping[str, Any] | None = None,
+    device: Device,
+    force: bool = False,
+    **options: Any,
+) -> Sweep | None:
+    """Sweep over alpha in a folder, or go on where an earlier sweep was killed.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if missing; other processes are kept out of it meanwhile.
+    measured : Volume
+    scene : Scene
+        In its place, or anywhere with `align`.
+    alphas : ndarray, shape (A,)
+    source : str
+        The name of the measurement, for the record.
+    origin : mapping
+        From `clradar.cli.provenance.provenance`; its options are the settings that a folder has to
+        have been begun with.
+    align : mapping, optional
+        Find where the mesh is first, with these settings of `calibration.align_mesh`.
+    device : Device
+    force : bool
+        Begin anew in a folder that was begun with other settings.
+    **options
+        Of `calibration.sweep`.
+
+    Returns
+    -------
+    Sweep or None
+        None if it was finished before.
+    """
+    from calibration import sweep
+
+    with held(folder):
+        begin(folder, {**origin["options"], "clradar": origin["clradar"]}, force=force)
+        finished = is_finished(folder)
+        if not finished:
+            if align is not None:
+                place = _aligned(folder / TRANSFORM, measured, scene, device, origin, align)
+                scene = scene.transformed(place)
+            store = FolderStore(folder / WORK)
+            if len(store):
+                print_line(f"{folder}: goes on with {len(store)} images that are there")
+            with progress_bar("sweeping") as progress:
+                result = sweep(
+                    measured, scene, alphas, device=device, store=store, progress=progress,
+                    **options,
+                )  # fmt: skip
+            write_results(folder, result, origin, source)
+        shutil.rmtree(folder / WORK, ignore_errors=True)
+    return None if finished else result
+
+
+def _aligned(
+    path: Path,
+    measured: Volume,
+    scene: Scene,
+    device: Device,
+    origin: Mapping[str, Any],
+    settings: Mapping[str, Any],
+) -> np.ndarray:
+    """Where the mesh is: from the file of an earlier run, or found and written."""
+    from calibration import align_mesh
+    from measurement_io import read_transform
+
+    if path.is_file():
+        return read_transform(path)
+    with progress_bar("aligning") as progress:
+        found = align_mesh(measured, scene, device=device, progress=progress, **settings)
+    write_json(path, {**found.to_dict(), **origin}, force=False)
+    print_text(found.report())
+    return found.transform
+
+
+def write_results(folder: Path, result: Sweep, origin: Mapping[str, Any], source: str) -> None:
+    """Write figure, tables and last the JSON file, which marks the sweep as finished."""
+    from calibration.roughness.figure import sweep_figure
+    from clradar.plot import save_figure
+
+    save_figure(sweep_figure(result), folder / FIGURE, force=True)
+    _write_csv(folder / TABLE, ("alpha", "seed", *METRICS, "score"), _rows(result))
+    if result.regions is not None:
+        names = ("region", "alpha", "seed", result.estimate.metric, "score")
+        _write_csv(folder / REGION_TABLE, names, _region_rows(result))
+    write_json(folder / RESULT, {"measured": source, **result.to_dict(), **origin}, force=True)
+
+
+def _rows(result: Sweep) -> Iterator[Sequence[Any]]:
+    """One row per alpha and seed: the metrics, and the score."""
+    for i, alpha in enumerate(result.alphas):
+        for k, seed in enumerate(result.seeds):
+            values = [getattr(result.metrics[k][i], name) for name in METRICS]
+            yield float(alpha), seed, *values, float(result.estimate.score[k, i])
+
+
+def _region_rows(result: Sweep) -> Iterator[Sequence[Any]]:
+    """One row per region, alpha and seed, all other regions at their best alpha."""
+    assert result.regions is not None
+    for name, found in zip(result.regions.names, result.regions.estimates, strict=True):
+        for i, alpha in enumerate(result.alphas):
+            for k, seed in enumerate(result.seeds):
+                yield name, float(alpha), seed, float(found.values[k, i]), float(found.score[k, i])
+
+
+def _write_csv(path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(rows)
+    write_file(path, text.getvalue().encode(), force=True)
 
 
 class FolderStore(MutableMapping[str, dict[str, np.ndarray]]):
@@ -135,8 +264,3 @@ def _plain(settings: Mapping[str, Any]) -> Any:
 def is_finished(folder: Path) -> bool:
     """Whether all results are there; the last to be written is RESULT."""
     return all((folder / name).is_file() for name in (RESULT, TABLE, FIGURE))
-
-
-def finish(folder: Path) -> None:
-    """Remove the images that were kept for going on."""
-    shutil.rmtree(folder / WORK, ignore_errors=True)

@@ -8,6 +8,7 @@ import pty
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,12 @@ import pytest
 import typer
 
 import clradar
-from clradar.cli import images, main, options, output, provenance
-from clradar.cli import simulate as simulate_command
+from clradar.cli import comparison, console, main, outputs
+from clradar.cli.commands import simulate as simulate_command
 from clradar.cli.launcher import COMMANDS
+from clradar.cli.options.imaging import GridOptions, axis_mm
 from clradar.errors import DeviceError, MeshError, ModelError, OutputError
+from clradar.files.hashing import sha256_of
 from measurement_io import (
     open_capture,
     open_volume,
@@ -217,7 +220,7 @@ def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
     new = set(done.stdout.splitlines()[-1].split())
     assert not [name for name in new if name.split(".")[0] in HEAVY or name in HEAVY]
     assert "clradar.cli.launcher" in new
-    others = {f"clradar.cli.{name}" for name in COMMANDS} - {f"clradar.cli.{arguments[0]}"}
+    others = {f"clradar.cli.commands.{name}" for name in COMMANDS if name != arguments[0]}
     assert not others & new
 
 
@@ -392,10 +395,10 @@ def test_check_outputs_sees_through_links(tmp_path: Path) -> None:
     (tmp_path / "in.h5").write_bytes(b"")
     (tmp_path / "link.h5").symlink_to(tmp_path / "in.h5")
     with pytest.raises(OutputError, match="also an input"):
-        output.check_outputs([tmp_path / "link.h5"], force=True, inputs=[tmp_path / "in.h5"])
+        outputs.check_outputs([tmp_path / "link.h5"], force=True, inputs=[tmp_path / "in.h5"])
     with pytest.raises(OutputError, match="cannot be written"):
-        output.check_outputs([tmp_path / ("x" * 5000)], force=False)
-    output.check_outputs([None, tmp_path / "new.h5"], force=False)
+        outputs.check_outputs([tmp_path / ("x" * 5000)], force=False)
+    outputs.check_outputs([None, tmp_path / "new.h5"], force=False)
 
 
 # What is printed
@@ -435,14 +438,14 @@ def test_a_pipe_sees_no_progress_and_a_terminal_does(made: Path, tmp_path: Path)
 
 def test_a_table_in_a_pipe_is_not_cut(capsys: pytest.CaptureFixture[str]) -> None:
     long = "a [bold]name[/bold] " + 60 * "with words "
-    output.print_table(("one", "two"), [(long, "1"), ("line\nbreak", "2")], right=("two",))
+    console.print_table(("one", "two"), [(long, "1"), ("line\nbreak", "2")], right=("two",))
     lines = capsys.readouterr().out.splitlines()
     assert long.strip() in lines[2]
     assert "line break" in lines[3]
 
 
 def test_error_lines_are_printable(capsys: pytest.CaptureFixture[str]) -> None:
-    output.print_error("a\n\tb \x1b[31m \udcff")
+    console.print_error("a\n\tb \x1b[31m \udcff")
     assert capsys.readouterr().err == "clradar: error: a b \\x1b[31m \\udcff\n"
 
 
@@ -557,7 +560,7 @@ def test_simulate_writes_what_the_library_gives(made: Path) -> None:
     assert meta["packages"]["numpy"] == np.__version__
     assert meta["command"] == "simulate"
     assert meta["options"]["waveform_ghz"] == [72.0, 82.0, 16]
-    digest = provenance.sha256_of(made / "hand.ply")
+    digest = sha256_of(made / "hand.ply")
     assert meta["inputs"] == [{"file": "hand.ply", "sha256": digest}]
 
 
@@ -568,17 +571,17 @@ def test_every_option_of_simulate_reaches_the_library(
 
     def fake(scene: clradar.Scene, array: object, waveform: clradar.Waveform, **given: Any) -> None:
         seen.update(given, waveform=waveform, scene=scene)
-        raise ModelError("far enough")
+        raise ModelError("enough")
 
     monkeypatch.setattr(clradar, "simulate", fake)
+    command = ("simulate", made / "hand.ply", "-o", tmp_path / "x.h5")
     outcome = run(
-        "simulate", made / "hand.ply", "-o", tmp_path / "x.h5", "--rays-per-face", 3,
+        *command, "--rays-per-face", 3,
         "--rays-per-sample", 2, "--reception-radius-mm", 5, "--max-bounces", 4, "--normals", "face",
         "--crease-deg", 12, "--amplitude", "spreading", "--pattern-exponent", 1.5, "--seed", 9,
-        "--estimator", "expected",
         "--start-ghz", 24, "--stop-ghz", 26, "--steps", 11, "--device", "pocl",
     )  # fmt: skip
-    one_error_line(outcome, "far enough")
+    one_error_line(outcome, "enough")
     expected = {
         "samples_per_mm2": None,
         "rays_per_face": 3,
@@ -590,11 +593,14 @@ def test_every_option_of_simulate_reaches_the_library(
         "amplitude": "spreading",
         "pattern_exponent": 1.5,
         "seed": 9,
-        "estimator": "expected",
+        "estimator": "stochastic",
     }
-    assert {name: seen[name] for name in expected} == expected
+    assert asdict(seen["settings"]) == expected
     assert np.array_equal(seen["waveform"].frequencies_hz, np.linspace(24e9, 26e9, 11))
     assert "portable" in seen["device"].info.platform.lower()
+    one_error_line(run(*command, "--estimator", "expected", "--samples-per-mm2", 2), "enough")
+    settings = seen["settings"]
+    assert (settings.estimator, settings.samples_per_mm2) == ("expected", 2.0)
 
 
 def test_alpha_by_mesh_and_by_part(made: Path) -> None:
@@ -649,16 +655,16 @@ def test_a_bad_transform_is_one_line(run: Run, made: Path, tmp_path: Path, text:
 
 
 def test_axis_in_millimetres() -> None:
-    assert options.axis_mm("--x-mm", "-100:100:1") == (-100.0, 100.0, 1.0)
-    assert options.axis_mm("--x-mm", "300") == (300.0, 300.0, 1.0)
-    assert options.axis_mm("--x-mm", "0:0.3:0.1") == (0.0, 0.3, 0.1)
+    assert axis_mm("--x-mm", "-100:100:1") == (-100.0, 100.0, 1.0)
+    assert axis_mm("--x-mm", "300") == (300.0, 300.0, 1.0)
+    assert axis_mm("--x-mm", "0:0.3:0.1") == (0.0, 0.3, 0.1)
     for text in ("", "a:b:c", "1:2", "1:2:3:4", "0:1:0", "0:1:-1", "0:1:0.3", "inf"):
         with pytest.raises(typer.BadParameter):
-            options.axis_mm("--x-mm", text)
+            axis_mm("--x-mm", text)
 
 
 def test_the_default_grid_is_that_of_the_paper() -> None:
-    grid = options.voxel_grid(None, None, None)
+    grid = GridOptions().grid()
     paper = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
     assert grid.counts == (201, 201, 81)
     assert grid.same_voxels(paper, tolerance_m=1e-15)
@@ -674,7 +680,7 @@ def test_image_writes_what_the_library_gives(made: Path) -> None:
     assert volume.grid.same_voxels(grid)
     assert np.array_equal(volume.data, expected.data)
     assert volume.meta["capture"]["settings"]["seed"] == 7
-    digest = provenance.sha256_of(made / "sim.h5")
+    digest = sha256_of(made / "sim.h5")
     assert volume.meta["inputs"] == [{"file": "sim.h5", "sha256": digest}]
 
 
@@ -796,18 +802,18 @@ def test_labels() -> None:
     alpha = "\N{GREEK SMALL LETTER ALPHA}"
     paths = [Path("a/one.h5"), Path("b/two.h5")]
     metas = [simulated(0.0, 0.0), simulated(0.3, 0.3)]
-    assert images.labels_of(paths, metas) == [f"{alpha} = 0", f"{alpha} = 0.3"]
+    assert comparison.labels_of(paths, metas) == [f"{alpha} = 0", f"{alpha} = 0.3"]
     metas = [simulated(0.3, 0.3), simulated(0.3, 0.3)]
-    assert images.labels_of(paths, metas) == ["one", "two"]
+    assert comparison.labels_of(paths, metas) == ["one", "two"]
     metas = [simulated(0.0, 1.0), {}]
-    assert images.labels_of(paths, metas) == ["one", "two"]
+    assert comparison.labels_of(paths, metas) == ["one", "two"]
     same = [Path("a/x.h5"), Path("b/x.h5")]
-    assert images.labels_of(same, metas) == ["a/x.h5", "b/x.h5"]
+    assert comparison.labels_of(same, metas) == ["a/x.h5", "b/x.h5"]
 
 
 def test_alpha_of_a_foreign_file_is_unknown() -> None:
     for meta in ({}, {"scene": 3}, {"scene": {}}, {"capture": [], "scene": {"alpha_min": "x"}}):
-        assert images.alpha_of(meta) is None
+        assert comparison.alpha_of(meta) is None
 
 
 def test_recordings_of_another_array_are_imaged_too(run: Run, tmp_path: Path) -> None:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import clradar
-from clradar.cli import demo_run, main
+from clradar.cli import demonstration, main
 from measurement_io import check_file, open_capture, open_volume
 
-SMALL = demo_run.DemoSettings(samples=60_000, rays_per_sample=3, voxel_m=4e-3)
+SMALL = demonstration.DemoSettings(samples=60_000, rays_per_sample=3, voxel_m=4e-3)
 """As few rays as leave the hand recognisable at alpha 0.3."""
 
 
@@ -24,7 +24,7 @@ def _device(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo")
-    demo_run.run_demo(folder, SMALL, clradar.open_device("pocl"))
+    demonstration.run_demo(folder, SMALL, clradar.open_device("pocl"))
     return folder
 
 
@@ -94,7 +94,7 @@ def test_noise_has_the_power_that_it_says() -> None:
     data = 5.0 * (rng.normal(size=(8, 9, 1000)) + 1j)
     capture = clradar.Capture(data, array, waveform, {"kind": "simulated"})
     for snr_db in (20.0, 0.0):
-        noise = demo_run.with_noise(capture, snr_db, 4).data - capture.data
+        noise = demonstration.with_noise(capture, snr_db, 4).data - capture.data
         signal_power = np.mean(np.abs(capture.data) ** 2, dtype=np.float64)
         ratio = np.mean(np.abs(noise) ** 2, dtype=np.float64) * 10 ** (snr_db / 10) / signal_power
         # |n|^2 is exponential: the mean of N of them has a relative deviation of 1 / sqrt(N).
@@ -102,16 +102,16 @@ def test_noise_has_the_power_that_it_says() -> None:
         assert abs(ratio - 1) < 5 * deviation
         # Circular: real and imaginary part have the same power and are uncorrelated.
         assert abs(np.mean(noise**2)) / np.mean(np.abs(noise) ** 2) < 5 * deviation
-    same, other = (demo_run.with_noise(capture, 20.0, seed).data for seed in (4, 5))
-    assert np.array_equal(same, demo_run.with_noise(capture, 20.0, 4).data)
+    same, other = (demonstration.with_noise(capture, 20.0, seed).data for seed in (4, 5))
+    assert np.array_equal(same, demonstration.with_noise(capture, 20.0, 4).data)
     assert not np.array_equal(same, other)
 
 
 def test_settings_are_those_of_the_paper() -> None:
-    assert demo_run.FULL.grid().counts == (201, 201, 81)
-    assert (demo_run.FULL.samples, demo_run.FULL.rays_per_sample) == (400_000, 4)
-    assert demo_run.DEFAULT.grid().counts == (101, 101, 41)
-    assert demo_run.DEFAULT.measured_seed != demo_run.DEFAULT.seed
+    assert demonstration.FULL.grid().counts == (201, 201, 81)
+    assert (demonstration.FULL.samples, demonstration.FULL.rays_per_sample) == (400_000, 4)
+    assert demonstration.DEFAULT.grid().counts == (101, 101, 41)
+    assert demonstration.DEFAULT.measured_seed != demonstration.DEFAULT.seed
 
 
 @pytest.mark.parametrize("full", [False, True])
@@ -122,7 +122,7 @@ def test_command(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     calls = []
-    monkeypatch.setattr(demo_run, "run_demo", lambda *given: calls.append(given))
+    monkeypatch.setattr(demonstration, "run_demo", lambda *given: calls.append(given))
     monkeypatch.chdir(tmp_path)
     arguments = ["demo", "--full"] if full else ["demo"]
 
@@ -134,7 +134,7 @@ def test_command(
     assert status() in (0, None)
     ((folder, settings, _),) = calls
     assert folder == Path("demo")
-    assert settings == (demo_run.FULL if full else demo_run.DEFAULT)
+    assert settings == (demonstration.FULL if full else demonstration.DEFAULT)
     said = capsys.readouterr().out
     assert ("2 mm" in said) != full
     assert "400000 samples x 4 rays" in said
@@ -152,4 +152,4 @@ def test_a_file_in_the_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     with pytest.raises(SystemExit) as ended:
         main(["demo", "-o", str(tmp_path / "file")])
     assert ended.value.code == 1
-    assert "cannot be made" in capsys.readouterr().err
+    assert "got a file" in capsys.readouterr().err

@@ -14,7 +14,8 @@ import clradar
 from calibration import Round, register
 from calibration.registration.register import TOLERANCE_M
 from clradar.cli import main
-from clradar.cli.register import FILES, check_folder
+from clradar.cli.commands.register import FILES
+from clradar.cli.outputs import check_folder
 from clradar.errors import CompareError, ModelError, OutputError
 from clradar.hand import hand_mesh
 from measurement_io import open_capture, open_volume, read_transform, save_volume
@@ -159,15 +160,15 @@ def test_command_checks_alpha(files, capsys, alpha):
 
 def test_force_never_deletes_what_is_not_ours(tmp_path):
     folder = tmp_path / "made"
-    check_folder(folder, force=False)
+    check_folder(folder, force=False, replaced=FILES)
     folder.mkdir()
-    check_folder(folder, force=False)
+    check_folder(folder, force=False, replaced=FILES)
     (folder / FILES[0]).touch()
     with pytest.raises(OutputError, match="--force"):
-        check_folder(folder, force=False)
-    check_folder(folder, force=True)
+        check_folder(folder, force=False, replaced=FILES)
+    check_folder(folder, force=True, replaced=FILES)
     (folder / "thesis.tex").touch()
     with pytest.raises(OutputError, match=r"thesis\.tex"):
-        check_folder(folder, force=True)
+        check_folder(folder, force=True, replaced=FILES)
     with pytest.raises(OutputError, match="got a file"):
-        check_folder(folder / "thesis.tex", force=True)
+        check_folder(folder / "thesis.tex", force=True, replaced=FILES)

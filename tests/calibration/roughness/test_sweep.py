@@ -17,8 +17,10 @@ from calibration import Regions, Sweep, sweep
 from calibration.roughness.estimate import MIN_SELF_AGREEMENT, estimate_alpha, peak, scored
 from calibration.roughness.figure import MOST_IMAGES, shown_alphas, sweep_figure
 from clradar.cli import main
-from clradar.cli import sweep as command
 from clradar.cli import sweep_folder as folder
+from clradar.cli.commands import sweep as command
+from clradar.cli.commands.sweep import RegionOptions
+from clradar.cli.options.groups import expanded
 from clradar.compare import METRICS, compare, compare_by
 from clradar.errors import CompareError, ModelError, OutputError
 from clradar.hand import hand_mesh
@@ -462,18 +464,18 @@ def test_a_killed_command_goes_on_to_the_same_files(files, capsys):
 
 def test_an_interruption_while_results_are_written(files, monkeypatch):
     """Figure and tables are there, the file that says so is not: they are written again."""
-    write_json = command.write_json
+    write_json = folder.write_json
 
     def interrupted(path, *arguments, **options):
         if path.name == folder.RESULT:
             raise KeyboardInterrupt
         write_json(path, *arguments, **options)
 
-    monkeypatch.setattr(command, "write_json", interrupted)
+    monkeypatch.setattr(folder, "write_json", interrupted)
     short = [*COMMAND, "-o", "out", "--regions", "labels.npy"]
     assert run(*short) == 130
     assert not folder.is_finished(files / "out")
-    monkeypatch.setattr(command, "write_json", write_json)
+    monkeypatch.setattr(folder, "write_json", write_json)
     assert run(*short) == 0
     assert run(*[*short[:-3], "again", *short[-2:]]) == 0
     assert contents(files / "out") == contents(files / "again")
@@ -659,7 +661,7 @@ def test_what_cannot_be_swept_leaves_nothing(files, capsys):
 
 
 def test_the_command_has_the_defaults_of_the_function():
-    ours, its = (inspect.signature(f).parameters for f in (command.command, sweep))
+    ours, its = (inspect.signature(f).parameters for f in (expanded(command.command), sweep))
     for name in ("metric", "seeds", "seed", "method", "window", "dynamic_range_db"):
         assert ours[name].default == its[name].default
 
@@ -696,7 +698,7 @@ def test_a_file_of_regions(tmp_path, monkeypatch):
     (tmp_path / "c.json").write_text(json.dumps({"one": ["right"], "two": ["left"]}))
     np.save("d.npy", np.asarray(labels))
     made = [
-        command.read_regions(name, None, SCENE, command.Unit.m)
+        RegionOptions(regions=name).read(SCENE, "m")
         for name in ("a.json", "b.json", "c.json", "d.npy")
     ]
     assert [r.names for r in made] == [("0", "1"), ("left", "right"), ("one", "two"), ("0", "1")]
@@ -705,22 +707,22 @@ def test_a_file_of_regions(tmp_path, monkeypatch):
     for text in ("[0, 1]", "[0.5, 1]", '{"one": ["left"]}', '{"one": "left"}', "7", "{"):
         (tmp_path / "bad.json").write_text(text)
         with pytest.raises(ValueError, match=r"bad\.json"):
-            command.read_regions("bad.json", None, SCENE, command.Unit.m)
+            RegionOptions(regions="bad.json").read(SCENE, "m")
     np.save("bad.npy", np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(ValueError, match=r"bad\.npy"):
-        command.read_regions("bad.npy", None, SCENE, command.Unit.m)
+        RegionOptions(regions="bad.npy").read(SCENE, "m")
 
 
 def test_joints_go_through_a_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run("hand", "flat", "--edge-mm", "4", "-o", "h.ply", "--joints", "j.json") == 0
     scene = clradar.Scene.from_mesh("h.ply")
-    made = command.read_regions("fingers", tmp_path / "j.json", scene, command.Unit.m)
+    made = RegionOptions(regions="fingers", joints=tmp_path / "j.json").read(scene, "m")
     hand = hand_mesh("flat", 4e-3)
     assert np.array_equal(made.face, Regions.of_fingers(scene, hand.joints_m).face)
     (tmp_path / "j.json").write_text('{"wrist": [0, 0, 0]}')
     with pytest.raises(ValueError, match="thumb-metacarpal"):
-        command.read_regions("fingers", tmp_path / "j.json", scene, command.Unit.m)
+        RegionOptions(regions="fingers", joints=tmp_path / "j.json").read(scene, "m")
 
 
 # --- the figure

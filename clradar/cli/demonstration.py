@@ -1,37 +1,33 @@
-"""The main job end to end on the embedded hand: what ``clradar demo`` does."""
+"""The demonstration: the embedded hand simulated, imaged and compared with a synthetic measurement.
+
+The experiment is that of figure 4 in J. Braeunig et al., "A Realistic Radar Ray Tracing Simulator
+for Hand Pose Imaging", EuRAD 2023.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
-from clradar import (
-    AntennaArray,
-    Capture,
-    Device,
-    Scene,
-    VoxelGrid,
-    Waveform,
-    arrays,
-    compare,
-    simulate,
-)
-from clradar.cli.compare import metrics_records, print_metrics
-from clradar.cli.hand import save_hand, turned
-from clradar.cli.images import form_image, labels_of, recording_files, save_image
-from clradar.cli.output import print_line, progress_bar, write_json
+from clradar import Capture, Device, Scene, VoxelGrid, Waveform, arrays, simulate
+from clradar.cli.commands.hand import save_hand, turned
+from clradar.cli.comparison import Comparison, labels_of
+from clradar.cli.console import print_line, progress_bar
+from clradar.cli.inputs import form_image, recording_files
+from clradar.cli.options.groups import recorded
+from clradar.cli.options.imaging import ImagingOptions
+from clradar.cli.outputs import save
 from clradar.cli.provenance import provenance
-from clradar.cli.simulate import save_with_provenance
 from clradar.errors import OutputError
+from clradar.files.json_file import write_json
 from clradar.geometry.bvh import face_normals
 from clradar.hand import hand_mesh
 from clradar.hand.mesh import DEFAULT_CENTER_M
-from clradar.plot import comparison_figure, save_figure
 from measurement_io import open_capture, save_maroon_frame
 
 HAND, FLAT_HAND = "hand_f.ply", "hand_flat.ply"
@@ -41,7 +37,7 @@ FIGURE, METRICS = "comparison.png", "metrics.json"
 
 @dataclass(frozen=True, slots=True)
 class DemoSettings:
-    """What the demo runs.
+    """Settings of the demonstration.
 
     Attributes
     ----------
@@ -75,7 +71,7 @@ class DemoSettings:
     turn_deg: float = 25.0
 
     def grid(self) -> VoxelGrid:
-        """Return the voxels of the paper's experiment, `voxel_m` apart."""
+        """The volume of the paper's experiment, with voxels of `voxel_m`."""
         return VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), self.voxel_m)
 
 
@@ -95,32 +91,16 @@ class _Stages:
         yield
         took_s = perf_counter() - start_s
         self.times_s[name] = round(took_s, 3)
-        print_line_aligned(name, f"{took_s:6.1f} s")
+        print_time(name, took_s)
 
 
-def print_line_aligned(name: str, value: str) -> None:
+def print_time(name: str, time_s: float) -> None:
     """Print one row of the table of times."""
-    print(f"  {name:<54}{value:>10}", flush=True)
-
-
-def prepare_folder(folder: Path, *, force: bool) -> None:
-    """Make the demo's folder; raise unless it is empty or `force` is set."""
-    try:
-        if folder.is_dir():
-            if any(folder.iterdir()) and not force:
-                raise OutputError(
-                    f"{folder}: holds files already; choose another folder with -o, or --force"
-                )
-        else:
-            folder.mkdir(parents=True)
-    except OutputError:
-        raise
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{folder}: cannot be made: {error}") from error
+    print(f"  {name:<54}{f'{time_s:6.1f} s':>10}", flush=True)
 
 
 def with_noise(capture: Capture, snr_db: float, seed: int) -> Capture:
-    """Return a capture with complex white Gaussian noise.
+    """Add complex white Gaussian noise to a capture.
 
     Parameters
     ----------
@@ -156,86 +136,66 @@ def run_demo(folder: Path, settings: DemoSettings, device: Device) -> None:
     device : Device
     """
     stages = _Stages()
-    array, waveform = arrays.qar50(), Waveform.sfcw(72e9, 82e9, 128)
     with stages.stage("meshes: hand F and flat"):
         for name, pose in ((HAND, "F"), (FLAT_HAND, "flat")):
             mesh = turned(hand_mesh(pose, device=device), settings.turn_deg, DEFAULT_CENTER_M)
             save_hand(folder / name, mesh, force=True)
-    # From the file, so that `clradar simulate` on it gives what the demo has.
+    # From the file, so that `clradar simulate` on it gives the captures of the demo.
     scene = Scene.from_mesh(folder / HAND)
+    options = recorded(settings)
+    origin = provenance("demo", options, [folder / HAND])
 
-    captures = []
+    captures: dict[str, Capture] = {}
     for alpha in settings.alphas:
         with stages.stage(f"simulate alpha = {alpha:g}"):
-            captures.append(_simulated(folder, scene, alpha, settings, array, waveform, device))
+            name = f"alpha_{alpha:g}"
+            capture = _simulated(scene, alpha, settings.seed, settings, device)
+            captures[name] = save(folder / f"{name}.h5", capture, origin, force=True)
     with stages.stage(f"simulate the measurement, alpha = {settings.measured_alpha:g}, and noise"):
-        measured = _measured(folder, scene, settings, array, waveform, device)
+        measured = _measured(folder / MEASUREMENT, scene, settings, device)
 
     grid = settings.grid()
     volumes = []
-    for name, capture in zip(_names(settings), [measured, *captures], strict=True):
+    for name, capture in {MEASUREMENT: measured, **captures}.items():
         with stages.stage(f"image of {name}"):
-            volume = form_image(capture, grid, "fast", "rect", device, f"imaging {name}")
-            target = folder / f"{name}_volume.h5"
-            source = folder / (MEASUREMENT if name == MEASUREMENT else f"{name}.h5")
-            inputs = recording_files(source, capture.meta)
-            save_image(target, volume, "demo", asdict_json(settings), inputs, force=True)
-            volumes.append(volume)
+            volume = form_image(capture, grid, ImagingOptions(), device, f"imaging {name}")
+            source = folder / (name if name == MEASUREMENT else f"{name}.h5")
+            files = recording_files(source, capture.meta)
+            image_origin = provenance("demo", options, files)
+            volumes.append(save(_volume_file(folder, name), volume, image_origin, force=True))
 
     with stages.stage("metrics and figure"):
-        maps = [volume.depth_map() for volume in volumes]
-        paths = [folder / f"{name}_volume.h5" for name in _names(settings)[1:]]
-        labels = labels_of(paths, [volume.meta for volume in volumes[1:]])
-        metrics = [compare(maps[0], m) for m in maps[1:]]
-        columns = list(zip(labels, maps[1:], strict=True))
-        save_figure(
-            comparison_figure(
-                maps[0],
-                columns,
-                metrics=metrics,
-                measured_label="Synthetic measurement",
-            ),
-            folder / FIGURE,
-            force=True,
-        )
+        paths = [_volume_file(folder, name) for name in captures]
+        compared = Comparison.of(volumes, labels_of(paths, [v.meta for v in volumes[1:]]))
+        label = "Synthetic measurement"
+        compared.save_figure(folder / FIGURE, force=True, measured_label=label)
         record = {
-            "measured": f"{MEASUREMENT}_volume.h5",
-            "simulated": metrics_records([Path(p.name) for p in paths], labels, metrics),
+            "measured": _volume_file(folder, MEASUREMENT).name,
+            "simulated": compared.records([Path(path.name) for path in paths]),
             "times_s": stages.times_s,
-            **provenance("demo", asdict_json(settings), [folder / HAND]),
+            **origin,
             "device": dict(device.describe()),
         }
         write_json(folder / METRICS, record, force=True)
-    print_line_aligned("total", f"{sum(stages.times_s.values()):6.1f} s")
+    print_time("total", sum(stages.times_s.values()))
     print(flush=True)
-    print_metrics(labels, metrics)
+    compared.print()
     print_line(f"{folder / FIGURE}: the synthetic measurement beside the simulated images")
 
 
-def _names(settings: DemoSettings) -> list[str]:
-    return [MEASUREMENT, *(f"alpha_{alpha:g}" for alpha in settings.alphas)]
+def _volume_file(folder: Path, name: str) -> Path:
+    return folder / f"{name}_volume.h5"
 
 
-def asdict_json(settings: DemoSettings) -> dict[str, object]:
-    """Return the settings in types that JSON reads back as they were."""
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(settings).items()}
-
-
-def _traced(
-    scene: Scene,
-    alpha: float,
-    seed: int,
-    settings: DemoSettings,
-    array: AntennaArray,
-    waveform: Waveform,
-    device: Device,
+def _simulated(
+    scene: Scene, alpha: float, seed: int, settings: DemoSettings, device: Device
 ) -> Capture:
     area_mm2 = 1e6 * float(face_normals(scene.triangles_m)[1].sum())
     with progress_bar(f"tracing alpha = {alpha:g}") as progress:
         return simulate(
             scene.with_alpha(alpha),
-            array,
-            waveform,
+            arrays.qar50(),
+            Waveform.sfcw(72e9, 82e9, 128),
             samples_per_mm2=settings.samples / area_mm2,
             rays_per_sample=settings.rays_per_sample,
             seed=seed,
@@ -244,36 +204,12 @@ def _traced(
         )
 
 
-def _simulated(
-    folder: Path,
-    scene: Scene,
-    alpha: float,
-    settings: DemoSettings,
-    array: AntennaArray,
-    waveform: Waveform,
-    device: Device,
-) -> Capture:
-    capture = _traced(scene, alpha, settings.seed, settings, array, waveform, device)
-    options = asdict_json(settings)
-    target = folder / f"alpha_{alpha:g}.h5"
-    return save_with_provenance(target, capture, "demo", options, [folder / HAND], force=True)
-
-
-def _measured(
-    folder: Path,
-    scene: Scene,
-    settings: DemoSettings,
-    array: AntennaArray,
-    waveform: Waveform,
-    device: Device,
-) -> Capture:
-    """Return the synthetic measurement, read from the recording that is written first."""
-    clean = _traced(
-        scene, settings.measured_alpha, settings.measured_seed, settings, array, waveform, device
-    )
+def _measured(folder: Path, scene: Scene, settings: DemoSettings, device: Device) -> Capture:
+    """The synthetic measurement, read from the recording that is written first."""
+    clean = _simulated(scene, settings.measured_alpha, settings.measured_seed, settings, device)
     noisy = with_noise(clean, settings.snr_db, settings.noise_seed)
-    save_maroon_frame(folder / MEASUREMENT, noisy, force=True)
-    recorded = open_capture(folder / MEASUREMENT)
-    if not np.array_equal(recorded.data, noisy.data):
-        raise OutputError(f"{folder / MEASUREMENT}: reads back other values than were written")
-    return recorded
+    save_maroon_frame(folder, noisy, force=True)
+    recorded_frame = open_capture(folder)
+    if not np.array_equal(recorded_frame.data, noisy.data):
+        raise OutputError(f"{folder}: reads back other values than were written")
+    return recorded_frame

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from clradar.cli.output import print_error, print_text
+from clradar.cli.console import counted, print_error, print_text, progress_bar
+from clradar.errors import MeasurementError
 
 
 def command(
@@ -20,25 +22,19 @@ def command(
         ),
     ],
     check: Annotated[
-        bool, typer.Option("--check", help="Read and verify everything; exit status 1 if not well.")
+        bool,
+        typer.Option("--check", help="Read and verify everything; exit status 1 if damaged."),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
 ) -> None:
     """Reads and changes nothing."""
-    import json
-
-    from clradar.cli.output import progress_bar
     from clradar.dataset.store.check import check_dataset, describe_dataset, is_dataset
-    from clradar.errors import MeasurementError
     from measurement_io import check_file, describe
 
     dataset = is_dataset(file)
     if check:
-        if dataset:
-            with progress_bar("shards") as progress:
-                report = check_dataset(file, progress)
-        else:
-            report = check_file(file)
+        with progress_bar("checking") as progress:
+            report = check_dataset(file, progress) if dataset else check_file(file)
         record: dict[str, Any] = {
             "path": report.path,
             "ok": report.ok,
@@ -47,8 +43,7 @@ def command(
         }
         print_text(json.dumps(record, indent=2) if as_json else str(report))
         if not report.ok:
-            count = len(report.problems)
-            print_error(f"{file}: {count} problem{'s' if count > 1 else ''} found")
+            print_error(f"{file}: {counted(len(report.problems), 'problem')} found")
             raise typer.Exit(1)
         return
     try:
@@ -59,7 +54,5 @@ def command(
         raise MeasurementError(
             f"{error}; nor is it a data set, which has manifest.json and shards"
         ) from error
-    if as_json:
-        print_text(json.dumps(found.to_dict(), indent=2, allow_nan=False))
-    else:
-        print_text(str(found))
+    text = json.dumps(found.to_dict(), indent=2, allow_nan=False) if as_json else str(found)
+    print_text(text)

@@ -7,8 +7,10 @@ from typing import Annotated
 
 import typer
 
-from clradar.cli.options import DeviceOption, grid_text
-from clradar.cli.output import print_line
+from clradar.cli.console import print_line
+from clradar.cli.options.common import DeviceOption
+from clradar.cli.options.imaging import grid_text
+from clradar.cli.outputs import check_folder, make_folder
 
 
 def command(
@@ -27,8 +29,8 @@ def command(
     """Simulates the letter F at alpha 0, 0.5 and 1, forms the images, and compares them with a
     synthetic measurement: alpha 0.3, another seed, and complex white Gaussian noise at an SNR of
     20 dB. The SNR is the mean of |s|^2 over all pairs and frequencies of the noise-free capture
-    over the variance of the noise. The measurement is saved and read again in the form in which
-    recorded frames of the instrument come.
+    over the variance of the noise. The measurement is saved and read again in the file format of
+    the instrument.
 
     The hand is turned by 25 degrees (`clradar hand F --turn-deg 25`), so that the glint of the palm
     does not outshine the fingers.
@@ -37,11 +39,12 @@ def command(
     forms the paper's volume of 1 mm voxels.
     """
     from clradar import open_device
-    from clradar.cli.demo_run import DEFAULT, FULL, prepare_folder, run_demo
+    from clradar.cli import demonstration
 
-    settings = FULL if full else DEFAULT
+    settings = demonstration.FULL if full else demonstration.DEFAULT
     opened = open_device(device)
-    prepare_folder(output, force=force)
+    check_folder(output, force=force)
+    make_folder(output)
     print_line(f"device: {opened.info.label}")
     print_line(
         f"{settings.samples} samples x {settings.rays_per_sample} rays x 94 Tx per capture, "
@@ -49,4 +52,4 @@ def command(
     )
     if not full:
         print_line("voxels of 2 mm where the paper's experiment has 1 mm: --full forms those")
-    run_demo(output, settings, opened)
+    demonstration.run_demo(output, settings, opened)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from clradar.cli.output import print_line, print_table
+from clradar.cli.console import print_line, print_table
 
 if TYPE_CHECKING:
     from clradar.opencl import DeviceInfo

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from clradar.cli.options import ForceOption, wrong_usage
-from clradar.cli.output import check_outputs, print_line, print_text, write_json
+from clradar.cli.console import print_line, print_text
+from clradar.cli.options.common import ForceOption
+from clradar.cli.options.values import wrong_usage
+from clradar.cli.outputs import check_outputs
 from clradar.errors import ClradarError
+from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
     from clradar.bench.rows import Row
@@ -31,13 +34,13 @@ class Name(str, Enum):
 
 def command(
     device: Annotated[
-        Optional[list[str]],  # noqa: UP045
+        list[str] | None,
         typer.Option(
             "--device", metavar="NAME", help="OpenCL device; repeat to compare several in one run."
         ),
     ] = None,
     only: Annotated[
-        Optional[list[Name]],  # noqa: UP045
+        list[Name] | None,
         typer.Option("--only", help="One benchmark; repeat for several. [default: all]"),
     ] = None,
     quick: Annotated[
@@ -47,7 +50,7 @@ def command(
         int, typer.Option("--repeats", metavar="N", help="Runs of which the median counts.")
     ] = 5,
     json_file: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--json", metavar="FILE", help="Also write the figures."),
     ] = None,
     force: ForceOption = False,

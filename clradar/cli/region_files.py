@@ -1,4 +1,4 @@
-"""Files that say which faces of a mesh belong together, and where the joints of a hand are."""
+"""Files with the regions of a mesh, and with the joints of a hand."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 LIMIT_BYTES = 2**28
 
 
-def read_regions_file(path: Path, scene: Scene) -> Regions:
-    """Return the regions of a file.
+def read_regions(path: Path, scene: Scene) -> Regions:
+    """The regions of a mesh in a file.
 
     A .npy file has one whole number per face; a .json file has a list of one number or string per
     face, or an object: region -> list of the names of its parts.
@@ -28,7 +28,7 @@ def read_regions_file(path: Path, scene: Scene) -> Regions:
     Raises
     ------
     MeasurementError
-        Missing, or nothing of the kind for this mesh.
+        Missing, or no regions of this mesh.
     """
     from calibration import Regions
 
@@ -57,7 +57,7 @@ def _all_are(values: Any, kind: type) -> bool:
 
 
 def read_joints(path: Path) -> np.ndarray:
-    """Return the joints of a JSON object name -> [x, y, z], shape (25, 3), in the file's unit."""
+    """The joints of a JSON object name -> [x, y, z], shape (25, 3), in the file's unit."""
     from clradar.hand import JOINT_NAMES
 
     expected = "a JSON object with [x, y, z] of each of the 25 joints of a hand"
@@ -73,7 +73,7 @@ def read_joints(path: Path) -> np.ndarray:
 
 
 def joints_record(joints: np.ndarray) -> dict[str, list[float] | None]:
-    """Return what `read_joints` reads; None, which it refuses, for a joint that is not known."""
+    """The JSON object that `read_joints` reads; None, which it refuses, for an unknown joint."""
     from clradar.hand import JOINT_NAMES
 
     return {

@@ -7,28 +7,26 @@ from typing import Annotated
 
 import typer
 
-from clradar.cli.images import recording_files
-from clradar.cli.options import ForceOption, FrameOption, VariantOption
-from clradar.cli.output import check_outputs, print_line
-from clradar.cli.simulate import save_with_provenance
+from clradar.cli.console import print_line
+from clradar.cli.inputs import recording_files
+from clradar.cli.options.common import CaptureArgument, CaptureOutput, ForceOption
+from clradar.cli.options.groups import recorded
+from clradar.cli.options.recording import FrameOptions
+from clradar.cli.outputs import check_outputs, save
+from clradar.cli.provenance import provenance
 
 
 def command(
-    capture: Annotated[
-        Path,
-        typer.Argument(
-            metavar="CAPTURE", help="Native capture, recorded .npy frame, or radar folder."
-        ),
-    ],
+    capture: CaptureArgument,
+    *,
     channels: Annotated[
-        Path, typer.Option("--channels", help="What `clradar channels` wrote (HDF5).")
+        Path, typer.Option("--channels", help="File of `clradar channels` (HDF5).")
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Capture to write (HDF5).")],
+    output: CaptureOutput,
     keep_noisy: Annotated[
         bool, typer.Option("--keep-noisy", help="Do not set noisy channels to zero.")
     ] = False,
-    frame: FrameOption = None,
-    variant: VariantOption = None,
+    frames: FrameOptions,
     force: ForceOption = False,
 ) -> None:
     """Pairs with a dead or noisy channel are set to zero. A capture of another array or other
@@ -40,17 +38,12 @@ def command(
 
     check_outputs([output], force=force, inputs=[capture, channels])
     measured = open_channels(channels)
-    loaded = open_capture(capture, frame=frame, variant=None if variant is None else variant.value)
+    loaded = open_capture(capture, **frames.chosen)
     mask = [state for state in MASKS if state == "dead" or not keep_noisy]
     corrected = correct(loaded, measured, mask=mask)
-    options = {
-        "channels": str(channels),
-        "keep_noisy": keep_noisy,
-        "frame": frame,
-        "variant": None if variant is None else variant.value,
-    }
+    options = recorded(frames, channels=channels, keep_noisy=keep_noisy)
     inputs = [*recording_files(capture, loaded.meta), channels]
-    save_with_provenance(output, corrected, "correct", options, inputs, force=force)
+    save(output, corrected, provenance("correct", options, inputs), force=force)
     record = corrected.meta["channels"]
     print_line(
         f"{output}: {100 * record['live_share']:.1f} % of the pairs left, without "

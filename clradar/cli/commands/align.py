@@ -1,0 +1,118 @@
+"""``clradar align``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from clradar.cli.console import print_line, print_text, print_warning, progress_bar
+from clradar.cli.inputs import ImageInput, common_grid
+from clradar.cli.options.common import (
+    DeviceOption,
+    ForceOption,
+    MeasuredArgument,
+    SearchOptions,
+    UnitOptions,
+)
+from clradar.cli.options.groups import argument, option, recorded
+from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.recording import FrameOptions
+from clradar.cli.options.values import wrong_usage
+from clradar.cli.outputs import check_outputs
+from clradar.cli.provenance import provenance
+from clradar.files.json_file import write_json
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlignedOptions(UnitOptions, SearchOptions):
+    """What is aligned with the measurement, an image or a mesh, and how."""
+
+    simulated: Path | None = argument(
+        None, "Volume or capture; not with --mesh.", metavar="[SIMULATED]"
+    )
+    mesh: Path | None = option(None, "Align this mesh instead of an image.", metavar="MESH")
+    quick: bool = option(
+        False,
+        "Without the simulations that correct the bias of a mesh: up to some millimetres "
+        "off where it is specular.",
+    )
+    dynamic_range_db: float | None = option(
+        None,
+        "Depth points are this far below the maximum at most. [default: 15; mesh: 20]",
+        metavar="DB",
+    )
+
+    def path(self) -> Path:
+        """The file of the image or of the mesh."""
+        path = self.mesh if self.simulated is None else self.simulated
+        if path is None or (self.simulated is not None and self.mesh is not None):
+            raise wrong_usage("SIMULATED, --mesh", "expected one of the two")
+        if self.quick and self.mesh is None:
+            raise wrong_usage("--quick", "expected --mesh with it")
+        return path
+
+    def settings(self) -> dict[str, Any]:
+        """Settings of both `calibration.align` and `calibration.align_mesh`."""
+        from clradar.model import checks
+
+        found = {"search_deg": checks.positive("--search-deg", self.search_deg)}
+        if self.dynamic_range_db is not None:
+            cut_db = checks.positive("--dynamic-range-db", self.dynamic_range_db)
+            found["dynamic_range_db"] = cut_db
+        return found
+
+
+def command(
+    measured: MeasuredArgument,
+    aligned: AlignedOptions,
+    voxels: GridOptions,
+    imaging: ImagingOptions,
+    frames: FrameOptions,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="JSON file for transform and report.  [required]"),
+    ] = None,
+    device: DeviceOption = None,
+    force: ForceOption = False,
+) -> None:
+    """The 4 x 4 matrix in the JSON file, "transform", moves the simulated object, or the mesh, onto
+    the measured one: `clradar simulate --transform` takes the file. Captures are imaged first, on
+    the grid of the options. --frame and --variant are those of MEASURED. Mesh against measurement
+    is the more exact of the two: see docs/calibration.md.
+    """
+    from calibration import align, align_mesh
+    from clradar import Scene, open_device
+
+    if output is None:
+        raise wrong_usage("-o", "expected a JSON file to write")
+    path, settings = aligned.path(), aligned.settings()
+    check_outputs([output], force=force, inputs=[measured, path])
+    voxels.grid()  # wrong usage is reported before a file is read
+    # A mesh that cannot be read should not cost an image first.
+    scene = None if aligned.mesh is None else Scene.from_mesh(path, unit=aligned.unit.value)
+    opened = open_device(device)
+    images = [ImageInput.open(measured, frames)]
+    if scene is None:
+        images.append(ImageInput.open(path))
+    grid = common_grid(voxels, *images)
+    volumes = [image.volume(grid, imaging, opened) for image in images]
+    if scene is None:
+        result = align(*volumes, **settings)
+    else:
+        bias = not aligned.quick
+        with progress_bar("aligning") as progress:
+            result = align_mesh(
+                volumes[0], scene, correct_bias=bias, device=opened, progress=progress,
+                **settings, **images[0].radar,
+            )  # fmt: skip
+    grid_of_measured = grid_text(volumes[0].grid)
+    options = recorded(aligned, imaging, frames, measured=measured, grid=grid_of_measured)
+    origin = provenance("align", options, [*images[0].files, path])
+    write_json(output, {**result.to_dict(), **origin}, force=force)
+    print_text(result.report())
+    for remark in result.remarks():
+        print_warning(remark)
+    print_line(f"{output}: the transform, its covariance and this report")

@@ -1,0 +1,175 @@
+"""``clradar background``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clradar.cli.console import print_line, print_warning
+from clradar.cli.inputs import mean_capture, recording_files
+from clradar.cli.options.common import CaptureArgument, CaptureOutput, ForceOption
+from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.recording import FrameOptions
+from clradar.cli.options.values import finite, numbers, wrong_usage
+from clradar.cli.outputs import check_outputs, save
+from clradar.cli.provenance import provenance
+
+if TYPE_CHECKING:
+    from clradar import Capture
+
+GATE_RULE = "NEAR:FAR, half path lengths"
+
+
+class Scaling(str, Enum):
+    """Complex factors of the empty capture."""
+
+    none = "none"
+    common = "common"
+    channel = "channel"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmptyOptions:
+    """The capture of the empty room."""
+
+    empty: Path | None = option(None, "The same without the object: subtracted.", metavar="EMPTY")
+    scaling: Scaling = option(
+        Scaling.none,
+        "Multiply EMPTY by complex factors first, for drift: one for all, or one per channel.",
+    )
+
+    def __post_init__(self) -> None:
+        if self.empty is None and self.scaling is not Scaling.none:
+            raise wrong_usage("--scaling", "expected --empty with it")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GateOptions:
+    """A window of range."""
+
+    gate_mm: str | None = option(
+        None, f"Keep only echoes from this window: {GATE_RULE}.", metavar="NEAR:FAR"
+    )
+    edge_mm: float | None = option(
+        None,
+        "Width of the window's edges, outside it. [default: 4 c / 2B, 60 for 10 GHz]",
+        metavar="MM",
+    )
+    clutter_db: float | None = option(
+        None,
+        "How much stronger echoes outside the window are than inside. [default: 40]",
+        metavar="DB",
+    )
+
+    def settings(self) -> dict[str, Any] | None:
+        """Settings of `calibration.range_gate`; None without a window."""
+        if self.gate_mm is None:
+            if self.edge_mm is not None or self.clutter_db is not None:
+                raise wrong_usage("--edge-mm, --clutter-db", "expected --gate-mm with it")
+            return None
+        ends_m = [value / 1e3 for value in numbers(self.gate_mm, ":")]
+        if len(ends_m) != 2 or not finite(ends_m) or not 0 <= ends_m[0] < ends_m[1]:
+            raise wrong_usage(
+                "--gate-mm",
+                f"expected {GATE_RULE} in millimetres, 0 <= NEAR < FAR; got '{self.gate_mm}'",
+            )
+        found = {"near_m": ends_m[0], "far_m": ends_m[1]}
+        if self.edge_mm is not None:
+            found["edge_m"] = self.edge_mm / 1e3
+        if self.clutter_db is not None:
+            found["clutter_db"] = self.clutter_db
+        return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class AverageOptions:
+    """The mean over the frames of recordings."""
+
+    average: bool = option(False, "Take the coherent mean of all frames of each radar folder.")
+    align_phase: bool = option(False, "With --average: first rotate frames to a common phase.")
+
+    def check(self, frames: FrameOptions, sources: list[Path]) -> None:
+        """Raise unless the options go together."""
+        if self.align_phase and not self.average:
+            raise wrong_usage("--align-phase", "expected --average with it")
+        if self.average and frames.frame is not None:
+            raise wrong_usage("--frame", "expected either --frame or --average")
+        if self.average and not any(path.is_dir() for path in sources):
+            raise wrong_usage("--average", "expected a radar folder among CAPTURE and EMPTY")
+
+    def read(self, path: Path, frames: FrameOptions) -> tuple[Capture, list[Path], str]:
+        """One frame or the mean of all, the files it comes from, and the mean in words."""
+        if self.average and path.is_dir():
+            mean, files = mean_capture(
+                path, variant=frames.chosen["variant"], align_phase=self.align_phase
+            )
+            count = mean.meta["average"]["frames"]
+            return mean, files, "1 frame" if count == 1 else f"mean of {count} frames"
+        from measurement_io import open_capture
+
+        capture = open_capture(path, **frames.chosen)
+        return capture, recording_files(path, capture.meta), ""
+
+
+def command(
+    capture: CaptureArgument,
+    output: CaptureOutput,
+    room: EmptyOptions,
+    gate: GateOptions,
+    mean: AverageOptions,
+    frames: FrameOptions,
+    force: ForceOption = False,
+) -> None:
+    """In this order: average the frames, subtract EMPTY, gate. At least one has to be requested.
+
+    --frame and --variant are those of CAPTURE. Of an EMPTY folder the first frame is taken, as
+    recorded, or the mean of all. Half path lengths are (|p - tx| + |p - rx|) / 2: at least a
+    point's z, and at most its distance from the farthest antenna.
+    """
+    from calibration import range_gate, subtract_background
+
+    window, empty = gate.settings(), room.empty
+    sources = [path for path in (capture, empty) if path is not None]
+    if empty is None and window is None and not mean.average:
+        raise wrong_usage("--empty", "expected --empty, --gate-mm or --average: nothing to do")
+    mean.check(frames, sources)
+    check_outputs([output], force=force, inputs=sources)
+    done, inputs, words = mean.read(capture, frames)
+    steps = [words] if words else []
+    before = rms_amplitude(done)
+    if empty is not None:
+        if done.meta.get("variant") == "emptyfiltered":
+            print_warning(f"{capture}: emptyfiltered, so an empty room is subtracted already")
+        without, files, words = mean.read(empty, FrameOptions())
+        inputs = [*inputs, *files]
+        scaling = room.scaling.value
+        done = subtract_background(done, without, scaling=scaling)
+        steps.append(f"minus {empty} (scaling {scaling}{', ' if words else ''}{words})")
+    if window is not None:
+        done = range_gate(done, **window)
+        steps.append(gate_text(done.meta["range_gate"]))
+    options = recorded(room, gate, mean, frames, capture=capture)
+    save(output, done, provenance("background", options, inputs), force=force)
+    print_line(f"{output}: {'; '.join(steps)}")
+    after = rms_amplitude(done)
+    change = f"{20 * math.log10(after / before):+.1f} dB" if before > 0 and after > 0 else "zero"
+    print_line(f"{output}: power against {capture}: {change}")
+
+
+def gate_text(record: dict[str, float]) -> str:
+    """A range gate in words."""
+    return (
+        f"gated to {1e3 * record['near_m']:g} to {1e3 * record['far_m']:g} mm (inside "
+        f"{record['passband_db']:+.1f} dB at worst, rejects {record['rejection_db']:.0f} dB or "
+        f"more beyond {1e3 * record['edge_m']:.0f} mm from it)"
+    )
+
+
+def rms_amplitude(capture: Capture) -> float:
+    """The RMS amplitude of a capture's samples."""
+    return float(np.sqrt(np.mean(np.abs(capture.data) ** 2, dtype=np.float64)))

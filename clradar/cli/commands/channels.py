@@ -1,0 +1,218 @@
+"""``clradar channels``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from clradar.cli.console import print_line, print_table, print_warning
+from clradar.cli.inputs import recording_files
+from clradar.cli.options.common import Amplitude, ForceOption
+from clradar.cli.options.groups import REQUIRED, option, recorded
+from clradar.cli.options.recording import FrameOptions
+from clradar.cli.options.values import numbers, wrong_usage
+from clradar.cli.outputs import check_figure, check_outputs, save
+from clradar.cli.provenance import provenance
+
+if TYPE_CHECKING:
+    from calibration import Target
+    from clradar import ChannelCalibration
+
+UNEXPLAINED_DB = 10.0
+"""A residual this far above that of noise alone is worth a warning."""
+
+
+class TargetKind(str, Enum):
+    """A known target."""
+
+    plate = "plate"
+    sphere = "sphere"
+    corner = "corner"
+
+
+class CommonDelay(str, Enum):
+    """The mean of all delays."""
+
+    zero = "zero"
+    free = "free"
+
+
+class Level(str, Enum):
+    """The gain that is 0 dB."""
+
+    mean = "mean"
+    target = "target"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetOptions:
+    """The known target; each option belongs to some kinds of target only."""
+
+    target: TargetKind = option(REQUIRED, "Kind of the target.")
+    distance_mm: float | None = option(None, "Plate: distance along z.")
+    tilt_deg: str | None = option(None, "Plate: farther away towards +x, +y.", metavar="X,Y")
+    size_mm: str | None = option(None, "Plate: width and height. [default: endless]", metavar="W,H")
+    position_mm: str | None = option(None, "Sphere: its centre; corner: its apex.", metavar="X,Y,Z")
+    radius_mm: float | None = option(None, "Sphere: to a thousandth of it.")
+    amplitude: Amplitude = option(Amplitude.unit, "1 for every pair, or 1/(R1 R2).")
+
+    def read(self) -> Target:
+        """The target that the options describe."""
+        import numpy as np
+
+        from calibration import CornerReflector, FlatPlate, Sphere
+
+        self._check()
+        amplitude = self.amplitude.value
+        if self.distance_mm is not None:
+            tilt_x, tilt_y = _numbers(
+                "--tilt-deg", "0,0" if self.tilt_deg is None else self.tilt_deg, 2
+            )
+            size_m = None
+            if self.size_mm is not None:
+                width_mm, height_mm = _numbers("--size-mm", self.size_mm, 2)
+                size_m = (width_mm / 1e3, height_mm / 1e3)
+            distance_m = self.distance_mm / 1e3
+            return FlatPlate(distance_m, tilt_x, tilt_y, size_m=size_m, amplitude=amplitude)
+        place_m = np.array(_numbers("--position-mm", str(self.position_mm), 3)) / 1e3
+        if self.radius_mm is not None:
+            return Sphere(place_m, self.radius_mm / 1e3, amplitude=amplitude)
+        return CornerReflector(place_m, amplitude=amplitude)
+
+    def _check(self) -> None:
+        needed, allowed = {
+            TargetKind.plate: (["--distance-mm"], ["--tilt-deg", "--size-mm"]),
+            TargetKind.sphere: (["--position-mm", "--radius-mm"], []),
+            TargetKind.corner: (["--position-mm"], []),
+        }[self.target]
+        for name, value in {
+            "--distance-mm": self.distance_mm,
+            "--tilt-deg": self.tilt_deg,
+            "--size-mm": self.size_mm,
+            "--position-mm": self.position_mm,
+            "--radius-mm": self.radius_mm,
+        }.items():
+            if value is None and name in needed:
+                raise wrong_usage(name, f"a {self.target.value} needs it")
+            if value is not None and name not in needed + allowed:
+                raise wrong_usage(name, f"a {self.target.value} has none")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateOptions:
+    """How gains and delays are estimated."""
+
+    hold: bool = option(False, "The target is exactly where the options place it.")
+    tolerance_mm: float = option(10.0, "How well its place is known, per axis.")
+    tilt_tolerance_deg: float = option(2.0, "How well a plate's tilt is known.")
+    max_delay_ps: float = option(100.0, "Largest delay of a pair that is searched for.")
+    common_delay: CommonDelay = option(CommonDelay.zero, "Delays scatter about this.")
+    level: Level = option(Level.mean, "0 dB: the mean gain, or that which echoes as modelled.")
+    gate_mm: float | None = option(None, "Use echoes within this range of the target only.")
+    dead_db: float = option(20.0, "Dead: this far below the median gain.")
+    noisy_db: float = option(6.0, "Noisy: this far above the median noise.")
+    max_residual_db: float = option(-10.0, "Refuse where more of the echoes is left.")
+
+    def settings(self) -> dict[str, Any]:
+        """Settings of `calibration.estimate_channels`."""
+        found = recorded(self)
+        found["refine_position"] = not found.pop("hold")
+        found["position_tolerance_m"] = found.pop("tolerance_mm") / 1e3
+        found["max_delay_s"] = found.pop("max_delay_ps") / 1e12
+        gate_mm = found.pop("gate_mm")
+        found["gate_m"] = None if gate_mm is None else gate_mm / 1e3
+        return found
+
+
+def command(
+    capture: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CAPTURE",
+            help="Of the target: native capture, recorded .npy frame, or radar folder.",
+        ),
+    ],
+    target: TargetOptions,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Channels to write (HDF5).")],
+    estimate: EstimateOptions,
+    frames: FrameOptions,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", help="Also draw gains, phases and delays: .png, .pdf or .svg."),
+    ] = None,
+    force: ForceOption = False,
+) -> None:
+    """The target's place is refined, too. Which errors are observable:
+    docs/channel-calibration.md.
+    """
+    from calibration import estimate_channels
+    from calibration.channels.figure import channels_figure
+    from clradar.plot import save_figure
+    from measurement_io import open_capture
+
+    known = target.read()
+    check_figure(plot)
+    check_outputs([output, plot], force=force, inputs=[capture])
+    loaded = open_capture(capture, **frames.chosen)
+    channels = estimate_channels(loaded, known, **estimate.settings())
+    options = recorded(target, estimate, frames)
+    origin = provenance("channels", options, recording_files(capture, loaded.meta))
+    save(output, channels, origin, force=force)
+    print_summary(output, channels)
+    if plot is not None:
+        save_figure(channels_figure(channels, capture.name), plot, force=force)
+        print_line(f"{plot}: gains, phases and delays")
+
+
+def _numbers(option: str, text: str, count: int) -> list[float]:
+    found = numbers(text)
+    if len(found) != count:
+        raise wrong_usage(option, f"expected {count} numbers with commas between, got '{text}'")
+    return found
+
+
+def print_summary(output: Path, channels: ChannelCalibration) -> None:
+    """Print gains and delays of both sides, the target's place, and the residual."""
+    import numpy as np
+
+    rows = []
+    for side in ("tx", "rx"):
+        gain = getattr(channels.response, f"{side}_gain")
+        live = gain != 0
+        delay_ps = 1e12 * getattr(channels.response, f"{side}_delay_s")[live]
+        gain_db = 20 * np.log10(np.abs(gain[live]))
+        noise_db = 20 * np.log10(np.median(getattr(channels, f"{side}_noise")[live]) + 1e-30)
+        listed = [getattr(channels, f"{state}_{side}").tolist() for state in ("dead", "noisy")]
+        rows.append(
+            [
+                side.title(),
+                f"{gain_db.size} of {gain.size}",
+                *(" ".join(map(str, found)) or "none" for found in listed),
+                f"{gain_db.min():+.2f} to {gain_db.max():+.2f}",
+                f"{delay_ps.mean():+.2f}",
+                f"{delay_ps.min():+.2f} to {delay_ps.max():+.2f}",
+                f"{noise_db:.1f}",
+            ]
+        )
+    columns = ("", "live", "dead", "noisy", "gain (dB)", "mean delay (ps)", "delay (ps)")
+    print_table([*columns, "noise (dB)"], rows)
+    parts = []
+    for name, value in channels.target_position.items():
+        what, unit = name.rsplit("_", 1)
+        scale, shown = (1e3, "mm") if unit == "m" else (1.0, "deg")
+        std = scale * channels.target_std[name]
+        parts.append(f"{what} {scale * value:.3f} +- {std:.3f} {shown}")
+    print_line(f"{channels.target}: {', '.join(parts)}")
+    print_line(
+        f"{output}: {channels.residual_db:.1f} dB of the echoes is left, "
+        f"{channels.noise_residual_db:.1f} dB by noise"
+    )
+    if channels.residual_db > channels.noise_residual_db + UNEXPLAINED_DB:
+        print_warning(
+            f"{channels.residual_db - channels.noise_residual_db:.0f} dB more is left than by "
+            "noise: other echoes, or a target that differs from its description"
+        )

@@ -1,0 +1,102 @@
+"""``clradar compare``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from clradar.cli.comparison import Comparison, labels_of
+from clradar.cli.console import print_line
+from clradar.cli.inputs import ImageInput, common_grid
+from clradar.cli.options.common import (
+    DEFAULT_DYNAMIC_RANGE_DB,
+    DeviceOption,
+    DynamicRangeOption,
+    ForceOption,
+)
+from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.recording import FrameOptions
+from clradar.cli.options.values import wrong_usage
+from clradar.cli.outputs import check_figure, check_outputs, check_suffix
+from clradar.cli.provenance import provenance
+from clradar.files.atomic import write_file
+from clradar.files.json_file import write_json
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonFiles:
+    """Files of a comparison, none of which has to be written."""
+
+    output: Path | None = option(
+        None, "Figure to write: .png, .pdf or .svg.", names=("-o", "--output")
+    )
+    json: Path | None = option(None, "File for the metrics, in metres.")
+    report: Path | None = option(
+        None, "Page to write: figure, 3-D view, metrics and settings in one .html file."
+    )
+
+    def check(self, *, force: bool, inputs: Sequence[Path]) -> None:
+        """Raise unless all of them may be written."""
+        check_figure(self.output)
+        check_suffix(self.report, (".html", ".htm"))
+        check_outputs([self.output, self.json, self.report], force=force, inputs=inputs)
+
+
+def command(
+    measured: Annotated[Path, typer.Argument(metavar="MEASURED", help="Volume or capture.")],
+    simulated: Annotated[
+        list[Path], typer.Argument(metavar="SIMULATED", help="Volumes or captures.")
+    ],
+    files: ComparisonFiles,
+    voxels: GridOptions,
+    imaging: ImagingOptions,
+    frames: FrameOptions,
+    dynamic_range_db: DynamicRangeOption = DEFAULT_DYNAMIC_RANGE_DB,
+    device: DeviceOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Captures are imaged first: on the grid of the options, or without them on that of the first
+    volume that is given, or without volumes on the paper's. --frame and --variant are those of
+    MEASURED, where it is a recording. The metrics are defined in docs/metrics.md.
+    """
+    from clradar.model import checks
+    from clradar.report import ReportImage, html_report
+
+    checks.positive("--dynamic-range-db", dynamic_range_db)
+    voxels.grid()  # wrong usage is reported before a file is read
+    files.check(force=force, inputs=[measured, *simulated])
+    images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
+    if all(image.grid is not None for image in images) and voxels.given:
+        raise wrong_usage(
+            "--x-mm, --y-mm, --z-mm", "there is no capture to image: all inputs are volumes"
+        )
+    grid = common_grid(voxels, *images)
+    volumes = [image.volume(grid, imaging, device) for image in images]
+    labels = labels_of(simulated, [volume.meta for volume in volumes[1:]])
+    compared = Comparison.of(volumes, labels, dynamic_range_db)
+    compared.print()
+    if files.output is not None:
+        compared.save_figure(files.output, force=force)
+        print_line(f"{files.output}: the measurement and {len(simulated)} simulated")
+    if files.json is None and files.report is None:
+        return
+    options = recorded(imaging, frames, grid=grid_text(grid))
+    origin = provenance("compare", options, [file for image in images for file in image.files])
+    if files.json is not None:
+        record = {"measured": str(measured), "simulated": compared.records(simulated), **origin}
+        write_json(files.json, record, force=force)
+        print_line(f"{files.json}: the metrics, in metres")
+    if files.report is not None:
+        named = zip(("Measurement", *labels), volumes, (measured, *simulated), strict=True)
+        shown = [ReportImage(label, volume, str(path)) for label, volume, path in named]
+        page = html_report(
+            shown[0], shown[1:], metrics=compared.metrics, settings=origin,
+            dynamic_range_db=dynamic_range_db,
+        )  # fmt: skip
+        write_file(files.report, page.encode("utf-8"), force=force)
+        print_line(f"{files.report}: the comparison as a page, to be opened in a browser")

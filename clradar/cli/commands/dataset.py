@@ -1,0 +1,241 @@
+"""``clradar dataset``."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from clradar.cli.console import counted, print_error, print_line, print_warning, progress_bar
+from clradar.cli.options.common import DeviceOption
+from clradar.cli.options.groups import option
+from clradar.cli.options.values import wrong_usage
+from clradar.cli.outputs import check_outputs
+from clradar.errors import ClusterError
+
+if TYPE_CHECKING:
+    from clradar.dataset.engine.serial import Engine
+    from clradar.dataset.plan.plan import Plan
+
+SHOWN_ASIDE = 20
+"""Samples set aside that are named at the end; the manifest has all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions:
+    """The sample of an earlier data set to make again."""
+
+    replay: tuple[Path, int] | None = option(
+        None,
+        "Make sample N of a data set again and compare it with the stored one, bit by bit.",
+        metavar="DIR N",
+    )
+    rigs: Path | None = option(
+        None,
+        "With --replay: what the plan's names of rig files are relative to. [default: the "
+        "current folder, then the data set's]",
+        metavar="FOLDER",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EngineOptions:
+    """The processes that make the samples."""
+
+    workers: int | None = option(
+        None,
+        "Make samples in N processes, each with a GPU or a share of the cores. "
+        "[default: in this process]",
+        metavar="N",
+        min=1,
+    )
+    scheduler: str | None = option(
+        None,
+        "Make samples on the workers of a Dask scheduler, tcp://HOST:PORT; see "
+        "docs/datasets-cluster.md.",
+        metavar="ADDRESS",
+    )
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.scheduler is not None:
+            raise wrong_usage("--scheduler", "expected no --workers with it: it has its own")
+
+    @contextmanager
+    def engine(self, device: str | None) -> Iterator[Engine]:
+        """This process, new ones, or those of a running cluster."""
+        from clradar.dataset.engine.serial import Serial
+
+        if self.workers is None and self.scheduler is None:
+            yield Serial(device)
+            return
+        try:
+            from clradar.dataset.engine.cluster import (
+                dashboard_text,
+                local_cluster,
+                running_cluster,
+            )
+            from clradar.dataset.engine.distributed import Distributed
+        except ImportError as error:
+            raise ClusterError(
+                f"--workers and --scheduler need Dask: pip install 'clradar[dataset]' ({error})"
+            ) from error
+        _silence_dask()
+        if self.scheduler is not None:
+            with running_cluster(self.scheduler) as client:
+                print_line(dashboard_text(client))
+                yield Distributed(client, device)
+            return
+        from clradar.dataset.engine.worker_resources import worker_resources
+
+        assert self.workers is not None
+        with local_cluster(worker_resources(self.workers, device)) as (client, end):
+            print_line(dashboard_text(client))
+            # Each worker has its device in CLRADAR_DEVICE.
+            yield Distributed(client, end_workers=end)
+
+
+def command(
+    repetition: ReplayOptions,
+    processes: EngineOptions,
+    plan: Annotated[
+        Path | None,
+        typer.Argument(metavar="PLAN.toml", help="The plan of the data set, see docs/datasets.md."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", help="Folder of the data set; with --replay the file to write."
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool,
+        typer.Option(
+            "--dry-run", help="Make one sample and estimate time and space of all; write none."
+        ),
+    ] = False,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Try the samples again that were set aside.")
+    ] = False,
+    device: DeviceOption = None,
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force",
+            help="Remove the data set that is in the folder, of this plan or another, and begin "
+            "anew; with --replay replace the file.",
+        ),
+    ] = False,
+) -> None:
+    """Makes training data: posed hands, simulated and imaged, with their parameters as labels. The
+    same command again goes on where it stopped. A sample that cannot be made is set aside; the exit
+    status is 1 as long as any is.
+    """
+    if repetition.replay is not None:
+        if plan is not None or dry_run:
+            raise wrong_usage("--replay", "expected no plan and no --dry-run with it")
+        replay_sample(*repetition.replay, device, output, force, repetition.rigs)
+        return
+    if repetition.rigs is not None:
+        raise wrong_usage("--rigs", "expected it with --replay only: a plan's own folder counts")
+    if plan is None:
+        raise wrong_usage("PLAN.toml", "expected a plan, or --replay DIR N")
+    wanted = checked_plan(plan)
+    if dry_run:
+        print_estimate(wanted, device)
+        return
+    if output is None:
+        raise wrong_usage("-o", "expected the folder of the data set, or --dry-run")
+    with processes.engine(device) as engine:
+        make(wanted, output, engine, force=force, retry=retry)
+
+
+def checked_plan(path: Path) -> Plan:
+    """The plan of a file; each of its mistakes is printed on its line."""
+    from clradar.dataset.plan.reader import read_plan
+    from clradar.dataset.plan.table import PlanError
+
+    try:
+        return read_plan(path)
+    except PlanError as error:
+        for mistake in error.mistakes:
+            print_error(mistake)
+        raise typer.Exit(1) from None
+
+
+def _silence_dask() -> None:
+    """Silence Dask's own messages: the fate of samples and workers is reported here."""
+    # Dask gives some of its loggers levels of their own, so that the parent's does not count.
+    known = list(logging.root.manager.loggerDict)
+    for name in {"distributed", "tornado.application", "asyncio", *known}:
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
+def make(plan: Plan, output: Path, engine: Engine, *, force: bool, retry: bool) -> None:
+    """Make a data set, or go on with one."""
+    from clradar.dataset.engine.run import run
+
+    try:
+        with progress_bar("samples") as progress:
+            result = run(
+                plan, output, engine=engine, force=force, retry=retry, progress=progress,
+                warn=print_warning,
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        print_error(f"interrupted; the same command goes on with {output}")
+        raise
+    for aside in result.aside[:SHOWN_ASIDE]:
+        print_warning(
+            f"sample {aside.sample} was set aside after {aside.attempts} attempts: {aside.reason}"
+        )
+    if len(result.aside) > SHOWN_ASIDE:
+        print_warning(f"{len(result.aside) - SHOWN_ASIDE} more were set aside; see manifest.json")
+    there = result.samples - len(result.aside)
+    print_line(f"{output}: {there} of {result.samples} samples, {result.made} of them made now")
+    if result.aside:
+        count = counted(len(result.aside), "sample")
+        print_error(f"{output}: {count} set aside; --retry tries again")
+        raise typer.Exit(1)
+
+
+def print_estimate(plan: Plan, device: str | None) -> None:
+    """Estimate time and space of a plan from one sample that is made for it."""
+    from clradar.dataset.engine.estimate import estimate
+
+    for line in estimate(plan, device=device).lines():
+        print_line(line)
+
+
+def replay_sample(
+    folder: Path,
+    index: int,
+    device: str | None,
+    output: Path | None,
+    force: bool,
+    rigs: Path | None,
+) -> None:
+    """Make one sample again and compare it with the stored one."""
+    from clradar.dataset.engine.replay import replay
+
+    check_outputs([output], force=force)
+    found = replay(folder, index, device=device, output=output, force=force, rigs=rigs)
+    if output is not None:
+        print_line(f"{output}: sample {index}, made again")
+    if found.stored_in is None:
+        print_warning(f"sample {index} is not in {folder}: there was nothing to compare with")
+        return
+    if not found.differences:
+        print_line(f"sample {index}: the same bits as in {folder / found.stored_in}")
+        return
+    for line in found.made_otherwise:
+        print_warning(f"made otherwise then: {line}")
+    for line in found.differences:
+        print_line(line)
+    count = counted(len(found.differences), "difference")
+    print_error(f"sample {index}: {count} to that in {folder / found.stored_in}")
+    raise typer.Exit(1)

@@ -1,0 +1,172 @@
+"""``clradar diagnose``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from clradar.cli.console import print_line, print_table, print_warning, progress_bar
+from clradar.cli.inputs import recording_files
+from clradar.cli.options.common import CaptureArgument, DeviceOption, ForceOption
+from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.imaging import GridOptions, grid_text
+from clradar.cli.options.recording import FrameOptions
+from clradar.cli.options.values import finite, numbers, wrong_usage
+from clradar.cli.outputs import check_figure, check_outputs, save
+from clradar.cli.provenance import provenance
+from clradar.errors import ModelError
+from clradar.files.json_file import write_json
+
+if TYPE_CHECKING:
+    from calibration import Diagnosis, Score
+    from clradar import Capture
+
+COLUMNS = ("axes", "phase", "frequencies", "x", "sharpness (dB)", "brightest at x, y, z (mm)", "")
+
+COARSE_GRID_MM = ("-100:100:4", "-100:100:4", "260:340:10")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnosisFiles:
+    """Files of a diagnosis, none of which has to be written."""
+
+    output: Path | None = option(
+        None, "Figure of all images: .png, .pdf or .svg.", names=("-o", "--output")
+    )
+    json: Path | None = option(None, "File for the result, in metres.")
+    fix_to: Path | None = option(None, "Also write the capture in clradar's convention (HDF5).")
+
+
+def command(
+    capture: CaptureArgument,
+    files: DiagnosisFiles,
+    voxels: GridOptions,
+    frames: FrameOptions,
+    expect_mm: Annotated[
+        str | None,
+        typer.Option(
+            "--expect-mm",
+            metavar="X,Y,Z",
+            help="Rough position (20 mm) of a known target: tells the image from its mirror image.",
+        ),
+    ] = None,
+    device: DeviceOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Forms a coarse image under each of sixteen hypotheses and compares how sharp they are. The
+    range profile shows where to image; with one of --x-mm, --y-mm, --z-mm, the grid is that of the
+    options, whose steps should be coarse (4 mm). See docs/diagnose.md.
+    """
+    from calibration import diagnose
+    from clradar import open_device
+    from clradar.plot import save_figure
+    from measurement_io import open_capture
+
+    expected_m = _position_m(expect_mm)
+    grid = voxels.grid(COARSE_GRID_MM) if voxels.given else None
+    check_figure(files.output)
+    check_outputs([files.output, files.json, files.fix_to], force=force, inputs=[capture])
+    loaded = open_capture(capture, **frames.chosen)
+    opened = open_device(device)
+    with progress_bar("imaging") as progress:
+        result = diagnose(
+            loaded, grid=grid, expected_m=expected_m, device=opened, progress=progress
+        )
+    print_scores(result)
+    for reason in result.reasons:
+        print_line(f"- {reason}")
+    print_line(result.recommendation)
+    options = recorded(frames, expect_mm=expect_mm, grid=None if grid is None else grid_text(grid))
+    origin = provenance("diagnose", options, recording_files(capture, loaded.meta))
+    if files.json is not None:
+        record = {"capture": str(capture), **result.to_dict(), **origin}
+        write_json(files.json, record, force=force)
+        print_line(f"{files.json}: the result, in metres")
+    if files.output is not None and any(score.image is not None for score in result.scores):
+        save_figure(figure_of(result, capture.name), files.output, force=force)
+        print_line(f"{files.output}: the image under each hypothesis")
+    elif files.output is not None:
+        print_warning(f"{files.output}: not drawn, since there is no image")
+    if files.fix_to is not None:
+        write_fixed(files.fix_to, capture, loaded, result, origin, force=force)
+
+
+def write_fixed(
+    path: Path,
+    source: Path,
+    capture: Capture,
+    result: Diagnosis,
+    origin: dict[str, Any],
+    *,
+    force: bool,
+) -> None:
+    """Write the capture in clradar's convention."""
+    from calibration import apply_convention
+
+    if result.best is None:
+        raise ModelError(f"{path}: not written, since the convention of {source} is not known")
+    save(path, apply_convention(capture, result.best), origin, force=force)
+    print_line(f"{path}: the capture with '{result.best.label}' undone")
+    if not result.decided:
+        others = " / ".join(f"'{h.label}'" for h in result.candidates[1:])
+        print_warning(f"{path}: {others} cannot be ruled out")
+
+
+def _position_m(text: str | None) -> list[float] | None:
+    if text is None:
+        return None
+    found = numbers(text)
+    if len(found) != 3 or not finite(found):
+        raise wrong_usage("--expect-mm", f"expected X,Y,Z in millimetres, got '{text}'")
+    return [value / 1e3 for value in found]
+
+
+def print_scores(result: Diagnosis) -> None:
+    """Print one row per hypothesis, the sharpest first."""
+
+    def rank(score: Score) -> float:
+        return math.inf if math.isnan(score.relative_db) else -score.relative_db
+
+    rows = []
+    for score in sorted(result.scores, key=rank):
+        h = score.hypothesis
+        mark = ""
+        if h in result.candidates:
+            mark = "best" if h == result.best else "ambiguous"
+        peak_mm = ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
+        rows.append(
+            [
+                "[rx, tx]" if h.swapped else "[tx, rx]",
+                "exp(+j)" if h.conjugated else "exp(-j)",
+                "descending" if h.reversed else "ascending",
+                "mirrored" if h.mirrored else "as given",
+                _decibels(score),
+                "n/a" if score.image is None else peak_mm,
+                mark,
+            ]
+        )
+    print_table(COLUMNS, rows, right=COLUMNS[4:6])
+
+
+def _decibels(score: Score) -> str:
+    if math.isnan(score.relative_db):
+        return "n/a"
+    return f"{score.relative_db:.1f}" if score.relative_db > -100 else "< -100"
+
+
+def figure_of(result: Diagnosis, name: str) -> Any:
+    """The figure: a row for each order of axes and mirror image, a column for sign and order."""
+    from clradar.plot import panels_figure
+
+    rows: dict[tuple[bool, bool], list[Any]] = {}
+    for score in result.scores:
+        h = score.hypothesis
+        label = f"{h.label} ({_decibels(score)} dB)"
+        if h == result.best:
+            label = f"BEST: {label}"
+        rows.setdefault((h.swapped, h.mirrored), []).append((label, score.image))
+    return panels_figure(list(rows.values()), name)

@@ -1,0 +1,195 @@
+"""``clradar hand``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+
+from clradar.cli.console import print_line, print_table
+from clradar.cli.options.common import DeviceOption, ForceOption
+from clradar.cli.options.groups import argument, option, option_name
+from clradar.cli.options.rig import RigOptions
+from clradar.cli.options.values import wrong_usage
+from clradar.cli.outputs import check_outputs, check_suffix
+from clradar.files.atomic import write_file
+from clradar.files.json_file import write_json
+
+if TYPE_CHECKING:
+    from clradar.hand import HandMesh, HandPose
+
+SUFFIXES = (".ply", ".stl", ".obj", ".off", ".glb")
+"""Formats of mesh files; only .glb keeps the parts apart."""
+
+EDGE_MM = 1.7
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmbeddedHandOptions:
+    """Size and shape of the embedded hand."""
+
+    edge_mm: float | None = option(
+        None, f"About the length of an edge. [default: {EDGE_MM}]", metavar="MM"
+    )
+    left: bool = option(False, "A left hand.")
+    length_mm: float | None = option(
+        None, "Wrist crease to middle fingertip. [default: 187.4]", metavar="MM"
+    )
+    breadth_mm: float | None = option(None, "Across the knuckles. [default: 85.6]", metavar="MM")
+    finger_lengths: tuple[float, float, float, float, float] | None = option(
+        None,
+        "Thumb to little finger, relative to an average hand of this length.",
+        metavar="T I M R P",
+    )
+    girth: float | None = option(
+        None, "Thickness, relative to that of an average hand of this breadth."
+    )
+
+    def refuse(self) -> None:
+        """Raise if one of the options was given: a rig has its own size and shape."""
+        if self.left:
+            raise wrong_usage("--left", "a rig is a left or a right hand itself; see --rig-hand")
+        if self.edge_mm is not None:
+            raise wrong_usage("--edge-mm", "a rig's mesh is taken as it is")
+        for name in ("length_mm", "breadth_mm", "finger_lengths", "girth"):
+            if getattr(self, name) is not None:
+                raise wrong_usage(option_name(name), "a rig has the size and shape of its own mesh")
+
+    def posed(self, pose: HandPose, center_m: Sequence[float], device: str | None) -> HandMesh:
+        """The surface of the embedded hand in a pose."""
+        from clradar.hand import HandShape, hand_mesh
+
+        average = HandShape()
+        shape = HandShape(
+            length_m=average.length_m if self.length_mm is None else self.length_mm / 1e3,
+            breadth_m=average.breadth_m if self.breadth_mm is None else self.breadth_mm / 1e3,
+            finger_lengths=self.finger_lengths or average.finger_lengths,
+            girth=average.girth if self.girth is None else self.girth,
+        )
+        return hand_mesh(
+            pose,
+            edge_length_m=(EDGE_MM if self.edge_mm is None else self.edge_mm) / 1e3,
+            handedness="left" if self.left else "right",
+            center_m=center_m,
+            shape=shape,
+            device=device,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseOptions:
+    """Pose and place of the hand."""
+
+    pose: str | None = argument(
+        None, "Name of the pose (--list shows them), or a pose file (.toml, .json). [default: F]"
+    )
+    center_mm: tuple[float, float, float] = option(
+        (0.0, 0.0, 300.0), "Centre of the bounding box.", metavar="X Y Z"
+    )
+    turn_deg: float = option(
+        0.0, "Turn about the vertical through the centre; positive brings +x nearer.", metavar="DEG"
+    )
+
+    @property
+    def name(self) -> str:
+        """The name of the pose, or of its file."""
+        return "F" if self.pose is None else self.pose
+
+    def read(self) -> HandPose:
+        """The pose. A name without a suffix is no file, even if there is one of that name."""
+        from clradar.hand import pose_by_name, read_pose
+
+        return read_pose(self.name) if Path(self.name).suffix else pose_by_name(self.name)
+
+
+def command(
+    pose: PoseOptions,
+    embedded: EmbeddedHandOptions,
+    rigged: RigOptions,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help=f"Mesh file: {', '.join(SUFFIXES)}.")
+    ] = None,
+    joints: Annotated[
+        Path | None,
+        typer.Option(
+            "--joints",
+            metavar="JOINTS.json",
+            help="Write the 25 joints, too: name: [x, y, z], metres, in the frame of the mesh.",
+        ),
+    ] = None,
+    list_poses: Annotated[bool, typer.Option("--list", help="List the poses and exit.")] = False,
+    device: DeviceOption = None,
+    force: ForceOption = False,
+) -> None:
+    """The mesh is closed, in metres and in the antenna frame, palm to the radar. A .glb file
+    keeps palm, thumb, index, middle, ring and pinky apart, so that each can have its own alpha.
+
+    With --rig, a hand of one's own is posed: its place in the file, its unit, and whether it is a
+    left or a right hand follow from its joints.
+    """
+    from clradar.cli.region_files import joints_record
+    from clradar.hand import POSES
+
+    if list_poses:
+        print_table(("pose", "description"), [(n, known.description) for n, known in POSES.items()])
+        return
+    if output is None:
+        raise wrong_usage("-o", "expected a mesh file to write, or --list")
+    check_suffix(output, SUFFIXES)
+    if rigged.rig is not None:
+        embedded.refuse()
+        if device is not None:
+            raise wrong_usage("--device", "a rig's mesh is posed without one")
+    if rigged.theta is not None and pose.pose is not None:
+        raise wrong_usage("--theta", f"expected instead of a pose, got '{pose.pose}', too")
+    if not np.isfinite(pose.turn_deg):
+        raise wrong_usage("--turn-deg", f"expected an angle in degrees, got {pose.turn_deg:g}")
+    check_outputs([output, joints], force=force, inputs=rigged.files)
+    joint_angles, center_m = pose.read(), [value / 1e3 for value in pose.center_mm]
+    if rigged.rig is None:
+        mesh = embedded.posed(joint_angles, center_m, device)
+        words = f"hand '{joint_angles.name}'"
+    else:
+        mesh, words = rigged.posed(joint_angles, pose.name, center_m)
+    mesh = turned(mesh, pose.turn_deg, center_m)
+    save_hand(output, mesh, force=force)
+    if joints is not None:
+        write_json(joints, joints_record(mesh.joints_m), force=force)
+    print_line(f"{output}: {words}, {len(mesh.faces)} faces")
+
+
+def turned(mesh: HandMesh, angle_deg: float, center_m: Sequence[float]) -> HandMesh:
+    """A hand turned about the vertical through `center_m`.
+
+    Parameters
+    ----------
+    mesh : HandMesh
+    angle_deg : float, degrees
+        Positive brings the side at +x nearer to the radar.
+    center_m : sequence of 3 floats, metres
+    """
+    cosine, sine = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    matrix = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+    centre_m = np.asarray(center_m, dtype=np.float64)
+    return mesh.moved(np.eye(3), -centre_m).moved(matrix, centre_m)
+
+
+def save_hand(path: Path, mesh: HandMesh, *, force: bool) -> None:
+    """Write a hand's mesh whole or not at all, in metres."""
+    import trimesh
+
+    kind = path.suffix.lower()[1:]
+    if kind == "glb":
+        scene = trimesh.Scene()
+        for i, name in enumerate(mesh.part_names):
+            piece = trimesh.Trimesh(mesh.vertices_m, mesh.faces[mesh.part == i], process=False)
+            piece.remove_unreferenced_vertices()
+            scene.add_geometry(piece, node_name=name, geom_name=name)
+        content = scene.export(file_type=kind)
+    else:
+        content = mesh.to_trimesh().export(file_type=kind)
+    write_file(path, content.encode() if isinstance(content, str) else content, force=force)

@@ -1,0 +1,173 @@
+"""``clradar register``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from clradar.cli.comparison import Comparison
+from clradar.cli.console import print_line, print_text, print_warning, progress_bar
+from clradar.cli.inputs import ImageInput
+from clradar.cli.options.common import (
+    DeviceOption,
+    ForceOption,
+    MeasuredArgument,
+    SearchOptions,
+    UnitOptions,
+)
+from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.recording import FrameOptions
+from clradar.cli.options.simulation import SamplingOptions
+from clradar.cli.options.values import finite, numbers, wrong_usage
+from clradar.cli.outputs import check_folder, save
+from clradar.cli.provenance import provenance
+from clradar.files.atomic import write_file
+from clradar.files.json_file import write_json
+
+if TYPE_CHECKING:
+    from calibration import Registration, Round
+    from clradar import Device, Scene, Volume
+
+PLACED, TRANSFORM, CAPTURE = "placed.ply", "transform.json", "capture.h5"
+VOLUME, FIGURE, METRICS = "volume.h5", "comparison.png", "metrics.json"
+
+FILES = (PLACED, TRANSFORM, CAPTURE, VOLUME, FIGURE, METRICS)
+
+FIT = "fit"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegistrationOptions(UnitOptions, SamplingOptions, SearchOptions):
+    """Search and simulations of a registration."""
+
+    alpha: str = option(
+        FIT,
+        "0 specular to 1 diffuse, or fit: found from how the brightness falls with the angle.",
+        metavar="ALPHA|fit",
+    )
+    seed: int = option(0, "Of the first round; counts up from there.", metavar="N")
+    max_rounds: int = option(10, "Simulations at most.", metavar="N")
+
+    def alpha_value(self) -> float | None:
+        """The number, or None for `fit`."""
+        if self.alpha == FIT:
+            return None
+        values = numbers(self.alpha)
+        if len(values) != 1 or not finite(values) or not 0.0 <= values[0] <= 1.0:
+            raise wrong_usage(
+                "--alpha", f"expected a number in [0, 1] or '{FIT}', got '{self.alpha}'"
+            )
+        return values[0]
+
+
+def command(
+    measured: MeasuredArgument,
+    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Mesh file, placed anywhere.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="New folder.")],
+    registration: RegistrationOptions,
+    voxels: GridOptions,
+    frames: FrameOptions,
+    device: DeviceOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Writes into DIR the placed mesh, the transform (for `clradar simulate --transform`), the
+    simulated capture and its volume, a figure and the metrics: all or nothing. Captures are imaged
+    first, on the grid of the options. Done when a round moves the mesh by less than 0.1 mm.
+    """
+    from clradar import Scene, open_device
+    from clradar.files.atomic import new_folder, swap_folder
+
+    alpha = registration.alpha_value()
+    check_folder(output, force=force, replaced=FILES)
+    scene = Scene.from_mesh(
+        mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit.value
+    )
+    grid = voxels.grid()
+    recorded_image = ImageInput.open(measured, frames)
+    opened = open_device(device)
+    volume = recorded_image.volume(grid, ImagingOptions(), opened)
+    result = registered(volume, scene, registration, recorded_image.radar, opened)
+    options = recorded(
+        registration, frames, measured=measured, mesh=mesh, grid=grid_text(volume.grid)
+    )
+    origin = provenance("register", options, [*recorded_image.files, mesh])
+    with new_folder(output) as temporary:
+        made = temporary / "made"
+        made.mkdir()
+        write_results(made, volume, result, str(measured), origin)
+        # Another process may have made it meanwhile.
+        check_folder(output, force=force, replaced=FILES)
+        swap_folder(made, output, temporary / "replaced")
+    print_text(result.alignment.report())
+    if not result.converged:
+        print_warning(f"still moving after {len(result.rounds)} rounds; see {TRANSFORM}")
+    for remark in replace(result.alignment, converged=True).remarks():
+        print_warning(remark)
+    print_line(f"{output}: {', '.join(FILES)}")
+
+
+def registered(
+    volume: Volume,
+    scene: Scene,
+    registration: RegistrationOptions,
+    radar: dict[str, Any],
+    device: Device,
+) -> Registration:
+    """Place the mesh, and show each round as it is done."""
+    from calibration import register
+
+    settings = recorded(registration)
+    del settings["unit"], settings["alpha"]
+    done: list[Round] = []
+    with progress_bar("registering") as progress:
+
+        def show(step: Round) -> None:
+            done.append(step)
+            if progress is not None:
+                progress(len(done), registration.max_rounds)
+            else:
+                print_line(round_text(len(done), step))
+
+        return register(
+            volume, scene, fit_alpha=registration.alpha == FIT, device=device, callback=show,
+            **settings, **radar,
+        )  # fmt: skip
+
+
+def round_text(number: int, step: Round) -> str:
+    """One round in words."""
+    alpha = "" if step.alpha is None else f"alpha {step.alpha:.2f}, "
+    return f"round {number}: {alpha}moved by {1e3 * step.moved_m:.2f} mm"
+
+
+def write_results(
+    folder: Path, measured: Volume, result: Registration, source: str, origin: dict[str, Any]
+) -> None:
+    """Write all files of a registration into `folder`."""
+    import trimesh
+
+    scene = result.scene
+    placed = trimesh.Trimesh(scene.vertices_m, scene.faces, process=False)
+    write_file(folder / PLACED, placed.export(file_type="ply"), force=False)
+    rounds = [
+        {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}
+        for r in result.rounds
+    ]
+    record = {**result.alignment.to_dict(), "rounds": rounds, **origin}
+    write_json(folder / TRANSFORM, record, force=False)
+    save(folder / CAPTURE, result.capture, origin, force=False)
+    save(folder / VOLUME, result.volume, origin, force=False)
+    alpha = result.rounds[-1].alpha
+    label = "Simulated"
+    if alpha is not None:
+        label += f", \N{GREEK SMALL LETTER ALPHA} = {alpha:.2f}"
+    compared = Comparison.of([measured, result.volume], [label])
+    compared.save_figure(folder / FIGURE, force=False)
+    simulated = compared.records([Path(VOLUME)])
+    metrics = {"measured": source, "alpha": alpha, "simulated": simulated, **origin}
+    write_json(folder / METRICS, metrics, force=False)
+    compared.print()

@@ -1,0 +1,305 @@
+"""``clradar sweep``."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from clradar.cli.comparison import METRIC_COLUMNS
+from clradar.cli.console import print_line, print_table, print_text, print_warning
+from clradar.cli.inputs import ImageInput
+from clradar.cli.options.common import (
+    DEFAULT_DYNAMIC_RANGE_DB,
+    DeviceOption,
+    DynamicRangeOption,
+    ForceOption,
+    MeasuredArgument,
+    SearchOptions,
+)
+from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.recording import FrameOptions
+from clradar.cli.options.simulation import PlacementOptions, SimulationOptions, WaveformOptions
+from clradar.cli.options.values import RANGE_RULE, finite, numbers, whole_steps, wrong_usage
+from clradar.cli.provenance import package_versions, provenance
+from clradar.compare import METRICS
+
+if TYPE_CHECKING:
+    from calibration import Regions, Sweep
+    from clradar import Capture, Scene, Volume, VoxelGrid
+
+ALPHA_RULE = f"{RANGE_RULE}, or a list with commas"
+PARTS, FINGERS = "parts", "fingers"
+DECIMALS = 9
+"""Of an alpha: 3 * 0.1 is then 0.3, as in `clradar simulate --alpha 0.3`."""
+
+MOST_ALPHAS = 1001
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlphaOptions:
+    """The alphas and the seeds to simulate with."""
+
+    alpha: str = option("0:1:0.1", f"{ALPHA_RULE}; in [0, 1].", metavar="RANGE")
+    seeds: int = option(3, "Simulations per alpha, each its own seed.", metavar="N")
+    seed: int = option(0, "The first seed.", metavar="N")
+    # The default of `calibration.sweep`, whose import would slow the help down.
+    metric: str = option(
+        "db_correlation", "Which metric the best alpha has; see docs/metrics.md.", metavar="NAME"
+    )
+
+    def check(self) -> None:
+        """Raise unless there is such a metric, and a seed."""
+        from clradar.model import checks
+
+        if self.metric not in METRICS:
+            known = ", ".join(METRICS)
+            raise wrong_usage("--metric", f"expected one of {known}, got '{self.metric}'")
+        checks.whole("--seeds", self.seeds, 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionOptions:
+    """Regions of the mesh that have an alpha each."""
+
+    regions: str | None = option(
+        None,
+        "Find an alpha for each named part, for fingers and palm, or for the regions of a "
+        "file: .npy or .json with a label per face, or .json with region: [parts].",
+        metavar="parts|fingers|FILE",
+    )
+    joints: Path | None = option(
+        None,
+        "For --regions fingers: joint name: [x, y, z] in the unit of the mesh, as "
+        "`clradar hand --joints` writes it. Not needed where palm and fingers are parts.",
+        metavar="JOINTS.json",
+    )
+
+    def check(self, max_bounces: int) -> None:
+        """Raise unless the options go together."""
+        if self.joints is not None and self.regions != FINGERS:
+            raise wrong_usage("--joints", "expected --regions fingers with it")
+        if self.regions is not None and max_bounces > 1:
+            raise wrong_usage(
+                "--max-bounces",
+                "expected 1 with --regions: a path of two bounces belongs to no single region",
+            )
+
+    @property
+    def files(self) -> list[Path]:
+        """Files of joints and regions."""
+        named = self.regions not in (None, PARTS, FINGERS)
+        return [
+            *([] if self.joints is None else [self.joints]),
+            *([Path(str(self.regions))] if named else []),
+        ]
+
+    def read(self, scene: Scene, unit: str) -> Regions | None:
+        """The regions of a mesh as it is in its file, whose unit is that of the joints."""
+        from calibration import Regions
+        from clradar.cli.region_files import read_joints, read_regions
+        from clradar.model.scene import UNITS_M
+
+        if self.regions is None:
+            return None
+        if self.regions == PARTS:
+            return Regions.of_parts(scene)
+        if self.regions == FINGERS:
+            joints = None if self.joints is None else UNITS_M[unit] * read_joints(self.joints)
+            return Regions.of_fingers(scene, joints)
+        return read_regions(Path(self.regions), scene)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceOptions(PlacementOptions, SearchOptions):
+    """Where the mesh is, or how to find it."""
+
+    align: bool = option(False, "Find where the mesh is first, as `clradar align`.")
+
+    def __post_init__(self) -> None:
+        if self.align and self.transform is not None:
+            raise wrong_usage("--transform, --align", "expected one of the two")
+
+
+def command(
+    measured: MeasuredArgument,
+    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Mesh file.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="New folder, or one to go on in.")
+    ],
+    alphas: AlphaOptions,
+    regions: RegionOptions,
+    place: PlaceOptions,
+    simulation: SimulationOptions,
+    frequencies: WaveformOptions,
+    voxels: GridOptions,
+    imaging: ImagingOptions,
+    frames: FrameOptions,
+    dynamic_range_db: DynamicRangeOption = DEFAULT_DYNAMIC_RANGE_DB,
+    device: DeviceOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Simulates MESH at every alpha with several seeds and compares each image with MEASURED. DIR
+    gets sweep.png, sweep.csv, sweep.json, the settings, and with --align the transform. The same
+    command goes on where a killed one stopped; other settings in the same DIR are refused, unless
+    --force begins anew. Frequencies are those of MEASURED, where it is a capture. What is found and
+    how sure it is: docs/sweep.md.
+    """
+    from calibration.roughness.sweep import check_place
+    from clradar import Scene, open_device
+    from clradar.cli import sweep_folder
+    from clradar.compare import depth_map_of
+    from clradar.model import checks
+
+    values = read_alphas(alphas.alpha)
+    alphas.check()
+    regions.check(simulation.max_bounces)
+    checks.positive("--dynamic-range-db", dynamic_range_db)
+    settings = simulation.settings(seed=alphas.seed)
+    scene = Scene.from_mesh(mesh, unit=place.unit.value)
+    labels = regions.read(scene, place.unit.value)
+    matrix = place.matrix()
+    image = ImageInput.open(measured, frames)
+    radar = radar_of(image, frequencies)
+    grid = grid_of(image, voxels, imaging)
+    opened = open_device(device)
+    band_hz = radar["waveform"].frequencies_hz
+    record = recorded(
+        imaging,
+        measured_sha256=digest(image.content),
+        mesh_sha256=scene.digest(),
+        regions=None if labels is None else list(labels.names),
+        regions_sha256=None if labels is None else sha256(labels.face),
+        transform=None if matrix is None else matrix.tolist(),
+        align={"search_deg": place.search_deg} if place.align else None,
+        alphas=values.tolist(),
+        seeds=alphas.seeds,
+        metric=alphas.metric,
+        simulation=asdict(settings.resolved()),
+        frequencies_ghz=[float(band_hz[0] / 1e9), float(band_hz[-1] / 1e9), len(band_hz)],
+        grid=grid_text(grid),
+        dynamic_range_db=dynamic_range_db,
+        device=dict(opened.describe()),
+        packages=package_versions(),
+    )
+    origin = provenance("sweep", record, [*image.files, mesh, *place.files, *regions.files])
+    volume = image.volume(grid, imaging, opened)
+    # A sweep that is impossible should leave no folder behind.
+    depth_map_of(volume, dynamic_range_db, str(measured))
+    placed = scene if matrix is None else scene.transformed(matrix)
+    if not place.align:
+        check_place(placed, volume.grid)
+    result = sweep_folder.sweep_into(
+        output, volume, placed, values,
+        source=str(measured), origin=origin, force=force,
+        align={"search_deg": place.search_deg, **image.radar} if place.align else None,
+        seeds=alphas.seeds, metric=alphas.metric, dynamic_range_db=dynamic_range_db,
+        regions=labels, device=opened, **radar, **recorded(imaging), **asdict(settings),
+    )  # fmt: skip
+    if result is None:
+        print_line(f"{output}: finished before with these settings; nothing to do")
+        return
+    print_result(result)
+    written = (sweep_folder.FIGURE, sweep_folder.TABLE, sweep_folder.RESULT)
+    print_line(f"{output}: {', '.join(written)}")
+
+
+def read_alphas(text: str) -> np.ndarray:
+    """The alphas of ``FIRST:LAST:STEP`` or of a list, shape (A,), float64."""
+
+    def wrong(expected: str) -> typer.BadParameter:
+        return wrong_usage("--alpha", f"expected {expected}, got '{text}'")
+
+    values = numbers(text, ":" if ":" in text else ",")
+    if not values:
+        raise wrong(ALPHA_RULE)
+    if not finite(values) or not all(0.0 <= value <= 1.0 for value in values):
+        raise wrong("numbers in [0, 1]")
+    if ":" in text:
+        if len(values) != 3:
+            raise wrong(ALPHA_RULE)
+        first, last, step = values
+        if step <= 0 or last <= first:
+            raise wrong("FIRST below LAST and STEP above 0")
+        if (last - first) / step > MOST_ALPHAS - 1:
+            raise wrong(f"at most {MOST_ALPHAS} alphas")
+        steps = whole_steps("--alpha", text, first, last, step)
+        values = [round(first + i * step, DECIMALS) for i in range(steps + 1)]
+    if len(values) < 2:
+        raise wrong("at least two alphas, of which the best can be chosen")
+    if not (np.diff(values) > 0).all():
+        raise wrong("alphas in ascending order, each once")
+    return np.array(values)
+
+
+def radar_of(image: ImageInput, frequencies: WaveformOptions) -> dict[str, Any]:
+    """Antennas and frequencies of a capture; for a volume those of the imager and the options."""
+    from clradar import arrays
+
+    if not image.radar:
+        return {"array": arrays.qar50(), "waveform": frequencies.waveform()}
+    if frequencies.given:
+        raise wrong_usage(
+            "--start-ghz, --stop-ghz, --steps", "MEASURED is a capture and has its frequencies"
+        )
+    return image.radar
+
+
+def grid_of(image: ImageInput, voxels: GridOptions, imaging: ImagingOptions) -> VoxelGrid:
+    """The grid of a volume; for a capture that of the options."""
+    if image.grid is None:
+        return voxels.grid()
+    if voxels.given:
+        raise wrong_usage("--x-mm, --y-mm, --z-mm", "there is no capture to image")
+    window = image.content.meta.get("window", imaging.window.value)
+    if window != imaging.window.value:
+        print_warning(
+            f"{image.path}: was formed with the window '{window}'; simulations are with "
+            f"'{imaging.window.value}' (--window)"
+        )
+    return image.grid
+
+
+def digest(image: Volume | Capture) -> str:
+    """The SHA-256 of everything in a capture or volume that a result depends on."""
+    from clradar import Volume
+
+    if isinstance(image, Volume):
+        return sha256(image.data, image.grid.x_m, image.grid.y_m, image.grid.z_m)
+    antennas_m = image.array.tx_m, image.array.rx_m
+    return sha256(image.data, *antennas_m, image.waveform.frequencies_hz)
+
+
+def sha256(*arrays: np.ndarray) -> str:
+    """The SHA-256 of shapes, types and bytes of arrays."""
+    state = hashlib.sha256()
+    for array in arrays:
+        state.update(str((array.shape, array.dtype)).encode())
+        state.update(array.tobytes())
+    return state.hexdigest()
+
+
+def print_result(result: Sweep) -> None:
+    """Print the metrics over alpha, as mean and deviation over the seeds, and the best alpha."""
+
+    def cell(values: np.ndarray, digits: int) -> str:
+        if not np.isfinite(values).all():
+            return "n/a"
+        if len(values) == 1:
+            return f"{values[0]:.{digits}f}"
+        return f"{values.mean():.{digits}f} \N{PLUS-MINUS SIGN} {values.std(ddof=1):.{digits}f}"
+
+    found = result.estimate
+    rows = []
+    for i, alpha in enumerate(result.alphas):
+        cells = [cell(f * result.of(name)[:, i], n) for name, f, n in METRIC_COLUMNS.values()]
+        mark = "best" if i == found.grid_best else "alike" if found.alike[i] else ""
+        rows.append([f"{alpha:g}", *cells, cell(found.score[:, i], 4), mark])
+    names = ("alpha", *METRIC_COLUMNS, "score", "")
+    print_table(names, rows, right=names[:-1])
+    print_text(result.report())

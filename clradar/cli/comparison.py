@@ -1,0 +1,104 @@
+"""Labels of compared images, and their metrics as a table and as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from clradar.cli.console import print_table
+from clradar.constants import DYNAMIC_RANGE_DB
+
+if TYPE_CHECKING:
+    from clradar import DepthMap, Metrics, Volume
+
+METRIC_COLUMNS = {
+    "overlap": ("overlap", 1.0, 3),
+    "dB correlation": ("db_correlation", 1.0, 3),
+    "SSIM": ("ssim", 1.0, 3),
+    "mask IoU": ("mask_iou", 1.0, 3),
+    "depth RMSE (mm)": ("depth_rmse_m", 1e3, 2),
+    "Chamfer sim. to meas. (mm)": ("chamfer_simulated_to_measured_m", 1e3, 2),
+    "Chamfer meas. to sim. (mm)": ("chamfer_measured_to_simulated_m", 1e3, 2),
+}
+"""Title of a column: field of `Metrics`, factor to the unit of the column, decimals."""
+
+
+def alpha_of(meta: Mapping[str, Any]) -> float | None:
+    """The alpha that a capture or volume was simulated with; None if unknown or not one number."""
+    capture = meta.get("capture")
+    scene = (capture if isinstance(capture, Mapping) else meta).get("scene")
+    if not isinstance(scene, Mapping):
+        return None
+    low, high = scene.get("alpha_min"), scene.get("alpha_max")
+    if not isinstance(low, int | float) or low != high:
+        return None
+    return float(low)
+
+
+def labels_of(paths: Sequence[Path], metas: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A short label for each image: its alpha if no other image has it, else its name."""
+    alphas = [alpha_of(meta) for meta in metas]
+    labels = []
+    for path, alpha in zip(paths, alphas, strict=True):
+        if alpha is None or alphas.count(alpha) > 1:
+            labels.append(path.stem or path.name or str(path))
+        else:
+            labels.append(f"\N{GREEK SMALL LETTER ALPHA} = {alpha:.3g}")
+    # Files of the same name in different folders: the whole path tells them apart.
+    return [
+        str(path) if labels.count(label) > 1 else label
+        for path, label in zip(paths, labels, strict=True)
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A measured image and simulated ones, with the metrics of each."""
+
+    maps: Sequence[DepthMap]
+    labels: Sequence[str]
+    metrics: Sequence[Metrics]
+    dynamic_range_db: float
+
+    @classmethod
+    def of(
+        cls,
+        volumes: Sequence[Volume],
+        labels: Sequence[str],
+        dynamic_range_db: float = DYNAMIC_RANGE_DB,
+    ) -> Comparison:
+        """Compare the first volume with each of the others, which are labelled."""
+        from clradar import compare
+
+        maps = [volume.depth_map(dynamic_range_db) for volume in volumes]
+        metrics = [compare(maps[0], m, dynamic_range_db=dynamic_range_db) for m in maps[1:]]
+        return cls(maps, labels, metrics, dynamic_range_db)
+
+    def print(self) -> None:
+        """Print one row of metrics per simulated image."""
+        rows = []
+        for label, found in zip(self.labels, self.metrics, strict=True):
+            values = [(f * getattr(found, name), n) for name, f, n in METRIC_COLUMNS.values()]
+            rows.append([label, *("n/a" if math.isnan(v) else f"{v:.{n}f}" for v, n in values)])
+        print_table(("simulated", *METRIC_COLUMNS), rows, right=tuple(METRIC_COLUMNS))
+
+    def save_figure(self, path: Path, *, force: bool, **options: Any) -> None:
+        """Draw all images side by side; `options` as in `clradar.plot.comparison_figure`."""
+        from clradar.plot import comparison_figure, save_figure
+
+        columns = list(zip(self.labels, self.maps[1:], strict=True))
+        figure = comparison_figure(
+            self.maps[0], columns, metrics=self.metrics, dynamic_range_db=self.dynamic_range_db,
+            **options,
+        )  # fmt: skip
+        save_figure(figure, path, force=force)
+
+    def records(self, paths: Sequence[Path]) -> list[dict[str, Any]]:
+        """One JSON object for each simulated image, which is in the file of the same position."""
+        return [
+            {"file": str(path), "label": label, "metrics": found.to_dict()}
+            for path, label, found in zip(paths, self.labels, self.metrics, strict=True)
+        ]

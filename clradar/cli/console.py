@@ -1,0 +1,97 @@
+"""What the subcommands print: results to stdout; errors, warnings and progress to stderr."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TextIO
+
+from clradar.model.progress import Progress
+
+
+def one_line(text: object) -> str:
+    """The text on one line that any stream can print, however long."""
+    line = " ".join(str(text).split())
+    line = line.encode("utf-8", "backslashreplace").decode("utf-8")
+    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in line)
+
+
+def print_error(text: object) -> None:
+    """Print the one line that says why a command failed."""
+    _print(f"clradar: error: {one_line(text)}", sys.stderr)
+
+
+def print_warning(text: object) -> None:
+    """Print one line about a result that may not be what was wanted."""
+    _print(f"clradar: warning: {one_line(text)}", sys.stderr)
+
+
+def print_line(text: object) -> None:
+    """Print one line of a result, at once."""
+    _print(one_line(text), sys.stdout)
+
+
+def print_text(text: str) -> None:
+    """Print lines of a result as they are."""
+    _print(text, sys.stdout)
+
+
+def _print(text: str, stream: TextIO) -> None:
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    print(text.encode(encoding, "backslashreplace").decode(encoding), file=stream, flush=True)
+
+
+def counted(count: int, noun: str) -> str:
+    """A number and its noun, such as "2 problems"."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def print_table(
+    columns: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()
+) -> None:
+    """Print a table; the columns named in `right` are aligned to the right."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    # In a pipe nothing is cut or wrapped: a program that reads it needs whole lines.
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 10_000)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold")
+    for name in columns:
+        table.add_column(Text(name), justify="right" if name in right else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*(Text(one_line(cell)) for cell in row))  # Text: brackets are no markup
+    console.print(table)
+
+
+@contextmanager
+def progress_bar(label: str) -> Iterator[Progress | None]:
+    """Show a progress bar on stderr while the block runs, where stderr is a terminal.
+
+    Yields
+    ------
+    callable or None
+        To be passed on as ``progress=``: called with (done, total). None in a pipe.
+    """
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bars
+
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+    )
+    with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task(label, total=None)
+
+        def show(done: int, total: int) -> None:
+            bars.update(task, completed=done, total=total)
+
+        yield show

@@ -1,0 +1,70 @@
+"""Options and arguments of many subcommands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from clradar.cli.options.groups import option
+from clradar.constants import DYNAMIC_RANGE_DB
+
+
+class Unit(str, Enum):
+    """Unit of length of a mesh file."""
+
+    m = "m"
+    mm = "mm"
+    cm = "cm"
+
+
+class Amplitude(str, Enum):
+    """Amplitude of a path."""
+
+    unit = "unit"
+    spreading = "spreading"
+
+
+CaptureArgument = Annotated[
+    Path,
+    typer.Argument(metavar="CAPTURE", help="Native capture, recorded .npy frame, or radar folder."),
+]
+MeasuredArgument = Annotated[
+    Path, typer.Argument(metavar="MEASURED", help="Volume, capture or recording.")
+]
+CaptureOutput = Annotated[Path, typer.Option("-o", "--output", help="Capture to write (HDF5).")]
+DeviceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--device",
+        metavar="NAME",
+        help="OpenCL device: its selector or part of its name (see `clradar devices`). "
+        "[default: CLRADAR_DEVICE, else PYOPENCL_CTX, else a GPU, else a CPU]",
+    ),
+]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+DynamicRangeOption = Annotated[
+    float,
+    typer.Option(
+        "--dynamic-range-db", metavar="DB", help="Ignore what is this far below an image's maximum."
+    ),
+]
+
+DEFAULT_DYNAMIC_RANGE_DB = DYNAMIC_RANGE_DB
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnitOptions:
+    """The unit of length of a mesh."""
+
+    unit: Unit = option(Unit.m, "Unit of length of the mesh file.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchOptions:
+    """The search for the place of a mesh."""
+
+    search_deg: float = option(45.0, "Rotations about boresight that are tried.", metavar="DEG")

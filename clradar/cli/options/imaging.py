@@ -1,0 +1,100 @@
+"""Options of image formation: the voxel grid, the method, the weights over frequency."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from clradar.cli.options.groups import option
+from clradar.cli.options.values import RANGE_RULE, finite, numbers, whole_steps, wrong_usage
+from clradar.model import VoxelGrid
+
+PAPER_GRID_MM = ("-100:100:1", "-100:100:1", "260:340:1")
+"""The grid of the paper's experiment: 201 x 201 x 81 voxels of 1 mm."""
+
+GRID_RULE = f"{RANGE_RULE}, or one number for a single slice"
+
+
+class Method(str, Enum):
+    """How the image is formed."""
+
+    fast = "fast"
+    range = "range"
+    exact = "exact"
+
+
+class Window(str, Enum):
+    """Weights over frequency."""
+
+    rect = "rect"
+    hann = "hann"
+    taylor = "taylor"
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridOptions:
+    """The voxel grid, in millimetres."""
+
+    x_mm: str | None = option(None, f"{GRID_RULE}. [default: {PAPER_GRID_MM[0]}]", metavar="RANGE")
+    y_mm: str | None = option(
+        None, f"The same along y. [default: {PAPER_GRID_MM[1]}]", metavar="RANGE"
+    )
+    z_mm: str | None = option(
+        None, f"The same along z. [default: {PAPER_GRID_MM[2]}]", metavar="RANGE"
+    )
+
+    @property
+    def given(self) -> bool:
+        """Whether one of the axes was given."""
+        return not (self.x_mm is None and self.y_mm is None and self.z_mm is None)
+
+    def grid(self, defaults_mm: tuple[str, str, str] = PAPER_GRID_MM) -> VoxelGrid:
+        """The grid, with default ranges for the axes that were not given."""
+        texts = (self.x_mm, self.y_mm, self.z_mm)
+        axes = [
+            axis_mm(option, default if text is None else text)
+            for option, text, default in zip(
+                ("--x-mm", "--y-mm", "--z-mm"), texts, defaults_mm, strict=True
+            )
+        ]
+        x_m, y_m, z_m = ((first / 1e3, last / 1e3) for first, last, _ in axes)
+        return VoxelGrid.from_extent(x_m, y_m, z_m, [step / 1e3 for _, _, step in axes])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImagingOptions:
+    """How an image is formed."""
+
+    method: Method = option(
+        Method.fast,
+        "fast: over a tree of blocks, -50 dB of error; range: from range profiles, "
+        "-54 dB; exact: the plain sum.",
+    )
+    window: Window = option(Window.rect, "Weights over frequency.")
+
+
+def axis_mm(option: str, text: str) -> tuple[float, float, float]:
+    """First, last and step of ``FIRST:LAST:STEP`` in millimetres.
+
+    A single number is an axis of one voxel; its step is 1 mm.
+    """
+    values = numbers(text, ":")
+    if len(values) not in (1, 3) or not finite(values):
+        raise wrong_usage(option, f"expected {GRID_RULE}, in millimetres; got '{text}'")
+    if len(values) == 1:
+        return values[0], values[0], 1.0
+    first, last, step = values
+    if step <= 0 or last < first:
+        raise wrong_usage(option, f"expected FIRST <= LAST and STEP > 0, got '{text}'")
+    whole_steps(option, text, first, last, step)
+    return first, last, step
+
+
+def grid_text(grid: VoxelGrid) -> str:
+    """Voxels and ends of a grid in words, millimetres."""
+    ends = [
+        f"{name} {1e3 * axis[0]:g} to {1e3 * axis[-1]:g}"
+        for name, axis in zip("xyz", (grid.x_m, grid.y_m, grid.z_m), strict=True)
+    ]
+    counts = " x ".join(str(n) for n in grid.counts)
+    return f"{counts} voxels ({', '.join(ends)} mm)"

@@ -1,0 +1,48 @@
+"""Options that choose a frame of a recording, and the positions of its antennas."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from clradar.cli.options.groups import option, recorded
+
+
+class Variant(str, Enum):
+    """Variant of a recorded frame."""
+
+    raw = "raw"
+    emptyfiltered = "emptyfiltered"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameOptions:
+    """Which frame of a recording."""
+
+    frame: int | None = option(None, "Frame of a recording. [default: 0]", metavar="N")
+    variant: Variant | None = option(None, "Variant of a recording's frame. [default: raw]")
+
+    @property
+    def chosen(self) -> dict[str, Any]:
+        """`frame` and `variant` as `measurement_io.open_capture` takes them."""
+        return recorded(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AntennaOptions:
+    """Files with the positions of antennas."""
+
+    rx_file: Path | None = option(None, "Positions of the Rx antennas of a recorded frame.")
+    tx_file: Path | None = option(None, "Positions of the Tx antennas of a recorded frame.")
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that were given."""
+        return [path for path in (self.rx_file, self.tx_file) if path is not None]
+
+    @property
+    def chosen(self) -> dict[str, Any]:
+        """`rx_file` and `tx_file` as `measurement_io.open_recording` takes them."""
+        return {"rx_file": self.rx_file, "tx_file": self.tx_file}

@@ -1,0 +1,124 @@
+"""A rigged hand from a file, in place of the embedded one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from clradar.cli.console import print_warning
+from clradar.cli.options.groups import option, option_name
+from clradar.cli.options.values import numbers, wrong_usage
+from clradar.files.failures import fail
+from clradar.files.json_file import read_json
+from clradar.files.limits import MAX_SMALL_JSON_BYTES
+
+if TYPE_CHECKING:
+    from clradar.hand import HandMesh, HandPose
+    from clradar.rigs import Rig
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigOptions:
+    """A rigged hand, and its pose in its own parameters."""
+
+    rig: Path | None = option(
+        None,
+        "Pose this hand instead of the embedded one: skinned glTF (.glb, .gltf) or a MANO "
+        "model (.pkl, .npz). Its mesh is taken as it is.",
+        metavar="HAND",
+    )
+    mapping: Path | None = option(
+        None,
+        "Which node of the rig is which joint, where it has no WebXR names: a table [joints].",
+        metavar="M.toml",
+    )
+    rig_unit: str | None = option(
+        None,
+        "The rig's unit of length: m, cm, mm, inch, or a number of millimetres. "
+        "[default: found from the hand's size]",
+        metavar="UNIT",
+    )
+    rig_hand: str | None = option(
+        None,
+        "Which hand the rig is, right or left, if neither names nor shape show it, or "
+        "which of two.",
+        metavar="SIDE",
+    )
+    betas: str | None = option(None, "Shape of a MANO hand, up to 10 numbers.", metavar="B,B,...")
+    theta: Path | None = option(
+        None,
+        "Pose of a MANO hand instead of POSE: a list of 48 numbers, axis times angle, radians.",
+        metavar="THETA.json",
+    )
+
+    def __post_init__(self) -> None:
+        if self.rig is None:
+            for name in ("mapping", "rig_unit", "rig_hand", "betas", "theta"):
+                if getattr(self, name) is not None:
+                    raise wrong_usage(option_name(name), "expected together with --rig")
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that were given."""
+        return [path for path in (self.rig, self.mapping, self.theta) if path is not None]
+
+    def posed(self, pose: HandPose, name: str, center_m: Sequence[float]) -> tuple[HandMesh, str]:
+        """The rig's surface in a pose, or at a theta of MANO; and both in words."""
+        from clradar.rigs import rotations_of_theta
+
+        rig = self._read()
+        if self.theta is None:
+            mesh, shown = rig.posed(pose, center_m), f"'{name}'"
+        else:
+            rotations = rotations_of_theta(rig, read_theta(self.theta))
+            mesh, shown = rig.turned(rotations, center_m), f"theta of {self.theta}"
+        joints = f"{int(rig.known.sum())} of {len(rig.known)} joints"
+        unit = f"unit {1e3 * rig.unit_m:.6g} mm"
+        return mesh, f"{self.rig}: {rig.handedness} hand, {unit}, {joints}, {shown}"
+
+    def _read(self) -> Rig:
+        from clradar.rigs import read_rig
+
+        assert self.rig is not None
+        if self.rig_hand not in (None, "right", "left"):
+            raise wrong_usage("--rig-hand", f"expected right or left, got '{self.rig_hand}'")
+        betas = None if self.betas is None else numbers(self.betas)
+        if betas == []:
+            raise wrong_usage("--betas", f"expected numbers, got '{self.betas}'")
+        rig = read_rig(
+            self.rig,
+            mapping=self.mapping,
+            unit=None if self.rig_unit is None else _unit(self.rig_unit),
+            handedness=self.rig_hand,
+            betas=betas,
+        )
+        for name in rig.ignored:
+            print_warning(f"{self.rig}: mesh '{name}' is not moved by the hand and is left out")
+        return rig
+
+
+def read_theta(path: Path) -> list[float]:
+    """The numbers of a JSON list."""
+    expected = "a JSON list of 48 numbers"
+    values = read_json(path, expected, MAX_SMALL_JSON_BYTES)
+    if not isinstance(values, list) or not all(type(v) in (int, float) for v in values):
+        fail(path, expected, "something else")
+    if len(values) != 48:
+        fail(path, expected, f"{len(values)}")
+    return values
+
+
+def _unit(text: str) -> str | float:
+    from clradar.rigs import UNITS_M
+
+    if text in UNITS_M:
+        return text
+    values_mm = numbers(text)
+    if len(values_mm) != 1 or not 0 < values_mm[0] < float("inf"):
+        raise wrong_usage(
+            "--rig-unit",
+            f"expected one of {', '.join(UNITS_M)}, or a positive number of mm, got '{text}'",
+        )
+    return values_mm[0] / 1e3

@@ -1,0 +1,121 @@
+"""Options of a simulation: rays, frequencies, and where the mesh is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.cli.options.common import Amplitude, UnitOptions
+from clradar.cli.options.groups import option, recorded
+from clradar.geometry.normals import CREASE_DEG
+from clradar.model import Waveform
+from clradar.tracing.settings import (
+    RAYS_PER_SAMPLE,
+    RECEPTION_RADIUS_M,
+    SAMPLES_PER_MM2,
+    SimulationSettings,
+)
+
+START_GHZ, STOP_GHZ, STEPS = 72.0, 82.0, 128
+
+
+class Normals(str, Enum):
+    """Shading normals."""
+
+    smooth = "smooth"
+    face = "face"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SamplingOptions:
+    """How densely rays are launched."""
+
+    samples_per_mm2: float | None = option(
+        None, f"Surface samples per square millimetre. [default: {SAMPLES_PER_MM2:g}]", metavar="N"
+    )
+    rays_per_sample: int | None = option(
+        None,
+        f"Rays per sample and Tx. [default: {RAYS_PER_SAMPLE}; 1 if samples are given per face]",
+        metavar="N",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationOptions(SamplingOptions):
+    """How rays are launched, reflected and received."""
+
+    rays_per_face: int | None = option(
+        None, "Samples on every face, instead of a density.", metavar="N"
+    )
+    reception_radius_mm: float = option(
+        1e3 * RECEPTION_RADIUS_M, "A ray this near to an Rx is received.", metavar="MM"
+    )
+    max_bounces: int = option(1, "Reflections per path at most.", metavar="N")
+    normals: Normals = option(Normals.smooth, "Interpolated from the vertices, or the faces'.")
+    crease_deg: float = option(CREASE_DEG, "Edges sharper than this stay sharp.", metavar="DEG")
+    amplitude: Amplitude = option(Amplitude.unit, "1 per path, or 1/(R1 R2).")
+    pattern_exponent: float = option(
+        0.0, "With --amplitude spreading: antennas have the pattern cos(angle)^P.", metavar="P"
+    )
+
+    def settings(self, **more: Any) -> SimulationSettings:
+        """The settings of the simulation; `more` are seed and estimator."""
+        fields = recorded(self)
+        radius_m = fields.pop("reception_radius_mm") / 1e3
+        return SimulationSettings(**fields, reception_radius_m=radius_m, **more)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaveformOptions:
+    """The frequencies of a stepped-frequency sweep."""
+
+    start_ghz: float | None = option(
+        None, f"First frequency. [default: {START_GHZ:g}]", metavar="GHZ"
+    )
+    stop_ghz: float | None = option(None, f"Last frequency. [default: {STOP_GHZ:g}]", metavar="GHZ")
+    steps: int | None = option(None, f"Number of frequencies. [default: {STEPS}]", metavar="N")
+
+    @property
+    def given(self) -> bool:
+        """Whether one of the options was given."""
+        return not (self.start_ghz is None and self.stop_ghz is None and self.steps is None)
+
+    @property
+    def band_ghz(self) -> tuple[float, float, int]:
+        """First and last frequency in gigahertz, and their number."""
+        return (
+            START_GHZ if self.start_ghz is None else self.start_ghz,
+            STOP_GHZ if self.stop_ghz is None else self.stop_ghz,
+            STEPS if self.steps is None else self.steps,
+        )
+
+    def waveform(self) -> Waveform:
+        """The frequencies, with those of the paper for what was not given."""
+        start_ghz, stop_ghz, steps = self.band_ghz
+        return Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacementOptions(UnitOptions):
+    """Unit and place of meshes."""
+
+    transform: Path | None = option(
+        None,
+        "4 x 4 matrix, row-major, metres, that moves the meshes into the antenna frame.",
+        metavar="T.json",
+    )
+
+    @property
+    def files(self) -> list[Path]:
+        """The file of the transform, if there is one."""
+        return [] if self.transform is None else [self.transform]
+
+    def matrix(self) -> np.ndarray | None:
+        """The transform, shape (4, 4); None if there is none."""
+        from measurement_io import read_transform
+
+        return None if self.transform is None else read_transform(self.transform)

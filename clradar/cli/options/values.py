@@ -1,0 +1,42 @@
+"""Numbers and ranges in the text of an option."""
+
+from __future__ import annotations
+
+import math
+
+import typer
+
+WHOLE_STEPS = 1e-6
+"""How far a range may be from a whole number of steps: allows for rounded decimals."""
+
+RANGE_RULE = "FIRST:LAST:STEP, both ends included"
+
+
+def wrong_usage(option: str, text: str) -> typer.BadParameter:
+    """The error that names the option and ends in exit status 2."""
+    return typer.BadParameter(text, param_hint=option)
+
+
+def numbers(text: str, separator: str = ",") -> list[float]:
+    """The numbers between separators, NaN and infinity among them; none if one is no number."""
+    try:
+        return [float(part) for part in text.split(separator)]
+    except ValueError:
+        return []
+
+
+def finite(values: list[float]) -> bool:
+    """Whether there are numbers, none of them NaN or infinite."""
+    return bool(values) and all(map(math.isfinite, values))
+
+
+def whole_steps(option: str, text: str, first: float, last: float, step: float) -> int:
+    """The number of steps of a range; raises if they do not end at `last`."""
+    steps = (last - first) / step
+    if abs(steps - round(steps)) > WHOLE_STEPS * max(1.0, steps):
+        fits = first + math.floor(steps) * step
+        raise wrong_usage(
+            option,
+            f"expected a whole number of steps, such as {first:g}:{fits:g}:{step:g}, got '{text}'",
+        )
+    return round(steps)
