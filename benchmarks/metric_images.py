@@ -36,7 +36,7 @@ class Hand:
     """A pose, turned about the vertical through the middle of the hand.
 
     Facing the radar, the palm is a mirror whose glint outshines the rest; turned by 25 degrees it
-    glints past the aperture (`clradar.cli.demo_run.DemoSettings.turn_deg`).
+    glints past the aperture (`clradar.cli.demonstration.DemoSettings.turn_deg`).
     """
 
     pose: str

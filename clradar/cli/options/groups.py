@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import Field, field, fields, is_dataclass
+from copy import copy
+from dataclasses import field, fields, is_dataclass
 from enum import Enum
 from inspect import Parameter
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_type_hints
 
 import typer
 
@@ -52,7 +54,8 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
             groups[name] = parameter.annotation
             parameters += _parameters_of(parameter.annotation)
         else:
-            parameters.append(parameter.replace(kind=Parameter.KEYWORD_ONLY))
+            hint, declared = get_args(parameter.annotation)
+            parameters.append(_parameter(name, parameter.default, hint, declared))
 
     def run(**values: Any) -> Any:
         records = {
@@ -67,17 +70,20 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def _parameters_of(group: Any) -> list[Parameter]:
     hints = get_type_hints(group)
+    parameters = []
+    for one in fields(group):
+        declared = one.metadata["declared"](option_name(one.name))
+        default = one.metadata["default"]
+        parameters.append(_parameter(one.name, default, hints[one.name], declared))
+    return parameters
 
-    def parameter(field: Field[Any]) -> Parameter:
-        declared = field.metadata["declared"](option_name(field.name))
-        return Parameter(
-            field.name,
-            Parameter.KEYWORD_ONLY,
-            default=field.metadata["default"],
-            annotation=Annotated[hints[field.name], declared],
-        )
 
-    return [parameter(field) for field in fields(group)]
+def _parameter(name: str, default: Any, hint: Any, declared: Any) -> Parameter:
+    if isinstance(hint, UnionType):  # typer 0.12 knows Optional[str], but not str | None
+        hint = Union[get_args(hint)]  # noqa: UP007
+    # A copy: for the same object Python 3.10 would return its cached Annotated[str | None, ...].
+    annotation = Annotated[hint, copy(declared)]
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
 def recorded(*groups: Any, **options: Any) -> dict[str, Any]:
