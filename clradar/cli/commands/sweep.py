@@ -199,7 +199,7 @@ def command(
         source=str(measured), origin=origin, force=force,
         align={"search_deg": place.search_deg, **image.radar} if place.align else None,
         seeds=alphas.seeds, metric=alphas.metric, dynamic_range_db=dynamic_range_db,
-        regions=labels, device=opened, **radar, **recorded(imaging), **asdict(settings),
+        regions=labels, device=opened, **radar, **recorded(imaging), settings=settings,
     )  # fmt: skip
     if result is None:
         print_line(f"{output}: finished before with these settings; nothing to do")
