@@ -12,7 +12,7 @@ from clradar.errors import DeviceError
 from clradar.opencl.device import Device
 
 HUGE_BYTES = 4 * 2**20
-"""From this size on numpy allocates huge pages. Such buffers on a CPU are numpy's memory; PoCL's own
+"""From this size on numpy allocates huge pages, and buffers on a CPU are numpy's memory. PoCL's own
 costs a page fault for every 4 KiB that is used, some microseconds each."""
 
 PAGE_BYTES = 4096
