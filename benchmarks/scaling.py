@@ -22,7 +22,7 @@ import clradar
 from clradar.bench import meshes
 from clradar.bench.nearest import NearestHits
 from clradar.bench.rays import bounces_of, our_tree, surface_of
-from clradar.bench.rows import ARRAY, WAVEFORM, PhasorSum, interleaved_s
+from clradar.bench.rows import ARRAY, WAVEFORM, PathSums, interleaved_s
 from clradar.bench.suite import noise
 from clradar.hand import hand_mesh
 
@@ -55,7 +55,7 @@ def _simulations(device: clradar.Device) -> Works:
 
 def _phasors(device: clradar.Device) -> Works:
     sizes = (20_000, 200_000, 2_000_000, 8_000_000)
-    return [(n, PhasorSum(device, n).ours) for n in sizes]
+    return [(n, PathSums(device, n).ours) for n in sizes]
 
 
 def _trees(device: clradar.Device) -> Works:

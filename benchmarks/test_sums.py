@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import clradar
-from clradar.bench.rows import WAVEFORM, PhasorSum
+from clradar.bench.rows import WAVEFORM, PathSums
 
 Measured = Callable[[Callable[[], Any]], Any]
 N_PATHS = 1_000_000
@@ -20,20 +20,20 @@ OURS_DB, PEER_DB = -120.0, -95.0
 
 
 @pytest.fixture(scope="module")
-def work(device: clradar.Device) -> PhasorSum:
-    return PhasorSum(device, N_PATHS)
+def work(device: clradar.Device) -> PathSums:
+    return PathSums(device, N_PATHS)
 
 
 @pytest.mark.benchmark(group="phasor sum, 1 M paths")
 @pytest.mark.parametrize("steps", ["equal", "unequal"])
-def test_ours(measured: Measured, work: PhasorSum, steps: str) -> None:
+def test_ours(measured: Measured, work: PathSums, steps: str) -> None:
     waveform = WAVEFORM if steps == "equal" else work.unequal
     data: np.ndarray = measured(partial(work.ours, waveform))
     assert work.error_db(data, waveform) <= OURS_DB
 
 
 @pytest.mark.benchmark(group="phasor sum, 1 M paths")
-def test_finufft(measured: Measured, work: PhasorSum) -> None:
+def test_finufft(measured: Measured, work: PathSums) -> None:
     """Its points and strengths included."""
 
     def both() -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Meshes to trace: of any number of faces, closed or concave."""
+"""Test meshes of any number of faces, closed or concave."""
 
 from __future__ import annotations
 

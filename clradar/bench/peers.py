@@ -1,4 +1,5 @@
-"""What a user has already: the same work in numba, numpy, finufft and Embree, each at its best."""
+"""Independent implementations of the same work, each at its best: numba, numpy, finufft, Embree,
+Mitsuba."""
 
 from __future__ import annotations
 
@@ -9,6 +10,8 @@ from typing import Any
 import finufft
 import numba
 import numpy as np
+
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 
 _PART_RAYS = 2**16
 
@@ -23,26 +26,23 @@ def _points_and_strengths(
     strength: np.ndarray,
 ) -> None:
     for i in numba.prange(len(length_m)):
-        turns = k * length_m[i]
-        angle = np.float32(-2.0 * math.pi) * np.float32(turns - math.floor(turns))
+        cycles = k * length_m[i]
+        angle = np.float32(-2.0 * math.pi) * np.float32(cycles - math.floor(cycles))
         strength[i] = complex(math.cos(angle) * amplitude[i], math.sin(angle) * amplitude[i])
-        turns = dk * length_m[i]
-        point[i] = 2.0 * math.pi * (turns - math.floor(turns + 0.5))
+        cycles = dk * length_m[i]
+        point[i] = 2.0 * math.pi * (cycles - math.floor(cycles + 0.5))
 
 
 class FinufftPhasorSum:
     """SFCW sum of paths sorted by pair, equal steps, by finufft's type 1.
 
-    Of what finufft offers this was the fastest here that keeps its accuracy: a plan per thread,
-    which takes the points of one pair after the other and does not sort them. Python's threads wait
-    for each other between these short calls: on a quiet machine one is faster than two. `nufft1d1`
-    pair by pair takes three times as long. One two-dimensional transform with the pair as second
-    coordinate takes about as long, but 8836 modes leave complex64 only -68 dB.
+    The fastest way to use finufft at its accuracy: a plan per thread, which takes the points of one
+    pair after the other and does not sort them (docs/performance.md).
     """
 
     def __init__(self, start: np.ndarray, frequencies_hz: np.ndarray, eps: float) -> None:
         self.start, self.eps, self.n_freq = start, eps, len(frequencies_hz)
-        k = frequencies_hz / 299_792_458.0
+        k = frequencies_hz / SPEED_OF_LIGHT_M_PER_S
         # Mode 0 is the frequency in the middle; its phasor goes into the strengths.
         self.k, self.dk = k[self.n_freq // 2], (k[-1] - k[0]) / (self.n_freq - 1)
 
@@ -132,9 +132,9 @@ def exact_by_gemm(capture: Any, points_m: np.ndarray) -> np.ndarray:
     to_rx = np.linalg.norm(points_m[:, None] - capture.array.rx_m, axis=2)
     out = np.zeros(len(points_m), dtype=np.complex64)
     for n, f in enumerate(capture.waveform.frequencies_hz):
-        turns = 2j * np.pi * f / 299_792_458.0
-        tx = np.exp(turns * to_tx).astype(np.complex64)
-        rx = np.exp(turns * to_rx).astype(np.complex64)
+        jk = 2j * np.pi * f / SPEED_OF_LIGHT_M_PER_S
+        tx = np.exp(jk * to_tx).astype(np.complex64)
+        rx = np.exp(jk * to_rx).astype(np.complex64)
         out += ((tx @ np.ascontiguousarray(capture.data[:, :, n])) * rx).sum(axis=1)
     return out / capture.data.size
 
@@ -163,17 +163,17 @@ class EmbreeRays:
         return self._query("OCCLUDED") >= 0
 
     def faces(self) -> np.ndarray:
-        """Return the face that each ray hits first, however far, or -1."""
+        """The face that each ray hits first, however far, or -1."""
         return self._query("INTERSECT")
 
     def _query(self, query: str) -> np.ndarray:
-        with ThreadPoolExecutor(2) as pool:  # embreex lets go of the interpreter lock
+        with ThreadPoolExecutor(2) as pool:  # embreex releases the interpreter lock
             run = pool.map(lambda part: self._scene.run(*part, query=query), self._parts)
             return np.concatenate(list(run))
 
 
 class MitsubaRays:
-    """Mitsuba 3 with its LLVM backend, one thread per core; its answers stay on its side."""
+    """Mitsuba 3 with its LLVM backend, one thread per core; queries leave their answers there."""
 
     name = "Mitsuba, LLVM, all cores"
 

@@ -1,8 +1,9 @@
-"""The ray tracer against Embree and Mitsuba: visibility, bounces, the tree, and how they grow."""
+"""Ray tracing against Embree and Mitsuba: visibility, bounces, tree building, and their growth."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
@@ -20,7 +21,7 @@ PAUSE_S = 0.1
 """Mitsuba's threads wait actively for a while after each call."""
 
 LIFT_M = 2e-6
-"""How far above their face rays begin that leave it."""
+"""Height above its face at which a ray begins."""
 
 
 def visibility(device: clradar.Device, repeats: int, n_points: int) -> list[Row]:
@@ -31,11 +32,11 @@ def visibility(device: clradar.Device, repeats: int, n_points: int) -> list[Row]
             origins, directions = rays_of(surface)
             ours = partial(surface.visible_bits, ARRAY.tx_m)
             queries, names = peers_of(scene, origins, directions, "blocked")
-            seen = surface.visible_from(ARRAY.tx_m).ravel()
-            differ = [float(np.mean(seen == peer())) for peer, _ in queries]
+            visible = surface.visible_from(ARRAY.tx_m).ravel()
+            differ = [float(np.mean(visible == peer())) for peer, _ in queries]
             times = interleaved_s([ours, *(run for _, run in queries)], repeats, PAUSE_S)
-        what = f"visibility, {seen.size / 1e6:.2g} M rays, {scene.n_faces} faces, {name}"
-        rows.append(_row(what, seen.size, times, names, differ))
+        what = f"visibility, {visible.size / 1e6:.2g} M rays, {scene.n_faces} faces, {name}"
+        rows.append(_row(what, visible.size, times, names, differ))
     return rows
 
 
@@ -63,13 +64,13 @@ def trees(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list[
         works = [partial(our_tree, triangles, device), partial(embree_tree, triangles)]
         ours_s, theirs_s = np.median(interleaved_s(works, repeats), axis=0)
         rows.append(
-            {
-                "work": f"tree of {len(triangles)} faces",
-                "ours": f"{ours_s:.2f} s",
-                "peer": f"Embree through embreex, copying the mesh included, {theirs_s:.2f} s",
-                "ratio": theirs_s / ours_s,
-                "check": "what the tree holds is tested in tests/test_bvh.py",
-            }
+            Row(
+                work=f"tree of {len(triangles)} faces",
+                ours=f"{ours_s:.2f} s",
+                peer=f"Embree through embreex, copying the mesh included, {theirs_s:.2f} s",
+                ratio=theirs_s / ours_s,
+                check="tests/geometry/test_bvh.py",
+            )
         )
     return rows
 
@@ -77,32 +78,27 @@ def trees(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list[
 def growth(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list[Row]:
     """Cost per ray against the number of faces."""
     works: list[Callable[[], Any]] = []
-    opened: list[Any] = []
     faces, sizes = [], []
-    try:
+    with ExitStack() as stack:
         for n in cells:
             scene = meshes.waves(n)
-            surface = surface_of(scene, 16384, device).__enter__()
-            opened.append(surface)
-            rays = NearestHits(scene.triangles_m, *bounces_of(scene, 300_000), device).__enter__()
-            opened.append(rays)
+            surface = stack.enter_context(surface_of(scene, 16384, device))
+            away = bounces_of(scene, 300_000)
+            rays = stack.enter_context(NearestHits(scene.triangles_m, *away, device))
             works += [partial(surface.visible_bits, ARRAY.tx_m), rays.trace]
             faces.append(scene.n_faces)
             sizes += [len(surface.points_m) * ARRAY.n_tx, 300_000]
         ns = np.median(interleaved_s(works, repeats) / sizes, axis=0) * 1e9
-    finally:
-        for one in opened:
-            one.__exit__(None, None, None)
     rows = []
     for name, cost in (("visibility", ns[0::2]), ("bounces", ns[1::2])):
         rows.append(
-            {
-                "work": f"{name}, time per ray for " + ", ".join(str(n) for n in faces) + " faces",
-                "ours": ", ".join(f"{c:.3g}" for c in cost) + " ns",
-                "peer": "ours with the fewest faces",
-                "ratio": float(cost[0] / cost[-1]),
-                "check": f"{cost[-1] / cost[0]:.2f} times as long with the most",
-            }
+            Row(
+                work=f"{name}, time per ray for " + ", ".join(str(n) for n in faces) + " faces",
+                ours=", ".join(f"{c:.3g}" for c in cost) + " ns",
+                peer="ours with the fewest faces",
+                ratio=float(cost[0] / cost[-1]),
+                check=f"{cost[-1] / cost[0]:.2f} times as long with the most",
+            )
         )
     return rows
 
@@ -115,7 +111,7 @@ def embree_tree(triangles_m: np.ndarray) -> None:
     one = np.ones((1, 3), np.float32)
     embree = EmbreeRays(triangles_m)
     embree.prepare(one, one)
-    embree.faces()  # it builds when first asked
+    embree.faces()  # it builds in the first query
 
 
 def surface_of(scene: clradar.Scene, n_points: int, device: clradar.Device) -> VisibleSurface:
@@ -124,11 +120,11 @@ def surface_of(scene: clradar.Scene, n_points: int, device: clradar.Device) -> V
 
 
 def rays_of(surface: VisibleSurface) -> tuple[np.ndarray, np.ndarray]:
-    """From each point to each Tx, one point after the other, as `visible_antennas` asks."""
+    """From each point to each Tx, one point after the other, as `visible_antennas` traces them."""
     n = len(surface.points_m)
     normals = surface._buffers.read(surface._geometric, (n, 3), np.float32).astype(np.float64)
-    leg = ARRAY.tx_m[None] - surface.points_m[:, None]
-    side = np.sign(np.einsum("sta,sa->st", leg, normals))[:, :, None]
+    towards = ARRAY.tx_m[None] - surface.points_m[:, None]
+    side = np.sign(np.einsum("sta,sa->st", towards, normals))[:, :, None]
     origins = surface.points_m[:, None] + 2 * float(surface._tree.delta_m) * side * normals[:, None]
     origins = origins.astype(np.float32)
     directions = (ARRAY.tx_m[None] - origins).astype(np.float32)
@@ -168,10 +164,10 @@ def _row(work: str, n_rays: int, times_s: np.ndarray, names: list[str], differ: 
     others = ", ".join(f"{name} {v:.1f} M rays/s" for name, v in zip(names, speed[1:], strict=True))
     ratios = times_s[:, 1 + best] / times_s[:, 0]
     shares = " and ".join(f"{d:.1e}" for d in differ)
-    return {
-        "work": work,
-        "ours": f"{speed[0]:.1f} M rays/s",
-        "peer": f"the faster of: {others}",
-        "ratio": float(np.median(ratios)),
-        "check": f"ratios {ratios.min():.1f} to {ratios.max():.1f}; {shares} of the answers differ",
-    }
+    return Row(
+        work=work,
+        ours=f"{speed[0]:.1f} M rays/s",
+        peer=f"the faster of: {others}",
+        ratio=float(np.median(ratios)),
+        check=f"ratios {ratios.min():.1f} to {ratios.max():.1f}; {shares} of the answers differ",
+    )

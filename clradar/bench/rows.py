@@ -1,6 +1,6 @@
-"""Pieces of work, each timed against what a user has already, in the same run, and checked.
+"""Phasor sum, images and commands, timed in turn with independent implementations and checked.
 
-Left out of the timings: imports, the first call of everything that compiles, and what a row says is
+Not in the timings: imports, the first call of everything that compiles, and what a row names as
 given.
 """
 
@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,17 +20,24 @@ import numpy as np
 
 import clradar
 from clradar.bench import peers
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.imaging.block_tree import block_levels
 from clradar.imaging.range_profiles import RangeImager
 
-C_M_PER_S = 299_792_458.0
 ARRAY = clradar.arrays.qar50()
 WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 128)
 PAPER = {"x_m": (-0.1, 0.1), "y_m": (-0.1, 0.1), "z_m": (0.26, 0.34)}
 
 
-Row = dict[str, Any]
-"""work, ours, peer and check in words; ratio, the peer's time over ours, or None."""
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Timings of one piece of work in words; `ratio`: the peer's time over ours."""
+
+    work: str
+    ours: str
+    peer: str = ""
+    ratio: float | None = None
+    check: str = ""
 
 
 def relative_rms_db(ours: np.ndarray, theirs: np.ndarray) -> float:
@@ -40,9 +48,9 @@ def relative_rms_db(ours: np.ndarray, theirs: np.ndarray) -> float:
 def interleaved_s(
     works: Sequence[Callable[[], Any]], repeats: int, pause_s: float = 0.0
 ) -> np.ndarray:
-    """Seconds of each work in turn, shape (repeats, n_works): other load meets all alike.
+    """Seconds of each work in turn, shape (repeats, n_works), so that other load affects all alike.
 
-    With a pause before each, for what leaves threads behind that wait actively for a while.
+    A pause before each lets threads of the one before end their busy waiting.
     """
     for work in works:
         work()
@@ -56,8 +64,8 @@ def interleaved_s(
     return times
 
 
-class PhasorSum:
-    """Paths spread evenly over all pairs, to be summed at equal and at unequal steps."""
+class PathSums:
+    """Paths spread evenly over all pairs, for sums at equal and at unequal frequency steps."""
 
     def __init__(self, device: clradar.Device, n_paths: int) -> None:
         rng = np.random.default_rng(0)
@@ -85,7 +93,7 @@ class PhasorSum:
     def error_db(self, data: np.ndarray, waveform: clradar.Waveform = WAVEFORM) -> float:
         """Against float64, for a few of the pairs."""
         some = range(0, len(self.start) - 1, 400)
-        k = waveform.frequencies_hz / C_M_PER_S
+        k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
         rows = (self.paths.length_m[self.start[i] : self.start[i + 1]] for i in some)
         want = np.array([np.exp(-2j * np.pi * np.outer(d, k)).sum(axis=0) for d in rows])
         return relative_rms_db(data[some], want)
@@ -93,7 +101,7 @@ class PhasorSum:
 
 def phasor_sum(device: clradar.Device, repeats: int, n_paths: int) -> list[Row]:
     """Equal steps against finufft, and unequal steps against our own equal ones."""
-    work = PhasorSum(device, n_paths)
+    work = PathSums(device, n_paths)
     unequal = partial(work.ours, work.unequal)
     two = partial(work.peer.transform, 2)
     works: list[Callable[[], Any]] = [work.ours, work.prepare, work.peer.transform, two, unequal]
@@ -107,22 +115,22 @@ def phasor_sum(device: clradar.Device, repeats: int, n_paths: int) -> list[Row]:
     ours_db, peer_db = work.error_db(work.ours()), work.error_db(work.peer.transform())
     unequal_db = work.error_db(unequal(), work.unequal)
     return [
-        {
-            "work": f"phasor sum, {size}",
-            "ours": f"{np.median(ours_s):.3f} s",
-            "peer": f"the faster of: finufft type 1, 1e-5, one thread {one_s:.3f} s, two "
+        Row(
+            work=f"phasor sum, {size}",
+            ours=f"{np.median(ours_s):.3f} s",
+            peer=f"the faster of: finufft type 1, 1e-5, one thread {one_s:.3f} s, two "
             f"{two_s:.3f} s; and numba, {np.median(prepare_s):.3f} s for its points and strengths",
-            "ratio": float(np.median(ratios)),
-            "check": f"{spread}, {alone:.1f} without the preparation; against float64 ours "
+            ratio=float(np.median(ratios)),
+            check=f"{spread}, {alone:.1f} without the preparation; against float64 ours "
             f"{ours_db:.0f} dB, the peer's {peer_db:.0f} dB",
-        },
-        {
-            "work": f"phasor sum, {size} unequal steps",
-            "ours": f"{np.median(unequal_s):.3f} s",
-            "peer": "ours with equal steps",
-            "ratio": float(np.median(ours_s / unequal_s)),
-            "check": f"{unequal_db:.0f} dB against float64",
-        },
+        ),
+        Row(
+            work=f"phasor sum, {size} unequal steps",
+            ours=f"{np.median(unequal_s):.3f} s",
+            peer="ours with equal steps",
+            ratio=float(np.median(ours_s / unequal_s)),
+            check=f"{unequal_db:.0f} dB against float64",
+        ),
     ]
 
 
@@ -139,8 +147,10 @@ class Image:
         d_m = np.arange(first, stop) / self.bins_per_m
         self.first_m = float(d_m[0])
         f = WAVEFORM.frequencies_hz
-        self.k = WAVEFORM.center_hz / C_M_PER_S
-        kernel = np.exp(2j * np.pi * np.outer(f / C_M_PER_S - self.k, d_m)).astype(np.complex64)
+        self.k = WAVEFORM.center_hz / SPEED_OF_LIGHT_M_PER_S
+        kernel = np.exp(2j * np.pi * np.outer(f / SPEED_OF_LIGHT_M_PER_S - self.k, d_m)).astype(
+            np.complex64
+        )
         self.profiles = (capture.data.reshape(-1, len(f)) @ kernel / len(f)).reshape(94, 94, -1)
 
     @property
@@ -180,20 +190,20 @@ def images(
     work = image.voxel_pairs
     peer = f"numba, two threads, blocked, {work / theirs_s / 1e6:.0f} M/s (profiles given)"
     return [
-        {
-            "work": f"image by range, 201 x 201 x {planes}",
-            "ours": f"{ours_s:.1f} s, {work / ours_s / 1e6:.0f} M voxel pairs/s",
-            "peer": peer,
-            "ratio": float(ratio),
-            "check": f"{error:.0f} dB between the two",
-        },
-        {
-            "work": f"image by fast, 201 x 201 x {planes}, -50 dB asked for",
-            "ours": f"{fast_s:.2f} s, and {again_s:.2f} s for the next of the same array and grid",
-            "peer": peer,
-            "ratio": float(fast_ratio),
-            "check": f"{again_ratio:.1f} x for the next; {fast_error:.0f} dB to the image by range",
-        },
+        Row(
+            work=f"image by range, 201 x 201 x {planes}",
+            ours=f"{ours_s:.1f} s, {work / ours_s / 1e6:.0f} M voxel pairs/s",
+            peer=peer,
+            ratio=float(ratio),
+            check=f"{error:.0f} dB between the two",
+        ),
+        Row(
+            work=f"image by fast, 201 x 201 x {planes}, -50 dB asked for",
+            ours=f"{fast_s:.2f} s, and {again_s:.2f} s for the next of the same array and grid",
+            peer=peer,
+            ratio=float(fast_ratio),
+            check=f"{again_ratio:.1f} x for the next; {fast_error:.0f} dB to the image by range",
+        ),
     ]
 
 
@@ -224,13 +234,13 @@ def exact_image(device: clradar.Device, repeats: int, capture: clradar.Capture) 
     error = relative_rms_db(image.ours(), image.theirs())
     times_s = interleaved_s([image.ours, image.theirs], repeats)
     ours_s, theirs_s = np.median(times_s, axis=0)
-    return {
-        "work": f"exact sum, {image.terms / 1e9:.1f} G terms",
-        "ours": f"{image.terms / ours_s / 1e9:.1f} G terms/s",
-        "peer": f"numpy, complex GEMM per frequency, {image.terms / theirs_s / 1e9:.1f} G/s",
-        "ratio": float(np.median(times_s[:, 1] / times_s[:, 0])),
-        "check": f"{error:.0f} dB between the two",
-    }
+    return Row(
+        work=f"exact sum, {image.terms / 1e9:.1f} G terms",
+        ours=f"{image.terms / ours_s / 1e9:.1f} G terms/s",
+        peer=f"numpy, complex GEMM per frequency, {image.terms / theirs_s / 1e9:.1f} G/s",
+        ratio=float(np.median(times_s[:, 1] / times_s[:, 0])),
+        check=f"{error:.0f} dB between the two",
+    )
 
 
 PEAK_MEMORY = """
@@ -261,13 +271,5 @@ def commands(device: clradar.Device) -> list[Row]:
             done = subprocess.run([*cli, *arguments], check=True, capture_output=True, text=True)
             seconds = time.perf_counter() - start
             peak_kb = int(done.stderr.split("peak kB:")[1].split()[0])
-            runs.append(
-                {
-                    "work": f"clradar {name}",
-                    "ours": f"{seconds:.1f} s, {peak_kb / 1e6:.2f} GB",
-                    "peer": "",
-                    "ratio": None,
-                    "check": "",
-                }
-            )
+            runs.append(Row(f"clradar {name}", ours=f"{seconds:.1f} s, {peak_kb / 1e6:.2f} GB"))
     return runs

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -86,7 +87,7 @@ def command(
         rows = []
         for row in run(one, names, effort):
             print_row(row)
-            rows.append(row)
+            rows.append(asdict(row))
         results.append({"device": dict(one.describe()), "cores": os.cpu_count(), "rows": rows})
     if json_file is not None:
         write_json(json_file, {"repeats": effort.repeats, "results": results}, force=force)
@@ -94,7 +95,7 @@ def command(
 
 def print_row(row: Row) -> None:
     """Print one piece of work: ours, the peer's, the ratio."""
-    lines = [row["work"], f"    ours  {row['ours']}"]
-    if row["peer"]:
-        lines += [f"    peer  {row['peer']}", f"    ratio {row['ratio']:.1f} x   ({row['check']})"]
+    lines = [row.work, f"    ours  {row.ours}"]
+    if row.peer:
+        lines += [f"    peer  {row.peer}", f"    ratio {row.ratio:.1f} x   ({row.check})"]
     print_text("\n".join(lines))
