@@ -1,4 +1,8 @@
-"""Rigged hands that users bring: skinned glTF files and MANO models, posed by the same poses."""
+"""Rigged hands from files, skinned glTF 2.0 and MANO models, posed by the poses of `clradar.hand`.
+
+Unit, handedness and bone axes are estimated from the joints; linear blend skinning gives the
+surface; see ``docs/rigs.md``.
+"""
 
 from clradar.rigs.anatomy import UNITS_M
 from clradar.rigs.mano import rotations_of_theta, theta_of_components, theta_of_rotations

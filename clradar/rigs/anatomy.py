@@ -1,7 +1,7 @@
-"""What joint positions alone say of a hand: which one it is, its unit, and the axes of its bones.
+"""Handedness, unit of length and bone axes of a hand, estimated from its joint positions.
 
 The canonical frame is that of `clradar.hand`: wrist at the origin, middle knuckle and fingers
-towards +y, palm towards -z, thumb towards -x; a left hand is turned into a right one by a mirror.
+towards +y, palm towards -z, thumb towards -x; a left hand is mirrored into a right one.
 """
 
 from __future__ import annotations
@@ -26,33 +26,34 @@ CHAINS: tuple[tuple[int, ...], ...] = tuple(
 METACARPALS = tuple(chain[0] for chain in CHAINS[1:])
 TIPS = tuple(chain[-1] for chain in CHAINS)
 OPTIONAL = frozenset((*METACARPALS, *TIPS))
-"""Joints that a rig can do without: tips, and the metacarpals of the four fingers."""
+"""Joints that a rig may lack: tips, and the metacarpals of the four fingers."""
 
 UNITS_M = MappingProxyType({"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 25.4e-3, "100 m": 100.0})
-"""Units among which one is chosen by the hand's size; the last is that of files in which a scale of
-0.01 was applied twice."""
+"""Candidate units, one of which is chosen by the hand's size; the last is that of files in which a
+scale of 0.01 was applied twice."""
 
 REACH_M = (0.10, 0.25)
 """Wrist to the last joint of the middle finger, along the joints. The hand of this package has
-166 mm; adult means of hand length are 181 and 194 mm, with the last bone (Greiner 1991). Wider, and
-a hand of 10 inches could be one of 10 cm."""
+166 mm; adult means of hand length are 181 and 194 mm, with the last bone (Greiner 1991). A wider
+range would confuse inches and centimetres."""
 
 _GIVEN_REACH_M = (0.05, 0.40)
-"""The same, where the user says the unit."""
+"""The same, where the user gives the unit."""
 
-# Sum of two sines: the mean bend of the fingers and the thumb's place in front of the palm.
+# Sum of two sines: the mean bend of the fingers, and the thumb's direction out of the palm.
 _CLEAR_CURL = 0.1
 
-# From this on a digit's own bones say about which axis it bends, unless that is an odd one.
+# A digit bent by more defines its own bending axis, if it is within the second angle of the
+# expected one.
 _CLEAR_BEND = np.sin(np.deg2rad(20.0))
 _SAME_AXIS = np.cos(np.deg2rad(45.0))
 
-# Two bones of a digit that lie along the same axis of their own frames: a convention of the rig.
+# Two bones of a digit along the same axis of their own frames follow a convention of the rig.
 _SAME_LOCAL = np.cos(np.deg2rad(3.0))
 
 
 def parents_of(known: np.ndarray) -> np.ndarray:
-    """Return for every joint (25,) the one before it that the rig has; the wrist is its own."""
+    """Return for every joint (25,) its nearest ancestor that the rig has; the wrist is its own."""
     parents = np.zeros(len(JOINT_NAMES), dtype=np.int64)
     for chain in CHAINS:
         before = WRIST
@@ -63,7 +64,9 @@ def parents_of(known: np.ndarray) -> np.ndarray:
 
 
 def check_joints(label: str, joints: np.ndarray) -> None:
-    """Raise `RigError` unless the joints (25, 3) are those of a hand: bones, and knuckles in order.
+    """Raise `RigError` unless the joints (25, 3) are those of a hand.
+
+    Bones have a length, and the knuckles are side by side in the order of the fingers.
 
     Parameters
     ----------
@@ -94,26 +97,26 @@ def check_joints(label: str, joints: np.ndarray) -> None:
         order = ", ".join(FINGERS[i] for i in np.argsort(places))
         raise RigError(
             f"{label}: expected the knuckles in the order {', '.join(FINGERS)}, got {order}: "
-            "are the joints named rightly?"
+            "are the joints named correctly?"
         )
 
 
 def reach(joints: np.ndarray) -> float:
     """Return the length from the wrist along the middle finger's joints to the last before the tip.
 
-    The metacarpal's own joint is left out, so that it does not matter whether a rig has it.
+    The metacarpal's joint, which not every rig has, does not count.
     """
     chain = joints[[WRIST, *CHAINS[2][1:-1]]]
     return float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum())
 
 
 def unit_of(label: str, joints: np.ndarray, given: str | float | None) -> float:
-    """Return metres per unit: the given one, or that of `UNITS_M` which makes it a hand's size.
+    """Return metres per unit: the given one, or that of `UNITS_M` which gives a hand's size.
 
     Raises
     ------
     RigError
-        No unit makes it a hand, or the given one makes it none.
+        No candidate, or not the given unit, gives a hand's size.
     """
     length = reach(joints)
     fitting = [u for u, unit_m in UNITS_M.items() if REACH_M[0] <= length * unit_m <= REACH_M[1]]
@@ -123,7 +126,7 @@ def unit_of(label: str, joints: np.ndarray, given: str | float | None) -> float:
             low, high = (1e3 * r for r in REACH_M)
             raise RigError(
                 f"{label}: expected a hand with {low:g} to {high:g} mm from {what} in one of the "
-                f"units {', '.join(UNITS_M)}, got {length:.4g} units; say the unit "
+                f"units {', '.join(UNITS_M)}, got {length:.4g} units; give the unit "
                 "(--rig-unit, or metres per unit)"
             )
         return UNITS_M[fitting[0]]
@@ -139,7 +142,7 @@ def unit_of(label: str, joints: np.ndarray, given: str | float | None) -> float:
 
 
 def side_of(joints: np.ndarray) -> str | None:
-    """Return "right" or "left" by where the fingers bend to and the thumb stands; None if neither.
+    """Return "right" or "left" by the bend of the fingers and the side of the thumb, or None.
 
     A hand that is perfectly flat, with the thumb in its plane, is its own mirror image.
     """
@@ -155,7 +158,7 @@ def side_of(joints: np.ndarray) -> str | None:
 
 
 def canonical_axes(joints: np.ndarray, side: str) -> np.ndarray:
-    """Return the matrix (3, 3) that turns offsets from the wrist into the canonical frame.
+    """Return the matrix (3, 3) from offsets from the wrist to the canonical frame.
 
     Parameters
     ----------
@@ -166,7 +169,7 @@ def canonical_axes(joints: np.ndarray, side: str) -> np.ndarray:
     """
     mirror = np.diag([-1.0 if side == "left" else 1.0, 1.0, 1.0])
     reference = _reference()[0]
-    # The same rule on the hand of this package is off its axes by a constant, which is taken back.
+    # The offset of the same axes in the hand of this package is constant and removed.
     return _axes(reference) @ _axes(joints @ mirror).T @ mirror
 
 
@@ -182,7 +185,7 @@ def rest_frames(
     local_axes : ndarray, shape (25, 3, 3), float64
         Rotation of the rig's own coordinates at each joint, in the canonical frame.
     flesh_m : dict of int to ndarray, shape (3,), metres
-        Mean place of what moves with the last bone of each digit, for digits without a tip.
+        Centroid of the vertices of each digit's last bone, for digits without a tip.
 
     Returns
     -------
@@ -192,9 +195,9 @@ def rest_frames(
     Notes
     -----
     The palm, with the finger metacarpals, is one rigid piece at rest: where a rig lets metacarpals
-    begin says nothing of how they are bent. A finger's axes are those that the joint angles of
-    `clradar.hand` lead to; where a digit is bent by more than 20 degrees in all, and within 45
-    degrees of that axis, it bends about the normal of its own plane.
+    begin carries no information on how they are bent. A finger's axes follow from the joint angles
+    of `clradar.hand`; a digit that is bent by more than 20 degrees in all, and within 45 degrees of
+    that axis, bends about the normal of its own plane.
     """
     known = np.isfinite(joints_m).all(axis=1)
     frames = _reference()[1].copy()
@@ -223,10 +226,10 @@ def _last_bone(
     flesh_m: np.ndarray | None,
     joints_m: np.ndarray,
 ) -> np.ndarray:
-    """Return the direction of a digit's last bone, whose end the rig does not have.
+    """Return the direction of a digit's last bone, whose end the rig lacks.
 
-    Where the bones before it lie along the same axis of the rig's own coordinates, this one does;
-    otherwise it points to the middle of its flesh; without flesh it goes on straight.
+    It is the local axis of the rig along which the bones before it lie, if they share one; else it
+    points to the centroid of its vertices; without vertices it continues the bone before.
     """
     first, second = (local_axes[b].T @ a for b, a in zip(bones[-3:-1], along[-2:], strict=True))
     if first @ second > _SAME_LOCAL:
@@ -237,30 +240,30 @@ def _last_bone(
 
 
 def _finger_axis(joint: int, along: np.ndarray) -> np.ndarray:
-    """Return the axis about which a finger bends whose first bone has this direction.
+    """Return the bending axis of a finger whose first bone has this direction.
 
-    It solves along = R Rz(abduction) Rx(-flexion) y for the two angles, R being the frame of that
+    Solves along = R Rz(abduction) Rx(-flexion) y for the two angles, where R is the frame of that
     finger with all angles 0.
     """
     base = _reference()[1][joint]
     x, y, _ = base.T @ along
-    if np.hypot(x, y) < np.sin(np.deg2rad(5.0)):  # bent by a right angle: any spread looks the same
+    if np.hypot(x, y) < np.sin(np.deg2rad(5.0)):  # bent by a right angle: abduction is unobservable
         x, y = 0.0, 1.0
     spread = np.arctan2(-x, y)
     return base @ np.array([np.cos(spread), np.sin(spread), 0.0])
 
 
 def _thumb_axis(along: np.ndarray) -> np.ndarray:
-    """Return the bending axis of a thumb: that of an open hand's, carried along the shortest way.
+    """Return the bending axis of a thumb: that of an open hand after the smallest rotation.
 
-    Where a straight thumb's nail looks to cannot be seen from its joints.
+    The twist of a straight thumb is unobservable from its joints.
     """
     frame = _reference()[2]
     cross, cosine = np.cross(frame[:, 1], along), float(frame[:, 1] @ along)
     axis = frame[:, 0]
     if cosine < -0.99:
         return axis
-    # Rodrigues' formula with the sine inside the cross product.
+    # Rodrigues' rotation formula with the sine inside the cross product.
     return axis + np.cross(cross, axis) + np.cross(cross, np.cross(cross, axis)) / (1.0 + cosine)
 
 

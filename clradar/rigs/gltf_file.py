@@ -1,6 +1,6 @@
-"""A glTF 2.0 file and its buffers: read, measured, and its arrays handed out.
+"""A glTF 2.0 file, its buffers, and its accessors as arrays.
 
-Specification: Khronos Group, glTF 2.0, sections 3.6 (binary data) and 4 (GLB).
+Khronos Group, glTF 2.0 Specification, sections 3.6 (binary data storage) and 4 (GLB file format).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 MAX_COUNT = 4_000_000
 """Most elements of an array: an array of zeros needs no bytes of the file."""
 
-# What may be required and changes nothing of the geometry, or is read here.
+# Extensions that do not change the geometry, or are read here.
 _HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_light")
 
 
@@ -48,7 +48,7 @@ class GltfFile:
     Raises
     ------
     RigError
-        Truncated, damaged, of another version, or in need of an extension that is not read here.
+        Truncated, damaged, of another version, or with a required extension that is not supported.
     """
 
     def __init__(self, path: Path, content: bytes) -> None:

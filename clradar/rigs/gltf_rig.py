@@ -1,4 +1,4 @@
-"""A rig from a skinned glTF file: joints, skin, and what the two say of the hand."""
+"""A rig from a skinned mesh of glTF 2.0 (specification, section 3.7.3: skins)."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ def gltf_rig(
 ) -> Rig:
     """Return the rig of a glTF file's content.
 
-    Rest is the pose in which the file's nodes stand, which is what a viewer shows; where it is not
-    the one of the inverse bind matrices, the skin is still that of the bind pose.
+    The rest pose is that of the file's nodes, as viewers show it; the skin is that of the bind pose
+    of the inverse bind matrices, which may differ.
     """
     file = GltfFile(path, content)
-    # Numbers that overflow are looked for where they would be used.
+    # Overflows are checked for where the numbers are used.
     with reading(path, EXPECTED), np.errstate(over="ignore", invalid="ignore"):
         document = file.document
         tree = node_tree(path, document.nodes)
@@ -65,7 +65,7 @@ def _joints_of(path: Path, tree: NodeTree, skins: list[Any]) -> set[int]:
 def _chosen(
     path: Path, tree: NodeTree, hands: list[FoundJoints], handedness: str | None
 ) -> tuple[FoundJoints, np.ndarray, str]:
-    """Return the one hand that is meant, its joints (25, 3), and its side."""
+    """Return the one hand of the wanted side, its joints (25, 3), and its side."""
     sided = []
     for hand in hands:
         joints = np.full((len(JOINT_NAMES), 3), np.nan)
@@ -82,25 +82,25 @@ def _chosen(
 
 
 def _side(path: Path, hand: FoundJoints, joints: np.ndarray, handedness: str | None) -> str:
-    seen = side_of(joints)
-    if hand.side is not None and seen not in (None, hand.side):
+    estimated = side_of(joints)
+    if hand.side is not None and estimated not in (None, hand.side):
         fail(
             path,
-            f"a {hand.side} hand, as its joints are called",
-            f"a {seen} one by the place of its thumb and the bend of its fingers",
+            f"a {hand.side} hand, by the names of its joints",
+            f"a {estimated} one by the position of its thumb and the bend of its fingers",
         )
-    side = seen or hand.side or handedness or side_in(path.stem)
+    side = estimated or hand.side or handedness or side_in(path.stem)
     if side is None:
         fail(
             path,
-            "a hand that is seen to be a left or a right one, or names that say so, or --rig-hand",
+            "a hand whose joints or names tell left from right, or --rig-hand",
             "a flat one with its thumb in the plane of the palm",
         )
     return side
 
 
 def _surface(file: GltfFile, tree: NodeTree, hand: FoundJoints) -> tuple[Surface, tuple[str, ...]]:
-    """Return what is to be skinned, in the scene's coordinates, and the names of what is not."""
+    """Return the surface of the hand in scene coordinates, and the names of other meshes."""
     # A tip is the end of the last bone and moves with it.
     last = {chain[-1]: chain[-2] for chain in CHAINS}
     nearest = tree.nearest_of({node: last.get(joint, joint) for joint, node in hand.nodes.items()})

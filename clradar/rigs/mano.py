@@ -1,7 +1,7 @@
 """MANO hand models: Romero, Tzionas and Black, "Embodied Hands", ACM Trans. Graphics 36(6), 2017.
 
-The licence of the model files forbids passing them on; users bring their own. Equations are those
-of the paper and of SMPL (Loper et al., 2015), on which it builds:
+The licence of the model files forbids their distribution; users bring their own. The equations are
+those of the paper and of SMPL (Loper et al., 2015), on which it builds:
 
     T(beta, theta) = template + shapedirs beta + posedirs (R(theta) - I)
     J(beta) = J_regressor (template + shapedirs beta)
@@ -43,13 +43,13 @@ MANO_JOINTS: tuple[int, ...] = (
     ),
     *(JOINT_INDEX[f"thumb-{bone}"] for bone in _THUMB_JOINTS),
 )
-"""The model's 16 joints, in its order, as places in `JOINT_NAMES`."""
+"""The model's 16 joints, in its order, as indices into `JOINT_NAMES`."""
 
-_PARENTS = (-1, 0, 1, 2, 0, 4, 5, 0, 7, 8, 0, 10, 11, 0, 13, 14)
+PARENTS = (-1, 0, 1, 2, 0, 4, 5, 0, 7, 8, 0, 10, 11, 0, 13, 14)
 
 N_VERTICES = 778
 TIP_VERTICES = {"thumb": 744, "index": 320, "middle": 443, "ring": 554, "pinky": 671}
-"""Vertices of the 778 that stand for fingertips, as in the package smplx (vertex_ids.py)."""
+"""Vertices of the 778 at the fingertips, as in the package smplx (vertex_ids.py)."""
 
 _N_ANGLES = 3 * (len(MANO_JOINTS) - 1)
 
@@ -92,12 +92,12 @@ def _rig(
             name = "thumb-tip" if finger == "thumb" else f"{finger}-finger-tip"
             joints[JOINT_INDEX[name]] = shaped[vertex]
     check_joints(str(path), joints)
-    seen, named = side_of(joints), side_in(path.stem)
-    if handedness is not None and seen not in (None, handedness):
-        fail(path, f"a {handedness} hand", f"a {seen} one")
-    side = handedness or seen or named
+    estimated, named = side_of(joints), side_in(path.stem)
+    if handedness is not None and estimated not in (None, handedness):
+        fail(path, f"a {handedness} hand", f"a {estimated} one")
+    side = handedness or estimated or named
     if side is None:
-        fail(path, "a model that is seen to be a left or a right hand, or --rig-hand", "neither")
+        fail(path, "a model whose joints or name tell left from right, or --rig-hand", "neither")
     weights = fields["weights"]
     rows = np.argwhere(weights)
     surface = Surface.grouped(
@@ -146,7 +146,7 @@ _OPTIONAL = {"hands_mean": f"({_N_ANGLES},)", "hands_components": f"(N, {_N_ANGL
 
 
 def _fields(path: Path, model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the model's arrays, checked; what is optional and missing is zeros."""
+    """Return the model's arrays, checked; optional ones that are missing are zeros."""
     missing = [name for name in _SHAPES if name not in model]
     if missing:
         fail(path, f"{EXPECTED}, with '{missing[0]}'", f"only {sorted(model)}")
@@ -171,7 +171,7 @@ def _fields(path: Path, model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         fail(path, f"faces with vertices below {sizes['V']}", f"[{faces.min()}, {faces.max()}]")
     # The root's parent is -1, written as an unsigned number.
     parents = [-1 if p < 0 or p >= len(MANO_JOINTS) else int(p) for p in tree[0]]
-    if tuple(parents) != _PARENTS or tree[1].tolist() != list(range(len(MANO_JOINTS))):
+    if tuple(parents) != PARENTS or tree[1].tolist() != list(range(len(MANO_JOINTS))):
         fail(path, "the hierarchy of MANO's 16 joints in 'kintree_table'", parents)
     fields.setdefault("hands_mean", np.zeros(_N_ANGLES))
     fields.setdefault("hands_components", np.zeros((0, _N_ANGLES)))
@@ -179,7 +179,7 @@ def _fields(path: Path, model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _blend(fields: dict[str, np.ndarray]) -> PoseBlend:
-    used = np.unique(fields["f"])  # what no face uses is not kept
+    used = np.unique(fields["f"])  # vertices without faces are dropped
     return PoseBlend(
         joints=MANO_JOINTS[1:],
         directions=np.ascontiguousarray(fields["posedirs"][used]),
@@ -188,7 +188,7 @@ def _blend(fields: dict[str, np.ndarray]) -> PoseBlend:
     )
 
 
-# --- poses in the model's own parameters
+# --- poses in the parameters of the model
 
 
 def _blend_of(rig: Rig) -> PoseBlend:
@@ -200,7 +200,7 @@ def _blend_of(rig: Rig) -> PoseBlend:
 def theta_of_components(
     rig: Rig, coefficients: Any, global_rad: Any = (0.0, 0.0, 0.0)
 ) -> np.ndarray:
-    """Return the pose theta (48,) of coefficients of the model's principal components.
+    """Return the pose theta (48,), axis-angle, of coefficients of the model's principal components.
 
     theta = [global, hands_mean + coefficients @ hands_components]
 
@@ -212,6 +212,31 @@ def theta_of_components(
         Up to as many as the model has components.
     global_rad : array_like, shape (3,), radians
         Rotation of the whole hand, axis times angle, in the model's frame.
+
+    Returns
+    -------
+    ndarray, shape (48,), float64, radians
+
+    Raises
+    ------
+    ModelError
+        The rig is no MANO model, or has fewer components.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from clradar.rigs import Rig, theta_of_components
+    >>> from clradar.hand import HandPose, posed_skeleton
+    >>> from clradar.rigs.mano import MANO_JOINTS
+    >>> from clradar.rigs.rig import Influences, PoseBlend
+    >>> rest, tips = posed_skeleton(HandPose("rest")), [4, 9, 14]
+    >>> skin = Influences([0, 1, 2], tips, np.ones(3), rest.joints_m[tips])
+    >>> blend = PoseBlend(MANO_JOINTS[1:], np.zeros((3, 3, 135)), np.zeros(45), np.eye(45)[:6])
+    >>> axes, faces = np.eye(3), [[0, 1, 2]]
+    >>> rig = Rig("model", "right", 1.0, axes, rest.joints_m, rest.frames, faces, skin, blend)
+    >>> theta = theta_of_components(rig, [0.5])
+    >>> theta.shape, theta[3:6].tolist()
+    ((48,), [0.5, 0.0, 0.0])
     """
     blend = _blend_of(rig)
     amounts = checks.read_only("coefficients", coefficients, np.float64, (None,), allow_empty=True)
@@ -237,7 +262,27 @@ def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
     Returns
     -------
     ndarray, shape (25, 3, 3), float64
-        In the canonical frame of `clradar.hand`. Joints that MANO lacks turn with their parents.
+        In the canonical frame of `clradar.hand`. Joints that MANO lacks rotate with the wrist.
+
+    Examples
+    --------
+    A quarter turn about x bends the index finger's first joint of a hand along +y.
+
+    >>> import numpy as np
+    >>> from clradar.rigs import Rig, rotations_of_theta
+    >>> from clradar.hand import HandPose, posed_skeleton
+    >>> from clradar.rigs.mano import MANO_JOINTS
+    >>> from clradar.rigs.rig import Influences, PoseBlend
+    >>> rest, tips = posed_skeleton(HandPose("rest")), [4, 9, 14]
+    >>> skin = Influences([0, 1, 2], tips, np.ones(3), rest.joints_m[tips])
+    >>> blend = PoseBlend(MANO_JOINTS[1:], np.zeros((3, 3, 135)), np.zeros(45), np.eye(45)[:6])
+    >>> axes, faces = np.eye(3), [[0, 1, 2]]
+    >>> rig = Rig("model", "right", 1.0, axes, rest.joints_m, rest.frames, faces, skin, blend)
+    >>> theta = np.zeros(48)
+    >>> theta[3] = -np.pi / 2
+    >>> rotations = rotations_of_theta(rig, theta)
+    >>> (rotations[6] @ [0.0, 1.0, 0.0]).round(6).tolist()
+    [0.0, 0.0, -1.0]
     """
     from scipy.spatial.transform import Rotation
 
@@ -246,7 +291,7 @@ def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
     # SciPy takes no array that is read-only.
     own = Rotation.from_rotvec(theta.reshape(-1, 3).copy()).as_matrix()
     absolute: list[np.ndarray] = []
-    for parent, rotation in zip(_PARENTS, own, strict=True):
+    for parent, rotation in zip(PARENTS, own, strict=True):
         absolute.append(rotation if parent < 0 else absolute[parent] @ rotation)
     rotations = np.broadcast_to(absolute[0], (len(JOINT_NAMES), 3, 3)).copy()
     rotations[list(MANO_JOINTS)] = absolute
@@ -256,11 +301,27 @@ def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
 def theta_of_rotations(rig: Rig, rotations: np.ndarray) -> np.ndarray:
     """Return the pose theta (48,), radians, of absolute rotations (25, 3, 3); inverse of the above.
 
-    With `Rig.rotations` of a pose, this is that pose in MANO's own parameters.
+    With `Rig.rotations` of a pose, this is that pose in the parameters of MANO.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from clradar.rigs import Rig, rotations_of_theta, theta_of_rotations
+    >>> from clradar.hand import HandPose, posed_skeleton
+    >>> from clradar.rigs.mano import MANO_JOINTS
+    >>> from clradar.rigs.rig import Influences, PoseBlend
+    >>> rest, tips = posed_skeleton(HandPose("rest")), [4, 9, 14]
+    >>> skin = Influences([0, 1, 2], tips, np.ones(3), rest.joints_m[tips])
+    >>> blend = PoseBlend(MANO_JOINTS[1:], np.zeros((3, 3, 135)), np.zeros(45), np.eye(45)[:6])
+    >>> axes, faces = np.eye(3), [[0, 1, 2]]
+    >>> rig = Rig("model", "right", 1.0, axes, rest.joints_m, rest.frames, faces, skin, blend)
+    >>> theta = np.linspace(-0.5, 0.5, 48)
+    >>> bool(np.allclose(theta_of_rotations(rig, rotations_of_theta(rig, theta)), theta))
+    True
     """
     from scipy.spatial.transform import Rotation
 
     _blend_of(rig)
     absolute = (rig.axes.T @ rotations @ rig.axes)[list(MANO_JOINTS)]
-    own = [r if p < 0 else absolute[p].T @ r for p, r in zip(_PARENTS, absolute, strict=True)]
+    own = [r if p < 0 else absolute[p].T @ r for p, r in zip(PARENTS, absolute, strict=True)]
     return Rotation.from_matrix(np.stack(own)).as_rotvec().reshape(-1)

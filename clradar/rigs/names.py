@@ -1,4 +1,4 @@
-"""Which bones of a rig are which joints of a hand: by WebXR names, or by a mapping of one's own."""
+"""The joints of a hand among the nodes of a rig: by WebXR names, or by a mapping file."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from clradar.rigs.nodes import NodeTree
 REQUIRED = tuple(name for name in JOINT_NAMES if JOINT_INDEX[name] not in OPTIONAL)
 
 Mapped = dict[int, int]
-"""Joint (place in `JOINT_NAMES`) -> node."""
+"""Joint (index into `JOINT_NAMES`) -> node."""
 
-# The words of a name in any case, with anything or nothing that is no letter between them.
+# The words of a name in any case, with any characters but letters between them.
 _PATTERNS = {
     JOINT_INDEX[name]: re.compile(r"[\W\d_]*".join(name.split("-")), re.IGNORECASE)
     for name in JOINT_NAMES
@@ -37,7 +37,7 @@ class FoundJoints:
     nodes : dict of int to int
         Joint -> node.
     side : "left", "right" or None
-        What the names say.
+        By the names.
     """
 
     nodes: Mapped
@@ -45,16 +45,16 @@ class FoundJoints:
 
 
 def side_in(text: str) -> str | None:
-    """Return which side a name speaks of: left, right, l, r as words of their own; None if not."""
+    """Return the side that a name contains as a word, left, right, l or r; None without one."""
     found = {_SIDES[w.lower()] for w in _WORD.findall(text) if w.lower() in _SIDES}
     return found.pop() if len(found) == 1 else None
 
 
 def hands_by_name(path: Path, tree: NodeTree, skin: set[int]) -> list[FoundJoints]:
-    """Return the hands whose joints bear WebXR names, all with the same words around them.
+    """Return the hands whose joints have WebXR names, each hand with one prefix and suffix.
 
     Numbers, case and separators do not count: ``Index-Finger_Tip.R`` and ``b_r_index_finger_tip``
-    are `index-finger-tip`, each with what is around it.
+    are `index-finger-tip` of two hands.
 
     Parameters
     ----------
@@ -62,13 +62,13 @@ def hands_by_name(path: Path, tree: NodeTree, skin: set[int]) -> list[FoundJoint
         For messages.
     tree : NodeTree
     skin : set of int
-        Nodes that move a skin. Other nodes count where none of these bears the name: a tip often
-        moves nothing.
+        Joints of skins. Other nodes count where none of these has the name: a tip often has no
+        vertices.
 
     Raises
     ------
     RigError
-        No hand is complete, or two nodes share a name.
+        No hand is complete, or two nodes have one name.
     """
     groups: dict[tuple[str, ...], dict[int, list[int]]] = {}
     for node in range(len(tree.names)):
@@ -126,7 +126,7 @@ def hand_by_mapping(
     mapping : mapping of str to (str or int)
         WebXR name -> name of a node, or its number.
     source : str
-        What the mapping is called in messages.
+        Name of the mapping in messages.
     """
     nodes: Mapped = {}
     with reading(path, "a mapping of joints"):
@@ -166,7 +166,16 @@ def read_mapping(path: Path) -> dict[str, str | int]:
     Raises
     ------
     RigError
-        Missing, no TOML, or anything else in it.
+        Missing, no TOML, or another content.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.rigs import read_mapping
+    >>> text = '[joints]\\nwrist = "Bone.001"\\nthumb-tip = 17'
+    >>> _ = Path("mapping.toml").write_text(text)
+    >>> read_mapping(Path("mapping.toml"))
+    {'wrist': 'Bone.001', 'thumb-tip': 17}
     """
     expected = "a TOML file with a table [joints]: WebXR name = node"
     table = read_toml(path, expected, error=RigError)

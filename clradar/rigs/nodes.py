@@ -1,4 +1,4 @@
-"""The hierarchy of a glTF file's nodes: parents, and where each stands in the scene."""
+"""The node hierarchy of a glTF 2.0 file: parents, and global transforms (section 3.5.3)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from clradar.rigs.failures import fail, index
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NodeTree:
-    """Nodes with their parents and places.
+    """Nodes with their parents and global transforms.
 
     Attributes
     ----------
@@ -30,11 +30,11 @@ class NodeTree:
     world: np.ndarray
 
     def label(self, node: int) -> str:
-        """Return how messages call a node."""
+        """Return a node's name for messages."""
         return f"'{self.names[node]}' (node {node})"
 
     def nearest_of(self, wanted: dict[int, int]) -> list[int | None]:
-        """Return for every node what `wanted` has for it or for its nearest ancestor in it."""
+        """Return for every node the value of `wanted` for it or its nearest ancestor there."""
         found: list[int | None] = [None] * len(self.names)
         for node in self.from_roots():
             parent = self.parents[node]

@@ -1,4 +1,4 @@
-"""Open a rig by what its file holds."""
+"""Read a rigged hand; the content of its file decides the format."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ def read_rig(
     ----------
     path : path-like
         Skinned glTF 2.0 (`.glb`, or `.gltf` with its buffers) or a MANO model (`.pkl`, `.npz`); the
-        content decides which. Nothing of a pickle is run.
+        content decides which. No code of a pickle is run.
     mapping : path-like or mapping, optional
-        Which node is which joint, for glTF files whose joints have no WebXR names: a TOML file
-        with a table ``[joints]``, or WebXR name -> name or number of a node.
+        The node of each joint, for glTF files whose joints have no WebXR names: a TOML file with a
+        table ``[joints]``, or WebXR name -> name or number of a node.
     unit : "m", "cm", "mm", "inch", or a number, metres, optional
-        The file's unit of length. By default that which makes it a hand (`UNITS_M`, `REACH_M`).
+        The file's unit of length. By default estimated from the hand's size (`UNITS_M`, `REACH_M`).
     handedness : "right" or "left", optional
-        Which hand it is, or which of two. By default what names and shape say.
+        Of the hand, or of the one to read of two. By default from names and joint positions.
     betas : sequence of float, optional
-        Shape of a MANO hand, up to as many as the model has; those left out are 0.
+        Shape of a MANO hand, at most as many as the model has; the remaining ones are 0.
 
     Returns
     -------
@@ -50,9 +50,28 @@ def read_rig(
     Raises
     ------
     RigError
-        The file is damaged or no such hand; the message says what is wrong with it.
+        The file is damaged or contains no such hand.
     ModelError
-        An argument cannot be meant.
+        An argument is invalid.
+
+    Examples
+    --------
+    A hand of three triangles in the format of MANO: every vertex is a joint.
+
+    >>> import numpy as np
+    >>> from clradar.hand import HandPose, posed_skeleton
+    >>> from clradar.rigs import read_rig
+    >>> from clradar.rigs.mano import MANO_JOINTS, PARENTS
+    >>> np.savez(
+    ...     "MANO_RIGHT.npz",
+    ...     v_template=1e3 * posed_skeleton(HandPose("rest")).joints_m[list(MANO_JOINTS)],
+    ...     shapedirs=np.zeros((16, 3, 1)), posedirs=np.zeros((16, 3, 135)),
+    ...     J_regressor=np.eye(16), weights=np.eye(16), f=[[1, 4, 7], [2, 5, 8], [3, 6, 9]],
+    ...     kintree_table=[PARENTS, range(16)],
+    ... )
+    >>> rig = read_rig("MANO_RIGHT.npz")
+    >>> rig.handedness, rig.unit_m
+    ('right', 0.001)
     """
     file = Path(path)
     if handedness is not None:

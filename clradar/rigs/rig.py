@@ -1,4 +1,8 @@
-"""A rigged hand at rest, and the surface it has in a pose: linear blend skinning."""
+"""A rigged hand at rest, and its surface in a pose by linear blend skinning.
+
+Magnenat-Thalmann, Laperriere and Thalmann, "Joint-dependent local deformations for hand animation
+and object grasping", Graphics Interface 1988.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ from clradar.model import checks
 from clradar.model.record import Record
 from clradar.rigs.anatomy import CHAINS, WRIST, parents_of
 
-# The ball of the thumb belongs to the palm, as it does in the hand of this package.
+# The ball of the thumb belongs to the palm, as in the hand of this package.
 _PART_OF_JOINT = np.zeros(len(JOINT_NAMES), dtype=np.int64)
 for _part, _chain in enumerate(CHAINS, start=1):
     _PART_OF_JOINT[list(_chain[1:])] = _part
@@ -24,7 +28,7 @@ for _part, _chain in enumerate(CHAINS, start=1):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Influences(Record):
-    """Which joint moves which vertex, and by how much: one row per pair with a weight.
+    """Skinning weights as a sparse matrix: one row per pair of vertex and joint.
 
     Parameters
     ----------
@@ -33,7 +37,7 @@ class Influences(Record):
     weight : array_like, shape (N,), float64
         Sums to 1 over the rows of a vertex.
     point_m : array_like, shape (N, 3), float64, metres
-        The weight times where the joint alone would have the vertex at rest.
+        The weight times the position of the vertex at rest as that joint alone would have it.
     """
 
     vertex: np.ndarray
@@ -48,8 +52,7 @@ class Influences(Record):
             ("weight", np.float64, (None,)),
             ("point_m", np.float64, (None, 3)),
         ):
-            value = checks.read_only(f"Influences.{name}", getattr(self, name), dtype, shape)
-            object.__setattr__(self, name, value)
+            self._set_array(name, dtype, shape)
 
     def summed(self, values: np.ndarray, n_vertices: int) -> np.ndarray:
         """Return the sums (n_vertices, k) of the rows (N, k) of every vertex."""
@@ -59,7 +62,7 @@ class Influences(Record):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PoseBlend(Record):
-    """How a hand's surface changes with its pose before it is skinned (MANO).
+    """Pose-dependent offsets of the vertices before skinning: the pose blend shapes of MANO.
 
     Parameters
     ----------
@@ -77,16 +80,10 @@ class PoseBlend(Record):
     hands_components: np.ndarray
 
     def __post_init__(self) -> None:
-        n = len(self.joints)
-        for name, shape in (
-            ("directions", (None, 3, 9 * n)),
-            ("hands_mean", (3 * n,)),
-            ("hands_components", (None, 3 * n)),
-        ):
-            value = checks.read_only(
-                f"PoseBlend.{name}", getattr(self, name), np.float64, shape, allow_empty=True
-            )
-            object.__setattr__(self, name, value)
+        n = 3 * len(self.joints)
+        self._set_array("directions", np.float64, (None, 3, 3 * n), allow_empty=True)
+        self._set_array("hands_mean", np.float64, (n,), allow_empty=True)
+        self._set_array("hands_components", np.float64, (None, n), allow_empty=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -98,9 +95,9 @@ class Rig(Record):
     label : str
         The file it came from.
     handedness : "right" or "left"
-        Left hands are held as their mirror image and turned back when they are posed.
+        Left hands are stored as their mirror image and mirrored again when they are posed.
     unit_m : float, metres
-        The file's unit of length, as given or as found.
+        The file's unit of length, given or estimated.
     axes : array_like, shape (3, 3), float64
         Orthogonal: from the file's directions to this frame.
     joints_m : array_like, shape (25, 3), float64, metres
@@ -112,6 +109,21 @@ class Rig(Record):
     blend : PoseBlend, optional
     ignored : tuple of str
         Names of meshes of the file that do not belong to the hand.
+
+    Examples
+    --------
+    A hand of one triangle whose vertices are the tips of thumb, index and middle finger.
+
+    >>> import numpy as np
+    >>> from clradar.hand import HandPose, posed_skeleton
+    >>> from clradar.rigs import Rig
+    >>> from clradar.rigs.rig import Influences
+    >>> rest, tips = posed_skeleton(HandPose("rest")), [4, 9, 14]
+    >>> skin = Influences([0, 1, 2], tips, np.ones(3), rest.joints_m[tips])
+    >>> rig = Rig("tips", "right", 1.0, np.eye(3), rest.joints_m, rest.frames, [[0, 1, 2]], skin)
+    >>> thumb_m, index_m, _ = rig.posed("F").vertices_m
+    >>> bool(np.linalg.norm(thumb_m - index_m) < 0.02)  # they touch, below the skin
+    True
     """
 
     label: str
@@ -128,20 +140,14 @@ class Rig(Record):
     def __post_init__(self) -> None:
         checks.one_of("Rig.handedness", self.handedness, ("right", "left"))
         n = len(JOINT_NAMES)
-        for name, dtype, shape, finite in (
-            ("axes", np.float64, (3, 3), True),
-            ("joints_m", np.float64, (n, 3), False),
-            ("frames", np.float64, (n, 3, 3), True),
-            ("faces", np.int32, (None, 3), True),
-        ):
-            value = checks.read_only(
-                f"Rig.{name}", getattr(self, name), dtype, shape, finite=finite
-            )
-            object.__setattr__(self, name, value)
+        self._set_array("axes", np.float64, (3, 3))
+        self._set_array("joints_m", np.float64, (n, 3), finite=False)
+        self._set_array("frames", np.float64, (n, 3, 3))
+        self._set_array("faces", np.int32, (None, 3))
 
     @property
     def known(self) -> np.ndarray:
-        """Which of the 25 joints the rig has, (25,), bool."""
+        """Mask (25,) of the joints that the rig has, bool."""
         return np.isfinite(self.joints_m).all(axis=1)
 
     @property
@@ -154,8 +160,8 @@ class Rig(Record):
         Parameters
         ----------
         pose : str or HandPose
-            A name in `POSES`, upper or lower case, or a pose of one's own. Every bone gets the
-            direction that it has in the hand of this package; the lengths are the rig's.
+            A name in `POSES`, upper or lower case, or a pose. Every bone gets the direction that it
+            has in the hand of this package; the lengths are the rig's.
         center_m : array_like, shape (3,), metres
             Where the centre of the surface's bounding box goes, in the antenna frame.
 
@@ -167,12 +173,12 @@ class Rig(Record):
         Raises
         ------
         ModelError
-            If an argument cannot be meant.
+            An argument is invalid.
         """
         return self.turned(self.rotations(pose), center_m)
 
     def rotations(self, pose: str | HandPose) -> np.ndarray:
-        """Return how a pose turns every bone from its rest, (25, 3, 3), float64.
+        """Return the rotation of every bone from rest to a pose, (25, 3, 3), float64.
 
         R = F G^T of the axes F that the bone has in the pose and G that it has at rest.
         """
@@ -180,12 +186,12 @@ class Rig(Record):
         return posed_skeleton(wanted).frames @ np.swapaxes(self.frames, 1, 2)
 
     def turned(self, rotations: np.ndarray, center_m: Any = DEFAULT_CENTER_M) -> HandMesh:
-        """Return the surface with every bone turned from its rest by a rotation.
+        """Return the surface with every bone rotated from rest.
 
         Parameters
         ----------
         rotations : ndarray, shape (25, 3, 3), float64
-            In the canonical frame, absolute, not against the parent; a tip's is not used.
+            In the canonical frame, absolute, not relative to the parent; tips are not used.
         center_m : array_like, shape (3,), metres
 
         Returns
@@ -194,8 +200,8 @@ class Rig(Record):
 
         Notes
         -----
-        x' = sum_j w_j (q_j + R_j (x - p_j)): p_j is the joint at rest, q_j its place, which follows
-        from the parent's, q_j = q_parent + R_parent (p_j - p_parent).
+        x' = sum_j w_j (q_j + R_j (x - p_j)), where p_j is the joint at rest and q_j its position by
+        forward kinematics, q_j = q_parent + R_parent (p_j - p_parent).
         """
         centre_m = checks.read_only("center_m", center_m, np.float64, (3,))
         known, parents = self.known, parents_of(self.known)
@@ -241,7 +247,7 @@ class Rig(Record):
         return (blend.directions @ own.reshape(-1)) @ self.axes.T
 
     def _parts(self) -> np.ndarray:
-        """Return for every face (F,) the part whose joints weigh most at its corners."""
+        """Return for every face (F,) the part with the largest weight at its corners."""
         rows = self.influences
         share = np.zeros((self.n_vertices, len(PART_NAMES)))
         np.add.at(share, (rows.vertex, _PART_OF_JOINT[rows.joint]), rows.weight)

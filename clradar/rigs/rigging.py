@@ -1,4 +1,4 @@
-"""From what a file holds to a rig: weights checked, unit and axes found, vertices welded."""
+"""Build a rig: weights checked and normalised, vertices welded, unit and axes estimated."""
 
 from __future__ import annotations
 
@@ -14,18 +14,17 @@ from clradar.rigs.failures import clean, fail
 from clradar.rigs.rig import Influences, PoseBlend, Rig
 
 WEIGHT_SUM = (0.9, 1.1)
-"""Sums of a vertex's weights that are taken for 1: bytes round by up to 1/510 per weight, tools cut
-off the fifth and further weights. What is farther off is no rounding."""
+"""Sums of a vertex's weights that are normalised to 1: bytes round by up to 1/510 per weight, and
+tools drop the fifth and further weights."""
 
 MAX_VERTICES = 1_000_000
 
 # A hand with the whole forearm has about 2.5 times the reach; a whole body has ten times.
 _MAX_EXTENT = 6.0
 
-
-_MAX_AWAY = 0.5
-"""Lengths from wrist to finger. What a metacarpal holds is up to 0.4 away from it, what a phalanx
-holds 0.2. A skin without its inverse bind matrices has everything one way from the wrist off."""
+# Lengths from wrist to finger. Vertices are up to 0.4 from their metacarpal and 0.2 from their
+# phalanx; without inverse bind matrices they are farther off.
+_MAX_DISTANCE = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +40,7 @@ class Surface:
     weight : ndarray, shape (N,), float64
         Sums to 1 over a vertex.
     points : ndarray, shape (N, 3), float64
-        Weight times where that joint has the vertex.
+        Weight times the position of the vertex as that joint alone has it.
     """
 
     faces: np.ndarray
@@ -63,17 +62,17 @@ class Surface:
         weight: np.ndarray,
         points: np.ndarray,
     ) -> Surface:
-        """Check and normalise weights, and sum the rows of bones that move as one.
+        """Check and normalise weights, and sum the rows of bones of one joint.
 
         Parameters
         ----------
         points : ndarray, shape (N, 3)
-            Where the row's bone has the vertex, not weighted.
+            Position of the vertex as the row's bone has it, not weighted.
 
         Raises
         ------
         RigError
-            Weights below 0, NaN, or with a sum that is not about 1 at a vertex that a face uses.
+            Weights below 0, NaN, or with a sum beyond `WEIGHT_SUM` at a vertex of a face.
         """
         if not np.isfinite(weight).all() or (weight < 0).any():
             bad = int(vertex[~(weight >= 0) | ~np.isfinite(weight)][0])
@@ -104,7 +103,7 @@ class Surface:
 
     @classmethod
     def joined(cls, pieces: Sequence[Surface]) -> Surface:
-        """Return several surfaces as one, vertices at one place with one skin merged."""
+        """Return several surfaces as one, with vertices of the same position and weights merged."""
         offsets = np.cumsum([0, *(piece.n_vertices for piece in pieces)])
         whole = cls(
             np.concatenate([p.faces + o for p, o in zip(pieces, offsets, strict=False)]),
@@ -118,14 +117,14 @@ class Surface:
         return whole._welded()
 
     def _welded(self) -> Surface:
-        # Files split vertices where texture or colour has a seam; a surface has none there.
+        # Files split vertices at seams of texture and colour.
         dense = np.zeros((self.n_vertices, len(JOINT_NAMES)))
         dense[self.vertex, self.joint] = self.weight
         _, first, number = np.unique(
             np.concatenate([self.rest(), dense], axis=1),
             axis=0, return_index=True, return_inverse=True,
         )  # fmt: skip
-        # The file's order, not that of the places.
+        # In the order of the file.
         order = np.argsort(first)
         number = np.argsort(order)[number.reshape(-1)]
         first = first[order]
@@ -158,7 +157,7 @@ def rig_of(
     blend: PoseBlend | None = None,
     ignored: tuple[str, ...] = (),
 ) -> Rig:
-    """Return the rig of a hand whose joints and side are known.
+    """Return the rig of a hand from its joints, its side and its surface.
 
     Parameters
     ----------
@@ -172,7 +171,7 @@ def rig_of(
         In the file's coordinates and unit.
     side : "right" or "left"
     unit : "m", "cm", "mm", "inch", a number of metres, or None
-        None: found from the hand's size.
+        None: estimated from the hand's size.
     blend : PoseBlend, optional
     ignored : tuple of str
     """
@@ -189,18 +188,19 @@ def rig_of(
         fail(
             path,
             f"a hand, a mesh of at most {_MAX_EXTENT:g} times its length from wrist to finger",
-            f"{extent / size:.3g} times: take off what is not hand or forearm",
+            f"{extent / size:.3g} times: remove everything but hand and forearm",
         )
-    held = (surface.joint != WRIST) & (surface.weight > 0.5)
-    if held.any():
-        at = surface.points[held] / surface.weight[held, None]
-        away = float(np.median(np.linalg.norm(at - joints[surface.joint[held]], axis=1))) / size
-        if away > _MAX_AWAY:
+    skinned = (surface.joint != WRIST) & (surface.weight > 0.5)
+    if skinned.any():
+        at = surface.points[skinned] / surface.weight[skinned, None]
+        apart = np.linalg.norm(at - joints[surface.joint[skinned]], axis=1)
+        distance = float(np.median(apart)) / size
+        if distance > _MAX_DISTANCE:
             fail(
                 path,
-                f"vertices of fingers that mostly lie within {_MAX_AWAY:g} hand lengths of their "
-                "joint",
-                f"{away:.2g}: are the inverse bind matrices missing, or another skin's?",
+                "vertices of fingers that mostly lie within "
+                f"{_MAX_DISTANCE:g} hand lengths of their joint",
+                f"{distance:.2g}: are the inverse bind matrices missing, or another skin's?",
             )
     axes = canonical_axes(joints, side)
     wrist = joints[WRIST]
@@ -230,6 +230,9 @@ def rig_of(
 
 
 def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Return six times the volume, seen from the middle, which closes the wrist's opening well."""
+    """Return six times the signed volume of the cones from the centroid to the faces.
+
+    The centroid as apex makes the missing cap of an open wrist count little.
+    """
     corners = (vertices - vertices.mean(axis=0))[faces]
     return float(np.einsum("ni,ni->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))

@@ -490,20 +490,20 @@ def test_mappings_are_read_alone_too(tmp_path: Path) -> None:
 # --- sides and units
 
 
-def test_a_name_that_contradicts_the_shape_is_an_error(tmp_path: Path) -> None:
+def test_names_that_contradict_the_joints_are_refused(tmp_path: Path) -> None:
     path = RigMaker(called="{}_left".format).save(tmp_path / "hand.glb")
-    with pytest.raises(RigError, match=r"a left hand, as its joints are called, got a right one"):
+    with pytest.raises(RigError, match=r"a left hand, by the names of its joints, got a right one"):
         read_rig(path)
     path = make(tmp_path, "b.glb")
     with pytest.raises(RigError, match=r"b\.glb: expected a left hand, got a right one"):
         read_rig(path, handedness="left")
 
 
-def test_a_flat_hand_needs_a_word_about_its_side(tmp_path: Path) -> None:
+def test_the_side_of_a_flat_hand_must_be_given(tmp_path: Path) -> None:
     """Squeezed into a plane, thumb and all, it is its own mirror image."""
     settings = {"turn": np.diag([1.0, 1.0, 1e-3]), "local_turns": False}
     path = RigMaker(**settings).save(tmp_path / "hand.glb")
-    with pytest.raises(RigError, match="seen to be a left or a right one, or names that say so"):
+    with pytest.raises(RigError, match="joints or names tell left from right"):
         read_rig(path)
     assert read_rig(path, handedness="left").handedness == "left"
     for name, kind in (("hand_left.glb", str), ("c.glb", "Left_{}".format)):
@@ -740,7 +740,7 @@ def test_damaged_files_raise_nothing_else(tmp_path: Path) -> None:
 
 def test_a_whole_body_is_no_hand(tmp_path: Path) -> None:
     path = make(tmp_path, edit=edited("positions", [0.0, -1.6, 0.0]))
-    with pytest.raises(RigError, match="take off what is not hand or forearm"):
+    with pytest.raises(RigError, match="remove everything but hand and forearm"):
         read_rig(path)
 
 
