@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -161,7 +160,7 @@ def impair(
         "adc_bits": bits,
         "adc_full_scale": full_scale,
     }
-    chain = _signal_chain(capture, room, channels, settings)
+    chain = _SignalChain(capture, room, channels, settings)
     if bits is not None and full_scale is None:
         full_scale = max(max(np.abs(y.real).max(), np.abs(y.imag).max()) for y in chain.rows())
         settings["adc_full_scale"] = full_scale = float(full_scale)
@@ -176,30 +175,50 @@ def impair(
     return Capture(data, capture.array, capture.waveform, meta)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Chain:
-    """The signal chain up to the converter, with every setting as a linear factor."""
+class _SignalChain:
+    """The signal up to the converter, with every recorded setting as a linear factor."""
 
-    capture: Capture
-    room: Capture | None
-    coupling_rms: float
-    coupling_delay_s: float
-    factor_tx: np.ndarray
-    factor_rx: np.ndarray
-    quadrature: np.ndarray | None
-    noise_rms: float
-    noise_tx: np.ndarray
-    noise_rx: np.ndarray
-    seed: int
-    frame: int
+    def __init__(
+        self,
+        capture: Capture,
+        room: Capture | None,
+        channels: ChannelResponse | None,
+        settings: dict[str, Any],
+    ) -> None:
+        self.capture, self.room, self.settings = capture, room, settings
+        array, waveform, power = capture.array, capture.waveform, settings["reference_power"]
+        tx, rx = drift_factors(
+            array,
+            seed=settings["seed"],
+            frame=settings["frame"],
+            phase_rad=settings["drift_phase_rad"],
+            gain_db=settings["drift_gain_db"],
+            common_phase_rad=settings["drift_common_phase_rad"],
+        )
+        self.factor_tx, self.factor_rx = tx[:, None], rx[:, None]
+        if channels is not None:
+            self.factor_tx = self.factor_tx * channels.tx_response(waveform.frequencies_hz)
+            self.factor_rx = self.factor_rx * channels.rx_response(waveform.frequencies_hz)
+        gain_db, phase_rad = (
+            np.broadcast_to(settings[key], array.n_rx) for key in ("iq_gain_db", "iq_phase_rad")
+        )
+        self.quadrature: np.ndarray | None = None
+        if gain_db.any() or phase_rad.any():
+            self.quadrature = (10 ** (gain_db / 20) * np.exp(1j * phase_rad))[:, None]
+        coupling, snr = settings["coupling_db"], settings["snr_db"]
+        self.coupling_rms = 0.0 if coupling is None else _amplitude(coupling, power)
+        self.noise_rms = 0.0 if snr is None else _amplitude(-snr, power)
+        self.noise_tx = _noise_factors(settings["noisy_tx_db"], array.n_tx)
+        self.noise_rx = _noise_factors(settings["noisy_rx_db"], array.n_rx)
 
     def rows(self) -> Iterator[np.ndarray]:
         """Yield the signal of each transmitter, shape (n_rx, n_freq), complex128."""
-        array, waveform = self.capture.array, self.capture.waveform
+        array, waveform, settings = self.capture.array, self.capture.waveform, self.settings
         coupling: Iterator[np.ndarray] | None = None
         if self.coupling_rms > 0:
-            coupling = coupling_rows(array, waveform, self.coupling_rms, self.coupling_delay_s)
-        noise = random_stream(self.seed, Part.NOISE, self.frame)
+            delay_s = settings["coupling_delay_s"]
+            coupling = coupling_rows(array, waveform, self.coupling_rms, delay_s)
+        noise = random_stream(settings["seed"], Part.NOISE, settings["frame"])
         for tx in range(array.n_tx):
             x = self.capture.data[tx].astype(np.complex128)
             if self.room is not None:
@@ -208,54 +227,13 @@ class _Chain:
                 x += next(coupling)
             x *= self.factor_tx[tx] * self.factor_rx
             if self.quadrature is not None:
-                g = self.quadrature[:, None]
+                g = self.quadrature
                 x = (1 + g) / 2 * x + (1 - g.conj()) / 2 * x.conj()
             if self.noise_rms > 0:
                 drawn = noise.standard_normal((*x.shape, 2)).view(np.complex128)[..., 0]
                 rms = self.noise_rms * self.noise_tx[tx] * self.noise_rx
                 x += rms[:, None] / np.sqrt(2) * drawn
             yield x
-
-
-def _signal_chain(
-    capture: Capture,
-    room: Capture | None,
-    channels: ChannelResponse | None,
-    settings: dict[str, Any],
-) -> _Chain:
-    """Return the chain of settings as `impair` records them."""
-    power, coupling, snr = (settings[k] for k in ("reference_power", "coupling_db", "snr_db"))
-    iq_gain, iq_phase = (
-        np.broadcast_to(settings[key], capture.array.n_rx) for key in ("iq_gain_db", "iq_phase_rad")
-    )
-    imbalanced = iq_gain.any() or iq_phase.any()
-    tx, rx = drift_factors(
-        capture.array,
-        seed=settings["seed"],
-        frame=settings["frame"],
-        phase_rad=settings["drift_phase_rad"],
-        gain_db=settings["drift_gain_db"],
-        common_phase_rad=settings["drift_common_phase_rad"],
-    )
-    factor_tx, factor_rx = tx[:, None], rx[:, None]
-    if channels is not None:
-        frequencies_hz = capture.waveform.frequencies_hz
-        factor_tx = factor_tx * channels.tx_response(frequencies_hz)
-        factor_rx = factor_rx * channels.rx_response(frequencies_hz)
-    return _Chain(
-        capture=capture,
-        room=room,
-        coupling_rms=0.0 if coupling is None else _amplitude(coupling, power),
-        coupling_delay_s=settings["coupling_delay_s"],
-        factor_tx=factor_tx,
-        factor_rx=factor_rx,
-        quadrature=10 ** (iq_gain / 20) * np.exp(1j * iq_phase) if imbalanced else None,
-        noise_rms=0.0 if snr is None else _amplitude(-snr, power),
-        noise_tx=_noise_factors(settings["noisy_tx_db"], capture.array.n_tx),
-        noise_rx=_noise_factors(settings["noisy_rx_db"], capture.array.n_rx),
-        seed=settings["seed"],
-        frame=settings["frame"],
-    )
 
 
 def _quantised(x: np.ndarray, bits: int, full_scale: float) -> np.ndarray:

@@ -130,27 +130,16 @@ class Scene(Record):
         if transform is not None:
             matrix = checks.transform("Scene.from_mesh: transform", transform)
         label, pieces = _pieces(mesh)
-        vertices, faces, part = [], [], []
-        names: list[str] = []
-        offset = 0
-        for name, piece_vertices, piece_faces in pieces:
-            vertices.append(np.asarray(piece_vertices, dtype=np.float64))
-            faces.append(np.asarray(piece_faces, dtype=np.int64) + offset)
-            part.append(np.full(len(piece_faces), len(names)))
-            names.append(_unused(name, names))
-            offset += len(piece_vertices)
-        vertices_m = np.concatenate(vertices) * UNITS_M[unit]
-        if not np.isfinite(vertices_m).all():
-            raise MeshError(
-                f"{label}: expected finite vertex coordinates, got NaN or infinite ones"
-            )
-        vertices_m = vertices_m @ matrix[:3, :3].T + matrix[:3, 3]
-        all_faces = np.concatenate(faces)
         try:
-            scene = cls(vertices_m, all_faces, 0.5, np.concatenate(part), tuple(names))
+            scene = cls.combine(
+                cls(np.asarray(vertices, np.float64) * UNITS_M[unit], faces, part_names=(name,))
+                for name, vertices, faces in pieces
+            )
+            vertices_m = scene.vertices_m @ matrix[:3, :3].T + matrix[:3, 3]
+            scene = replace(scene, vertices_m=vertices_m)
         except ModelError as error:
             raise MeshError(f"{label}: {error}") from error
-        _check_size(label, vertices_m[np.unique(all_faces)], unit)
+        _check_size(label, vertices_m[np.unique(scene.faces)], unit)
         normals = getattr(mesh, "normals", None) if hasattr(mesh, "to_trimesh") else None
         if normals is not None:
             scene = replace(scene, normals=_transformed_normals(np.asarray(normals), matrix))

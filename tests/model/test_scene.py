@@ -203,11 +203,11 @@ def test_faces_without_a_vertex_are_refused(index: int) -> None:
 def test_vertices_that_are_no_numbers_are_refused(tmp_path: Path, value: float) -> None:
     vertices = np.array(box().vertices)
     vertices[3, 1] = value
-    with pytest.raises(MeshError, match=r"^mesh: expected finite vertex coordinates, got NaN or"):
+    with pytest.raises(MeshError, match=r"^mesh: .*expected finite numbers, got .* NaN or"):
         Scene.from_mesh((vertices, box().faces))
     path = tmp_path / "nan.ply"
     trimesh.Trimesh(vertices, box().faces, process=False).export(path)
-    with pytest.raises(MeshError, match=rf"^{re.escape(str(path))}: expected finite vertex"):
+    with pytest.raises(MeshError, match=rf"^{re.escape(str(path))}: .*expected finite numbers"):
         Scene.from_mesh(path)
 
 
