@@ -33,7 +33,7 @@ ROUNDING = 1e-13
 # 15 dB. Correlation and SSIM change by no more than a few times that share.
 FLOAT32 = 1e-6
 
-# The two places where the overlap's kernel is cut are worth exp(-16) = 1.1e-7 each.
+# The overlap's kernel is truncated twice, at exp(-16) = 1.1e-7 each.
 OVERLAP_CUTS = 3e-7
 
 MM = 1e-3
@@ -140,7 +140,7 @@ def test_overlap_of_two_points() -> None:
 
 
 @pytest.mark.parametrize("level", [0.3, 1.0])
-def test_overlap_weighs_with_the_amplitude(level: float) -> None:
+def test_overlap_is_weighted_by_the_amplitude(level: float) -> None:
     """One of two far points is missing: the cosine between (1, level) and (1, 0)."""
     both = plate(slice(3, 4), slice(3, 4)) + plate(slice(25, 26), slice(35, 36), level)
     metrics = compare(layer(both), layer(plate(slice(3, 4), slice(3, 4))))
@@ -149,7 +149,7 @@ def test_overlap_weighs_with_the_amplitude(level: float) -> None:
 
 def test_overlap_of_far_images_is_zero() -> None:
     near, far = plate(slice(0, 9), slice(0, 9)), plate(slice(20, 29), slice(30, 39))
-    # The nearest points are (12, 22) pixels apart: exp(-39), below what the cuts leave.
+    # The nearest points are (12, 22) pixels apart: exp(-39), below the error of the cuts.
     assert 0.0 <= compare(layer(near), layer(far)).overlap <= OVERLAP_CUTS
 
 
@@ -177,8 +177,8 @@ def test_overlap_against_all_pairs(blur_mm: float) -> None:
     assert overlap(*maps[::-1], blur_mm * MM) == pytest.approx(expected, abs=OVERLAP_CUTS)
 
 
-def test_the_metrics_say_which_way_is_better() -> None:
-    """Perfect agreement against a worse image: every metric goes the way that the set says."""
+def test_the_metrics_have_the_stated_sense() -> None:
+    """Perfect agreement against a worse image: each metric changes in its stated direction."""
     base = layer(texture(60), np.random.default_rng(61).integers(0, N_Z, (N_Y, N_X)))
     other = layer(texture(62), np.random.default_rng(63).integers(0, N_Z, (N_Y, N_X)))
     perfect, worse = compare(base, base).to_dict(), compare(base, other).to_dict()
@@ -343,7 +343,7 @@ def test_pixels_within_the_tolerance_are_the_same() -> None:
 
 
 @pytest.mark.parametrize("which", ["measured", "simulated"])
-def test_errors_say_which_image(which: str) -> None:
+def test_errors_name_the_image(which: str) -> None:
     def run(bad: object) -> None:
         compare(**{"measured": layer(PLATE), "simulated": layer(PLATE), which: bad})  # type: ignore[arg-type]
 
@@ -372,7 +372,7 @@ def test_dynamic_range_must_be_positive(bad: object) -> None:
 
 
 def test_import_is_light() -> None:
-    """The command line imports both modules: what is slow to import waits until it is used."""
+    """The command line imports both modules; slow libraries are imported on first use."""
     code = (
         "import sys, clradar.compare, clradar.plot;"
         "print([m for m in ('scipy', 'skimage', 'matplotlib') if m in sys.modules])"

@@ -56,7 +56,7 @@ def visible_texts(figure: Figure) -> list[Any]:
     return [t for t in figure.findobj(Text) if t.get_text() and t.get_visible()]
 
 
-def test_pictures_are_drawn_as_the_radar_sees_the_scene() -> None:
+def test_images_are_drawn_in_the_radar_s_view() -> None:
     figure = comparison_figure(blob(), [("one", blob())])
     for axes in figure.axes[:4]:
         left, right = axes.get_xlim()
@@ -81,7 +81,7 @@ def test_values_lie_where_their_pixels_are() -> None:
     np.testing.assert_allclose(corners.mean(axis=0), (20.0, -40.0), atol=1e-9)
 
 
-@pytest.mark.parametrize("count", [1, 3, 12])
+@pytest.mark.parametrize("count", [1, 4])
 def test_columns_of_a_comparison(count: int) -> None:
     labels = [f"{ALPHA} = {i / 10}" for i in range(count)]
     figure = comparison_figure(blob(), [(label, blob()) for label in labels])
@@ -149,7 +149,7 @@ def test_backgrounds_are_neutral_and_not_in_the_scale() -> None:
         np.testing.assert_allclose(mesh.cmap.get_bad()[:3], background)
         np.testing.assert_allclose(to_rgb(axes.get_facecolor()), background)
         scale = mesh.cmap(np.linspace(0, 1, 256))[:, :3]
-        # A tenth of full scale is a difference that is seen.
+        # A tenth of full scale is a visible difference.
         assert np.abs(scale - background).max(axis=1).min() > 0.1
 
 
@@ -174,7 +174,7 @@ LONG = r"results/$\run$/2023-06-01_run_14, a file's name that goes on and on for
 
 @pytest.mark.parametrize(
     ("shape", "count"),
-    [((51, 51), 1), ((51, 51), 3), ((51, 51), 12), ((51, 20), 5), ((20, 51), 5), ((51, 1), 2)],
+    [((51, 51), 1), ((51, 51), 12), ((51, 20), 4), ((20, 51), 4), ((51, 1), 1)],
 )
 def test_no_text_over_another_or_off_the_page(shape: tuple[int, int], count: int) -> None:
     n_x, n_y = shape
@@ -218,7 +218,7 @@ def test_uneven_and_single_axes() -> None:
     np.testing.assert_allclose(coordinates[:, 0, 1], [-0.5, 0.5], atol=1e-12)
 
 
-def test_figures_that_cannot_be_drawn() -> None:
+def test_images_and_metrics_that_do_not_fit_are_refused() -> None:
     zero = Volume(np.zeros_like(blob().data), blob().grid)
     with pytest.raises(CompareError, match=r"image: .*0 everywhere"):
         image_figure(zero)
@@ -242,25 +242,31 @@ def test_no_pyplot() -> None:
     assert ("matplotlib.pyplot" in sys.modules) == before
 
 
+def small_figure() -> Figure:
+    figure = image_figure(blob(), "a blob")
+    figure.set_dpi(40)
+    return figure
+
+
 @pytest.fixture(scope="module")
 def figure() -> Figure:
-    return image_figure(blob(), "a blob")
+    return small_figure()
 
 
-@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg", ".PNG"])
+@pytest.mark.parametrize("suffix", [".PNG", ".pdf", ".svg"])
 def test_files_are_the_same_every_time(
     tmp_path: Path, figure: Figure, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = save_figure(figure, tmp_path / f"first{suffix}")
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")  # another date, were there one in the file
-    second = save_figure(image_figure(blob(), "a blob"), str(tmp_path / f"second{suffix}"))
+    second = save_figure(small_figure(), str(tmp_path / f"second{suffix}"))
     assert first.read_bytes() == second.read_bytes()
     assert first == tmp_path / f"first{suffix}"
     assert b"Matplotlib" not in first.read_bytes()[:2000]
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"first{suffix}", f"second{suffix}"]
 
 
-def test_files_are_readable_by_others_as_the_umask_says(tmp_path: Path, figure: Figure) -> None:
+def test_files_have_the_permissions_of_the_umask(tmp_path: Path, figure: Figure) -> None:
     reference = tmp_path / "reference"
     reference.touch()
     saved = save_figure(figure, tmp_path / "a.png")
@@ -288,7 +294,7 @@ def test_nothing_is_overwritten_without_force(tmp_path: Path, figure: Figure) ->
         save_figure(figure, dangling)
 
 
-def test_a_file_that_appears_meanwhile_is_kept(
+def test_a_file_that_appears_during_the_write_is_kept(
     tmp_path: Path, figure: Figure, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     target = tmp_path / "a.png"
@@ -316,7 +322,7 @@ def test_a_failed_write_leaves_what_was_there(
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a", "a.txt", "missing/a.png", "folder.png"])
-def test_places_that_cannot_be_written(tmp_path: Path, figure: Figure, name: str) -> None:
+def test_targets_that_cannot_be_written(tmp_path: Path, figure: Figure, name: str) -> None:
     (tmp_path / "folder.png").mkdir()
     with pytest.raises(OutputError, match="expected"):
         save_figure(figure, tmp_path / name, force=True)
@@ -330,7 +336,7 @@ def test_the_first_column_has_the_title_it_is_given() -> None:
     assert figure.axes[0].get_title() == "Synthetic measurement"
 
 
-def test_panels_stand_in_rows_with_axes_of_their_own() -> None:
+def test_panels_are_in_rows_with_their_own_axes() -> None:
     near, far = blob().depth_map(), blob(x_mm=-40.0).depth_map()
     zero = DepthMap(far.depth_m, 0 * far.amplitude, far.x_m, far.y_m)
     figure = panels_figure(
@@ -342,7 +348,7 @@ def test_panels_stand_in_rows_with_axes_of_their_own() -> None:
     assert tops[0] == tops[1] > tops[2] == tops[3]
     for axes, image in ((panels[0], near), (panels[2], far)):
         left, right = axes.get_xlim()
-        assert left > right  # as the radar sees the scene
+        assert left > right  # x increases to the left
         values = drawn(axes)
         assert values.max() == 0.0  # each relative to its own maximum
         assert np.array_equal(~values.mask, image.mask)

@@ -1,4 +1,4 @@
-"""Faults put into captures: each against its equation, its statistics or its closed form."""
+"""Impairments: each against its equation, its statistics or its closed form."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_noise_is_relative_to_the_given_reference(target: Capture) -> None:
     assert power(impair(strong, snr_db=20).data - strong.data) == pytest.approx(0.09, rel=POWER)
 
 
-def test_noisy_channels_are_as_noisy_as_told(target: Capture) -> None:
+def test_noisy_channels_have_the_stated_noise(target: Capture) -> None:
     noise = impair(target, snr_db=20, noisy_tx_db={2: 20}, noisy_rx_db={5: 10}).data - target.data
     few = 5 / np.sqrt(20 * 64)
     assert power(noise[3][:5]) == pytest.approx(0.01, rel=5 / np.sqrt(5 * 64))
@@ -123,7 +123,7 @@ def test_noisy_channels_are_as_noisy_as_told(target: Capture) -> None:
 # Streams
 
 
-def test_the_same_seed_gives_the_same_bits_and_others_do_not(target: Capture) -> None:
+def test_seeds_and_frames_reproduce_and_differ(target: Capture) -> None:
     settings: dict[str, Any] = {"snr_db": 20, "drift_phase_rad": 0.1, "frame": 3}
     one = impair(target, seed=2**63 + 1, **settings).data
     np.testing.assert_array_equal(one, impair(target, seed=2**63 + 1, **settings).data)
@@ -131,7 +131,7 @@ def test_the_same_seed_gives_the_same_bits_and_others_do_not(target: Capture) ->
         assert not (impair(target, **{**settings, **other}).data == one).any()
 
 
-def test_switching_a_fault_on_leaves_the_other_draws_as_they_are(target: Capture) -> None:
+def test_noise_does_not_depend_on_other_faults(target: Capture) -> None:
     noise = impair(zeros(), snr_db=20, reference_power=1.0, frame=2).data
     others: dict[str, Any] = {
         "channels": draw_channels(ARRAY, SWEEP),
@@ -156,7 +156,7 @@ def test_parts_seeds_and_frames_share_no_numbers() -> None:
     assert len(np.unique(draws)) == np.size(draws)
 
 
-def test_another_spread_leaves_the_other_draws_as_they_are() -> None:
+def test_phases_do_not_depend_on_the_spread_of_gains() -> None:
     one = draw_channels(ARRAY, SWEEP, seed=4)
     two = draw_channels(ARRAY, SWEEP, seed=4, gain_db=0, delay_s=0, dead_rx=[1])
     np.testing.assert_allclose(np.angle(two.tx_gain), np.angle(one.tx_gain), atol=1e-12)
@@ -355,7 +355,7 @@ def test_quantisation_noise_is_that_of_its_steps(target: Capture) -> None:
     assert not impair(zeros(), adc_bits=8).data.any()
 
 
-# What cannot be meant
+# Invalid settings
 
 
 @pytest.mark.parametrize(
@@ -384,7 +384,7 @@ def test_quantisation_noise_is_that_of_its_steps(target: Capture) -> None:
         ({"coupling_db": 290.0, "reference_power": 1e300}, "finite numbers"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(
+def test_invalid_settings_are_refused(
     target: Capture, settings: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(ModelError, match=message):
@@ -419,6 +419,6 @@ def test_a_room_of_another_radar_is_refused(target: Capture) -> None:
         (lambda: clradar.draw_channels("array", SWEEP), "AntennaArray"),  # type: ignore[arg-type]
     ],
 )
-def test_rooms_and_channels_that_cannot_be_are_refused(call: Any, message: str) -> None:
+def test_invalid_rooms_and_channels_are_refused(call: Any, message: str) -> None:
     with pytest.raises(ModelError, match=message):
         call()

@@ -9,7 +9,7 @@ from clradar import ChannelResponse
 from clradar.errors import ModelError
 
 
-def test_response_is_the_gain_at_the_reference_and_turns_with_the_delay() -> None:
+def test_response_is_the_gain_times_the_phase_of_the_delay() -> None:
     gain = np.array([2.0 + 1.0j, 0.0])
     response = ChannelResponse(gain, [1.0], [20e-12, 0.0], [0.0], 77e9)
     found = response.tx_response(np.array([77e9, 77e9 + 12.5e9]))
@@ -26,7 +26,7 @@ def test_response_is_the_gain_at_the_reference_and_turns_with_the_delay() -> Non
         ({"reference_hz": 0.0}, "reference_hz"),
     ],
 )
-def test_what_does_not_fit_is_refused(changed: dict[str, object], message: str) -> None:
+def test_invalid_fields_are_refused(changed: dict[str, object], message: str) -> None:
     fields: dict[str, object] = {
         "tx_gain": [1.0, 1.0],
         "rx_gain": [1.0, 1.0],

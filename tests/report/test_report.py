@@ -1,4 +1,4 @@
-"""The page about a comparison: what is in it, and that nothing in a file gets out of its place."""
+"""The HTML report: its content, and the escaping of untrusted text."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from clradar.errors import CompareError, ModelError
 from clradar.model import DepthMap
 from clradar.report import ReportImage, html_report
 from clradar.report.clouds import MAX_POINTS, clouds
+from clradar.report.page import FIGURE_DPI
 from clradar.report.tables import METRIC_TEXTS, settings_table
 from measurement_io import save_volume
 
 HOSTILE = "<script>window.hacked = 1</script>"
 NO_TEXT = "a\udcff\x1b[31m"
-"""A file's name whose bytes are no text, with a control character."""
+"""A file's name with undecodable bytes and a control character."""
 HOSTILE_META = {
     "</script><script>window.hacked = 1</script>": "</script>",
     "nested": {"list": [{"<img src=x onerror='window.hacked=1'>": '"><b>'}], "none": None},
@@ -32,7 +33,13 @@ HOSTILE_META = {
 }
 
 PAGE_BYTES = 3e6
-"""What a page of the paper's grid may take, with every pixel of two images a point."""
+"""Largest page of the paper's grid, with every pixel of two images a point."""
+
+
+@pytest.fixture(autouse=True)
+def coarse_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawing the figure is most of the time; one test keeps its resolution."""
+    monkeypatch.setattr("clradar.report.page.FIGURE_DPI", 30)
 
 
 def ball(x_m: float = 0.0, y_m: float = 0.0, z_m: float = 0.3, n: int = 61) -> DepthMap:
@@ -58,7 +65,7 @@ def page_of(*images: DepthMap, **options: Any) -> str:
 
 
 class Read(HTMLParser):
-    """What a page consists of, as an HTML parser sees it."""
+    """Tags and text of a page."""
 
     def __init__(self, page: str) -> None:
         super().__init__(convert_charrefs=True)
@@ -112,8 +119,9 @@ def test_nothing_is_loaded_and_one_script_runs() -> None:
         assert f"{part}-src 'sha256-{digest}';" in policy
 
 
-def test_what_files_say_is_only_text() -> None:
-    tame, read = Read(page_of(ball(), ball(2e-3))), Read(hostile_page())
+def test_text_of_files_is_escaped() -> None:
+    hostile = hostile_page()
+    tame, read = Read(page_of(ball(), ball(2e-3))), Read(hostile)
     counts = [[t for t, _ in r.tags] for r in (tame, read)]
     for tag in ("script", "style", "h1", "img", "b", "canvas", "html", "body"):
         assert counts[0].count(tag) == counts[1].count(tag), tag
@@ -131,7 +139,7 @@ def test_what_files_say_is_only_text() -> None:
         )
         in cells
     )
-    hostile_page().encode("utf-8")
+    hostile.encode("utf-8")
 
 
 def test_a_name_that_is_no_text_is_shown_with_escapes() -> None:
@@ -154,13 +162,14 @@ def test_the_points_are_those_of_the_depth_maps() -> None:
         assert level.max() == 255
 
 
-def test_too_many_points_are_thinned_and_the_page_says_so() -> None:
+def test_too_many_points_are_subsampled_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
     axis_m = 1e-3 * (np.arange(201) - 100)
     full = [
         DepthMap(0.3 + 0.01 * rng.random((201, 201)), np.ones((201, 201)), axis_m, axis_m)
         for _ in range(2)
     ]
+    monkeypatch.setattr("clradar.report.page.FIGURE_DPI", FIGURE_DPI)
     page = page_of(*full)
     assert len(page) < PAGE_BYTES
     assert page.count(f"{MAX_POINTS // 2} of {201 * 201} points") == 2
@@ -169,14 +178,14 @@ def test_too_many_points_are_thinned_and_the_page_says_so() -> None:
         kept = {tuple(p) for p in cloud.points_mm}
         assert len(kept) == MAX_POINTS // 2
         assert kept <= there
-    # What a small image does not need, a large one gets.
+    # The large image gets the points that the small one leaves.
     small, large = clouds([ball(), full[0]], most=20_000)
     assert len(small.points_mm) == small.total
     assert len(large.points_mm) == 20_000 - small.total
     assert [len(c.points_mm) for c in clouds([full[0]] * 3, most=10)] == [3, 3, 3]
 
 
-def test_the_metrics_are_there_with_their_meaning() -> None:
+def test_metrics_are_listed_with_their_meaning() -> None:
     images = [ball(), ball(2e-3), ball(8e-3)]
     read = Read(page_of(*images))
     metrics = [compare(images[0], m) for m in images[1:]]
@@ -219,7 +228,7 @@ def test_settings_are_rows_of_names_and_values() -> None:
     }
 
 
-def test_enormous_settings_are_cut_and_say_so() -> None:
+def test_enormous_settings_are_cut_visibly() -> None:
     deep: dict[str, Any] = {}
     for _ in range(200):
         deep = {"k": deep}

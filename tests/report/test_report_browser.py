@@ -1,4 +1,4 @@
-"""The page about a comparison in a browser: it draws, answers to hands, and fits a phone."""
+"""The HTML report in a browser: drawing, interaction, narrow screens."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ pytestmark = pytest.mark.skipif(
 )
 
 BLUR_PX = 2.0
-"""Of a cloud's middle on the canvas: points are drawn on whole pixels, half of one off at most, and
-where a shadow falls the colour is no longer told apart."""
+"""Uncertainty of a cloud's middle on the canvas: points are drawn on whole pixels, and shadows have
+no colour that is detected."""
 
 
 BALLS = (ball(-0.02, -0.015, 0.29), ball(0.02, 0.015, 0.31))
-"""As the radar sees them the measured one is to the right of the simulated one, lower, nearer."""
+"""In the radar's view the measured ball is to the right of the simulated one, lower and nearer."""
 
 
 @pytest.fixture(scope="module")
