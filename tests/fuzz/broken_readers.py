@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,21 +13,14 @@ import numpy as np
 from clradar.errors import MeasurementError
 from fuzz.targets import Target
 
-
-def _seeds() -> list[bytes]:
-    return [b"0123456789"]
+_SEED = b"seed"
 
 
-def _target(name: str, misbehave: object) -> Target:
-    def read(path: Path) -> object:
-        content = path.read_bytes()
-        if content in _seeds():
-            return content
-        if len(content) % 7 == 3:  # some inputs only
-            misbehave(path)  # type: ignore[operator]
-        raise MeasurementError(f"{path}: expected ten digits, got something else")
+class Numbered(Target):
+    """A target whose input number `index` is that number, as text."""
 
-    return Target(name, _seeds, read, (bytes,))
+    def mutated(self, seed: int, index: int) -> bytes:
+        return b"%d" % index
 
 
 def _other_exception(path: Path) -> None:
@@ -78,28 +71,58 @@ def _open_another(path: Path) -> None:
 
 
 def _take_memory(path: Path) -> None:
-    np.ones(1_500_000_000, np.uint8)
+    np.ones(100_000_000, np.uint8)
 
 
 def _hang(path: Path) -> None:
     while True:
-        time.sleep(1)
+        pass
 
 
 def _die(path: Path) -> None:
     signal.raise_signal(signal.SIGSEGV)
 
 
-other_exception = _target("other_exception", _other_exception)
-two_lines = _target("two_lines", _two_lines)
-no_name = _target("no_name", _no_name)
-subclass = _target("subclass", _subclass)
-run_a_command = _target("run_a_command", _run_a_command)
-start_a_program = _target("start_a_program", _start_a_program)
-run_code = _target("run_code", _run_code)
-import_a_module = _target("import_a_module", _import)
-write = _target("write", _write)
-open_another = _target("open_another", _open_another)
-take_memory = _target("take_memory", _take_memory)
-hang = _target("hang", _hang)
-die = _target("die", _die)
+MILD: dict[str, Callable[[Path], None]] = {
+    "raises KeyError": _other_exception,
+    "says": _two_lines,
+    "does not name the file": _no_name,
+    "a subclass": _subclass,
+    "os.system": _run_a_command,
+    "subprocess.Popen": _start_a_program,
+    "executes": _run_code,
+    "imports this": _import,
+    "for writing": _write,
+    "/etc/hostname": _open_another,
+}
+"""What is said of a fault -> what has it; the worker goes on."""
+
+FATAL: dict[str, Callable[[Path], None]] = {
+    "MB of memory": _take_memory,
+    "takes more than 0.5 s": _hang,
+    "ends the process with -11": _die,
+}
+"""The same where a fresh worker has to go on."""
+
+
+def _target(name: str, faults: Mapping[str, Callable[[Path], None]]) -> Target:
+    """Return a target of which every second input has the next of the faults."""
+    kinds = list(faults.values())
+
+    def read(path: Path) -> object:
+        content = path.read_bytes()
+        if content == _SEED:
+            return content
+        number, rest = divmod(int(content), 2)
+        if rest:
+            kinds[number](path)
+        raise MeasurementError(f"{path}: expected the seed, got something else")
+
+    return Numbered(
+        name, lambda: [_SEED], read, (bytes,),
+        processor_limit_s=0.5, resident_limit_bytes=50_000_000,
+    )  # fmt: skip
+
+
+mild = _target("mild", MILD)
+fatal = _target("fatal", FATAL)

@@ -5,19 +5,19 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from fuzz.oracle import TIME_LIMIT_S
-from fuzz.worker import Progress, shared_progress
+from fuzz.worker import Progress, find_target, shared_progress
 
-_POLL_S = 0.1
-_START_LIMIT_S = 120.0
-"""For a worker to import what it needs and to read the seeds, or to make an input."""
+_WAIT_LIMIT_S = 900.0
+"""Longest time without progress. What is at fault uses processor time, which is limited."""
 
 _MOST_FAULTS = 20
 """A run ends after so many: they have one cause, mostly."""
@@ -61,7 +61,6 @@ def run(
     seed: int = 0,
     start: int = 0,
     keep: Path,
-    time_limit_s: float = TIME_LIMIT_S,
 ) -> Outcome:
     """Read inputs `start` to `start + count` of a target.
 
@@ -73,8 +72,6 @@ def run(
         Input `index` of a `seed` is always the same.
     keep : Path
         Folder for the inputs at fault; made when there is one.
-    time_limit_s : float
-        For one input; a worker that takes longer is killed.
     """
     began = time.monotonic()
     # In memory where the system offers it: every input is written to a file.
@@ -83,13 +80,9 @@ def run(
     with TemporaryDirectory(prefix="clradar-fuzz-", dir=base) as name:
         folder = Path(name)
         at, stop = start, start + count
-        retried = -1
         while at < stop and len(faults) < _MOST_FAULTS:
-            what, at = _watched(target, seed, at, stop, folder, time_limit_s)
+            what, at = _watched(target, seed, at, stop, folder)
             if what is None:
-                continue
-            if "takes more than" in what and at != retried:
-                retried = at  # once more, in a fresh worker: the machine may have been busy
                 continue
             fault = Fault(target, seed, at, what, _newest(folder / "files"))
             faults.append(_kept(fault, keep))
@@ -109,9 +102,7 @@ def run(
     )
 
 
-def _watched(
-    target: str, seed: int, start: int, stop: int, folder: Path, time_limit_s: float
-) -> tuple[str | None, int]:
+def _watched(target: str, seed: int, start: int, stop: int, folder: Path) -> tuple[str | None, int]:
     """Run one worker; return what it died of (None: of nothing) and the input it had come to."""
     here = Path(__file__).resolve().parent
     folders = [here.parent, here.parent / "support", here.parents[1]]
@@ -126,16 +117,15 @@ def _watched(
         progress.store(shared)
         worker = subprocess.Popen(command, env=environment, stdout=sink, stderr=sink)
         try:
-            last, since = progress, time.monotonic()
+            last = progress
             while worker.poll() is None:
-                time.sleep(_POLL_S)
+                with suppress(subprocess.TimeoutExpired):
+                    worker.wait(_WAIT_LIMIT_S)
                 progress = Progress.load(shared)
-                if progress != last:
-                    last, since = progress, time.monotonic()
-                limit = time_limit_s if progress.reading else _START_LIMIT_S
-                if time.monotonic() - since > limit:
+                if worker.poll() is None and progress == last:
                     _require(bool(progress.reading), "the worker did not start", output)
-                    return f"takes more than {time_limit_s:g} s", progress.index
+                    return f"does nothing for {_WAIT_LIMIT_S:g} s", progress.index
+                last = progress
         finally:
             if worker.poll() is None:
                 worker.kill()
@@ -143,6 +133,9 @@ def _watched(
         progress = Progress.load(shared)
     if worker.returncode == 0:
         return None, progress.index
+    if worker.returncode == -signal.SIGPROF:
+        limit_s = find_target(target).processor_limit_s
+        return f"takes more than {limit_s:g} s of processor time", progress.index
     _require(bool(progress.reading), f"the worker ended with {worker.returncode}", output)
     return f"ends the process with {worker.returncode}: {_tail(output)}", progress.index
 

@@ -29,7 +29,7 @@ def main() -> int:
     with atheris.instrument_imports(include=["measurement_io", "clradar"]):
         import measurement_io  # noqa: F401 - before all others that import it
 
-    from fuzz.oracle import TIME_LIMIT_S, Watch, judge
+    from fuzz.oracle import Watch, judge
     from fuzz.worker import find_target, read_seeds
 
     target = find_target(options.target)
@@ -64,7 +64,7 @@ def main() -> int:
         sys.argv[0],
         f"-runs={options.runs}",
         f"-seed={options.seed}",
-        f"-timeout={int(TIME_LIMIT_S)}",
+        f"-timeout={int(6 * target.processor_limit_s)}",
         f"-dict={tokens}",
         f"-artifact_prefix={options.keep}/{target.name}-",
         "-max_len=200000",

@@ -13,6 +13,8 @@ _NAMES = (
     ("numpy", "ndarray"), ("numpy", "dtype"), ("numpy.core.multiarray", "_reconstruct"),
     ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer"),
     ("_codecs", "encode"), ("builtins", "complex"), ("numpy", "load"), ("numpy.f2py", "compile"),
+    ("chumpy.ch", "Ch"), ("chumpy.reordering", "Select"), ("scipy.sparse.csc", "csc_matrix"),
+    ("copy_reg", "_reconstructor"), ("__builtin__", "object"),
 )  # fmt: skip
 _CODES = (
     "c8",

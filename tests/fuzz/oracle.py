@@ -2,7 +2,7 @@
 
 Allowed: one of the target's results, or one of its errors on one printable line that names the
 file. A fault is anything else: another exception, a command run, a module imported, a file
-opened that is not the input, or more memory than `RESIDENT_LIMIT_BYTES`.
+opened that is not the input, or more memory than the target's limit.
 """
 
 from __future__ import annotations
@@ -14,12 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from fuzz.targets import Target
-
-TIME_LIMIT_S = 10.0
-"""Longest time for one input. Most take milliseconds; the rest is for a busy machine."""
-
-RESIDENT_LIMIT_BYTES = 10**9
-"""Most memory that reading one input of at most a megabyte may add; half of what is promised."""
 
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 # What no reader does, by the prefix of Python's audit events.
@@ -113,7 +107,7 @@ def judge(target: Target, path: Path, watch: Watch | None = None) -> tuple[str, 
     if watch is not None and watch.seen:
         return "fault", watch.seen[0]
     grown = resident_peak_bytes() - before
-    if grown > RESIDENT_LIMIT_BYTES:
+    if grown > target.resident_limit_bytes:
         return "fault", f"takes {grown / 1e6:.0f} MB of memory"
     return outcome, fault
 

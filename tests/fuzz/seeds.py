@@ -234,3 +234,43 @@ def layouts() -> list[bytes]:
     """Layouts: the small one above, and those that are shipped."""
     shipped = Path(__file__).resolve().parents[2] / "examples" / "layouts"
     return [LAYOUT, *(path.read_bytes() for path in sorted(shipped.glob("*.toml")))]
+
+
+def hand_models() -> list[bytes]:
+    """MANO models of 48 vertices, three at each joint: pickled by Python 2 and 3."""
+    from mano_files import ORDER, PARENTS, TURN, mano_pickle
+    from scipy.sparse import csc_matrix
+
+    from clradar.hand import JOINT_NAMES, posed_skeleton
+    from clradar.hand.known_poses import pose_by_name
+
+    bones = posed_skeleton(pose_by_name("flat")).joints_m
+    joints = bones[[JOINT_NAMES.index(name) for name in ORDER]] @ TURN.T
+    corners = np.array([[0, 0, 0], [-8e-3, 0, 0], [-8e-3, 4e-3, 0]])
+    n = 3 * len(joints)
+    model = {
+        "v_template": (joints[:, None] + corners).reshape(n, 3),
+        "shapedirs": np.zeros((n, 3, 2)),
+        "posedirs": np.zeros((n, 3, 135), np.float32),
+        "J_regressor": csc_matrix(np.kron(np.eye(16), [[1.0, 0.0, 0.0]])),
+        "kintree_table": np.array([PARENTS, range(16)]).astype(np.uint32),
+        "weights": np.repeat(np.eye(16), 3, axis=0),
+        "f": np.arange(n, dtype=np.uint32).reshape(-1, 3),
+        "bs_style": "lbs",
+    }
+    kinds = ((2, True), (0, True), (2, False), (5, False))
+    return [mano_pickle(model, protocol, python_2) for protocol, python_2 in kinds]
+
+
+def meshes() -> list[bytes]:
+    """An OBJ file of two groups, with what photogrammetry programs write into it."""
+    lines = ["# metres", "mtllib mesh.mtl", "usemtl skin", "vt 0.0 0.0", "vn 0 0 1", "g a"]
+    lines += [f"v {x} {y} {z}" for z in (0.0, 0.1) for y in (0.0, 0.2) for x in (0.0, 0.3)]
+    lines += ["f 1/1/1 2/1/1 3/1/1", "f 2/1 4/1 3/1", "g b", "f 5//1 6//1 8//1 7//1", "f -1 -2 -3"]
+    return ["\n".join(lines).encode(), "\n".join([*lines[6:14], "f 1 2 4"]).encode()]
+
+
+def mesh_folder(folder: Path) -> None:
+    """Put the alignment there that places a mesh."""
+    (folder / "photogrammetry").mkdir(exist_ok=True)
+    (folder / "alignment.json").write_bytes(alignments()[0])

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from clradar.errors import MeasurementError
-from clradar.model import Capture, ChannelCalibration, DepthMap, Volume
+from clradar.errors import MeasurementError, RigError
+from clradar.model import Capture, ChannelCalibration, DepthMap, Scene, Volume
+from clradar.rigs import Rig, read_rig
 from fuzz import (
     mutate_bytes,
     mutate_hdf5,
@@ -48,6 +49,10 @@ from measurement_io.maroon.products import (
     read_max_projection,
     read_points,
 )
+from measurement_io.maroon.recording import placed_mesh
+
+HDF5_SHORT_RUN = 80
+"""Each input of HDF5 costs three processes: to open it, to check it, to say what it is."""
 
 Mutator = Callable[[bytes, random.Random], bytes]
 
@@ -77,6 +82,12 @@ class Target:
         Applied last to most inputs: makes checksums right again, so that mutants get past them.
     errors : tuple of type
         What reading may raise.
+    processor_limit_s : float
+        Most processor time for one input, which has at most a megabyte. Most take milliseconds.
+    resident_limit_bytes : int
+        Most memory that reading one input may add; half of what is promised.
+    short_run : int
+        Inputs that are tried with all the tests.
     """
 
     name: str
@@ -89,6 +100,9 @@ class Target:
     around: Callable[[Path], None] | None = None
     repair: Callable[[bytes], bytes] | None = None
     errors: tuple[type[Exception], ...] = (MeasurementError, LayoutNeeded)
+    processor_limit_s: float = 10.0
+    resident_limit_bytes: int = 10**9
+    short_run: int = 250
 
     def place(self, folder: Path) -> Path:
         """Make what lies around the input and return where the input goes."""
@@ -139,7 +153,16 @@ def _product(read: Callable[[Path, int], object]) -> Callable[[Path], object]:
 
 
 def _with_layout(path: Path) -> object:
+    describe(path)
     return open_with_layout(path, path.with_name("lab.toml"))
+
+
+def _placed_mesh(path: Path) -> object:
+    return placed_mesh(path.parents[1], "mesh", read_alignment(path.parents[1] / "alignment.json"))
+
+
+def _rig(path: Path) -> object:
+    return read_rig(path, handedness="right", unit="m")
 
 
 def _png(name: str, read: Callable[[Path, int], object], result: type) -> Target:
@@ -177,6 +200,7 @@ def _lab(
     structured: tuple[Mutator, ...] = (),
     dictionary: tuple[bytes, ...] = (),
     repair: Callable[[bytes], bytes] | None = None,
+    short_run: int = 250,
 ) -> Target:
     return Target(
         name,
@@ -188,6 +212,7 @@ def _lab(
         file_name="lab.bin",
         around=seeds.layout_file,
         repair=repair,
+        short_run=short_run,
     )
 
 
@@ -212,6 +237,7 @@ TARGETS = {
             mutate_hdf5.DICTIONARY,
             file_name="capture.h5",
             repair=mutate_hdf5.with_right_checksums,
+            short_run=HDF5_SHORT_RUN,
         ),
         Target(
             "native_volume",
@@ -222,6 +248,7 @@ TARGETS = {
             mutate_hdf5.DICTIONARY,
             file_name="volume.h5",
             repair=mutate_hdf5.with_right_checksums,
+            short_run=HDF5_SHORT_RUN,
         ),
         Target(
             "calibration_json",
@@ -251,6 +278,7 @@ TARGETS = {
             mutate_hdf5.DICTIONARY,
             file_name="channels.h5",
             repair=mutate_hdf5.with_right_checksums,
+            short_run=HDF5_SHORT_RUN,
         ),
         Target(
             "alignment_json",
@@ -286,8 +314,35 @@ TARGETS = {
             mutate_hdf5.MUTATORS,
             mutate_hdf5.DICTIONARY,
             mutate_hdf5.with_right_checksums,
+            HDF5_SHORT_RUN,
         ),
         _lab("lab_mat", ("mat v5", "mat v5 deflated")),
+        Target(
+            "mesh_obj",
+            seeds.meshes,
+            _placed_mesh,
+            (Scene,),
+            (mutate_text.mutate_lines,),
+            (
+                *mutate_text.DICTIONARY,
+                b"f 1 2 3\n",
+                b"f 99999999999 1 2\n",
+                b"v 0 0 0\n",
+                b"mtllib ",
+            ),
+            file_name="photogrammetry/mesh.obj",
+            around=seeds.mesh_folder,
+        ),
+        Target(
+            "mano_pickle",
+            seeds.hand_models,
+            _rig,
+            (Rig,),
+            (mutate_pickle.mutate_operations,),
+            mutate_pickle.DICTIONARY,
+            file_name="model.pkl",
+            errors=(RigError,),
+        ),
         Target(
             "layout_toml",
             seeds.layouts,

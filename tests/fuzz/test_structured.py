@@ -143,27 +143,3 @@ def test_calibration_of_any_values(places, tree):
 def test_antennas_of_any_rows(places, rows, header):
     lines = [header, *(",".join(row) for row in rows)]
     read(places, "antennas", "\n".join(lines).encode("utf-8", "surrogatepass"))
-
-
-# ---- HDF5
-
-
-@SETTINGS
-@given(
-    name=st.sampled_from(["native_capture", "native_volume"]),
-    which=st.integers(0, 20),
-    edits=st.lists(
-        st.tuples(st.floats(0, 1, exclude_max=True), st.binary(min_size=1, max_size=8)),
-        min_size=1,
-        max_size=4,
-    ),
-)
-def test_hdf5_with_bytes_replaced(places, name, which, edits):
-    target = TARGETS[name]
-    seeds = target.seeds()
-    content = bytearray(seeds[which % len(seeds)])
-    for where, raw in edits:
-        at = int(where * len(content))
-        content[at : at + len(raw)] = raw
-    assert target.repair is not None
-    read(places, name, target.repair(bytes(content)))

@@ -271,11 +271,8 @@ def test_a_block_before_the_file(path, capture):
 MOST_BYTES = 2**30 + 2**28
 """`hdf5_process.MEMORY_BYTES`, and a quarter for what the limit does not count."""
 
-MOST_SECONDS = 20
-"""3 s of processor time on a machine that is busy with other things."""
 
-
-@pytest.mark.parametrize("length", [2**32 - 1, 2**31, 10**9, 2**24])
+@pytest.mark.parametrize("length", [2**32 - 1, 2**31])
 @pytest.mark.parametrize("name", [b"provenance", b"NX_class", b"axes"])
 def test_text_that_claims_gigabytes(path, name, length):
     # HDF5 allocates and clears as many bytes as the attribute claims, before it looks at the text.
@@ -288,7 +285,6 @@ def test_text_that_claims_gigabytes(path, name, length):
     path.write_bytes(with_right_checksums(bytes(content)))
     cost = hdf5_process.run(reader_probes.cost_of_reading, path)
     assert cost["bytes"] < MOST_BYTES
-    assert cost["seconds"] < MOST_SECONDS
     assert cost["outcome"] != "result"
     outcomes(path)
 

@@ -16,9 +16,6 @@ import reader_probes as probes
 from clradar.errors import MeasurementError
 from measurement_io.confined import hdf5_process, wire
 
-WALL_LIMIT_S = 20
-"""For what ends after 1 s of processor time, on a machine that is busy with other things."""
-
 
 @pytest.fixture
 def path(tmp_path):
@@ -68,7 +65,6 @@ def test_a_crash_is_an_error_and_the_next_file_is_read(path):
         assert hdf5_process.run(probes.same, path, 1) == 1
 
 
-@pytest.mark.timeout(WALL_LIMIT_S)
 def test_an_endless_loop_is_an_error(path, monkeypatch):
     monkeypatch.setattr(hdf5_process, "CPU_LIMIT_S", 1)
     assert "more than 1 s" in refused(probes.loop, path)
@@ -143,7 +139,7 @@ def test_forked_processes(path):
     workers = [context.Process(target=_read_in_a_fork, args=(path, sink)) for _ in range(2)]
     for worker in workers:
         worker.start()
-    found = {sink.get(timeout=60) for _ in workers}
+    found = {sink.get(timeout=300) for _ in workers}
     for worker in workers:
         worker.join()
     assert found == {worker.pid for worker in workers}

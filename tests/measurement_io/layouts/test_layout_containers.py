@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import random
 import struct
 import subprocess
 import sys
@@ -21,7 +20,7 @@ from layout_files import CONTAINERS, layout, random_capture, write
 from test_layouts import PLAIN, assert_same, refused, tree_of
 
 from clradar.errors import MeasurementError
-from measurement_io import describe, open_capture, open_with_layout, read_layout
+from measurement_io import describe, open_capture, open_with_layout
 from measurement_io.layouts.containers import open_container
 
 MEMORY_BYTES = 2 * 2**30
@@ -40,7 +39,7 @@ def toml(tmp_path: Path) -> Path:
 def test_files_that_are_cut_short(tmp_path: Path, container: str, toml: Path) -> None:
     whole = write(container, tmp_path / "c", tree_of(random_capture())).read_bytes()
     for size in sorted(
-        {*range(0, len(whole), len(whole) // 40), len(whole) - 1, 1, 8, 127, 128, 136, 512}
+        {*range(0, len(whole), len(whole) // 10), len(whole) - 1, 1, 8, 127, 128, 136, 512}
     ):
         if container.startswith("hdf5") and size == len(whole) - 1:
             continue  # nothing of importance is there
@@ -48,29 +47,6 @@ def test_files_that_are_cut_short(tmp_path: Path, container: str, toml: Path) ->
         refused(tmp_path / "cut", toml)
         with pytest.raises(MeasurementError):
             open_capture(tmp_path / "cut")
-
-
-@pytest.mark.parametrize("container", CONTAINERS)
-def test_flipped_bytes(tmp_path: Path, container: str, toml: Path) -> None:
-    capture = random_capture()
-    whole = write(container, tmp_path / "c", tree_of(capture)).read_bytes()
-    rng = random.Random(0)
-    settings = read_layout(toml)
-    # HDF5 files are read in a process of their own, which takes a while to start.
-    for _ in range(60 if container.startswith(("npz", "mat v5")) else 12):
-        damaged = bytearray(whole)
-        for _ in range(rng.choice((1, 1, 3, 8))):
-            damaged[rng.randrange(len(damaged))] = rng.randrange(256)
-        (tmp_path / "damaged").write_bytes(damaged)
-        for attempt in (
-            lambda: open_with_layout(tmp_path / "damaged", settings),
-            lambda: describe(tmp_path / "damaged"),
-            lambda: open_capture(tmp_path / "damaged"),
-        ):
-            try:
-                attempt()
-            except MeasurementError:
-                continue  # the one kind of error that may come
 
 
 @pytest.mark.parametrize("container", ["npz", "npz deflated", "mat v5 deflated", "hdf5 gzip"])

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import re
 import struct
-import time
 import tracemalloc
 import zlib
 from pathlib import Path
@@ -439,27 +437,6 @@ def test_limits_hold_before_anything_is_read(radar, monkeypatch):
     monkeypatch.setattr(ply_points, "MAX_PLY_TEXT_BYTES", 10)
     (radar / "xyz" / "000000.ply").write_bytes(made.ply([(0, 0, 1)], [(0, 0, 0)], "ascii"))
     assert "at most 10 bytes" in refused(radar, "xyz")
-
-
-@pytest.mark.parametrize("product", READERS)
-def test_flipped_bytes_end_in_one_error(radar, product):
-    (path,) = (radar / product).iterdir()
-    original = path.read_bytes()
-    rng = random.Random(product)
-    refusals = 0
-    start = time.monotonic()
-    for _ in range(60):
-        content = bytearray(original)
-        for _ in range(rng.randint(1, 4)):
-            # The header is where most goes wrong.
-            end = 400 if rng.random() < 0.7 else len(content)
-            content[rng.randrange(min(end, len(content)))] = rng.randrange(256)
-        path.write_bytes(content)
-        message = outcome(radar, product)
-        refusals += message is not None
-        assert message is None or "\n" not in message
-    assert refusals > 10, "nothing was ever refused: the bytes are not where they matter"
-    assert time.monotonic() - start < 20
 
 
 # ---- written
