@@ -1,7 +1,7 @@
 """Expected receptions: integration over the outgoing directions in place of Monte Carlo sampling.
 
 For each sample, Tx and Rx the probability that the outgoing ray enters the Rx sphere, as derived in
-``docs/estimators.md``. Host side of ``lobes.cl`` and ``expected.cl``.
+``docs/estimators.md``. Host side of ``expected.cl``.
 """
 
 from __future__ import annotations
@@ -31,16 +31,6 @@ BATCH_BYTES = 2**26
 
 RX_FIELDS, TX_FIELDS = 7, 16
 """Numbers per sample and antenna between the kernels."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LobeOptions:
-    """Options of ``lobes.cl``."""
-
-    width: int = 1
-    spreading: bool
-    group: int = GROUP
-    tx_fields: int = TX_FIELDS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +93,6 @@ class ExpectedTracer(LitSurface):
         self._longest_m = float(2 * point_m + sum(antennas_m))
         rules = np.concatenate([_gauss_legendre(EDGE_NODES), _gauss_legendre(FINE_NODES)])
         self._rule = up(rules.astype(np.float32))
-        self._lobes = build(self.device, "lobes.cl", LobeOptions(spreading=spreading))
         options = ExpectedOptions(width=self.device.width, spreading=spreading)
         self._expected = build(self.device, "expected.cl", options)
 
@@ -180,7 +169,7 @@ class ExpectedTracer(LitSurface):
             "receiver_discs", (blocks, count), u(count), u(array.n_rx), u(self._padded), radius,
             exponent, self._rx_columns, points, self._rx_visible, self._discs,
         )  # fmt: skip
-        self._lobes.launch(
+        self._expected.launch(
             "tx_lobes", (array.n_tx, count), u(count), u(array.n_tx), u(self._n_tx_groups),
             exponent, self._tx_rows, points, shading, geometric, visible, self._tx_lobes,
         )  # fmt: skip

@@ -11,7 +11,7 @@ from clradar.geometry.bvh import BuildOptions, TraversalOptions
 from clradar.opencl.sources import source
 from clradar.phasors.phasor_sum import SynthesizeOptions
 from clradar.tracing.antenna_packets import VisibilityOptions
-from clradar.tracing.expected import ExpectedOptions, LobeOptions
+from clradar.tracing.expected import ExpectedOptions
 from clradar.tracing.sampled_surface import SampleOptions
 from clradar.tracing.stochastic import TraceOptions
 
@@ -21,7 +21,6 @@ KERNELS = {
     "visibility.cl": VisibilityOptions,
     "sample.cl": SampleOptions,
     "trace.cl": TraceOptions,
-    "lobes.cl": LobeOptions,
     "expected.cl": ExpectedOptions,
     "synthesize.cl": SynthesizeOptions,
 }
