@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_warning, progress_bar
-from clradar.cli.options.groups import recorded
+from clradar.cli.options.groups import given, recorded
 from clradar.cli.options.imaging import GridOptions, ImagingOptions
 from clradar.cli.options.recording import FrameOptions
 
@@ -99,7 +99,7 @@ def common_grid(options: GridOptions, *images: ImageInput) -> VoxelGrid:
     """The grid of the options, or if they were not given that of the first volume."""
     asked = options.grid()  # wrong usage even where a volume has its grid
     grids = [image.grid for image in images if image.grid is not None]
-    return grids[0] if grids and not options.given else asked
+    return grids[0] if grids and not given(options) else asked
 
 
 def mean_capture(

@@ -32,7 +32,8 @@ SETTINGS, TRANSFORM, RESULT = "settings.json", "transform.json", "sweep.json"
 TABLE, REGION_TABLE, FIGURE = "sweep.csv", "regions.csv", "sweep.png"
 WORK = "work"
 
-# The settings first: what is left when a removal is cut short then belongs to no sweep.
+RESULTS = (FIGURE, TABLE, RESULT)
+# The settings first: the rest of a removal that is cut short then belongs to no sweep.
 FILES = (SETTINGS, TRANSFORM, RESULT, TABLE, REGION_TABLE, FIGURE)
 
 MOST_DIFFERENCES = 5
@@ -263,4 +264,4 @@ def _plain(settings: Mapping[str, Any]) -> Any:
 
 def is_finished(folder: Path) -> bool:
     """Whether all results are there; the last to be written is RESULT."""
-    return all((folder / name).is_file() for name in (RESULT, TABLE, FIGURE))
+    return all((folder / name).is_file() for name in RESULTS)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from clradar.cli.console import print_line, print_text, print_warning, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
@@ -66,15 +64,15 @@ class AlignedOptions(UnitOptions, SearchOptions):
 
 
 def command(
+    *,
     measured: MeasuredArgument,
+    output: Path | None = option(
+        None, "JSON file for transform and report.  [required]", names=("-o", "--output")
+    ),
     aligned: AlignedOptions,
     voxels: GridOptions,
     imaging: ImagingOptions,
     frames: FrameOptions,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", help="JSON file for transform and report.  [required]"),
-    ] = None,
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -92,7 +90,7 @@ def command(
     check_outputs([output], force=force, inputs=[measured, path])
     voxels.grid()  # wrong usage is reported before a file is read
     # A mesh that cannot be read should not cost an image first.
-    scene = None if aligned.mesh is None else Scene.from_mesh(path, unit=aligned.unit.value)
+    scene = None if aligned.mesh is None else Scene.from_mesh(path, unit=aligned.unit)
     opened = open_device(device)
     images = [ImageInput.open(measured, frames)]
     if scene is None:

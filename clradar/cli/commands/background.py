@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -25,26 +24,18 @@ if TYPE_CHECKING:
 GATE_RULE = "NEAR:FAR, half path lengths"
 
 
-class Scaling(str, Enum):
-    """Complex factors of the empty capture."""
-
-    none = "none"
-    common = "common"
-    channel = "channel"
-
-
 @dataclass(frozen=True, kw_only=True)
 class EmptyOptions:
     """The capture of the empty room."""
 
     empty: Path | None = option(None, "The same without the object: subtracted.", metavar="EMPTY")
-    scaling: Scaling = option(
-        Scaling.none,
+    scaling: Literal["none", "common", "channel"] = option(
+        "none",
         "Multiply EMPTY by complex factors first, for drift: one for all, or one per channel.",
     )
 
     def __post_init__(self) -> None:
-        if self.empty is None and self.scaling is not Scaling.none:
+        if self.empty is None and self.scaling != "none":
             raise wrong_usage("--scaling", "expected --empty with it")
 
 
@@ -147,7 +138,7 @@ def command(
             print_warning(f"{capture}: emptyfiltered, so an empty room is subtracted already")
         without, files, words = mean.read(empty, FrameOptions())
         inputs = [*inputs, *files]
-        scaling = room.scaling.value
+        scaling = room.scaling
         done = subtract_background(done, without, scaling=scaling)
         steps.append(f"minus {empty} (scaling {scaling}{', ' if words else ''}{words})")
     if window is not None:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli.console import print_line, print_text
 from clradar.cli.options.common import ForceOption
+from clradar.cli.options.groups import option
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs
 from clradar.errors import ClradarError
@@ -20,40 +18,21 @@ if TYPE_CHECKING:
     from clradar.bench.rows import Row
 
 
-class Name(str, Enum):
-    """A benchmark."""
-
-    visibility = "visibility"
-    bounces = "bounces"
-    trees = "trees"
-    growth = "growth"
-    phasors = "phasors"
-    images = "images"
-    exact = "exact"
-    commands = "commands"
-
-
 def command(
-    device: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--device", metavar="NAME", help="OpenCL device; repeat to compare several in one run."
-        ),
-    ] = None,
-    only: Annotated[
-        list[Name] | None,
-        typer.Option("--only", help="One benchmark; repeat for several. [default: all]"),
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Smaller sizes, for a first look.")
-    ] = False,
-    repeats: Annotated[
-        int, typer.Option("--repeats", metavar="N", help="Runs of which the median counts.")
-    ] = 5,
-    json_file: Annotated[
-        Path | None,
-        typer.Option("--json", metavar="FILE", help="Also write the figures."),
-    ] = None,
+    device: list[str] | None = option(
+        None, "OpenCL device; repeat to compare several in one run.", metavar="NAME"
+    ),
+    only: list[
+        Literal[
+            "visibility", "bounces", "trees", "growth", "phasors", "images", "exact", "commands"
+        ]
+    ]
+    | None = option(None, "One benchmark; repeat for several. [default: all]"),
+    quick: bool = option(False, "Smaller sizes, for a first look."),
+    repeats: int = option(5, "Runs of which the median counts.", metavar="N"),
+    json_file: Path | None = option(
+        None, "Also write the figures.", names=("--json",), metavar="FILE"
+    ),
     force: ForceOption = False,
 ) -> None:
     """Each piece of work against a peer in the same run, and whether both agree. Ratios matter, not
@@ -76,7 +55,7 @@ def command(
             f"the peer {error.name} is not installed; install all of them with: "
             "pip install 'clradar[bench]'"
         ) from error
-    names = [name.value for name in only] if only else list(SUITE)
+    names = list(only) if only else list(SUITE)
     effort = Effort(quick, min(repeats, 3) if quick else repeats)
     results: list[dict[str, Any]] = []
     for one in opened:

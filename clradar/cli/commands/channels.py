@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli.console import print_line, print_table, print_warning
 from clradar.cli.inputs import recording_files
 from clradar.cli.options.common import Amplitude, ForceOption
-from clradar.cli.options.groups import REQUIRED, option, recorded
+from clradar.cli.options.groups import REQUIRED, argument, given, option, recorded
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import numbers, wrong_usage
 from clradar.cli.outputs import check_figure, check_outputs, save
@@ -26,39 +23,17 @@ UNEXPLAINED_DB = 10.0
 """A residual this far above that of noise alone is worth a warning."""
 
 
-class TargetKind(str, Enum):
-    """A known target."""
-
-    plate = "plate"
-    sphere = "sphere"
-    corner = "corner"
-
-
-class CommonDelay(str, Enum):
-    """The mean of all delays."""
-
-    zero = "zero"
-    free = "free"
-
-
-class Level(str, Enum):
-    """The gain that is 0 dB."""
-
-    mean = "mean"
-    target = "target"
-
-
 @dataclass(frozen=True, kw_only=True)
 class TargetOptions:
     """The known target; each option belongs to some kinds of target only."""
 
-    target: TargetKind = option(REQUIRED, "Kind of the target.")
+    target: Literal["plate", "sphere", "corner"] = option(REQUIRED, "Kind of the target.")
     distance_mm: float | None = option(None, "Plate: distance along z.")
     tilt_deg: str | None = option(None, "Plate: farther away towards +x, +y.", metavar="X,Y")
     size_mm: str | None = option(None, "Plate: width and height. [default: endless]", metavar="W,H")
     position_mm: str | None = option(None, "Sphere: its centre; corner: its apex.", metavar="X,Y,Z")
     radius_mm: float | None = option(None, "Sphere: to a thousandth of it.")
-    amplitude: Amplitude = option(Amplitude.unit, "1 for every pair, or 1/(R1 R2).")
+    amplitude: Amplitude = option("unit", "1 for every pair, or 1/(R1 R2).")
 
     def read(self) -> Target:
         """The target that the options describe."""
@@ -67,7 +42,7 @@ class TargetOptions:
         from calibration import CornerReflector, FlatPlate, Sphere
 
         self._check()
-        amplitude = self.amplitude.value
+        amplitude = self.amplitude
         if self.distance_mm is not None:
             tilt_x, tilt_y = _numbers(
                 "--tilt-deg", "0,0" if self.tilt_deg is None else self.tilt_deg, 2
@@ -85,21 +60,17 @@ class TargetOptions:
 
     def _check(self) -> None:
         needed, allowed = {
-            TargetKind.plate: (["--distance-mm"], ["--tilt-deg", "--size-mm"]),
-            TargetKind.sphere: (["--position-mm", "--radius-mm"], []),
-            TargetKind.corner: (["--position-mm"], []),
+            "plate": (["--distance-mm"], ["--tilt-deg", "--size-mm"]),
+            "sphere": (["--position-mm", "--radius-mm"], []),
+            "corner": (["--position-mm"], []),
         }[self.target]
-        for name, value in {
-            "--distance-mm": self.distance_mm,
-            "--tilt-deg": self.tilt_deg,
-            "--size-mm": self.size_mm,
-            "--position-mm": self.position_mm,
-            "--radius-mm": self.radius_mm,
-        }.items():
-            if value is None and name in needed:
-                raise wrong_usage(name, f"a {self.target.value} needs it")
-            if value is not None and name not in needed + allowed:
-                raise wrong_usage(name, f"a {self.target.value} has none")
+        there = given(self)
+        for name in needed:
+            if name not in there:
+                raise wrong_usage(name, f"a {self.target} needs it")
+        for name in there:
+            if name not in (*needed, *allowed, "--target", "--amplitude"):
+                raise wrong_usage(name, f"a {self.target} has none")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,8 +81,10 @@ class EstimateOptions:
     tolerance_mm: float = option(10.0, "How well its place is known, per axis.")
     tilt_tolerance_deg: float = option(2.0, "How well a plate's tilt is known.")
     max_delay_ps: float = option(100.0, "Largest delay of a pair that is searched for.")
-    common_delay: CommonDelay = option(CommonDelay.zero, "Delays scatter about this.")
-    level: Level = option(Level.mean, "0 dB: the mean gain, or that which echoes as modelled.")
+    common_delay: Literal["zero", "free"] = option("zero", "Delays scatter about this.")
+    level: Literal["mean", "target"] = option(
+        "mean", "0 dB: the mean gain, or that which echoes as modelled."
+    )
     gate_mm: float | None = option(None, "Use echoes within this range of the target only.")
     dead_db: float = option(20.0, "Dead: this far below the median gain.")
     noisy_db: float = option(6.0, "Noisy: this far above the median noise.")
@@ -129,21 +102,17 @@ class EstimateOptions:
 
 
 def command(
-    capture: Annotated[
-        Path,
-        typer.Argument(
-            metavar="CAPTURE",
-            help="Of the target: native capture, recorded .npy frame, or radar folder.",
-        ),
-    ],
+    *,
+    capture: Path = argument(
+        REQUIRED,
+        "Of the target: native capture, recorded .npy frame, or radar folder.",
+        metavar="CAPTURE",
+    ),
     target: TargetOptions,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Channels to write (HDF5).")],
+    output: Path = option(REQUIRED, "Channels to write (HDF5).", names=("-o", "--output")),
     estimate: EstimateOptions,
+    plot: Path | None = option(None, "Also draw gains, phases and delays: .png, .pdf or .svg."),
     frames: FrameOptions,
-    plot: Annotated[
-        Path | None,
-        typer.Option("--plot", help="Also draw gains, phases and delays: .png, .pdf or .svg."),
-    ] = None,
     force: ForceOption = False,
 ) -> None:
     """The target's place is refined, too. Which errors are observable:

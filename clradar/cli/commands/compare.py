@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from clradar.cli.comparison import Comparison, labels_of
 from clradar.cli.console import print_line
@@ -18,7 +15,7 @@ from clradar.cli.options.common import (
     DynamicRangeOption,
     ForceOption,
 )
-from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.groups import REQUIRED, argument, given, option, recorded
 from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import wrong_usage
@@ -48,15 +45,14 @@ class ComparisonFiles:
 
 
 def command(
-    measured: Annotated[Path, typer.Argument(metavar="MEASURED", help="Volume or capture.")],
-    simulated: Annotated[
-        list[Path], typer.Argument(metavar="SIMULATED", help="Volumes or captures.")
-    ],
+    *,
+    measured: Path = argument(REQUIRED, "Volume or capture.", metavar="MEASURED"),
+    simulated: list[Path] = argument(REQUIRED, "Volumes or captures.", metavar="SIMULATED"),
     files: ComparisonFiles,
     voxels: GridOptions,
     imaging: ImagingOptions,
-    frames: FrameOptions,
     dynamic_range_db: DynamicRangeOption = DEFAULT_DYNAMIC_RANGE_DB,
+    frames: FrameOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -71,7 +67,7 @@ def command(
     voxels.grid()  # wrong usage is reported before a file is read
     files.check(force=force, inputs=[measured, *simulated])
     images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
-    if all(image.grid is not None for image in images) and voxels.given:
+    if all(image.grid is not None for image in images) and given(voxels):
         raise wrong_usage(
             "--x-mm, --y-mm, --z-mm", "there is no capture to image: all inputs are volumes"
         )

@@ -5,34 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any, Literal
 
 from clradar.cli.console import print_line, print_text
 from clradar.cli.inputs import recording_files
 from clradar.cli.options.common import ForceOption
-from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.groups import REQUIRED, argument, option, recorded
 from clradar.cli.options.recording import AntennaOptions, FrameOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, save
 from clradar.cli.provenance import provenance
 
 
-class Format(str, Enum):
-    """Format of the output."""
-
-    native = "native"
-    maroon = "maroon"
-
-
 @dataclass(frozen=True, kw_only=True)
 class FormatOptions:
     """Formats of input and output."""
 
-    to: Format = option(Format.native, "One capture file, or a recording as a MAROON folder.")
+    to: Literal["native", "maroon"] = option(
+        "native", "One capture file, or a recording as a MAROON folder."
+    )
     all_frames: bool = option(False, "Every frame of a recording to a capture of its own.")
     timestamp_us: list[int] | None = option(
         None,
@@ -49,7 +41,7 @@ class FormatOptions:
 
     def check(self, frames: FrameOptions, sources: list[Path]) -> None:
         """Raise unless the options go together."""
-        to_maroon = self.to is Format.maroon
+        to_maroon = self.to == "maroon"
         if self.layout is not None and (self.all_frames or to_maroon):
             raise wrong_usage("--layout", "goes with one capture to a native file only")
         if self.all_frames and (to_maroon or frames.frame is not None):
@@ -62,19 +54,17 @@ class FormatOptions:
 
 
 def command(
-    sources: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="SOURCE",
-            help="Recorded .npy frame, radar folder, the folder that holds one, or a capture; with "
-            "--layout another program's .h5, .mat, .npz or .npy; several frames or captures with "
-            "--to maroon.",
-        ),
-    ],
-    output: Annotated[
-        Path,
-        typer.Option("-o", "--output", help="Capture to write (HDF5); else the folder to make."),
-    ],
+    *,
+    sources: list[Path] = argument(
+        REQUIRED,
+        "Recorded .npy frame, radar folder, the folder that holds one, or a capture; with "
+        "--layout another program's .h5, .mat, .npz or .npy; several frames or captures with "
+        "--to maroon.",
+        metavar="SOURCE",
+    ),
+    output: Path = option(
+        REQUIRED, "Capture to write (HDF5); else the folder to make.", names=("-o", "--output")
+    ),
     formats: FormatOptions,
     frames: FrameOptions,
     antennas: AntennaOptions,
@@ -92,7 +82,7 @@ def command(
     variant = frames.chosen["variant"]
     if formats.all_frames:
         write_captures(sources[0], output, variant, antennas, force=force)
-    elif formats.to is Format.maroon:
+    elif formats.to == "maroon":
         RecordingOutput(
             output=output, frame=frames.frame, variant=variant, antennas=antennas, force=force,
             timestamps_us=formats.timestamp_us,

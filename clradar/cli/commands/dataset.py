@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from clradar.cli.console import counted, print_error, print_line, print_warning, progress_bar
 from clradar.cli.options.common import DeviceOption
-from clradar.cli.options.groups import option
+from clradar.cli.options.groups import argument, option
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs
 from clradar.errors import ClusterError
@@ -100,36 +100,25 @@ class EngineOptions:
 
 
 def command(
+    *,
+    plan: Path | None = argument(
+        None, "The plan of the data set, see docs/datasets.md.", metavar="PLAN.toml"
+    ),
+    output: Path | None = option(
+        None, "Folder of the data set; with --replay the file to write.", names=("-o", "--output")
+    ),
+    dry_run: bool = option(
+        False, "Make one sample and estimate time and space of all; write none."
+    ),
     repetition: ReplayOptions,
     processes: EngineOptions,
-    plan: Annotated[
-        Path | None,
-        typer.Argument(metavar="PLAN.toml", help="The plan of the data set, see docs/datasets.md."),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", help="Folder of the data set; with --replay the file to write."
-        ),
-    ] = None,
-    dry_run: Annotated[
-        bool,
-        typer.Option(
-            "--dry-run", help="Make one sample and estimate time and space of all; write none."
-        ),
-    ] = False,
-    retry: Annotated[
-        bool, typer.Option("--retry", help="Try the samples again that were set aside.")
-    ] = False,
+    retry: bool = option(False, "Try the samples again that were set aside."),
     device: DeviceOption = None,
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force",
-            help="Remove the data set that is in the folder, of this plan or another, and begin "
-            "anew; with --replay replace the file.",
-        ),
-    ] = False,
+    force: bool = option(
+        False,
+        "Remove the data set that is in the folder, of this plan or another, and begin "
+        "anew; with --replay replace the file.",
+    ),
 ) -> None:
     """Makes training data: posed hands, simulated and imaged, with their parameters as labels. The
     same command again goes on where it stopped. A sample that cannot be made is set aside; the exit

@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from clradar.cli.console import print_line
 from clradar.cli.options.common import DeviceOption
+from clradar.cli.options.groups import option
 from clradar.cli.options.imaging import grid_text
 from clradar.cli.outputs import check_folder, make_folder
 
 
 def command(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder; made if missing.")
-    ] = Path("demo"),
-    full: Annotated[
-        bool,
-        typer.Option("--full", help="The paper's volume: 201 x 201 x 81 voxels of 1 mm."),
-    ] = False,
+    output: Path = option(
+        Path("demo"), "Folder; made if missing.", names=("-o", "--output"), metavar="DIR"
+    ),
+    full: bool = option(False, "The paper's volume: 201 x 201 x 81 voxels of 1 mm."),
     device: DeviceOption = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Write into a folder that holds files already.")
-    ] = False,
+    force: bool = option(False, "Write into a folder that holds files already."),
 ) -> None:
     """Simulates the letter F at alpha 0, 0.5 and 1, forms the images, and compares them with a
     synthetic measurement: alpha 0.3, another seed, and complex white Gaussian noise at an SNR of

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_table, print_warning, progress_bar
 from clradar.cli.inputs import recording_files
 from clradar.cli.options.common import CaptureArgument, DeviceOption, ForceOption
-from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.groups import given, option, recorded
 from clradar.cli.options.imaging import GridOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import finite, numbers, wrong_usage
@@ -42,18 +40,16 @@ class DiagnosisFiles:
 
 
 def command(
+    *,
     capture: CaptureArgument,
     files: DiagnosisFiles,
+    expect_mm: str | None = option(
+        None,
+        "Rough position (20 mm) of a known target: tells the image from its mirror image.",
+        metavar="X,Y,Z",
+    ),
     voxels: GridOptions,
     frames: FrameOptions,
-    expect_mm: Annotated[
-        str | None,
-        typer.Option(
-            "--expect-mm",
-            metavar="X,Y,Z",
-            help="Rough position (20 mm) of a known target: tells the image from its mirror image.",
-        ),
-    ] = None,
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -67,7 +63,7 @@ def command(
     from measurement_io import open_capture
 
     expected_m = _position_m(expect_mm)
-    grid = voxels.grid(COARSE_GRID_MM) if voxels.given else None
+    grid = voxels.grid(COARSE_GRID_MM) if given(voxels) else None
     check_figure(files.output)
     check_outputs([files.output, files.json, files.fix_to], force=force, inputs=[capture])
     loaded = open_capture(capture, **frames.chosen)

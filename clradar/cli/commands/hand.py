@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import numpy as np
-import typer
 
 from clradar.cli.console import print_line, print_table
 from clradar.cli.options.common import DeviceOption, ForceOption
-from clradar.cli.options.groups import argument, option, option_name
+from clradar.cli.options.groups import argument, given, option
 from clradar.cli.options.rig import RigOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, check_suffix
@@ -48,16 +47,6 @@ class EmbeddedHandOptions:
     girth: float | None = option(
         None, "Thickness, relative to that of an average hand of this breadth."
     )
-
-    def refuse(self) -> None:
-        """Raise if one of the options was given: a rig has its own size and shape."""
-        if self.left:
-            raise wrong_usage("--left", "a rig is a left or a right hand itself; see --rig-hand")
-        if self.edge_mm is not None:
-            raise wrong_usage("--edge-mm", "a rig's mesh is taken as it is")
-        for name in ("length_mm", "breadth_mm", "finger_lengths", "girth"):
-            if getattr(self, name) is not None:
-                raise wrong_usage(option_name(name), "a rig has the size and shape of its own mesh")
 
     def posed(self, pose: HandPose, center_m: Sequence[float], device: str | None) -> HandMesh:
         """The surface of the embedded hand in a pose."""
@@ -107,21 +96,19 @@ class PoseOptions:
 
 
 def command(
+    *,
     pose: PoseOptions,
+    output: Path | None = option(
+        None, "Mesh file: .ply, .stl, .obj, .off, .glb.", names=("-o", "--output")
+    ),
     embedded: EmbeddedHandOptions,
+    joints: Path | None = option(
+        None,
+        "Write the 25 joints, too: name: [x, y, z], metres, in the frame of the mesh.",
+        metavar="JOINTS.json",
+    ),
     rigged: RigOptions,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help=f"Mesh file: {', '.join(SUFFIXES)}.")
-    ] = None,
-    joints: Annotated[
-        Path | None,
-        typer.Option(
-            "--joints",
-            metavar="JOINTS.json",
-            help="Write the 25 joints, too: name: [x, y, z], metres, in the frame of the mesh.",
-        ),
-    ] = None,
-    list_poses: Annotated[bool, typer.Option("--list", help="List the poses and exit.")] = False,
+    list_poses: bool = option(False, "List the poses and exit.", names=("--list",)),
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -141,7 +128,8 @@ def command(
         raise wrong_usage("-o", "expected a mesh file to write, or --list")
     check_suffix(output, SUFFIXES)
     if rigged.rig is not None:
-        embedded.refuse()
+        for name in given(embedded):
+            raise wrong_usage(name, "a rig keeps mesh, size and side as it is; see --rig-hand")
         if device is not None:
             raise wrong_usage("--device", "a rig's mesh is posed without one")
     if rigged.theta is not None and pose.pose is not None:

@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from clradar.cli.console import counted, print_error, print_text, progress_bar
+from clradar.cli.options.groups import REQUIRED, argument, option
 from clradar.errors import MeasurementError
 
 
 def command(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="Capture, volume, recorded .npy frame, radar folder, the <object>/<distance> "
-            "folder that holds one, or the folder of a data set.",
-        ),
-    ],
-    check: Annotated[
-        bool,
-        typer.Option("--check", help="Read and verify everything; exit status 1 if damaged."),
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
+    file: Path = argument(
+        REQUIRED,
+        "Capture, volume, recorded .npy frame, radar folder, the <object>/<distance> "
+        "folder that holds one, or the folder of a data set.",
+        metavar="FILE",
+    ),
+    check: bool = option(False, "Read and verify everything; exit status 1 if damaged."),
+    as_json: bool = option(False, "Print JSON for programs.", names=("--json",)),
 ) -> None:
     """Reads and changes nothing."""
     from clradar.dataset.store.check import check_dataset, describe_dataset, is_dataset

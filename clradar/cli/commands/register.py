@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from clradar.cli.comparison import Comparison
 from clradar.cli.console import print_line, print_text, print_warning, progress_bar
@@ -18,7 +16,7 @@ from clradar.cli.options.common import (
     SearchOptions,
     UnitOptions,
 )
-from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.groups import REQUIRED, argument, option, recorded
 from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.simulation import SamplingOptions
@@ -65,9 +63,10 @@ class RegistrationOptions(UnitOptions, SamplingOptions, SearchOptions):
 
 
 def command(
+    *,
     measured: MeasuredArgument,
-    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Mesh file, placed anywhere.")],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="New folder.")],
+    mesh: Path = argument(REQUIRED, "Mesh file, placed anywhere.", metavar="MESH"),
+    output: Path = option(REQUIRED, "New folder.", names=("-o", "--output"), metavar="DIR"),
     registration: RegistrationOptions,
     voxels: GridOptions,
     frames: FrameOptions,
@@ -83,9 +82,7 @@ def command(
 
     alpha = registration.alpha_value()
     check_folder(output, force=force, replaced=FILES)
-    scene = Scene.from_mesh(
-        mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit.value
-    )
+    scene = Scene.from_mesh(mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit)
     grid = voxels.grid()
     recorded_image = ImageInput.open(measured, frames)
     opened = open_device(device)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.options.common import CaptureOutput, DeviceOption, ForceOption
@@ -25,12 +24,7 @@ if TYPE_CHECKING:
 
 DEFAULT_ALPHA = 0.5
 
-
-class Estimator(str, Enum):
-    """Estimator of the received field."""
-
-    stochastic = "stochastic"
-    expected = "expected"
+Estimator = Literal["stochastic", "expected"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +49,7 @@ class EstimatorOptions:
     """Estimator of the received field, and its random numbers."""
 
     estimator: Estimator = option(
-        Estimator.stochastic,
+        "stochastic",
         "stochastic: random outgoing rays; expected: their mean, without shot noise, "
         f"from {EXPECTED_SAMPLES_PER_MM2:g} sample per square millimetre.",
     )
@@ -83,7 +77,7 @@ def command(
     inputs = [*(path for path, _ in named), *scenery.files]
     check_outputs([output], force=force, inputs=inputs)
     matrix = scenery.matrix()
-    scene = load_scene(named, default, by_part, scenery.unit.value, matrix)
+    scene = load_scene(named, default, by_part, scenery.unit, matrix)
     settings = simulation.settings(**recorded(estimator))
     waveform = frequencies.waveform()
     if scene.vertices_m[:, 2].min() <= 0.0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import typer
@@ -21,7 +21,7 @@ from clradar.cli.options.common import (
     MeasuredArgument,
     SearchOptions,
 )
-from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.groups import REQUIRED, argument, given, option, recorded
 from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.simulation import PlacementOptions, SimulationOptions, WaveformOptions
@@ -127,11 +127,12 @@ class PlaceOptions(PlacementOptions, SearchOptions):
 
 
 def command(
+    *,
     measured: MeasuredArgument,
-    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Mesh file.")],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="New folder, or one to go on in.")
-    ],
+    mesh: Path = argument(REQUIRED, "Mesh file.", metavar="MESH"),
+    output: Path = option(
+        REQUIRED, "New folder, or one to go on in.", names=("-o", "--output"), metavar="DIR"
+    ),
     alphas: AlphaOptions,
     regions: RegionOptions,
     place: PlaceOptions,
@@ -139,8 +140,8 @@ def command(
     frequencies: WaveformOptions,
     voxels: GridOptions,
     imaging: ImagingOptions,
-    frames: FrameOptions,
     dynamic_range_db: DynamicRangeOption = DEFAULT_DYNAMIC_RANGE_DB,
+    frames: FrameOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -151,7 +152,7 @@ def command(
     how sure it is: docs/sweep.md.
     """
     from calibration.roughness.sweep import check_place
-    from clradar import Scene, open_device
+    from clradar import open_device
     from clradar.cli import sweep_folder
     from clradar.compare import depth_map_of
     from clradar.model import checks
@@ -161,52 +162,82 @@ def command(
     regions.check(simulation.max_bounces)
     checks.positive("--dynamic-range-db", dynamic_range_db)
     settings = simulation.settings(seed=alphas.seed)
-    scene = Scene.from_mesh(mesh, unit=place.unit.value)
-    labels = regions.read(scene, place.unit.value)
-    matrix = place.matrix()
-    image = ImageInput.open(measured, frames)
-    radar = radar_of(image, frequencies)
-    grid = grid_of(image, voxels, imaging)
+    inputs = SweepInputs(place, mesh, regions, measured, frames, frequencies, voxels, imaging)
     opened = open_device(device)
-    band_hz = radar["waveform"].frequencies_hz
     record = recorded(
         imaging,
-        measured_sha256=digest(image.content),
-        mesh_sha256=scene.digest(),
-        regions=None if labels is None else list(labels.names),
-        regions_sha256=None if labels is None else sha256(labels.face),
-        transform=None if matrix is None else matrix.tolist(),
+        **inputs.record(),
         align={"search_deg": place.search_deg} if place.align else None,
         alphas=values.tolist(),
         seeds=alphas.seeds,
         metric=alphas.metric,
         simulation=asdict(settings.resolved()),
-        frequencies_ghz=[float(band_hz[0] / 1e9), float(band_hz[-1] / 1e9), len(band_hz)],
-        grid=grid_text(grid),
         dynamic_range_db=dynamic_range_db,
         device=dict(opened.describe()),
         packages=package_versions(),
     )
+    image = inputs.image
     origin = provenance("sweep", record, [*image.files, mesh, *place.files, *regions.files])
-    volume = image.volume(grid, imaging, opened)
+    volume = image.volume(inputs.grid, imaging, opened)
     # A sweep that is impossible should leave no folder behind.
     depth_map_of(volume, dynamic_range_db, str(measured))
-    placed = scene if matrix is None else scene.transformed(matrix)
     if not place.align:
-        check_place(placed, volume.grid)
+        check_place(inputs.placed, volume.grid)
     result = sweep_folder.sweep_into(
-        output, volume, placed, values,
+        output, volume, inputs.placed, values,
         source=str(measured), origin=origin, force=force,
         align={"search_deg": place.search_deg, **image.radar} if place.align else None,
         seeds=alphas.seeds, metric=alphas.metric, dynamic_range_db=dynamic_range_db,
-        regions=labels, device=opened, **radar, **recorded(imaging), settings=settings,
+        regions=inputs.labels, settings=settings, device=opened,
+        **inputs.radar, **recorded(imaging),
     )  # fmt: skip
     if result is None:
         print_line(f"{output}: finished before with these settings; nothing to do")
         return
     print_result(result)
-    written = (sweep_folder.FIGURE, sweep_folder.TABLE, sweep_folder.RESULT)
-    print_line(f"{output}: {', '.join(written)}")
+    print_line(f"{output}: {', '.join(sweep_folder.RESULTS)}")
+
+
+class SweepInputs:
+    """The mesh, its regions and its place; the measurement, its radar and its grid."""
+
+    def __init__(
+        self,
+        place: PlaceOptions,
+        mesh: Path,
+        regions: RegionOptions,
+        measured: Path,
+        frames: FrameOptions,
+        frequencies: WaveformOptions,
+        voxels: GridOptions,
+        imaging: ImagingOptions,
+    ) -> None:
+        from clradar import Scene
+
+        self.scene = Scene.from_mesh(mesh, unit=place.unit)
+        self.labels = regions.read(self.scene, place.unit)
+        self.matrix = place.matrix()
+        self.image = ImageInput.open(measured, frames)
+        self.radar = radar_of(self.image, frequencies)
+        self.grid = grid_of(self.image, voxels, imaging)
+
+    @property
+    def placed(self) -> Scene:
+        """The mesh at the given transform."""
+        return self.scene if self.matrix is None else self.scene.transformed(self.matrix)
+
+    def record(self) -> dict[str, Any]:
+        """Settings and digests that a folder has to have been begun with."""
+        band_hz = self.radar["waveform"].frequencies_hz
+        return {
+            "measured_sha256": digest(self.image.content),
+            "mesh_sha256": self.scene.digest(),
+            "regions": None if self.labels is None else list(self.labels.names),
+            "regions_sha256": None if self.labels is None else sha256(self.labels.face),
+            "transform": None if self.matrix is None else self.matrix.tolist(),
+            "frequencies_ghz": [float(band_hz[0] / 1e9), float(band_hz[-1] / 1e9), len(band_hz)],
+            "grid": grid_text(self.grid),
+        }
 
 
 def read_alphas(text: str) -> np.ndarray:
@@ -243,7 +274,7 @@ def radar_of(image: ImageInput, frequencies: WaveformOptions) -> dict[str, Any]:
 
     if not image.radar:
         return {"array": arrays.qar50(), "waveform": frequencies.waveform()}
-    if frequencies.given:
+    if given(frequencies):
         raise wrong_usage(
             "--start-ghz, --stop-ghz, --steps", "MEASURED is a capture and has its frequencies"
         )
@@ -254,13 +285,13 @@ def grid_of(image: ImageInput, voxels: GridOptions, imaging: ImagingOptions) -> 
     """The grid of a volume; for a capture that of the options."""
     if image.grid is None:
         return voxels.grid()
-    if voxels.given:
+    if given(voxels):
         raise wrong_usage("--x-mm, --y-mm, --z-mm", "there is no capture to image")
-    window = image.content.meta.get("window", imaging.window.value)
-    if window != imaging.window.value:
+    window = image.content.meta.get("window", imaging.window)
+    if window != imaging.window:
         print_warning(
             f"{image.path}: was formed with the window '{window}'; simulations are with "
-            f"'{imaging.window.value}' (--window)"
+            f"'{imaging.window}' (--window)"
         )
     return image.grid
 

@@ -3,29 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from clradar.cli.options.groups import option
 from clradar.constants import DYNAMIC_RANGE_DB
 
+Unit = Literal["m", "mm", "cm"]
 
-class Unit(str, Enum):
-    """Unit of length of a mesh file."""
-
-    m = "m"
-    mm = "mm"
-    cm = "cm"
-
-
-class Amplitude(str, Enum):
-    """Amplitude of a path."""
-
-    unit = "unit"
-    spreading = "spreading"
+Amplitude = Literal["unit", "spreading"]
 
 
 CaptureArgument = Annotated[
@@ -60,7 +48,7 @@ DEFAULT_DYNAMIC_RANGE_DB = DYNAMIC_RANGE_DB
 class UnitOptions:
     """The unit of length of a mesh."""
 
-    unit: Unit = option(Unit.m, "Unit of length of the mesh file.")
+    unit: Unit = option("m", "Unit of length of the mesh file.")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,7 @@
 """Groups of options: a command takes one record for options that belong together.
 
-A group is a dataclass whose fields are made by `option` and `argument`.
+A group is a dataclass whose fields are made by `option` and `argument`; they are the defaults of
+single parameters of a command, too.
 """
 
 from __future__ import annotations
@@ -8,12 +9,12 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from copy import copy
-from dataclasses import field, fields, is_dataclass
+from dataclasses import Field, field, fields, is_dataclass
 from enum import Enum
 from inspect import Parameter
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import typer
 
@@ -54,15 +55,15 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
             groups[name] = parameter.annotation
             parameters += _parameters_of(parameter.annotation)
         else:
-            hint, declared = get_args(parameter.annotation)
-            parameters.append(_parameter(name, parameter.default, hint, declared))
+            parameters.append(_parameter(name, parameter.annotation, parameter.default))
 
     def run(**values: Any) -> Any:
+        chosen = {name: _chosen(value) for name, value in values.items()}
         records = {
-            name: group(**{field.name: values.pop(field.name) for field in fields(group)})
+            name: group(**{field.name: chosen.pop(field.name) for field in fields(group)})
             for name, group in groups.items()
         }
-        return command(**records, **values)
+        return command(**records, **chosen)
 
     run.__signature__ = shown.replace(parameters=parameters)  # type: ignore[attr-defined]
     return run
@@ -70,20 +71,41 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def _parameters_of(group: Any) -> list[Parameter]:
     hints = get_type_hints(group)
-    parameters = []
-    for one in fields(group):
-        declared = one.metadata["declared"](option_name(one.name))
-        default = one.metadata["default"]
-        parameters.append(_parameter(one.name, default, hints[one.name], declared))
-    return parameters
+    return [_parameter(one.name, hints[one.name], one) for one in fields(group)]
 
 
-def _parameter(name: str, default: Any, hint: Any, declared: Any) -> Parameter:
-    if isinstance(hint, UnionType):  # typer 0.12 knows Optional[str], but not str | None
-        hint = Union[get_args(hint)]  # noqa: UP007
+def _parameter(name: str, hint: Any, default: Any) -> Parameter:
+    if isinstance(default, Field):
+        declared = default.metadata["declared"](option_name(name))
+        default = default.metadata["default"]
+    else:
+        hint, declared = get_args(hint)  # of Annotated
     # A copy: for the same object Python 3.10 would return its cached Annotated[str | None, ...].
-    annotation = Annotated[hint, copy(declared)]
+    annotation: Any = Annotated[_type_for_typer(hint), copy(declared)]
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+def _type_for_typer(hint: Any) -> Any:
+    """The same type without literals and without "| None", which typer 0.12 does not know."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        return Enum("Choice", {value: value for value in arguments}, type=str)
+    if origin in (Union, UnionType):
+        return Union[tuple(map(_type_for_typer, arguments))]  # noqa: UP007
+    return list[_type_for_typer(arguments[0])] if origin is list else hint  # type: ignore[misc]
+
+
+def _chosen(value: Any) -> Any:
+    """A value of typer in the type that the field has."""
+    if isinstance(value, list):
+        return [_chosen(item) for item in value]
+    return value.value if isinstance(value, Enum) else value
+
+
+def given(group: Any) -> dict[str, Any]:
+    """The options of a group that are not at their default: name -> value."""
+    values = {field: getattr(group, field.name) for field in fields(group)}
+    return {option_name(f.name): value for f, value in values.items() if value != f.default}
 
 
 def recorded(*groups: Any, **options: Any) -> dict[str, Any]:
@@ -93,8 +115,6 @@ def recorded(*groups: Any, **options: Any) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, Enum):
-        return value.value
     if isinstance(value, Path):
         return str(value)
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

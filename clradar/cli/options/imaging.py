@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from typing import Literal
 
 from clradar.cli.options.groups import option
 from clradar.cli.options.values import RANGE_RULE, finite, numbers, whole_steps, wrong_usage
@@ -13,22 +13,6 @@ PAPER_GRID_MM = ("-100:100:1", "-100:100:1", "260:340:1")
 """The grid of the paper's experiment: 201 x 201 x 81 voxels of 1 mm."""
 
 GRID_RULE = f"{RANGE_RULE}, or one number for a single slice"
-
-
-class Method(str, Enum):
-    """How the image is formed."""
-
-    fast = "fast"
-    range = "range"
-    exact = "exact"
-
-
-class Window(str, Enum):
-    """Weights over frequency."""
-
-    rect = "rect"
-    hann = "hann"
-    taylor = "taylor"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,11 +26,6 @@ class GridOptions:
     z_mm: str | None = option(
         None, f"The same along z. [default: {PAPER_GRID_MM[2]}]", metavar="RANGE"
     )
-
-    @property
-    def given(self) -> bool:
-        """Whether one of the axes was given."""
-        return not (self.x_mm is None and self.y_mm is None and self.z_mm is None)
 
     def grid(self, defaults_mm: tuple[str, str, str] = PAPER_GRID_MM) -> VoxelGrid:
         """The grid, with default ranges for the axes that were not given."""
@@ -65,12 +44,12 @@ class GridOptions:
 class ImagingOptions:
     """How an image is formed."""
 
-    method: Method = option(
-        Method.fast,
+    method: Literal["fast", "range", "exact"] = option(
+        "fast",
         "fast: over a tree of blocks, -50 dB of error; range: from range profiles, "
         "-54 dB; exact: the plain sum.",
     )
-    window: Window = option(Window.rect, "Weights over frequency.")
+    window: Literal["rect", "hann", "taylor"] = option("rect", "Weights over frequency.")
 
 
 def axis_mm(option: str, text: str) -> tuple[float, float, float]:

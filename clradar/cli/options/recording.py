@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from clradar.cli.options.groups import option, recorded
 
-
-class Variant(str, Enum):
-    """Variant of a recorded frame."""
-
-    raw = "raw"
-    emptyfiltered = "emptyfiltered"
+Variant = Literal["raw", "emptyfiltered"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from clradar.cli.console import print_warning
-from clradar.cli.options.groups import option, option_name
+from clradar.cli.options.groups import given, option
 from clradar.cli.options.values import numbers, wrong_usage
 from clradar.files.failures import fail
 from clradar.files.json_file import read_json
@@ -55,9 +55,8 @@ class RigOptions:
 
     def __post_init__(self) -> None:
         if self.rig is None:
-            for name in ("mapping", "rig_unit", "rig_hand", "betas", "theta"):
-                if getattr(self, name) is not None:
-                    raise wrong_usage(option_name(name), "expected together with --rig")
+            for name in given(self):
+                raise wrong_usage(name, "expected together with --rig")
 
     @property
     def files(self) -> list[Path]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -21,13 +20,6 @@ from clradar.tracing.settings import (
 )
 
 START_GHZ, STOP_GHZ, STEPS = 72.0, 82.0, 128
-
-
-class Normals(str, Enum):
-    """Shading normals."""
-
-    smooth = "smooth"
-    face = "face"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,9 +47,11 @@ class SimulationOptions(SamplingOptions):
         1e3 * RECEPTION_RADIUS_M, "A ray this near to an Rx is received.", metavar="MM"
     )
     max_bounces: int = option(1, "Reflections per path at most.", metavar="N")
-    normals: Normals = option(Normals.smooth, "Interpolated from the vertices, or the faces'.")
+    normals: Literal["smooth", "face"] = option(
+        "smooth", "Interpolated from the vertices, or the faces'."
+    )
     crease_deg: float = option(CREASE_DEG, "Edges sharper than this stay sharp.", metavar="DEG")
-    amplitude: Amplitude = option(Amplitude.unit, "1 per path, or 1/(R1 R2).")
+    amplitude: Amplitude = option("unit", "1 per path, or 1/(R1 R2).")
     pattern_exponent: float = option(
         0.0, "With --amplitude spreading: antennas have the pattern cos(angle)^P.", metavar="P"
     )
@@ -78,11 +72,6 @@ class WaveformOptions:
     )
     stop_ghz: float | None = option(None, f"Last frequency. [default: {STOP_GHZ:g}]", metavar="GHZ")
     steps: int | None = option(None, f"Number of frequencies. [default: {STEPS}]", metavar="N")
-
-    @property
-    def given(self) -> bool:
-        """Whether one of the options was given."""
-        return not (self.start_ghz is None and self.stop_ghz is None and self.steps is None)
 
     @property
     def band_ghz(self) -> tuple[float, float, int]:
