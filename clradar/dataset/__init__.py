@@ -1,8 +1,8 @@
-"""Training data: from a plan to shards of samples, each of which can be made again alone.
+"""Training data: from a plan to shards of samples, each of which can be reproduced alone.
 
     plan.toml ──read_plan──> Plan ──recipe(plan, i)──> recipe ──make_sample──> Sample ──> shard
 
-`clradar.dataset.run.run` makes a data set; ``docs/datasets.md`` says what plans can ask for.
+`run` makes a data set; ``docs/datasets.md`` describes plans and files.
 """
 
 from clradar.dataset.engine.replay import replay

@@ -1,4 +1,4 @@
-"""From a recipe to a sample: posed hand, simulation, impairments, image."""
+"""From a recipe to a sample: posed hand, simulation, impairments, image formation."""
 
 from __future__ import annotations
 
@@ -29,14 +29,37 @@ from clradar.simulation import simulate
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """One sample: its recipe, and its products as arrays by the names of `layout.FIELDS`."""
+    """One sample of a data set.
+
+    Attributes
+    ----------
+    recipe : mapping
+        As `clradar.dataset.recipe` returns it.
+    arrays : mapping of str to ndarray
+        Its products; a mesh is "mesh_vertices", "mesh_faces" and "mesh_part".
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.dataset import make_sample, read_plan, recipe
+    >>> _ = Path("plan.toml").write_text('''
+    ... samples = 2
+    ... poses.names = ["A", "B"]
+    ... hands.edge_mm = 4
+    ... output.products = ["joints"]
+    ... ''')
+    >>> plan = read_plan("plan.toml")
+    >>> sample = make_sample(recipe(plan, 1))
+    >>> sample.recipe["pose"]["name"], sample.arrays["joints"].shape
+    ('B', (25, 3))
+    """
 
     recipe: Mapping[str, Any]
     arrays: Mapping[str, np.ndarray]
 
 
 Folders = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
-"""One folder, or several of which the first that holds a file counts."""
+"""One folder, or several of which the first with a file of that name and content counts."""
 
 
 def make_sample(
@@ -45,7 +68,7 @@ def make_sample(
     *,
     rigs: Folders = "",
 ) -> Sample:
-    """Make the sample that a recipe describes.
+    """Make the sample of a recipe.
 
     Parameters
     ----------
@@ -55,21 +78,44 @@ def make_sample(
     device : Device, str or None
         See `clradar.open_device`.
     rigs : path-like, or a sequence of them
-        The folder that the recipe's name of a rig's file is relative to; the current one by
-        default. Of several, the first that holds the file counts.
+        The folder that the names of rig files are relative to; the current one by default. Of
+        several, the first with the file counts.
 
     Returns
     -------
     Sample
-        The products that the recipe lists. On the same device and driver they are the same bits,
-        whatever was made before and however many threads there are.
+        The products that the recipe lists. Their bits depend on the device and its driver, not on
+        earlier samples or the number of threads.
 
     Raises
     ------
     ModelError
-        It is no recipe, lacks something, or a rig's file is not that of the plan.
+        It is no recipe, lacks a key, or a rig's file is not that of the plan.
     DeviceError
-        There is no such device, or it refuses.
+        There is no such device, or it fails.
+
+    Examples
+    --------
+    The same sample with and without noise 20 dB below the signal.
+
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from clradar.dataset import make_sample, read_plan, recipe
+    >>> _ = Path("plan.toml").write_text('''
+    ... samples = 1
+    ... poses.names = ["A"]
+    ... hands.edge_mm = 4
+    ... radar = { every = 24, steps = 4 }
+    ... simulation.samples_per_mm2 = 0.05
+    ... impairments.snr_db = 20
+    ... output.products = ["capture"]
+    ... ''')
+    >>> noisy = recipe(read_plan("plan.toml"), 0)
+    >>> clean = {**noisy, "impairments": None}
+    >>> with_noise, without = (make_sample(r).arrays["capture"] for r in (noisy, clean))
+    >>> ratio = np.linalg.norm(without) / np.linalg.norm(with_noise - without)
+    >>> round(20 * np.log10(float(ratio)))
+    20
     """
     recipe = _recipe(recipe)
     try:
@@ -134,7 +180,7 @@ def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders)
 def placed_hand(
     recipe: Mapping[str, Any], device: Device | str | None = None, rigs: Folders = ""
 ) -> HandMesh:
-    """Return the hand where the recipe puts it, metres, antenna frame."""
+    """Return the posed hand in the antenna frame, metres."""
     hand, place = recipe["hand"], recipe["placement"]
     pose = pose_of(recipe["pose"])
     origin_m = (0.0, 0.0, 0.0)
@@ -181,66 +227,66 @@ def _rig(text: str, folders: tuple[str, ...]) -> Any:
 
 
 def found_rig(record: Mapping[str, Any], folders: Sequence[str | Path]) -> dict[str, Any]:
-    """Return the record of a rig with the places of its files.
+    """Return the record of a rig with the paths of its files.
 
     Raises
     ------
     ModelError
-        They are not there, or not those of the plan.
+        They are missing, or not those of the plan.
     """
     found = dict(record)
     for key in ("file", "mapping"):
         if record[key] is not None:
             wanted = record["sha256" if key == "file" else "mapping_sha256"]
-            found[key] = _place_of(record[key], wanted, folders)
+            found[key] = _path_of(record[key], wanted, folders)
     return found
 
 
-def _place_of(name: str, sha256: str, folders: Sequence[str | Path]) -> str:
-    """Return where the file of this name and content is."""
-    places = list(dict.fromkeys(os.path.join(folder, name) for folder in folders))
+def _path_of(name: str, sha256: str, folders: Sequence[str | Path]) -> str:
+    """Return the path of the file of this name and content."""
+    paths = list(dict.fromkeys(os.path.join(folder, name) for folder in folders))
     got = "nothing there"
-    for place in places:
+    for path in paths:
         try:
-            if sha256_of(Path(place)) == sha256:
-                return place
+            if sha256_of(Path(path)) == sha256:
+                return path
             got = "another"
         except FileNotFoundError:
             pass
         except (OSError, ValueError) as error:
             got = f"none that can be read: {clean(error)}"
-    looked = " or ".join(map(shown, places))
+    looked = " or ".join(map(shown, paths))
     raise ModelError(f"{looked}: expected the file of the plan (SHA-256 {sha256}), got {got}")
 
 
 def rotation(angles_rad: Any) -> np.ndarray:
-    """Return the matrix (3, 3) that turns about the fixed axes x, then y, then z: Rz Ry Rx."""
+    """Return the rotation matrix (3, 3) about the fixed axes x, then y, then z: Rz Ry Rx."""
     (cx, cy, cz), (sx, sy, sz) = np.cos(angles_rad), np.sin(angles_rad)
-    turn_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
-    turn_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
-    turn_z = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
-    return turn_z @ turn_y @ turn_x
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
+    about_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
+    about_z = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
+    return about_z @ about_y @ about_x
 
 
 def scene_of(mesh: HandMesh, alpha: Mapping[str, float]) -> Scene:
-    """Return the scene of a hand whose parts have these alphas."""
+    """Return the scene of a hand with these alphas of its parts."""
     values = np.array([alpha[name] for name in mesh.part_names])[mesh.part]
     return Scene(mesh.vertices_m, mesh.faces, values, mesh.part, mesh.part_names, mesh.normals)
 
 
 def recorded(recipe: Mapping[str, Any], scene: Scene, device: Device | str | None) -> Capture:
-    """Return what the recipe's radar records of a scene, impairments included."""
+    """Return the simulated capture of a scene, with the impairments of the recipe."""
     array, waveform = instrument(recipe)
     capture = simulate(scene, array, waveform, device=device, **recipe["simulation"])
-    faults = recipe.get("impairments")
-    if not faults:
+    impairments = recipe.get("impairments")
+    if not impairments:
         return capture
-    settings = {key: value for key, value in faults.items() if key not in ("channels", "walls")}
-    channels = faults.get("channels")
+    settings = {k: v for k, v in impairments.items() if k not in ("channels", "walls")}
+    channels = impairments.get("channels")
     if channels is not None:
         settings["channels"] = draw_channels(array, waveform, **channels)
-    if faults.get("walls"):
-        walls = [Wall(**wall) for wall in faults["walls"]]
+    if impairments.get("walls"):
+        walls = [Wall(**wall) for wall in impairments["walls"]]
         settings["room"] = room_capture(array, waveform, walls)
     return impair(capture, **settings)
 
@@ -248,8 +294,8 @@ def recorded(recipe: Mapping[str, Any], scene: Scene, device: Device | str | Non
 def instrument(recipe: Mapping[str, Any]) -> tuple[AntennaArray, Waveform]:
     """Return antennas and frequencies of a recipe.
 
-    The same radar gives the same objects, and so does the same grid below: by that, image
-    formation knows that it need not choose antennas and frequencies anew.
+    Equal radars give the same objects, and so do equal grids below: image formation then reuses its
+    choice of skeleton antennas and frequencies.
     """
     radar = recipe["radar"]
     return _array(radar["every"]), _waveform(radar["start_hz"], radar["stop_hz"], radar["steps"])

@@ -26,7 +26,7 @@ from clradar.dataset.store.folder import (
 from clradar.errors import MeasurementError
 
 
-def test_a_whole_data_set_is_all_right(made: Path) -> None:
+def test_a_whole_data_set_has_no_problems(made: Path) -> None:
     report = check_dataset(made)
     assert report.ok, report.problems
     assert describe_dataset(made).values["samples"] == {"stored": 5, "plan": 5}

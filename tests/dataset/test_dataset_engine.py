@@ -315,7 +315,7 @@ def test_a_worker_that_does_not_fit_says_why(plan: Plan, tmp_path: Path) -> None
     make, facts = PartMaker(tmp_path, plan, "pocl"), worker_facts("pocl")
     with _contract(make, facts) as contract:
         assert contract.breach() is None
-        assert "cannot see the folder" in str(replace(contract, content="other").breach())
+        assert "cannot see the folder" in str(replace(contract, token="other").breach())
         assert "cannot see /none" in str(replace(contract, files=("/none",)).breach())
         older = json.dumps({**facts, "clradar": "0.0.1"})
         refusal = make_part(0, make, replace(contract, made_with=older))

@@ -1,1 +1,1 @@
-"""Making the samples of a data set, on one process or many."""
+"""Runs that make samples in one process or on a Dask cluster; replay, and estimate of cost."""

@@ -1,4 +1,4 @@
-"""Where processes that make samples come from: this machine, or a cluster that runs already.
+"""Dask clusters: worker processes of this machine, or a scheduler that runs already.
 
 Importing this needs Dask.
 """
@@ -23,7 +23,7 @@ from clradar.errors import ClusterError
 from clradar.files.failures import clean
 
 DEVICE = "DEVICE"
-"""The Dask resource of which each worker has as many as it makes samples at a time."""
+"""The Dask resource of workers: one for each sample that a worker makes at a time."""
 
 CONNECT_S = 10.0
 
@@ -51,9 +51,9 @@ def local_cluster(
     """
     threads = str(min(one.threads for one in resources))
     settings = {
-        # Read by numpy when it is loaded, so set before a process starts. They take the place of
-        # Dask's MALLOC_TRIM_THRESHOLD_, by which every large array costs page faults anew and a
-        # sample a third more.
+        # numpy reads them when it is loaded, so they are set before a process starts. They replace
+        # Dask's MALLOC_TRIM_THRESHOLD_, which makes every large array fault its pages in again and
+        # a sample a third slower.
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(BLAS_VARIABLES, threads),
         "distributed.worker.multiprocessing-method": "spawn",
     }
@@ -70,7 +70,7 @@ def local_cluster(
                 "resources": {DEVICE: 1},
                 "env": one.environment(),
                 "plugins": (KeepToCores(one.cores),),
-                # Results are numbers; a sample that needs much memory is no reason to kill it.
+                # Results are small; a worker is not killed for a sample that needs much memory.
                 "memory_limit": None,
                 "silence_logs": logging.CRITICAL,
             },
@@ -79,7 +79,7 @@ def local_cluster(
     }
     with dask.config.set(settings):
         try:
-            with _interrupts_kept_back():
+            with _interrupts_blocked():
                 cluster = SpecCluster(
                     workers=workers, scheduler=scheduler, silence_logs=logging.CRITICAL
                 )
@@ -87,8 +87,8 @@ def local_cluster(
             raise ClusterError(f"the workers did not start: {clean(error)}") from error
 
         def end() -> None:
-            # Ctrl-C would cancel the closing, and closing again would wait for it for ever.
-            with _interrupts_kept_back():
+            # Ctrl-C would cancel the closing, and closing again would wait for that forever.
+            with _interrupts_blocked():
                 cluster.close()
 
         try:
@@ -99,7 +99,7 @@ def local_cluster(
 
 
 def dashboard_text(client: Client) -> str:
-    """Return where the dashboard is, and what it takes to see that of a cluster of our own."""
+    """Return the address of the dashboard, and what the one of a local cluster needs."""
     own = client.cluster is not None
     hint = " (needs: pip install bokeh)" if own and find_spec("bokeh") is None else ""
     return f"dashboard: {client.dashboard_link}{hint}"
@@ -126,7 +126,7 @@ def running_cluster(address: str) -> Iterator[Client]:
 
 
 class KeepToCores(WorkerPlugin):
-    """Plugin of a worker that confines its process to cores, before it has any other thread."""
+    """Plugin of a worker that sets the affinity of its process before it starts other threads."""
 
     def __init__(self, cores: Sequence[int]) -> None:
         self.cores = tuple(cores)
@@ -136,13 +136,13 @@ class KeepToCores(WorkerPlugin):
 
 
 @contextmanager
-def _interrupts_kept_back() -> Iterator[None]:
-    """Hold Ctrl-C back while the block runs, and for good from the threads that it starts.
+def _interrupts_blocked() -> Iterator[None]:
+    """Block SIGINT while the block runs, and permanently in the threads that it starts.
 
-    A terminal sends the signal to all processes. Workers inherit the mask of the thread that starts
-    them, so only this process hears it, and ends them in order.
+    A terminal sends Ctrl-C to all processes. Workers inherit the signal mask of the thread that
+    starts them, so only this process receives it, and ends them in order.
     """
-    # A thread that finds no resource tracker starts one, and unmasks the signal.
+    # Starting a resource tracker unblocks the signal, so it must run before.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

@@ -1,7 +1,7 @@
-"""Make samples on the workers of a Dask cluster, of this machine or of many.
+"""The engine that makes samples on the workers of a Dask cluster.
 
-Dask places the samples, tries failed ones again, and starts dead workers anew. Here it is only said
-how many are on their way at a time, and what becomes of each.
+Dask schedules the samples, retries failed ones and restarts dead workers. This module limits the
+number of submitted samples and interprets their outcomes.
 """
 
 from __future__ import annotations
@@ -33,68 +33,68 @@ from clradar.files.json_differences import differences
 from clradar.opencl import open_device
 
 WAITING = 2
-"""Samples on their way per worker: the one being made, and the next at hand."""
+"""Submitted samples per worker: the one being made, and the next."""
 
 LATE_S, LATE_STEP_S = 120.0, 0.05
-"""How long to wait for samples that are made twice, and how often to look."""
+"""Longest wait for samples that are made twice, and the interval of polling."""
 
 LOOK_S = 10.0
-"""How often it is looked how many workers there are."""
+"""Interval at which the number of workers is read."""
 
 KILLED = "its worker process died each time"
 
 
 class SampleError(Exception):
-    """A sample could not be made; the text says why. It can be sent between processes."""
+    """A sample could not be made, with the reason as text, so that it can be pickled."""
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why a worker cannot go on, whatever the sample."""
+    """Why a worker can make no sample at all."""
 
     reason: str
 
 
 def worker_facts(device: str | None) -> dict[str, Any]:
-    """Return versions and device of the worker that runs this."""
+    """Return the versions and the device of the worker that runs this."""
     return made_with(open_device(device))
 
 
 @dataclass(frozen=True, slots=True)
 class Contract:
-    """What a worker has to agree with. Checked by each process before its first sample.
+    """Conditions on a worker, which each process verifies before its first sample.
 
     Attributes
     ----------
     made_with : str
-        Versions and device, as JSON.
+        Versions and device of the other workers, as JSON.
     device : str or None
         See `clradar.open_device`.
-    sign : Path
+    token_file : Path
         A file in the data set's folder.
-    content : str
-        What it holds, by which another machine's folder of the same name is told apart.
+    token : str
+        Its content, which a folder of the same name on another machine lacks.
     files : tuple of str
         Other files that samples need.
     """
 
     made_with: str
     device: str | None
-    sign: Path
-    content: str
+    token_file: Path
+    token: str
     files: tuple[str, ...]
 
     def breach(self) -> str | None:
-        """Return what is otherwise in this process, or None."""
+        """Return the condition that this process violates, or None."""
         different = differences(json.loads(self.made_with), worker_facts(self.device))
         if different:
             return f"expected versions and device of the other workers: {'; '.join(different)}"
         try:
-            content = self.sign.read_text(encoding="ascii")
+            token = self.token_file.read_text(encoding="ascii")
         except (OSError, ValueError):
-            content = ""
-        folder = self.sign.parent
-        if content != self.content:
+            token = ""
+        folder = self.token_file.parent
+        if token != self.token:
             return f"cannot see the folder {shown(folder)} of the client; share it under this name"
         if not os.access(folder, os.W_OK | os.X_OK):
             return f"may not write into {shown(folder)}"
@@ -110,12 +110,12 @@ def _breach(contract: Contract) -> str | None:
 
 
 def make_part(sample: int, make: PartMaker, contract: Contract) -> int | Refusal:
-    """Make a sample; what Dask runs.
+    """Make a sample: the task that Dask runs.
 
     Raises
     ------
     SampleError
-        The sample cannot be made: Dask tries it again.
+        The sample cannot be made: Dask retries it.
     """
     breach = _breach(contract)
     if breach is not None:
@@ -135,9 +135,9 @@ class Distributed:
     ----------
     client : distributed.Client
     device : str or None
-        See `clradar.open_device`; None is what each worker takes by itself (CLRADAR_DEVICE).
+        See `clradar.open_device`; None is the default of each worker (CLRADAR_DEVICE).
     end_workers : callable, optional
-        Ends the workers, if they are this process's own.
+        Ends the workers, if this process started them.
     """
 
     def __init__(
@@ -150,18 +150,18 @@ class Distributed:
         self.client, self.device = client, device
         self._end_workers = end_workers
         self._pending: set[Future] = set()
-        self._window, self._looked_s = 1, -LOOK_S
+        self._window, self._counted_s = 1, -LOOK_S
 
     def workers(self) -> list[str]:
-        """Return the addresses of the workers that have a device to make samples on."""
+        """Return the addresses of the workers with a device."""
         known = self.client.scheduler_info(n_workers=-1)["workers"]
         return [address for address, worker in known.items() if worker["resources"].get(DEVICE)]
 
     def window(self) -> int:
-        """Return how many samples may be on their way; more when workers have come."""
+        """Return how many samples may be submitted; it follows the number of workers."""
         now_s = monotonic()
-        if now_s >= self._looked_s + LOOK_S:
-            self._looked_s = now_s
+        if now_s >= self._counted_s + LOOK_S:
+            self._counted_s = now_s
             self._window = max(1, WAITING * len(self.workers()))
         return self._window
 
@@ -171,10 +171,10 @@ class Distributed:
         Raises
         ------
         ClusterError
-            There are none: samples would wait for ever. Or they differ, so that a sample's bits
-            would depend on who makes it.
+            There are none, so samples would wait forever; or they differ, so that a sample's bits
+            would depend on its worker.
         """
-        facts = self._asked(worker_facts, self.device)
+        facts = self._results_of(worker_facts, self.device)
         for address, fact in facts.items():
             if fact["clradar"] != __version__:
                 raise ClusterError(
@@ -191,7 +191,7 @@ class Distributed:
                 )
         return first[1]
 
-    def _asked(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
+    def _results_of(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
         workers = self.workers()
         if not workers:
             address = self.client.scheduler_info(n_workers=0)["address"]
@@ -208,20 +208,20 @@ class Distributed:
         return answers
 
     def outcomes(self, samples: Sequence[int], make: PartMaker) -> Iterator[Outcome]:
-        """Yield what became of each sample as soon as it is known.
+        """Yield the outcome of each sample as soon as it is known.
 
-        When a worker dies, Dask blames all samples that it had. So those that are blamed too often
-        are tried once more at the end, each alone in the whole cluster.
+        When a worker dies, Dask blames all samples that it had. So those that it gives up are
+        retried at the end, each alone in the whole cluster.
 
         Raises
         ------
         OutputError
             A part cannot be written.
         ClusterError
-            A worker does not see the folder or has another version; or the scheduler is gone.
+            A worker does not see the folder or has another version; or the connection is lost.
         """
         with _contract(make, self.made_with()) as contract:
-            for address, breach in self._asked(_breach, contract).items():
+            for address, breach in self._results_of(_breach, contract).items():
                 if breach is not None:
                     raise ClusterError(f"{address}: {breach}")
             blamed = []
@@ -266,9 +266,9 @@ class Distributed:
         self._await_late(run)
 
     def _await_late(self, run: str) -> None:
-        """Wait for samples that are made twice, so that no part is written after all is done.
+        """Wait for samples that are made twice, so that no part is written after the run.
 
-        What a dying worker held is made again by another, also if it had been heard of already.
+        Dask reschedules the samples of a dying worker, even finished ones.
         """
         until_s = monotonic() + LATE_S
         while monotonic() < until_s:
@@ -277,10 +277,10 @@ class Distributed:
             sleep(LATE_STEP_S)
 
     def stop(self) -> None:
-        """Make no more, and end the workers if they are this process's own.
+        """Submit no more, and end the workers if this process started them.
 
-        Samples that workers of a running cluster have begun come to their end there; then their
-        parts are there for the next run.
+        Workers of a running cluster finish the samples that they have begun, and leave their parts
+        to the next run.
         """
         with suppress(Exception):
             self.client.cancel(list(self._pending))
@@ -290,7 +290,7 @@ class Distributed:
 
 
 def _is_busy(run: str, dask_worker: Any) -> bool:
-    """Return whether a worker is making a sample of a run, wanted or not."""
+    """Return whether a worker is making a sample of a run."""
     keys = list(dask_worker.active_threads.values())
     return any(isinstance(key, tuple) and key[:2] == ("sample", run) for key in keys)
 
@@ -305,7 +305,7 @@ def _outcome(future: Future) -> Outcome:
         return Aside(sample, KILLED, error.allowed_failures + 1)
     except (CancelledError, CommClosedError) as error:
         raise ClusterError(
-            "the scheduler is gone, or took the samples back; the same command goes on"
+            "the scheduler is gone, or cancelled the samples; the same command resumes"
         ) from error
     except Exception as error:
         raise ClusterError(f"sample {sample}: a worker failed: {reason_of(error)}") from error
@@ -316,16 +316,16 @@ def _outcome(future: Future) -> Outcome:
 
 @contextmanager
 def _contract(make: PartMaker, made_with: Mapping[str, Any]) -> Iterator[Contract]:
-    """Yield what workers have to agree with, and leave its sign in the folder meanwhile."""
-    content = secrets.token_hex(16)
-    # By its name, a later run takes it for what a killed process left.
-    sign = make.folder / f".visible.{content}.tmp"
+    """Yield the conditions on workers, with the token file in the folder meanwhile."""
+    token = secrets.token_hex(16)
+    # A later run removes it as a temporary file, if this one is killed.
+    token_file = make.folder / f".visible.{token}.tmp"
     names = [name for rig in make.plan.hands.rigs for name in (rig.file, rig.mapping)]
     files = [str(make.plan.folder / name) for name in names if name is not None]
-    with replacing(sign) as temporary:
-        temporary.write_text(content, encoding="ascii")
+    with replacing(token_file) as temporary:
+        temporary.write_text(token, encoding="ascii")
     try:
-        yield Contract(json.dumps(made_with), make.device, sign, content, tuple(files))
+        yield Contract(json.dumps(made_with), make.device, token_file, token, tuple(files))
     finally:
         with suppress(OSError):
-            sign.unlink()
+            token_file.unlink()

@@ -1,4 +1,4 @@
-"""What a plan would take: time and disk, from one sample that is timed."""
+"""Estimate of the time and the disk space of a plan, from one timed sample."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from clradar.opencl import open_device
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What one sample took, and what all would.
+    """Cost of one sample, and of all.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class Estimate:
     sample_bytes : int
         In a shard.
     shard_bytes : int
-        What a shard has besides its samples.
+        Overhead of a shard.
     part_bytes : int
-        As a file of its own, until its shard is closed.
+        Of its part, until its shard is closed.
     shard_size : int
     """
 
@@ -61,7 +61,7 @@ class Estimate:
         return self.total_bytes + min(self.shard_size, self.samples) * self.part_bytes
 
     def lines(self) -> list[str]:
-        """Return it in words."""
+        """Return it as text."""
         return [
             f"one sample: {self.sample_s:.2f} s, {_bytes_text(self.sample_bytes)} "
             f"(the first of a process {self.first_s:.2f} s) on {self.device}",
@@ -71,10 +71,10 @@ class Estimate:
 
 
 def estimate(plan: Plan, *, device: str | None = None) -> Estimate:
-    """Make a sample of a plan, in a folder that is removed again, and say what all would take.
+    """Make two samples of a plan in a temporary folder and extrapolate to all.
 
-    The first sample builds kernels and fills caches, so a second one is timed. Another sample takes
-    longer or shorter by its pose: with its area, and with how much of it the antennas see.
+    The first sample builds kernels and fills caches, so the second one counts. The time of a sample
+    depends on its pose: on the area of the hand, and on how much of it is visible to the antennas.
     """
     opened = open_device(device)
     times_s, sizes = [], []
@@ -88,7 +88,7 @@ def estimate(plan: Plan, *, device: str | None = None) -> Estimate:
             write_sample(part, made, made_with(opened), compression=level, force=True)
             times_s.append(perf_counter() - start_s)
             parts.append(part)
-        for count in (1, 2):  # what a shard has once shows in the difference
+        for count in (1, 2):  # the difference of their sizes is that of a sample
             whole = Path(name) / f"shard-{count}.h5"
             start_s = perf_counter()
             assemble(whole, parts[:count], compression=level)

@@ -1,4 +1,4 @@
-"""Make one sample of a data set again, and hold it against the stored one."""
+"""Replay: make one sample of a data set again, and compare it bit by bit with the stored one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import Sample, make_sample
 from clradar.dataset.store.confined_reader import read_sample
 from clradar.dataset.store.fields import data_bytes
-from clradar.dataset.store.folder import place_of, read_manifest
+from clradar.dataset.store.folder import read_manifest, stored_path
 from clradar.dataset.store.shard_writer import write_sample
 from clradar.files.json_differences import differences
 from clradar.opencl import open_device
@@ -28,9 +28,9 @@ class Replay:
     stored_in : str or None
         The file with the stored one, relative to the data set; None if there is none.
     differences : tuple of str
-        In what the two differ, one line each; empty if they are the same to the last bit.
+        One line per array or key of the recipe that differs; empty if all bits are the same.
     made_otherwise : tuple of str
-        In what version or device the stored one was made otherwise.
+        Versions and devices that differ from those that made the stored one.
     """
 
     sample: Sample
@@ -57,7 +57,7 @@ def replay(
     device : str or None
         See `clradar.open_device`.
     output : Path, optional
-        Where to write the sample made, as a shard of one sample.
+        File to write the sample to, as a shard of one sample.
     force : bool
         Replace an existing file.
     rigs : Path, optional
@@ -70,6 +70,21 @@ def replay(
         The plan has no such sample, or the file of its rig is not that of the plan.
     MeasurementError
         The folder is no data set, or damaged.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.dataset import read_plan, replay, run
+    >>> _ = Path("plan.toml").write_text('''
+    ... samples = 2
+    ... poses.names = ["A", "B"]
+    ... hands.edge_mm = 4
+    ... output.products = ["joints"]
+    ... ''')
+    >>> result = run(read_plan("plan.toml"), Path("letters"))
+    >>> again = replay(Path("letters"), 1)
+    >>> again.stored_in, again.differences
+    ('shards/shard-00000.h5', ())
     """
     manifest = read_manifest(folder)
     wanted = recipe(manifest.plan, index)
@@ -80,7 +95,7 @@ def replay(
     if output is not None:
         compression = manifest.plan.output.compression
         write_sample(output, made, now, compression=compression, force=force)
-    path = place_of(folder, manifest, index)
+    path = stored_path(folder, manifest, index)
     if path is None:
         return Replay(made, None, (), ())
     stored, then = read_sample(path, index, data_bytes(wanted))
@@ -97,11 +112,11 @@ def _different(stored: Sample, made: Sample) -> list[str]:
         elif (one.shape, one.dtype) != (other.shape, other.dtype):
             found.append(f"{name}: {one.dtype} {one.shape}, now {other.dtype} {other.shape}")
         elif one.tobytes() != other.tobytes():
-            found.append(f"{name}: {_how_far(one, other)}")
+            found.append(f"{name}: {_deviation(one, other)}")
     return found
 
 
-def _how_far(one: np.ndarray, other: np.ndarray) -> str:
+def _deviation(one: np.ndarray, other: np.ndarray) -> str:
     changed = int(np.count_nonzero((one != other) & ~(np.isnan(one) & np.isnan(other))))
     with np.errstate(invalid="ignore"):
         error = np.nanmax(np.abs(other.astype(np.complex128) - one))

@@ -1,4 +1,4 @@
-"""Make a data set: which samples are missing, an engine that makes them, and their shards."""
+"""Runs: make the missing samples of a data set with an engine, and close its shards."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from clradar.files.json_differences import differences
 from clradar.model.progress import Progress
 
 STOP_AFTER = 10
-"""Samples in a row that the device refused: then it is the device's fault, not theirs."""
+"""Consecutive samples that fail in the device before the run ends."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """What a run did.
+    """Counts of a run.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class RunResult:
     samples : int
         Of the plan.
     aside : tuple of Aside
-        All that the data set does without, of earlier runs too.
+        Samples that are set aside, by earlier runs too.
     """
 
     made: int
@@ -59,44 +59,60 @@ def run(
     progress: Progress | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> RunResult:
-    """Make a data set, or what is missing of it.
+    """Make a data set, or its missing samples.
 
     Parameters
     ----------
     plan : Plan
     path : Path
-        Its folder; one that was begun with the same plan is gone on with.
+        Its folder; a data set of the same plan is resumed.
     device : str or None
-        See `clradar.open_device`; of the engine that is used if none is given.
+        See `clradar.open_device`; of the default engine.
     engine : Engine, optional
-        One sample after the other in this process by default.
+        Default: sequential in this process.
     force : bool
-        Remove the data set that is in the folder, of this plan or another, and begin anew.
+        Replace the data set in the folder, of this plan or another.
     retry : bool
-        Try the samples again that earlier runs set aside.
+        Queue the samples again that earlier runs set aside.
     progress : callable, optional
         Called with (done, total) samples.
     warn : callable, optional
-        Called with a line about something that may not be meant.
+        Called with a line for each warning.
 
     Raises
     ------
     ModelError
         The file of a rig is not that of the plan.
     OutputError
-        Another plan's data set is in the folder, another process makes it, or it cannot be written
-        to.
+        The folder has a data set of another plan, another process writes it, or it cannot be
+        written.
     DeviceError
-        There is no such device, or it refused `STOP_AFTER` samples in a row.
+        There is no such device, or it failed for `STOP_AFTER` samples in a row.
     ClusterError
-        The engine's workers do not fit, or are gone.
+        The engine's workers differ, or the connection is lost.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.dataset import read_plan, run
+    >>> _ = Path("plan.toml").write_text('''
+    ... samples = 2
+    ... poses.names = ["A", "B"]
+    ... hands.edge_mm = 4
+    ... output.products = ["joints"]
+    ... ''')
+    >>> result = run(read_plan("plan.toml"), Path("letters"))
+    >>> result.made, result.samples, result.aside
+    (2, 2, ())
+    >>> sorted(path.name for path in Path("letters").iterdir() if path.is_file())[1:]
+    ['contact-sheet.png', 'manifest.json', 'statistics.csv', 'statistics.json']
     """
     engine = Serial(device) if engine is None else engine
     made_with = engine.made_with()
     with begin(path, plan, made_with, force=force) as folder:
         if warn is not None:
             for line in differences(folder.manifest.made_with, made_with):
-                warn(f"{path}: was begun with {line}; the bits of samples depend on it")
+                warn(f"{path}: has samples made with {line}; their bits depend on it")
         for line in queue_corrupt(folder):
             if warn is not None:
                 warn(line)
@@ -106,19 +122,19 @@ def run(
             made = _make_missing(folder, engine, progress)
         finally:
             engine.stop()
-            folder.remove_half_written()  # of workers that were killed
+            folder.remove_half_written()  # of killed workers
         if not folder.manifest.complete:
             raise OutputError(
-                f"{path}: not all parts that were made are seen here; the same command goes on"
+                f"{path}: parts that workers wrote are not visible here; the same command resumes"
             )
-        folder.tidy()  # of workers that were taken for dead
+        folder.tidy()  # parts of workers that Dask took for dead
         finish(folder)
         aside = folder.manifest.aside
         return RunResult(made, plan.samples, tuple(aside[sample] for sample in sorted(aside)))
 
 
 def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | None) -> int:
-    """Make what is missing, close each shard that is complete, return how many were made."""
+    """Make the missing samples, close each complete shard, and return how many were made."""
     folder.close_ready_shards()
     missing = folder.missing()
     if not missing:
@@ -128,32 +144,32 @@ def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | No
     size, total = folder.plan.output.shard_size, folder.plan.samples
     open_in = Counter(sample // size for sample in missing)
     done = total - len(missing)
-    made = refused = 0
+    made = failures = 0
     maker = PartMaker(absolute(folder.path), folder.plan, engine.device)
     for outcome in engine.outcomes(missing, maker):
         if isinstance(outcome, Aside):
             folder.set_aside(outcome)
             sample = outcome.sample
-            refused = refused + 1 if is_device_fault(outcome) else 0
+            failures = failures + 1 if is_device_fault(outcome) else 0
         else:
             sample = outcome
-            made, refused = made + 1, 0
+            made, failures = made + 1, 0
         open_in[sample // size] -= 1
         if not open_in[sample // size]:
             folder.close_shard_of(sample)
         done += 1
         if progress is not None:
             progress(done, total)
-        if isinstance(outcome, Aside) and refused == STOP_AFTER:
+        if isinstance(outcome, Aside) and failures == STOP_AFTER:
             raise DeviceError(
-                f"{STOP_AFTER} samples in a row were refused, the last by {outcome.reason}; "
-                "see to the device, then go on with --retry"
+                f"{STOP_AFTER} samples in a row failed, the last with {outcome.reason}; "
+                "repair the device, then resume with --retry"
             )
     return made
 
 
 def finish(folder: DatasetFolder) -> None:
-    """Write statistics and contact sheet of a complete data set, where they are not there."""
+    """Write the statistics and the contact sheet of a complete data set, if they are missing."""
     manifest = folder.manifest
     if not manifest.complete:
         return

@@ -1,4 +1,4 @@
-"""What makes the samples of a data set, and the engine that needs one process only."""
+"""The interface of engines, and the sequential engine in this process."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from clradar.opencl import Device, forget_devices, open_device
 from clradar.versions import package_versions
 
 ATTEMPTS = 2
-"""How often a sample is tried before it is set aside."""
+"""Attempts at a sample before it is set aside."""
 
 
 @dataclass(frozen=True, slots=True)
 class PartMaker:
-    """Makes one sample and writes its part. Can be sent to another process.
+    """A picklable function that makes one sample and writes its part.
 
     Attributes
     ----------
     folder : Path
-        Of the data set; every process that makes parts has to see it under this name.
+        Of the data set; all processes that make parts need it under this name.
     plan : Plan
     device : str or None
         See `clradar.open_device`; opened where the part is made.
@@ -42,15 +42,15 @@ class PartMaker:
     device: str | None = None
 
     def __call__(self, sample: int) -> int:
-        """Make sample `sample`, write its part whole or not at all, return its number.
+        """Make a sample, write its part whole or not at all, and return its number.
 
         Raises
         ------
         OutputError
-            The part cannot be written, which is no fault of the sample.
+            The part cannot be written, whatever the sample.
         DeviceError
-            The next sample of this process opens the device anew, since a failed launch can leave
-            a context that fails for ever.
+            The next sample of this process opens the device again, since a context may stay
+            unusable after a failed launch.
         """
         try:
             device = open_device(self.device)
@@ -65,7 +65,7 @@ class PartMaker:
 
 
 Outcome = int | Aside
-"""A sample that is made, or why it is not."""
+"""The number of a sample that was made, or why it is set aside."""
 
 
 class Engine(Protocol):
@@ -74,27 +74,27 @@ class Engine(Protocol):
     Attributes
     ----------
     device : str or None
-        See `clradar.open_device`; None is what each process takes by itself.
+        See `clradar.open_device`; None is the default of each process.
     """
 
     @property
     def device(self) -> str | None: ...
 
     def made_with(self) -> Mapping[str, Any]:
-        """Return the versions and the device that the samples' bits will depend on."""
+        """Return the versions and the device on which the samples' bits depend."""
 
     def outcomes(self, samples: Sequence[int], make: PartMaker) -> Iterator[Outcome]:
-        """Yield what became of each sample as soon as it is known.
+        """Yield the outcome of each sample as soon as it is known.
 
-        An `OutputError` of a part (a full disk) ends the run; any other error is the sample's.
+        An `OutputError` of a part (a full disk) ends the run; others count for the sample.
         """
 
     def stop(self) -> None:
-        """Make no more; nothing is written any longer when this returns."""
+        """Make no more; nothing is written after this returns."""
 
 
 class Serial:
-    """Makes one sample after the other in this process.
+    """Makes the samples sequentially in this process.
 
     Parameters
     ----------
@@ -129,17 +129,17 @@ def _tried(sample: int, make: PartMaker) -> Outcome:
 
 
 def reason_of(error: Exception) -> str:
-    """Return on one line why a sample could not be made."""
+    """Return the reason of a failure on one line."""
     return clean(f"{type(error).__name__}: {error}")
 
 
 def is_device_fault(aside: Aside) -> bool:
-    """Return whether the device refused, and not the sample."""
+    """Return whether a sample failed in the device."""
     return aside.reason.startswith(f"{DeviceError.__name__}: ")
 
 
 def made_with(device: Device) -> dict[str, Any]:
-    """Return the versions and the device that a sample's bits depend on."""
+    """Return the versions and the device on which a sample's bits depend."""
     return {
         "clradar": __version__,
         "packages": package_versions(),
@@ -149,5 +149,5 @@ def made_with(device: Device) -> dict[str, Any]:
 
 
 def absolute(path: Path) -> Path:
-    """Return a name that other machines may know too: no links are followed in it."""
+    """Return an absolute path without following links, so that other machines may have it too."""
     return Path(os.path.abspath(path))

@@ -1,1 +1,1 @@
-"""Plans of data sets and the recipes of their samples."""
+"""Plans of data sets, and the recipes of samples that follow from them."""

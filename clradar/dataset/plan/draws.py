@@ -1,4 +1,4 @@
-"""Quantities of a plan that are fixed or drawn anew for every sample."""
+"""Random variables of a plan, and one stream of random numbers for each quantity of a sample."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 
 KINDS = {"uniform": "[low, high]", "normal": "[mean, standard deviation]", "choice": "[a, b, ...]"}
-"""How a value can be drawn, and what is given for it."""
+"""Distributions, and the parameters that a plan gives for each."""
 
 SIGMAS = 6.0
-"""Normal draws are held to be within so many standard deviations: 1 in 500 million is not."""
+"""Normal draws are bounded by so many standard deviations: 1 in 500 million is beyond."""
 
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """A number, fixed or drawn.
+    """A number, or the distribution that it is drawn from for every sample.
 
     Attributes
     ----------
     kind : "fixed", "uniform", "normal" or "choice"
     values : tuple of float
-        The number; low and high; mean and standard deviation; or the numbers to choose from, each
-        as likely as the others.
+        The number; low and high; mean and standard deviation; or the numbers to choose from, with
+        equal probabilities.
     """
 
     kind: str
@@ -41,14 +41,14 @@ class Draw:
         return self.values[int(random.integers(len(self.values)))]
 
     def bounds(self) -> tuple[float, float]:
-        """Return least and greatest; of a normal draw 6 standard deviations about the mean."""
+        """Return the least and the greatest value; of a normal draw `SIGMAS` about the mean."""
         if self.kind == "normal":
             mean, deviation = self.values
             return mean - SIGMAS * deviation, mean + SIGMAS * deviation
         return min(self.values), max(self.values)
 
     def to_plain(self) -> Any:
-        """Return it as a plan says it."""
+        """Return it in the syntax of plans."""
         return self.values[0] if self.kind == "fixed" else {self.kind: list(self.values)}
 
 
@@ -59,8 +59,8 @@ def fixed(value: float) -> Draw:
 def stream(seed: int, index: int, quantity: str) -> np.random.Generator:
     """Return the random numbers of one quantity of one sample.
 
-    They depend on the three arguments alone: another quantity in the plan, another order of making
-    the samples or another number of them leaves them as they are.
+    They depend on the three arguments alone, not on other quantities of the plan, nor on the number
+    of samples or the order in which they are made.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def stream(seed: int, index: int, quantity: str) -> np.random.Generator:
     index : int
         The sample's.
     quantity : str
-        What is drawn, such as "placement.x_mm".
+        Name of the quantity, such as "placement.x_mm".
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""Poses and shapes of hands as JSON values, and back, to the last bit."""
+"""Poses and shapes of hands as JSON values that read back to the last bit."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ SHAPE_COLUMNS = (
     *(f"finger_lengths.{digit}" for digit in ("thumb", "index", "middle", "ring", "pinky")),
     "girth",
 )
-"""A shape as a row of numbers."""
+"""Names of the numbers of `shape_row`."""
 
 
 def pose_record(pose: HandPose) -> dict[str, Any]:
-    """Return name and angles; joints that are straight are left out."""
+    """Return name and angles, without joints whose angles are all 0."""
     joints = {
         joint: [getattr(angles, f"{name}_rad") for name in ANGLES]
         for joint, angles in pose.joints.items()

@@ -1,4 +1,4 @@
-"""The tables of a plan that say which hands there are, and where."""
+"""The tables [poses], [hands], [placement] and alpha of a plan."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from clradar.hand import (
 from clradar.hand.shape import BREADTH_LIMITS_M, FACTOR_LIMITS, LENGTH_LIMITS_M
 
 POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
-"""Names that stand for many poses."""
+"""Names of sets of poses."""
 
 EDGE_MM = 2.0
 """About 29 000 faces; see docs/datasets.md for what other lengths cost and err."""
 
 NEAREST_MM, FARTHEST_MM = 100.0, 3000.0
-"""Where the centre of a hand may be along z."""
+"""Limits of the centre of a hand along z."""
 
 SIDE_MM = 1000.0
 
@@ -77,7 +77,7 @@ def _names(table: PlanTable) -> tuple[str, ...]:
 
 
 def _resolved_poses(table: PlanTable) -> list[HandPose]:
-    """Return poses with their angles written out, as manifests have them."""
+    """Return poses with their angles written out, as in manifests."""
     found = []
     given = table.raw("resolved", [])
     if not isinstance(given, list):
@@ -101,7 +101,7 @@ def hands_of(table: PlanTable, folder: Path) -> Hands:
     if (shape == "list") != bool(shapes):
         table.refuse("shapes", 'a list of shapes with shape = "list", and else none', shape)
     if rigs and shape != "default":
-        table.refuse("shape", "none where there are rigs, which have their own", shape)
+        table.refuse("shape", "none with rigs, which have shapes of their own", shape)
     edge_mm = table.number("edge_mm", EDGE_MM, 0.5, 4.0)
     table.done()
     return Hands(handedness, shape, tuple(shapes), tuple(rigs), edge_mm)
@@ -126,7 +126,7 @@ RIG_KEYS = ("file", "sha256", "handedness", "mapping", "mapping_sha256", "unit",
 
 
 def _resolved_rig(table: PlanTable) -> RigFile | None:
-    """Return a rig as manifests have it; its file is looked at where it is used."""
+    """Return a rig as in manifests; its file is verified where it is used."""
     found = {key: table.raw(key) for key in RIG_KEYS if table.has(key)}
     table.done()
     try:
@@ -150,10 +150,10 @@ def _rig(table: PlanTable, folder: Path) -> RigFile | None:
     names = None if mapping is None else folder / mapping
 
     def read() -> RigFile:
-        # The file is read once to see that it is a rig, so that no sample finds out.
+        # Read once, so that a file that is no rig is found before the first sample.
         try:
             rig = read_rig(path, mapping=names, **options)
-        except ClradarError as error:  # it speaks of the command's option
+        except ClradarError as error:  # it names the option of the command
             raise MeasurementError(str(error).replace("--mapping", "the key mapping")) from error
         return RigFile(
             file=file,
@@ -180,7 +180,7 @@ def _shapes(table: PlanTable) -> list[HandShape]:
         values: dict[str, Any] = {"girth": inner.number("girth", average.girth, *FACTOR_LIMITS)}
         for key, limits_m in (("length", LENGTH_LIMITS_M), ("breadth", BREADTH_LIMITS_M)):
             value_m = getattr(average, f"{key}_m")
-            if inner.has(f"{key}_m"):  # a manifest's, which has to come back to the last bit
+            if inner.has(f"{key}_m"):  # of a manifest, which reads back to the last bit
                 values[f"{key}_m"] = inner.number(f"{key}_m", value_m, *limits_m)
             elif inner.has(f"{key}_mm"):
                 low_mm, high_mm = (1e3 * limit_m for limit_m in limits_m)

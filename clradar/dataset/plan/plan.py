@@ -1,4 +1,4 @@
-"""What a data set is to hold: the records behind a plan file."""
+"""Records of a plan: poses, hands, placement, roughness, radar, simulation, image, output."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from clradar.dataset.plan.draws import Draw
 from clradar.tracing.settings import SimulationSettings
 
 PRODUCTS = ("capture", "volume", "max_projection", "depth_map", "mesh", "joints")
-"""What can be kept of a sample."""
+"""Arrays that can be stored of a sample."""
 
 IMAGES = ("volume", "max_projection", "depth_map")
-"""The products for which an image is formed."""
+"""Products that need an image."""
 
 
 @dataclass(frozen=True, slots=True)
 class Poses:
-    """Which poses there are.
+    """The table [poses].
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Poses:
     order : "cycle" or "random"
         Sample i has pose i modulo their number, or a random one.
     share : Draw
-        How far an interpolated pose is from the first to the second of its two.
+        Interpolation parameter: 0 is the first of the two poses, 1 the second.
     """
 
     kind: str
@@ -40,18 +40,18 @@ class Poses:
 
 @dataclass(frozen=True, slots=True)
 class RigFile:
-    """A hand that somebody brought, as a file; see `clradar.rigs.read_rig`.
+    """A rigged hand from a file; see `clradar.rigs.read_rig`.
 
     Attributes
     ----------
     file : str
-        As the plan has it; relative to the plan's folder, see `Plan.folder`.
+        Relative to `Plan.folder`.
     sha256 : str
         Of its content.
     handedness : "right" or "left"
-        Whose it is, as given or as found.
+        Given, or estimated.
     mapping : str or None
-        The file that gives its joints their names, likewise.
+        File with the names of its joints, relative likewise.
     mapping_sha256 : str or None
     unit : str, float or None
     betas : tuple of float
@@ -69,18 +69,17 @@ class RigFile:
 
 @dataclass(frozen=True, slots=True)
 class Hands:
-    """Whose hands.
+    """The table [hands].
 
     Attributes
     ----------
     handedness : "right", "left", "both" or "as it is"
-        Both are as likely. A rig that is of the other hand is mirrored; "as it is" leaves rigs as
-        they are.
+        "both": with equal probabilities. A rig of the other hand is mirrored, unless "as it is".
     shape : "default", "sampled" or "list"
     shapes : tuple of HandShape
-        Of "list"; each is as likely.
+        Of "list", with equal probabilities.
     rigs : tuple of RigFile
-        Instead of shapes; each is as likely.
+        Instead of shapes, with equal probabilities.
     edge_mm : float
     """
 
@@ -93,7 +92,7 @@ class Hands:
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Where the centre of a hand's bounding box is, and how the hand is turned about it."""
+    """The table [placement]: centre of the hand's bounding box, and rotation about it."""
 
     x_mm: Draw
     y_mm: Draw
@@ -105,14 +104,13 @@ class Placement:
 
 @dataclass(frozen=True, slots=True)
 class Alpha:
-    """How rough a hand is.
+    """Roughness of a hand, by part.
 
     Attributes
     ----------
     parts : mapping of str to Draw
-        Of the parts that have an alpha of their own.
     others : Draw
-        Of all other parts, one value for all of them.
+        One value for all parts that `parts` does not have.
     """
 
     parts: Mapping[str, Draw]
@@ -121,7 +119,7 @@ class Alpha:
 
 @dataclass(frozen=True, slots=True)
 class ChannelErrors:
-    """Gains and delays of an instrument that nobody has calibrated; see `clradar.draw_channels`.
+    """Gains and delays of an uncalibrated instrument; see `clradar.draw_channels`.
 
     Attributes
     ----------
@@ -139,7 +137,7 @@ class ChannelErrors:
 
 @dataclass(frozen=True, slots=True)
 class WallPlan:
-    """A mirror behind the scene; see `clradar.Wall`."""
+    """A reflecting wall; see `clradar.Wall`."""
 
     point_mm: tuple[float, ...]
     normal: tuple[float, ...]
@@ -148,7 +146,7 @@ class WallPlan:
 
 @dataclass(frozen=True, slots=True)
 class Impairments:
-    """What makes captures look recorded; None and 0 are off. See `clradar.impair`."""
+    """Impairments of captures; None and 0 are off. See `clradar.impair`."""
 
     snr_db: Draw | None
     coupling_db: Draw | None
@@ -173,7 +171,7 @@ class Impairments:
 
 @dataclass(frozen=True, slots=True)
 class Radar:
-    """Which instrument.
+    """The table [radar].
 
     Attributes
     ----------
@@ -191,7 +189,7 @@ class Radar:
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """The voxel grid, both ends included, and how the image is formed on it."""
+    """The table [image]: voxel grid, both ends included, and image formation."""
 
     x_mm: tuple[float, float]
     y_mm: tuple[float, float]
@@ -205,14 +203,14 @@ class Image:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """What is kept, and how.
+    """The table [output].
 
     Attributes
     ----------
     products : tuple of str
         Of `PRODUCTS`, in that order.
     shard_size : int
-        Consecutive samples that go into one file.
+        Consecutive samples per file.
     compression : int
         Level of gzip, 0 to 9.
     """
@@ -224,17 +222,29 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A data set as a plan file describes it, with everything that it left out filled in.
-
-    Make one with `clradar.dataset.read_plan`.
+    """The plan of a data set with all defaults filled in, as `read_plan` returns it.
 
     Attributes
     ----------
     simulation : SimulationSettings
         Resolved; each sample draws a seed of its own.
     folder : Path
-        What the names of rig files are relative to. Not a part of what the plan says: a plan in
-        another folder is the same plan.
+        What the names of rig files are relative to. It does not count in comparisons: the same
+        plan in another folder is equal.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.dataset import read_plan
+    >>> _ = Path("plan.toml").write_text('''
+    ... samples = 2
+    ... poses.names = ["A", "B"]
+    ... hands.edge_mm = 4
+    ... output.products = ["joints"]
+    ... ''')
+    >>> plan = read_plan("plan.toml")
+    >>> plan.n_shards, plan.shard_samples(0), [pose.name for pose in plan.poses.poses]
+    (1, range(0, 2), ['A', 'B'])
     """
 
     seed: int
@@ -255,7 +265,7 @@ class Plan:
         return -(-self.samples // self.output.shard_size)
 
     def shard_samples(self, shard: int) -> range:
-        """Return the indices of the samples that one shard is for."""
+        """Return the indices of the samples of one shard."""
         first = shard * self.output.shard_size
         return range(first, min(first + self.output.shard_size, self.samples))
 

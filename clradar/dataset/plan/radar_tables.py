@@ -1,4 +1,4 @@
-"""The tables of a plan that say what is simulated, made to look recorded, and imaged."""
+"""The tables [impairments], [radar], [simulation] and [image] of a plan."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from clradar.model import VoxelGrid
 from clradar.tracing.settings import RECEPTION_RADIUS_M, SimulationSettings
 
 SAMPLES_PER_MM2, RAYS_PER_SAMPLE = 0.25, 160
-"""As many rays per square millimetre as `simulate` takes by default: the scale is the same."""
+"""As many rays per square millimetre as the default of `simulate`, so amplitudes have its scale."""
 
 GRID_MM = {"x_mm": (-100.0, 100.0), "y_mm": (-100.0, 100.0), "z_mm": (250.0, 350.0)}
 STEP_MM = 2.0

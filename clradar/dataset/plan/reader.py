@@ -1,4 +1,4 @@
-"""Read a plan from TOML, or from what a manifest keeps of it; list all its mistakes."""
+"""Read a plan from TOML, or from the copy in a manifest, and report all its mistakes."""
 
 from __future__ import annotations
 
@@ -18,21 +18,35 @@ from clradar.files.toml_file import read_toml
 MAX_SAMPLES = 10**8
 MAX_SHARD = 4096
 MAX_SHARDS = 50_000
-"""What a manifest has room for."""
+"""Limit of the manifest's size."""
 
 EXPECTED = "a plan of a data set (a TOML file, see docs/datasets.md)"
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
-    """Return the plan of a TOML file; docs/datasets.md lists what it can say.
+    """Return the plan of a TOML file; docs/datasets.md lists its keys.
 
     Raises
     ------
     PlanError
-        Its `mistakes` has one line for each thing that cannot be meant: the file, the key, what was
-        expected, and what was found.
+        Its `mistakes` has one line for each invalid key: the file, the key, what was expected, and
+        what was found.
     MeasurementError
         The file is missing or no TOML.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.dataset import read_plan
+    >>> _ = Path("plan.toml").write_text('''
+    ... samples = 2
+    ... poses.names = ["A", "B"]
+    ... hands.edge_mm = 4
+    ... output.products = ["joints"]
+    ... ''')
+    >>> plan = read_plan("plan.toml")
+    >>> plan.simulation.estimator, plan.placement.z_mm.values
+    ('expected', (300.0,))
     """
     path = Path(path)
     parsed = read_toml(path, EXPECTED, limit=MAX_PLAN_BYTES)
@@ -40,15 +54,15 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
 
 
 def plan_from(parsed: Mapping[str, Any], source: str, folder: Path) -> Plan:
-    """Return the plan of a mapping as TOML or JSON gives it.
+    """Return the plan of a mapping from TOML or JSON.
 
     Parameters
     ----------
     parsed : mapping
     source : str
-        What the mapping was read from, for messages.
+        Name of the file, for messages.
     folder : Path
-        What the names of files in it are relative to.
+        Names of files are relative to it.
     """
     mistakes: list[str] = []
     top = PlanTable(source, "", dict(parsed), mistakes)
@@ -99,7 +113,7 @@ def _output(table: PlanTable) -> Output:
 
 
 def _check_together(top: PlanTable, plan: Plan) -> None:
-    """Note what only two tables together can get wrong."""
+    """Report contradictions between tables."""
     if plan.n_shards > MAX_SHARDS:
         least = -(-plan.samples // MAX_SHARDS)
         top.mistake(
@@ -122,10 +136,10 @@ def _check_together(top: PlanTable, plan: Plan) -> None:
             ", ".join(plan.output.products),
         )
     if plan.keeps_images:
-        _check_hands_are_seen(top, plan)
+        _check_hands_are_imaged(top, plan)
 
 
-def _check_hands_are_seen(top: PlanTable, plan: Plan) -> None:
+def _check_hands_are_imaged(top: PlanTable, plan: Plan) -> None:
     for key in ("x_mm", "y_mm", "z_mm"):
         drawn = getattr(plan.placement, key)
         least, greatest = drawn.values if drawn.kind == "uniform" else drawn.bounds()

@@ -1,4 +1,4 @@
-"""What one sample is made of: a function of the plan and the sample's number alone."""
+"""The recipe of one sample: a function of the plan and the sample's number alone."""
 
 from __future__ import annotations
 
@@ -28,16 +28,31 @@ Recipe = dict[str, Any]
 
 
 def recipe(plan: Plan, index: int) -> Recipe:
-    """Return all that sample `index` is made of.
+    """Return the drawn quantities of sample `index`, from which `make_sample` reproduces it.
 
     Every quantity has random numbers of its own, keyed by the plan's seed, the sample's number and
-    the quantity's name (`clradar.dataset.plan.draws.stream`). So a recipe depends on neither the
-    other samples nor what else is drawn.
+    the quantity's name (`clradar.dataset.plan.draws.stream`). So a recipe depends neither on other
+    samples nor on other draws.
 
     Raises
     ------
     ModelError
         The plan has no such sample.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.dataset import read_plan, recipe
+    >>> _ = Path("plan.toml").write_text('''
+    ... samples = 2
+    ... poses.names = ["A", "B"]
+    ... hands.edge_mm = 4
+    ... output.products = ["joints"]
+    ... ''')
+    >>> plan = read_plan("plan.toml")
+    >>> found = recipe(plan, 1)
+    >>> found["pose"]["name"], found["hand"]["handedness"], found["placement"]["center_m"]
+    ('B', 'right', [0.0, 0.0, 0.3])
     """
     index = checks.whole("sample", index, 0, plan.samples - 1)
     drawn = _Drawn(plan.seed, index)
@@ -121,10 +136,10 @@ def _placement(plan: Plan, drawn: _Drawn) -> Recipe:
         return [drawn.number(f"placement.{key}", getattr(plan.placement, key)) for key in keys]
 
     centre_mm = three(("x_mm", "y_mm", "z_mm"))
-    turns_deg = three(("rotation_x_deg", "rotation_y_deg", "rotation_z_deg"))
+    angles_deg = three(("rotation_x_deg", "rotation_y_deg", "rotation_z_deg"))
     return {
         "center_m": [value / 1e3 for value in centre_mm],
-        "rotation_rad": [float(np.deg2rad(value)) for value in turns_deg],
+        "rotation_rad": [float(np.deg2rad(value)) for value in angles_deg],
     }
 
 

@@ -1,4 +1,4 @@
-"""Take values out of the tables of a plan, and list every mistake instead of stopping at one."""
+"""Checked values of the tables of a plan; all mistakes are collected, not only the first."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from clradar.files.toml_file import toml_brief
 Value = TypeVar("Value")
 
 LONGEST = 1e15
-"""Decimal numbers below this are shown as the whole number that may be meant."""
+"""Decimal numbers below this are shown as the whole number to write instead."""
 
 
 class PlanError(MeasurementError):
@@ -24,6 +24,19 @@ class PlanError(MeasurementError):
     ----------
     mistakes : tuple of str
         One line each: file, key, what was expected, what was found.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.dataset import PlanError, read_plan
+    >>> _ = Path("plan.toml").write_text('sampels = 3\\nposes.names = "letters"\\nalpha = 2')
+    >>> try:
+    ...     read_plan("plan.toml")
+    ... except PlanError as error:
+    ...     print(*error.mistakes, sep="\\n")
+    plan.toml: samples: expected the number of samples, got nothing
+    plan.toml: alpha: expected values from 0 to 1, got 2
+    plan.toml: sampels: unknown key; expected one of ... (did you mean 'samples'?)
     """
 
     def __init__(self, mistakes: Sequence[str]) -> None:
@@ -47,19 +60,19 @@ class PlanTable:
 
     def __init__(self, source: str, name: str, content: Any, mistakes: list[str]) -> None:
         self._source, self._name, self._mistakes = source, name, mistakes
-        self._asked: list[str] = []
+        self._known: list[str] = []
         self._content = content if isinstance(content, dict) else {}
         if not isinstance(content, dict):
             self.refuse("", "a table", content)
 
     def mistake(self, key: str, expected: str, words: str) -> None:
-        """Note that what a key says cannot be meant; `words` say what was found."""
+        """Report that a key is invalid; `words` describe what was found."""
         self.note(
             f"{clean(self._source)}: {self._place(key)}: expected {expected}, got {clean(words)}"
         )
 
     def refuse(self, key: str, expected: str, value: object) -> None:
-        """Note that a key has a value that cannot be meant."""
+        """Report that a key has an invalid value."""
         self.mistake(key, expected, toml_brief(value))
 
     def _place(self, key: str) -> str:
@@ -73,7 +86,7 @@ class PlanTable:
 
     def raw(self, key: str, default: Any = None) -> Any:
         """Return a value as it is."""
-        self._asked.append(key)
+        self._known.append(key)
         return self._content.get(key, default)
 
     def table(self, key: str) -> PlanTable:
@@ -84,7 +97,7 @@ class PlanTable:
         return PlanTable(self._source, self._place(key), content, self._mistakes)
 
     def checked(self, key: str, check: Callable[..., Value], *args: Any) -> Value | None:
-        """Return what `check` returns for `args`; if it raises, note why and return None."""
+        """Return `check(*args)`, or report why it raises and return None."""
         try:
             return check(*args)
         except (ClradarError, OSError) as error:
@@ -156,9 +169,9 @@ class PlanTable:
         high: float,
         kinds: Sequence[str] = tuple(KINDS),
     ) -> Draw:
-        """Return a number or how it is drawn; every draw has to be from `low` to `high`."""
+        """Return a number or a distribution; every draw must be from `low` to `high`."""
         if not self.has(key):
-            self._asked.append(key)
+            self._known.append(key)
             return default
         found = self._draw(key, self.raw(key), kinds)
         if found is None:
@@ -202,8 +215,8 @@ class PlanTable:
         return Draw(kind, values)
 
     def done(self, known: Sequence[str] = ()) -> None:
-        """Note every key that was not asked for; `known` are further keys that mean something."""
-        names = list(dict.fromkeys([*self._asked, *known]))
+        """Report every key that was not read; `known` are further valid ones."""
+        names = list(dict.fromkeys([*self._known, *known]))
         for key in self._content:
             if key not in names:
                 remark = f"unknown key; expected one of {', '.join(names)}{nearest(key, names)}"

@@ -1,1 +1,1 @@
-"""Data sets as xarray and as PyTorch see them."""
+"""Readers of data sets: lazy xarray arrays, and a map-style data set for PyTorch."""

@@ -1,4 +1,4 @@
-"""Which stored sample is where: the shards of a data set as one long row of samples."""
+"""Index of stored samples: the shard and the row of each."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Index:
     files : tuple of Path
     sha256 : tuple of str
     counts : tuple of int
-        How many samples each of them holds.
+        Samples in each file.
     """
 
     folder: Path
@@ -43,7 +43,7 @@ class Index:
 
 
 def read_index(folder: str | os.PathLike[str]) -> Index:
-    """Return what is stored of a data set.
+    """Return the index of a data set.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A data set for PyTorch. Torch is imported when a sample is asked for, and not before."""
+"""A map-style data set for PyTorch, which is imported with the first sample."""
 
 from __future__ import annotations
 
@@ -25,36 +25,51 @@ SIDES = ("right", "left")
 
 
 class TorchDataset:
-    """Samples as dictionaries of tensors, by number: what `torch.utils.data.DataLoader` takes.
+    """Samples as dictionaries of tensors, for `torch.utils.data.DataLoader`.
 
     Parameters
     ----------
     folder : path-like
-        What ``clradar dataset`` wrote.
+        A data set, as ``clradar dataset`` writes it.
     names : sequence of str
-        What each sample holds: products that all have one shape ("max_projection", "depth_map",
+        Keys of each sample: products that all have one shape ("max_projection", "depth_map",
         "volume", "capture", "joints"), labels ("alpha", "angles_rad", "center_m", ...), "pose" and
         "handedness" as numbers (see `poses`; 0 is right, 1 left), and "sample", its number in the
         plan.
     transform : callable, optional
-        Called with the dictionary; what it returns is the sample.
+        Applied to each dictionary.
 
     Attributes
     ----------
     poses : tuple of str
-        What the numbers of "pose" stand for.
+        Names of the poses by their numbers in "pose".
 
     Raises
     ------
     ModelError
-        A name that the data set does not have.
+        A name that the data set lacks.
     MeasurementError
         The folder is no data set.
 
     Notes
     -----
-    It can be sent to the processes of a `DataLoader`, each of which opens files of its own. Depth
-    maps keep their NaN where there is no depth.
+    It can be pickled: each process of a `DataLoader` opens its own files. Depth maps have NaN where
+    there is no depth.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.dataset import TorchDataset, read_plan, run
+    >>> _ = Path("plan.toml").write_text('''
+    ... samples = 2
+    ... poses.names = ["A", "B"]
+    ... hands.edge_mm = 4
+    ... output.products = ["joints"]
+    ... ''')
+    >>> result = run(read_plan("plan.toml"), Path("letters"))
+    >>> data = TorchDataset("letters", ("joints", "pose"))
+    >>> len(data), data.poses  # data[0]["joints"] is a tensor of shape (25, 3)
+    (2, ('A', 'B'))
     """
 
     def __init__(
@@ -105,7 +120,7 @@ class TorchDataset:
         return {**self.__dict__, "_open": OrderedDict()}
 
     def close(self) -> None:
-        """Close the files; asking for a sample opens them again."""
+        """Close the files; the next sample opens them again."""
         while self._open:
             self._open.popitem()[1][0].close()
 

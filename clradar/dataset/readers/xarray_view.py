@@ -1,4 +1,4 @@
-"""A data set as an `xarray.Dataset` whose numbers are read when they are asked for."""
+"""A data set as an `xarray.Dataset` of Dask arrays, read when they are computed."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     import xarray
 
 CHUNK_BYTES = 2**25
-"""About what one task of Dask reads."""
+"""Approximate size of the chunks of Dask arrays."""
 
 NAMES = ("pose", "handedness", "rig")
-"""Labels that become coordinates of the samples."""
+"""Labels that are coordinates of the samples."""
 
 INSTALL = "pip install 'clradar[dataset]'"
 
 
 class MissingPackage(ClradarError, ImportError):
-    """A package that only data sets need is not installed."""
+    """A package that only readers of data sets need is not installed."""
 
 
 def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
@@ -40,15 +40,15 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
     Parameters
     ----------
     folder : path-like
-        What ``clradar dataset`` wrote. Of one that is not complete, what is there.
+        A data set, as ``clradar dataset`` writes it, complete or not.
 
     Returns
     -------
     xarray.Dataset
         Along `sample`, whose coordinate is the number in the plan: the products, each label, and
         `pose`, `handedness` and `rig` as further coordinates. Everything but these is a Dask array
-        that reads its shard when it is computed. Meshes are one after the other along an axis of
-        their own: those of sample i begin at ``mesh_vertices_first[i]`` and end before
+        that reads its shard when it is computed. Meshes are concatenated along an axis of their
+        own: those of sample i begin at ``mesh_vertices_first[i]`` and end before
         ``mesh_vertices_end[i]``; faces index the vertices of their own mesh. In `attrs`: `plan` and
         `made_with` as JSON, `complete`, `set_aside`. Recipes are JSON texts:
         ``make_sample(view.recipe.values[0])`` makes a sample again.
@@ -59,9 +59,26 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
         It is no data set, damaged, or has no closed shard.
     MissingPackage
         xarray or Dask is not installed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.dataset import open_dataset, read_plan, run
+    >>> _ = Path("plan.toml").write_text('''
+    ... samples = 2
+    ... poses.names = ["A", "B"]
+    ... hands.edge_mm = 4
+    ... output.products = ["joints"]
+    ... ''')
+    >>> result = run(read_plan("plan.toml"), Path("letters"))
+    >>> view = open_dataset("letters")
+    >>> view.pose.values.tolist(), view.joints.dims
+    (['A', 'B'], ('sample', 'joint', 'coordinate'))
+    >>> bool(view.joints.sel(sample=0, joint="wrist", coordinate="z") > 0.2)  # metres
+    True
     """
     try:
-        import dask.array  # noqa: F401 - asked for here, so that the error says what to install
+        import dask.array  # noqa: F401 - here, so that the error names what to install
         import xarray
     except ImportError as error:
         raise MissingPackage(
@@ -117,7 +134,7 @@ def _attributes(manifest: Manifest) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class _Lazy:
-    """One array of one shard; opens the file for each reading, so it can go to any process."""
+    """One array of one shard; opens the file for each read, so that it can be pickled."""
 
     path: Path
     place: str
@@ -134,13 +151,13 @@ class _Lazy:
 
 
 class _Shards:
-    """The same array of every shard, one after the other."""
+    """Arrays concatenated over the shards."""
 
     def __init__(self, index: Index) -> None:
         self._index = index
 
     def whole(self, place: str) -> np.ndarray:
-        """Return a small array, read now."""
+        """Read a small array."""
         found = []
         for path in self._index.files:
             with opened(path) as file:
@@ -148,7 +165,7 @@ class _Shards:
         return np.concatenate(found)
 
     def stacked(self, file: Any, place: str, axes: Sequence[str]) -> Any:
-        """Return an array with one row per sample as a variable; `file` is any of the shards."""
+        """Return an array with one row per sample as a variable; `file` is any open shard."""
         import xarray
 
         model = file[place]
@@ -158,7 +175,7 @@ class _Shards:
         return xarray.Variable(("sample", *axes), array, _units(model))
 
     def _text_type(self, place: str) -> np.dtype:
-        """Return the type of texts that holds the longest of any shard."""
+        """Return the type of texts with the longest length of all shards."""
         sizes = []
         for path in self._index.files:
             with opened(path) as file:
@@ -166,7 +183,7 @@ class _Shards:
         return np.dtype(f"U{max(sizes)}")  # no text has more characters than bytes
 
     def ragged(self, name: str, spec: Field) -> dict[str, Any]:
-        """Return an array whose rows belong to samples, and where those of each sample are."""
+        """Return the rows of a ragged array, and the first row and the end of each sample."""
         import xarray
 
         place = spec.place

@@ -1,1 +1,1 @@
-"""Data sets on disk: parts, shards, index, checks, repair."""
+"""Data sets on disk: parts, shards, manifest, verification, repair."""

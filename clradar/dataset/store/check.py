@@ -1,4 +1,4 @@
-"""Verify a data set: every byte, every label, every recipe."""
+"""Verification and description of data sets: every byte, label and recipe against the plan."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ from clradar.model.progress import Progress
 from measurement_io import CheckReport, Description, Fact
 
 MOST_LISTED = 10
-"""Samples that a problem names."""
+"""Samples listed in a problem."""
 
 LEFT_OVER = "left over; the same command removes it"
 FOREIGN = "is not of this data set; it can be removed by hand"
 
 
 def is_dataset(path: Path) -> bool:
-    """Whether a folder is one of a data set."""
+    """Return whether a folder is that of a data set."""
     return (path / MANIFEST).is_file() and (path / SHARDS).is_dir()
 
 
 def describe_dataset(folder: Path) -> Description:
-    """Return what a data set holds; its shards are not opened.
+    """Describe a data set from its manifest and the sizes of its shards, which are not opened.
 
     Raises
     ------
@@ -83,12 +83,12 @@ def describe_dataset(folder: Path) -> Description:
     ]
     missing = [f"{line}; the same command makes it again" for line in faults.values()]
     if not manifest.complete:
-        missing.append("shards: the run has not come to its end")
+        missing.append("shards: the run is not complete")
     return Description(shown(folder), "data set", tuple(facts), (), tuple(missing))
 
 
 def _shard_faults(folder: Path, manifest: Manifest) -> dict[int, str]:
-    """Return what is seen of shards without reading them: those that are missing or too short."""
+    """Return the shards that are missing or of another size, without reading them."""
     found = {}
     for number, entry in manifest.shards.items():
         if entry.file is not None:
@@ -107,10 +107,10 @@ def _complete_text(complete: bool, aside: int) -> str:
 def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport:
     """Verify a data set by reading all of it.
 
-    The manifest; that every shard is there with its SHA-256, and nothing else; that shards hold the
-    samples that they should, in order; that every recipe is what the plan says; labels and axes
-    against the recipes; types and shapes; finite numbers (but for depth maps, where NaN means that
-    there is no depth, and joints that a rig does not have).
+    Checked are the manifest; every shard by its SHA-256, and that there are no other files; the
+    samples of shards and their order; recipes against the plan; labels and axes against the
+    recipes; types and shapes; and that numbers are finite, except depth maps, where NaN is no
+    depth, and joints that a rig does not have.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport
     except ClradarError as error:
         return CheckReport(shown(folder), (), (clean(error),))
     checked.append("manifest: its plan is whole and has no mistakes")
-    problems += _missing(manifest) + _strangers(folder, manifest)
+    problems += _missing(manifest) + _foreign_files(folder, manifest)
     before = len(problems)
     for done, number in enumerate(sorted(manifest.shards), start=1):
         entry = manifest.shards[number]
@@ -156,16 +156,16 @@ def _missing(manifest: Manifest) -> list[str]:
     if manifest.complete:
         return []
     open_shards = [n for n in range(manifest.plan.n_shards) if n not in manifest.shards]
-    return [f"not complete: shards {_listed(open_shards)} are missing; the same command goes on"]
+    return [f"not complete: shards {_listed(open_shards)} are missing; the same command resumes"]
 
 
-def _strangers(folder: Path, manifest: Manifest) -> list[str]:
-    """Return what lies in the folders of shards and parts and is in no manifest."""
+def _foreign_files(folder: Path, manifest: Manifest) -> list[str]:
+    """Return problems with files in the folders of shards and parts that the manifest lacks."""
     known = {entry.file for entry in manifest.shards.values()}
     found = []
     for path in sorted((folder / SHARDS).glob("*")):
         name = f"{SHARDS}/{path.name}"
-        # Of a shard that was written when the run was killed; going on writes it again.
+        # A shard whose run was killed before it was in the manifest is written again on resume.
         if name not in known and (manifest.complete or path.suffix != ".h5"):
             own = path.match(TEMPORARY)
             found.append(f"{clean(name)}: {LEFT_OVER if own else FOREIGN}")
@@ -183,8 +183,8 @@ def _shard_problems(folder: Path, manifest: Manifest, entry: ShardEntry) -> Iter
     expected = [sample for sample in samples if sample not in manifest.aside]
     if entry.samples != len(expected):
         yield (
-            f"shard {entry.number}: expected {len(expected)} samples, the manifest says "
-            f"{entry.samples}"
+            f"shard {entry.number}: expected {len(expected)} samples, got {entry.samples} in the "
+            "manifest"
         )
     if entry.file is None:
         return

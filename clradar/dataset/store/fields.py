@@ -1,4 +1,4 @@
-"""What a shard holds: which arrays, of which axes, in which units."""
+"""Schema of shards: arrays and labels with their axes, types and units."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class Field:
         The NXdata group that it is in.
     dataset : str
     axes : tuple of str
-        Without the first, which is the sample; of a ragged array the second only.
+        Without the first, which is the sample; of a ragged array without the row.
     dtype : str
     units : str or None
     long_name : str
     ragged : bool
-        Whether its length differs from sample to sample: all samples are then in one array one
-        after the other, and `<dataset>_first` says where each begins.
+        Its length differs between samples: their rows are concatenated, and `<dataset>_first` has
+        the first row of each sample.
     """
 
     group: str
@@ -48,12 +48,12 @@ class Field:
 
     @property
     def place(self) -> str:
-        """Where it is in a shard."""
+        """Path of the dataset in a shard."""
         return f"entry/{self.group}/{self.dataset}"
 
     @property
     def first_place(self) -> str:
-        """Where a shard says at which row each sample of a ragged array begins, and the end."""
+        """Path of the first rows of the samples of a ragged array, and of its end."""
         return f"{self.place}_first"
 
 
@@ -77,11 +77,11 @@ FIELDS: Mapping[str, Field] = {
     "mesh_faces": Field("mesh", "faces", ("corner",), "int32", None, "vertices of faces", True),
     "mesh_part": Field("mesh", "part", (), "uint8", None, "index of each face's part", True),
 }
-"""The arrays of samples, by the names that `make_sample` gives them."""
+"""Arrays of samples by their names in `Sample.arrays`."""
 
 
 def fields_of_products(products: Sequence[str]) -> list[str]:
-    """Return the arrays that stand for products: those of its name, or that begin with it."""
+    """Return the arrays of products: those with the product's name, or with it before a "_"."""
     return [name for name in FIELDS if name in products or name.partition("_")[0] in products]
 
 
@@ -98,7 +98,7 @@ def data_bytes(recipe: Mapping[str, Any]) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """One label of every sample, taken out of its recipe."""
+    """One label of every sample, from its recipe."""
 
     axes: tuple[str, ...]
     units: str | None
@@ -120,7 +120,7 @@ LABELS: Mapping[str, Label] = {
 
 
 def labels_of(recipes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the labels of samples but the last two of `LABELS`: lists of text, or arrays."""
+    """Return all `LABELS` but the last two: lists of text, or arrays."""
     return {
         "pose": [r["pose"]["name"] for r in recipes],
         "handedness": [r["hand"]["handedness"] for r in recipes],

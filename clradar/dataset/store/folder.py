@@ -1,13 +1,13 @@
-"""The folder of a data set: what is there, what is missing, and what has been set aside.
+"""The folder of a data set: its manifest, its shards and parts, and how a run resumes.
 
-    manifest.json            the plan, and every finished shard with its SHA-256
+    manifest.json            the plan, and every closed shard with its SHA-256
     shards/shard-00000.h5    samples
-    parts/00000123.h5        a finished sample whose shard is not
+    parts/00000123.h5        a finished sample whose shard is open
     parts/00000123.json      why a sample was set aside
-    statistics.json, statistics.csv, contact-sheet.png    once it is complete
+    statistics.json, statistics.csv, contact-sheet.png    when it is complete
 
-A shard counts once the manifest names it, and its parts go only then. So a process may be killed at
-any moment: what it was about to do is done again, from the same parts, with the same bytes.
+The manifest is the commit record: a shard is closed when the manifest names it, and its parts are
+removed only then. A run that is killed at any moment resumes from the same parts to the same bytes.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ FORMAT, VERSION = "dataset", 1
 MANIFEST, SHARDS, PARTS = "manifest.json", "shards", "parts"
 STATISTICS, TABLE, CONTACT_SHEET = "statistics.json", "statistics.csv", "contact-sheet.png"
 SUMMARIES = (STATISTICS, TABLE, CONTACT_SHEET)
-"""What is written of a data set once it is complete."""
+"""Files that summarise a complete data set."""
 
 MOST_DIFFERENCES = 5
 
 SHARD_NAME, PART_NAME = re.compile(r"shard-\d{5,}\.h5"), re.compile(r"\d{8,}\.(h5|json)")
-"""Files that are a data set's; others in its folders are left alone."""
+"""Names of a data set's files; others in its folders are left alone."""
 
 
 @dataclass(frozen=True, slots=True)
 class Aside:
-    """A sample that could not be made.
+    """A sample that was set aside, since it could not be made.
 
     Attributes
     ----------
@@ -63,16 +63,16 @@ class Aside:
 
 @dataclass(frozen=True, slots=True)
 class ShardEntry:
-    """A finished shard.
+    """A closed shard.
 
     Attributes
     ----------
     number : int
     file : str or None
-        Relative to the folder; None if all of its samples were set aside.
+        Relative to the folder; None if all its samples were set aside.
     sha256 : str or None
     samples : int
-        How many it holds.
+        Number of stored samples.
     size_bytes : int or None
         Of the file; None if there is none, and in older manifests.
     """
@@ -90,7 +90,7 @@ def with_size(entry: ShardEntry, path: Path) -> ShardEntry:
 
 @dataclass(slots=True)
 class Manifest:
-    """What `manifest.json` says."""
+    """The content of `manifest.json`."""
 
     plan: Plan
     made_with: Mapping[str, Any]
@@ -120,7 +120,7 @@ def _record(entry: Any) -> dict[str, Any]:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Return what a data set's manifest says.
+    """Return the manifest of a data set.
 
     Raises
     ------
@@ -150,8 +150,8 @@ def part_path(folder: Path, sample: int) -> Path:
     return folder / PARTS / f"{sample:08d}.h5"
 
 
-def place_of(folder: Path, manifest: Manifest, sample: int) -> Path | None:
-    """Return the file that holds a sample, or None if it is not made yet or set aside."""
+def stored_path(folder: Path, manifest: Manifest, sample: int) -> Path | None:
+    """Return the shard or part with a sample, or None if it is missing or set aside."""
     entry = manifest.shards.get(sample // manifest.plan.output.shard_size)
     if entry is None:
         part = part_path(folder, sample)
@@ -196,21 +196,21 @@ class DatasetFolder:
         ]
 
     def set_aside(self, aside: Aside) -> None:
-        """Note that a sample cannot be made; the data set goes on without it."""
+        """Write the note that a sample is set aside."""
         write_json(self.note(aside.sample), _record(aside), force=True)
 
     def forget_notes(self) -> None:
-        """Make samples missing again that are noted as set aside in shards that are not closed."""
+        """Queue the samples again that were set aside in open shards."""
         for path in self.own_parts():
             if path.suffix == ".json":
                 path.unlink(missing_ok=True)
 
     def own_parts(self) -> list[Path]:
-        """Return the files of single samples, and the notes on those set aside."""
+        """Return the parts, and the notes on samples set aside."""
         return [path for path in (self.path / PARTS).iterdir() if PART_NAME.fullmatch(path.name)]
 
     def close_ready_shards(self) -> None:
-        """Close every shard that has all its samples; called when a run begins."""
+        """Close every shard whose samples are all made or set aside."""
         for number in range(self.plan.n_shards):
             self.close_shard(number)
 
@@ -218,12 +218,12 @@ class DatasetFolder:
         self.close_shard(sample // self.plan.output.shard_size)
 
     def close_shard(self, number: int) -> None:
-        """Put a shard together if all its samples are made or set aside, else do nothing."""
+        """Close a shard if all its samples are made or set aside."""
         if number in self.manifest.shards:
             return
         samples = self.plan.shard_samples(number)
         parts = [self.part(sample) for sample in samples if self.part(sample).is_file()]
-        # A sample that was made is not aside, whatever a note says.
+        # A part counts, even beside a note that its sample is set aside.
         notes = [
             self.note(sample)
             for sample in samples
@@ -249,7 +249,7 @@ class DatasetFolder:
         try:
             assemble(target, parts, compression=self.plan.output.compression)
         except Exception:
-            for part in parts:  # the error is to name the part where it is one's fault
+            for part in parts:  # name the part if it is corrupt
                 check_part(part, self.plan, int(part.stem))
             raise
 
@@ -262,12 +262,12 @@ class DatasetFolder:
             self.note(sample).unlink(missing_ok=True)
 
     def remove_half_written(self) -> None:
-        """Remove files that a killed process was writing."""
+        """Remove temporary files of a killed process."""
         for folder in (self.path, self.path / SHARDS, self.path / PARTS):
             remove_temporaries(folder)
 
     def tidy(self) -> None:
-        """Remove what a killed process left: half-written files, parts of finished shards."""
+        """Remove what a killed process left: temporary files, parts of closed shards."""
         self.remove_half_written()
         for path in self.own_parts():
             sample = int(path.stem)
@@ -280,7 +280,7 @@ class DatasetFolder:
 def begin(
     path: Path, plan: Plan, made_with: Mapping[str, Any], *, force: bool = False
 ) -> Iterator[DatasetFolder]:
-    """Begin a data set, or go on with the one that was begun; other processes are kept out.
+    """Create a data set, or resume the one in the folder, under a lock.
 
     Parameters
     ----------
@@ -298,7 +298,7 @@ def begin(
     """
     with held(path, "run of a data set"):
         folder = DatasetFolder(path, _manifest(path, plan, made_with, force))
-        # The manifest first: a folder with anything else in it and without one is not touched.
+        # The manifest first: a folder with other files and without a manifest is left alone.
         folder.write_manifest()
         for name in (SHARDS, PARTS):
             (path / name).mkdir(exist_ok=True)
@@ -308,7 +308,7 @@ def begin(
 
 def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any], force: bool) -> Manifest:
     if not (path / MANIFEST).exists():
-        # A kill before the manifest leaves the lock and hidden files only.
+        # A kill before the manifest is written leaves the lock and temporary files only.
         others = sorted(e.name for e in path.iterdir() if e.name != LOCK and not e.match(TEMPORARY))
         if others and not force:
             raise OutputError(
@@ -326,16 +326,16 @@ def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any], force: bool)
         more = len(different) - MOST_DIFFERENCES
         listed = "; ".join(different[:MOST_DIFFERENCES]) + (f"; {more} more" if more > 0 else "")
         raise OutputError(
-            f"{shown(path)}: was begun with another plan: {listed}. Take that plan to go on, "
-            "choose another folder, or remove what is there with --force"
+            f"{shown(path)}: is a data set of another plan: {listed}. Resume with that plan, "
+            "choose another folder, or replace the data set with --force"
         )
-    manifest.plan = plan  # the same, but it knows where rigs are
+    manifest.plan = plan  # equal, with the folder of its rigs
     return manifest
 
 
 def _clear(path: Path) -> None:
-    """Remove a data set, and nothing else that is in its folder."""
-    # The manifest first: what is left if this is cut short then belongs to no data set.
+    """Remove the files of a data set, and no others in its folder."""
+    # The manifest first: if this is killed, the remaining files belong to no data set.
     for name in (MANIFEST, *SUMMARIES):
         (path / name).unlink(missing_ok=True)
     for name, own in ((SHARDS, SHARD_NAME), (PARTS, PART_NAME)):

@@ -1,7 +1,4 @@
-"""The files of single samples, and notes on those set aside: is one what its name says?
-
-A killed machine, or somebody's disk, can leave files that have the right name and nothing else.
-"""
+"""Verification of parts and of notes on samples set aside, which a crash may leave corrupt."""
 
 from __future__ import annotations
 
@@ -19,7 +16,7 @@ EXPECTED = "a finished sample (HDF5)"
 
 
 def check_part(path: Path, plan: Plan, sample: int) -> None:
-    """Verify the file of one sample by reading all of it, which verifies its checksums.
+    """Verify a part against its recipe; reading all of it verifies its checksums.
 
     Raises
     ------
@@ -45,7 +42,7 @@ def check_part(path: Path, plan: Plan, sample: int) -> None:
 
 
 def check_note(path: Path, sample: int) -> None:
-    """Verify why a sample was set aside.
+    """Verify a note on why a sample was set aside.
 
     Raises
     ------

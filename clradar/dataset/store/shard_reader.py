@@ -1,4 +1,4 @@
-"""Read what is in shards, and in the files of single samples."""
+"""Read shards and parts, HDF5 files of samples."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def opened(path: Path) -> Iterator[Any]:
     Raises
     ------
     MeasurementError
-        Missing, no HDF5 file, no shard, or of a newer version; or whatever damage makes h5py raise
-        while the block runs.
+        Missing, no HDF5 file, no shard, or of a newer version; and for any error of h5py while the
+        block runs.
     """
     import h5py
 
@@ -48,7 +48,7 @@ def check_format(path: Path, name: Any, version: Any) -> None:
 
 
 def fields_of(file: Any) -> list[str]:
-    """Return which arrays of `FIELDS` a shard has."""
+    """Return the names of `FIELDS` that a shard has."""
     return [name for name, f in FIELDS.items() if f.place in file]
 
 
@@ -67,7 +67,7 @@ def sample_of(file: Any, row: int) -> Sample:
 
 
 def made_with_of(file: Any, row: int) -> dict[str, Any]:
-    """Return versions and device that made one sample of an open shard."""
+    """Return the versions and the device that made one sample of an open shard."""
     return json.loads(file["entry/labels/made_with"][row])
 
 

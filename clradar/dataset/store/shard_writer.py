@@ -1,7 +1,7 @@
-"""Shards: HDF5 files of samples, and of one sample alone, from which the others are put together.
+"""Write shards, HDF5 files in the NeXus convention, and parts, shards of one sample.
 
-The same samples give the same bytes. No time is stored, everything is written in one order, and
-compressed chunks are copied from the files of single samples as they are.
+Shards are assembled from parts. The same samples give the same bytes: no time is stored, the order
+of writing is fixed, and compressed chunks are copied as they are.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from clradar.files.atomic import replacing
 CHUNK_BYTES = 2**20
 SMALL_BYTES = 2**16
 LIBRARY = ("v110", "v110")
-"""Versions of HDF5 whose format is written: it says which bytes."""
+"""Versions of the HDF5 file format that are written."""
 
 RAGGED_ROWS = 2**14
 
@@ -47,7 +47,7 @@ def write_sample(
     """
     import h5py
 
-    # In memory first: where HDF5 itself meets a full disk, it cannot close its file any more.
+    # In memory first: HDF5 cannot close a file for which the disk is full.
     with h5py.File(path.name, "x", driver="core", backing_store=False, libver=LIBRARY) as file:
         _fill(file, [dict(sample.recipe)], [_text(made_with)], compression, sample.arrays, [])
         file.flush()
@@ -57,11 +57,11 @@ def write_sample(
 
 
 def assemble(path: Path, parts: Sequence[Path], *, compression: int) -> None:
-    """Put a shard together from files of single samples, in their order; replaces the target."""
+    """Assemble a shard from parts in their order; replaces the target."""
     import h5py
 
     with ExitStack() as stack, replacing(path, force=True) as temporary:
-        _check_room(path, sum(part.stat().st_size for part in parts))
+        _check_free_space(path, sum(part.stat().st_size for part in parts))
         files = [stack.enter_context(h5py.File(part, "r")) for part in parts]
         recipes = [json.loads(file["entry/labels/recipe"][0]) for file in files]
         made_with = [file["entry/labels/made_with"][0].decode() for file in files]
@@ -69,8 +69,8 @@ def assemble(path: Path, parts: Sequence[Path], *, compression: int) -> None:
             _fill(file, recipes, made_with, compression, {}, files)
 
 
-def _check_room(path: Path, size: int) -> None:
-    """Raise `OSError` where a shard does not fit; it takes less than its parts."""
+def _check_free_space(path: Path, size: int) -> None:
+    """Raise `OSError` unless the parts would fit, which take more than their shard."""
     free = shutil.disk_usage(path.parent).free
     if size > free:
         raise OSError(
@@ -86,7 +86,7 @@ def _fill(
     arrays: Mapping[str, np.ndarray],
     files: Sequence[Any],
 ) -> None:
-    """Write a shard of the samples in `files`, or of the one in `arrays`."""
+    """Write a shard of the samples of the open parts `files`, or of one sample's `arrays`."""
     axes = axes_of(recipes[0])
     names = [name for name in FIELDS if name in arrays or (files and _holds(files[0], name))]
     file.attrs["NX_class"] = "NXroot"
@@ -120,7 +120,7 @@ def _text(value: Mapping[str, Any]) -> str:
 
 
 class _Store:
-    """Writes into `/entry` of one file."""
+    """Writer of the group `/entry` of a shard."""
 
     def __init__(self, entry: Any, compression: int) -> None:
         self._entry = entry
@@ -154,7 +154,7 @@ class _Store:
             self.array(group, name, _bytes(axis.values), axis.units, name)
 
     def data_group(self, spec: Field) -> Any:
-        """Return the NXdata group of a field with links to its axes, made if it is not there."""
+        """Return the NXdata group of a field, created with links to its axes if it is missing."""
         if spec.group in self._entry:
             return self._entry[spec.group]
         group = self._entry.create_group(spec.group)
@@ -174,12 +174,12 @@ class _Store:
     def array(
         self, group: Any, name: str, value: np.ndarray, units: str | None, long_name: str
     ) -> None:
-        """Write an array whose first axis is the sample, or an axis."""
+        """Write an array of samples, or an axis."""
         made = group.create_dataset(name, data=value, chunks=_chunks(value), **self._filters)
         _describe(made, units, long_name)
 
     def copied(self, group: Any, spec: Field, sources: Sequence[Any]) -> None:
-        """Put the chunks of single samples one after the other, as they are."""
+        """Concatenate the compressed chunks of parts without decompressing them."""
         first = sources[0]
         shape = (len(sources), *first.shape[1:])
         made = group.create_dataset(
@@ -211,7 +211,7 @@ def _describe(made: Any, units: str | None, long_name: str) -> None:
 
 
 def _chunks(value: np.ndarray) -> tuple[int, ...]:
-    """Return chunks of at most about 1 MiB of one row of the first axis; of small arrays, all."""
+    """Return a chunk shape of about 1 MiB within one row of the first axis, or the whole array."""
     if value.nbytes <= SMALL_BYTES:
         return value.shape
     rest = value.shape[1:]
@@ -222,7 +222,7 @@ def _chunks(value: np.ndarray) -> tuple[int, ...]:
 
 
 def _bytes(values: Any) -> np.ndarray:
-    """Return numbers as they are, texts as UTF-8 of a fixed length."""
+    """Return numbers unchanged, texts as UTF-8 of a fixed length."""
     if isinstance(values, np.ndarray):
         return values
     import h5py

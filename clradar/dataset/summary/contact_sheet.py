@@ -1,4 +1,4 @@
-"""Many samples of a data set on one picture, as the radar sees them."""
+"""Contact sheet of a data set: images of up to 64 samples with the joints drawn over them."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ TITLE_PT = 7.0
 DPI = 150
 
 DYNAMIC_RANGE_DB = 25.0
-"""Of amplitudes; less is black."""
+"""Of amplitudes; lower ones are black."""
 
 FRAME_M = 0.15
-"""Half the side of a picture without an image, about the centre of the hand."""
+"""Half the side of a cell without an image, about the centre of the hand."""
 
 LINE_COLOUR = "#4cc9f0"
-"""Of the joints: seen on each colour of the scale."""
+"""Of the joints: visible on every colour of the scale."""
 
 
 def write_contact_sheet(folder: Path, manifest: Manifest) -> None:
-    """Write the picture into the data set's folder; nothing where no sample is stored."""
+    """Write the contact sheet of a data set, unless it has no samples."""
     samples = [_read(folder, manifest, number) for number in chosen(manifest)]
     if samples:
         content = png_bytes(contact_sheet(samples), dpi=DPI)
@@ -44,16 +44,16 @@ def write_contact_sheet(folder: Path, manifest: Manifest) -> None:
 
 
 def chosen(manifest: Manifest) -> list[int]:
-    """Return the samples that are shown, spread evenly over those that are stored."""
+    """Return the samples to show, spread evenly over the stored ones."""
     stored = [
         sample
         for number in sorted(manifest.shards)
         for sample in manifest.plan.shard_samples(number)
         if sample not in manifest.aside
     ]
-    # An uneven step, so that poses that follow one another in a cycle do not beat with it.
-    places = np.linspace(0, len(stored) - 1, min(MOST_SAMPLES, len(stored))).tolist()
-    return [stored[round(place)] for place in places]
+    # Rounded, so that the step does not beat with the cycle of poses.
+    positions = np.linspace(0, len(stored) - 1, min(MOST_SAMPLES, len(stored))).tolist()
+    return [stored[round(position)] for position in positions]
 
 
 def _read(folder: Path, manifest: Manifest, sample: int) -> Sample:
@@ -70,12 +70,12 @@ def contact_sheet(samples: list[Sample]) -> Figure:
     Parameters
     ----------
     samples : list of Sample
-        Each shows the first that it has of: maximum projection, volume, depth map, mesh, capture.
+        Each is shown by its first product of: maximum projection, volume, depth map, mesh, capture.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Amplitudes in decibels below each image's own maximum; x to the left, as the radar sees it.
+        Amplitudes in decibels below each image's maximum; x to the left, as seen from the radar.
     """
     from matplotlib.figure import Figure
 
@@ -107,9 +107,9 @@ def _draw(axes: Any, sample: Sample) -> None:
     axes.set_xticks([])
     axes.set_yticks([])
     axes.set_facecolor(AMPLITUDE_BACKGROUND)
-    picture = _picture(sample)
-    if picture is not None:
-        image, (x_m, y_m), limits = picture
+    rendering = _rendering(sample)
+    if rendering is not None:
+        image, (x_m, y_m), limits = rendering
         half = [0.5 * (a[1] - a[0]) if len(a) > 1 else 0.5e-3 for a in (x_m, y_m)]
         extent = (x_m[0] - half[0], x_m[-1] + half[0], y_m[0] - half[1], y_m[-1] + half[1])
         axes.imshow(
@@ -118,7 +118,7 @@ def _draw(axes: Any, sample: Sample) -> None:
         )  # fmt: skip
         axes.set_xlim(extent[1], extent[0])
         axes.set_ylim(extent[2], extent[3])
-        if sample.recipe["image"] is None:  # Tx and Rx are no places for joints
+        if sample.recipe["image"] is None:  # the axes are Tx and Rx
             return
     else:
         x_m, y_m = sample.recipe["placement"]["center_m"][:2]
@@ -140,7 +140,7 @@ def _draw_joints(axes: Any, joints_m: np.ndarray) -> None:
         axes.plot(chain[:, 0], chain[:, 1], color=LINE_COLOUR, linewidth=0.4, alpha=0.8)
 
 
-def _picture(sample: Sample) -> tuple[np.ndarray, tuple[Any, Any], tuple[float, float]] | None:
+def _rendering(sample: Sample) -> tuple[np.ndarray, tuple[Any, Any], tuple[float, float]] | None:
     """Return an image, its axes and the limits of its colours."""
     arrays = sample.arrays
     axes: Mapping[str, Any] = axes_of(sample.recipe)

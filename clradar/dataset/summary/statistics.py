@@ -1,4 +1,8 @@
-"""What the samples of a finished data set are like, in numbers: JSON, and a table."""
+"""Statistics of a complete data set: JSON, and CSV.
+
+Mean and variance are merged over blocks as in Chan, Golub and LeVeque, "Updating formulae and a
+pairwise algorithm for computing sample variances", 1979.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +23,16 @@ from clradar.dataset.store.shard_reader import fields_of, opened
 from clradar.files.atomic import replacing
 from clradar.files.json_file import write_json
 
-FAULTS = {"snr_db": "dB", "coupling_db": "dB", "iq_gain_db": "dB", "iq_phase_rad": "rad"}
-"""Impairments that may differ from sample to sample, and their units."""
+IMPAIRMENTS = {"snr_db": "dB", "coupling_db": "dB", "iq_gain_db": "dB", "iq_phase_rad": "rad"}
+"""Impairments that may be drawn for each sample, and their units."""
 
 BLOCK = 16
-"""Samples whose products are in memory at a time."""
+"""Samples in memory at a time."""
 
 
 @dataclass(slots=True)
 class Spread:
-    """Count, least, mean, standard deviation and greatest of numbers that come by and by."""
+    """Running count, minimum, mean, standard deviation and maximum."""
 
     count: int = 0
     mean: float = 0.0
@@ -37,7 +41,7 @@ class Spread:
     greatest: float = float("-inf")
 
     def add(self, values: np.ndarray) -> None:
-        """Take more numbers; NaN does not count."""
+        """Merge more numbers, without those that are not finite."""
         known = np.asarray(values, dtype=np.float64)
         known = known[np.isfinite(known)]
         if not known.size:
@@ -45,9 +49,9 @@ class Spread:
         mean = float(known.mean())
         squares = float(np.square(known - mean).sum())
         total = self.count + known.size
-        apart = mean - self.mean
-        self.squares += squares + apart**2 * self.count * known.size / total
-        self.mean += apart * known.size / total
+        delta = mean - self.mean
+        self.squares += squares + delta**2 * self.count * known.size / total
+        self.mean += delta * known.size / total
         self.count = total
         self.least = min(self.least, float(known.min()))
         self.greatest = max(self.greatest, float(known.max()))
@@ -72,9 +76,9 @@ class Summary:
     ----------
     samples, set_aside : int
     counts : mapping of str to Counter
-        How many samples there are of each pose, hand and rig.
+        Samples of each pose, hand and rig.
     spreads : mapping of str to Spread
-        Of labels and of what products show, one number per sample.
+        Of labels and of features of products, one number per sample.
     units : mapping of str to str
     silent : list of int
         Samples whose image or capture is zero everywhere.
@@ -116,7 +120,7 @@ class Summary:
 
 
 def summarize(folder: Path, manifest: Manifest) -> Summary:
-    """Return the statistics of all samples that are stored; reads every product but meshes."""
+    """Return the statistics of all stored samples, from every product except meshes."""
     summary = Summary(set_aside=len(manifest.aside))
     summary.counts = {name: Counter() for name in ("pose", "handedness", "rig")}
     for number in sorted(manifest.shards):
@@ -168,14 +172,14 @@ def _label_numbers(labels: Any, axes: Any) -> Iterator[tuple[str, str | None, np
             for i, column in enumerate(columns):
                 yield f"{name}: {column}", label.units, values[:, i]
     faults = [json.loads(text)["impairments"] for text in labels["recipe"][:]]
-    for key, unit in FAULTS.items():
+    for key, unit in IMPAIRMENTS.items():
         values = [fault[key] for fault in faults if fault is not None and fault[key] is not None]
         if values:
             yield f"impairments: {key}", unit, np.array(values)
 
 
 def _product_numbers(name: str, block: np.ndarray) -> Iterator[tuple[str, str | None, np.ndarray]]:
-    """Yield what a product shows as one number for each sample of a block, shape (n, size)."""
+    """Yield features of a product: one number for each sample of a block, shape (n, size)."""
     if name == "depth_map":
         known = np.isfinite(block)
         count = known.sum(axis=1)
