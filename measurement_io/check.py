@@ -30,6 +30,21 @@ class CheckReport:
         What was verified and found right.
     problems : tuple of str
         What is wrong; empty if all is well.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import check_file, save_capture
+    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
+    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
+    >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
+    >>> data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
+    >>> capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
+    >>> save_capture("capture.h5", capture)
+    >>> report = check_file("capture.h5")
+    >>> report.ok, report.problems
+    (True, ())
     """
 
     path: str
@@ -59,6 +74,25 @@ def check_file(path: str | os.PathLike[str]) -> CheckReport:
     -------
     CheckReport
         A file that cannot be opened is a problem in the report and raises nothing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import check_file, save_capture
+    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
+    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
+    >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
+    >>> data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
+    >>> capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
+    >>> save_capture("capture.h5", capture)
+    >>> check_file("capture.h5").ok
+    True
+    >>> with open("capture.h5", "r+b") as file:
+    ...     _ = file.truncate(5000)
+    >>> report = check_file("capture.h5")
+    >>> report.ok, len(report.problems)
+    (False, 1)
     """
     source = Path(path)
     checked: list[str] = []

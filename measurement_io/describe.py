@@ -29,6 +29,20 @@ def describe(path: str | os.PathLike[str]) -> Description:
     MeasurementError
         The file cannot be opened. Of a folder, what is missing or contradictory is listed in
         `missing` and `problems` instead.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import describe, save_capture
+    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
+    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
+    >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
+    >>> data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
+    >>> capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
+    >>> save_capture("capture.h5", capture)
+    >>> print(describe("capture.h5").words["array"])
+    lab: 2 Tx, 1 Rx
     """
     source = Path(path)
     with reading(source, SUPPORTED):

@@ -28,6 +28,21 @@ class Fact:
         It in words; several lines where there is much to say.
     value : JSON value
         The same as numbers, strings, lists and mappings, in SI units; None for "none".
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import describe, save_capture
+    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
+    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
+    >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
+    >>> data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
+    >>> capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
+    >>> save_capture("capture.h5", capture)
+    >>> array, *_ = (fact for fact in describe("capture.h5").facts if fact.name == "array")
+    >>> array.words
+    'lab: 2 Tx, 1 Rx'
     """
 
     name: str
@@ -54,6 +69,21 @@ class Description:
         What contradicts itself or cannot be read; empty for a file that is well.
     missing : tuple of str
         What a recording could have and has not, which is no fault.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import describe, save_capture
+    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
+    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
+    >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
+    >>> data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
+    >>> capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
+    >>> save_capture("capture.h5", capture)
+    >>> description = describe("capture.h5")
+    >>> description.kind, description.words["array"]
+    ('native capture', 'lab: 2 Tx, 1 Rx')
     """
 
     path: str

@@ -70,6 +70,22 @@ def open_capture(
         it is a `LayoutNeeded`, which lists the file's keys and carries the skeleton of a layout.
     ModelError
         An argument that cannot be meant.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import open_capture, save_capture
+    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
+    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
+    >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
+    >>> data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
+    >>> capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
+    >>> save_capture("capture.h5", capture)
+    >>> read = open_capture("capture.h5")
+    >>> step_rad = np.angle(read.data[0, 0, 0] / read.data[0, 0, 1])  # 2 pi d / c * 1 GHz, wrapped
+    >>> round(0.299792458 * (2 + float(step_rad) / (2 * np.pi)), 3)  # metres, two whole cycles
+    0.6
     """
     source = Path(path)
     if frame is not None:

@@ -26,6 +26,16 @@ def read_transform(path: str | os.PathLike[str]) -> np.ndarray:
         Missing, no JSON, or no such numbers.
     ModelError
         Not an invertible affine matrix.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from measurement_io import read_transform
+    >>> _ = Path("motion.json").write_text(
+    ...     '{"transform": [[0, -1, 0, 0.1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}'
+    ... )
+    >>> (read_transform("motion.json") @ [1, 0, 0, 1])[:3].tolist()
+    [0.1, 1.0, 0.0]
     """
     path = Path(path)
     expected = "a JSON file with a 4 x 4 matrix, or an object with one as 'transform'"

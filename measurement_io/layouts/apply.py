@@ -55,6 +55,32 @@ def open_with_layout(
         file is ever unpickled or run.
     ModelError
         A frame that is no whole number.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from measurement_io import open_with_layout
+    >>> text = '''
+    ... [data]
+    ... key = "s"
+    ... axes = ["tx", "rx", "freq"]
+    ... [tx]
+    ... key = "tx_mm"
+    ... [rx]
+    ... key = "rx_mm"
+    ... [antennas]
+    ... unit = "mm"
+    ... [frequency]
+    ... key = "f"
+    ... unit = "GHz"
+    ... '''
+    >>> _ = Path("lab.toml").write_text(text)
+    >>> lab = {"tx_mm": np.eye(3), "rx_mm": np.eye(3)[:2], "f": np.linspace(72, 82, 5)}
+    >>> np.savez("lab.npz", s=np.ones((3, 2, 5), np.complex64), **lab)
+    >>> capture = open_with_layout("lab.npz", "lab.toml")
+    >>> capture.data.shape, capture.array.tx_m[0].tolist(), capture.waveform.n_freq
+    ((3, 2, 5), [0.001, 0.0, 0.0], 5)
     """
     if frame is not None:
         frame = checks.whole("open_with_layout: frame", frame, 0)

@@ -181,6 +181,29 @@ class Layout:
     frequency : FrequencyLayout
     meta : tuple of str
         Keys whose numbers and text go into `Capture.meta`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from measurement_io import read_layout
+    >>> text = '''
+    ... [data]
+    ... key = "s"
+    ... axes = ["tx", "rx", "freq"]
+    ... [tx]
+    ... key = "tx_mm"
+    ... [rx]
+    ... key = "rx_mm"
+    ... [antennas]
+    ... unit = "mm"
+    ... [frequency]
+    ... key = "f"
+    ... unit = "GHz"
+    ... '''
+    >>> _ = Path("lab.toml").write_text(text)
+    >>> layout = read_layout("lab.toml")
+    >>> layout.data.axes, layout.antennas.unit, layout.frequency.unit
+    (('tx', 'rx', 'freq'), 'mm', 'GHz')
     """
 
     source: str

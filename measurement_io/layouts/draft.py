@@ -36,6 +36,20 @@ class LayoutNeeded(MeasurementError):
     ----------
     skeleton : str
         A layout file to begin with; its comments say what is a guess.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from measurement_io import LayoutNeeded, open_capture
+    >>> np.savez("lab.npz", signal=np.ones((4, 3, 8), np.complex64), f_ghz=np.linspace(72, 82, 8))
+    >>> try:
+    ...     open_capture("lab.npz")
+    ... except LayoutNeeded as error:
+    ...     draft = error.skeleton
+    >>> print(draft[draft.index("[frequency]"):].strip())
+    [frequency]
+    key = "f_ghz"
+    unit = "GHz"
     """
 
     skeleton: str = ""

@@ -36,6 +36,28 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     MeasurementError
         Missing, no TOML, an unknown or missing key, a value that cannot be meant. The message names
         the file, the key, what was expected and what was found.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from measurement_io import read_layout
+    >>> text = '''
+    ... [data]
+    ... key = "s"
+    ... axes = ["tx", "rx", "freq"]
+    ... [tx]
+    ... key = "tx_mm"
+    ... [rx]
+    ... key = "rx_mm"
+    ... [antennas]
+    ... unit = "mm"
+    ... [frequency]
+    ... key = "f"
+    ... unit = "GHz"
+    ... '''
+    >>> _ = Path("lab.toml").write_text(text)
+    >>> read_layout("lab.toml").tx.key
+    'tx_mm'
     """
     path = Path(path)
     parsed = read_toml(path, _EXPECTED)

@@ -52,6 +52,17 @@ class SensorAlignment:
         The transforms that the file holds: p_target = T p_source.
     unknown_keys : tuple of str
         Keys of the file that are no transforms, and were not read.
+
+    Examples
+    --------
+    >>> import json
+    >>> from pathlib import Path
+    >>> from measurement_io import read_alignment
+    >>> matrix = [[0.001, 0, 0, 0.1], [0, 0.001, 0, 0], [0, 0, 0.001, 0], [0, 0, 0, 1]]
+    >>> _ = Path("alignment.json").write_text(json.dumps({"kinect2radar": matrix}))
+    >>> alignment = read_alignment("alignment.json")
+    >>> alignment.to_antenna("kinect")[0].tolist()  # millimetres to metres, x mirrored
+    [-0.001, 0.0, 0.0, -0.1]
     """
 
     path: str
@@ -172,6 +183,17 @@ def read_alignment(path: str | os.PathLike[str]) -> SensorAlignment:
     MeasurementError
         Missing, no JSON object, or a transform that is no invertible 4 x 4 matrix of finite
         numbers with the last row 0 0 0 1.
+
+    Examples
+    --------
+    >>> import json
+    >>> from pathlib import Path
+    >>> from measurement_io import read_alignment
+    >>> matrix = [[0.001, 0, 0, 0.1], [0, 0.001, 0, 0], [0, 0, 0.001, 0], [0, 0, 0, 1]]
+    >>> _ = Path("alignment.json").write_text(json.dumps({"kinect2radar": matrix}))
+    >>> alignment = read_alignment("alignment.json")
+    >>> (alignment.transform("kinect", "radar") @ [200, 0, 300, 1])[:3].round(3).tolist()
+    [0.3, 0.0, 0.3]
     """
     path = Path(path)
     content = read_json_object(path)

@@ -29,6 +29,13 @@ class MaskBox:
     """A box along the axes, each bound in metres or None where there is none.
 
     The bounds are kept as the file has them, even where a minimum is above its maximum.
+
+    Examples
+    --------
+    >>> from measurement_io import MaskBox
+    >>> box = MaskBox(x_min_m=-0.2, x_max_m=0.1)
+    >>> box.x_max_m, box.z_min_m
+    (0.1, None)
     """
 
     x_min_m: float | None = None
@@ -106,6 +113,19 @@ class RecordingMetadata:
         Name of the capture of the empty room.
     other : mapping
         The file's other keys; under "mask_bb" the keys of that which are no bounds.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from measurement_io import read_metadata
+    >>> _ = Path("metadata.json").write_text(
+    ...     '{"distance_meters": 0.3, "mask_bb": {"xmin": -0.2, "xmax": 0.1}}'
+    ... )
+    >>> metadata = read_metadata("metadata.json")
+    >>> metadata.distance_meters, metadata.mask_bb.x_min_m
+    (0.3, -0.2)
+    >>> metadata.mask_bb_antenna.x_max_m  # x changes sign
+    0.2
     """
 
     calibration: Any = None
@@ -145,6 +165,17 @@ def read_metadata(path: str | os.PathLike[str]) -> RecordingMetadata:
     MeasurementError
         Missing, no JSON object; a distance that is no positive number, a `mask_bb` that is no
         object of finite numbers, an `empty_measurement` that is no name.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from measurement_io import read_metadata
+    >>> _ = Path("metadata.json").write_text(
+    ...     '{"distance_meters": 0.3, "mask_bb": {"xmin": -0.2, "xmax": 0.1}}'
+    ... )
+    >>> metadata = read_metadata("metadata.json")
+    >>> metadata.distance_meters
+    0.3
     """
     path = Path(path)
     content = read_json_object(path)

@@ -84,6 +84,26 @@ def write_products(
     Amplitudes are multiplied by the number of frequencies, by which the dataset does not divide an
     image. Depths are those of `Volume.depth_map`, rounded to whole millimetres; amplitudes of
     `maxproj` lose their fraction; those of `volume` and `xyz` are rounded to 8 bits.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import save_recording, write_products
+    >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
+    >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
+    >>> capture = clradar.Capture(data, array, waveform)
+    >>> radar = save_recording("plate/30", [capture])
+    >>> grid = clradar.VoxelGrid([-0.01, -0.01, 0.3], [0.01, 0.01, 0.01], (3, 3, 2))
+    >>> image = np.zeros(grid.shape, np.complex64)
+    >>> image[1, 1, 2] = 1000
+    >>> paths = write_products(radar, 0, clradar.Volume(image, grid))
+    >>> [path.parent.name for path in paths]
+    ['depth', 'maxproj', 'volume', 'xyz']
+    >>> from measurement_io.maroon.products import read_depth_map
+    >>> depth = read_depth_map(radar, 0)
+    >>> round(float(depth.depth_m[depth.mask][0]), 3)
+    0.31
     """
     number = checks.whole("write_products: number", number, 0, 999_999)
     gain = checks.positive("write_products: gain", gain)

@@ -65,9 +65,18 @@ def open_recording(
 
     Examples
     --------
-    >>> recording = open_recording("hand/30", variant="emptyfiltered")
-    >>> for capture in recording:
-    ...     volume = clradar.backproject(capture, grid)
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import open_recording, save_recording
+    >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
+    >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
+    >>> captures = [clradar.Capture((i + 1) * data, array, waveform) for i in range(3)]
+    >>> radar = save_recording("plate/30", captures, timestamps_us=[0, 125_000, 250_000])
+    >>> radar.as_posix()
+    'plate/30/radar_72.0_82.0_3'
+    >>> recording = open_recording("plate/30")
+    >>> [float(abs(capture.data.real).max()) for capture in recording]
+    [1.0, 2.0, 3.0]
     """
     source = Path(path)
     variant = checks.one_of("open_recording: variant", variant, folders.VARIANTS)
@@ -145,6 +154,25 @@ class Recording(Sequence[Capture]):
 
     A frame that is damaged, or has other frequencies than the first frame that can be read, raises
     `MeasurementError` when it is asked for; the others can still be read.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import open_recording, save_recording
+    >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
+    >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
+    >>> captures = [clradar.Capture((i + 1) * data, array, waveform) for i in range(3)]
+    >>> radar = save_recording("plate/30", captures, timestamps_us=[0, 125_000, 250_000])
+    >>> radar.as_posix()
+    'plate/30/radar_72.0_82.0_3'
+    >>> recording = open_recording("plate/30")
+    >>> len(recording), recording.frame_numbers, recording.variants
+    (3, (0, 1, 2), ('raw',))
+    >>> recording[1:].frame_numbers
+    (1, 2)
+    >>> float(recording[-1].data[0, 0, 0].real)
+    3.0
     """
 
     def __init__(self, files: _Files, variant: str, numbers: tuple[int, ...] | None = None) -> None:

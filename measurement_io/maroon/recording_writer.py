@@ -119,6 +119,21 @@ def save_recording(
         A file of `copy_from` or of `meshes` cannot be read.
     OutputError
         The folder exists, is not empty and `force` is not set; or the system refuses to write.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import open_recording, save_recording
+    >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
+    >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
+    >>> captures = [clradar.Capture((i + 1) * data, array, waveform) for i in range(3)]
+    >>> radar = save_recording("plate/30", captures, timestamps_us=[0, 125_000, 250_000])
+    >>> radar.as_posix()
+    'plate/30/radar_72.0_82.0_3'
+    >>> recording = open_recording("plate/30")
+    >>> recording.timestamps_us
+    (0, 125000, 250000)
     """
     variant = checks.one_of(f"{_NAME}: variant", variant, VARIANTS)
     if emptyfiltered is not None and variant != "raw":

@@ -106,6 +106,21 @@ def save_maroon_frame(
     OutputError
         The radar folder exists and `force` is not set, it belongs to another waveform, or the
         system refuses to write.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import open_capture, save_maroon_frame
+    >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
+    >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
+    >>> capture = clradar.Capture(data, array, waveform, {"object": "plate"})
+    >>> path = save_maroon_frame("plate/30", capture, frame=7, timestamp_us=1_700_000)
+    >>> path.as_posix()
+    'plate/30/radar_72.0_82.0_3/calibrated_data/000007.npy'
+    >>> read = open_capture(path)
+    >>> np.array_equal(read.data, data), read.meta["frame"], read.meta["timestamp_us"]
+    (True, 7, 1700000)
     """
     number = checks.whole("save_maroon_frame: frame", frame, 0, 999_999)
     total = number + 1 if number_of_measurements is None else number_of_measurements

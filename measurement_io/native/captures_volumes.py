@@ -44,6 +44,21 @@ def save_capture(path: str | os.PathLike[str], capture: Capture, *, force: bool 
     OutputError
         The target exists and `force` is not set, its folder does not exist, or the system refuses
         to write. Nothing half-written stays behind.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import open_capture, save_capture
+    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
+    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
+    >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
+    >>> data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
+    >>> capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
+    >>> save_capture("capture.h5", capture)
+    >>> read = open_capture("capture.h5")
+    >>> np.array_equal(read.data, capture.data), dict(read.meta)
+    (True, {'room': 'B 12'})
     """
     texts = {"array_name": plain_text("AntennaArray.name", capture.array.name)}
 
@@ -59,6 +74,18 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
     """Write a volume to a native HDF5 file; reading it gives the same bits.
 
     Parameters and errors as for `save_capture`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import open_volume, save_volume
+    >>> grid = clradar.VoxelGrid([-0.01, -0.01, 0.3], [0.01, 0.01, 0.01], (3, 3, 2))
+    >>> data = np.zeros(grid.shape, np.complex64)
+    >>> data[1, 1, 2] = 1j
+    >>> save_volume("volume.h5", clradar.Volume(data, grid, {"method": "exact"}))
+    >>> np.array_equal(open_volume("volume.h5").data, data)
+    True
     """
     grid = volume.grid
 
@@ -140,6 +167,20 @@ def open_volume(path: str | os.PathLike[str]) -> Volume:
     ------
     MeasurementError
         Missing, no native file, a capture, a newer version, damaged, or NaN in the data.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import open_volume, save_volume
+    >>> grid = clradar.VoxelGrid([-0.01, -0.01, 0.3], [0.01, 0.01, 0.01], (3, 3, 2))
+    >>> data = np.zeros(grid.shape, np.complex64)
+    >>> data[1, 1, 2] = 1j
+    >>> save_volume("volume.h5", clradar.Volume(data, grid, {"method": "exact"}))
+    >>> volume = open_volume("volume.h5")
+    >>> z, y, x = np.unravel_index(np.abs(volume.data).argmax(), volume.data.shape)
+    >>> round(float(volume.grid.x_m[x]), 3), round(float(volume.grid.z_m[z]), 3)
+    (0.01, 0.31)
     """
     file = Path(path)
     check_hdf5(file, "a native volume file")

@@ -62,6 +62,27 @@ def save_channels(
     OutputError
         The target exists and `force` is not set, its folder does not exist, or the system refuses
         to write. Nothing half-written stays behind.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import open_channels, save_channels
+    >>> channels = clradar.ChannelCalibration(
+    ...     response=clradar.ChannelResponse([1, 1j], [2], [0, 1e-12], [0], 77e9),
+    ...     array=clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab"),
+    ...     waveform=clradar.Waveform([76e9, 77e9, 78e9]),
+    ...     target="corner", target_position={"x_m": 0.0, "y_m": 0.1, "z_m": 0.3},
+    ...     target_covariance=np.eye(3), target_amplitude=1.0,
+    ...     dead_tx=[], dead_rx=[], noisy_tx=[], noisy_rx=[],
+    ...     tx_noise=[0, 0], rx_noise=[0], tx_phase_std_rad=[0.01, 0.01], rx_phase_std_rad=[0.01],
+    ...     tx_delay_std_s=[0, 0], rx_delay_std_s=[0], residual_db=-20.0, noise_residual_db=-21.0,
+    ...     meta={},
+    ... )
+    >>> save_channels("channels.h5", channels)
+    >>> read = open_channels("channels.h5")
+    >>> read.target, read.target_position["z_m"], read.residual_db
+    ('corner', 0.3, -20.0)
     """
     names = list(channels.target_position)
     if not names or any("," in name for name in names):
@@ -106,6 +127,27 @@ def open_channels(path: str | os.PathLike[str]) -> ChannelCalibration:
     ------
     MeasurementError
         Missing, no native file, a capture or a volume, a newer version, damaged, or NaN.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import open_channels, save_channels
+    >>> channels = clradar.ChannelCalibration(
+    ...     response=clradar.ChannelResponse([1, 1j], [2], [0, 1e-12], [0], 77e9),
+    ...     array=clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab"),
+    ...     waveform=clradar.Waveform([76e9, 77e9, 78e9]),
+    ...     target="corner", target_position={"x_m": 0.0, "y_m": 0.1, "z_m": 0.3},
+    ...     target_covariance=np.eye(3), target_amplitude=1.0,
+    ...     dead_tx=[], dead_rx=[], noisy_tx=[], noisy_rx=[],
+    ...     tx_noise=[0, 0], rx_noise=[0], tx_phase_std_rad=[0.01, 0.01], rx_phase_std_rad=[0.01],
+    ...     tx_delay_std_s=[0, 0], rx_delay_std_s=[0], residual_db=-20.0, noise_residual_db=-21.0,
+    ...     meta={},
+    ... )
+    >>> save_channels("channels.h5", channels)
+    >>> read = open_channels("channels.h5")
+    >>> read.response.tx_gain.tolist(), read.response.reference_hz / 1e9
+    ([(1+0j), 1j], 77.0)
     """
     file = Path(path)
     check_hdf5(file, "a native file of channels")
