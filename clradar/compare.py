@@ -26,7 +26,7 @@ HEADLINE_METRIC = "overlap"
 """The field of `Metrics` for ranking by a single number; reasons in `docs/metrics.md`."""
 
 HIGHER_IS_BETTER = frozenset({"overlap", "db_correlation", "ssim", "mask_iou"})
-"""The metrics whose best value is their largest; of the others it is the smallest."""
+"""The metrics whose best value is the largest; for the rest it is the smallest."""
 
 UNDEFINED = {
     "db_correlation": "one of the two dB images is constant, so it has no variance",
@@ -146,7 +146,7 @@ def compare_by(
     *,
     dynamic_range_db: float = DYNAMIC_RANGE_DB,
 ) -> float:
-    """Return one field of what `compare` returns, without computing the others.
+    """Return one field of what `compare` returns, without computing the rest.
 
     Parameters
     ----------

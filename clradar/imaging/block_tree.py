@@ -154,7 +154,7 @@ def _worthwhile(array: AntennaArray, waveform: Waveform, found: list[BlockLevel]
     """Return how many levels make the image cheapest; with fewer, the last sum is larger.
 
     Where a block has few voxels, or where the skeletons hardly shrink because the voxels are far
-    apart, the sum from larger blocks is the quicker. Costs are in terms of that sum and were
+    apart, the sum from larger blocks is faster. Costs are in terms of that sum and were
     measured with 8 lanes on PoCL.
     """
     way_down, least, best = 0.0, np.inf, len(found)

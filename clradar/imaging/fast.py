@@ -21,7 +21,7 @@ from clradar.opencl import Buffers, Device, Program, build
 from clradar.opencl.double_single import antenna_rows, hi_lo
 
 TOLERANCE_DB = (-80.0, -30.0)
-"""Tolerances that are accepted: below, float32 limits the accuracy; above, nothing gets quicker."""
+"""Tolerances that are accepted: below, float32 limits the accuracy; above, it is not faster."""
 
 DEFAULT_TOLERANCE_DB = -50.0
 

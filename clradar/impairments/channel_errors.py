@@ -10,7 +10,7 @@ from clradar.impairments.random_streams import Part, random_stream
 from clradar.model import AntennaArray, ChannelResponse, Waveform, checks
 
 GAIN_LIMIT_DB = 300.0
-"""complex64 holds amplitudes from -900 to 760 dB, so this leaves room for a signal."""
+"""complex64 holds amplitudes from -900 to 760 dB, so a signal still fits in."""
 
 WALK_BLOCK = 4096
 """Frames of a random walk that are drawn at a time; the result does not depend on it."""

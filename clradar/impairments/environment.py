@@ -24,7 +24,7 @@ class Wall:
         Its normal, of any length and either sign.
     amplitude : float
         RMS over the pairs of antennas of its echo, in the units of a capture; negative where the
-        reflection turns the sign.
+        reflection reverses the sign.
 
     Raises
     ------

@@ -60,8 +60,8 @@ def impair(
     room : Capture, optional
         Added as it is; see `clradar.room_capture`. Same array and waveform.
     coupling_db : float, dB, optional
-        Mean power of the direct coupling Tx -> Rx over all pairs. Its amplitude goes with
-        1 / |tx - rx|, and it arrives after |tx - rx| / c.
+        Mean power of the direct coupling Tx -> Rx over all pairs. Its amplitude is
+        proportional to 1 / |tx - rx|, and it arrives after |tx - rx| / c.
     coupling_delay_s : float, seconds
         Delay of the instrument, added to that.
     channels : ChannelResponse, optional
@@ -274,7 +274,7 @@ def _check_channels(channels: ChannelResponse, n_tx: int, n_rx: int) -> None:
 
 
 def _channel_record(channels: ChannelResponse) -> dict[str, Any]:
-    """Return a channel response in types that JSON knows: gains as [real, imaginary]."""
+    """Return a channel response in types of JSON: gains as [real, imaginary]."""
     record: dict[str, Any] = {"reference_hz": channels.reference_hz}
     for side in ("tx", "rx"):
         gain = getattr(channels, f"{side}_gain")

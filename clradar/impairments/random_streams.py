@@ -31,10 +31,10 @@ class Part(IntEnum):
 
 
 def random_stream(seed: int, part: Part, frame: int = 0) -> np.random.Generator:
-    """Return the random numbers of one part of one frame.
+    """Return the generator of one part of one frame.
 
-    Philox4x64-10 with the key (seed, part), started at the counter (0, 0, 0, frame): no two parts
-    and no two frames share numbers, and drawing for one leaves the others as they are.
+    Philox4x64-10 with the key (seed, part), started at the counter (0, 0, 0, frame): the streams of
+    all parts and frames are independent.
 
     Parameters
     ----------

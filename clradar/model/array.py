@@ -17,7 +17,7 @@ class AntennaArray(Record):
     Parameters
     ----------
     tx_m : array_like, shape (n_tx, 3), float64, metres
-        Transmit antennas: x to the right of a person who faces the aperture, y up, z away.
+        Transmit antennas in the antenna frame: z along boresight, y up, right-handed.
     rx_m : array_like, shape (n_rx, 3), float64, metres
         Receive antennas, same frame.
     name : str

@@ -40,7 +40,7 @@ class ChannelResponse(Record):
 
     Examples
     --------
-    A delay of 10 ps turns the phase by 36 degrees from 77 GHz to 87 GHz, and not at 77 GHz.
+    A delay of 10 ps rotates the phase by -36 degrees from the reference at 77 GHz to 87 GHz.
 
     >>> import numpy as np
     >>> import clradar
@@ -121,7 +121,7 @@ class ChannelCalibration(Record):
 
     Examples
     --------
-    `calibration.calibrate_channels` makes one of a capture; by hand, with a plate known to 1 mm:
+    `calibration.estimate_channels` estimates one; by hand, with a plate known to 1 mm:
 
     >>> import clradar
     >>> result = clradar.ChannelCalibration(

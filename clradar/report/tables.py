@@ -38,50 +38,50 @@ METRIC_TEXTS = (
     MetricText(
         "overlap",
         "Overlap",
-        "How much do both share in space, where it is and how bright it is? Cosine between the two "
-        "depth maps, each point a ball of 2 mm weighted with its amplitude; 1 is best. A simulated "
-        "hand against itself has 0.996 with another seed, 0.83 when it is 2 mm too far away, 0.71 "
-        "when it is 5 mm off to the side; two different poses have less than 0.1.",
+        "Agreement in position and brightness: cosine between the two depth maps, each point "
+        "blurred by 2 mm and weighted with its amplitude; 1 is best. A simulated hand against "
+        "itself has 0.996 with another seed, 0.83 if it is 2 mm too far away, 0.71 if it is 5 mm "
+        "off to the side; two different poses have less than 0.1.",
     ),
     MetricText(
         "db_correlation",
         "dB correlation",
-        "Are the bright and the dark places the same? Pearson's correlation of the two images in "
-        "decibel over all pixels, from \N{MINUS SIGN}1 to 1; 1 is best.",
+        "Agreement of bright and dark regions: Pearson correlation of the two images in decibel "
+        "over all pixels, from \N{MINUS SIGN}1 to 1; 1 is best.",
     ),
     MetricText(
         "ssim",
         "SSIM",
-        "Do small neighbourhoods have the same level, contrast and pattern? Mean structural "
+        "Agreement of level, contrast and pattern in small neighbourhoods: mean structural "
         "similarity of the two images in decibel; 1 is best.",
     ),
     MetricText(
         "mask_iou",
         "Mask IoU",
-        "Do both show something at the same pixels? Pixels that both show over pixels that either "
-        "shows, from 0 to 1; 1 is best.",
+        "Agreement of the masks: pixels that both show over pixels that either shows, from 0 to 1; "
+        "1 is best.",
     ),
     MetricText(
         "depth_rmse_m",
         "Depth RMSE (mm)",
-        "How far apart are the depths where both have one? Root mean square difference in "
-        "millimetres; 0 is best. Read it beside the mask IoU: what only one shows does not count.",
+        "Root mean square difference in millimetres of the depths where both have one; 0 is best. "
+        "Read it with the mask IoU: pixels that only one shows do not count.",
         1e3,
         2,
     ),
     MetricText(
         "chamfer_simulated_to_measured_m",
         "Chamfer, sim. to meas. (mm)",
-        "Does the simulation show something where the measurement has nothing? Mean distance in "
-        "millimetres from a simulated depth point to the nearest measured one; 0 is best.",
+        "Surplus of the simulation: mean distance in millimetres from a simulated depth point to "
+        "the nearest measured one; 0 is best.",
         1e3,
         2,
     ),
     MetricText(
         "chamfer_measured_to_simulated_m",
         "Chamfer, meas. to sim. (mm)",
-        "Does the simulation lack something that the measurement shows? Mean distance in "
-        "millimetres from a measured depth point to the nearest simulated one; 0 is best.",
+        "Omission of the simulation: mean distance in millimetres from a measured depth point to "
+        "the nearest simulated one; 0 is best.",
         1e3,
         2,
     ),

@@ -4,7 +4,7 @@
  * without a graphics processor. Parallel projection, so that lengths can be compared.
  *
  * Points are [x, y, z] in millimetres, antenna frame. The view has X to the right, Y up and Z
- * towards the eye; unturned it is what the radar sees: X = -x, Y = y, Z = -z.
+ * towards the eye; unrotated it is the radar's view: X = -x, Y = y, Z = -z.
  */
 (() => {
   const data = JSON.parse(document.getElementById("view-data").textContent);
@@ -13,7 +13,7 @@
   const layer = document.createElement("canvas"); // the points, without axes
   const layerContext = layer.getContext("2d");
 
-  const MAX_PIXEL_RATIO = 2; // more costs time and shows nothing more
+  const MAX_PIXEL_RATIO = 2; // more costs time without visible difference
   const MARGIN_PX = 52; // around the box, for the labels
   const SPLAT = 1.5; // points a little larger than a pixel of the image close gaps on slopes
   const FAINTEST = 0.4; // how much colour the weakest points keep
@@ -97,7 +97,7 @@
     return Math.max(0.01, Math.min(
       (width - 2 * MARGIN_PX) / extent[0], (height - 2 * MARGIN_PX) / extent[1]));
   }
-  let fitted = null; // held while turning, so that a turn does not zoom
+  let fitted = null; // kept while rotating, so that a rotation does not zoom
 
   function draw() {
     const width = canvas.clientWidth;
@@ -212,12 +212,12 @@
   function drawBox(rows, place, theme, ratio) {
     const behind = [0, 1, 2].map((a) => (rows[2][a] > 0 ? low[a] : high[a]));
     const ahead = [0, 1, 2].map((a) => low[a] + high[a] - behind[a]);
-    const seen = [0, 1, 2].map((a) => Math.abs(rows[2][a]) > 0.02); // not edge on
+    const visible = [0, 1, 2].map((a) => Math.abs(rows[2][a]) > 0.02); // walls that are not edge-on
     context.strokeStyle = theme.grid;
     context.lineWidth = ratio;
     context.beginPath();
     for (let wall = 0; wall < 3; wall++) {
-      if (!seen[wall]) continue;
+      if (!visible[wall]) continue;
       for (const [along, across] of [[(wall + 1) % 3, (wall + 2) % 3], [(wall + 2) % 3, (wall + 1) % 3]]) {
         for (const tick of ticks[across]) {
           const p = [];
@@ -237,7 +237,7 @@
     const edges = [0, 1, 2].map((a) => labelledEdge(a, behind, ahead, place, ratio));
     const taken = [];
     const write = (text, p) => {
-      // What would run into a label that is there is left out; names come before numbers.
+      // A label that would overlap an earlier one is omitted; names come before numbers.
       const half = [context.measureText(text).width / 2 + 3 * ratio, 8 * ratio];
       if (taken.some((t) => [0, 1].every((i) => Math.abs(t.p[i] - p[i]) < t.half[i] + half[i]))) return;
       taken.push({ p, half });
@@ -256,7 +256,7 @@
     });
   }
 
-  /* Where the name of an axis goes and the labels of its ticks; null for one seen end on. */
+  /* Where the name of an axis goes and the labels of its ticks; null for one that is end-on. */
   function labelledEdge(a, behind, ahead, place, ratio) {
     const [b, c] = [(a + 1) % 3, (a + 2) % 3];
     // Its two edges on the outline of the box touch one wall behind and one ahead. The lower one
@@ -285,7 +285,7 @@
     if (out < 0) away = [-away[0], -away[1]];
     const beside = (p, distance) => [
       p[0] + away[0] * distance * ratio, p[1] + away[1] * distance * ratio];
-    // The name of an upright axis stands above its upper end, where there is room on a phone.
+    // The name of an upright axis stands above its upper end, where there is space on a phone.
     const upper = edge.from[1] < edge.to[1] ? edge.from : edge.to;
     return {
       name: upright ? [upper[0], upper[1] - 18 * ratio] : beside(edge.middle, 34),
@@ -293,7 +293,7 @@
     };
   }
 
-  /* Hands. */
+  /* Mouse, touch and keys. */
   function turn(right, down) {
     yaw += right;
     pitch = Math.max(-Math.PI / 2, Math.min(Math.PI / 2, pitch + down));
@@ -305,7 +305,7 @@
     redraw();
   }
 
-  /* What is at (x, y), CSS pixels from the middle of the canvas, stays there. */
+  /* Zoom about the point (x, y), CSS pixels from the middle of the canvas. */
   function zoomBy(factor, x = 0, y = 0) {
     const before = zoom;
     zoom = Math.max(0.2, Math.min(40, zoom * factor));
@@ -394,7 +394,7 @@
       redraw();
     };
     box.addEventListener("change", update);
-    update(); // a browser can have kept another state over a reload
+    update(); // a browser can keep another state over a reload
   }
 
   const colour = document.getElementById("colour");

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-DEADLINE_S = 60.0
-"""For one answer: a start on a busy machine takes some ten seconds."""
+DEADLINE_S = 600.0
+"""Limit of one answer, which no working browser reaches: a start takes seconds."""
 
 
 def installed() -> str | None:
@@ -26,7 +26,7 @@ def installed() -> str | None:
 
 
 class Page:
-    """One tab; `call` speaks the DevTools protocol, which has a name for everything used here."""
+    """One tab, controlled by commands of the DevTools protocol."""
 
     def __init__(self, reading: int, writing: int) -> None:
         self._reading, self._writing = reading, writing
@@ -95,7 +95,7 @@ class Page:
         self.settle()
 
     def settle(self) -> None:
-        """Wait until what was asked for is on the screen."""
+        """Wait until the last changes have been drawn."""
         self.js("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def js(self, expression: str) -> Any:
@@ -138,7 +138,7 @@ class Page:
         return [json.dumps(e["params"]) for e in self.events if e.get("method") in kinds]
 
     def requests(self) -> list[str]:
-        """Return the addresses that the page asked for."""
+        """Return the addresses that the page requested."""
         sent = [e for e in self.events if e.get("method") == "Network.requestWillBeSent"]
         return [e["params"]["request"]["url"] for e in sent]
 
@@ -184,6 +184,6 @@ def chromium(profile: Path) -> Iterator[Page]:
             os.close(writing)  # it ends when its pipe does
             os.close(reading)
             try:
-                process.wait(10)
+                process.wait(60)
             except subprocess.TimeoutExpired:
                 process.kill()
