@@ -1,1 +1,1 @@
-"""Rigid registration of meshes and images to a measured image."""
+"""Rigid registration of images and meshes to a measured image."""

@@ -1,4 +1,8 @@
-"""The rigid motion that brings a simulated depth map onto a measured one."""
+"""Registration of two depth maps: robust point-to-plane ICP from a coarse global search.
+
+Y. Chen, G. Medioni, "Object modelling by registration of multiple range images", Image and Vision
+Computing 10(3), 1992, doi 10.1016/0262-8856(92)90066-C.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +11,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.registration.alignment import UNKNOWN_STD_M, Alignment
+from calibration.registration.depth_surface import (
+    MIN_POINTS,
+    DepthSurface,
+    local_planes,
+    not_aligned,
+    weighted_quantile,
+)
 from calibration.registration.observability import (
     OBSERVABLE,
     complement,
-    named,
+    direction_names,
     unobservable,
-    without_free_motion,
+    without_unobservable_motion,
 )
 from calibration.registration.rigid_motion import (
     exp_twist,
@@ -23,13 +34,6 @@ from calibration.registration.rigid_motion import (
     rotation_about,
 )
 from calibration.registration.starting_rotations import start_rotations
-from calibration.registration.surface import (
-    MIN_POINTS,
-    Surface,
-    failure,
-    planes_under,
-    weighted_quantile,
-)
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
@@ -38,18 +42,18 @@ TUKEY_CUTOFF = 4.685
 """Of Tukey's biweight in standard deviations: 95 % efficient on Gaussian residuals."""
 
 TRIMMED_SHARE = 0.7
-"""What the coarse start looks at: the nearest 70 %, so that a third may be missing."""
+"""Trimmed ICP uses the nearest 70 % of the points, so that a third may be missing."""
 
-HELD_TOLERANCE = 0.1
-"""Holding a single weak direction may leave the two this share farther apart, no more."""
+CONSTRAINT_TOLERANCE = 0.1
+"""Largest relative increase of the distance when a single weak direction is constrained."""
 
 STEP_TOLERANCE = 1e-6
-"""Converged when a step turns less than this (radians) and shifts less than this (metres)."""
+"""Converged when the rotation (radians) and the shift (metres) of a step are below this."""
 
 _COARSE_STEPS = 15  # point to point, for each start
-_FINE_STARTS = 4  # that go on to point to plane
-_THIN_STEPS = 30  # point to plane, for each start, on that many points
-_SCALE_STEPS = 20  # during which Tukey's cutoff follows the residuals
+_FINE_STARTS = 4  # refined point to plane
+_SUBSAMPLED_STEPS = 30  # point to plane, for each start, on a subsample
+_SCALE_STEPS = 20  # in which Tukey's cutoff follows the residuals
 
 
 def align(
@@ -71,12 +75,12 @@ def align(
     dynamic_range_db : float, decibel
         Depth points are the pixels within this of their own image's maximum.
     search_deg : float, degrees, in (0, 180]
-        The coarse start tries rotations about boresight up to this angle, together with tilts up
+        The coarse search tries rotations about boresight up to this angle, together with tilts up
         to 30 degrees. The result may turn further.
     min_inlier_share : float, in (0, 1]
-        Less of the simulated amplitude than this on the measured surface is a failure.
+        Smallest fraction of the simulated amplitude on the measured surface.
     max_rms_m : float, metres
-        A larger residual of the inliers is a failure.
+        Largest residual of the inliers.
     max_iterations : int
         Point-to-plane steps before it stops unconverged.
 
@@ -87,27 +91,39 @@ def align(
     Raises
     ------
     CompareError
-        "could not align, because …": one of them is no image, is empty, or has too few depth
+        "could not align, because …": one of them is not an image, is empty, or has too few depth
         points; the two have no part in common, or too small a part; or they differ in shape.
     ModelError
         An option is out of its range.
 
     Notes
     -----
-    A coarse search over starts, refined by trimmed point-to-point steps, then iterative closest
-    point from the simulated points to the planes of the measured surface with Tukey's weights.
-    `docs/calibration.md` has the equations. The result depends on the arguments alone.
+    A coarse search, refined by trimmed point-to-point ICP (Besl and McKay [1]_), then ICP from the
+    simulated points to the planes of the measured surface (Chen and Medioni [2]_) with Tukey's
+    weights. `docs/calibration.md` has the equations. The result depends on the arguments alone.
 
     References
     ----------
-    Y. Chen, G. Medioni, "Object modelling by registration of multiple range images", Image and
-    Vision Computing 10(3), 1992, doi 10.1016/0262-8856(92)90066-C.
+    .. [1] P. J. Besl, N. D. McKay, "A method for registration of 3-D shapes", IEEE Transactions on
+       Pattern Analysis and Machine Intelligence 14(2), 1992, doi 10.1109/34.121791.
+    .. [2] Y. Chen, G. Medioni, "Object modelling by registration of multiple range images", Image
+       and Vision Computing 10(3), 1992, doi 10.1016/0262-8856(92)90066-C.
 
-    P. J. Besl, N. D. McKay, "A method for registration of 3-D shapes", IEEE Transactions on
-    Pattern Analysis and Machine Intelligence 14(2), 1992, doi 10.1109/34.121791.
+    Examples
+    --------
+    A bumpy surface, and the same one 2 mm farther along x and 5 mm along z:
 
-    N. Gelfand, L. Ikemoto, S. Rusinkiewicz, M. Levoy, "Geometrically stable sampling for the ICP
-    algorithm", 3DIM 2003, doi 10.1109/IM.2003.1240258.
+    >>> import calibration, clradar, numpy as np
+    >>> axis_m = np.arange(-20, 21) * 2e-3
+    >>> x, y = np.meshgrid(axis_m, axis_m)
+    >>> def surface(x, y):
+    ...     return 0.3 + 2 * x**2 + 3 * y**2 + 0.003 * np.sin(150 * x + 100 * y)
+    >>> simulated = clradar.DepthMap(surface(x, y), np.ones(x.shape), axis_m, axis_m, 15.0)
+    >>> shifted = surface(x - 0.002, y) + 0.005
+    >>> measured = clradar.DepthMap(shifted, np.ones(x.shape), axis_m, axis_m, 15.0)
+    >>> found = calibration.align(measured, simulated, search_deg=10.0)
+    >>> np.abs(1e3 * found.shift_m).round(1), round(found.rotation_deg)
+    (array([2., 0., 5.]), 0)
     """
     search_deg = checks.positive("align: search_deg", search_deg)
     if search_deg > 180:
@@ -119,16 +135,17 @@ def align(
     max_rms_m = checks.positive("align: max_rms_m", max_rms_m)
     max_iterations = checks.whole("align: max_iterations", max_iterations, 1)
 
-    surface = Surface.of(measured, dynamic_range_db, "measured image")
-    cloud = Surface.of(simulated, dynamic_range_db, "simulated image")
-    fit = _best_fit(surface, cloud, _coarse(surface, cloud, search_deg), max_iterations)
-    fit, free = _without_invention(surface, cloud, fit, max_iterations)
-    return _judged(surface, cloud, fit, free, min_inlier_share, max_rms_m)
+    surface = DepthSurface.of(measured, dynamic_range_db, "measured image")
+    cloud = DepthSurface.of(simulated, dynamic_range_db, "simulated image")
+    starts = _coarse(surface, cloud, search_deg)
+    fit = _best_fit(surface, cloud, starts, max_iterations)
+    fit, free = _without_unobservable(surface, cloud, fit, max_iterations)
+    return _alignment(surface, cloud, fit, free, min_inlier_share, max_rms_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Fit:
-    """Where point to plane ended, and how."""
+class _IcpFit:
+    """Result of point-to-plane ICP."""
 
     transform: np.ndarray
     iterations: int
@@ -137,7 +154,7 @@ class _Fit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Matches:
-    """Each simulated point, where it is now, against the nearest measured plane."""
+    """Each simulated point, moved, and the measured plane that it is matched with."""
 
     points_m: np.ndarray
     normals: np.ndarray
@@ -145,26 +162,29 @@ class _Matches:
     weights: np.ndarray
 
 
-def _coarse(surface: Surface, cloud: Surface, search_deg: float) -> list[np.ndarray]:
-    """Return the best starts, refined point to point, best first."""
-    # Clutter on one side pulls a centroid further than it pulls a median.
-    middles = [(cloud.centroid_m, surface.centroid_m), (cloud.centre_m, surface.centre_m)]
-    turns = start_rotations(search_deg)
-    starts = [np.eye(4)] + [rotation_about(turn, *pair) for pair in middles for turn in turns]
+def _coarse(surface: DepthSurface, cloud: DepthSurface, search_deg: float) -> list[np.ndarray]:
+    """The best starts after point-to-point refinement, best first."""
+    # Medians are less affected by clutter on one side than centroids.
+    centres = [
+        (cloud.centroid_m, surface.centroid_m),
+        (cloud.scale.centre_m, surface.scale.centre_m),
+    ]
+    rotations = start_rotations(search_deg)
+    starts = [np.eye(4)] + [rotation_about(r, *pair) for pair in centres for r in rotations]
     best = _rank(surface, cloud, starts)[: 2 * _FINE_STARTS]
-    # As given stays in the race: where the two lie on each other already, centroids can mislead.
+    # The identity is always refined: centroids can mislead where the two are aligned already.
     few = [_point_to_point(surface, cloud, starts[i]) for i in dict.fromkeys([0, *best])]
     return [few[i] for i in _rank(surface, cloud, few)[:_FINE_STARTS]]
 
 
-def _rank(surface: Surface, cloud: Surface, transforms: list[np.ndarray]) -> list[int]:
-    score = [_distance(surface, cloud, transform) for transform in transforms]
+def _rank(surface: DepthSurface, cloud: DepthSurface, transforms: list[np.ndarray]) -> list[int]:
+    score = [_point_distance(surface, cloud, transform) for transform in transforms]
     return sorted(range(len(score)), key=score.__getitem__)
 
 
-def _distance(surface: Surface, cloud: Surface, transform: np.ndarray) -> float:
-    """Return the trimmed mean distance to the nearest neighbour, both ways, metres."""
-    mine, theirs = cloud.some(), surface.some()
+def _point_distance(surface: DepthSurface, cloud: DepthSurface, transform: np.ndarray) -> float:
+    """Trimmed mean distance to the nearest neighbour, both ways, metres."""
+    mine, theirs = cloud.subsample(), surface.subsample()
     there = surface.tree.query(moved(transform, cloud.points_m[mine]))[0]
     back = cloud.tree.query(moved(np.linalg.inv(transform), surface.points_m[theirs]))[0]
     return 0.5 * (
@@ -172,19 +192,19 @@ def _distance(surface: Surface, cloud: Surface, transform: np.ndarray) -> float:
     )
 
 
-def _apart(surface: Surface, cloud: Surface, transform: np.ndarray) -> float:
-    """Return the trimmed mean distance of either's points from the other's surface, metres.
+def _surface_distance(surface: DepthSurface, cloud: DepthSurface, transform: np.ndarray) -> float:
+    """Trimmed mean distance of either's points from the other's surface, metres.
 
-    Unlike `_distance` blind to where the pixels lie: within a gap of the nearest point only the
-    distance along the normal counts.
+    Unlike `_point_distance` independent of the pixel positions: within a gap of the nearest point
+    only the distance along the normal counts.
     """
     there = _off_surface(surface, moved(transform, cloud.points_m))
     back = _off_surface(cloud, moved(np.linalg.inv(transform), surface.points_m))
     return 0.5 * (_trimmed_mean(there, cloud.weights) + _trimmed_mean(back, surface.weights))
 
 
-def _off_surface(surface: Surface, points_m: np.ndarray) -> np.ndarray:
-    planes = planes_under(surface, points_m)
+def _off_surface(surface: DepthSurface, points_m: np.ndarray) -> np.ndarray:
+    planes = local_planes(surface, points_m)
     return np.hypot(planes.residual_m, np.maximum(planes.aside_m - planes.gap_m, 0.0))
 
 
@@ -193,9 +213,11 @@ def _trimmed_mean(values: np.ndarray, weights: np.ndarray) -> float:
     return float(weights[kept] @ values[kept] / weights[kept].sum())
 
 
-def _point_to_point(surface: Surface, cloud: Surface, transform: np.ndarray) -> np.ndarray:
-    """Refine a start by trimmed nearest neighbours, both ways, and Kabsch's fit."""
-    mine, theirs = cloud.some(), surface.some()
+def _point_to_point(
+    surface: DepthSurface, cloud: DepthSurface, transform: np.ndarray
+) -> np.ndarray:
+    """Refine a start by trimmed point-to-point ICP, both ways."""
+    mine, theirs = cloud.subsample(), surface.subsample()
     for _ in range(_COARSE_STEPS):
         there, i = surface.tree.query(moved(transform, cloud.points_m[mine]))
         back, j = cloud.tree.query(moved(np.linalg.inv(transform), surface.points_m[theirs]))
@@ -208,66 +230,68 @@ def _point_to_point(surface: Surface, cloud: Surface, transform: np.ndarray) -> 
     return transform
 
 
-def _fine(
-    surface: Surface,
-    cloud: Surface,
+def _point_to_plane(
+    surface: DepthSurface,
+    cloud: DepthSurface,
     transform: np.ndarray,
     max_iterations: int,
-    held: np.ndarray | None = None,
-) -> _Fit:
-    """Iterate point to plane, without motion along `held`: scaled twists, shape (6, k).
+    constrained: np.ndarray | None = None,
+) -> _IcpFit:
+    """Point-to-plane ICP without motion along `constrained`: scaled twists, shape (6, k).
 
-    Without `held`, without motion along what the measured surface alone cannot tell.
+    By default, without motion along what is unobservable on the measured surface alone.
     """
     converged, iteration, cutoff_m = False, 0, np.inf
     while not converged and iteration < max_iterations:
-        # Wide at first, so that a part which does not fit yet still pulls; at last only points over
-        # the surface count, and what is off it does not.
+        # Wide at first, so that parts which do not fit yet attract; in the end only points over the
+        # surface count.
         wide = max(1.0, 10.0 * 0.8**iteration)
         matches = _matched(surface, cloud, transform, min(wide, 4.0))
-        # Held at last: a median moves in jumps, however small, and the steps would never end.
+        # Fixed in the end: the steps would not converge with the jumps of a median.
         if iteration < _SCALE_STEPS:
             cutoff_m = _cutoff_m(matches, surface, wide)
         weights = matches.weights * _tukey(matches, cutoff_m)
         hessian, gradient = _normal_equations(surface, matches, weights)
-        seen = complement(unobservable(hessian) if held is None else held)
-        step = seen @ np.linalg.solve(seen.T @ hessian @ seen, -seen.T @ gradient)
-        step = step / surface.unit
-        transform = orthonormal(exp_twist(step, surface.centre_m) @ transform)
+        basis = complement(unobservable(hessian) if constrained is None else constrained)
+        step = basis @ np.linalg.solve(basis.T @ hessian @ basis, -basis.T @ gradient)
+        step = step / surface.scale.unit
+        transform = orthonormal(exp_twist(step, surface.scale.centre_m) @ transform)
         iteration += 1
         small = max(np.linalg.norm(step[:3]), np.linalg.norm(step[3:])) < STEP_TOLERANCE
         converged = bool(small) and wide == 1.0
-    return _Fit(transform, iteration, converged)
+    return _IcpFit(transform, iteration, converged)
 
 
 def _best_fit(
-    surface: Surface, cloud: Surface, starts: list[np.ndarray], max_iterations: int
-) -> _Fit:
-    """Return the fit from the start that gets nearest; raise where every start ends in nothing."""
-    thin = cloud.thinned()
+    surface: DepthSurface, cloud: DepthSurface, starts: list[np.ndarray], max_iterations: int
+) -> _IcpFit:
+    """The fit from the start that ends nearest; raise if every start fails."""
+    few = cloud.subsampled()
     fits, failures = [], []
     for start in starts:
         try:
-            fits.append(_fine(surface, thin, start, _THIN_STEPS))
+            fits.append(_point_to_plane(surface, few, start, _SUBSAMPLED_STEPS))
         except CompareError as error:
             failures.append(error)
     if not fits:
         raise failures[0]
-    best = min(fits, key=lambda fit: _apart(surface, cloud, fit.transform))
-    return _fine(surface, cloud, best.transform, max_iterations)
+    best = min(fits, key=lambda fit: _surface_distance(surface, cloud, fit.transform))
+    return _point_to_plane(surface, cloud, best.transform, max_iterations)
 
 
-def _matched(surface: Surface, cloud: Surface, transform: np.ndarray, reach: float) -> _Matches:
-    """Match each simulated point with its nearest measured one.
+def _matched(
+    surface: DepthSurface, cloud: DepthSurface, transform: np.ndarray, reach: float
+) -> _Matches:
+    """Match each simulated point with the nearest measured plane.
 
-    Points that lie beside the surface by more than `reach` gaps have no weight: their neighbour is
-    at a rim, and its plane says nothing about them.
+    Points beside the surface by more than `reach` gaps have no weight: their neighbour is at a rim,
+    whose plane does not extend to them.
     """
     points_m = moved(transform, cloud.points_m)
-    planes = planes_under(surface, points_m)
+    planes = local_planes(surface, points_m)
     over = np.maximum(1.0 - (planes.aside_m / (reach * planes.gap_m)) ** 2, 0.0) ** 2
     if np.count_nonzero(over) < MIN_POINTS:
-        raise failure(
+        raise not_aligned(
             f"the two hardly overlap: {np.count_nonzero(over)} simulated depth points lie over "
             f"the measured surface, and {MIN_POINTS} are the least"
         )
@@ -275,13 +299,13 @@ def _matched(surface: Surface, cloud: Surface, transform: np.ndarray, reach: flo
     return _Matches(points_m, planes.normals, planes.residual_m, weights)
 
 
-def _cutoff_m(matches: _Matches, surface: Surface, wide: float = 1.0) -> float:
-    """Return the distance from which Tukey's weight is 0."""
-    seen = matches.weights > 0
+def _cutoff_m(matches: _Matches, surface: DepthSurface, wide: float = 1.0) -> float:
+    """Distance from which Tukey's weight is 0."""
+    used = matches.weights > 0
     spread = 1.4826 * weighted_quantile(
-        np.abs(matches.residual_m[seen]), matches.weights[seen], 0.5
+        np.abs(matches.residual_m[used]), matches.weights[used], 0.5
     )
-    # Not below what the pixels resolve, or exact data would have no inliers but the exact ones.
+    # At least a fraction of a pixel, or exact data would have no inliers but the exact ones.
     return TUKEY_CUTOFF * max(spread, 0.05 * wide * surface.pixel_m)
 
 
@@ -291,63 +315,68 @@ def _tukey(matches: _Matches, cutoff_m: float) -> np.ndarray:
 
 
 def _normal_equations(
-    surface: Surface, matches: _Matches, weights: np.ndarray
+    surface: DepthSurface, matches: _Matches, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return J'WJ and J'Wr over the sum of the weights, with J by a twist scaled to metres."""
-    jacobian = _scaled_jacobian(surface, matches)
+    """J'WJ and J'Wr over the sum of the weights, with J by a twist scaled to metres."""
+    jacobian = _scaled_jacobian(surface, matches.points_m, matches.normals)
     weighted = jacobian * (weights / weights.sum())[:, None]
     return weighted.T @ jacobian, weighted.T @ matches.residual_m
 
 
-def _scaled_jacobian(surface: Surface, matches: _Matches) -> np.ndarray:
-    return plane_jacobian(matches.points_m, matches.normals, surface.centre_m) / surface.unit
+def _scaled_jacobian(
+    surface: DepthSurface, points_m: np.ndarray, normals: np.ndarray
+) -> np.ndarray:
+    return plane_jacobian(points_m, normals, surface.scale.centre_m) / surface.scale.unit
 
 
-def _shared_shape(surface: Surface, cloud: Surface, transform: np.ndarray) -> np.ndarray:
-    """Return the normal matrix that both images agree on, shape (6, 6), scaled, symmetric.
+def _shared_information(
+    surface: DepthSurface, cloud: DepthSurface, matches: _Matches, transform: np.ndarray
+) -> np.ndarray:
+    """Normal matrix of the shape that both images share, shape (6, 6), scaled, symmetric.
 
-    One factor has the measured normals, the other the simulated ones. What noise and speckle do to
-    the two is independent and cancels on average, whereas it adds up in either one's square.
+    One factor has the measured normals, the other the simulated ones. Their noise and speckle are
+    independent and cancel on average, whereas they would add up in the square of either.
     """
-    matches = _matched(surface, cloud, transform, 1.0)
     weights = matches.weights * _tukey(matches, _cutoff_m(matches, surface))
     normals = cloud.normals @ transform[:3, :3].T
     facing = np.sign((normals * matches.normals).sum(axis=1))
-    theirs = plane_jacobian(matches.points_m, normals * facing[:, None], surface.centre_m)
-    weighted = _scaled_jacobian(surface, matches) * (weights / weights.sum())[:, None]
-    product = weighted.T @ (theirs / surface.unit)
+    theirs = _scaled_jacobian(surface, matches.points_m, normals * facing[:, None])
+    mine = _scaled_jacobian(surface, matches.points_m, matches.normals)
+    product = (mine * (weights / weights.sum())[:, None]).T @ theirs
     return 0.5 * (product + product.T)
 
 
-def _without_invention(
-    surface: Surface, cloud: Surface, fit: _Fit, max_iterations: int
-) -> tuple[_Fit, np.ndarray]:
-    """Take back what the images cannot tell; return the fit and those directions, (6, k)."""
-    free = unobservable(_shared_shape(surface, cloud, fit.transform))
+def _without_unobservable(
+    surface: DepthSurface, cloud: DepthSurface, fit: _IcpFit, max_iterations: int
+) -> tuple[_IcpFit, np.ndarray]:
+    """Undo unobservable motion; return the fit and the unobservable directions, (6, k)."""
+    matches = _matched(surface, cloud, fit.transform, 1.0)
+    free = unobservable(_shared_information(surface, cloud, matches, fit.transform))
     if free.shape[1] == 0:
         return fit, free
-    start = without_free_motion(fit.transform, free, surface)
-    again = _fine(surface, cloud, start, max_iterations, free)
-    held = _Fit(again.transform, fit.iterations + again.iterations, again.converged)
-    # A plate, a sphere and a cylinder lose two directions or more. A single one may be weak here
-    # only, and a large motion along it may leave the surface: then it is told after all.
-    # The hundredth of a pixel is for exact depths, which are nothing apart.
-    allowed_m = (1.0 + HELD_TOLERANCE) * _apart(surface, cloud, fit.transform)
-    allowed_m = allowed_m + 0.01 * surface.pixel_m
-    if free.shape[1] == 1 and _apart(surface, cloud, held.transform) > allowed_m:
-        return fit, np.zeros((6, 0))
-    return held, free
+    start = without_unobservable_motion(fit.transform, free, surface.scale)
+    again = _point_to_plane(surface, cloud, start, max_iterations, free)
+    constrained = _IcpFit(again.transform, fit.iterations + again.iterations, again.converged)
+    # A plate, a sphere and a cylinder have two or more unobservable directions. A single one may be
+    # weak only locally: if constraining it increases the distance, it is observable after all.
+    # The hundredth of a pixel is for exact depths, whose distance is 0.
+    if free.shape[1] == 1:
+        allowed_m = (1.0 + CONSTRAINT_TOLERANCE) * _surface_distance(surface, cloud, fit.transform)
+        allowed_m = allowed_m + 0.01 * surface.pixel_m
+        if _surface_distance(surface, cloud, constrained.transform) > allowed_m:
+            return fit, np.zeros((6, 0))
+    return constrained, free
 
 
-def _judged(
-    surface: Surface,
-    cloud: Surface,
-    fit: _Fit,
+def _alignment(
+    surface: DepthSurface,
+    cloud: DepthSurface,
+    fit: _IcpFit,
     free: np.ndarray,
     min_inlier_share: float,
     max_rms_m: float,
 ) -> Alignment:
-    """Measure how good a fit is, and raise where it is none."""
+    """Assess the quality of a fit; raise if it is insufficient."""
     matches = _matched(surface, cloud, fit.transform, 1.0)
     inlier = (matches.weights > 0) & (np.abs(matches.residual_m) < _cutoff_m(matches, surface))
     share = float(cloud.weights[inlier].sum() / cloud.weights.sum())
@@ -355,47 +384,47 @@ def _judged(
     square_m2 = float(weights @ matches.residual_m**2 / weights.sum())
     rms_m = float(np.sqrt(square_m2))
     if share < min_inlier_share:
-        raise failure(
+        raise not_aligned(
             f"only {share:.0%} of the simulated amplitude lies on the measured surface, and "
             f"{min_inlier_share:.0%} is the least"
         )
     if rms_m > max_rms_m:
-        raise failure(
+        raise not_aligned(
             f"the two differ in shape: they are {1e3 * rms_m:.1f} mm rms apart where they match "
             f"best, and {1e3 * max_rms_m:.1f} mm is the most"
         )
+    information = _shared_information(surface, cloud, matches, fit.transform)
     return Alignment(
         transform=fit.transform,
         rms_m=rms_m,
         inlier_share=share,
         iterations=fit.iterations,
         converged=fit.converged,
-        covariance=_covariance(
-            surface, matches, _shared_shape(surface, cloud, fit.transform), square_m2, free
-        ),
-        degenerate_directions=named(free, surface),
-        centre_m=surface.centre_m,
+        covariance=_covariance(surface, matches, information, square_m2, free),
+        degenerate_directions=direction_names(free, surface.scale),
+        centre_m=surface.scale.centre_m,
     )
 
 
 def _covariance(
-    surface: Surface,
+    surface: DepthSurface,
     matches: _Matches,
-    shared: np.ndarray,
+    information: np.ndarray,
     square_m2: float,
     free: np.ndarray,
 ) -> np.ndarray:
-    """Return the covariance of the weighted least-squares fit, unknown along `free`.
+    """Sandwich covariance of the weighted least-squares fit, unknown along `free`.
 
-    X^-1 (J' W W J) X^-1 s^2 with the shared shape X for the information: the square of the
-    measured normals alone would count their noise as shape.
+    X^-1 (J' W W J) X^-1 s^2 with the shared information X: the square of the measured normals alone
+    would count their noise as shape.
     """
-    seen = complement(free)
+    basis = complement(free)
     weights = matches.weights * _tukey(matches, _cutoff_m(matches, surface))
-    weighted = (_scaled_jacobian(surface, matches) @ seen) * (weights / weights.sum())[:, None]
-    values, vectors = np.linalg.eigh(seen.T @ shared @ seen)
-    # Holding directions can make the rest a little flatter, never less than nothing.
+    jacobian = _scaled_jacobian(surface, matches.points_m, matches.normals)
+    weighted = (jacobian @ basis) * (weights / weights.sum())[:, None]
+    values, vectors = np.linalg.eigh(basis.T @ information @ basis)
+    # The constraint can make the rest a little less observable, but not indefinite.
     inverse = (vectors / np.maximum(values, OBSERVABLE)) @ vectors.T
-    scaled = seen @ (inverse @ (weighted.T @ weighted) @ inverse * square_m2) @ seen.T
+    scaled = basis @ (inverse @ (weighted.T @ weighted) @ inverse * square_m2) @ basis.T
     scaled = scaled + UNKNOWN_STD_M**2 * free @ free.T
-    return scaled / np.outer(surface.unit, surface.unit)
+    return scaled / np.outer(surface.scale.unit, surface.scale.unit)

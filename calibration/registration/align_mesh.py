@@ -1,8 +1,6 @@
-"""The rigid motion that brings a mesh onto what the radar measured of it."""
+"""Registration of a mesh to a measured image, with correction of its bias."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 
@@ -15,23 +13,21 @@ from calibration.registration.closed_loop import (
     close_loop,
 )
 from calibration.registration.locate import FINE_STEP_M, density_of, depth_for_mesh, locate
-from calibration.registration.mesh_rendering import thinned
-from clradar import arrays
+from calibration.registration.mesh_rendering import decimated
+from calibration.registration.radar import Radar
 from clradar.model import AntennaArray, DepthMap, Scene, Volume, VoxelGrid, Waveform, checks
+from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
+from clradar.tracing.settings import SimulationSettings
 
 SAMPLES_PER_MM2, RAYS_PER_SAMPLE = 3.0, 3
-"""Of the simulations that find the bias. The speckle of the image is what limits a round, not the
-shot noise of so few rays."""
+"""Of the simulations for the bias, whose errors are dominated by speckle, not by shot noise."""
 
 MOST_SAMPLES = 1_000_000
 """Of one of these simulations: seven times those of a hand."""
 
-ROOM_M = 20e-3
-"""Depth before and behind what a depth map shows, where the mesh is imaged."""
-
-Progress = Callable[[int, int], None]
-"""Called with (done, total) steps of the search, then of the correction."""
+MARGIN_M = 20e-3
+"""Depth of the imaged region before and behind a depth map."""
 
 
 def align_mesh(
@@ -49,34 +45,34 @@ def align_mesh(
     device: Device | str | None = None,
     progress: Progress | None = None,
 ) -> Alignment:
-    """Find the rigid motion that brings a mesh onto what the radar measured of it.
+    """Find the rigid motion that brings a mesh onto its measured image.
 
     Parameters
     ----------
     measured : Volume or DepthMap
-        In the antenna frame, on pixels that are evenly spaced.
+        In the antenna frame, on evenly spaced pixels.
     mesh : Scene
-        Anywhere: it need not be in front of the radar. Its alpha has no influence.
+        In any pose, not necessarily in front of the radar. Its alpha has no influence.
     correct_bias : bool
-        Simulate the mesh where it was found, a few times and on pixels of 2 mm, and take back what
-        the fit is off there. Without, it takes a fraction of the time and is off by up to some
-        millimetres where the surface is specular (docs/calibration.md).
+        Simulate the mesh in the estimated pose, a few times and on pixels of 2 mm, and subtract the
+        error of the fit to these simulations. Without it, the estimate takes a fraction of the time
+        and has a bias of up to some millimetres for specular surfaces (docs/calibration.md).
     array : AntennaArray, optional
     waveform : Waveform, optional
-        What `measured` was recorded with: the 94 x 94 imager and 72 to 82 GHz in 128 steps if not
-        given. They say how a point is blurred.
+        Of the measurement; they determine the point spread function. Default: the 94 x 94 imager
+        and 72 to 82 GHz in 128 steps.
     dynamic_range_db : float, decibel, optional
-        Depth points are the pixels within this of the maximum. If not given 20, or what a
-        `DepthMap` was cut at if that is less.
+        Depth points are the pixels within this of the maximum. Default: 20, or that of a `DepthMap`
+        if it is less.
     search_deg : float, degrees, in (0, 180]
         The search tries rotations about boresight up to this angle, together with tilts up to 30
         degrees. The result may turn further.
     min_inlier_share : float, in (0, 1]
-        Less of the measured amplitude than this on the mesh is a failure.
+        Smallest fraction of the measured amplitude on the mesh.
     max_iterations : int
         Steps of the fit before it stops unconverged.
     seed : int
-        Of the first simulation; each has one of its own, counted up from there.
+        Of the first simulation; the others count up from there.
     device : Device, str or None
         See `clradar.open_device`.
     progress : callable, optional
@@ -86,34 +82,49 @@ def align_mesh(
     -------
     Alignment
         measured = transform . mesh. `inlier_share` is that of the measured amplitude; `iterations`
-        counts the simulations, or the steps of the fit without.
+        counts the simulations, or without bias correction the steps of the fit.
 
     Raises
     ------
     CompareError
-        "could not align, because …": no image, an empty one or one with too few depth points; a
-        mesh whose size does not fit what was measured; too little of it on the mesh; or a
-        simulation of the mesh in its place that does not look like the measurement.
+        "could not align, because …": not an image, an empty one or one with too few depth points; a
+        mesh of another size than the measured object; too little of it on the mesh; or a simulation
+        of the mesh in its pose that does not look like the measurement.
     ModelError
         An option is out of its range.
 
     Notes
     -----
-    The mesh's own depth map, by rays from eight places of the aperture, is blurred by the array's
-    power pattern; how bright the surface is at which angle of incidence is fitted along with the
-    motion. Brightness counts as speckle, ranges as points that scatter about the surface.
+    The visible surface of the mesh, by rays from eight viewpoints of the aperture, is convolved
+    with the array's power pattern; brightness over the angle of incidence is fitted along with the
+    motion. Brightness is modelled as speckle, ranges scatter about the surface.
     `docs/calibration.md` has the equations. The result depends on the arguments and the device
     alone.
+
+    Examples
+    --------
+    A square plate, and its image 4 mm farther along x and 5 mm along z:
+
+    >>> import calibration, clradar, numpy as np
+    >>> corners = [[-.02, -.02, .3], [.02, -.02, .3], [.02, .02, .3], [-.02, .02, .3]]
+    >>> plate = clradar.Scene(corners, [[0, 1, 2], [0, 2, 3]])
+    >>> axis_m = np.arange(-20, 21) * 2e-3
+    >>> x, y = np.meshgrid(axis_m, axis_m)
+    >>> lit = np.maximum(abs(x - 0.004), abs(y)) < 0.0205
+    >>> image = clradar.DepthMap(np.where(lit, 0.305, np.nan), 1.0 * lit, axis_m, axis_m, 20.0)
+    >>> found = calibration.align_mesh(
+    ...     image, plate, correct_bias=False, search_deg=5.0, device="pocl")
+    >>> np.abs(1e3 * found.shift_m).round()
+    array([4., 0., 5.])
     """
     seed = checks.whole("align_mesh: seed", seed, 0)
-    radar, sweep = radar_of("align_mesh", array, waveform)
+    radar = Radar.of("align_mesh", array, waveform)
     opened = open_device(device)
     depth = depth_for_mesh(measured, dynamic_range_db)
     located = locate(
         depth,
         mesh,
-        array=radar,
-        centre_frequency_hz=float(np.mean(sweep.frequencies_hz)),
+        radar.aperture,
         search_deg=search_deg,
         min_inlier_share=min_inlier_share,
         max_iterations=max_iterations,
@@ -122,48 +133,38 @@ def align_mesh(
     )
     if not correct_bias:
         return located.alignment
-    coarse = thinned(depth, FINE_STEP_M)
+    coarse = decimated(depth, FINE_STEP_M)
     settings = LoopSettings(
-        array=radar,
-        waveform=sweep,
+        radar=radar,
         grid=_coarse_grid(measured, coarse),
         fit_alpha=True,
-        samples_per_mm2=density_of(mesh, SAMPLES_PER_MM2, MOST_SAMPLES),
-        rays_per_sample=RAYS_PER_SAMPLE,
-        seed=seed,
+        simulation=SimulationSettings(
+            samples_per_mm2=density_of(mesh, SAMPLES_PER_MM2, MOST_SAMPLES),
+            rays_per_sample=RAYS_PER_SAMPLE,
+            seed=seed,
+        ),
         dynamic_range_db=depth.dynamic_range_db,
         tolerance_m=TOLERANCE_M,
         max_rounds=MAX_ROUNDS,
     )
     done: list[Round] = []
 
-    def count(turn: Round) -> None:
-        done.append(turn)
+    def count(finished: Round) -> None:
+        done.append(finished)
         if progress is not None:
             progress(len(done), MAX_ROUNDS)
 
     return close_loop(coarse, mesh, located, settings, opened, count).alignment
 
 
-def radar_of(
-    function: str, array: AntennaArray | None, waveform: Waveform | None
-) -> tuple[AntennaArray, Waveform]:
-    """Return the instrument, the 94 x 94 imager where none is given, checked."""
-    radar = arrays.qar50() if array is None else array
-    sweep = Waveform.sfcw(72e9, 82e9, 128) if waveform is None else waveform
-    checks.instance(f"{function}: array", radar, AntennaArray)
-    checks.instance(f"{function}: waveform", sweep, Waveform)
-    return radar, sweep
-
-
 def _coarse_grid(measured: Volume | DepthMap, depth: DepthMap) -> VoxelGrid:
-    """Return a grid over what was measured, on pixels of the fit and of `depth`."""
+    """Grid over the measured region on the pixels of `depth`."""
     if isinstance(measured, Volume):
-        # The same ends: where they cut the object off, they cut the simulation off, too.
+        # The same ends, so that the simulation is truncated like the measurement.
         low_m, high_m = float(measured.grid.z_m[0]), float(measured.grid.z_m[-1])
     else:
-        low_m = float(np.nanmin(depth.depth_m)) - ROOM_M
-        high_m = float(np.nanmax(depth.depth_m)) + ROOM_M
+        low_m = float(np.nanmin(depth.depth_m)) - MARGIN_M
+        high_m = float(np.nanmax(depth.depth_m)) + MARGIN_M
     n_z = max(3, round((high_m - low_m) / FINE_STEP_M) + 1)
     axes_m = (depth.x_m, depth.y_m, np.linspace(low_m, high_m, n_z))
     spacing_m = [(axis_m[-1] - axis_m[0]) / (len(axis_m) - 1) for axis_m in axes_m]

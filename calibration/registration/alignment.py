@@ -1,4 +1,4 @@
-"""What an alignment found: the motion, how sure it is, and what it cannot tell."""
+"""Result of a registration: the motion, its covariance and its unobservable directions."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.registration.observability import came_from
+from calibration.registration.rigid_motion import moved_back
 from clradar.model import checks
 
 UNKNOWN_STD_M = 1.0
 """Standard deviation that `Alignment.covariance` carries along an unobservable direction."""
 
-
 USUAL_OVERLAP = 0.85
-"""Right meshes had 0.91 or more on simulated measurements, wrong ones up to 0.94, most of them less
+"""On simulated measurements right meshes had 0.91 or more, wrong ones up to 0.94, most of them less
 (docs/calibration.md)."""
 
 IMAGE, MESH = "simulated image", "mesh"
@@ -24,7 +23,7 @@ IMAGE, MESH = "simulated image", "mesh"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """Where the simulated depth map, or the mesh, has to go so that it lies on the measured one.
+    """Rigid motion of a simulated depth map, or of a mesh, onto a measured one.
 
     Attributes
     ----------
@@ -37,28 +36,39 @@ class Alignment:
         Share of the simulated amplitude whose points lie on the measured surface, or of the
         measured amplitude whose points lie on the mesh, in [0, 1].
     iterations : int
-        Point-to-plane steps that were taken.
+        Point-to-plane steps, or rounds of simulation.
     converged : bool
-        Whether the last step was below `STEP_TOLERANCE`.
+        Whether the last step was below the tolerance.
     covariance : ndarray, shape (6, 6), float64
         Of a small further motion about `centre_m`: rotation vector (radians), then translation
-        (metres). Along `degenerate_directions` it holds `UNKNOWN_STD_M` squared (a rotation moves
-        a point one radius of the object away by that much): as good as unknown.
+        (metres). Along `degenerate_directions` the variance is `UNKNOWN_STD_M` squared (a rotation
+        moves a point at the object's radius by that much): practically unknown.
     degenerate_directions : tuple of str
-        Degrees of freedom that these images cannot tell, one sentence part for each; empty where
-        all six are seen. They are held at no motion.
+        Unobservable degrees of freedom, constrained to no motion, one clause for each; empty if all
+        six are observable.
     centre_m : ndarray, shape (3,), float64, metres
         Amplitude-weighted median of the measured depth points, coordinate by coordinate; of a mesh
-        the mean of its visible surface, where it was found.
+        the mean of its visible surface after `transform`.
     moved : "simulated image" or "mesh"
         What `transform` moves.
     likeness : float or None
-        Of a mesh: correlation of its picture with the measured one, in decibels, at most 1.
+        Of a mesh: correlation of its rendering with the measured image, in decibels, at most 1.
     overlap : float or None
-        Of a mesh that was simulated in its place: the overlap (docs/metrics.md) with the
-        measurement, 0 to 1.
+        Of a mesh simulated in the pose found: the overlap (docs/metrics.md) with the measurement,
+        0 to 1.
     searched_deg : float or None, degrees
-        Of a mesh: up to which rotation about boresight was searched.
+        Of a mesh: the largest rotation about boresight of the search.
+
+    Examples
+    --------
+    >>> import calibration, numpy as np
+    >>> quarter = np.eye(4)
+    >>> quarter[:3] = [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0.01]]
+    >>> found = calibration.Alignment(
+    ...     quarter, rms_m=1e-3, inlier_share=0.9, iterations=5, converged=True,
+    ...     covariance=1e-6 * np.eye(6), degenerate_directions=(), centre_m=np.array([0, 0, 0.3]))
+    >>> round(found.rotation_deg), found.shift_m.round(3).tolist()
+    (90, [0.0, 0.0, 0.01])
     """
 
     transform: np.ndarray
@@ -91,17 +101,12 @@ class Alignment:
         return Rotation.from_matrix(self.transform[:3, :3]).as_rotvec()
 
     @property
-    def translation_m(self) -> np.ndarray:
-        """Last column of `transform`: where the origin of the antenna frame goes, shape (3,)."""
-        return self.transform[:3, 3]
-
-    @property
     def shift_m(self) -> np.ndarray:
-        """How far the simulated point that ends at `centre_m` is shifted, shape (3,), metres."""
-        return self.centre_m - came_from(self.transform, self.centre_m)
+        """Shift of the point that is moved to `centre_m`, shape (3,), metres."""
+        return self.centre_m - moved_back(self.transform, self.centre_m)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result in types that JSON knows; `transform` is four rows of four numbers."""
+        """The result in types that JSON has; `transform` is four rows of four numbers."""
         return {
             "transform": self.transform.tolist(),
             "moved": self.moved,
@@ -119,7 +124,7 @@ class Alignment:
         }
 
     def remarks(self) -> tuple[str, ...]:
-        """Return what gives reason to doubt the result, in words; empty if nothing does."""
+        """Reasons to doubt the result, one clause each."""
         found = []
         if not self.converged:
             found.append("the place was still moving at the end")
@@ -137,7 +142,7 @@ class Alignment:
         return tuple(found)
 
     def report(self) -> str:
-        """Return the result in words, a few lines of text."""
+        """The result as a few lines of text."""
         std = np.sqrt(np.diag(self.covariance))
         shift = ", ".join(f"{1e3 * v:+.2f}" for v in self.shift_m)
         turn = ", ".join(f"{v:+.2f}" for v in np.degrees(self.rotation_vector))

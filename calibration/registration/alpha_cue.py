@@ -1,39 +1,39 @@
-"""Find alpha from how an image looks: between simulations of several alphas."""
+"""Estimation of alpha from pose-invariant features, between simulations at several alphas."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from calibration.registration.mesh_fit import FLOOR, MeshFit
-from calibration.registration.mesh_rendering import KNOTS_RAD, MeshImage
+from calibration.registration.mesh_rendering import KNOTS_RAD, MeshRendering
 
 ALPHA_STARTS = (0.3, 0.0, 0.6, 0.1)
-"""Tried first. Between 0 and 0.1 a mirror turns into a surface, and most of all changes."""
+"""Simulated first. Most of the change is between 0 and 0.1, from a mirror to a rough surface."""
 
 ALPHA_TOLERANCE = 0.03
 MERGED_ALPHA = 0.04
-"""Simulations whose alphas are this near to each other are averaged: they differ by speckle."""
+"""Simulations whose alphas differ by less are averaged: they differ by speckle."""
 
 LEVELS_DB = (3.0, 6.0, 10.0, 15.0, 20.0)
 AREA_STD = 0.15
-"""Scatter of the logarithm of the area that is brighter than a level, from seed to seed."""
+"""Scatter over the seeds of the logarithm of the area above a level."""
 
 PROFILE_STD = 0.5
-"""Scatter of the fitted logarithm of the brightness, from seed to seed."""
+"""Scatter over the seeds of the fitted logarithm of the brightness."""
 
-_KNOTS_COMPARED = 6  # the last knot is where the mesh is hardly seen
+_KNOTS_COMPARED = 6  # without the last, at grazing incidence
 
 
-def look_of(image: MeshImage, fit: MeshFit) -> np.ndarray:
-    """Return numbers that alpha changes and the exact place does not, in units of their scatter.
+def pose_invariant_features(image: MeshRendering, fit: MeshFit) -> np.ndarray:
+    """Features that depend on alpha but hardly on the pose, in units of their scatter.
 
-    How the brightness falls with the angle, as it was fitted, and how much of the mesh's silhouette
-    is brighter than so many decibels below its brightest pixel.
+    The fitted fall of the brightness with the angle, and the areas of the mesh's silhouette within
+    several levels of its brightest pixel.
     """
-    image.look(fit.transform)
-    silhouette, _ = image.of(fit.transform, np.zeros(len(KNOTS_RAD)))
+    image.update_visibility(fit.transform)
+    silhouette, _ = image.render(fit.transform, np.zeros(len(KNOTS_RAD)))
     power = image.power[silhouette > FLOOR * silhouette.max()]
-    step_x, step_y = image.picture.step_m
+    step_x, step_y = image.measured.step_m
     cells = step_x * step_y / image.aperture.cell_m2(image.reference_m)
     brighter = [(power > 10.0 ** (-level / 10.0) * power.max()).sum() for level in LEVELS_DB]
     area = np.log(np.maximum(cells * np.array(brighter), cells))
@@ -41,14 +41,14 @@ def look_of(image: MeshImage, fit: MeshFit) -> np.ndarray:
     return np.concatenate([profile / PROFILE_STD, area / AREA_STD])
 
 
-def next_alpha(alphas: list[float], looks: list[np.ndarray], wanted: np.ndarray) -> float:
-    """Return the alpha whose look, between those tried, is nearest to the `wanted` one."""
-    tried, known = _merged(alphas, looks)
+def next_alpha(alphas: list[float], features: list[np.ndarray], wanted: np.ndarray) -> float:
+    """Alpha whose features, interpolated between the simulated ones, are nearest to `wanted`."""
+    tried, known = _merged(alphas, features)
     best, least = float(tried[0]), np.inf
     for i in range(len(tried) - 1):
         along = known[i + 1] - known[i]
         share = float(along @ (wanted - known[i]) / max(along @ along, 1e-12))
-        # Beyond what was tried only at the upper end, and not far.
+        # Extrapolated at the upper end only, and not far.
         share = float(np.clip(share, 0.0, 2.0 if i + 2 == len(tried) else 1.0))
         apart = float(((known[i] + share * along - wanted) ** 2).sum())
         if apart < least:
@@ -56,8 +56,8 @@ def next_alpha(alphas: list[float], looks: list[np.ndarray], wanted: np.ndarray)
     return float(np.clip(best, 0.0, 1.0))
 
 
-def _merged(alphas: list[float], looks: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return alphas, ascending, and looks, with neighbours averaged."""
+def _merged(alphas: list[float], features: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Ascending alphas and their features, with neighbours averaged."""
     order = np.argsort(alphas, kind="stable")
     groups: list[list[int]] = []
     for i in order:
@@ -66,5 +66,5 @@ def _merged(alphas: list[float], looks: list[np.ndarray]) -> tuple[np.ndarray, n
         else:
             groups.append([int(i)])
     tried = np.array([np.mean([alphas[i] for i in group]) for group in groups])
-    known = np.array([np.mean([looks[i] for i in group], axis=0) for group in groups])
+    known = np.array([np.mean([features[i] for i in group], axis=0) for group in groups])
     return tried, known

@@ -1,68 +1,86 @@
-"""Close the loop: simulate the mesh where it was found, and correct the place by what that shows.
+"""Bias correction by closed-loop simulation in the estimated pose.
 
-Let F be where the mesh fits the measurement, and G where it fits its own simulation at T. What the
-picture of the mesh does not know (interference, the curvature of glints) shifts both alike, so T is
-corrected to (G T^-1)^-1 F. Corrections of several rounds, each with its own seed, are averaged:
-their speckle is independent.
+Let F be the pose that fits the measurement, and G the pose that fits the mesh's own simulation at
+T. Effects that the rendering does not model (interference, the curvature of glints) bias both
+alike, so T is corrected to (G T^-1)^-1 F. The corrections of several rounds with different seeds
+are averaged: their speckle is independent.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibration.registration.alignment import Alignment
-from calibration.registration.alpha_cue import ALPHA_STARTS, ALPHA_TOLERANCE, look_of, next_alpha
-from calibration.registration.locate import COVARIANCE_RATIO, Located, depth_for_mesh, fine_image
-from calibration.registration.mesh_fit import MeshFit, first_brightness, fit_mesh
-from calibration.registration.mesh_rendering import Aperture
+from calibration.registration.alpha_cue import (
+    ALPHA_STARTS,
+    ALPHA_TOLERANCE,
+    next_alpha,
+    pose_invariant_features,
+)
+from calibration.registration.depth_surface import not_aligned
+from calibration.registration.locate import (
+    COVARIANCE_RATIO,
+    Located,
+    depth_for_mesh,
+    fine_rendering,
+)
+from calibration.registration.mesh_fit import fit_mesh, initial_log_brightness
+from calibration.registration.radar import Radar
 from calibration.registration.rigid_motion import moved, orthonormal
-from calibration.registration.surface import failure
 from clradar.backproject import backproject
 from clradar.compare import depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
-from clradar.model import AntennaArray, Capture, DepthMap, Scene, Volume, VoxelGrid, Waveform
+from clradar.model import Capture, DepthMap, Scene, Volume, VoxelGrid
 from clradar.opencl import Device
 from clradar.overlap import overlap
 from clradar.simulation import simulate
+from clradar.tracing.settings import SimulationSettings
 
 TOLERANCE_M = 1e-4
-"""Done when a round moves no visible point of the mesh by more than about this."""
+"""Converged when a round moves no visible point of the mesh by more than about this."""
 
 MAX_ROUNDS = 12
 
 SAME_ALPHA, SAME_PLACE_M = 0.05, 2e-3
-"""A round counts for the correction as a Gaussian of these widths, from where the last one was."""
+"""Widths of the Gaussian weight of a round's correction, by its distance from the last round."""
 
 REGISTERED_RATIO = 0.6
 """As `locate.COVARIANCE_RATIO`, after the correction (docs/calibration.md)."""
 
 MIN_OVERLAP = 0.5
-"""Of the last simulation with the measurement: less is another object (docs/calibration.md)."""
+"""Smallest overlap of the last simulation with the measurement (docs/calibration.md)."""
 
 LARGEST_CORRECTION_M = 10e-3
-"""A simulation that is found this far from where it was put says that the fit is none."""
+"""Largest bias: a larger one shows that the fit is invalid."""
 
 _FIT_STEPS = 50
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Round:
-    """One turn of the loop.
+    """One round of simulation and correction.
 
     Attributes
     ----------
     transform : ndarray, shape (4, 4)
-        Where the mesh was simulated.
+        Pose of the simulation.
     alpha : float or None
-        With which alpha, where it was to be found.
+        Of the simulation, if alpha is estimated.
     moved_m : float, metres
-        How far the round moved the mesh: of its middle, or of points one radius off by the turn,
-        whichever is more.
+        Motion of the mesh in the round: the larger of the shift of its centre and the rotation's
+        shift of points at its radius.
+
+    Examples
+    --------
+    >>> import calibration, numpy as np
+    >>> rounds = [calibration.Round(np.eye(4), None, step_m) for step_m in (2e-3, 3e-4, 5e-5)]
+    >>> [step.moved_m < 1e-4 for step in rounds]
+    [False, False, True]
     """
 
     transform: np.ndarray
@@ -72,15 +90,12 @@ class Round:
 
 @dataclass(frozen=True, slots=True)
 class LoopSettings:
-    """How the loop simulates and when it ends; the fields are arguments of `register`."""
+    """Simulation and termination of the loop; as the arguments of `register`."""
 
-    array: AntennaArray
-    waveform: Waveform
+    radar: Radar
     grid: VoxelGrid
     fit_alpha: bool
-    samples_per_mm2: float | None
-    rays_per_sample: int | None
-    seed: int
+    simulation: SimulationSettings
     dynamic_range_db: float | None
     tolerance_m: float
     max_rounds: int
@@ -101,6 +116,24 @@ Callback = Callable[[Round], None]
 """Called with every `Round`."""
 
 
+@dataclass(slots=True)
+class _History:
+    """Corrections, alphas, features and relative poses of the rounds that count."""
+
+    corrections: list[np.ndarray] = field(default_factory=list)
+    alphas: list[float] = field(default_factory=list)
+    features: list[np.ndarray] = field(default_factory=list)
+    places_m: list[np.ndarray] = field(default_factory=list)
+
+    def correction(self) -> np.ndarray:
+        """Mean correction, weighted by the similarity of alpha and place to the last round's."""
+        away = np.linalg.norm(np.array(self.places_m) - self.places_m[-1], axis=1) / SAME_PLACE_M
+        if self.alphas:
+            away = np.hypot(away, (np.array(self.alphas) - self.alphas[-1]) / SAME_ALPHA)
+        weights = np.exp(-0.5 * away**2)
+        return weights @ np.array(self.corrections) / weights.sum()
+
+
 def close_loop(
     measured: DepthMap,
     mesh: Scene,
@@ -109,9 +142,9 @@ def close_loop(
     device: Device,
     callback: Callback | None = None,
 ) -> ClosedLoop:
-    """Correct where `mesh` was `located` until a round moves it by less than the tolerance.
+    """Correct the `located` pose of `mesh` until a round moves it by less than the tolerance.
 
-    `measured` is what it was located on, on the pixels of the grid.
+    `measured` is the depth map of `located`, on the pixels of the grid.
 
     Raises
     ------
@@ -119,156 +152,140 @@ def close_loop(
         No ray of a simulation reaches a receiver, a simulation does not look like the mesh, or the
         last one does not look like the measurement.
     """
-    s = settings
-    aperture = Aperture(s.array, float(np.mean(s.waveform.frequencies_hz)))
-    fitted, start_m = located.fit, located.fit.centre_m
-    radius_m = _radius_m(mesh, fitted)
-    transform = fitted.transform
-    corrections: list[np.ndarray] = []
-    places_m: list[np.ndarray] = []
-    alphas: list[float] = []
-    looks: list[np.ndarray] = []
-    rounds: list[Round] = []
-    starts = list(ALPHA_STARTS) if s.fit_alpha else []
-    converged = False
-    for number in range(s.max_rounds):
-        alpha, fixed = None, True
-        if s.fit_alpha:
-            fixed = not starts
-            alpha = starts.pop(0) if starts else next_alpha(alphas, looks, located.look)
-        scene = mesh.transformed(transform)
-        if alpha is not None:
+    fitted, centre_m = located.fit.transform, located.fit.centre_m
+    radius_m = _radius_m(mesh, located)
+    history, rounds = _History(), list[Round]()
+    starts = list(ALPHA_STARTS) if settings.fit_alpha else []
+    transform, converged = fitted, False
+    for number in range(settings.max_rounds):
+        alpha, scene = None, mesh.transformed(transform)
+        alpha_settled = not starts
+        if settings.fit_alpha:
+            alpha = (
+                starts.pop(0)
+                if starts
+                else next_alpha(history.alphas, history.features, located.features)
+            )
             scene = scene.with_alpha(alpha)
         try:
-            capture, volume = _simulated(scene, s, s.seed + number, device)
-            found, look = _found(
-                volume, mesh, transform, located, s.dynamic_range_db, aperture, device
+            capture, volume = _simulated(scene, settings, number, device)
+            found, features = _fitted_to_simulation(
+                volume, mesh, transform, located, settings, device
             )
-            correction = _small(found.transform, transform, start_m)
+            correction = _relative_motion(found, transform, centre_m)
             _check_correction(correction)
         except CompareError:
-            if starts:  # another alpha may show more of the mesh
+            # More of the mesh may be visible at another alpha.
+            if starts and number + 1 < settings.max_rounds:
                 continue
             raise
-        corrections.append(correction)
+        history.corrections.append(correction)
         if alpha is not None:
-            alphas.append(alpha)
-            looks.append(look)
-        places_m.append(_small(transform, fitted.transform, start_m)[3:])
-        weights = _weights(alphas, places_m)
-        following = _corrected(
-            fitted.transform, weights @ np.array(corrections) / weights.sum(), start_m
-        )
-        step = _small(following, transform, start_m)
+            history.alphas.append(alpha)
+            history.features.append(features)
+        history.places_m.append(_relative_motion(transform, fitted, centre_m)[3:])
+        following = _corrected(fitted, history.correction(), centre_m)
+        step = _relative_motion(following, transform, centre_m)
         moved_m = float(max(np.linalg.norm(step[3:]), radius_m * np.linalg.norm(step[:3])))
         rounds.append(Round(transform, alpha, moved_m))
         if callback is not None:
             callback(rounds[-1])
-        last = transform
         transform = following
-        if alpha is not None and fixed:
-            fixed = abs(next_alpha(alphas, looks, located.look) - alpha) < ALPHA_TOLERANCE
-        converged = moved_m < s.tolerance_m and fixed
+        if alpha is not None and alpha_settled:
+            refined = next_alpha(history.alphas, history.features, located.features)
+            alpha_settled = abs(refined - alpha) < ALPHA_TOLERANCE
+        converged = moved_m < settings.tolerance_m and alpha_settled
         if converged:
             break
-    share = _overlap(measured, volume)
-    if share < MIN_OVERLAP:
-        raise failure(
-            f"the mesh, simulated in its place, overlaps with the measurement by {share:.2f}, and "
-            f"{MIN_OVERLAP:.2f} is the least: it is another object, or stands elsewhere"
-        )
+    share = _checked_overlap(measured, volume)
     alignment = replace(
         located.alignment,
-        transform=last,
+        transform=rounds[-1].transform,
         overlap=share,
-        covariance=_narrowed(located),
+        covariance=_corrected_covariance(located),
         converged=converged,
         iterations=len(rounds),
     )
     return ClosedLoop(alignment, scene, capture, volume, tuple(rounds))
 
 
+def _radius_m(mesh: Scene, located: Located) -> float:
+    vertices_m = moved(located.fit.transform, mesh.vertices_m[np.unique(mesh.faces)])
+    return float(np.median(np.linalg.norm(vertices_m - located.fit.centre_m, axis=1)))
+
+
 def _simulated(
-    scene: Scene, settings: LoopSettings, seed: int, device: Device
+    scene: Scene, settings: LoopSettings, number: int, device: Device
 ) -> tuple[Capture, Volume]:
+    simulation, radar = settings.simulation, settings.radar
     capture = simulate(
         scene,
-        settings.array,
-        settings.waveform,
-        samples_per_mm2=settings.samples_per_mm2,
-        rays_per_sample=settings.rays_per_sample,
-        seed=seed,
+        radar.array,
+        radar.waveform,
+        settings=replace(simulation, seed=simulation.seed + number),
         device=device,
     )
     if capture.meta["rays"]["paths"] == 0:
-        raise failure("no ray from the mesh at the place found reaches a receiver")
+        raise not_aligned("no ray from the mesh at the place found reaches a receiver")
     return capture, backproject(capture, settings.grid, device=device)
+
+
+def _fitted_to_simulation(
+    volume: Volume,
+    mesh: Scene,
+    transform: np.ndarray,
+    located: Located,
+    settings: LoopSettings,
+    device: Device,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pose of the mesh fitted to its own simulation, (4, 4), and the simulation's features."""
+    depth = depth_for_mesh(volume, settings.dynamic_range_db)
+    constrained = located.constrained if located.constrained.shape[1] else None
+    with fine_rendering(mesh, depth, settings.radar.aperture, device) as image:
+        fit = fit_mesh(image, transform, initial_log_brightness(), _FIT_STEPS, constrained)
+        return fit.transform, pose_invariant_features(image, fit)
+
+
+def _relative_motion(there: np.ndarray, here: np.ndarray, at_m: np.ndarray) -> np.ndarray:
+    """Motion from `here` to `there` as rotation vector and shift of `at_m`, shape (6,)."""
+    motion = there @ np.linalg.inv(here)
+    rotation = Rotation.from_matrix(motion[:3, :3]).as_rotvec()
+    return np.concatenate([rotation, moved(motion, at_m[None])[0] - at_m])
 
 
 def _check_correction(correction: np.ndarray) -> None:
     shift_m = float(np.linalg.norm(correction[3:]))
     if shift_m > LARGEST_CORRECTION_M:
-        raise failure(
+        raise not_aligned(
             "the simulation at the place found does not look like the mesh: it fits "
             f"{1e3 * shift_m:.1f} mm off"
         )
 
 
-def _overlap(measured: DepthMap, simulated: Volume) -> float:
-    """Return the headline metric of the two, at what both depth maps reach down to."""
-    range_db = min(DYNAMIC_RANGE_DB, measured.dynamic_range_db)
-    one, other = (depth_map_of(image, range_db, "image") for image in (measured, simulated))
-    return overlap(one, other)
-
-
-def _radius_m(mesh: Scene, fit: MeshFit) -> float:
-    vertices_m = moved(fit.transform, mesh.vertices_m[np.unique(mesh.faces)])
-    return float(np.median(np.linalg.norm(vertices_m - fit.centre_m, axis=1)))
-
-
-def _found(
-    volume: Volume,
-    mesh: Scene,
-    transform: np.ndarray,
-    located: Located,
-    dynamic_range_db: float | None,
-    aperture: Aperture,
-    device: Device,
-) -> tuple[MeshFit, np.ndarray]:
-    """Return where the mesh fits its own simulation, from where it was put, and its look."""
-    depth = depth_for_mesh(volume, dynamic_range_db)
-    held = located.held if located.held.shape[1] else None
-    with fine_image(mesh, depth, aperture, device) as image:
-        fit = fit_mesh(image, transform, first_brightness(), _FIT_STEPS, held)
-        return fit, look_of(image, fit)
-
-
-def _small(there: np.ndarray, here: np.ndarray, at_m: np.ndarray) -> np.ndarray:
-    """Return the motion from `here` to `there` as rotation vector and shift of `at_m`, (6,)."""
-    motion = there @ np.linalg.inv(here)
-    turn = Rotation.from_matrix(motion[:3, :3]).as_rotvec()
-    return np.concatenate([turn, moved(motion, at_m[None])[0] - at_m])
-
-
 def _corrected(fitted: np.ndarray, correction: np.ndarray, at_m: np.ndarray) -> np.ndarray:
-    """Return `fitted` moved against a motion as `_small` gives it."""
+    """`fitted` moved by the inverse of a motion in the form of `_relative_motion`."""
     motion = np.eye(4)
     motion[:3, :3] = Rotation.from_rotvec(correction[:3]).as_matrix()
     motion[:3, 3] = at_m + correction[3:] - motion[:3, :3] @ at_m
     return orthonormal(np.linalg.inv(motion) @ fitted)
 
 
-def _weights(alphas: list[float], places_m: list[np.ndarray]) -> np.ndarray:
-    """Return how much each round says about the bias of the last one."""
-    away = np.linalg.norm(np.array(places_m) - places_m[-1], axis=1) / SAME_PLACE_M
-    if alphas:
-        away = np.hypot(away, (np.array(alphas) - alphas[-1]) / SAME_ALPHA)
-    return np.exp(-0.5 * away**2)
+def _checked_overlap(measured: DepthMap, simulated: Volume) -> float:
+    """Overlap of measurement and simulation, in the dynamic range that both have."""
+    range_db = min(DYNAMIC_RANGE_DB, measured.dynamic_range_db)
+    one, other = (depth_map_of(image, range_db, "image") for image in (measured, simulated))
+    share = overlap(one, other)
+    if share < MIN_OVERLAP:
+        raise not_aligned(
+            f"the mesh, simulated in its place, overlaps with the measurement by {share:.2f}, and "
+            f"{MIN_OVERLAP:.2f} is the least: it is another object, or stands elsewhere"
+        )
+    return share
 
 
-def _narrowed(located: Located) -> np.ndarray:
-    """Return the covariance after the correction; what is held stays unknown."""
+def _corrected_covariance(located: Located) -> np.ndarray:
+    """Covariance after the correction; unobservable directions stay unknown."""
     covariance = located.alignment.covariance
-    if located.held.shape[1]:
+    if located.constrained.shape[1]:
         return covariance
     return covariance * (REGISTERED_RATIO / COVARIANCE_RATIO) ** 2

@@ -1,4 +1,8 @@
-"""Fit the picture of a mesh to a measured one: Fisher scoring on speckle and on range."""
+"""Fit of a mesh rendering to a measured image by Fisher scoring on speckle and range.
+
+Brightness has the exponential distribution of fully developed speckle: J. W. Goodman, "Speckle
+Phenomena in Optics", 2007.
+"""
 
 from __future__ import annotations
 
@@ -6,57 +10,57 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.registration.mesh_rendering import KNOTS_RAD, MeshImage
+from calibration.registration.mesh_rendering import KNOTS_RAD, MeshRendering
 from calibration.registration.rigid_motion import exp_twist, orthonormal
 
 FLOOR = 10.0 ** (-15.0 / 10.0)
-"""Power below which a pixel counts as dark, relative to the maximum: sidelobes of the brightest
-parts are there, and no measurement has to follow the mesh further down."""
+"""Power added to both images, relative to the maximum: the level of the sidelobes, below which the
+mesh does not determine the measurement."""
 
 RANGE_STD_M = 2e-3
-"""Scatter of the range of bright pixels. The surface inside a resolution cell, 4 x 4 x 15 mm,
-interferes, and its maximum is found up to some millimetres off (docs/calibration.md)."""
+"""Scatter of the range of bright pixels: the interference of the surface in a resolution cell,
+4 x 4 x 15 mm, moves its maximum by up to some millimetres (docs/calibration.md)."""
 
 RANGE_HALF_POWER = 0.05
-"""Power at which the variance of the range has doubled."""
+"""Power at which the variance of the range is doubled."""
 
 TUKEY_CUTOFF = 4.0
 CAUCHY_SCALE = 2.0
-"""Of the speckle's residual m / I - 1, whose standard deviation is 1: glints that the picture
-does not know can be ten."""
+"""Of the speckle residual m / I - 1, whose standard deviation is 1: for unmodelled glints it can be
+ten."""
 
 MOST_DARK = 8.0
-"""No knot is darker than e^-8 (-35 dB) of the brightest: nothing there tells how dark."""
+"""Largest fall of the log brightness below its maximum, e^-8 (-35 dB): more is unobservable."""
 
 SMOOTH = 0.2
 FALL_PER_KNOT = 0.7
-"""Weak prior of the logarithmic brightness: neighbouring knots fall by 0.7, give or take 2.2."""
+"""Weak prior of the log brightness: it falls by 0.7 +- 2.2 from knot to knot."""
 
-TURN_STEP_RAD, SHIFT_STEP_M = 2e-3, 1e-4
-_LOOK_AGAIN_M = 2e-4
-_MOST_TURN_RAD, _MOST_SHIFT_M, _MOST_LOG = 0.07, 4e-3, 1.5
-TURN_TOLERANCE_RAD, SHIFT_TOLERANCE_M = 2e-4, 1e-5
-"""Converged below: a twentieth of the smallest standard deviation that was seen."""
+_ROTATION_STEP_RAD, _SHIFT_STEP_M = 2e-3, 1e-4  # of the numerical derivatives
+_VISIBILITY_STEP_M = 2e-4  # after which visibility is updated
+_MOST_ROTATION_RAD, _MOST_SHIFT_M, _MOST_LOG = 0.07, 4e-3, 1.5  # of one step
+ROTATION_TOLERANCE_RAD, SHIFT_TOLERANCE_M = 2e-4, 1e-5
+"""Converged below: a twentieth of the smallest standard deviation in simulations."""
 
 
-def first_brightness() -> np.ndarray:
-    """Return a guess of the logarithmic brightness: a glint of 20 degrees over a faint rest."""
+def initial_log_brightness() -> np.ndarray:
+    """Initial log brightness at `KNOTS_RAD`: a specular lobe of 20 degrees over a faint rest."""
     return np.log(np.exp(-((KNOTS_RAD / 0.35) ** 2)) + 0.02)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshFit:
-    """Where a mesh came to rest.
+    """The converged fit.
 
     Attributes
     ----------
     transform : ndarray, shape (4, 4)
-        From where the mesh was given.
+        Of the mesh as given.
     log_brightness : ndarray, shape (n_knots,)
     centre_m : ndarray, shape (3,), metres
-        Mean of the visible samples, about which `information` turns.
+        Mean of the visible samples, the centre of the twists of `information`.
     information : ndarray, shape (6, 6)
-        Inverse covariance of a further twist (radians, metres), brightness unknown.
+        Inverse covariance of a further twist (radians, metres), marginal over the brightness.
     loss : float
         Robust deviance per resolution cell; smaller is better.
     iterations : int
@@ -73,8 +77,8 @@ class MeshFit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Misfit:
-    """Residuals of every pixel, with what they are relative to."""
+class Residuals:
+    """Residuals of every pixel and their scales."""
 
     speckle: np.ndarray
     dark: np.ndarray
@@ -93,23 +97,23 @@ class Misfit:
         return np.where(self.measured, tukey * self.covered, 0.0)
 
     def loss(self) -> float:
-        """Return the sum of both robust losses over the pixels."""
+        """Sum of both robust losses over the pixels."""
         half = 0.5 * CAUCHY_SCALE**2
         speckle = half * np.log1p((self.speckle / CAUCHY_SCALE) ** 2)
         inside = np.maximum(1.0 - (self.range_m / self.range_std_m / TUKEY_CUTOFF) ** 2, 0.0)
-        # What no mesh covers costs as much as what is off it.
+        # A measured pixel that the mesh does not cover costs as much as an outlier.
         off = TUKEY_CUTOFF**2 / 6.0 * (1.0 - self.covered * inside**3)
         return float(speckle.sum() + off[self.measured].sum())
 
 
-def misfit(image: MeshImage, power: np.ndarray, range_m: np.ndarray) -> Misfit:
-    """Return how the measured picture differs from that of the mesh."""
+def residuals(image: MeshRendering, power: np.ndarray, range_m: np.ndarray) -> Residuals:
+    """Residuals of the measured image against a rendering."""
     dark = power + FLOOR
-    measured = np.isfinite(image.picture.range_m)
-    return Misfit(
+    measured = np.isfinite(image.measured.range_m)
+    return Residuals(
         speckle=(image.power - power) / dark,
         dark=dark,
-        range_m=np.where(measured, image.picture.range_m - range_m, 0.0),
+        range_m=np.where(measured, image.measured.range_m - range_m, 0.0),
         range_std_m=RANGE_STD_M * np.sqrt(1.0 + RANGE_HALF_POWER / np.maximum(image.power, 1e-4)),
         covered=np.minimum(power / FLOOR, 1.0),
         measured=measured,
@@ -117,35 +121,35 @@ def misfit(image: MeshImage, power: np.ndarray, range_m: np.ndarray) -> Misfit:
 
 
 def fit_mesh(
-    image: MeshImage,
+    image: MeshRendering,
     transform: np.ndarray,
     log_brightness: np.ndarray,
     max_iterations: int,
-    held: np.ndarray | None = None,
+    constrained: np.ndarray | None = None,
 ) -> MeshFit:
-    """Move the mesh from `transform` until its picture fits best.
+    """Fit pose and brightness from a start.
 
     Parameters
     ----------
-    held : ndarray, shape (6, k), optional
-        Twists (radians, metres) along which it must not move.
+    constrained : ndarray, shape (6, k), optional
+        Twists (radians, metres) along which the mesh does not move.
     """
     pixels_per_cell = cell_pixels(image)
-    looked = np.full((4, 4), np.inf)
+    updated_at = np.full((4, 4), np.inf)
     scaled = False
     converged, iteration = False, 0
     n = 6 + len(KNOTS_RAD)
     while not converged and iteration < max_iterations:
-        if np.abs(transform - looked).max() > _LOOK_AGAIN_M:
-            image.look(transform)
-            looked = transform
-        power, range_m = image.of(transform, log_brightness)
+        if np.abs(transform - updated_at).max() > _VISIBILITY_STEP_M:
+            image.update_visibility(transform)
+            updated_at = transform
+        power, range_m = image.render(transform, log_brightness)
         if not scaled:
             log_brightness = log_brightness + np.log(image.power.sum() / power.sum())
-            power, range_m = image.of(transform, log_brightness)
+            power, range_m = image.render(transform, log_brightness)
             scaled = True
-        centre_m = image.seen_points_m(transform).mean(axis=0)
-        found = misfit(image, power, range_m)
+        centre_m = image.visible_points_m(transform).mean(axis=0)
+        found = residuals(image, power, range_m)
         by_power, by_range = _derivatives(
             image, transform, log_brightness, centre_m, power, range_m
         )
@@ -154,25 +158,21 @@ def fit_mesh(
         range_weights = (found.range_weights / found.range_std_m**2).ravel() / pixels_per_cell
         information = (by_power * speckle_weights) @ by_power.T
         information += (by_range * range_weights) @ by_range.T
-        slope = (by_power * speckle_weights) @ found.speckle.ravel()
-        slope += (by_range * range_weights) @ found.range_m.ravel()
+        score = (by_power * speckle_weights) @ found.speckle.ravel()
+        score += (by_range * range_weights) @ found.range_m.ravel()
         fall = np.diff(np.eye(n)[6:], axis=0)
         information += SMOOTH * fall.T @ fall
-        slope -= SMOOTH * fall.T @ (np.diff(log_brightness) + FALL_PER_KNOT)
-        free = np.eye(n) if held is None else _without(held, n)
-        step = free @ np.linalg.solve(free.T @ information @ free, free.T @ slope)
-        turn_rad, shift_m = np.linalg.norm(step[:3]), np.linalg.norm(step[3:6])
-        step = step / max(
-            1.0,
-            turn_rad / _MOST_TURN_RAD,
-            shift_m / _MOST_SHIFT_M,
-            np.abs(step[6:]).max() / _MOST_LOG,
-        )
+        score -= SMOOTH * fall.T @ (np.diff(log_brightness) + FALL_PER_KNOT)
+        basis = np.eye(n) if constrained is None else _unconstrained(constrained, n)
+        step = basis @ np.linalg.solve(basis.T @ information @ basis, basis.T @ score)
+        angle_rad, shift_m = np.linalg.norm(step[:3]), np.linalg.norm(step[3:6])
+        longest = max(angle_rad / _MOST_ROTATION_RAD, shift_m / _MOST_SHIFT_M)
+        step = step / max(1.0, longest, np.abs(step[6:]).max() / _MOST_LOG)
         transform = orthonormal(exp_twist(step[:6], centre_m) @ transform)
         log_brightness = log_brightness + step[6:]
         log_brightness = np.maximum(log_brightness, log_brightness.max() - MOST_DARK)
         iteration += 1
-        converged = bool(turn_rad < TURN_TOLERANCE_RAD and shift_m < SHIFT_TOLERANCE_M)
+        converged = bool(angle_rad < ROTATION_TOLERANCE_RAD and shift_m < SHIFT_TOLERANCE_M)
     return MeshFit(
         transform=transform,
         log_brightness=log_brightness,
@@ -184,24 +184,24 @@ def fit_mesh(
     )
 
 
-def shared_information(image: MeshImage, fit: MeshFit) -> np.ndarray:
-    """Return the information on the motion that two halves of the samples agree on, (6, 6).
+def shared_information(image: MeshRendering, fit: MeshFit) -> np.ndarray:
+    """Information on the motion that two halves of the samples share, (6, 6).
 
-    A sphere that turns looks the same, but its samples wander, and their pattern looks like
-    something to hold on to. It is another one in either half, and so is not in the product.
+    The rendering of a rotating sphere is constant but for the pattern of its samples, which would
+    count as information. The patterns of the two halves are independent: their product is unbiased.
     """
-    image.look(fit.transform)
-    found = misfit(image, *image.of(fit.transform, fit.log_brightness))
+    image.update_visibility(fit.transform)
+    found = residuals(image, *image.render(fit.transform, fit.log_brightness))
     halves = []
     for every in (slice(0, None, 2), slice(1, None, 2)):
-        image.look(fit.transform, every)
+        image.update_visibility(fit.transform, every)
         brightness = fit.log_brightness + np.log(2.0)
-        power, range_m = image.of(fit.transform, brightness)
+        power, range_m = image.render(fit.transform, brightness)
         by_power, by_range = _derivatives(
             image, fit.transform, brightness, fit.centre_m, power, range_m
         )
         halves.append((by_power / found.dark.ravel(), by_range))
-    image.look(fit.transform)
+    image.update_visibility(fit.transform)
     (power_a, range_a), (power_b, range_b) = halves
     weight = found.range_weights / found.range_std_m**2
     product = (power_a * found.speckle_weights.ravel()) @ power_b.T
@@ -210,43 +210,43 @@ def shared_information(image: MeshImage, fit: MeshFit) -> np.ndarray:
     return marginal(0.5 * (product + product.T) + SMOOTH * fall.T @ fall)
 
 
-def cell_pixels(image: MeshImage) -> float:
-    """Return how many pixels a resolution cell has, at least one."""
-    step_x, step_y = image.picture.step_m
+def cell_pixels(image: MeshRendering) -> float:
+    """Pixels per resolution cell, at least one."""
+    step_x, step_y = image.measured.step_m
     return max(1.0, image.aperture.cell_m2(image.reference_m) / (step_x * step_y))
 
 
 def marginal(information: np.ndarray) -> np.ndarray:
-    """Return the information on the six of the motion, whatever the brightness is."""
+    """Information on the motion alone, (6, 6), by the Schur complement of the brightness."""
     motion, mixed, rest = information[:6, :6], information[:6, 6:], information[6:, 6:]
     return motion - mixed @ np.linalg.solve(rest, mixed.T)
 
 
-def _without(held: np.ndarray, n: int) -> np.ndarray:
-    """Return a basis, shape (n, n - k), of all steps that have no part along `held`, (6, k)."""
-    rows = np.zeros((held.shape[1], n))
-    rows[:, :6] = held.T
-    return np.linalg.svd(rows)[2][held.shape[1] :].T
+def _unconstrained(constrained: np.ndarray, n: int) -> np.ndarray:
+    """Basis, shape (n, n - k), of the steps orthogonal to `constrained`, (6, k)."""
+    rows = np.zeros((constrained.shape[1], n))
+    rows[:, :6] = constrained.T
+    return np.linalg.svd(rows)[2][constrained.shape[1] :].T
 
 
 def _derivatives(
-    image: MeshImage,
+    image: MeshRendering,
     transform: np.ndarray,
     log_brightness: np.ndarray,
     centre_m: np.ndarray,
     power: np.ndarray,
     range_m: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the derivatives of power and range by the twist and the brightness, (13, n_pixels)."""
+    """Derivatives of power and range by the twist and the brightness, (13, n_pixels)."""
     by_power, by_range = [], []
     for k in range(6):
-        step = TURN_STEP_RAD if k < 3 else SHIFT_STEP_M
+        step = _ROTATION_STEP_RAD if k < 3 else _SHIFT_STEP_M
         twist = np.zeros(6)
         twist[k] = step
-        ahead = image.of(exp_twist(twist, centre_m) @ transform, log_brightness)
+        ahead = image.render(exp_twist(twist, centre_m) @ transform, log_brightness)
         by_power.append((ahead[0] - power) / step)
         by_range.append((ahead[1] - range_m) / step)
-    for d_power, d_moment in image.by_brightness(transform, log_brightness):
+    for d_power, d_moment in image.brightness_derivatives(transform, log_brightness):
         by_power.append(d_power)
         by_range.append((d_moment - (range_m - image.reference_m) * d_power) / power)
     rows = 6 + len(KNOTS_RAD)

@@ -1,8 +1,8 @@
-"""What a mesh looks like to the radar, in a millisecond: brightness and range of every pixel.
+"""Incoherent rendering of a mesh: visible surface samples convolved with a point spread function.
 
-No phases: each visible sample of the surface adds its brightness through the power pattern of the
-array. That has neither speckle nor interference, and is smooth in the place of the mesh, which is
-what a fit needs. `docs/calibration.md` has the equations.
+Brightness and range of every pixel in a millisecond. Without phases there is neither speckle nor
+interference, and the rendering is a smooth function of the pose, as a fit requires.
+`docs/calibration.md` has the equations.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from clradar.model import AntennaArray, DepthMap
 from clradar.tracing.visible_surface import VisibleSurface
 
 KNOTS_RAD = np.radians([0.0, 8.0, 16.0, 24.0, 36.0, 50.0, 70.0])
-"""Angles between line of sight and normal at which the brightness of the surface is a parameter:
-close together where a smooth surface drops from a glint to nothing. Log-linear between them."""
+"""Angles of incidence at which the brightness of the surface is a parameter, log-linear between
+them: dense in the specular lobe of a smooth surface."""
 
 PATTERN_HALF_WIDTH_M = 24e-3
-"""How far out the power pattern is carried: five sidelobes of the 94 x 94 imager."""
+"""Half width of the point spread function: five sidelobes of the 94 x 94 imager."""
 
 VIEWS = 3
-"""Visibility is asked from a square of so many by so many points over the aperture, less the
-middle one: eight, what the kernel takes at once."""
+"""Visibility is computed from a square grid of so many by so many viewpoints over the aperture,
+without the centre: eight, the group size of the kernel."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
-    """A depth map as the fit reads it.
+class MeasuredImage:
+    """Power and range of the pixels of a depth map.
 
     Attributes
     ----------
     x_m, y_m : ndarray, metres
-        Pixel centres, evenly spaced, `step_m` apart along either axis.
+        Pixel centres, evenly spaced.
     power : ndarray, shape (n_y, n_x), float64
         Squared amplitude, 1 at the maximum.
     range_m : ndarray, shape (n_y, n_x), float64, metres
@@ -53,9 +53,9 @@ class Picture:
     step_m: tuple[float, float]
 
     @classmethod
-    def of(cls, depth: DepthMap, step_m: float, centre_m: np.ndarray) -> Picture:
-        """Return every k-th pixel of a depth map, about `step_m` apart."""
-        thin = thinned(depth, step_m)
+    def of(cls, depth: DepthMap, step_m: float, centre_m: np.ndarray) -> MeasuredImage:
+        """Decimate a depth map to pixels about `step_m` apart."""
+        thin = decimated(depth, step_m)
         power = thin.amplitude.astype(np.float64) ** 2
         x, y = np.meshgrid(thin.x_m - centre_m[0], thin.y_m - centre_m[1])
         z = thin.depth_m - centre_m[2]
@@ -68,8 +68,8 @@ class Picture:
         )
 
 
-def thinned(depth: DepthMap, step_m: float) -> DepthMap:
-    """Return every k-th pixel of a depth map whose pixels are evenly spaced."""
+def decimated(depth: DepthMap, step_m: float) -> DepthMap:
+    """Every k-th pixel of a depth map with evenly spaced pixels, about `step_m` apart."""
     columns, rows = (
         slice(None, None, max(1, round(step_m / _spacing(axis_m))))
         for axis_m in (depth.x_m, depth.y_m)
@@ -92,7 +92,7 @@ Pixels = tuple[np.ndarray, np.ndarray]
 
 
 class Aperture:
-    """What the fit has to know about the radar: where it is, where it looks from, how it blurs."""
+    """The radar of a rendering: its centre, viewpoints and point spread function."""
 
     def __init__(self, array: AntennaArray, centre_frequency_hz: float) -> None:
         antennas_m = np.concatenate([array.tx_m, array.rx_m])
@@ -103,16 +103,16 @@ class Aperture:
         self.wavelength_m = SPEED_OF_LIGHT_M_PER_S / centre_frequency_hz
         share = np.linspace(0.0, 1.0, VIEWS)
         grid = np.array([(u, v) for u in share for v in share if (u, v) != (0.5, 0.5)])
-        # The extremes of a plane array: 0.97 of it keeps rays off antennas that stand alone.
+        # Slightly inside the extent, so that single outer antennas do not count.
         spread = 0.5 + 0.97 * (grid - 0.5)
-        self.views_m = np.concatenate(
+        self.viewpoints_m = np.concatenate(
             [low[:2] + spread * (high - low)[:2], np.full((len(grid), 1), self.centre_m[2])], axis=1
         )
 
-    def power_pattern(self, range_m: float, step_m: Sequence[float]) -> np.ndarray:
-        """Return the response to a point at boresight, shape (n_y, n_x), odd, with sum 1.
+    def point_spread(self, range_m: float, step_m: Sequence[float]) -> np.ndarray:
+        """Power response to a point at boresight, shape (n_y, n_x), odd, with sum 1.
 
-        At the centre frequency alone: within the half width the bandwidth changes it little.
+        At the centre frequency: within the half width the bandwidth changes it little.
         """
         x, y = (
             np.arange(-(n := int(PATTERN_HALF_WIDTH_M / step)), n + 1) * step for step in step_m
@@ -126,124 +126,129 @@ class Aperture:
             # One axis at a time: points x antennas x 3 would be the largest array of a fit.
             there = sum((points_m[:, k, None] - antennas_m[:, k]) ** 2 for k in range(3))
             here = ((middle_m - antennas_m) ** 2).sum(axis=1)
-            turns = (np.sqrt(there) - np.sqrt(here)) / self.wavelength_m
-            response *= np.exp(2j * np.pi * turns).mean(axis=1)
+            cycles = (np.sqrt(there) - np.sqrt(here)) / self.wavelength_m
+            response *= np.exp(2j * np.pi * cycles).mean(axis=1)
         power = (np.abs(response) ** 2).reshape(grid_x.shape)
         return power / power.sum()
 
     def cell_m2(self, range_m: float) -> float:
-        """Return the area of a resolution cell, in which pixels share their speckle.
+        """Area of a resolution cell, the correlation area of the speckle.
 
-        The integral of the speckle's squared correlation, which for a uniform aperture is the power
-        pattern itself.
+        The integral of the speckle's squared correlation, which for a uniform aperture equals the
+        power pattern (J. W. Goodman, "Speckle Phenomena in Optics", 2007).
         """
         key = round(range_m, 3)
         if key not in self._cells_m2:
             step_m = 1e-3
-            pattern = self.power_pattern(key, (step_m, step_m))
+            pattern = self.point_spread(key, (step_m, step_m))
             self._cells_m2[key] = float(step_m**2 * pattern.sum() / pattern.max())
         return self._cells_m2[key]
 
 
-class MeshImage:
-    """The picture of a mesh on given pixels, for any place of the mesh.
+class MeshRendering:
+    """Renderings of a mesh on the pixels of a measured image, in any pose.
 
     Parameters
     ----------
     surface : VisibleSurface
-        Of the mesh where it is; entered.
-    picture : Picture
-        Whose pixels to use.
+        Of the mesh as given; entered.
+    measured : MeasuredImage
     aperture : Aperture
     blur_m : float, metres
-        Standard deviation of a further Gaussian blur, for a wider basin at the start.
+        Standard deviation of an additional Gaussian blur, for a wider basin of attraction.
     """
 
     def __init__(
-        self, surface: VisibleSurface, picture: Picture, aperture: Aperture, blur_m: float = 0.0
+        self,
+        surface: VisibleSurface,
+        measured: MeasuredImage,
+        aperture: Aperture,
+        blur_m: float = 0.0,
     ) -> None:
-        self.surface, self.picture, self.aperture = surface, picture, aperture
-        self.reference_m = float(np.nanmedian(picture.range_m))
-        self._seen = np.zeros(0, dtype=np.intp)
+        self.surface, self.measured, self.aperture = surface, measured, aperture
+        self.reference_m = float(np.nanmedian(measured.range_m))
+        self._visible = np.zeros(0, dtype=np.intp)
         self._share = np.zeros(0)
-        pattern = aperture.power_pattern(self.reference_m, picture.step_m)
+        pattern = aperture.point_spread(self.reference_m, measured.step_m)
         self._half = (pattern.shape[0] // 2, pattern.shape[1] // 2)
-        shape = picture.power.shape
+        shape = measured.power.shape
         self._padded = tuple(
             fft.next_fast_len(n + 2 * h, real=True) for n, h in zip(shape, self._half, strict=True)
         )
         soft = np.ones(1)
         if blur_m > 0.0:
-            step_x, step_y = picture.step_m
+            step_x, step_y = measured.step_m
             along_y = np.fft.fftfreq(self._padded[0], step_y)[:, None]
             along_x = np.fft.rfftfreq(self._padded[1], step_x)[None, :]
             soft = np.exp(-2.0 * (np.pi * blur_m) ** 2 * (along_x**2 + along_y**2))
         self._pattern = fft.rfft2(pattern, self._padded) * soft
-        self.power = picture.power
+        self.power = measured.power
         if blur_m > 0.0:
-            spectrum = fft.rfft2(picture.power, self._padded) * soft
+            spectrum = fft.rfft2(measured.power, self._padded) * soft
             blurred = fft.irfft2(spectrum, self._padded)[: shape[0], : shape[1]]
             self.power = np.maximum(blurred, 0.0) / blurred.max()
 
-    def look(self, transform: np.ndarray, every: slice = slice(None)) -> None:
-        """Find out which samples are seen when the mesh is moved by `transform`, shape (4, 4).
+    def update_visibility(self, transform: np.ndarray, every: slice = slice(None)) -> None:
+        """Compute which samples are visible when the mesh is moved by `transform`, shape (4, 4).
 
-        `every` thins the samples: two halves are two independent drawings of the surface.
+        `every` decimates the samples: its two halves are independent.
         """
-        there = moved(np.linalg.inv(transform), self.aperture.views_m)
-        share = self.surface.visible_from(there).mean(axis=1)
-        self._seen = np.flatnonzero(share > 0)[every]
-        self._share = share[self._seen]
+        viewpoints_m = moved(np.linalg.inv(transform), self.aperture.viewpoints_m)
+        share = self.surface.visible_from(viewpoints_m).mean(axis=1)
+        self._visible = np.flatnonzero(share > 0)[every]
+        self._share = share[self._visible]
 
     @property
-    def n_seen(self) -> int:
-        return len(self._seen)
+    def n_visible(self) -> int:
+        return len(self._visible)
 
-    def seen_points_m(self, transform: np.ndarray) -> np.ndarray:
-        """Return the visible samples where they are after `transform`, shape (n, 3), metres."""
-        return moved(transform, self.surface.points_m[self._seen])
+    def visible_points_m(self, transform: np.ndarray) -> np.ndarray:
+        """The visible samples after `transform`, shape (n, 3), metres."""
+        return moved(transform, self.surface.points_m[self._visible])
 
-    def of(self, transform: np.ndarray, log_brightness: np.ndarray) -> Pixels:
-        """Return power and mean range of every pixel, both (n_y, n_x); range is in metres.
+    def render(self, transform: np.ndarray, log_brightness: np.ndarray) -> Pixels:
+        """Power and mean range of every pixel, both (n_y, n_x); range is in metres.
 
         Parameters
         ----------
         transform : ndarray, shape (4, 4)
-            Where the mesh goes; small steps from where `look` was called.
+            Of the mesh; near that of the last `update_visibility`.
         log_brightness : ndarray, shape (n_knots,)
             Natural logarithm of the power per area at `KNOTS_RAD`.
         """
-        points_m, from_centre_m, angle = self._seen_at(transform)
+        points_m, from_centre_m, angle = self._geometry(transform)
         bright = self._share * np.exp(np.interp(angle, KNOTS_RAD, log_brightness))
-        return self._pictures(points_m, from_centre_m, bright[None])[0]
+        return self._rendered(points_m, from_centre_m, bright[None])[0]
 
-    def by_brightness(self, transform: np.ndarray, log_brightness: np.ndarray) -> list[Pixels]:
-        """Return the derivatives of power and of power x range by each knot's logarithm."""
-        points_m, from_centre_m, angle = self._seen_at(transform)
+    def brightness_derivatives(
+        self, transform: np.ndarray, log_brightness: np.ndarray
+    ) -> list[Pixels]:
+        """Derivatives of power and of power x range by each knot's logarithm."""
+        points_m, from_centre_m, angle = self._geometry(transform)
         bright = self._share * np.exp(np.interp(angle, KNOTS_RAD, log_brightness))
         shares = [np.interp(angle, KNOTS_RAD, row) for row in np.eye(len(KNOTS_RAD))]
-        return self._pictures(points_m, from_centre_m, bright * np.array(shares), mean=False)
+        return self._rendered(points_m, from_centre_m, bright * np.array(shares), mean=False)
 
-    def _seen_at(self, transform: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        points_m = self.seen_points_m(transform)
-        normals = self.surface.normals[self._seen] @ transform[:3, :3].T
+    def _geometry(self, transform: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        points_m = self.visible_points_m(transform)
+        normals = self.surface.normals[self._visible] @ transform[:3, :3].T
         sight_m = points_m - self.aperture.centre_m
         from_centre_m = np.linalg.norm(sight_m, axis=1)
         cosine = np.abs((normals * sight_m).sum(axis=1)) / from_centre_m
         return points_m, from_centre_m - self.reference_m, np.arccos(np.minimum(cosine, 1.0))
 
-    def _pictures(
+    def _rendered(
         self,
         points_m: np.ndarray,
         range_m: np.ndarray,
         brightness: np.ndarray,
         mean: bool = True,
     ) -> list[Pixels]:
-        """Return power and (mean) range for each row of `brightness`, (k, n_samples)."""
-        n_y, n_x = self.picture.power.shape
-        step_x, step_y = self.picture.step_m
-        u = (points_m[:, 0] - self.picture.x_m[0]) / step_x
-        v = (points_m[:, 1] - self.picture.y_m[0]) / step_y
+        """Bilinear splatting: power and (mean) range per row of `brightness`, (k, n_samples)."""
+        n_y, n_x = self.measured.power.shape
+        step_x, step_y = self.measured.step_m
+        u = (points_m[:, 0] - self.measured.x_m[0]) / step_x
+        v = (points_m[:, 1] - self.measured.y_m[0]) / step_y
         left, low = np.floor(u).astype(np.intp), np.floor(v).astype(np.intp)
         inside = (left >= 0) & (left < n_x - 1) & (low >= 0) & (low < n_y - 1)
         right_share, high_share = (u - left)[inside], (v - low)[inside]
@@ -254,7 +259,7 @@ class MeshImage:
             (pixel + n_x, (1 - right_share) * high_share),
             (pixel + n_x + 1, right_share * high_share),
         ]
-        pictures: list[Pixels] = []
+        rendered: list[Pixels] = []
         for row in brightness[:, inside]:
             drawn = np.zeros((2, n_y, n_x))
             for values, target in zip((row, row * range_m[inside]), drawn, strict=True):
@@ -266,5 +271,5 @@ class MeshImage:
             if mean:
                 power = np.maximum(power, 1e-12)
                 moment = self.reference_m + moment / power
-            pictures.append((power, moment))
-        return pictures
+            rendered.append((power, moment))
+        return rendered

@@ -1,12 +1,10 @@
-"""Place a mesh where it was measured, and simulate it there."""
+"""Registration of a mesh in closed loop with its simulation."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-
-from calibration.registration.align_mesh import radar_of
 from calibration.registration.alignment import Alignment
 from calibration.registration.closed_loop import (
     MAX_ROUNDS,
@@ -17,26 +15,36 @@ from calibration.registration.closed_loop import (
     close_loop,
 )
 from calibration.registration.locate import depth_for_mesh, locate
+from calibration.registration.radar import Radar
 from clradar.model import AntennaArray, Capture, Scene, Volume, Waveform, checks
 from clradar.opencl import Device, open_device
+from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """A mesh in its place, and what it looks like there.
+    """A registered mesh and its simulation.
 
     Attributes
     ----------
     alignment : Alignment
         measured = transform . mesh, at the last simulation.
     scene : Scene
-        The mesh in its place, with the alpha of the last simulation.
+        The mesh in that pose, with the alpha of the last simulation.
     capture : Capture
     volume : Volume
         The last simulation, on the grid of the measured volume.
     rounds : tuple of Round
     converged : bool
         Whether the last round moved the mesh by less than the tolerance.
+
+    Examples
+    --------
+    >>> import calibration, numpy as np
+    >>> rounds = tuple(calibration.Round(np.eye(4), 0.3, moved_m) for moved_m in (2e-3, 5e-5))
+    >>> found = calibration.Registration(None, None, None, None, rounds, converged=True)
+    >>> len(found.rounds), found.rounds[-1].alpha, found.rounds[-1].moved_m
+    (2, 0.3, 5e-05)
     """
 
     alignment: Alignment
@@ -47,6 +55,7 @@ class Registration:
     converged: bool
 
 
+@takes_settings
 def register(
     measured: Volume,
     mesh: Scene,
@@ -54,9 +63,6 @@ def register(
     fit_alpha: bool = False,
     array: AntennaArray | None = None,
     waveform: Waveform | None = None,
-    samples_per_mm2: float | None = None,
-    rays_per_sample: int | None = None,
-    seed: int = 0,
     dynamic_range_db: float | None = None,
     search_deg: float = 45.0,
     min_inlier_share: float = 0.5,
@@ -65,22 +71,22 @@ def register(
     max_rounds: int = MAX_ROUNDS,
     device: Device | str | None = None,
     callback: Callback | None = None,
+    settings: SimulationSettings | None = None,
+    **fields: Any,
 ) -> Registration:
-    """Place a mesh where it was measured, and simulate it there.
+    """Find the measured pose of a mesh, and simulate it there.
 
     Parameters
     ----------
     measured : Volume
         Of the object, in the antenna frame.
     mesh : Scene
-        Anywhere; with the alpha to simulate with.
+        In any pose; with the alpha of the simulations.
     fit_alpha : bool
-        Find one alpha for the whole mesh instead, from how the brightness falls with the angle.
+        Estimate one alpha for the whole mesh instead, from how the brightness falls with the angle.
     array : AntennaArray, optional
     waveform : Waveform, optional
-        Of the measurement: the 94 x 94 imager and 72 to 82 GHz in 128 steps if not given.
-    samples_per_mm2, rays_per_sample, seed
-        As in `clradar.simulate`; each round has a seed of its own, `seed` and up.
+        Of the measurement. Default: the 94 x 94 imager and 72 to 82 GHz in 128 steps.
     dynamic_range_db, search_deg, min_inlier_share, max_iterations
         As in `align_mesh`.
     tolerance_m : float, metres
@@ -89,6 +95,10 @@ def register(
     device : Device, str or None
     callback : callable, optional
         Called with every `Round`.
+    settings : SimulationSettings, optional
+        Of the simulations, the defaults if not given; rounds use seeds from `seed` upwards.
+    **fields
+        Fields of `SimulationSettings`, in place of those of `settings`.
 
     Returns
     -------
@@ -98,24 +108,41 @@ def register(
     ------
     CompareError
         "could not align, because …", as `align_mesh`; or no ray of a simulation reaches a receiver,
-        or a simulation does not look like the mesh either.
+        or a simulation does not look like the mesh.
     ModelError
         An option is out of its range.
 
     Notes
     -----
-    `calibration.closed_loop` and docs/calibration.md have the equations.
+    docs/calibration.md has the equations.
+
+    Examples
+    --------
+    A rough square plate, and a simulation of it 4 mm farther along x, in place of a measurement:
+
+    >>> import calibration, clradar, numpy as np
+    >>> corners = [[-.02, -.02, .3], [.02, -.02, .3], [.02, .02, .3], [-.02, .02, .3]]
+    >>> plate = clradar.Scene(corners, [[0, 1, 2], [0, 2, 3]], 0.5)
+    >>> q = clradar.arrays.qar50()
+    >>> radar = {"array": clradar.AntennaArray(q.tx_m[::2], q.rx_m[::2]),
+    ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
+    >>> rays = {"samples_per_mm2": 1.0, "rays_per_sample": 2}
+    >>> there = np.eye(4)
+    >>> there[0, 3] = 0.004
+    >>> capture = clradar.simulate(plate.transformed(there), seed=9, **rays, **radar)
+    >>> grid = clradar.VoxelGrid.from_extent((-0.036, 0.036), (-0.036, 0.036), (0.28, 0.32), 2e-3)
+    >>> image = clradar.backproject(capture, grid, device="pocl")
+    >>> found = calibration.register(image, plate, search_deg=5.0, max_rounds=1, **rays, **radar)
+    >>> print(np.linalg.norm(found.alignment.shift_m - [0.004, 0, 0]) < 0.003)
+    True
     """
     checks.instance("register: measured", measured, Volume)
-    radar, sweep = radar_of("register", array, waveform)
-    settings = LoopSettings(
-        array=radar,
-        waveform=sweep,
+    radar = Radar.of("register", array, waveform)
+    loop_settings = LoopSettings(
+        radar=radar,
         grid=measured.grid,
         fit_alpha=fit_alpha,
-        samples_per_mm2=samples_per_mm2,
-        rays_per_sample=rays_per_sample,
-        seed=checks.whole("register: seed", seed, 0),
+        simulation=resolve_settings(settings, **fields),
         dynamic_range_db=dynamic_range_db,
         tolerance_m=checks.positive("register: tolerance_m", tolerance_m),
         max_rounds=checks.whole("register: max_rounds", max_rounds, 1),
@@ -125,15 +152,13 @@ def register(
     located = locate(
         depth,
         mesh,
-        array=radar,
-        centre_frequency_hz=float(np.mean(sweep.frequencies_hz)),
+        radar.aperture,
         search_deg=search_deg,
         min_inlier_share=min_inlier_share,
         max_iterations=max_iterations,
         device=opened,
-        progress=None,
     )
-    loop = close_loop(depth, mesh, located, settings, opened, callback)
+    loop = close_loop(depth, mesh, located, loop_settings, opened, callback)
     return Registration(
         loop.alignment,
         loop.scene,

@@ -1,4 +1,4 @@
-"""Rigid motions: 4x4 matrices, twists, Kabsch's fit and the point-to-plane normal equations."""
+"""Rigid motions: 4x4 matrices, the exponential map of SE(3), Kabsch's fit, point-to-plane rows."""
 
 from __future__ import annotations
 
@@ -7,12 +7,17 @@ from scipy.spatial.transform import Rotation
 
 
 def moved(transform: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """Return `points_m`, shape (n, 3), metres, after the 4x4 `transform`."""
+    """Apply a 4x4 `transform` to `points_m`, shape (n, 3), metres."""
     return points_m @ transform[:3, :3].T + transform[:3, 3]
 
 
+def moved_back(transform: np.ndarray, point_m: np.ndarray) -> np.ndarray:
+    """Apply the inverse of a 4x4 `transform` to one point, shape (3,), metres."""
+    return transform[:3, :3].T @ (point_m - transform[:3, 3])
+
+
 def rotation_about(rotation: Rotation, from_m: np.ndarray, to_m: np.ndarray) -> np.ndarray:
-    """Return the 4x4 matrix that turns about the point `from_m` and carries it to `to_m`."""
+    """4x4 matrix of a rotation about the point `from_m` and a shift of that point to `to_m`."""
     transform = np.eye(4)
     transform[:3, :3] = rotation.as_matrix()
     transform[:3, 3] = to_m - transform[:3, :3] @ from_m
@@ -20,14 +25,14 @@ def rotation_about(rotation: Rotation, from_m: np.ndarray, to_m: np.ndarray) -> 
 
 
 def orthonormal(transform: np.ndarray) -> np.ndarray:
-    """Return the 4x4 matrix with its rotation freed of the rounding of many products."""
+    """A 4x4 matrix with its rotation orthonormalised against accumulated rounding."""
     clean = np.array(transform)
     clean[:3, :3] = Rotation.from_matrix(transform[:3, :3]).as_matrix()
     return clean
 
 
 def exp_twist(twist: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """Return the finite motion of a twist: the exponential map of SE(3).
+    """The finite motion of a twist: the exponential map of SE(3).
 
     Parameters
     ----------
@@ -41,9 +46,9 @@ def exp_twist(twist: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
 
     Notes
     -----
-    The exponential, not a rotation followed by a shift: a twist about an axis anywhere in space
-    then gives the turn about that very axis, however large, so that motions which map a surface
-    onto itself (a sphere about its centre) do so exactly.
+    The exponential, not a rotation followed by a shift: a twist about any axis in space gives the
+    rotation about that axis, however large, so that motions which map a surface onto itself (a
+    sphere about its centre) do so exactly.
     """
     x, y, z = twist[:3]
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -60,7 +65,7 @@ def exp_twist(twist: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
 
 
 def kabsch(from_m: np.ndarray, to_m: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the rigid motion that minimises sum of weights * |to - motion(from)|^2.
+    """The rigid motion that minimises sum of weights * |to - motion(from)|^2.
 
     Parameters
     ----------
@@ -87,14 +92,14 @@ def kabsch(from_m: np.ndarray, to_m: np.ndarray, weights: np.ndarray) -> np.ndar
 
 
 def plane_jacobian(points_m: np.ndarray, normals: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """Return the derivative of the point-to-plane residuals n.(p - q) by a twist about `centre_m`.
+    """Derivative of the point-to-plane residuals n.(p - q) by a twist about `centre_m`.
 
     Parameters
     ----------
     points_m : ndarray, shape (n, 3), metres
-        The moving points p, where they are now.
+        The moved points p.
     normals : ndarray, shape (n, 3)
-        Unit normals of the planes that they are matched with.
+        Unit normals of the planes they are matched with.
     centre_m : ndarray, shape (3,), metres
 
     Returns

@@ -1,4 +1,4 @@
-"""Rotations from which a search without a guess starts."""
+"""Initial rotations of a global registration."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ TILTS = 17
 
 
 def start_rotations(search_deg: float) -> list[Rotation]:
-    """Return rotations about boresight after tilts, no rotation first, in steps of 15 degrees."""
+    """Rotations about boresight, then tilts, in steps of 15 degrees; the identity first."""
     n = int(search_deg // 15)
-    turns = sorted((15 * k for k in range(-n, n + 1) if 15 * k > -180), key=abs)
+    angles_deg = sorted((15 * k for k in range(-n, n + 1) if 15 * k > -180), key=abs)
     about = np.radians(np.arange(8) * 45.0)
     axes = np.stack([np.cos(about), np.sin(about), np.zeros(8)], axis=1)
     tilts = np.concatenate([np.zeros((1, 3)), 15.0 * axes, 30.0 * axes])
     return [
-        Rotation.from_rotvec(tilt, degrees=True) * Rotation.from_euler("z", turn, degrees=True)
+        Rotation.from_rotvec(tilt, degrees=True) * Rotation.from_euler("z", angle, degrees=True)
         for tilt in tilts
-        for turn in turns
+        for angle in angles_deg
     ]

@@ -1,4 +1,4 @@
-"""Mesh to measurement: visibility, the picture of a mesh, the motion found, and failures."""
+"""Registration of meshes: visibility, renderings, the motion found, and failures."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from shapes import box, plate, sphere
 
 import clradar
 from calibration import Alignment, align_mesh
-from calibration.registration.mesh_fit import first_brightness, fit_mesh
-from calibration.registration.mesh_rendering import Aperture, MeshImage, Picture
+from calibration.registration.mesh_fit import fit_mesh, initial_log_brightness
+from calibration.registration.mesh_rendering import Aperture, MeasuredImage, MeshRendering
 from clradar import reference
 from clradar.cli import main
 from clradar.errors import CompareError, ModelError
@@ -28,9 +28,9 @@ CENTRE_M = np.array([0.0, 0.0, 0.3])
 POSITION_M, ROTATION_DEG = 1.5e-3, 1.5
 """What is asked of 95 of 100 measurements of a hand (docs/calibration.md)."""
 
-OWN_PICTURE_M = 5e-5
-"""A fit to the mesh's own picture has no noise: the convergence tolerance of 1e-5 m is what is
-left, and a factor of five for the visibility, which is looked up every 0.2 mm only."""
+OWN_RENDERING_M = 5e-5
+"""A fit to the mesh's own rendering has no noise: the convergence tolerance of 1e-5 m is what is
+left, and a factor of five for the visibility, which is updated every 0.2 mm only."""
 
 
 def motion(turn_deg=(0.0, 0.0, 0.0), shift_m=(0.0, 0.0, 0.0)):
@@ -71,7 +71,7 @@ def errors(transform, truth=TRUTH):
     return float(np.linalg.norm(at)), float(np.degrees(turn))
 
 
-# Visibility and picture
+# Visibility and rendering
 
 
 def test_visible_samples_are_those_of_the_brute_force(device):
@@ -95,18 +95,18 @@ def test_visible_samples_are_those_of_the_brute_force(device):
         assert (seen[:, k] == expected).mean() > 0.995  # rays that graze an edge may differ
 
 
-def test_power_pattern_is_that_of_the_exact_image(device):
+def test_point_spread_is_that_of_the_exact_image(device):
     """Against the image of a point by the exact sum over all pairs, at the centre frequency."""
     aperture = Aperture(ARRAY, 77e9)
     narrow = clradar.Waveform(np.array([77e9]))
-    legs = [np.linalg.norm(CENTRE_M - a, axis=1) for a in (ARRAY.tx_m, ARRAY.rx_m)]
-    path_m = legs[0][:, None] + legs[1]
+    segments_m = [np.linalg.norm(CENTRE_M - a, axis=1) for a in (ARRAY.tx_m, ARRAY.rx_m)]
+    path_m = segments_m[0][:, None] + segments_m[1]
     data = np.exp(-2j * np.pi * 77e9 * path_m / 299_792_458.0)[:, :, None]
     capture = clradar.Capture(data.astype(np.complex64), ARRAY, narrow)
     grid = clradar.VoxelGrid.from_extent((-0.024, 0.024), (-0.024, 0.024), (0.3, 0.3), 2e-3)
     volume = clradar.backproject(capture, grid, method="exact", device=device)
     power = np.abs(volume.data[0]).astype(np.float64) ** 2
-    pattern = aperture.power_pattern(0.3, (2e-3, 2e-3))
+    pattern = aperture.point_spread(0.3, (2e-3, 2e-3))
     assert pattern.shape == power.shape
     # float32 phases of 160 turns: 1e-5 of the peak.
     assert np.abs(pattern / pattern.max() - power / power.max()).max() < 1e-4
@@ -114,56 +114,53 @@ def test_power_pattern_is_that_of_the_exact_image(device):
     assert 14e-6 < aperture.cell_m2(0.3) < 22e-6
 
 
-def empty_picture(range_m=0.3):
+def empty_image(range_m=0.3):
     axis_m = np.arange(-0.06, 0.0601, 2e-3)
     shape = (len(axis_m), len(axis_m))
-    return Picture(axis_m, axis_m, np.ones(shape), np.full(shape, range_m), (2e-3, 2e-3))
+    return MeasuredImage(axis_m, axis_m, np.ones(shape), np.full(shape, range_m), (2e-3, 2e-3))
 
 
-def test_picture_of_a_patch(device):
+def test_rendering_of_a_patch(device):
     """A patch of one square millimetre is the power pattern at its place, at its range."""
     vertices, faces = plate(1e-3, 0.3)
-    picture, aperture = empty_picture(), Aperture(ARRAY, 77e9)
+    measured, aperture = empty_image(), Aperture(ARRAY, 77e9)
     with VisibleSurface(clradar.Scene(vertices, faces), 50.0, 1.0, device) as surface:
-        image = MeshImage(surface, picture, aperture)
+        image = MeshRendering(surface, measured, aperture)
         shift = motion(shift_m=(0.02, -0.01, 0.05))
-        image.look(shift)
-        power, range_m = image.of(shift, np.zeros_like(first_brightness()))
+        image.update_visibility(shift)
+        power, range_m = image.render(shift, np.zeros_like(initial_log_brightness()))
     row, column = np.unravel_index(power.argmax(), power.shape)
-    assert picture.x_m[column] == pytest.approx(0.02)
-    assert picture.y_m[row] == pytest.approx(-0.01)
+    assert measured.x_m[column] == pytest.approx(0.02)
+    assert measured.y_m[row] == pytest.approx(-0.01)
     assert range_m[row, column] == pytest.approx(np.linalg.norm([0.02, -0.01, 0.35]), abs=1e-5)
 
 
-def picture_of_itself(mesh, truth, device):
-    """The noiseless picture of a mesh as if it were measured."""
+def rendering_of_itself(mesh, truth, device):
+    """The noiseless rendering of a mesh as if it were measured."""
     aperture = Aperture(ARRAY, 77e9)
     surface = VisibleSurface(mesh, 1.0, 2.0, device)
     with surface:
-        image = MeshImage(surface, empty_picture(), aperture)
-        image.look(truth)
-        power, range_m = image.of(truth, first_brightness())
+        image = MeshRendering(surface, empty_image(), aperture)
+        image.update_visibility(truth)
+        power, range_m = image.render(truth, initial_log_brightness())
     power = power / power.max()
-    picture = empty_picture()
-    return Picture(
-        picture.x_m, picture.y_m, power, np.where(power > 0.01, range_m, np.nan), picture.step_m
-    )
+    return replace(empty_image(), power=power, range_m=np.where(power > 0.01, range_m, np.nan))
 
 
-def test_fit_to_its_own_picture_is_exact(device):
+def test_fit_to_its_own_rendering_is_exact(device):
     vertices, faces = box((0, 0, 0.3), (0.05, 0.04, 0.03))
     vertices = vertices + 0.006 * np.sin(vertices[:, [1, 2, 0]] / 0.011)
     mesh = clradar.Scene(vertices, faces)
     truth = motion((3.0, -4.0, 5.0), (0.003, 0.002, 0.004))
-    picture = picture_of_itself(mesh, truth, device)
+    measured = rendering_of_itself(mesh, truth, device)
     with VisibleSurface(mesh, 1.0, 2.0, device) as surface:
-        image = MeshImage(surface, picture, Aperture(ARRAY, 77e9))
+        image = MeshRendering(surface, measured, Aperture(ARRAY, 77e9))
         fit = fit_mesh(image, motion((1.0, -3.0, 2.0), (0.001, 0.004, 0.003)),
-                       first_brightness(), 60)  # fmt: skip
+                       initial_log_brightness(), 60)  # fmt: skip
     assert fit.converged
     position_m, rotation_deg = errors(fit.transform, truth)
-    assert position_m < OWN_PICTURE_M
-    assert rotation_deg < np.degrees(OWN_PICTURE_M / 0.02)
+    assert position_m < OWN_RENDERING_M
+    assert rotation_deg < np.degrees(OWN_RENDERING_M / 0.02)
 
 
 # The motion
@@ -181,7 +178,7 @@ def test_finds_a_hand(found):
 
 @pytest.mark.slow
 def test_bias_of_a_mirror_is_corrected(hand):
-    """A specular hand is a few glints, and the picture alone is up to some millimetres off."""
+    """A specular hand is a few glints, and without correction up to some millimetres off."""
     mirror = hand.transformed(TRUTH).with_alpha(0.0)
     capture = clradar.simulate(
         mirror, ARRAY, WAVEFORM, samples_per_mm2=3.0, rays_per_sample=1, seed=5, device="pocl"
@@ -242,7 +239,7 @@ def test_start_does_not_matter_and_depth_maps_do(measured, hand, found):
     assert rotation_deg < 0.1
 
 
-# What cannot be told
+# Unobservable directions
 
 
 def seen_of(vertices, faces, alpha, truth):
@@ -266,7 +263,7 @@ def test_sphere_moves_without_turning():
     assert np.linalg.norm(moved_m - [0.008, -0.005, 0.003]) < POSITION_M
 
 
-def test_plate_beyond_the_image_keeps_what_it_cannot_tell():
+def test_plate_beyond_the_image_keeps_unobservable_directions():
     """A plate whose edges are in the image is told by them; of this one they are not."""
     vertices, faces = plate(0.2, 0.3, 6)
     volume = seen_of(vertices, faces, 0.0, motion((2.0, -1.0, 0), (0, 0, 0.01)))
