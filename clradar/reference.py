@@ -1,7 +1,8 @@
-"""The same three steps, and the hand's flesh, in float64 numpy: no code shared with the rest.
+"""Reference implementation of tracing, phasor sum and back-projection in float64 numpy.
 
-Slow and plain on purpose: every kernel is held against these functions (``tests/``). They use the
-same counter-based random numbers, so every traced path can be compared with its counterpart.
+Slow and plain on purpose, and without shared code: the tests compare every kernel with these
+functions. They use the same counter-based random numbers, so that each traced path has its
+counterpart.
 
 References
 ----------
@@ -22,7 +23,7 @@ from clradar.model import AntennaArray, Capture, Paths, Scene, Waveform
 
 C_M_PER_S = 299_792_458.0
 LIFT_M = 1e-6
-"""Rays leave a surface from this far above it, so that they do not hit where they start."""
+"""Height above a surface at which rays leave it, so that they do not hit their own face."""
 
 
 def philox(counter: np.ndarray, seed: int) -> np.ndarray:
@@ -157,10 +158,10 @@ def closest_hit(
     return best, face, uv
 
 
-def sees(
+def visible(
     point: np.ndarray, normal: np.ndarray, target_m: np.ndarray, triangles_m: np.ndarray
 ) -> np.ndarray:
-    """Whether nothing lies between points on faces and their targets, shape (n,)."""
+    """Whether targets are visible from points on faces, shape (n,)."""
     side = np.sign(np.einsum("sa,sa->s", normal, target_m - point))
     lifted = point + LIFT_M * side[:, None] * normal
     back = target_m - lifted
@@ -191,7 +192,7 @@ def direction_density(w: np.ndarray, n: np.ndarray, t_m: np.ndarray, alpha: floa
     return total
 
 
-def share_of_disc(
+def disc_probability(
     axis: np.ndarray,
     half_angle: float,
     n: np.ndarray,
@@ -251,25 +252,25 @@ def expected(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Probability of reception and path length of every sample, Tx and Rx, (n_samples, n_tx, n_rx).
 
-    An Rx is hidden where the centre of its sphere is; where the plane of the sample's face cuts
-    the sphere, where the middle of the part above it is.
+    An Rx is hidden if the centre of its sphere is; if the plane of the sample's face cuts the
+    sphere, the middle of the part above it counts instead.
     """
     triangles = scene.triangles_m
     _, corner = scene_normals(scene, normals, crease_deg)
     point, shading, geometric, face = sample_surface(scene, counts, corner, seed)
     alpha_of = np.asarray(scene.alpha)
-    share = np.zeros((len(point), array.n_tx, array.n_rx))
+    probability = np.zeros((len(point), array.n_tx, array.n_rx))
     to_rx = array.rx_m - point[:, None]
     distance = np.linalg.norm(to_rx, axis=2)
     length = np.linalg.norm(array.tx_m - point[:, None], axis=2)[:, :, None] + distance[:, None]
     for tx, tx_m in enumerate(array.tx_m):
-        seen = sees(point, geometric, np.broadcast_to(tx_m, point.shape), triangles)
+        lit = visible(point, geometric, np.broadcast_to(tx_m, point.shape), triangles)
         for rx, rx_m in enumerate(array.rx_m):
             g = geometric * -np.sign(np.einsum("sa,sa->s", geometric, point - tx_m))[:, None]
             height = np.einsum("sa,sa->s", g, rx_m - point)
             lift = np.clip(reception_radius_m - height, 0, None) / 2
-            clear = sees(point, geometric, rx_m + lift[:, None] * g, triangles)
-            reached = seen & clear & (height > -reception_radius_m)
+            clear = visible(point, geometric, rx_m + lift[:, None] * g, triangles)
+            reached = lit & clear & (height > -reception_radius_m)
             for s in np.flatnonzero(reached):
                 t_i = (point[s] - tx_m) / np.linalg.norm(point[s] - tx_m)
                 n = shading[s] * -np.sign(shading[s] @ t_i)
@@ -278,10 +279,37 @@ def expected(
                 half_angle = np.arcsin(reception_radius_m / distance[s, rx])
                 if alpha == 0:
                     inside = np.linalg.norm(np.cross(t_m, axis)) < np.sin(half_angle)
-                    share[s, tx, rx] = inside and t_m @ axis > 0 and t_m @ g[s] > 0
+                    probability[s, tx, rx] = inside and t_m @ axis > 0 and t_m @ g[s] > 0
                 else:
-                    share[s, tx, rx] = share_of_disc(axis, half_angle, n, g[s], t_m, alpha)
-    return share, length
+                    probability[s, tx, rx] = disc_probability(axis, half_angle, n, g[s], t_m, alpha)
+    return probability, length
+
+
+def facing(normal: np.ndarray, arrival: np.ndarray) -> np.ndarray:
+    """Normals turned against the direction of arrival."""
+    return np.where(np.einsum("sa,sa->s", normal, arrival)[:, None] > 0, -normal, normal)
+
+
+def outgoing(words: np.ndarray, n: np.ndarray, t_i: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Outgoing directions t_c, shape (n, 3), for random words of the draws."""
+    z = 2 * uniform(words)[:, 0] - 1
+    angle = 2 * np.pi * (uniform(words)[:, 1] - 0.5)
+    ring = np.sqrt(1 - z * z)
+    r = np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
+    t_d = (n + r) / np.linalg.norm(n + r, axis=1, keepdims=True)
+    t_m = t_i - 2 * np.einsum("sa,sa->s", t_i, n)[:, None] * n
+    t_c = alpha[:, None] * t_d + (1 - alpha[:, None]) * t_m
+    return t_c / np.linalg.norm(t_c, axis=1, keepdims=True)
+
+
+def sphere_entry(
+    to: np.ndarray, direction: np.ndarray, radius_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Whether rays pass a sphere, `to` its centre, and the distance at which they enter it."""
+    along = np.einsum("sa,sa->s", to, direction)
+    miss2 = ((to - along[:, None] * direction) ** 2).sum(axis=1)
+    half = np.sqrt(np.maximum(radius_m**2 - miss2, 0))
+    return (miss2 < radius_m**2) & (along + half > 0), np.maximum(along - half, 0)
 
 
 def trace(
@@ -308,54 +336,41 @@ def trace(
         arrival = point - tx_m
         first = np.linalg.norm(arrival, axis=1)
         arrival /= first[:, None]
-        seen = np.flatnonzero(sees(point, geometric, np.broadcast_to(tx_m, point.shape), triangles))
+        lit = visible(point, geometric, np.broadcast_to(tx_m, point.shape), triangles)
         for ray in range(rays_per_sample):
-            sample, p, t_i = seen, point[seen], arrival[seen]
-            n, g, alpha = shading[seen], geometric[seen], alpha_of[face_of[seen]]
-            travelled = first[seen]
-            leaving = (p - tx_m)[:, 2] / travelled
+            sample = np.flatnonzero(lit)
+            p, t_i, travelled = point[sample], arrival[sample], first[sample]
+            n, g, alpha = shading[sample], geometric[sample], alpha_of[face_of[sample]]
+            leaving = arrival[sample, 2]
             for bounce in range(max_bounces):
-                n = np.where(np.einsum("sa,sa->s", n, t_i)[:, None] > 0, -n, n)
-                g = np.where(np.einsum("sa,sa->s", g, t_i)[:, None] > 0, -g, g)
+                n, g = facing(n, t_i), facing(g, t_i)
                 words = philox(counters(sample, tx, ray, 3 | bounce << 8), seed)
-                z = 2 * uniform(words)[:, 0] - 1
-                turn = uniform(words)[:, 1] - 0.5
-                ring = np.sqrt(1 - z * z)
-                r = np.stack(
-                    [ring * np.cos(2 * np.pi * turn), ring * np.sin(2 * np.pi * turn), z], axis=1
-                )
-                t_d = (n + r) / np.linalg.norm(n + r, axis=1, keepdims=True)
-                t_m = t_i - 2 * np.einsum("sa,sa->s", t_i, n)[:, None] * n
-                t_c = alpha[:, None] * t_d + (1 - alpha[:, None]) * t_m
-                t_c /= np.linalg.norm(t_c, axis=1, keepdims=True)
+                t_c = outgoing(words, n, t_i, alpha)
                 up = np.einsum("sa,sa->s", t_c, g) > 0
-                sample, p, n, g, t_c = sample[up], p[up], n[up], g[up], t_c[up]
-                alpha, travelled, leaving = alpha[up], travelled[up], leaving[up]
+                sample, p, g, t_c = sample[up], p[up], g[up], t_c[up]
+                travelled, leaving = travelled[up], leaving[up]
                 hit, struck, uv = closest_hit(p + LIFT_M * g, t_c, triangles)
                 for rx, rx_m in enumerate(array.rx_m):
-                    to = rx_m - p
-                    along = np.einsum("sa,sa->s", to, t_c)
-                    miss2 = ((to - along[:, None] * t_c) ** 2).sum(axis=1)
-                    half = np.sqrt(np.maximum(reception_radius_m**2 - miss2, 0))
-                    entry = np.maximum(along - half, 0)
-                    got = (miss2 < reception_radius_m**2) & (along + half > 0) & (entry < hit)
-                    leg = np.linalg.norm(to[got], axis=1)
-                    weight = np.ones(len(leg))
+                    passed, entry = sphere_entry(rx_m - p, t_c, reception_radius_m)
+                    got = passed & (entry < hit)
+                    to = (rx_m - p)[got]
+                    segment = np.linalg.norm(to, axis=1)
+                    weight = np.ones(len(segment))
                     if amplitude == "spreading":
-                        weight = 1 / (travelled[got] * leg)
+                        weight = 1 / (travelled[got] * segment)
                         if pattern_exponent > 0:
-                            arriving = -to[got][:, 2] / leg
-                            both = np.clip(leaving[got], 0, None) * np.clip(arriving, 0, None)
+                            arriving = np.clip(-to[:, 2] / segment, 0, None)
+                            both = np.clip(leaving[got], 0, None) * arriving
                             weight = weight * both**pattern_exponent
-                    for s, d, w in zip(sample[got], travelled[got] + leg, weight, strict=True):
+                    lengths = travelled[got] + segment
+                    for s, d, w in zip(sample[got], lengths, weight, strict=True):
                         rows.append((tx, rx, s, ray, bounce + 1, d, w))
                 on = struck >= 0
-                sample, struck, uv, p = sample[on], struck[on], uv[on], p[on]
-                leaving = leaving[on]
+                sample, struck, uv, leaving = sample[on], struck[on], uv[on], leaving[on]
                 barycentric = np.stack([1 - uv.sum(axis=1), uv[:, 0], uv[:, 1]], axis=1)
                 landed = np.einsum("sk,ska->sa", barycentric, triangles[struck])
                 t_i = t_c[on]  # of the ray as it was cast, whose origin lies a little above p
-                travelled = travelled[on] + np.linalg.norm(landed - p, axis=1)
+                travelled = travelled[on] + np.linalg.norm(landed - p[on], axis=1)
                 p = landed
                 n = np.einsum("sk,ska->sa", barycentric, corner[struck])
                 n /= np.linalg.norm(n, axis=1, keepdims=True)
@@ -408,65 +423,3 @@ def point_targets(
         rx = np.exp(-1j * np.outer(np.linalg.norm(p - array.rx_m, axis=1), k))
         s += a * tx[:, None] * rx[None]
     return Capture(s, array, waveform)
-
-
-def cone_distance_m(points_m: np.ndarray, cone: np.ndarray) -> np.ndarray:
-    """Signed distance, shape (n,), from the convex hull of two spheres.
-
-    `cone` has both centres, then both radii, shape (8,). The hull's distance is the least of
-    f(s) = |p - c(s)| - r(s) over the spheres between both, 0 <= s <= 1, with c and r linear. f is
-    convex, and f' = 0 where s is beyond the foot of p by dr q / (L sqrt(L^2 - dr^2)), with q the
-    distance of p from the axis, L its length and dr by how much the second radius is larger.
-    """
-    begin_m, along_m, radius_m, more_m = cone[:3], cone[3:6] - cone[:3], cone[6], cone[7] - cone[6]
-    length_m = np.sqrt(along_m @ along_m)
-    from_m = points_m - begin_m
-    foot = from_m @ along_m / length_m**2
-    off_m = np.linalg.norm(np.cross(from_m, along_m), axis=1) / length_m
-    s = np.clip(foot + more_m * off_m / (length_m * np.sqrt(length_m**2 - more_m**2)), 0, 1)
-    return np.linalg.norm(from_m - s[:, None] * along_m, axis=1) - (radius_m + s * more_m)
-
-
-def blended_m(a_m: np.ndarray, b_m: np.ndarray, blend_m: float) -> np.ndarray:
-    """Minimum, lowered by (blend - |a - b|)^2 / (4 blend) where the two differ by less."""
-    missing_m = np.clip(blend_m - np.abs(a_m - b_m), 0, None)
-    return np.minimum(a_m, b_m) - missing_m**2 / (4 * blend_m)
-
-
-def united_m(points_m: np.ndarray, cones: np.ndarray, blend_m: float) -> np.ndarray:
-    """Cones, shape (n_cones, 8), blended in their order."""
-    distance_m = cone_distance_m(points_m, cones[0])
-    for cone in cones[1:]:
-        distance_m = blended_m(distance_m, cone_distance_m(points_m, cone), blend_m)
-    return distance_m
-
-
-def flesh_distance_m(
-    points_m: np.ndarray, forearm: np.ndarray, palm: np.ndarray, digits: np.ndarray
-) -> np.ndarray:
-    """Signed distance, shape (n,), from a hand's flesh in the frame of its wrist.
-
-    Parameters
-    ----------
-    points_m : ndarray, shape (n, 3), metres
-    forearm : ndarray, shape (3,)
-        Unit vector from the elbow to the wrist.
-    palm : ndarray, shape (n_cones, 8)
-    digits : ndarray, shape (n_digits, 6, 8)
-        Two cones each that grow out of the palm, and the four beyond.
-    """
-    bare_m = united_m(points_m, palm, 9e-3)
-    whole_m = bare_m
-    for cones in digits:
-        root_m, end_m = united_m(points_m, cones[:2], 2.5e-3), united_m(points_m, cones[2:], 2.5e-3)
-        # Only its root runs widely into the palm.
-        digit_m = np.minimum(blended_m(bare_m, root_m, 6e-3), blended_m(root_m, end_m, 2.5e-3))
-        whole_m = blended_m(whole_m, digit_m, 1e-3)
-    # Cut 9 mm below the wrist.
-    return -blended_m(-whole_m, points_m @ forearm + 9e-3, 2e-3)
-
-
-def part_distances_m(points_m: np.ndarray, palm: np.ndarray, digits: np.ndarray) -> np.ndarray:
-    """Signed distances, shape (1 + n_digits, n), from the palm and from each digit alone."""
-    alone_m = [united_m(points_m, cones, 2.5e-3) for cones in digits]
-    return np.stack([united_m(points_m, palm, 9e-3), *alone_m])

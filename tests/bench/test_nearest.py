@@ -1,4 +1,4 @@
-"""Both traversals against a brute force in float64, and the nearest hit against Embree."""
+"""Any-hit and closest-hit traversal against a brute force in float64, the latter against Embree."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from clradar.bench import nearest
 from clradar.bench.nearest import NearestHits
 from clradar.geometry.bvh import error_bound_m
 from clradar.hand import hand_mesh, pose_by_name
-
-"""One stack size for all trees here, so that each kernel is built once."""
 
 DISTANCE_TOLERANCE = 1e-5
 """Relative, which float32 keeps for rays that are not close to grazing; for those see
@@ -204,11 +202,11 @@ def test_the_order_of_the_rays_changes_no_answer(n_rays, device, monkeypatch):
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("n_tx", [1, 7, 8, 9, 19])
+@pytest.mark.parametrize("n_tx", [1, 9, 19])
 def test_any_hit(name, n_tx, device):
     rng = np.random.default_rng(9)
     vertices, faces = MESHES[name]
-    # Points on the faces themselves, as the tracer asks; some of the antennas behind the mesh.
+    # Points on the faces themselves, as in the tracer; some of the antennas behind the mesh.
     tx = rng.uniform([-0.2, -0.2, 0.0], [0.2, 0.2, 0.05], (n_tx, 3))
     tx[2::3, 2] += 0.6
     triangles = vertices[faces].astype(np.float32).astype(float)
@@ -221,7 +219,7 @@ def test_any_hit(name, n_tx, device):
     normal = unit(normal[which])
     got = seen(MESHES[name], point, normal, tx, device)
 
-    # The same question in float64: from 2 delta above the face towards the antenna.
+    # The same query in float64: from 2 delta above the face towards the antenna.
     delta_m = error_bound_m(triangles, tx, point)
     towards = tx[None].astype(np.float32).astype(float) - point[:, None]
     side = np.sign(np.einsum("sta,sa->st", towards, normal))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flesh_fields import digits, distances_m, gradients, rows
+from flesh_reference import blended_m, cone_distance_m, part_distances_m
 
 import clradar
-from clradar import reference
 from clradar.errors import DeviceError
 from clradar.hand import POSES, hand_joints, hand_mesh, posed_skeleton, random_pose, random_shape
 from clradar.hand.flesh import Flesh, grown_flesh
@@ -75,7 +75,7 @@ def test_parts_are_the_nearest_of_the_reference(flesh, device):
         part = field.nearest_parts(points_m)
     assert part.dtype == np.int32
     assert set(np.unique(part)) == set(range(6))
-    apart_m = reference.part_distances_m(points_m, rows(flesh.palm), digits(flesh))
+    apart_m = part_distances_m(points_m, rows(flesh.palm), digits(flesh))
     # Between two that are equally far, rounding of both decides.
     excess_m = np.take_along_axis(apart_m, part[None], axis=0)[0] - apart_m.min(axis=0)
     assert excess_m.max() <= 2 * DISTANCE_TOLERANCE_M
@@ -169,7 +169,7 @@ def test_cone_distance_is_that_of_its_spheres():
     centres_m = begin_m + along[:, None] * (end_m - begin_m)
     radius_m = radii_m[0] + along * (radii_m[1] - radii_m[0])
     expected_m = np.linalg.norm(points_m[:, None] - centres_m[None], axis=2) - radius_m
-    found_m = reference.cone_distance_m(points_m, np.array([*begin_m, *end_m, *radii_m]))
+    found_m = cone_distance_m(points_m, np.array([*begin_m, *end_m, *radii_m]))
     # Spheres 0.0075 mm apart on the axis miss the nearest one by half of that, which changes a
     # distance in second order: (4e-6 m)**2 / 2 over the distance to the axis, seldom below 1 mm.
     np.testing.assert_allclose(found_m, expected_m.min(axis=1), atol=2e-8)
@@ -177,7 +177,7 @@ def test_cone_distance_is_that_of_its_spheres():
 
 def test_blended_minimum_stays_within_its_bound():
     a, b = np.random.default_rng(2).uniform(-1.0, 1.0, (2, 1000))
-    blended = reference.blended_m(a, b, 0.4)
+    blended = blended_m(a, b, 0.4)
     # At most a quarter of the blend below the minimum, and equal to it where nothing overlaps.
     assert (blended <= np.minimum(a, b)).all()
     assert (blended >= np.minimum(a, b) - 0.1 - 1e-15).all()

@@ -19,7 +19,7 @@ def both() -> list[tuple[clradar.Paths, clradar.Capture, list[clradar.Volume]]]:
     full = clradar.arrays.qar50()
     array = clradar.AntennaArray(full.tx_m[::5], full.rx_m[::7])
     waveform = clradar.Waveform.sfcw(72e9, 82e9, 13)
-    scene = clradar.Scene.from_mesh(hand_mesh("F"), alpha=0.5)
+    scene = clradar.Scene.from_mesh(hand_mesh("F", edge_length_m=3e-3), alpha=0.5)
     grid = clradar.VoxelGrid.from_extent((-0.05, 0.05), (-0.04, 0.04), (0.29, 0.31), 10e-3)
     results = []
     for width in (1, 8):

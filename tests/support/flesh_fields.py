@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from flesh_reference import flesh_distance_m
 
-from clradar import reference
 from clradar.hand.cones import Cone
 from clradar.hand.flesh import Flesh
 
@@ -23,7 +23,7 @@ def digits(flesh: Flesh) -> np.ndarray:
 
 def distances_m(flesh: Flesh, points_m: np.ndarray) -> np.ndarray:
     """Return the signed distances (N,) of points (N, 3)."""
-    return reference.flesh_distance_m(points_m, flesh.forearm, rows(flesh.palm), digits(flesh))
+    return flesh_distance_m(points_m, flesh.forearm, rows(flesh.palm), digits(flesh))
 
 
 def gradients(flesh: Flesh, points_m: np.ndarray) -> np.ndarray:

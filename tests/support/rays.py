@@ -9,6 +9,7 @@ from clradar.opencl import Buffers, build
 from clradar.tracing.antenna_packets import VisibilityOptions, bundled, items, n_groups
 
 STACK = 128
+"""For all trees of the tests, so that the kernel is built once."""
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

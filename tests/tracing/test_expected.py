@@ -1,5 +1,4 @@
-"""The estimator without shot noise: its density, its probabilities, and the mean of the stochastic
-one."""
+"""The expected estimator: its density, its probabilities, and the mean of the stochastic one."""
 
 from __future__ import annotations
 
@@ -59,10 +58,7 @@ half of 256 nodes, with either sign; measured below 5e-4."""
     [
         (0.1, 35.0),
         (0.2, 0.0),
-        (0.2, 70.0),
-        (0.35, 35.0),
         (0.49, 70.0),
-        (0.5, 35.0),
         (0.51, 0.0),
         (0.7, 70.0),
         (1.0, 35.0),
@@ -75,7 +71,7 @@ def test_the_density_is_that_of_the_directions(alpha: float, degrees: float) -> 
     n = 200_000
     t_c = outgoing(n, t_m, alpha, seed=1)
     t_c = t_c[t_c @ face > 0]
-    everywhere = reference.share_of_disc(t_m, np.pi, NORMAL, face, t_m, alpha, nodes=64)
+    everywhere = reference.disc_probability(t_m, np.pi, NORMAL, face, t_m, alpha, nodes=64)
     assert abs(everywhere - len(t_c) / n) <= 4 * np.sqrt(0.25 / n) + QUADRATURE
 
     k = np.arange(150)
@@ -84,7 +80,7 @@ def test_the_density_is_that_of_the_directions(alpha: float, degrees: float) -> 
     axes = np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=1)
     half_angle = 0.07  # less than half of the least distance of two: disjoint
     share = np.array(
-        [reference.share_of_disc(a, half_angle, NORMAL, face, t_m, alpha, 24) for a in axes]
+        [reference.disc_probability(a, half_angle, NORMAL, face, t_m, alpha, 24) for a in axes]
     )
     found = (t_c @ axes.T > np.cos(half_angle)).sum(axis=0)
     often = n * share >= 20
@@ -145,7 +141,7 @@ def shares(scene: Scene, device, **arguments) -> np.ndarray:
     return found
 
 
-ALPHAS = [0.0, 1e-4, 0.02, 0.05, 0.1, 0.2, 0.3, 0.45, 0.4999, 0.5, 0.5001, 0.7, 1.0]
+ALPHAS = [0.0, 1e-4, 0.05, 0.2, 0.45, 0.4999, 0.5, 1.0]
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)
@@ -207,12 +203,12 @@ def check_mean(scene: Scene, device, rays: int = 1500, **arguments) -> None:
     assert abs(found.sum() - mean.sum()) <= 4 * np.sqrt(variance.sum())
 
 
-@pytest.mark.parametrize("alpha", [0.02, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0])
+@pytest.mark.parametrize("alpha", [0.02, 0.2, 0.5, 1.0])
 def test_it_is_the_mean_of_the_stochastic_one(alpha: float, device) -> None:
     check_mean(Scene(*MESHES["waves"], alpha), device)
 
 
-@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("name", ["waves", "bowl"])
 def test_without_randomness_both_are_the_same(name: str, device) -> None:
     """alpha = 0: all rays of a sample and Tx are one, so the captures agree but for the rounding of
     sums, 2^-24 of each of their values."""
@@ -227,8 +223,7 @@ def test_without_randomness_both_are_the_same(name: str, device) -> None:
     np.testing.assert_allclose(two, one, rtol=0, atol=2**-22 * np.abs(one).max())
 
 
-@pytest.mark.parametrize("alpha", [0.15, 0.6])
-@pytest.mark.parametrize("name", ["plate", "sphere", "bowl"])
+@pytest.mark.parametrize(("name", "alpha"), [("plate", 0.6), ("sphere", 0.15), ("bowl", 0.6)])
 def test_it_is_so_on_other_surfaces(name: str, alpha: float, device) -> None:
     check_mean(Scene(*MESHES[name], alpha), device)
 
@@ -267,7 +262,7 @@ def test_it_is_so_with_spreading_and_patterns(exponent: float, device) -> None:
     )
 
 
-# --- what blocks the way
+# --- occlusion
 
 
 def from_the_plate(scene: Scene, array: AntennaArray, device, **common) -> tuple[np.ndarray, ...]:
@@ -336,7 +331,7 @@ def test_tiles_change_no_bit(tile: int, batch: int, device, monkeypatch) -> None
     assert len(seen) == -(-838 // tile)
 
 
-@pytest.mark.parametrize("limit_kib", [60, 200, 1000])
+@pytest.mark.parametrize("limit_kib", [60, 200])
 def test_little_memory_changes_no_bit(limit_kib: int, device) -> None:
     small = clradar.open_device(device.info.selector, memory_limit_bytes=limit_kib * 1024)
     np.testing.assert_array_equal(tracks(small), tracks(device))
@@ -347,7 +342,7 @@ LANES_TOLERANCE = 1e-4
 decide where a horizon cuts a disc and are magnified by up to a disc's 1/0.03 there."""
 
 
-@pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 1), (3, 8), (2, 23)])
+@pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 1), (2, 23)])
 def test_one_lane_gives_the_same(n_tx: int, n_rx: int, device) -> None:
     rng = np.random.default_rng(n_rx)
     low, high = [-0.07, -0.07, 0.0], [0.07, 0.07, 0.01]

@@ -1,4 +1,4 @@
-"""The tracer against the float64 reference path by path, and what must hold for any scene."""
+"""The tracer against the float64 reference path by path, and invariants of any scene."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize("max_bounces", [1, 2, 3])
+@pytest.mark.parametrize("max_bounces", [1, 3])
 @pytest.mark.parametrize("name", SCENES)
 def test_paths_are_those_of_the_reference(name, max_bounces, device):
     got = check_against_reference(
@@ -143,24 +143,23 @@ def test_paths_are_those_of_the_reference(name, max_bounces, device):
         assert (got.bounces > 1).sum() >= 20
 
 
-@pytest.mark.parametrize("alpha", [0.0, 0.2, 0.5, 1.0])
 @pytest.mark.parametrize(
-    "arguments",
+    ("alpha", "arguments"),
     [
-        {"normals": "smooth"},
-        {"normals": "face"},
-        {"normals": "smooth", "crease_deg": 60.0},
-        {"normals": "smooth", "crease_deg": 5.0},
+        (0.0, {"normals": "smooth"}),
+        (0.2, {"normals": "face"}),
+        (0.5, {"crease_deg": 60.0}),
+        (1.0, {"crease_deg": 5.0}),
     ],
     ids=["smooth", "face", "crease 60", "crease 5"],
 )
-def test_normal_modes_and_alpha(alpha, arguments, device):
-    for name in ("waves", "box before a plate"):
-        scene = SCENES[name].with_alpha(alpha)
-        check_against_reference(scene, device, samples_per_mm2=0.03, max_bounces=2, **arguments)
+@pytest.mark.parametrize("name", ["waves", "box before a plate"])
+def test_normal_modes_and_alpha(name, alpha, arguments, device):
+    scene = SCENES[name].with_alpha(alpha)
+    check_against_reference(scene, device, samples_per_mm2=0.03, max_bounces=2, **arguments)
 
 
-@pytest.mark.parametrize("exponent", [0.0, 1.0, 2.5])
+@pytest.mark.parametrize("exponent", [0.0, 2.5])
 def test_spreading_and_antenna_patterns(exponent, device):
     check_against_reference(
         SCENES["bowl"],
@@ -192,7 +191,7 @@ def test_rays_per_face(arguments, device):
     assert got.statistics.outgoing == got.statistics.visible * rays
 
 
-@pytest.mark.parametrize("seed", [2**32 - 1, 2**32, 2**32 + 5, 2**63 + 11, 2**64 - 1])
+@pytest.mark.parametrize("seed", [2**32 + 5, 2**64 - 1])
 def test_seeds_of_64_bits(seed, device):
     check_against_reference(SCENES["bowl"], device, samples_per_mm2=0.02, max_bounces=2, seed=seed)
 
@@ -214,7 +213,7 @@ def test_transformed_scenes(name, device):
     check_against_reference(scene, device, samples_per_mm2=0.02, max_bounces=2)
 
 
-@pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 1), (1, 23), (7, 8), (8, 7), (8, 8), (17, 9)])
+@pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 1), (8, 7), (17, 9)])
 def test_array_sizes_around_the_group(n_tx, n_rx, device):
     density = 0.02 if n_tx * n_rx > 20 else 0.2
     check_against_reference(
@@ -246,10 +245,10 @@ SCENES_SOUP = random_soup(np.random.default_rng(5), 60, 0.08)
 # --- two-sided surfaces
 
 
-@pytest.mark.parametrize("name", ["waves", "bowl", "box before a plate"])
+@pytest.mark.parametrize("name", ["bowl", "box before a plate"])
 def test_inverted_faces_see_the_same(name, device):
-    """Inverting a face swaps two corners and with them where its samples are, so it is asked of the
-    statistics: as many paths, within four standard deviations."""
+    """Inverting a face swaps two corners and with them the positions of its samples, so the numbers
+    of paths are compared: within four standard deviations."""
     scene = SCENES[name].with_alpha(0.3)
     inverted = Scene(scene.vertices_m, scene.faces[:, ::-1], 0.3)
     arguments = {"samples_per_mm2": 0.3, "device": device, "reception_radius_m": 0.02}
@@ -290,12 +289,11 @@ def test_same_seed_same_bits_and_another_seed_other_paths(device):
     arguments = {"samples_per_mm2": 0.5, "max_bounces": 2, "device": device}
     first, again = (tracing(SCENES["bowl"], ARRAY, seed=3, **arguments) for _ in range(2))
     assert same_bits(first, again)
-    for seed in (4, 3 + 2**32):
-        other = tracing(SCENES["bowl"], ARRAY, seed=seed, **arguments)
-        assert np.intersect1d(first.length_m, other.length_m).size < 0.02 * len(first)
+    other = tracing(SCENES["bowl"], ARRAY, seed=3 + 2**32, **arguments)
+    assert np.intersect1d(first.length_m, other.length_m).size < 0.02 * len(first)
 
 
-@pytest.mark.parametrize("tile", [1, 7, 64, 1000])
+@pytest.mark.parametrize("tile", [1, 64])
 def test_tiles_change_no_bit(tile, device, monkeypatch):
     density = 0.1 if tile > 1 else 0.005
     arguments = {"samples_per_mm2": density, "max_bounces": 2, "device": device}
@@ -314,7 +312,7 @@ def limited(device, limit_bytes: int):
     return clradar.open_device(device.info.selector, memory_limit_bytes=limit_bytes)
 
 
-@pytest.mark.parametrize("limit_kib", [80, 150, 400, 3000])
+@pytest.mark.parametrize("limit_kib", [80, 400])
 def test_little_memory_changes_no_bit(limit_kib, device):
     arguments = {"samples_per_mm2": 0.5, "rays_per_sample": 8, "max_bounces": 2}
     whole = tracing(SCENES["bowl"], ARRAY, device=device, **arguments)
@@ -327,8 +325,7 @@ def test_little_memory_changes_no_bit(limit_kib, device):
         **arguments,
     )
     assert same_bits(whole, small)
-    if limit_kib < 3000:
-        assert len(progress) > 1
+    assert len(progress) > 1
 
 
 def test_too_little_memory_is_an_error(device):
@@ -336,8 +333,8 @@ def test_too_little_memory_is_an_error(device):
         tracing(SCENES["bowl"], ARRAY, device=limited(device, 4096))
 
 
-@pytest.mark.parametrize("capacity", [1, 100])
-def test_a_full_reception_buffer_grows_and_changes_no_bit(capacity, device, monkeypatch):
+def test_a_full_reception_buffer_grows_and_changes_no_bit(device, monkeypatch):
+    capacity = 100
     arguments = {"samples_per_mm2": 0.5, "max_bounces": 2, "device": device}
     whole = tracing(SCENES["bowl"], ARRAY, **arguments)
     size_tiles, grow = Tracer._size_tiles, Tracer._grow
@@ -358,7 +355,7 @@ def test_a_full_reception_buffer_grows_and_changes_no_bit(capacity, device, monk
     assert grown[-1] > capacity
 
 
-# --- what geometry demands
+# --- closed forms and invariants
 
 
 def test_nothing_passes_through_a_wall(device):

@@ -1,9 +1,7 @@
-"""What is known in closed form: mirror, corner, shadow, sphere, and how a rough surface
-scatters."""
+"""The tracer against closed forms: mirror, corner, shadow, sphere, and directions of a rough
+surface."""
 
 from __future__ import annotations
-
-from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -58,9 +56,8 @@ def phase_errors(radius_m: float, array: AntennaArray, scene: Scene, density: fl
 @pytest.mark.parametrize(
     "step", [3, pytest.param(1, marks=pytest.mark.slow)], ids=["every third", "all"]
 )
-@pytest.mark.parametrize("normals", ["smooth", "face"])
 @pytest.mark.parametrize("radius_m", [0.010, 0.005])
-def test_a_mirror_has_the_phase_of_the_image_source(radius_m, normals, step, device):
+def test_a_mirror_has_the_phase_of_the_image_source(radius_m, step, device):
     array = thinned(step)
     # Every specular point is within 72 mm, and its footprint within 5 mm of it.
     scene = Scene(*plate(0.16, PLATE_Z_M, 5), 0.0)
@@ -219,23 +216,6 @@ CHI_SQUARE_P = 1e-3
 change."""
 
 
-def cap_directions(axes: np.ndarray, half_angle: float, rings: int) -> np.ndarray:
-    """Directions that cut a cap around each axis in equal solid angles: (n_axes, rings^2, 3)."""
-    height = 1 - (np.arange(rings) + 0.5) / rings * (1 - np.cos(half_angle))
-    turn = (np.arange(rings) + 0.5) / rings * 2 * np.pi
-    z, p = (a.ravel() for a in np.meshgrid(height, turn))
-    ring = np.sqrt(1 - z * z)
-    helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
-    u = np.cross(axes, helper)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    v = np.cross(axes, u)
-    return (
-        (ring * np.cos(p))[:, None] * u[:, None]
-        + (ring * np.sin(p))[:, None] * v[:, None]
-        + z[:, None] * axes[:, None]
-    )
-
-
 NORMAL = np.array([0.0, 0.0, -1.0])
 ARRIVAL = np.array([np.sin(np.radians(35.0)), 0.0, np.cos(np.radians(35.0))])
 MIRRORED = ARRIVAL - 2 * (ARRIVAL @ NORMAL) * NORMAL
@@ -258,27 +238,8 @@ def half_space(n: int) -> tuple[np.ndarray, float]:
 AXES, HALF_ANGLE = half_space(400)
 
 
-@lru_cache
-def expected_share(alpha: float) -> np.ndarray:
-    """Share of rays that each cap receives, shape (n_rx,), by quadrature over it."""
-    rings = np.full(len(AXES), 48)
-    if alpha < 0.5:
-        # The directions fill a cone at whose rim the density is infinite (but its integral is not):
-        # 700^2 directions give the caps there to 1 %, a third of the noise of their counts.
-        rim = np.abs(np.arccos(AXES @ MIRRORED) - np.arcsin(alpha / (1 - alpha)))
-        rings[rim < 1.05 * HALF_ANGLE] = 700
-    mean = [
-        reference.direction_density(w, NORMAL, MIRRORED, alpha).mean()
-        for w in (
-            cap_directions(axis[None], HALF_ANGLE, n) for axis, n in zip(AXES, rings, strict=True)
-        )
-    ]
-    return np.array(mean) * 2 * np.pi * (1 - np.cos(HALF_ANGLE))
-
-
-@pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("alpha", [0.2, 0.35, 0.5, 0.7, 1.0])
-def test_directions_of_a_rough_surface(alpha, seed, device):
+def test_directions_of_a_rough_surface(alpha, device):
     """Receivers all over the half space, counted against the density that the model implies."""
     # A patch of 10 micrometres at 0.3 m: directions are known to 3e-5 of the spheres' size.
     patch = 1e-5 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
@@ -290,7 +251,7 @@ def test_directions_of_a_rough_surface(alpha, seed, device):
         rays_per_sample=128,
         reception_radius_m=RX_DISTANCE_M * np.sin(HALF_ANGLE),
         normals="face",
-        seed=seed,
+        seed=1,
         device=device,
     )
     rays = 4096 * 128
@@ -298,7 +259,12 @@ def test_directions_of_a_rough_surface(alpha, seed, device):
     assert paths.statistics.absorbed == 0
     counts = np.bincount(paths.rx, minlength=len(AXES))
 
-    expected = rays * expected_share(alpha)
+    expected = rays * np.array(
+        [
+            reference.disc_probability(axis, HALF_ANGLE, NORMAL, NORMAL, MIRRORED, alpha)
+            for axis in AXES
+        ]
+    )
     often = expected >= 20
     observed = np.append(counts[often], rays - counts[often].sum())
     wanted = np.append(expected[often], rays - expected[often].sum())
@@ -308,12 +274,3 @@ def test_directions_of_a_rough_surface(alpha, seed, device):
     assert often.sum() >= 8
     assert counts[expected == 0].sum() == 0
     assert p > CHI_SQUARE_P
-
-
-def test_the_implied_density_is_one():
-    """The closed form above, integrated over the sphere: every ray goes somewhere."""
-    w = cap_directions(NORMAL[None], np.pi, 1000)[0]
-    for alpha in (0.2, 0.35, 0.5, 0.7, 1.0):
-        total = reference.direction_density(w, NORMAL, MIRRORED, alpha).mean() * 4 * np.pi
-        # The midpoint rule on the infinite rim of the cone costs a percent.
-        assert abs(total - 1) < 0.01, (alpha, total)
