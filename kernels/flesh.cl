@@ -313,15 +313,17 @@ __kernel void flesh_nodes(const uint layers, const uint n_y, const uint n_z, con
             distance.lane[lane];
 }
 
+/* Points, and the field at them. */
+#define POINTS_AND_FIELD \
+    const uint n_padded, const uint n_x, const uint n_y, const uint n_z, const uint n_z_padded, \
+        __global const float *frame, __global const float *cones, __global const uint *palm_near, \
+        __global const uint *digits_near, __global const float *points
+
 /* Signed distances of points.
  *
  * points    float (3, n_padded)  metres; n_padded is a multiple of 8
  * distance  float (n_padded)     out: metres, negative inside */
-__kernel void flesh_distances(const uint n_padded, const uint n_x, const uint n_y, const uint n_z,
-                              const uint n_z_padded, __global const float *frame,
-                              __global const float *cones, __global const uint *palm_near,
-                              __global const uint *digits_near, __global const float *points,
-                              __global float *distance) {
+__kernel void flesh_distances(POINTS_AND_FIELD, __global float *distance) {
     const uint at = (uint)get_global_id(0) * CLR_WIDTH;
     if (at >= n_padded) return;
     const positions p = load_points(points, n_padded, at);
@@ -330,11 +332,7 @@ __kernel void flesh_distances(const uint n_padded, const uint n_x, const uint n_
 }
 
 /* Gradients of the signed distances of points: float (3, n_padded), out. The rest as in flesh_distances. */
-__kernel void flesh_gradients(const uint n_padded, const uint n_x, const uint n_y, const uint n_z,
-                              const uint n_z_padded, __global const float *frame,
-                              __global const float *cones, __global const uint *palm_near,
-                              __global const uint *digits_near, __global const float *points,
-                              __global float *gradient) {
+__kernel void flesh_gradients(POINTS_AND_FIELD, __global float *gradient) {
     const uint at = (uint)get_global_id(0) * CLR_WIDTH;
     if (at >= n_padded) return;
     const positions p = load_points(points, n_padded, at);
@@ -346,11 +344,7 @@ __kernel void flesh_gradients(const uint n_padded, const uint n_x, const uint n_
 }
 
 /* Nearest part of points: int (n_padded), out, 0 for the palm, then the digits. The rest as in flesh_distances. */
-__kernel void flesh_parts(const uint n_padded, const uint n_x, const uint n_y, const uint n_z,
-                          const uint n_z_padded, __global const float *frame,
-                          __global const float *cones, __global const uint *palm_near,
-                          __global const uint *digits_near, __global const float *points,
-                          __global int *part) {
+__kernel void flesh_parts(POINTS_AND_FIELD, __global int *part) {
     const uint at = (uint)get_global_id(0) * CLR_WIDTH;
     if (at >= n_padded) return;
     const positions p = load_points(points, n_padded, at);

@@ -42,12 +42,9 @@ class Sample:
     --------
     >>> from pathlib import Path
     >>> from clradar.dataset import make_sample, read_plan, recipe
-    >>> _ = Path("plan.toml").write_text('''
-    ... samples = 2
+    >>> _ = Path("plan.toml").write_text('''samples = 2
     ... poses.names = ["A", "B"]
-    ... hands.edge_mm = 4
-    ... output.products = ["joints"]
-    ... ''')
+    ... output.products = ["joints"]''')
     >>> plan = read_plan("plan.toml")
     >>> sample = make_sample(recipe(plan, 1))
     >>> sample.recipe["pose"]["name"], sample.arrays["joints"].shape

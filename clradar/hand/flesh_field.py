@@ -159,7 +159,7 @@ class FleshField:
         if room < n_bytes:
             raise DeviceError(
                 f"device {self._device.info.label}: a hand's surface needs {n_bytes} bytes more "
-                f"than are left ({room}); ask for longer edges, or choose another device with "
+                f"than are left ({room}); use longer edges, or choose another device with "
                 f"CLRADAR_DEVICE=..."
             )
         return room // n_bytes

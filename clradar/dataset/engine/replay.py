@@ -75,12 +75,9 @@ def replay(
     --------
     >>> from pathlib import Path
     >>> from clradar.dataset import read_plan, replay, run
-    >>> _ = Path("plan.toml").write_text('''
-    ... samples = 2
+    >>> _ = Path("plan.toml").write_text('''samples = 2
     ... poses.names = ["A", "B"]
-    ... hands.edge_mm = 4
-    ... output.products = ["joints"]
-    ... ''')
+    ... output.products = ["joints"]''')
     >>> result = run(read_plan("plan.toml"), Path("letters"))
     >>> again = replay(Path("letters"), 1)
     >>> again.stored_in, again.differences

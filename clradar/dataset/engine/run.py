@@ -95,12 +95,9 @@ def run(
     --------
     >>> from pathlib import Path
     >>> from clradar.dataset import read_plan, run
-    >>> _ = Path("plan.toml").write_text('''
-    ... samples = 2
+    >>> _ = Path("plan.toml").write_text('''samples = 2
     ... poses.names = ["A", "B"]
-    ... hands.edge_mm = 4
-    ... output.products = ["joints"]
-    ... ''')
+    ... output.products = ["joints"]''')
     >>> result = run(read_plan("plan.toml"), Path("letters"))
     >>> result.made, result.samples, result.aside
     (2, 2, ())

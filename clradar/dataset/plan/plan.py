@@ -236,12 +236,9 @@ class Plan:
     --------
     >>> from pathlib import Path
     >>> from clradar.dataset import read_plan
-    >>> _ = Path("plan.toml").write_text('''
-    ... samples = 2
+    >>> _ = Path("plan.toml").write_text('''samples = 2
     ... poses.names = ["A", "B"]
-    ... hands.edge_mm = 4
-    ... output.products = ["joints"]
-    ... ''')
+    ... output.products = ["joints"]''')
     >>> plan = read_plan("plan.toml")
     >>> plan.n_shards, plan.shard_samples(0), [pose.name for pose in plan.poses.poses]
     (1, range(0, 2), ['A', 'B'])

@@ -38,12 +38,9 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
     --------
     >>> from pathlib import Path
     >>> from clradar.dataset import read_plan
-    >>> _ = Path("plan.toml").write_text('''
-    ... samples = 2
+    >>> _ = Path("plan.toml").write_text('''samples = 2
     ... poses.names = ["A", "B"]
-    ... hands.edge_mm = 4
-    ... output.products = ["joints"]
-    ... ''')
+    ... output.products = ["joints"]''')
     >>> plan = read_plan("plan.toml")
     >>> plan.simulation.estimator, plan.placement.z_mm.values
     ('expected', (300.0,))

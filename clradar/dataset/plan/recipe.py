@@ -43,12 +43,9 @@ def recipe(plan: Plan, index: int) -> Recipe:
     --------
     >>> from pathlib import Path
     >>> from clradar.dataset import read_plan, recipe
-    >>> _ = Path("plan.toml").write_text('''
-    ... samples = 2
+    >>> _ = Path("plan.toml").write_text('''samples = 2
     ... poses.names = ["A", "B"]
-    ... hands.edge_mm = 4
-    ... output.products = ["joints"]
-    ... ''')
+    ... output.products = ["joints"]''')
     >>> plan = read_plan("plan.toml")
     >>> found = recipe(plan, 1)
     >>> found["pose"]["name"], found["hand"]["handedness"], found["placement"]["center_m"]

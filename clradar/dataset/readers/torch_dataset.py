@@ -60,12 +60,9 @@ class TorchDataset:
     --------
     >>> from pathlib import Path
     >>> from clradar.dataset import TorchDataset, read_plan, run
-    >>> _ = Path("plan.toml").write_text('''
-    ... samples = 2
+    >>> _ = Path("plan.toml").write_text('''samples = 2
     ... poses.names = ["A", "B"]
-    ... hands.edge_mm = 4
-    ... output.products = ["joints"]
-    ... ''')
+    ... output.products = ["joints"]''')
     >>> result = run(read_plan("plan.toml"), Path("letters"))
     >>> data = TorchDataset("letters", ("joints", "pose"))
     >>> len(data), data.poses  # data[0]["joints"] is a tensor of shape (25, 3)

@@ -64,12 +64,9 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
     --------
     >>> from pathlib import Path
     >>> from clradar.dataset import open_dataset, read_plan, run
-    >>> _ = Path("plan.toml").write_text('''
-    ... samples = 2
+    >>> _ = Path("plan.toml").write_text('''samples = 2
     ... poses.names = ["A", "B"]
-    ... hands.edge_mm = 4
-    ... output.products = ["joints"]
-    ... ''')
+    ... output.products = ["joints"]''')
     >>> result = run(read_plan("plan.toml"), Path("letters"))
     >>> view = open_dataset("letters")
     >>> view.pose.values.tolist(), view.joints.dims

@@ -3,23 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from clradar.dataset.plan.recipe import recipe
-from clradar.dataset.store.confined_reader import ArrayContents, ShardContents, read_contents
-from clradar.dataset.store.fields import (
-    FIELDS,
-    Field,
-    axes_of,
-    data_bytes,
-    fields_of_products,
-    labels_of,
-)
+from clradar.dataset.store.content_check import content_problems, listed
 from clradar.dataset.store.folder import (
     MANIFEST,
     PART_NAME,
@@ -30,16 +17,12 @@ from clradar.dataset.store.folder import (
     read_manifest,
 )
 from clradar.dataset.store.repair import shard_fault
-from clradar.dataset.store.shard_reader import EXPECTED
 from clradar.errors import ClradarError
-from clradar.files.failures import clean, reading, shown
+from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.work_folder import TEMPORARY
 from clradar.model.progress import Progress
 from measurement_io import CheckReport, Description, Fact
-
-MOST_LISTED = 10
-"""Samples listed in a problem."""
 
 LEFT_OVER = "left over; the same command removes it"
 FOREIGN = "is not of this data set; it can be removed by hand"
@@ -147,8 +130,8 @@ def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport
             f"{', '.join(manifest.plan.output.products)}: types, shapes, finite numbers",
         ]
     if manifest.aside:
-        listed = _listed(sorted(manifest.aside))
-        checked.append(f"set aside, with their reasons in the manifest: {listed}")
+        samples = listed(sorted(manifest.aside))
+        checked.append(f"set aside, with their reasons in the manifest: {samples}")
     return CheckReport(shown(folder), tuple(checked), tuple(problems))
 
 
@@ -156,7 +139,7 @@ def _missing(manifest: Manifest) -> list[str]:
     if manifest.complete:
         return []
     open_shards = [n for n in range(manifest.plan.n_shards) if n not in manifest.shards]
-    return [f"not complete: shards {_listed(open_shards)} are missing; the same command resumes"]
+    return [f"not complete: shards {listed(open_shards)} are missing; the same command resumes"]
 
 
 def _foreign_files(folder: Path, manifest: Manifest) -> list[str]:
@@ -202,76 +185,4 @@ def _shard_problems(folder: Path, manifest: Manifest, entry: ShardEntry) -> Iter
             "and the same command makes it again"
         )
         return
-    size = len(expected) * data_bytes(recipe(manifest.plan, expected[0]))
-    contents = read_contents(path, size)
-    with reading(path, EXPECTED):
-        yield from _content_problems(entry.file, contents, manifest, expected)
-
-
-def _content_problems(
-    name: str, contents: ShardContents, manifest: Manifest, expected: list[int]
-) -> Iterator[str]:
-    found = contents.labels["sample"].tolist()
-    if found != expected:
-        yield f"{name}: expected the samples {_listed(expected)}, got {_listed(found)}"
-        return
-    recipes = [recipe(manifest.plan, sample) for sample in expected]
-    stored = [json.loads(text) for text in contents.labels["recipe"]]
-    other = [s for s, one, two in zip(expected, recipes, stored, strict=True) if one != two]
-    if other:
-        yield f"{name}: expected the plan's recipes, got others for the samples {_listed(other)}"
-        return
-    for label, wanted in labels_of(recipes).items():
-        if not _same(contents.labels[label], wanted):
-            yield f"{name}: labels/{label}: expected the value of the recipes, got another"
-    axes = axes_of(recipes[0])
-    for axis, wanted_axis in axes.items():
-        if not _same(contents.axes[axis], wanted_axis.values):
-            yield f"{name}: axes/{axis}: expected the values of the recipe, got others"
-    wanted_fields = fields_of_products(manifest.plan.output.products)
-    if list(contents.arrays) != wanted_fields:
-        listed = ", ".join(contents.arrays)
-        yield f"{name}: expected the arrays {', '.join(wanted_fields)}, got {listed}"
-        return
-    sizes = {axis: len(value.values) for axis, value in axes.items()}
-    rigged = bool(manifest.plan.hands.rigs)
-    for field, array in contents.arrays.items():
-        if rigged and field == "joints":  # a rig does not have all of them
-            array = replace(array, invalid=[])
-        problem = _array_problem(array, FIELDS[field], expected, sizes)
-        if problem is not None:
-            yield f"{name}: {FIELDS[field].group}/{FIELDS[field].dataset}{problem}"
-
-
-def _array_problem(
-    array: ArrayContents, spec: Field, expected: Sequence[int], sizes: dict[str, int]
-) -> str | None:
-    rest = tuple(sizes.get(axis, 3) for axis in spec.axes)
-    rows = len(expected)
-    first = array.first
-    if first is not None:
-        rows = int(first[-1])
-        if len(first) != len(expected) + 1 or first[0] != 0 or (np.diff(first) <= 0).any():
-            return f"_first: expected ascending rows of {len(expected)} samples"
-    if tuple(array.shape) != (rows, *rest) or array.dtype != spec.dtype:
-        wanted = f"{spec.dtype} {(rows, *rest)}"
-        return f": expected {wanted}, got {array.dtype} {tuple(array.shape)}"
-    if not array.invalid:
-        return None
-    bad = array.invalid
-    if first is not None:
-        bad = (np.searchsorted(first, bad, side="right") - 1).tolist()
-    which = _listed(sorted({expected[row] for row in bad}))
-    return f": expected finite numbers, got others in the samples {which}"
-
-
-def _same(stored: np.ndarray, wanted: Any) -> bool:
-    if isinstance(wanted, np.ndarray):
-        return stored.dtype == wanted.dtype and stored.tobytes() == wanted.tobytes()
-    return [text.decode("utf-8") for text in stored] == list(wanted)
-
-
-def _listed(numbers: Sequence[int]) -> str:
-    more = len(numbers) - MOST_LISTED
-    text = ", ".join(map(str, numbers[:MOST_LISTED]))
-    return f"{text} and {more} more" if more > 0 else text or "none"
+    yield from content_problems(path, entry.file, manifest.plan, expected)

@@ -23,7 +23,7 @@ from typing import Any
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.plan_json import plan_record
 from clradar.dataset.plan.reader import plan_from
-from clradar.dataset.store.part_check import check_part
+from clradar.dataset.store.content_check import check_part
 from clradar.dataset.store.shard_writer import assemble
 from clradar.errors import OutputError
 from clradar.files.failures import fail, reading, shown

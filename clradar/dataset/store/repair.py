@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from clradar.dataset.store.content_check import check_note, check_part
 from clradar.dataset.store.folder import SUMMARIES, DatasetFolder, ShardEntry, with_size
-from clradar.dataset.store.part_check import check_note, check_part
 from clradar.dataset.store.shard_reader import made_with_of, opened, row_of, sample_of
 from clradar.dataset.store.shard_writer import write_sample
 from clradar.errors import MeasurementError
