@@ -1,4 +1,4 @@
-"""Antenna positions from the text files that are handed around with recorded captures."""
+"""Antenna positions as text: comma-separated x, y, z in metres, one antenna per line."""
 
 from __future__ import annotations
 

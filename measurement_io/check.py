@@ -21,7 +21,7 @@ from measurement_io.opening import SUPPORTED, kind_of
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """What was verified, and what is wrong.
+    """Outcome of a verification.
 
     Attributes
     ----------

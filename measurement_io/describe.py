@@ -1,4 +1,4 @@
-"""Say what a file or a folder holds."""
+"""Describe the content of a file or a recording."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from measurement_io.opening import SUPPORTED, kind_of
 
 
 def describe(path: str | os.PathLike[str]) -> Description:
-    """Return what a native file, a recorded frame or a recording holds.
+    """Describe a native file, a recorded frame or a recording.
 
     Raises
     ------
@@ -80,5 +80,5 @@ def _describe_container(source: Path) -> Description:
             Fact(clean(key.name)[:80], key.description, key.description)
             for key in container.keys.values()
         ]
-        problem = "it needs a layout, which says which key and which axis is what"
+        problem = "it needs a layout with its keys, axes and units"
         return Description(shown(source), container.kind, tuple(facts), (problem,))

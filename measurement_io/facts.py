@@ -1,4 +1,4 @@
-"""What can be said of a file, as words for people and as values for programs."""
+"""Descriptions of records: facts as text and as values in SI units."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _META_LINES = 40
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One thing that a file or folder holds.
+    """One fact of a description.
 
     Attributes
     ----------
     name : str
-        What it is.
+        Name, such as "array".
     words : str
-        It in words; several lines where there is much to say.
+        Text of one or several lines.
     value : JSON value
         The same as numbers, strings, lists and mappings, in SI units; None for "none".
 
@@ -57,7 +57,7 @@ class Fact:
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What a file or folder holds.
+    """Description of a file or a recording.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class Description:
 
 
 def capture_facts(capture: Capture) -> list[Fact]:
-    """Return what a capture is."""
+    """Describe a capture."""
     return [
         *_instrument_facts(capture.array, capture.waveform),
         Fact(
@@ -143,7 +143,7 @@ def capture_facts(capture: Capture) -> list[Fact]:
 
 
 def channels_facts(channels: ChannelCalibration) -> list[Fact]:
-    """Return what calibrated channels are."""
+    """Describe calibrated channels."""
     facts = _instrument_facts(channels.array, channels.waveform)
     for side in ("tx", "rx"):
         facts += _side_facts(channels, side)
@@ -202,7 +202,7 @@ def _instrument_facts(array: AntennaArray, waveform: Waveform) -> list[Fact]:
 
 
 def volume_facts(volume: Volume) -> list[Fact]:
-    """Return what a volume is."""
+    """Describe a volume."""
     grid = volume.grid
     axes = (grid.x_m, grid.y_m, grid.z_m)
     facts = []

@@ -1,4 +1,4 @@
-"""The header of an `.npy` file or member, read without trusting its lengths."""
+"""The header of an `.npy` file (numpy.lib.format, NEP 1), with its length bounded."""
 
 from __future__ import annotations
 

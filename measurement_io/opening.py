@@ -1,4 +1,4 @@
-"""Open any supported recording: what a path holds is decided by its content."""
+"""Open a capture or a recording of any supported format, by its content."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def open_capture(
     rx_file, tx_file : path-like, optional
         Antenna positions of a recorded frame; those of `clradar.arrays.qar50()` if not given.
     layout : path-like or Layout, optional
-        A TOML file that says which key and which axis of `path` is what (docs/layouts.md), see
+        A TOML file with the keys, axes and units of `path` (docs/layouts.md), see
         `open_with_layout`. Needed for what is neither a native file nor a recorded frame.
 
     Returns
@@ -67,9 +67,9 @@ def open_capture(
         Missing, unreadable, damaged or hostile; of an unknown kind or a newer version; NaN or
         infinite values; parts that disagree. The message names the file, what was expected and
         what was found. No code of a file is ever run. Of a file that needs a layout and has none
-        it is a `LayoutNeeded`, which lists the file's keys and carries the skeleton of a layout.
+        it is a `LayoutNeeded`, which lists the file's keys and carries the draft of a layout.
     ModelError
-        An argument that cannot be meant.
+        An invalid argument.
 
     Examples
     --------
@@ -94,7 +94,7 @@ def open_capture(
         variant = checks.one_of("open_capture: variant", variant, VARIANTS)
     if layout is not None:
         if variant is not None or rx_file is not None or tx_file is not None:
-            fail(source, "a layout alone; it says where the antennas are", "other settings with it")
+            fail(source, "a layout alone, which has the positions", "other settings with it")
         return open_with_layout(source, layout, frame=frame)
     with reading(source, SUPPORTED):
         kind = kind_of(source)
@@ -123,7 +123,7 @@ def kind_of(path: Path) -> Kind:
     Raises
     ------
     MeasurementError
-        Missing, unreadable, or of a kind that is not supported; the message says which are.
+        Missing, unreadable, or of a kind that is not supported; the message lists those that are.
     """
     with reading(path, SUPPORTED):
         if path.is_dir():

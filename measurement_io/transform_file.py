@@ -1,4 +1,4 @@
-"""A rigid or affine motion in a JSON file, as the alignment writes it."""
+"""A 4 x 4 matrix in a JSON file, as the alignment writes it."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ _LATIN_1 = ("latin1", "latin-1")
 
 
 class UnsafePickle(Exception):
-    """The pickle is damaged, or holds more than plain data; the text says what."""
+    """The pickle is damaged, or holds more than plain data; the text is the reason."""
 
 
 def refuse(what: str) -> NoReturn:
@@ -239,7 +239,7 @@ ARRAYS: Makers = {
 
 @dataclass(frozen=True, slots=True)
 class _Name:
-    """A name that the pickle asked for and may have."""
+    """An allowed name, on the stack."""
 
     label: str
     make: Callable[..., Any]

@@ -1,1 +1,1 @@
-"""Reading HDF5 in a process of its own, with limits."""
+"""Confined processes, in which HDF5 files are read with limits of memory and time."""

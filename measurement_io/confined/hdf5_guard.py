@@ -195,7 +195,7 @@ def _attribute(path: Path, owner: Any, name: str) -> Any:
 
 
 def hard_linked(path: Path, parent: Any, name: str) -> Any:
-    """Return what `name` is in the group `parent`, if it lies in this file."""
+    """Return the object `name` of the group `parent`, if it lies in this file."""
     import h5py
 
     place = _place(parent, name)

@@ -1,4 +1,4 @@
-"""Look for the damage in an HDF5 file that makes the HDF5 library loop for ever.
+"""Global heaps of an HDF5 file (format specification, III.E), checked for chains without end.
 
 The strings of attributes lie in global heap collections, chains of objects without a checksum.
 HDF5 (2.0 and before) walks such a chain by adding each object's size; an object whose size leads

@@ -1,4 +1,4 @@
-"""Read HDF5 files in a process of their own, which a hostile file may crash but not use.
+"""Read each HDF5 file in a confined process, which a hostile file can crash but not use.
 
 The HDF5 library is not safe against damaged files: with a few bytes changed it loops for ever,
 allocates without bound, divides by zero or overwrites its own memory. So each file is read by a
@@ -52,7 +52,7 @@ _confined = False
 def run(
     function: Callable[..., Any], path: Path, *arguments: Any, most_bytes: int | None = None
 ) -> Any:
-    """Return what `function(path, *arguments)` returns, called in a process of its own.
+    """Call `function(path, *arguments)` in a confined process and return its result.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def run(
 
 
 def _answer_of(path: Path, message: bytes, most_bytes: int) -> Any:
-    """Send a request; where the server itself is gone, as nothing in a file can make it, again."""
+    """Send a request, and once more if the server itself died, which no file can cause."""
     for last in (False, True):
         process, link = _running_server(path)
         ours, theirs = socket.socketpair()
@@ -177,8 +177,8 @@ os.register_at_fork(after_in_child=_forget_server)
 
 
 def serve(link_number: int) -> None:
-    """Answer requests, each in a process of its own, until nobody is there to ask."""
-    warnings.simplefilter("ignore")  # they are the caller's to see, and a fork is meant here
+    """Answer requests, each in a forked process, until the other end closes."""
+    warnings.simplefilter("ignore")  # of forks, which are intended here
     with socket.socket(fileno=link_number) as link:
         try:
             _load()
@@ -187,7 +187,7 @@ def serve(link_number: int) -> None:
             return
         link.send(_READY)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
-        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for the processes
+        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # ended processes need no wait
         while True:
             message, handles, _, _ = socket.recv_fds(link, MAX_REQUEST_BYTES, 1)
             if not message:

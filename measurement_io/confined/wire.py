@@ -1,7 +1,7 @@
-"""Send plain values and arrays from one process to another, and trust nothing of what arrives.
+"""Messages between processes: plain values and arrays, with everything that arrives checked.
 
 A message is the length of a JSON header (8 bytes), the header, and the bytes of its arrays behind
-one another. It can stand for numbers, strings, None, lists, mappings with string keys and arrays
+one another. It can hold numbers, strings, None, lists, mappings with string keys and arrays
 of numbers or text, and for nothing else: unlike a pickle it cannot ask for anything.
 """
 
@@ -54,7 +54,7 @@ def receive(link: socket.socket, most_bytes: int) -> Any:
 
 
 def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
-    """Return `value` as JSON: lists, mappings and arrays carry a tag that says what they are."""
+    """Return `value` as JSON: lists, mappings and arrays carry a tag with their kind."""
     if isinstance(value, np.ndarray):
         if value.dtype.names is not None:
             fields = [[name, value.dtype[name].str] for name in value.dtype.names]
@@ -102,7 +102,7 @@ def _array(dtype: np.dtype[Any], shape: Any, link: socket.socket, left: list[int
     nbytes = math.prod(shape) * dtype.itemsize
     left[0] -= nbytes
     if left[0] < 0:
-        raise ValueError("more bytes than were asked for")
+        raise ValueError("more bytes than were requested")
     array = np.empty(shape, dtype)
     if nbytes:
         _fill(link, array.reshape(-1).view(np.uint8).data)
@@ -119,5 +119,5 @@ def _fill(link: socket.socket, target: memoryview) -> None:
     while len(target):
         count = link.recv_into(target)
         if count == 0:
-            raise BrokenMessage("the other end is gone")
+            raise BrokenMessage("the other end is closed")
         target = target[count:]

@@ -1,1 +1,1 @@
-"""Files of any lab, read through a small TOML description of what is where in them."""
+"""Files of other programs, read through a layout: a TOML description of their keys and axes."""

@@ -1,4 +1,4 @@
-"""A file and its layout become a `Capture`."""
+"""Apply a layout to a file: a `Capture`."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def open_with_layout(
     path : path-like
         An HDF5, MATLAB (v5 or v7.3), `.npz` or plain `.npy` file; its content decides which.
     layout : path-like or Layout
-        A TOML file that says which key and which axis is what (docs/layouts.md).
+        A TOML file with the keys, axes and units of the file (docs/layouts.md).
     frame : int, optional
         Index on the axis "frame", if the layout has one; 0 if not given.
 
@@ -139,7 +139,7 @@ def _capture(container: Container, layout: Layout, frame: int | None) -> Capture
         "layout": layout.plain(),
     }
     if layout.meta:
-        # Apart from the others: a file can use any name.
+        # In a table of their own: a file can use any name.
         meta["file"] = {key: meta_value(container, key) for key in layout.meta}
     return Capture(data, array, Waveform(frequency_hz), meta)
 

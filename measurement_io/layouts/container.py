@@ -1,4 +1,4 @@
-"""What every kind of container file is to the rest: keys with shapes, one of which can be read."""
+"""The interface of container files: keys with shapes and types, each of which can be read."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ class Container(ABC):
 
 
 def holds_numbers(dtype: np.dtype[Any]) -> bool:
-    """Whether a dtype is real, complex, or a pair of real fields, which may be a complex number."""
+    """Whether a dtype is real, complex, or a pair of real fields, possibly a complex number."""
     if dtype.names is not None:
         fields = [dtype[name] for name in dtype.names]
         return len(fields) == 2 and all(f.kind in "iuf" and f.itemsize <= 8 for f in fields)

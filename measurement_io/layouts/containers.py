@@ -1,4 +1,4 @@
-"""Which kind of container a file is, by its content, and how it is opened."""
+"""Open a container file of the kind that its content shows."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _HDF5_OFFSETS = (0, 512, 1024, 2048, 4096)
 
 
 def opener_of(path: Path) -> Callable[[Path], AbstractContextManager[Container]] | None:
-    """Return what opens a file as a container, None for a file of no such kind.
+    """Return the container class of a file, None for a file of no such kind.
 
     Raises
     ------

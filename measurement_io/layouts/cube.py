@@ -19,7 +19,7 @@ _COMPLEX64_BYTES = 8
 
 @dataclass(frozen=True, slots=True)
 class DataShape:
-    """What the file says of the data before it is read.
+    """Shape and keys of the data, from the header of the file.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A layout: what is where in the files of one lab, as a frozen record."""
+"""Layouts as frozen records: keys, axes, units and conventions of the files of one lab."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class Select:
 @dataclass(frozen=True, slots=True)
 class AntennaLayout:
     """The Tx or the Rx side. Exactly one of `key`, `x` with `y` (and `z`), `values`, `file` and
-    `array` says where the antennas are.
+    `array` gives the positions of the antennas.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ class FrequencyLayout:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What is where in a file.
+    """The keys, axes, units and conventions of a file.
 
     Attributes
     ----------

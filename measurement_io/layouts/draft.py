@@ -1,4 +1,4 @@
-"""What to do with a file that has no layout: list its keys, and write a layout to begin with."""
+"""Draft a layout for a file that has none, from names, lengths and values of its keys."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class LayoutNeeded(MeasurementError):
     Attributes
     ----------
     skeleton : str
-        A layout file to begin with; its comments say what is a guess.
+        A draft of a layout; comments mark guesses.
 
     Examples
     --------
@@ -56,18 +56,18 @@ class LayoutNeeded(MeasurementError):
 
 
 def layout_needed(path: Path) -> LayoutNeeded:
-    """Return the error that lists the keys of a file and carries a skeleton of its layout."""
+    """Return the error that lists the keys of a file and carries a draft of its layout."""
     with open_container(path) as container:
         error = LayoutNeeded(
-            f"{shown(path)}: expected a layout (layout=, --layout, see docs/layouts.md) that says "
-            f"which key and which axis of a file of another program is what, got {container.kind} "
+            f"{shown(path)}: expected a layout (layout=, --layout, see docs/layouts.md) for "
+            f"a file of another program, got {container.kind} "
             f"with the keys {container.listed()}"
         )
-        error.skeleton = layout_skeleton(container)
+        error.skeleton = layout_draft(container)
         return error
 
 
-def layout_skeleton(container: Container) -> str:
+def layout_draft(container: Container) -> str:
     """Return a layout file for an opened container.
 
     Lengths, names and values give what they can. What is not certain has a remark that begins with
@@ -129,7 +129,7 @@ def _axes_lines(axes: GuessedAxes) -> list[str]:
     lines = [*(f"# {GUESS}{remark}" for remark in axes.remarks), f"axes = [{listed}]"]
     if "pair" in axes.names:
         lines.append(str(Line('pair_order = "tx_major"', f"{GUESS}or rx_major")))
-    remark = "exp(-j 2 pi f d / c); no file says so: `clradar diagnose` finds out"
+    remark = "exp(-j 2 pi f d / c); not in any file: `clradar diagnose` finds out"
     return [*lines, str(Line("phase_sign = -1", remark))]
 
 

@@ -1,4 +1,4 @@
-"""The frequencies that a layout speaks of, in hertz."""
+"""Frequencies by a layout, in hertz."""
 
 from __future__ import annotations
 

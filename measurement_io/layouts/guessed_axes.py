@@ -12,7 +12,7 @@ _QAR50_CHANNELS = (94, 96)
 
 @dataclass(frozen=True, slots=True)
 class GuessedAxes:
-    """What the axes of the data seem to be.
+    """The probable axes of the data.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ def _by_length(
         elif twins:
             # Two axes of one length are the antennas, more likely than others.
             names[free(twins[0])[0]], names[free(twins[0])[-1]] = "tx", "rx"
-            remarks.append("nothing in the file says which axis is tx and which is rx")
+            remarks.append("the file does not tell the tx axis from the rx axis")
         return remarks
     if n_tx is not None and n_rx is not None and not free(n_tx) and not free(n_rx):
         pairs = free(n_tx * n_rx)

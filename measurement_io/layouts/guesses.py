@@ -18,7 +18,7 @@ from measurement_io.layouts.description import FREQUENCY_UNITS_HZ, LENGTH_UNITS_
 from measurement_io.maroon.frame import PLAUSIBLE_HZ
 
 UNKNOWN = "?"
-"""Stands in a skeleton where nothing could be guessed; no file has a key of that name."""
+"""Stands in a draft where nothing could be guessed; no file has a key of that name."""
 
 GUESS = "guess: "
 SIDES = {"tx": r"tx|transmit|sender", "rx": r"rx|receiv"}
@@ -42,7 +42,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """What seems to be the data: the keys' names, and their shape."""
+    """The probable data: names and shape of the keys."""
 
     names: tuple[str, ...]
     lines: tuple[Line, ...]
@@ -52,7 +52,7 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """What seems to be the antennas of one side: `count` of them, None where nothing says so."""
+    """The probable antennas of one side: `count` of them, None if unknown."""
 
     count: int | None
     lines: tuple[Line, ...]
@@ -63,7 +63,7 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class Frequencies:
-    """What seems to be the frequencies, `count` of them; None and no lines if nothing does."""
+    """The probable frequencies, `count` of them; None and no lines if none were found."""
 
     count: int | None
     lines: tuple[Line, ...]

@@ -1,4 +1,4 @@
-"""What is in an HDF5 file of any program: taken out by the process that reads it (`hdf5_process`).
+"""Keys and arrays of an HDF5 file of any program, read in the confined process.
 
 MATLAB v7.3 files are HDF5 with MATLAB's conventions. Nothing but numbers, text and arrays leaves
 `list_keys`, `read_key` and `read_text`; `hdf5_container` asks for them.
@@ -27,7 +27,7 @@ EXPECTED = "a readable HDF5 file"
 FILTERS = (SHUFFLE, FLETCHER32, DEFLATE, LZF)
 
 _LZF_RATIO = 88
-"""Three bytes of LZF can stand for 264, and nothing stands for more."""
+"""LZF inflates three bytes to at most 264."""
 
 _CHECKSUM_BYTES = 4
 _MATLAB_NUMBERS = (
@@ -232,7 +232,7 @@ def _check_lzf(
 
 
 def _matlab_class(found: Any) -> bytes | None:
-    """Return the attribute that says which class a variable had in MATLAB."""
+    """Return the attribute with the MATLAB class of a variable."""
     import h5py
 
     if "MATLAB_class" not in found.attrs:

@@ -39,8 +39,7 @@ class _Member:
         if want != size:
             fail(
                 path,
-                f"{want} bytes in {place}, as its header says "
-                f"({clean(self.dtype)} {clean(self.shape)})",
+                f"{want} bytes in {place}, by its header ({clean(self.dtype)} {clean(self.shape)})",
                 f"{size}",
             )
 

@@ -1,4 +1,4 @@
-"""The antenna positions that a layout speaks of, in the antenna frame."""
+"""Antenna positions by a layout, in the antenna frame."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def real_number(container: Container, value: str | float, purpose: str) -> float
 
 
 def meta_value(container: Container, key: str) -> Any:
-    """Return what a key holds as JSON knows it: text, a number or a list of numbers."""
+    """Return a key's content as a JSON value: text, a number or a list of numbers."""
     found = container.find(key, "metadata")
     if found.content == "text":
         return container.text(key, "metadata")

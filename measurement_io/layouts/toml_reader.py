@@ -29,12 +29,12 @@ _COORDINATES = ("x", "y", "z")
 
 
 def read_layout(path: str | os.PathLike[str]) -> Layout:
-    """Return the layout of a TOML file; docs/layouts.md lists what it can say.
+    """Return the layout of a TOML file; docs/layouts.md lists its settings.
 
     Raises
     ------
     MeasurementError
-        Missing, no TOML, an unknown or missing key, a value that cannot be meant. The message names
+        Missing, no TOML, an unknown or missing key, an invalid value. The message names
         the file, the key, what was expected and what was found.
 
     Examples

@@ -1,4 +1,4 @@
-"""Take values out of a TOML table one by one, and refuse what is left."""
+"""Tables of a layout: values taken one by one and checked, unknown keys refused."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ LAST_ROW_ROUNDING = 1e-9
 
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_-]*")
 
-# Corners of the space in front of the radar in which two transforms are held against each other.
+# Corners of the space in front of the radar in which two transforms are compared.
 _WORKSPACE_M = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (0.2, 0.6)])
 
 
@@ -125,7 +125,7 @@ class SensorAlignment:
         return MIRROR_X @ self.transform(source, RADAR)
 
     def problems(self) -> list[str]:
-        """Return what contradicts itself in the file, and by how much."""
+        """Return the contradictions between transforms of the file, with their size."""
         found = []
         for (a, b), matrix in sorted(self.given.items()):
             if a == b:
@@ -160,7 +160,7 @@ class SensorAlignment:
         the space in front of the radar; None if by less than `CONTRADICTION_M`.
         """
         to_radar = self._leg(frame, RADAR)
-        if to_radar is None:  # nothing says what its unit is or where the radar would be
+        if to_radar is None:  # neither its unit nor the place of the radar is known
             apart = _moved(matrix, _WORKSPACE_M) - _WORKSPACE_M
         else:
             points = _moved(np.linalg.inv(to_radar), _WORKSPACE_M)

@@ -61,7 +61,7 @@ class VolumeEntry:
     min_abs, max_abs : float or None
         Range of the amplitude.
     min_amplitude, max_amplitude : float or None
-        What 0 and 255 stand for in `volume/*.ply`.
+        Amplitudes at 0 and 255 in `volume/*.ply`.
     """
 
     box: GridBox | None = None
@@ -107,7 +107,7 @@ class DepthEntry:
 
 @dataclass(frozen=True, slots=True)
 class FrameEntry:
-    """What `calibration.json` says of one frame; None for each part that it leaves out."""
+    """The entry of one frame in `calibration.json`; None for each missing part."""
 
     volume: VolumeEntry | None = None
     amplitude: AmplitudeEntry | None = None
@@ -132,7 +132,7 @@ class CalibrationFile:
 
 
 def read_calibration_file(path: Path) -> CalibrationFile:
-    """Return all that a `calibration.json` says.
+    """Read a `calibration.json`.
 
     Raises
     ------
@@ -153,9 +153,9 @@ def read_calibration_file(path: Path) -> CalibrationFile:
 
 
 def read_frame_entry(path: Path, number: int) -> FrameEntry | None:
-    """Return what a `calibration.json` says of one frame, None if nothing.
+    """Return the entry of one frame in a `calibration.json`, None if there is none.
 
-    The entries of other frames are not looked at.
+    The entries of other frames are not read.
 
     Raises
     ------

@@ -22,7 +22,7 @@ _FRAME = re.compile(r"([0-9]{6})(_emptyfiltered)?\.npy\Z")
 
 @dataclass(frozen=True, slots=True)
 class RadarFolderName:
-    """What the name of a radar folder says.
+    """Frequencies in the name of a radar folder.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class RadarFolderName:
 
     @classmethod
     def parse(cls, name: str) -> RadarFolderName | None:
-        """Return what `name` says, or None if it is no radar folder's name."""
+        """Parse `name`; None if it is no radar folder's name."""
         match = _RADAR.match(name)
         if match is None:
             return None
@@ -56,7 +56,7 @@ class RadarFolderName:
 
 @dataclass(frozen=True, slots=True)
 class FrameFile:
-    """One frame's file, and what its name and its folder say.
+    """One frame's file, with number, variant and radar folder by its name and place.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class FrameFile:
 
 
 def frame_file(path: Path) -> FrameFile:
-    """Return what the name and the place of a `.npy` file say."""
+    """Return number, variant and folder of a `.npy` file by its name and place."""
     match = _FRAME.match(path.name)
     absolute = path.absolute()
     folder = None
@@ -88,7 +88,7 @@ def frame_file(path: Path) -> FrameFile:
 
 
 def entries(folder: Path) -> list[Path]:
-    """Return what lies in a folder, sorted by name."""
+    """Return the entries of a folder, sorted by name."""
     with reading(folder, "a readable folder"):
         return sorted(folder.iterdir())
 

@@ -74,7 +74,7 @@ def read_time_stamp(path: Path) -> int | float | None:
     Raises
     ------
     MeasurementError
-        The file cannot be read. Its data is not looked at.
+        The file cannot be read. Its data is not checked.
     """
     return _first(_time_stamps(read_frame_dictionary(path).get("timestamp_us")))
 

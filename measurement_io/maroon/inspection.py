@@ -1,4 +1,4 @@
-"""What is in the folders of a recording, what is not, and what contradicts what."""
+"""Inspect the folders of a recording: content, missing parts, contradictions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from measurement_io.maroon.products import PLACED, PRODUCTS, product_files
 
 @dataclass(slots=True)
 class Findings:
-    """What an inspection has found so far."""
+    """The findings of an inspection."""
 
     facts: list[Fact] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
@@ -31,7 +31,7 @@ class Findings:
 
 
 def inspect_recording(folder: Path) -> Findings:
-    """Return what a recording holds, with the first raw frame; the other frames are not opened.
+    """Describe a recording by its folders and its first raw frame; no other frame is opened.
 
     Raises
     ------
@@ -56,13 +56,13 @@ def inspect_recording(folder: Path) -> Findings:
     total = capture.meta.get("number_of_measurements")
     if total is not None and total != len(raw):
         found.problems.append(
-            f"frame {first} says that the recording has {total} frames, {len(raw)} are there"
+            f"frame {first} names {total} frames for the recording, {len(raw)} are there"
         )
     return found
 
 
 def inspect_folders(radar: Path) -> Findings:
-    """Return what lies in a radar folder and beside it; no frame is read."""
+    """Inspect a radar folder and the files beside it; no frame is read."""
     found = Findings()
     frames = folders.frames(radar)
     raw, filtered = frames["raw"], frames["emptyfiltered"]
@@ -158,8 +158,7 @@ def _inspect_calibration(
         unplaced = sorted(set(products.get(name, ())) - set(entries))
         if unplaced:
             found.problems.append(
-                f"{CALIBRATION_FILE} does not say {needed} for {name} of the frames "
-                f"{ranges(unplaced)}"
+                f"{CALIBRATION_FILE} lacks {needed} for {name} of the frames {ranges(unplaced)}"
             )
 
 
@@ -179,6 +178,6 @@ def _compare_with_name(found: Findings, radar: Path, calibration: CalibrationFil
     if name is None or (points == name.points and name.agrees_hz(low * 1e9, high * 1e9)):
         return
     found.problems.append(
-        f"{CALIBRATION_FILE} says {low} to {high} GHz in {points} points, the folder's name "
+        f"{CALIBRATION_FILE} has {low} to {high} GHz in {points} points, the folder's name "
         f"{name.low_ghz} to {name.high_ghz} GHz in {name.points}"
     )

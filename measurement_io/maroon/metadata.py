@@ -1,4 +1,4 @@
-"""What is noted about a recording, `metadata.json`."""
+"""Metadata of a recording, `metadata.json`: distance, box around the object, labels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from clradar.files.json_file import read_json_object
 from clradar.model import checks
 
 DISTANCE_FOLDERS = ("30", "40", "50")
-"""Names of distance folders that say the distance, in centimetres."""
+"""Names of distance folders that are a distance in centimetres."""
 
 DISTANCE_TOLERANCE_M = 0.02
 """How far `distance_meters` may be from the folder's name: the name is a round number."""
@@ -98,13 +98,13 @@ class MaskBox:
 
 @dataclass(frozen=True, slots=True)
 class RecordingMetadata:
-    """What `metadata.json` says.
+    """The content of `metadata.json`.
 
     Parameters
     ----------
     calibration, calibration_fine, mask_erosion, labels : JSON value, optional
-        As the file has them, lists as tuples; None where the file has none. The format does not say
-        of what form they are.
+        As the file has them, lists as tuples; None where the file has none. Their form is
+        not specified.
     distance_meters : float, optional, metres
         Distance of the object.
     mask_bb : MaskBox, optional
@@ -152,13 +152,13 @@ class RecordingMetadata:
         if abs(self.distance_meters - int(folder_name) / 100) <= DISTANCE_TOLERANCE_M:
             return None
         return (
-            f"metadata.json says a distance of {self.distance_meters:g} m, the folder's name "
+            f"metadata.json has a distance of {self.distance_meters:g} m, the folder's name "
             f"{folder_name} cm"
         )
 
 
 def read_metadata(path: str | os.PathLike[str]) -> RecordingMetadata:
-    """Return what a `metadata.json` says.
+    """Read a `metadata.json`.
 
     Raises
     ------

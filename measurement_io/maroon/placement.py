@@ -1,4 +1,4 @@
-"""What lies beside a radar folder: `alignment.json`, `metadata.json`, meshes; do they agree?"""
+"""Check where meshes are placed, by `alignment.json`, against `metadata.json` and folder names."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def inspect_placement(
 def _read_if_there(
     path: Path, read: Callable[[Path], Record], facts: list[Fact], problems: list[str]
 ) -> Record | None:
-    """Return what a file says; note it where it says nothing."""
+    """Read a file; note a problem where that fails."""
     if not path.exists():
         facts.append(Fact(path.name, "none", None))
         return None
@@ -219,7 +219,7 @@ def _mesh_problems(
         near - MESH_DISTANCE_TOLERANCE_M <= distance <= far + MESH_DISTANCE_TOLERANCE_M
     ):
         problems.append(
-            f"{label} is placed at z {1e3 * near:.6g} to {1e3 * far:.6g} mm, {METADATA_FILE} says "
+            f"{label} is placed at z {1e3 * near:.6g} to {1e3 * far:.6g} mm, {METADATA_FILE} has "
             f"{distance:g} m"
         )
     share = value["share_in_mask_bb"]

@@ -43,7 +43,7 @@ _TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class PlyHeader:
-    """What the header of a PLY file says of its points.
+    """The points of a PLY file, by its header.
 
     Attributes
     ----------

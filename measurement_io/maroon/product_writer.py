@@ -35,7 +35,7 @@ _POINT = tuple((name, "double") for name in "xyz") + tuple(
 )
 _MAX_16_BIT = 2**16 - 1
 _UNFILTERED = 1
-"""Kernel size that stands for no filter."""
+"""Kernel size without effect."""
 
 
 def write_products(
@@ -75,7 +75,7 @@ def write_products(
         The image cannot be held: it is zero, its strongest pixel is below 1 or above 65535 in
         `maxproj`, or a depth is not between 0 and 65.535 m.
     MeasurementError
-        `calibration.json` is missing, damaged, or does not say how many frequencies there are.
+        `calibration.json` is missing, damaged, or has no number of frequencies.
     OutputError
         A product exists and `force` is not set, or the system refuses to write.
 

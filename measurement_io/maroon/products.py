@@ -32,7 +32,7 @@ PRODUCTS = {"depth": "png", "maxproj": "png", "volume": "ply", "xyz": "ply"}
 """Folder of each product, and the extension of its files."""
 
 PLACED = {"depth": "its pixels", "maxproj": "its pixels", "volume": "its grid and its amplitudes"}
-"""What only `calibration.json` knows of a product; the points of `xyz` carry their positions."""
+"""Products whose grid is in `calibration.json` alone; points of `xyz` carry their positions."""
 
 
 MM_PER_M = 1000.0
@@ -155,7 +155,7 @@ def read_depth_map(radar: str | os.PathLike[str], number: int) -> DepthMap:
     ------
     MeasurementError
         The frame has no such file, it is damaged or another kind of image, or `calibration.json`
-        does not say where its pixels are.
+        has no grid for its pixels.
 
     Notes
     -----
@@ -177,7 +177,7 @@ def read_depth_map(radar: str | os.PathLike[str], number: int) -> DepthMap:
         if pixels.shape == depth_m.shape:
             amplitude = pixels[::-1, ::-1].astype(np.float32)
     threshold_db = None if entry.amplitude is None else entry.amplitude.filter_threshold_db
-    # Below the maximum, whichever sign says so.
+    # Below the maximum, with either sign.
     cut_db = abs(threshold_db) if threshold_db else DYNAMIC_RANGE_DB
     with reading(path, "a depth map"):
         return DepthMap(depth_m, amplitude, x_m, y_m, cut_db)
@@ -196,7 +196,7 @@ def read_max_projection(radar: str | os.PathLike[str], number: int) -> Amplitude
     Raises
     ------
     MeasurementError
-        As `read_depth_map`, which also says where the pixels are.
+        As `read_depth_map`, which also documents the grid.
     """
     radar = Path(radar)
     path, entry = _product(radar, "maxproj", number)
@@ -218,8 +218,8 @@ def read_amplitude_volume(radar: str | os.PathLike[str], number: int) -> Amplitu
     Raises
     ------
     MeasurementError
-        The frame has no such file, it is damaged, or `calibration.json` does not say its grid and
-        its amplitudes, or says another grid.
+        The frame has no such file, it is damaged, or `calibration.json` lacks its grid and
+        amplitudes, or has another grid.
 
     Notes
     -----
@@ -315,7 +315,7 @@ def _product(radar: Path, product: str, number: int) -> tuple[Path, FrameEntry]:
     path = _product_file(radar, product, number)
     calibration = radar / CALIBRATION_FILE
     if not calibration.exists():
-        fail(calibration, f"a file that says where the pixels of {product}/{path.name} are", "none")
+        fail(calibration, f"the grid of {product}/{path.name}", "none")
     entry = read_frame_entry(calibration, number)
     if entry is None:
         fail(calibration, f"an entry '{number:06d}', for {product}/{path.name}", "none")
@@ -340,7 +340,7 @@ def _pixel_axes(
         if (rows, columns) != (box.counts[1], box.counts[0]):
             fail(
                 path,
-                f"{box.counts[1]} rows of {box.counts[0]} pixels, as {CALIBRATION_FILE} says",
+                f"{box.counts[1]} rows of {box.counts[0]} pixels, by {CALIBRATION_FILE}",
                 f"{rows} rows of {columns}",
             )
         x_radar_m, y_m = box.axis_m(0), box.axis_m(1)
@@ -372,7 +372,7 @@ def _axes_of_matrix(
     """Return the axes of pixels that only `intrinsics` places.
 
     Read as (column, row, millimetres, 1) = K (x, y, z, 1) in metres of radar space or, where its
-    third diagonal element says so, as the inverse of that.
+    third diagonal element is below 1, as the inverse of that.
     """
     where = f"'{number:06d}: depth: intrinsics'"
     matrix = np.array(intrinsics)

@@ -59,7 +59,7 @@ def open_recording(
     ------
     MeasurementError
         No such folder, several radar folders in it, no frame of the variant, an antenna file that
-        cannot be read. A frame that cannot be read is an error when it is asked for.
+        cannot be read. A frame that cannot be read is an error when it is accessed.
     ModelError
         An unknown variant.
 
@@ -135,7 +135,7 @@ class _Files:
         raise failure
 
     def beside(self, name: str, read: Any) -> Any:
-        """Return what `read` makes of a file of the distance folder; None if it is not there."""
+        """Return `read` of a file of the distance folder; None if it is not there."""
         if name not in self._beside:
             path = self.distance / name
             with reading(path, "a file"):
@@ -145,7 +145,7 @@ class _Files:
 
 
 class Recording(Sequence[Capture]):
-    """The frames of a recording, read when they are asked for; made by `open_recording`.
+    """The frames of a recording, read on access; made by `open_recording`.
 
     ``recording[i]`` is the i-th frame that is there, whatever its number: the numbers of frames can
     have gaps. The frame's number is in ``capture.meta["frame"]`` and in `frame_numbers`. A slice is
@@ -153,7 +153,7 @@ class Recording(Sequence[Capture]):
     frame is in memory at a time as long as the caller keeps no more.
 
     A frame that is damaged, or has other frequencies than the first frame that can be read, raises
-    `MeasurementError` when it is asked for; the others can still be read.
+    `MeasurementError` on access; all other frames can still be read.
 
     Examples
     --------
@@ -260,7 +260,7 @@ class Recording(Sequence[Capture]):
 
     @property
     def metadata(self) -> RecordingMetadata | None:
-        """What `metadata.json` says; None if there is none."""
+        """The content of `metadata.json`; None if there is none."""
         found: RecordingMetadata | None = self._files.beside(METADATA_FILE, read_metadata)
         return found
 
@@ -295,7 +295,7 @@ class Recording(Sequence[Capture]):
         Raises
         ------
         MeasurementError
-            No such mesh, one that cannot be read, or no `alignment.json` that says where it is.
+            No such mesh, one that cannot be read, or no `alignment.json` to place it with.
         """
         checks.text("Recording.scene: name", name)
         alignment = self.alignment

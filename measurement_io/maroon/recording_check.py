@@ -30,7 +30,7 @@ _READERS: dict[str, Callable[[Path, int], object]] = {
 
 @dataclass(slots=True)
 class _Variant:
-    """What has been read of one variant: by frame its time stamp and how many it says there are."""
+    """The frames read of one variant: time stamp and `number_of_measurements` of each."""
 
     stamps_us: dict[int, int | float] = field(default_factory=dict)
     totals: dict[int, int] = field(default_factory=dict)
@@ -43,7 +43,7 @@ class _Variant:
 
     @property
     def total(self) -> int | None:
-        """What the first frame that says it says."""
+        """`number_of_measurements` of the first frame that has it."""
         return self.totals[min(self.totals)] if self.totals else None
 
 
@@ -84,7 +84,7 @@ def check_frames(radar: Path, checked: list[str], problems: list[str]) -> None:
     raw, filtered = read["raw"], read["emptyfiltered"]
     if raw.total is not None and raw.total != len(frames["raw"]):
         problems.append(
-            f"the first frame says that the recording has {raw.total} frames, "
+            f"the first frame names {raw.total} frames for the recording, "
             f"{len(frames['raw'])} are there"
         )
     other = [n for n, stamp in filtered.stamps_us.items() if raw.stamps_us.get(n, stamp) != stamp]
@@ -98,7 +98,7 @@ def check_frames(radar: Path, checked: list[str], problems: list[str]) -> None:
 def check_products(radar: Path, checked: list[str], problems: list[str]) -> None:
     """Read every cached product; add what is right and what is wrong.
 
-    What `inspect_folders` says, too, is not said again, nor what several products have in common.
+    Problems that `inspect_folders` reports are not repeated, nor those common to several products.
     """
     placed = _placed_frames(radar)
     for name, read in _READERS.items():
@@ -141,7 +141,7 @@ def _placed_frames(radar: Path) -> set[int] | None:
 def _check_totals(variant: str, first: int, seen: _Variant, problems: list[str]) -> None:
     if first in seen.read and first not in seen.totals:
         # The dataset's program asks this one how many there are.
-        problems.append(f"{variant} frame {first} does not say number_of_measurements")
+        problems.append(f"{variant} frame {first} has no number_of_measurements")
     by_number: dict[int, list[int]] = {}
     for number, total in seen.totals.items():
         by_number.setdefault(total, []).append(number)
@@ -149,7 +149,7 @@ def _check_totals(variant: str, first: int, seen: _Variant, problems: list[str])
     for total, numbers in by_number.items():
         if total != usual:
             problems.append(
-                f"{variant} frames with number_of_measurements {total} where the others have "
+                f"{variant} frames with number_of_measurements {total} where the rest have "
                 f"{usual}: {folders.ranges(numbers)}"
             )
 

@@ -98,7 +98,7 @@ def save_recording(
     copy_from : path-like, optional
         A recording whose `metadata.json`, `alignment.json`, meshes, products and entries of
         `calibration.json` are copied byte by byte, as far as they are not given otherwise. Which
-        of its frames a capture is, `meta["frame"]` says.
+        of its frames a capture is, is in `meta["frame"]`.
     progress : callable, optional
         Called with (frames written, frames in all) after each frame; in all is 0 if not known.
     force : bool
@@ -114,7 +114,7 @@ def save_recording(
     ------
     ModelError
         No capture, another array than `qar50()`, captures of different waveforms, another number
-        of time stamps, or an argument that cannot be meant.
+        of time stamps, or an invalid argument.
     MeasurementError
         A file of `copy_from` or of `meshes` cannot be read.
     OutputError
@@ -358,7 +358,7 @@ def _refuse_existing(target: Path, *, force: bool) -> None:
 
 
 def _put_in_place(temporary: Path, target: Path, radar: str, *, force: bool) -> None:
-    _refuse_existing(target, force=force)  # somebody else may have made it meanwhile
+    _refuse_existing(target, force=force)  # it may have appeared meanwhile
     if not target.exists() or not any(target.iterdir()):
         move_folder(temporary, target.absolute())
         return

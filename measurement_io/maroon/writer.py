@@ -102,7 +102,7 @@ def save_maroon_frame(
     Raises
     ------
     ModelError
-        Another array, or an argument that cannot be meant.
+        Another array, or an invalid argument.
     OutputError
         The radar folder exists and `force` is not set, it belongs to another waveform, or the
         system refuses to write.
@@ -210,7 +210,7 @@ def write_frame_file(
 
 
 _Pickler: Any = pickle._Pickler
-"""The one in Python, which can be told how to write a name."""
+"""The one in Python, whose names can be replaced."""
 
 
 class _PortablePickler(_Pickler):
@@ -227,7 +227,7 @@ class _PortablePickler(_Pickler):
 
 
 def _carried(meta: Mapping[str, Any]) -> dict[str, str | int | float]:
-    """Return what a frame's dictionary can carry of a capture's `meta`: numbers and strings."""
+    """Return the entries of a capture's `meta` for a frame's dictionary: numbers and strings."""
     carried: dict[str, str | int | float] = {}
     for key, value in meta.items():
         if key in _OF_THE_FORM:

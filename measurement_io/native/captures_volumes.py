@@ -119,7 +119,7 @@ def read_volume(path: Path) -> tuple[NativeHeader, Volume]:
         grid = VoxelGrid(found["origin_m"], found["spacing_m"], counts)
         for axis, have, want in zip("xyz", axes, (grid.x_m, grid.y_m, grid.z_m), strict=True):
             if np.abs(have - want).max() > 1e-9 * max(1.0, float(np.abs(want).max())):
-                fail(path, f"{axis}_m as origin_m and spacing_m say", "another axis")
+                fail(path, f"{axis}_m by origin_m and spacing_m", "another axis")
         return header, Volume(_read_only(found["data"]), grid, header.meta)
 
 
@@ -130,7 +130,7 @@ def read_header(path: Path) -> NativeHeader:
 
 
 def nexus_problems(path: Path) -> list[str]:
-    """Return what a native file lacks that reading does not need: NeXus attributes, checksums."""
+    """Return missing NeXus attributes and checksums, which reading does not need."""
     with reading(path, EXPECTED):
         return [clean(line) for line in hdf5_process.run(native_contents.nexus_problems, path)]
 

@@ -25,7 +25,7 @@ from measurement_io.native.scheme import (
 )
 
 LIVE, DEAD, NOISY = 0, 1, 2
-"""What `tx_state` and `rx_state` say of a channel."""
+"""Names of the values of `tx_state` and `rx_state`."""
 
 _BY_CHANNEL = (
     ("gain", "complex gain at reference_hz", None),

@@ -1,4 +1,4 @@
-"""What is in a native file: taken out by the process that reads it (`hdf5_process`).
+"""Attributes and arrays of a native file, read in the confined process.
 
 Nothing but numbers, text and arrays leaves these functions; `native` and `channels_file` make
 records of them.
@@ -22,7 +22,7 @@ CHANNEL_NUMBERS = ("target_amplitude", "reference_hz", "residual_db", "noise_res
 
 
 def is_native(path: Path) -> bool:
-    """Whether an HDF5 file says that it is one of ours."""
+    """Whether the root of an HDF5 file has our format attribute."""
     with hdf5_guard.opened(path, "a readable HDF5 file") as file:
         return "clradar_format" in file.attrs
 
@@ -74,13 +74,13 @@ def read_channels(path: Path) -> Contents:
 
 
 def read_header(path: Path) -> Contents:
-    """Return what the root's attributes say."""
+    """Return the root's attributes."""
     with hdf5_guard.opened(path, EXPECTED) as file:
         return _header(path, file, None)[0]
 
 
 def nexus_problems(path: Path) -> list[str]:
-    """Return what a native file lacks that reading does not need: NeXus attributes, checksums."""
+    """Return missing NeXus attributes and checksums, which reading does not need."""
     problems = []
     with hdf5_guard.opened(path, EXPECTED) as file:
         header, data = _header(path, file, None)

@@ -1,7 +1,7 @@
-"""What every native HDF5 file has in common: its layout, its header, how it is opened and written.
+"""The common scheme of native HDF5 files (NeXus NXdata): structure, header, reading, writing.
 
 Layout (docs/files.md has the tables): `/` NXroot, `/entry` NXentry, `/entry/data` NXdata with its
-signal and what the signal's axes mean; the root's attributes say which format and version it is,
+signal and its axes; the root's attributes hold format and version,
 when it was made and, as JSON, where it comes from.
 """
 
@@ -29,7 +29,7 @@ EXPECTED = "a readable native HDF5 file"
 
 @dataclass(frozen=True, slots=True)
 class Scheme:
-    """What `/entry/data` of one format holds.
+    """The content of `/entry/data` of one format.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ SCHEMES = {
 
 @dataclass(frozen=True, slots=True)
 class NativeHeader:
-    """What the root's attributes of a native file say.
+    """The root's attributes of a native file.
 
     Attributes
     ----------

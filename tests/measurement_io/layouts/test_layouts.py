@@ -525,7 +525,7 @@ def test_a_missing_key_lists_those_there_are(tmp_path: Path) -> None:
         assert part in message
 
 
-# ---- TOML files that cannot be meant
+# ---- invalid layouts
 
 
 BAD_LAYOUTS = [
@@ -717,16 +717,16 @@ def test_convert_without_a_layout(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert_same(open_capture(tmp_path / "c.h5"), capture)
 
 
-# ---- skeletons
+# ---- drafts
 
 
-def skeleton(path: Path) -> str:
+def draft(path: Path) -> str:
     with pytest.raises(LayoutNeeded) as caught:
         open_capture(path)
     return caught.value.skeleton
 
 
-def test_a_skeleton_without_guesses_works(tmp_path: Path) -> None:
+def test_a_draft_without_guesses_works(tmp_path: Path) -> None:
     capture = random_capture()
     array = capture.array
     for number, tree in enumerate(
@@ -746,13 +746,13 @@ def test_a_skeleton_without_guesses_works(tmp_path: Path) -> None:
         tree[key] = capture.waveform.frequencies_hz / scale
         for container in ("npz", "hdf5", "mat v5", "mat v7.3"):
             path = write(container, tmp_path / f"{number}{container[:3]}", tree)
-            text = skeleton(path)
+            text = draft(path)
             assert "# guess" not in text
             assert '?"\n' not in text.split("[data]")[1]
             assert_same(open_capture(path, layout=layout(tmp_path, text)), capture)
 
 
-def test_a_skeleton_marks_its_guesses(tmp_path: Path) -> None:
+def test_a_draft_marks_its_guesses(tmp_path: Path) -> None:
     capture = random_capture(n_tx=4)
     array = capture.array
     data = np.stack([capture.data, 2 * capture.data, 3 * capture.data])
@@ -763,7 +763,7 @@ def test_a_skeleton_marks_its_guesses(tmp_path: Path) -> None:
         "vector": capture.waveform.frequencies_hz / 1e9,
     }
     path = write("hdf5", tmp_path / "c", tree)
-    text = skeleton(path)
+    text = draft(path)
     read = open_capture(path, layout=layout(tmp_path, text), frame=1)
     assert same_bits(read.data, 2 * capture.data)
     for line in ("guess: tx is one of the axes 1 or 2", "guess: frame is axis 0"):
@@ -774,11 +774,11 @@ def test_a_skeleton_marks_its_guesses(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("channels", [94, 96])
 @pytest.mark.parametrize("pairs", [True, False])
-def test_a_skeleton_knows_the_instrument(tmp_path: Path, channels: int, pairs: bool) -> None:
+def test_a_draft_knows_the_instrument(tmp_path: Path, channels: int, pairs: bool) -> None:
     data = random_capture(channels, channels, 3).data
     f = np.array([72.0, 77.0, 82.0])
     path = write("hdf5", tmp_path / "c", {"xr": data.reshape(-1, 3) if pairs else data, "fvec": f})
-    text = skeleton(path)
+    text = draft(path)
     assert 'array = "qar50"  # guess' in text
     read = open_capture(path, layout=layout(tmp_path, text))
     inner = slice(1, 95) if channels == 96 else slice(None)
@@ -796,9 +796,9 @@ def test_a_skeleton_knows_the_instrument(tmp_path: Path, channels: int, pairs: b
         {},
     ],
 )
-def test_a_skeleton_with_holes_is_refused_until_filled(tmp_path: Path, tree: Any) -> None:
+def test_a_draft_with_holes_is_refused_until_filled(tmp_path: Path, tree: Any) -> None:
     path = write("hdf5", tmp_path / "c", tree)
-    text = skeleton(path)
+    text = draft(path)
     assert '"?"' in text.split("[data]")[1]
     with pytest.raises(MeasurementError, match=r"\?"):
         open_capture(path, layout=layout(tmp_path, text))

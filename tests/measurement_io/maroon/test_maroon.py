@@ -92,7 +92,7 @@ def test_numpy_itself_writes_the_same_form(tmp_path):
 
 @pytest.mark.parametrize("channels", [94, 96])
 def test_axes_and_channels_one_by_one(tmp_path, channels):
-    # Every value says where it belongs: rx + tx / 256 (+ j freq), exact in float32.
+    # Every value encodes its place: rx + tx / 256 (+ j freq), exact in float32.
     first = (channels - 94) // 2
     index = np.arange(channels) - first
     xr = index[:, None, None] + index[None, :, None] / 256 + 1j * np.arange(3)
@@ -543,7 +543,7 @@ def test_the_content_decides_and_not_the_name(tmp_path):
     assert same_bits(open_capture(path).data, files.expected_data(frame))
 
 
-def test_plain_array_says_what_is_supported(tmp_path):
+def test_a_plain_array_is_refused_with_the_supported_kinds(tmp_path):
     np.save(tmp_path / "plain.npy", np.zeros((94, 94, 2), np.complex64))
     assert "a plain .npy array" in refused(tmp_path / "plain.npy")
 
@@ -632,7 +632,7 @@ def test_describe_lists_what_is_wrong(tmp_path):
     assert "emptyfiltered frames without a raw one: 1" in text
     assert "xyz of frames that are not there: 9" in text
     assert "72.0 to 81.0 GHz" in text
-    assert "the recording has 3 frames, 2 are there" in text
+    assert "names 3 frames for the recording, 2 are there" in text
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"[1]", b'{"a": ' * 50_000, b"{}"])

@@ -228,7 +228,7 @@ def test_time_stamps_that_are_given(tmp_path, stamps, first, read):
     "stamps", [[1], [1, 2, 3], [1, "2"], [1, float("nan")], [1, []], [1, None]]
 )
 @pytest.mark.parametrize("sized", [True, False])
-def test_time_stamps_that_cannot_be_meant(tmp_path, stamps, sized):
+def test_invalid_time_stamps(tmp_path, stamps, sized):
     captures = captures_of(2)
     if stamps == [1, None]:  # None stands for that of the capture
         save_recording(tmp_path / "30", captures, timestamps_us=stamps)
@@ -439,7 +439,7 @@ def test_a_folder_that_exists(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["30"]
 
 
-def test_names_that_cannot_be_meant(tmp_path):
+def test_invalid_names(tmp_path):
     with pytest.raises(OutputError, match="radar folder"):
         save_recording(tmp_path / "radar_72.0_82.0_3", captures_of(1))
     with pytest.raises(OutputError, match="radar folder"):

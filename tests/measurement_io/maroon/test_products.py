@@ -208,7 +208,7 @@ def test_amplitude_of_a_depth_map_without_maxproj(radar, other):
 
 
 @pytest.mark.parametrize("product", READERS)
-def test_a_missing_product_says_which_frames_have_it(radar, product, scene):
+def test_a_missing_product_lists_the_frames_that_have_it(radar, product, scene):
     made.write_products(radar, 3, scene)
     message = refused(radar, product, 1)
     assert f"{product}/000001." in message
@@ -221,7 +221,7 @@ def test_a_missing_product_says_which_frames_have_it(radar, product, scene):
 
 
 @pytest.mark.parametrize("product", ["depth", "maxproj", "volume"])
-def test_without_calibration_nothing_says_where_pixels_are(radar, product):
+def test_without_calibration_pixels_have_no_place(radar, product):
     change_entry(radar, dict.clear)
     assert "bb_min" in refused(radar, product)
     (radar / "calibration.json").write_text("{}")
@@ -250,7 +250,7 @@ def test_without_calibration_nothing_says_where_pixels_are(radar, product):
         ("max_amplitude", {}, "dict"),
     ],
 )
-def test_entries_that_cannot_be_meant(radar, key, value, found):
+def test_invalid_entries(radar, key, value, found):
     change_entry(radar, lambda entry: entry["volume"].update({key: value}))
     assert found in refused(radar, "volume")
 

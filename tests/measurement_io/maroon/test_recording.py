@@ -109,7 +109,7 @@ def test_gaps_are_by_position(tmp_path):
     assert np.array_equal(recording[2].data, seed_data(4))
 
 
-def test_nothing_is_read_before_it_is_asked_for(tmp_path, monkeypatch):
+def test_nothing_is_read_before_access(tmp_path, monkeypatch):
     radar = files.write_recording(tmp_path / "30", n_frames=4)
     read = []
     real = recording_module.read_frame_file
@@ -144,7 +144,7 @@ def test_time_stamps(tmp_path):
     assert recording[::-3].timestamps_us == (last, first)
 
 
-def test_damaged_frames_do_not_hide_the_others(tmp_path):
+def test_damaged_frames_leave_all_others_readable(tmp_path):
     radar = files.write_recording(tmp_path / "30", n_frames=6)
     data = radar / "calibrated_data"
     cut = (data / "000000.npy").read_bytes()

@@ -81,7 +81,7 @@ def test_a_whole_recording(tmp_path):
     assert "3 of 3 cached volume read" in str(report)
 
 
-def test_a_bare_recording_says_what_is_missing(tmp_path):
+def test_a_bare_recording_lists_what_is_missing(tmp_path):
     radar = files.write_recording(tmp_path / "30", n_frames=2)
     (radar / "calibrated_data" / "000001_emptyfiltered.npy").unlink()
     (radar / "calibrated_data" / "mean.npy").write_bytes(b"")
@@ -134,17 +134,17 @@ def test_frames_that_are_no_files(tmp_path):
 
 ODD_FRAMES = {
     "none": (1, {}, []),
-    "no total": (0, {"number_of_measurements": None}, ["raw frame 0 does not say number_of_meas"]),
+    "no total": (0, {"number_of_measurements": None}, ["raw frame 0 has no number_of_meas"]),
     "later": (1, {"number_of_measurements": None}, []),
     "total": (
         2,
         {"number_of_measurements": 9},
-        ["number_of_measurements 9 where the others have 4: 2"],
+        ["number_of_measurements 9 where the rest have 4: 2"],
     ),
     "first total": (
         0,
         {"number_of_measurements": 3},
-        ["number_of_measurements 3 where the others have 4: 0", "has 3 frames, 4 are there"],
+        ["number_of_measurements 3 where the rest have 4: 0", "has 3 frames, 4 are there"],
     ),
     "zero": (
         3,
@@ -196,7 +196,7 @@ CONTRADICTIONS = {
     ),
     "distance": (
         lambda radar: edit(radar.parent / "metadata.json", distance_meters=0.5),
-        ["metadata.json says a distance of 0.5 m, the folder's name 30 cm", "0.5 m"],
+        ["metadata.json has a distance of 0.5 m, the folder's name 30 cm", "0.5 m"],
     ),
     "metadata": (
         lambda radar: edit(radar.parent / "metadata.json", mask_bb=3),
@@ -221,11 +221,11 @@ CONTRADICTIONS = {
     ),
     "behind": (
         lambda radar: move_mesh(radar.parent, z_m=-0.6),
-        ["mesh.obj is placed behind the radar", "metadata.json says 0.3 m", "0.0% of its vertices"],
+        ["mesh.obj is placed behind the radar", "metadata.json has 0.3 m", "0.0% of its vertices"],
     ),
     "far": (
         lambda radar: move_mesh(radar.parent, z_m=0.1),
-        ["mesh_masked.obj is placed at z", "metadata.json says 0.3 m"],
+        ["mesh_masked.obj is placed at z", "metadata.json has 0.3 m"],
     ),
     "beside the box": (
         lambda radar: move_mesh(radar.parent, x_m=0.2),
@@ -241,7 +241,7 @@ CONTRADICTIONS = {
     ),
     "calibration": (
         lambda radar: edit(radar / "calibration.json", frequency_points=128),
-        ["calibration.json says 72.0 to 82.0 GHz in 128 points"],
+        ["calibration.json has 72.0 to 82.0 GHz in 128 points"],
     ),
     "entries": (
         lambda radar: edit(radar / "calibration.json", **{"000007": {}}),
@@ -251,7 +251,7 @@ CONTRADICTIONS = {
         lambda radar: (radar / "depth" / "000002.png").rename(radar / "depth" / "000009.png"),
         [
             "depth of frames that are not there: 9",
-            "calibration.json does not say its pixels for depth of the frames 9",
+            "calibration.json lacks its pixels for depth of the frames 9",
         ],
     ),
 }
@@ -366,9 +366,9 @@ SAID_ONCE = {
     "entries": (
         lambda radar: entry_without(radar, 0, 2),
         [
-            "not say its pixels for depth of the frames 0, 2",
-            "not say its pixels for maxproj of the frames 0, 2",
-            "not say its grid and its amplitudes for volume of the frames 0, 2",
+            "lacks its pixels for depth of the frames 0, 2",
+            "lacks its pixels for maxproj of the frames 0, 2",
+            "lacks its grid and its amplitudes for volume of the frames 0, 2",
         ],
     ),
     "an entry": (
@@ -379,7 +379,7 @@ SAID_ONCE = {
 
 
 @pytest.mark.parametrize("name", SAID_ONCE)
-def test_what_many_frames_have_in_common_is_said_once(tmp_path, name):
+def test_what_many_frames_have_in_common_is_reported_once(tmp_path, name):
     radar = whole_recording(tmp_path / "30")
     change, parts = SAID_ONCE[name]
     change(radar)
