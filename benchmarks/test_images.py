@@ -22,7 +22,7 @@ RANGE_DB = -50.0
 """Linear interpolation between range bins: -54 dB."""
 
 FAST_DB = -50.0 + 1.5
-"""What is asked for by default, and the image by range that it is held against."""
+"""The default tolerance, and the image by range that it is held against."""
 
 FLOAT32_DB = -100.0
 """Two ways to do the same float32 sums of 10^6 terms."""

@@ -16,7 +16,7 @@ Measured = Callable[[Callable[[], Any]], Any]
 N_PATHS = 1_000_000
 
 OURS_DB, PEER_DB = -120.0, -95.0
-"""Ours: a few float32 roundings of terms of one pair, compensated. The peer: 1e-5 was asked for."""
+"""Ours: a few float32 roundings of terms of one pair, compensated. The peer: 1e-5 is requested."""
 
 
 @pytest.fixture(scope="module")

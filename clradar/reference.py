@@ -111,10 +111,10 @@ def sample_surface(
     face = np.repeat(np.arange(len(counts)), counts)
     j = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
     jitter = uniform(philox(counters(np.arange(len(face)), 0, 0, 1), seed))[:, 0]
-    turn = philox(counters(face, 0, 0, 2), seed)[:, 0]
+    rotation = philox(counters(face, 0, 0, 2), seed)[:, 0]
     lattice = j.astype(np.uint64) * np.uint64(0x9E3779B9)
     a = (j + jitter) / counts[face]
-    b = uniform((lattice + turn) & np.uint64(0xFFFFFFFF))
+    b = uniform((lattice + rotation) & np.uint64(0xFFFFFFFF))
     weight = np.stack([1 - np.sqrt(a), np.sqrt(a) * (1 - b), np.sqrt(a) * b], axis=1)
     corners = scene.triangles_m[face]
     point = np.einsum("sk,ska->sa", weight, corners)
@@ -229,11 +229,11 @@ def disc_probability(
             np.sin(beta) * max(np.sin(centre), 1e-15)
         )
         arc = np.arccos(np.clip(cosine, -1, 1))
-        turn = arc[:, None] * (np.arange(4 * nodes) + 0.5) / (2 * nodes) - arc[:, None]
+        azimuth = arc[:, None] * (np.arange(4 * nodes) + 0.5) / (2 * nodes) - arc[:, None]
         w = (
             np.cos(beta)[:, None, None] * t_m
-            + (np.sin(beta)[:, None] * np.cos(turn))[..., None] * side
-            + (np.sin(beta)[:, None] * np.sin(turn))[..., None] * np.cross(t_m, side)
+            + (np.sin(beta)[:, None] * np.cos(azimuth))[..., None] * side
+            + (np.sin(beta)[:, None] * np.sin(azimuth))[..., None] * np.cross(t_m, side)
         )
         density = np.where(w @ face > 0, direction_density(w, n, t_m, alpha), 0)
         total += float(np.sum(d_beta * np.sin(beta) * 2 * arc * density.mean(axis=1)))

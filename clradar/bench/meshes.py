@@ -10,8 +10,8 @@ import clradar
 def ball(rings: int, sectors: int) -> clradar.Scene:
     """Closed, with bumps, 12 cm across at z = 0.3 m; 2 sectors (rings - 1) faces."""
     tilt = np.linspace(0, np.pi, rings + 1)[1:-1]
-    turn = np.arange(sectors) * 2 * np.pi / sectors
-    t, p = (a.ravel() for a in np.meshgrid(tilt, turn, indexing="ij"))
+    azimuth = np.arange(sectors) * 2 * np.pi / sectors
+    t, p = (a.ravel() for a in np.meshgrid(tilt, azimuth, indexing="ij"))
     way = np.stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)], axis=1)
     way = np.concatenate([way, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
     x, y, z = way.T

@@ -1,4 +1,4 @@
-"""Phasor sum, images and commands, timed in turn with independent implementations and checked.
+"""Phasor sum, images and commands, timed alternately with independent implementations and checked.
 
 Not in the timings: imports, the first call of everything that compiles, and what a row names as
 given.
@@ -48,7 +48,7 @@ def relative_rms_db(ours: np.ndarray, theirs: np.ndarray) -> float:
 def interleaved_s(
     works: Sequence[Callable[[], Any]], repeats: int, pause_s: float = 0.0
 ) -> np.ndarray:
-    """Seconds of each work in turn, shape (repeats, n_works), so that other load affects all alike.
+    """Seconds of each work, alternately, shape (repeats, n_works), so that other load affects all alike.
 
     A pause before each lets threads of the one before end their busy waiting.
     """
@@ -198,7 +198,7 @@ def images(
             check=f"{error:.0f} dB between the two",
         ),
         Row(
-            work=f"image by fast, 201 x 201 x {planes}, -50 dB asked for",
+            work=f"image by fast, 201 x 201 x {planes}, -50 dB requested",
             ours=f"{fast_s:.2f} s, and {again_s:.2f} s for the next of the same array and grid",
             peer=peer,
             ratio=float(fast_ratio),

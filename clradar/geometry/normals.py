@@ -90,9 +90,9 @@ def _smooth_corner_pairs(
     """Pairs of corners (3 * face + corner) at both ends of every edge but creases."""
     ends = faces[:, [[0, 1], [1, 2], [2, 0]]]  # (n_faces, 3 edges, 2 ends)
     corner = 3 * np.arange(len(faces))[:, None, None] + np.array([[0, 1], [1, 2], [2, 0]])
-    swap = ends[..., 0] > ends[..., 1]
-    ends = np.where(swap[..., None], ends[..., ::-1], ends)[real].reshape(-1, 2)
-    corner = np.where(swap[..., None], corner[..., ::-1], corner)[real].reshape(-1, 2)
+    reverse = ends[..., 0] > ends[..., 1]
+    ends = np.where(reverse[..., None], ends[..., ::-1], ends)[real].reshape(-1, 2)
+    corner = np.where(reverse[..., None], corner[..., ::-1], corner)[real].reshape(-1, 2)
     by_edge = np.lexsort((ends[:, 1], ends[:, 0]))
     ends, corner = ends[by_edge], corner[by_edge]
     # Neighbours in this order that share the edge; with more than two faces at an edge, each with

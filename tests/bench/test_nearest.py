@@ -224,9 +224,9 @@ def test_any_hit(name, n_tx, device):
     towards = tx[None].astype(np.float32).astype(float) - point[:, None]
     side = np.sign(np.einsum("sta,sa->st", towards, normal))
     origin = point[:, None] + 2 * delta_m * side[:, :, None] * normal[:, None]
-    leg = tx.astype(np.float32).astype(float)[None] - origin
-    reach = np.linalg.norm(leg, axis=2)
-    flat = (origin.reshape(-1, 3), (leg / reach[:, :, None]).reshape(-1, 3))
+    segment = tx.astype(np.float32).astype(float)[None] - origin
+    reach = np.linalg.norm(segment, axis=2)
+    flat = (origin.reshape(-1, 3), (segment / reach[:, :, None]).reshape(-1, 3))
     t = reference.closest_hit(*flat, triangles)[0].reshape(reach.shape)
     # No blocker is missed that the exact ray meets, but within the error of where it ends.
     surely_blocked = (t < reach - 4 * delta_m) & (t > 4 * delta_m)
@@ -236,7 +236,7 @@ def test_any_hit(name, n_tx, device):
     wrongly = ~got & (t >= reach)
     rays, edges = np.nonzero(wrongly)
     for s, a in zip(rays, edges, strict=True):
-        near = grazes(triangles, origin[s, a], leg[s, a] / reach[s, a], reach[s, a], delta_m)
+        near = grazes(triangles, origin[s, a], segment[s, a] / reach[s, a], reach[s, a], delta_m)
         assert near or side[s, a] == 0
     assert wrongly.mean() <= (1e-2 if "degenerate" in name else 1e-3) + 1 / wrongly.size
 

@@ -96,7 +96,7 @@ def test_inverted_and_mirrored_meshes():
     np.testing.assert_allclose(inverted_flat, -flat, atol=ROUNDING)
     mirror = np.array([-1.0, 1.0, 1.0])
     mirrored, _ = corner_normals(Scene(vertices * mirror, faces))
-    # The winding turns with the mirror, so the normals are the mirrored ones turned round.
+    # A mirror reverses the winding, so the normals are the negative mirrored ones.
     np.testing.assert_allclose(mirrored, -corners * mirror, atol=ROUNDING)
 
 

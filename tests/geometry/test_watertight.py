@@ -1,4 +1,4 @@
-"""Closed surfaces: they are recognised, and one ray in place of many changes no answer."""
+"""Watertight surfaces: they are recognised, and the parity test changes no visibility."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_closed_surfaces_are_recognised_and_their_outside_too():
     assert outward_side(corners_of((moved, BALL[1]))) == 1
 
 
-def test_it_takes_no_shared_indices_nor_an_order():
+def test_neither_shared_indices_nor_order_matter():
     rng = np.random.default_rng(1)
     triangles = corners_of(BALL)[rng.permutation(len(BALL[1]))]
     first = rng.integers(0, 3, (len(triangles), 1))
@@ -111,7 +111,7 @@ def test_faces_without_area_neither_close_nor_open():
 
 @pytest.mark.parametrize("width", [1, 8])
 @pytest.mark.parametrize("name", CLOSED)
-def test_one_ray_in_place_of_many_changes_no_answer(name, width, monkeypatch):
+def test_parity_of_one_ray_changes_no_visibility(name, width, monkeypatch):
     """Antennas all around, some of them inside the larger surfaces."""
     device = clradar.open_device("pocl", width=width)
     rng = np.random.default_rng(3)

@@ -25,11 +25,11 @@ from clradar.opencl.device import default_device
 from clradar.opencl.double_single import hi_lo
 from clradar.opencl.sources import source
 
-# The polynomials err by at most 1.1e-7 over a turn (Cephes); reducing x to a quadrant is exact, and
+# The polynomials err by at most 1.1e-7 over a cycle (Cephes); reducing x to a quadrant is exact, and
 # its product with 2 pi rounds once more (6e-8 of at most pi/4).
 SINE_ERROR = 2e-7
-# The fraction of a turn is below 1 and rounds to 2^-25 there; so does the correction term, which is
-# below half a turn up to 2^22 cycles. In cycles; 6e-8 of them are 4e-7 rad.
+# The fraction of a cycle is below 1 and rounds to 2^-25 there; so does the correction term, which is
+# below half a cycle up to 2^22 cycles. In cycles; 6e-8 of them are 4e-7 rad.
 CYCLE_ERROR = 2.0**-24
 # A dual holds 48 bits. The correction term of dual_length, up to 2^-24 of the length, is a sum of
 # some twenty float32 operations, each good to 2^-24.
@@ -402,7 +402,7 @@ __kernel void scale(__global float *x) {
 
 @pytest.fixture
 def kernel_text(monkeypatch: pytest.MonkeyPatch, device: clradar.Device) -> Iterator[Callable]:
-    """Put a text in the place of every kernel file."""
+    """Replace every kernel file by a text."""
     known = dict(device.programs)
 
     def use(text: str) -> None:
@@ -512,7 +512,7 @@ __kernel void sines(__global const float *x, __global float *out) {
 }
 
 /* in: length hi, lo, wavenumber hi, lo; out: cycles(), and what plain float32 gives. */
-__kernel void turns(__global const float *in, __global float *out) {
+__kernel void fractions(__global const float *in, __global float *out) {
     const size_t i = get_global_id(0) * CLR_WIDTH, n = get_global_size(0) * CLR_WIDTH;
     dual length;
     length.hi = LOADW(in + i);
@@ -575,18 +575,18 @@ def test_sine_and_cosine_of_cycles(compute: Callable) -> None:
         ]
     ).astype(np.float32)
     cosine, sine = compute("sines", x[None], 2)
-    turns = x.astype(np.float64)
-    assert np.abs(cosine - np.cos(2 * np.pi * turns)).max() <= SINE_ERROR
-    assert np.abs(sine - np.sin(2 * np.pi * turns)).max() <= SINE_ERROR
+    phase_cycles = x.astype(np.float64)
+    assert np.abs(cosine - np.cos(2 * np.pi * phase_cycles)).max() <= SINE_ERROR
+    assert np.abs(sine - np.sin(2 * np.pi * phase_cycles)).max() <= SINE_ERROR
 
 
-def exact_turn(length: tuple[float, float], k: tuple[float, float]) -> float:
-    """Fraction of a turn of (hi + lo) * (hi + lo), in exact arithmetic."""
+def exact_fraction(length: tuple[float, float], k: tuple[float, float]) -> float:
+    """Fraction of a cycle of (hi + lo) * (hi + lo), in exact arithmetic."""
     product = (Fraction(length[0]) + Fraction(length[1])) * (Fraction(k[0]) + Fraction(k[1]))
     return float(product - round(product))
 
 
-def turn_distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cycle_distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Distance on the circle, in cycles."""
     return np.abs((a - b + 0.5) % 1 - 0.5)
 
@@ -601,17 +601,19 @@ def test_cycles_keeps_the_carrier_where_float32_loses_it(
     length = rng.uniform(0.01, 1, 4001) * longest_m
     k = rng.uniform(0.5, 1, 4001) * highest_hz / 299_792_458.0
     rows = np.stack([*hi_lo(length), *hi_lo(k)]).astype(np.float32)
-    got, naive = compute("turns", rows, 2)
+    got, naive = compute("fractions", rows, 2)
     pairs = rows.astype(np.float64)
-    want = np.array([exact_turn((c[0], c[1]), (c[2], c[3])) for c in pairs.T])
+    want = np.array([exact_fraction((c[0], c[1]), (c[2], c[3])) for c in pairs.T])
     assert np.abs(got).max() <= 1  # what cos_sin_cycles takes
-    assert turn_distance(got, want).max() <= CYCLE_ERROR
+    assert cycle_distance(got, want).max() <= CYCLE_ERROR
     # And against the float64 numbers that hi and lo stand for, which float64 multiplies to 2^-53.
     rounding = longest_m * highest_hz / 299_792_458.0 * 2.0**-47
-    turns = length * k
-    assert turn_distance(got, turns - np.round(turns)).max() <= CYCLE_ERROR + rounding
+    phase_cycles = length * k
+    assert (
+        cycle_distance(got, phase_cycles - np.round(phase_cycles)).max() <= CYCLE_ERROR + rounding
+    )
     # Plain float32 loses half a unit in the last place of the length: it must fail this test.
-    assert turn_distance(naive, want).max() > 10 * CYCLE_ERROR
+    assert cycle_distance(naive, want).max() > 10 * CYCLE_ERROR
 
 
 def test_lengths_keep_what_float32_loses(compute: Callable) -> None:
@@ -628,7 +630,7 @@ def test_lengths_keep_what_float32_loses(compute: Callable) -> None:
     parts = rows.astype(np.float64)
     difference = (parts[0:3] - parts[6:9]) + (parts[3:6] - parts[9:12])
     want = np.array([math.hypot(*d) for d in difference.T])
-    assert hi[0] == lo[0] == 0.0  # both at one place
+    assert hi[0] == lo[0] == 0.0  # both at one point
     # Two coordinates nearly cancel where the difference is small, so relative to their size.
     scale = np.maximum(want, np.abs(parts[0:3]).max(axis=0))
     assert (np.abs(hi + lo - want)[1:] / scale[1:]).max() <= LENGTH_ERROR

@@ -14,7 +14,7 @@ from clradar import AntennaArray, Paths, Scene, Waveform, reference, synthesize
 from clradar.errors import DeviceError, ModelError
 
 # One path errs by 2e-7 where the moments end. Two phases, the carrier's and the block's, are each
-# rounded to 2^-26 turns, 9e-8 rad, and have sines and cosines to 1.1e-7. About ten roundings of
+# rounded to 2^-26 cycles, 9e-8 rad, and have sines and cosines to 1.1e-7. About ten roundings of
 # 2^-24 remain, in x^p, products and the complex64 result. Were all of one sign, 1.2e-6; 8e-7 is
 # seven times the RMS for a band in use, 1.1e-7. Relative to the sum of the pair's |amplitudes|,
 # since the errors of that many paths can all have one sign.

@@ -61,8 +61,8 @@ def random_soup(rng: np.random.Generator, n_faces: int, size_m: float) -> Mesh:
 
 def bowl(rings: int = 8, sectors: int = 16) -> Mesh:
     """Open half sphere of 8 cm radius, its inside towards the radar: concave everywhere."""
-    tilt, turn = np.linspace(0.05, np.pi / 2, rings), np.arange(sectors) * 2 * np.pi / sectors
-    t, p = np.meshgrid(tilt, turn, indexing="ij")
+    tilt, azimuth = np.linspace(0.05, np.pi / 2, rings), np.arange(sectors) * 2 * np.pi / sectors
+    t, p = np.meshgrid(tilt, azimuth, indexing="ij")
     vertices = 0.08 * np.stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)], axis=2)
     faces = []
     for i in range(rings - 1):

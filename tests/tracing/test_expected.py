@@ -49,7 +49,7 @@ CHI_SQUARE_P = 1e-3
 """Seeds are fixed; a correct program fails with this probability per case when they change."""
 
 QUADRATURE = 2e-3
-"""Of all directions: the face's horizon is a step, whose place on each of 64 circles is known to
+"""Of all directions: the face's horizon is a step, whose position on each of 64 circles is known to
 half of 256 nodes, with either sign; measured below 5e-4."""
 
 
@@ -75,9 +75,9 @@ def test_the_density_is_that_of_the_directions(alpha: float, degrees: float) -> 
     assert abs(everywhere - len(t_c) / n) <= 4 * np.sqrt(0.25 / n) + QUADRATURE
 
     k = np.arange(150)
-    height, turn = (k + 0.5) / 150, k * np.pi * (3 - np.sqrt(5))
+    height, azimuth = (k + 0.5) / 150, k * np.pi * (3 - np.sqrt(5))
     ring = np.sqrt(1 - height**2)
-    axes = np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=1)
+    axes = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), height], axis=1)
     half_angle = 0.07  # less than half of the least distance of two: disjoint
     share = np.array(
         [reference.disc_probability(a, half_angle, NORMAL, face, t_m, alpha, 24) for a in axes]
@@ -204,7 +204,7 @@ def check_mean(scene: Scene, device, rays: int = 1500, **arguments) -> None:
 
 
 @pytest.mark.parametrize("alpha", [0.02, 0.2, 0.5, 1.0])
-def test_it_is_the_mean_of_the_stochastic_one(alpha: float, device) -> None:
+def test_the_mean_is_that_of_the_stochastic_estimator(alpha: float, device) -> None:
     check_mean(Scene(*MESHES["waves"], alpha), device)
 
 
@@ -224,17 +224,17 @@ def test_without_randomness_both_are_the_same(name: str, device) -> None:
 
 
 @pytest.mark.parametrize(("name", "alpha"), [("plate", 0.6), ("sphere", 0.15), ("bowl", 0.6)])
-def test_it_is_so_on_other_surfaces(name: str, alpha: float, device) -> None:
+def test_the_means_agree_on_other_surfaces(name: str, alpha: float, device) -> None:
     check_mean(Scene(*MESHES[name], alpha), device)
 
 
-def test_it_is_so_with_an_alpha_per_face(device) -> None:
+def test_the_means_agree_with_an_alpha_per_face(device) -> None:
     alpha = np.random.default_rng(3).uniform(0, 1, len(MESHES["waves"][1]))
     alpha[::5], alpha[1::5] = 0.0, 1.0
     check_mean(Scene(*MESHES["waves"], alpha), device)
 
 
-def test_it_is_so_for_rays_that_are_absorbed(device) -> None:
+def test_the_means_agree_where_rays_are_absorbed(device) -> None:
     scene = Scene(*plate(0.2, 0.3, 8, wavy_m=0.03), 0.8)
     check_mean(scene, device, crease_deg=180.0)
     lost = clradar.trace(scene, ARRAY, samples_per_mm2=0.05, crease_deg=180.0, device=device)
@@ -242,7 +242,7 @@ def test_it_is_so_for_rays_that_are_absorbed(device) -> None:
 
 
 @pytest.mark.parametrize("exponent", [0.0, 1.5])
-def test_it_is_so_with_spreading_and_patterns(exponent: float, device) -> None:
+def test_amplitudes_with_spreading_and_patterns(exponent: float, device) -> None:
     """A small patch, for which the amplitude of each pair is one number."""
     centre, size_m = np.array([0.02, -0.01, 0.25]), 1e-3
     corners = centre + size_m * np.array([[0, 0, 0], [1, 0.1, 0.2], [0, 1, -0.1]])
@@ -256,7 +256,7 @@ def test_it_is_so_with_spreading_and_patterns(exponent: float, device) -> None:
     r1, r2 = np.linalg.norm(out, axis=1), np.linalg.norm(back, axis=1)
     cosines = (out[:, 2] / r1)[:, None] * (-back[:, 2] / r2)
     weight = cosines**exponent / (r1[:, None] * r2)
-    # The patch is 1 mm: legs and cosines change by 1 mm in 0.25 m, both legs and the exponent.
+    # The patch is 1 mm: segments and cosines change by 1 mm in 0.25 m, both segments and the exponent.
     np.testing.assert_allclose(
         np.abs(spread) / np.abs(unit), weight[..., None] + 0 * np.abs(unit), rtol=0.02
     )

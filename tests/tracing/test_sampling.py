@@ -121,9 +121,9 @@ def test_every_face_gets_rays_per_face_samples(count, device):
 
 def cells_of_triangle(weight: np.ndarray, rows: int) -> np.ndarray:
     """Cut a triangle in rows^2 equal smaller ones; return in which of them each point is."""
-    place = np.clip(np.floor(weight * rows).astype(int), 0, rows - 1)
-    a, b = place[:, 0], place[:, 1]
-    downwards = place.sum(axis=1) < rows - 1
+    cell = np.clip(np.floor(weight * rows).astype(int), 0, rows - 1)
+    a, b = cell[:, 0], cell[:, 1]
+    downwards = cell.sum(axis=1) < rows - 1
     return (a * rows + b) * 2 + downwards
 
 

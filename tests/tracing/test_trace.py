@@ -21,7 +21,7 @@ module = importlib.import_module("clradar.tracing.stochastic")
 
 LENGTH_TOLERANCE_M = (3e-7, 3e-5, 1e-4)
 """For one, two and three bounces. A sample's coordinates are float32 numbers wrong by some
-roundings of 2^-24 x 0.4 m, 2.4e-8 m each, and two legs change by as much. Further bounces start
+roundings of 2^-24 x 0.4 m, 2.4e-8 m each, and two path segments change by as much. Further bounces start
 from where a ray meets a face, and rays start a little above the last one (1e-6 m in the
 reference, 2 delta = 1.5e-6 m in the kernel): the difference, times the slant of the ray on the
 face that it meets, up to 60 here, and for the third bounce once more three times. Still below a
@@ -33,14 +33,14 @@ receiver at 0.3 m wrong by 1e-7 m and is on the other side of a sphere of 0.02 m
 1e-5; rays that graze an edge add to that, and later bounces a hundredfold."""
 
 AMPLITUDE_TOLERANCE = (1e-5, 1e-3, 3e-3)
-"""Relative, for one, two and three bounces: the lengths' tolerance over legs of 0.1 m and more,
+"""Relative, for one, two and three bounces: the lengths' tolerance over path segments of 0.1 m and more,
 twice for the two lengths and once per power of the patterns' cosines; float32 itself for one
 bounce."""
 
 
 LOST_SHARE = 3e-6
 """Of the bounces in a closed box. One that lands within rounding, 3e-8 m, of an edge may start
-its next leg on the wrong side of the adjoining wall: 2 m of edges x 2 x 3e-8 m out of 0.54 m^2 of
+its next segment on the wrong side of the adjoining wall: 2 m of edges x 2 x 3e-8 m out of 0.54 m^2 of
 walls are 4e-7 of the hits, and each costs up to three further bounces, and twice that for the
 walls' diagonals."""
 
@@ -392,7 +392,7 @@ def test_nothing_leaves_a_closed_box(device):
 
 
 def test_antennas_in_a_closed_box_receive_only_from_its_inside(device):
-    """Both legs and all bounces stay in: no path is longer than bounces + 1 diagonals."""
+    """Both path segments and all bounces stay in: no path is longer than bounces + 1 diagonals."""
     size_m = 0.3
     shell = Scene(*box((0, 0, 0.05), (size_m,) * 3), 0.7)
     outside = Scene(*sphere((0, 0, 0.4), 0.1, 2), 0.7)
@@ -431,7 +431,7 @@ def test_reflection_law(device):
         sideways /= np.linalg.norm(sideways)
         leg_m = rng.uniform(0.1, 0.5)
         on = centre + leg_m * mirrored
-        # The plate spreads the rays by less than 2 (1 + leg / distance) times its size.
+        # The plate spreads the rays by less than 2 (1 + segment / distance) times its size.
         margin_m = 2 * (1 + leg_m / np.linalg.norm(centre - tx)) * size_m
         inside, outside = radius_m - margin_m, radius_m + margin_m
         rx = [on, on + inside * sideways, on + outside * sideways, centre - leg_m * mirrored]
@@ -467,7 +467,7 @@ def test_absorbed_share(device):
     turned = [n * -np.sign((n * point).sum(axis=1))[:, None] for n in (shading, geometric)]
     lean = (turned[0] * turned[1]).sum(axis=1)[~blocked]
     share = (1 - lean) / 2
-    # A handful of samples near the horizon may be told apart by rounding.
+    # A handful of samples near the horizon may differ by rounding.
     assert abs(smooth.visible - len(lean)) <= 5
     assert smooth.outgoing == smooth.visible * 16
     expected, sigma = 16 * share.sum(), np.sqrt(16 * (share * (1 - share)).sum())

@@ -101,12 +101,12 @@ def test_a_corner_has_the_length_of_its_image(device):
     image = array.tx_m * [-1, 1, -1] + [0, 0, 2 * apex_m]
     exact_m = np.linalg.norm(image[paths.tx] - array.rx_m[paths.rx], axis=1)
     excess_m = (paths.length_m - exact_m)[twice]
-    # Unfolded, a path goes straight from the image to the last hit and turns there, by so little
+    # Unfolded, a path goes straight from the image to the last hit and bends there, by so little
     # that it ends at the centre of a sphere that it would have passed at rho <= r. No detour is
     # shorter than the straight line, and this one is longer by at most rho^2 / (2 a), a being
     # what the ray still has to go: not less than the nearest point of the dihedral is away.
     nearest_m = np.sqrt((apex_m - size_m / np.sqrt(2)) ** 2 - radius_m**2)
-    rounding_m = 1e-6  # of the first hit, magnified by no more than the second leg's slant
+    rounding_m = 1e-6  # of the first hit, magnified by no more than the second segment's slant
     print(f"corner: excess {excess_m.min():.2e} to {excess_m.max():.2e} m")
     assert excess_m.min() >= -rounding_m
     assert excess_m.max() <= radius_m**2 / (2 * nearest_m) + rounding_m
@@ -123,7 +123,7 @@ def segment_meets_box(a, b, low, high) -> np.ndarray:
 
 
 def test_a_box_shadows_a_mirror(device):
-    """Pairs whose whole footprint is behind the box, on either leg, get nothing from the plate;
+    """Pairs whose whole footprint is behind the box, on either segment, get nothing from the plate;
     those whose footprint is clear get as much as without the box."""
     array = thinned(2)
     centre, size = np.array([0.01, -0.005, 0.2]), np.array([0.08, 0.06, 0.02])
@@ -134,14 +134,14 @@ def test_a_box_shadows_a_mirror(device):
 
     image = array.tx_m * [1, 1, -1] + [0, 0, 2 * PLATE_Z_M]
     specular = (image[:, None] + array.rx_m) / 2  # half way, by symmetry
-    # Clear and dark: no leg, or one of the legs, of any ray meets the box made larger, or
+    # Clear and dark: no segment, or one of the segments, of any ray meets the box made larger, or
     # smaller, by the footprint's radius of 5 mm; rays pass the receiver at up to 10 mm, so nearer
-    # to the box the second leg is up to 7 mm off.
+    # to the box the second segment is up to 7 mm off.
     margin_m = 0.0075
-    legs = [(np.broadcast_to(array.tx_m[:, None], specular.shape), specular)]
-    legs.append((specular, np.broadcast_to(array.rx_m, specular.shape)))
+    segments = [(np.broadcast_to(array.tx_m[:, None], specular.shape), specular)]
+    segments.append((specular, np.broadcast_to(array.rx_m, specular.shape)))
     meets = [
-        [segment_meets_box(a, b, centre - size / 2 - m, centre + size / 2 + m) for a, b in legs]
+        [segment_meets_box(a, b, centre - size / 2 - m, centre + size / 2 + m) for a, b in segments]
         for m in (margin_m, -margin_m)
     ]
     clear = ~(meets[0][0] | meets[0][1])
