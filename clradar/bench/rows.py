@@ -48,7 +48,7 @@ def relative_rms_db(ours: np.ndarray, theirs: np.ndarray) -> float:
 def interleaved_s(
     works: Sequence[Callable[[], Any]], repeats: int, pause_s: float = 0.0
 ) -> np.ndarray:
-    """Seconds of each work, alternately, shape (repeats, n_works), so that other load affects all alike.
+    """Seconds of each work, shape (repeats, n_works), alternately: other load affects all alike.
 
     A pause before each lets threads of the one before end their busy waiting.
     """

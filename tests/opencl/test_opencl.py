@@ -25,11 +25,11 @@ from clradar.opencl.device import default_device
 from clradar.opencl.double_single import hi_lo
 from clradar.opencl.sources import source
 
-# The polynomials err by at most 1.1e-7 over a cycle (Cephes); reducing x to a quadrant is exact, and
-# its product with 2 pi rounds once more (6e-8 of at most pi/4).
+# The polynomials err by at most 1.1e-7 over a cycle (Cephes); reducing x to a quadrant is exact,
+# and its product with 2 pi rounds once more (6e-8 of at most pi/4).
 SINE_ERROR = 2e-7
-# The fraction of a cycle is below 1 and rounds to 2^-25 there; so does the correction term, which is
-# below half a cycle up to 2^22 cycles. In cycles; 6e-8 of them are 4e-7 rad.
+# The fraction of a cycle is below 1 and rounds to 2^-25 there; so does the correction term, which
+# is below half a cycle up to 2^22 cycles. In cycles; 6e-8 of them are 4e-7 rad.
 CYCLE_ERROR = 2.0**-24
 # A dual holds 48 bits. The correction term of dual_length, up to 2^-24 of the length, is a sum of
 # some twenty float32 operations, each good to 2^-24.

@@ -256,7 +256,7 @@ def test_amplitudes_with_spreading_and_patterns(exponent: float, device) -> None
     r1, r2 = np.linalg.norm(out, axis=1), np.linalg.norm(back, axis=1)
     cosines = (out[:, 2] / r1)[:, None] * (-back[:, 2] / r2)
     weight = cosines**exponent / (r1[:, None] * r2)
-    # The patch is 1 mm: segments and cosines change by 1 mm in 0.25 m, both segments and the exponent.
+    # Both segments and their cosines change by the patch's 1 mm in 0.25 m, once per exponent.
     np.testing.assert_allclose(
         np.abs(spread) / np.abs(unit), weight[..., None] + 0 * np.abs(unit), rtol=0.02
     )

@@ -21,8 +21,8 @@ module = importlib.import_module("clradar.tracing.stochastic")
 
 LENGTH_TOLERANCE_M = (3e-7, 3e-5, 1e-4)
 """For one, two and three bounces. A sample's coordinates are float32 numbers wrong by some
-roundings of 2^-24 x 0.4 m, 2.4e-8 m each, and two path segments change by as much. Further bounces start
-from where a ray meets a face, and rays start a little above the last one (1e-6 m in the
+roundings of 2^-24 x 0.4 m, 2.4e-8 m each, and two path segments change by as much. Further bounces
+start from where a ray meets a face, and rays start a little above the last one (1e-6 m in the
 reference, 2 delta = 1.5e-6 m in the kernel): the difference, times the slant of the ray on the
 face that it meets, up to 60 here, and for the third bounce once more three times. Still below a
 fiftieth of the wavelength, 8e-5 m."""
@@ -33,15 +33,15 @@ receiver at 0.3 m wrong by 1e-7 m and is on the other side of a sphere of 0.02 m
 1e-5; rays that graze an edge add to that, and later bounces a hundredfold."""
 
 AMPLITUDE_TOLERANCE = (1e-5, 1e-3, 3e-3)
-"""Relative, for one, two and three bounces: the lengths' tolerance over path segments of 0.1 m and more,
-twice for the two lengths and once per power of the patterns' cosines; float32 itself for one
+"""Relative, for one, two and three bounces: the lengths' tolerance over segments of 0.1 m and
+more, twice for the two lengths and once per power of the patterns' cosines; float32 itself for one
 bounce."""
 
 
 LOST_SHARE = 3e-6
 """Of the bounces in a closed box. One that lands within rounding, 3e-8 m, of an edge may start
-its next segment on the wrong side of the adjoining wall: 2 m of edges x 2 x 3e-8 m out of 0.54 m^2 of
-walls are 4e-7 of the hits, and each costs up to three further bounces, and twice that for the
+its next segment on the wrong side of the adjoining wall: 2 m of edges x 2 x 3e-8 m out of 0.54 m^2
+of walls are 4e-7 of the hits, and each costs up to three further bounces, and twice that for the
 walls' diagonals."""
 
 
