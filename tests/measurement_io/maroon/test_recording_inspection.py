@@ -144,7 +144,10 @@ ODD_FRAMES = {
     "first total": (
         0,
         {"number_of_measurements": 3},
-        ["number_of_measurements 3 where the rest have 4: 0", "has 3 frames, 4 are there"],
+        [
+            "number_of_measurements 3 where the rest have 4: 0",
+            "names 3 frames for the recording, 4 are there",
+        ],
     ),
     "zero": (
         3,
@@ -188,7 +191,11 @@ def move_mesh(distance: Path, x_m: float = 0.0, z_m: float = 0.0) -> None:
 CONTRADICTIONS = {
     "gap": (
         lambda radar: (radar / "calibrated_data" / "000001.npy").unlink(),
-        ["without a gap: 0, 2", "emptyfiltered frames without a raw one: 1", "has 3 frames, 2"],
+        [
+            "without a gap: 0, 2",
+            "emptyfiltered frames without a raw one: 1",
+            "3 frames for the recording, 2",
+        ],
     ),
     "no frames": (
         lambda radar: [p.unlink() for p in (radar / "calibrated_data").iterdir()],
