@@ -17,7 +17,7 @@ from clradar.imaging.block_tree import BlockLevel, block_levels
 from clradar.imaging.tiled import Tile, planes_and_rows, tiles_of
 from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform
 from clradar.model.progress import Progress
-from clradar.opencl import Buffers, Device, Program, build
+from clradar.opencl import Buffers, Device, build
 from clradar.opencl.double_single import antenna_rows, hi_lo
 
 TOLERANCE_DB = (-80.0, -30.0)
@@ -67,29 +67,47 @@ class _KernelSizes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Side:
+    """The antennas of one side, and how they are reduced to their skeleton.
+
+    Attributes
+    ----------
+    antennas_m : ndarray, shape (n, 3), float64, metres
+    n_skeleton : int
+    planes : Buffer
+        The antennas, as the kernels read them.
+    weights : Buffer
+    """
+
+    antennas_m: np.ndarray
+    n_skeleton: int
+    planes: Any
+    weights: Any
+
+    @property
+    def n(self) -> int:
+        return len(self.antennas_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Step:
-    """From one level to the next: sizes, and constants on the device. Rows are summed first.
+    """From one level to the next. Rows are summed first.
 
     Rows are the transmitters on even levels and the receivers on odd ones; the skeleton of the
     columns becomes the rows of the next level.
     """
 
     level: BlockLevel
-    row_antennas_m: np.ndarray
-    column_antennas_m: np.ndarray
+    rows: _Side
+    columns: _Side
     n_frequencies: int
-    skeleton_rows: int
-    skeleton_columns: int
-    skeleton_frequencies: int
-    buffers: dict[str, Any]
+    n_skeleton_frequencies: int
+    k: Any
+    frequency_weights: Any
 
-    @property
-    def n_rows(self) -> int:
-        return len(self.row_antennas_m)
-
-    @property
-    def n_columns(self) -> int:
-        return len(self.column_antennas_m)
+    def buffers(self) -> list[Any]:
+        antennas = [b for side in (self.rows, self.columns) for b in (side.planes, side.weights)]
+        return [*antennas, self.k, self.frequency_weights]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,18 +150,24 @@ class FastImager:
         out = np.zeros(self.grid.shape, dtype=np.complex64)
         tiles = grid_tiles(self.grid)
         parts = array_parts(self.capture.array)
-        steps = len(parts) * len(tiles)
+        total = TILE_STEPS * len(parts) * len(tiles)
+        done = 0
+
+        def report(share: float) -> None:
+            if progress is not None:
+                progress(done + int(TILE_STEPS * share), total)
+
         with Buffers(self.device) as buffers:
-            for i, (tx, rx, array) in enumerate(parts):
+            for tx, rx, array in parts:
                 cube = buffers.upload(self._cube(tx, rx))
-                for j, (tile, grid) in enumerate(tiles):
-                    tree = _Tree(
-                        array, self.capture.waveform, grid, self.tolerance, self.device, buffers
-                    )
-                    image = tree.image(cube, progress, i * len(tiles) + j, steps)
+                for tile, grid in tiles:
+                    waveform = self.capture.waveform
+                    tree = _Tree(array, waveform, grid, self.tolerance, buffers, report)
+                    image = tree.image(cube)
                     out.real[tile.z, tile.y] += image[0]
                     out.imag[tile.z, tile.y] += image[1]
                     del image  # before the next is read
+                    done += TILE_STEPS
                 buffers.release(cube)
         return out
 
@@ -160,7 +184,7 @@ class FastImager:
 
 
 class _Tree:
-    """One grid of at most `TILE_VOXELS` voxels."""
+    """One grid of at most `TILE_VOXELS` voxels; `report` gets the share of it that is done."""
 
     def __init__(
         self,
@@ -168,76 +192,66 @@ class _Tree:
         waveform: Waveform,
         grid: VoxelGrid,
         tolerance: float,
-        device: Device,
         buffers: Buffers,
+        report: Callable[[float], None],
     ) -> None:
-        self.array, self.grid = array, grid
+        self.report = report
+        self.array, self.grid, self.buffers, device = array, grid, buffers, buffers.device
         self.k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
-        self.device, self.buffers, self.width = device, buffers, device.width
-        self.unit = _unit(device)
+        self.width, self.unit = device.width, _unit(device)
         self.levels = block_levels(array, waveform, grid, tolerance)
-        self.far = float32_phase_error(array, self.k, grid) > FLOAT32_SHARE * tolerance
         chunk = GPU_CHUNK_BYTES if device.info.kind == "gpu" else CPU_CHUNK_BYTES
         self.chunk_bytes = min(chunk, device.budget_bytes // 16)
-        self.done = 0
-
-    def image(self, cube: Any, progress: Progress | None, tile: int, n_tiles: int) -> np.ndarray:
-        """Return the unscaled sum, shape (2, n_z, n_y, n_x), float32."""
-        shape = (2, *self.grid.shape)
-        self.volume = self.buffers.empty(4 * int(np.prod(shape)))
+        self.volume = buffers.empty(8 * int(np.prod(grid.shape)))
         self.steps = [self._step(i) for i in range(len(self.levels))]
-        self.program = self._program()
+        # Sizes are rounded up, so that similar images share a program.
+        rows = max(side.n for step in self.steps for side in (step.rows, step.columns))
+        leaf = max(self.steps[-1].rows.n_skeleton, self.steps[-1].columns.n_skeleton)
+        far = float32_phase_error(array, self.k, grid) > FLOAT32_SHARE * tolerance
+        sizes = _KernelSizes(self.width, _padded(rows, 32), _padded(leaf, 16), far)
+        self.program = build(device, "backproject_fast.cl", sizes)
         self.leaf = self._leaf()
-        self.progress, self.tile, self.n_tiles = progress, tile, n_tiles
-        self._report()
+        self.n_done, self.n_leaves = 0, int(np.prod(self.levels[-1].counts))
+
+    def image(self, cube: Any) -> np.ndarray:
+        """Return the unscaled sum, shape (2, n_z, n_y, n_x), float32, and free all buffers."""
+        self.report(0.0)
         middle_m = np.zeros((1, 3), np.float32)
         centre = self.buffers.upload(middle_m)
         root = _Blocks(np.zeros((1, 3), np.int64), middle_m, centre, cube)
         self._descend(0, root, np.zeros((1, 3), np.int64), np.zeros(1, np.int32))
-        out = self.buffers.read(self.volume, shape, np.float32)
-        held = [self.volume, centre, *self.leaf.values()]
-        self._release(*held, *(b for step in self.steps for b in step.buffers.values()))
+        out = self.buffers.read(self.volume, (2, *self.grid.shape), np.float32)
+        constants = [b for step in self.steps for b in step.buffers()]
+        self._release(self.volume, centre, *self.leaf.values(), *constants)
         return out
 
     def _release(self, *held: Any) -> None:
         for buffer in held:
             self.buffers.release(buffer)
 
-    def _report(self) -> None:
-        if self.progress is not None:
-            of_tile = TILE_STEPS * self.done // int(np.prod(self.levels[-1].counts))
-            self.progress(TILE_STEPS * self.tile + of_tile, TILE_STEPS * self.n_tiles)
-
-    def _program(self) -> Program:
-        """Build the kernels; sizes are rounded up, so that similar images share a program."""
-        leaf = max(self.steps[-1].skeleton_rows, self.steps[-1].skeleton_columns)
-        rows = max(max(step.n_rows, step.n_columns) for step in self.steps)
-        sizes = _KernelSizes(self.width, _padded(rows, 32), _padded(leaf, 16), self.far)
-        return build(self.device, "backproject_fast.cl", sizes)
-
     def _step(self, i: int) -> _Step:
-        level, array = self.levels[i], self.array
+        level, array, up = self.levels[i], self.array, self.buffers.upload
         if i == 0:
             tx, rx, k = array.tx_m, array.rx_m, self.k
         else:
             above = self.levels[i - 1]
             tx, rx = array.tx_m[above.tx.skeleton], array.rx_m[above.rx.skeleton]
             k = self.k[above.frequency.skeleton]
-        sides = [(tx, level.tx.weights), (rx, level.rx.weights)]
-        rows, columns = sides if i % 2 == 0 else sides[::-1]
-        up = self.buffers.upload
-        buffers = {
-            "rows": up(self._antenna_planes(rows[0])),
-            "columns": up(self._antenna_planes(columns[0])),
-            "k": up(np.stack(hi_lo(k))),
-            "row_weights": up(_weights(rows[1], self.unit)),
-            "column_weights": up(_weights(columns[1], WEIGHTS_TILE)),
-            "frequency_weights": up(_weights(level.frequency.weights, WEIGHTS_TILE)),
-        }
-        return _Step(
-            level, rows[0], columns[0], len(k),
-            rows[1].shape[1], columns[1].shape[1], len(level.frequency.skeleton), buffers,
-        )  # fmt: skip
+        sides = [(tx, level.tx), (rx, level.rx)]
+        rows, columns = (
+            _Side(
+                antennas_m,
+                len(part.skeleton),
+                up(self._antenna_planes(antennas_m)),
+                up(_weights(part.weights, unit)),
+            )
+            for (antennas_m, part), unit in zip(
+                sides if i % 2 == 0 else sides[::-1], (self.unit, WEIGHTS_TILE), strict=True
+            )
+        )
+        n_skeleton = len(level.frequency.skeleton)
+        weights = up(_weights(level.frequency.weights, WEIGHTS_TILE))
+        return _Step(level, rows, columns, len(k), n_skeleton, up(np.stack(hi_lo(k))), weights)
 
     def _antenna_planes(self, antennas_m: np.ndarray) -> np.ndarray:
         planes = np.zeros((6, _padded(len(antennas_m), self.unit)), np.float32)
@@ -282,16 +296,17 @@ class _Tree:
                 self._descend(i + 1, blocks, *self._children(i, blocks.index))
             else:
                 self._image_of(blocks)
-                self.done += len(blocks.index)
-                self._report()
+                self.n_done += len(blocks.index)
+                self.report(self.n_done / self.n_leaves)
             self._release(blocks.centres, blocks.g)
 
     def _block_bytes(self, step: _Step) -> int:
         """Device memory that a step takes per block."""
-        row = 8 * _padded(step.skeleton_rows, self.unit)
-        phasors = 8 * (_padded(step.n_rows, self.unit) + _padded(step.n_columns, self.unit))
-        per_frequency = row * (step.n_columns + step.skeleton_columns) + phasors
-        skeleton = step.skeleton_frequencies * step.skeleton_columns * row
+        rows, columns = step.rows, step.columns
+        row = 8 * _padded(rows.n_skeleton, self.unit)
+        phasors = 8 * (_padded(rows.n, self.unit) + _padded(columns.n, self.unit))
+        per_frequency = row * (columns.n + columns.n_skeleton) + phasors
+        skeleton = step.n_skeleton_frequencies * columns.n_skeleton * row
         return step.n_frequencies * per_frequency + skeleton
 
     def _children(self, i: int, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -309,53 +324,48 @@ class _Tree:
 
     def _reduced(self, i: int, above: _Blocks, index: np.ndarray, parent: np.ndarray) -> _Blocks:
         """Return blocks of level i, summed from those of the level above."""
-        step, buffers, u = self.steps[i], self.buffers, np.uint32
-        constants, start, width = step.buffers, self.program.start, self.width
-        n, n_m = len(index), step.n_frequencies
+        step, buffers, u, width = self.steps[i], self.buffers, np.uint32, self.width
+        rows, columns, n, n_m = step.rows, step.columns, len(index), step.n_frequencies
+        n_rows, n_columns = _padded(rows.n, self.unit), _padded(columns.n, self.unit)
+        new_row = _padded(rows.n_skeleton, self.unit)
         centre_m = self._centres_m(step.level, index).astype(np.float32)
-        rows, columns = _padded(step.n_rows, self.unit), _padded(step.n_columns, self.unit)
-        new_row = _padded(step.skeleton_rows, self.unit)
-
-        started: list[Callable[[], None]] = []
         parents, centres = buffers.upload(parent), buffers.upload(centre_m)
-        if i == 0:
-            row_phasors = buffers.upload(self._root_phasors(step.row_antennas_m, centre_m))
-            column_phasors = buffers.upload(self._root_phasors(step.column_antennas_m, centre_m))
-        else:
-            row_phasors = buffers.empty(8 * n * n_m * rows)
-            column_phasors = buffers.empty(8 * n * n_m * columns)
-            for name, count, phasors in (
-                ("rows", rows, row_phasors),
-                ("columns", columns, column_phasors),
-            ):
-                started.append(start(
-                    "block_phasors", (count // width, n), u(count), u(n), u(n_m), constants[name],
-                    constants["k"], centres, above.centres, parents, phasors,
-                ))  # fmt: skip
+        started: list[Callable[[], None]] = []
 
-        transposed = buffers.empty(8 * n * n_m * step.n_columns * new_row)
-        started.append(start(
-            "reduce_and_transpose", (columns // width, n_m, n), u(columns), u(n_m), u(n),
-            u(step.n_rows), u(new_row), u(step.n_columns), u(rows), above.g, parents, row_phasors,
-            constants["row_weights"], transposed,
-        ))  # fmt: skip
-        reduced = buffers.empty(8 * n * n_m * step.skeleton_columns * new_row)
-        started.append(start(
-            "reduce_rows", (new_row // width, n_m, n), u(new_row), u(n_m), u(n),
-            u(step.n_columns), u(step.skeleton_columns),
-            u(_padded(step.skeleton_columns, WEIGHTS_TILE)), u(columns), transposed,
-            column_phasors, constants["column_weights"], reduced,
-        ))  # fmt: skip
-        n_values = 2 * step.skeleton_columns * new_row
-        g = buffers.empty(4 * n * step.skeleton_frequencies * n_values)
-        started.append(start(
-            "reduce_frequencies", (n_values // width, n), u(n_values), u(n), u(n_m),
-            u(step.skeleton_frequencies), u(_padded(step.skeleton_frequencies, WEIGHTS_TILE)),
-            reduced, constants["frequency_weights"], g,
-        ))  # fmt: skip
+        def start(kernel: str, size: tuple[int, ...], *args: Any) -> None:
+            started.append(self.program.start(kernel, size, *args))
+
+        phasors = []
+        for side, count in ((rows, n_rows), (columns, n_columns)):
+            if i == 0:
+                phasors.append(buffers.upload(self._root_phasors(side.antennas_m, centre_m)))
+                continue
+            phasors.append(buffers.empty(8 * n * n_m * count))
+            start(
+                "block_phasors", (count // width, n), u(count), u(n), u(n_m), side.planes, step.k,
+                centres, above.centres, parents, phasors[-1],
+            )  # fmt: skip
+        transposed = buffers.empty(8 * n * n_m * columns.n * new_row)
+        start(
+            "reduce_and_transpose", (n_columns // width, n_m, n), u(n_columns), u(n_m), u(n),
+            u(rows.n), u(new_row), u(columns.n), u(n_rows), above.g, parents, phasors[0],
+            rows.weights, transposed,
+        )  # fmt: skip
+        reduced = buffers.empty(8 * n * n_m * columns.n_skeleton * new_row)
+        start(
+            "reduce_rows", (new_row // width, n_m, n), u(new_row), u(n_m), u(n), u(columns.n),
+            u(columns.n_skeleton), u(_padded(columns.n_skeleton, WEIGHTS_TILE)), u(n_columns),
+            transposed, phasors[1], columns.weights, reduced,
+        )  # fmt: skip
+        n_values, n_left = 2 * columns.n_skeleton * new_row, step.n_skeleton_frequencies
+        g = buffers.empty(4 * n * n_left * n_values)
+        start(
+            "reduce_frequencies", (n_values // width, n), u(n_values), u(n), u(n_m), u(n_left),
+            u(_padded(n_left, WEIGHTS_TILE)), reduced, step.frequency_weights, g,
+        )  # fmt: skip
         for wait in started:
             wait()
-        self._release(parents, row_phasors, column_phasors, transposed, reduced)
+        self._release(parents, *phasors, transposed, reduced)
         return _Blocks(index, centre_m, centres, g)
 
     def _root_phasors(self, antennas_m: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
@@ -378,8 +388,8 @@ class _Tree:
         firsts = self.buffers.upload(first.astype(np.int32))
         self.program.launch(
             "image_of_blocks", (n_voxels // self.width, n), u(n_voxels), u(n),
-            u(step.skeleton_frequencies), u(step.skeleton_columns), u(step.skeleton_rows),
-            u(_padded(step.skeleton_rows, self.unit)), *(u(c) for c in self.grid.counts),
+            u(step.n_skeleton_frequencies), u(step.columns.n_skeleton), u(step.rows.n_skeleton),
+            u(_padded(step.rows.n_skeleton, self.unit)), *(u(c) for c in self.grid.counts),
             blocks.g, leaf["offsets"], blocks.centres, rests, firsts, leaf["place"], leaf["rows"],
             leaf["columns"], leaf["k"], self.volume,
         )  # fmt: skip

@@ -238,7 +238,7 @@ def test_few_terms_are_summed_directly(
     assert (backproject(capture, grid, device=device).data != want).any()
 
 
-def test_levels_that_do_not_pay_are_left_out() -> None:
+def test_levels_that_are_not_worthwhile_are_omitted() -> None:
     """One voxel, and voxels that hardly share a skeleton, are summed directly."""
     assert len(block_levels(QAR50, SWEEP, GRIDS["a voxel"], 3e-3)) == 1
     sizes = block_sizes(PAPER_COARSE, leaf_voxels(PAPER_COARSE, 3.9e-3))

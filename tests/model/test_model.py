@@ -1,4 +1,4 @@
-"""The records: what they refuse and with which words, and that they never change."""
+"""The records: refused values, messages and immutability."""
 
 from __future__ import annotations
 
@@ -255,7 +255,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("field", "expected", "got", "make", "arguments"), WRONG)
-def test_nonsense_is_refused_in_words(
+def test_invalid_fields_are_refused(
     field: str, expected: str, got: str, make: Callable[..., Any], arguments: dict[str, Any]
 ) -> None:
     refuse(lambda: make(**arguments), field, expected, got)
@@ -304,7 +304,7 @@ def test_the_callers_later_changes_do_not_reach_the_record(make: Callable[..., A
             mine[...] = kept
 
 
-def test_an_array_that_nobody_can_write_is_not_copied() -> None:
+def test_an_immutable_array_is_not_copied() -> None:
     data = np.ones((2, 3, 4), np.complex64)
     data.flags.writeable = False
     assert make_capture(data=data).data is data
@@ -470,7 +470,7 @@ def test_same_voxels() -> None:
 
 
 @pytest.mark.parametrize("value", [10**400, "5", b"5", True, np.True_, [5.0], None, 5j, object()])
-def test_a_number_is_no_other_thing(value: Any) -> None:
+def test_other_types_are_not_numbers(value: Any) -> None:
     with pytest.raises(ModelError, match=r"^field: expected a (real )?number, got "):
         checks.real("field", value)
     with pytest.raises(ModelError, match=r"^field: expected a whole number in \[1, 9\], got "):

@@ -291,7 +291,7 @@ def test_transform_comes_after_the_unit() -> None:
         (np.eye(4) * 2, r"last row \[0, 0, 0, 1\], got last row \[0. 0. 0. 2.\]"),
     ],
 )
-def test_a_transform_that_cannot_be_meant_is_refused(matrix: np.ndarray, message: str) -> None:
+def test_an_invalid_transform_is_refused(matrix: np.ndarray, message: str) -> None:
     with pytest.raises(ModelError, match=r"Scene\.from_mesh: transform: .*" + message):
         Scene.from_mesh(box(), transform=matrix)
     with pytest.raises(ModelError, match=r"Scene\.transformed: transform: .*" + message):

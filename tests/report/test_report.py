@@ -207,7 +207,7 @@ def test_metrics_are_listed_with_their_meaning() -> None:
     assert len(read.inside["dd"]) == len(METRIC_TEXTS)
 
 
-def test_an_undefined_metric_says_why() -> None:
+def test_an_undefined_metric_has_its_reason() -> None:
     read = Read(page_of(ball(-0.03), ball(0.03)))
     assert "n/a" in read.inside["td"]
     assert sum("no pixel in common" in text for text in read.inside["dd"]) == 1
