@@ -41,12 +41,7 @@ __kernel void receiver_discs(const uint n_samples, const uint n_rx, const uint n
     const dual segment = dual_length(x, y, z);
     const realw inverse = 1.0f / greater(segment.hi, (realw)(1e-20f));
     const uint bits = visible[(size_t)i * (n_padded / CLR_GROUP) + first / CLR_GROUP] >> (first % CLR_GROUP);
-#if CLR_WIDTH == 8
-    const int8 lane_bit = (int8)(1, 2, 4, 8, 16, 32, 64, 128);
-#else
-    const int lane_bit = 1;
-#endif
-    const intw visible_lanes = ((intw)((int)bits) & lane_bit) != 0;
+    const intw visible_lanes = (((intw)((int)bits) >> TO_INTW(LANE_INDEX)) & 1) != 0;
     const intw there = (LANE_INDEX + (float)first) < (float)n_rx;
     /* 2 marks a sample inside the sphere. */
     const realw sine = segment.hi > radius ? radius * inverse : (realw)(2.0f);

@@ -124,22 +124,16 @@ static inline dual length_of(const intw upper, const intw lower) {
 #endif
 }
 
+/* CLR_WIDTH of them. */
+static inline dual load_lengths(__global const int2 *p) {
 #if CLR_WIDTH == 8
-typedef struct __attribute__((packed)) {
-    int8 v;
-} loose_int8;
-
-static inline dual load_lengths(__global const int2 *p) {
-    const int8 a = ((__global const loose_int8 *)p)->v;
-    const int8 b = ((__global const loose_int8 *)(p + 4))->v;
+    const int8 a = LOAD8I(p), b = LOAD8I(p + 4);
     return length_of((int8)(a.s1, a.s3, a.s5, a.s7, b.s1, b.s3, b.s5, b.s7),
-                 (int8)(a.s0, a.s2, a.s4, a.s6, b.s0, b.s2, b.s4, b.s6));
-}
+                     (int8)(a.s0, a.s2, a.s4, a.s6, b.s0, b.s2, b.s4, b.s6));
 #else
-static inline dual load_lengths(__global const int2 *p) {
     return length_of(p->y, p->x);
-}
 #endif
+}
 
 /* Shared by the kernels:
  * n_freq   frequencies, padded to a multiple of CLR_WIDTH

@@ -20,6 +20,24 @@ RAYS_PER_SAMPLE = 4
 EXPECTED_SAMPLES_PER_MM2 = 1.0
 """For ``estimator="expected"``, which needs fewer; each then has as many more rays."""
 
+DENSITIES = ("samples_per_mm2", "rays_per_face", "rays_per_sample")
+"""Fields that `SimulationSettings.resolved` fills in where they are None."""
+
+CHECKS: dict[str, tuple[Any, ...]] = {
+    "samples_per_mm2": (checks.positive,),
+    "rays_per_face": (checks.whole, 1, 2**20),
+    "rays_per_sample": (checks.whole, 1, 2**16),
+    "reception_radius_m": (checks.positive,),
+    "max_bounces": (checks.whole, 1, 255),
+    "normals": (checks.one_of, ("smooth", "face")),
+    "crease_deg": (checks.real,),
+    "amplitude": (checks.one_of, ("unit", "spreading")),
+    "pattern_exponent": (checks.real,),
+    "seed": (checks.whole, 0, 2**64 - 1),
+    "estimator": (checks.one_of, ("stochastic", "expected")),
+}
+"""Check of each field and its limits."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulationSettings:
@@ -96,35 +114,17 @@ class SimulationSettings:
                 "one of the two",
                 f"both ({self.samples_per_mm2}, {self.rays_per_face})",
             )
-        estimator = checks.one_of("estimator", self.estimator, ("stochastic", "expected"))
-        exponent = checks.real("pattern_exponent", self.pattern_exponent)
+        for name, (check, *limits) in CHECKS.items():
+            value = getattr(self, name)
+            if value is not None or name not in DENSITIES:
+                object.__setattr__(self, name, check(name, value, *limits))
+        exponent = self.pattern_exponent
         if exponent < 0 or (exponent > 0 and self.amplitude != "spreading"):
             checks.fail(
                 "pattern_exponent", "0, or a positive number with amplitude='spreading'", exponent
             )
-        max_bounces = checks.whole("max_bounces", self.max_bounces, 1, 255)
-        if estimator == "expected" and max_bounces > 1:
-            checks.fail("max_bounces", "1 with estimator='expected'", max_bounces)
-        checked: dict[str, Any] = {
-            "reception_radius_m": checks.positive("reception_radius_m", self.reception_radius_m),
-            "max_bounces": max_bounces,
-            "normals": checks.one_of("normals", self.normals, ("smooth", "face")),
-            "crease_deg": checks.real("crease_deg", self.crease_deg),
-            "amplitude": checks.one_of("amplitude", self.amplitude, ("unit", "spreading")),
-            "pattern_exponent": exponent,
-            "seed": checks.whole("seed", self.seed, 0, 2**64 - 1),
-            "estimator": estimator,
-        }
-        if self.samples_per_mm2 is not None:
-            density = checks.positive("samples_per_mm2", self.samples_per_mm2)
-            checked["samples_per_mm2"] = density
-        if self.rays_per_face is not None:
-            checked["rays_per_face"] = checks.whole("rays_per_face", self.rays_per_face, 1, 2**20)
-        if self.rays_per_sample is not None:
-            rays = checks.whole("rays_per_sample", self.rays_per_sample, 1, 2**16)
-            checked["rays_per_sample"] = rays
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        if self.estimator == "expected" and self.max_bounces > 1:
+            checks.fail("max_bounces", "1 with estimator='expected'", self.max_bounces)
 
     def resolved(self) -> SimulationSettings:
         """Fill in the densities that are None; a resolved record stays as it is."""
