@@ -63,7 +63,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # It is made of all of the above, and needs xarray: imported when it is asked for.
+    # Imported on first use: it imports this package, and xarray.
     if name == "open_dataset":
         return import_module("clradar.dataset").open_dataset
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -28,7 +28,7 @@ SAMPLES_PER_POINT = 4
 """Sampled functions per antenna or frequency; as many complex numbers count twice."""
 
 N_FAMILIES = 6
-"""Families of voxels that samples are drawn of, see `_draw`."""
+"""Families of voxels that samples are drawn of, see `_draw_samples`."""
 
 CANDIDATES = 4
 """Samples of which the one whose phase varies most is taken."""
@@ -294,7 +294,7 @@ def _largest(values: np.ndarray, n: int) -> np.ndarray:
     return np.argsort(-values, kind="stable")[:n]
 
 
-def _draw(phases: _Phases, n: int, level: int) -> tuple[np.ndarray, _PathSet]:
+def _draw_samples(phases: _Phases, n: int, level: int) -> tuple[np.ndarray, _PathSet]:
     """Return n voxels of each of six families, and their paths; each family has to keep the
     tolerance on its own.
 
@@ -340,7 +340,7 @@ def _decomposition(
     n = max(MIN_SAMPLES, SAMPLES_PER_POINT * len(points)) // N_FAMILIES
 
     def draw() -> np.ndarray:
-        voxel, paths = _draw(phases, n, level)
+        voxel, paths = _draw_samples(phases, n, level)
         cycles = phases.cycles(phases.sampler.metres(voxel), paths, points)
         centre_m = phases.sampler.centres(voxel, level)
         cycles -= phases.cycles(centre_m, paths, points)
@@ -354,7 +354,7 @@ def _decomposition(
 def _rms_error(phases: _Phases, found: list[Decomposition]) -> float:
     """Return the RMS error of all levels together on new voxels: the largest of the families."""
     sampler, every = phases.sampler, np.arange(phases.n_points)
-    voxel, paths = _draw(phases, CHECKED, phases.n_levels - 1)
+    voxel, paths = _draw_samples(phases, CHECKED, phases.n_levels - 1)
     voxel_m, centre_m = sampler.metres(voxel), sampler.centres(voxel, slice(None))
     last = found[-1].skeleton
     cycles = phases.cycles(voxel_m, paths, last)

@@ -67,7 +67,7 @@ class _KernelSizes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Side:
+class _Antennas:
     """The antennas of one side, and how they are reduced to their skeleton.
 
     Attributes
@@ -90,7 +90,7 @@ class _Side:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Step:
+class _LevelStep:
     """From one level to the next. Rows are summed first.
 
     Rows are the transmitters on even levels and the receivers on odd ones; the skeleton of the
@@ -98,8 +98,8 @@ class _Step:
     """
 
     level: BlockLevel
-    rows: _Side
-    columns: _Side
+    rows: _Antennas
+    columns: _Antennas
     n_frequencies: int
     n_skeleton_frequencies: int
     k: Any
@@ -175,7 +175,7 @@ class FastImager:
         """Return some antennas' data as one block: (n_freq, n_tx, 2, padded n_rx), float32."""
         data = self.capture.data[tx, rx].transpose(2, 0, 1)
         n_rx = data.shape[2]
-        shape = (*data.shape[:2], 2, _padded(n_rx, _unit(self.device)))
+        shape = (*data.shape[:2], 2, _padded(n_rx, _column_unit(self.device)))
         cube = np.zeros(shape, dtype=np.float32)
         weights = self.weights[:, None, None]
         np.multiply(data.real, weights, out=cube[:, :, 0, :n_rx], casting="same_kind")
@@ -198,7 +198,7 @@ class _Tree:
         self.report = report
         self.array, self.grid, self.buffers, device = array, grid, buffers, buffers.device
         self.k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
-        self.width, self.unit = device.width, _unit(device)
+        self.width, self.unit = device.width, _column_unit(device)
         self.levels = block_levels(array, waveform, grid, tolerance)
         chunk = GPU_CHUNK_BYTES if device.info.kind == "gpu" else CPU_CHUNK_BYTES
         self.chunk_bytes = min(chunk, device.budget_bytes // 16)
@@ -229,7 +229,7 @@ class _Tree:
         for buffer in held:
             self.buffers.release(buffer)
 
-    def _step(self, i: int) -> _Step:
+    def _step(self, i: int) -> _LevelStep:
         level, array, up = self.levels[i], self.array, self.buffers.upload
         if i == 0:
             tx, rx, k = array.tx_m, array.rx_m, self.k
@@ -239,19 +239,19 @@ class _Tree:
             k = self.k[above.frequency.skeleton]
         sides = [(tx, level.tx), (rx, level.rx)]
         rows, columns = (
-            _Side(
+            _Antennas(
                 antennas_m,
                 len(part.skeleton),
                 up(self._antenna_planes(antennas_m)),
-                up(_weights(part.weights, unit)),
+                up(_padded_weights(part.weights, unit)),
             )
             for (antennas_m, part), unit in zip(
                 sides if i % 2 == 0 else sides[::-1], (self.unit, WEIGHTS_TILE), strict=True
             )
         )
         n_skeleton = len(level.frequency.skeleton)
-        weights = up(_weights(level.frequency.weights, WEIGHTS_TILE))
-        return _Step(level, rows, columns, len(k), n_skeleton, up(np.stack(hi_lo(k))), weights)
+        weights = up(_padded_weights(level.frequency.weights, WEIGHTS_TILE))
+        return _LevelStep(level, rows, columns, len(k), n_skeleton, up(np.stack(hi_lo(k))), weights)
 
     def _antenna_planes(self, antennas_m: np.ndarray) -> np.ndarray:
         planes = np.zeros((6, _padded(len(antennas_m), self.unit)), np.float32)
@@ -300,7 +300,7 @@ class _Tree:
                 self.report(self.n_done / self.n_leaves)
             self._release(blocks.centres, blocks.g)
 
-    def _block_bytes(self, step: _Step) -> int:
+    def _block_bytes(self, step: _LevelStep) -> int:
         """Device memory that a step takes per block."""
         rows, columns = step.rows, step.columns
         row = 8 * _padded(rows.n_skeleton, self.unit)
@@ -434,12 +434,12 @@ def float32_phase_error(array: AntennaArray, k: np.ndarray, grid: VoxelGrid) -> 
     return float(2.0 * np.pi * k.max() * length_m * 2.0**-25)
 
 
-def _unit(device: Device) -> int:
+def _column_unit(device: Device) -> int:
     """Columns are padded to a multiple of this: whole lanes, and whole passes over weights."""
     return max(device.width, WEIGHTS_TILE)
 
 
-def _weights(weights: np.ndarray, multiple: int) -> np.ndarray:
+def _padded_weights(weights: np.ndarray, multiple: int) -> np.ndarray:
     out = np.zeros((len(weights), _padded(weights.shape[1], multiple)), np.float32)
     out[:, : weights.shape[1]] = weights
     return out

@@ -85,7 +85,7 @@ def decompose(samples: np.ndarray, tolerance: float) -> Decomposition:
     decomposition of the samples does.
     """
     n_samples, n = samples.shape
-    gram = 2.0 / n_samples * _gram(samples)
+    gram = 2.0 / n_samples * _gram_matrix(samples)
     rest = np.diag(gram).copy()  # mean square of what the chosen points do not explain, per point
     factor = np.zeros((n, n))
     chosen: list[int] = []
@@ -132,7 +132,7 @@ def matrix_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return out.reshape(*a.shape[:-1], b.shape[1])
 
 
-def _gram(samples: np.ndarray) -> np.ndarray:
+def _gram_matrix(samples: np.ndarray) -> np.ndarray:
     n_samples, n = samples.shape
     at_once = max(1, ONE_THREAD // (n * n))
     if at_once < LEAST_SLICE:

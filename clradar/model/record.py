@@ -22,7 +22,7 @@ class Record:
 
     def __repr__(self) -> str:
         own: Any = self
-        parts = [f"{f.name}={_short(getattr(self, f.name))}" for f in fields(own) if f.repr]
+        parts = [f"{f.name}={_field_text(getattr(self, f.name))}" for f in fields(own) if f.repr]
         return f"{type(self).__name__}({', '.join(parts)})"
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
@@ -47,7 +47,7 @@ class Record:
         return array
 
 
-def _short(value: Any) -> str:
+def _field_text(value: Any) -> str:
     if isinstance(value, np.ndarray):
         if value.size <= SMALL:
             return np.array2string(value, separator=", ")

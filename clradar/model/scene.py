@@ -139,7 +139,7 @@ class Scene(Record):
             scene = replace(scene, vertices_m=vertices_m)
         except ModelError as error:
             raise MeshError(f"{label}: {error}") from error
-        _check_size(label, vertices_m[np.unique(scene.faces)], unit)
+        _check_plausible_size(label, vertices_m[np.unique(scene.faces)], unit)
         normals = getattr(mesh, "normals", None) if hasattr(mesh, "to_trimesh") else None
         if normals is not None:
             scene = replace(scene, normals=_transformed_normals(np.asarray(normals), matrix))
@@ -260,7 +260,7 @@ def _pieces(mesh: Any) -> tuple[str, list[tuple[str, np.ndarray, np.ndarray]]]:
         return "mesh", [("mesh", vertices, faces)]
     label = "mesh"
     if isinstance(mesh, str | PathLike):
-        mesh, label = _load(mesh)
+        mesh, label = _load_mesh_file(mesh)
     if isinstance(mesh, trimesh.Trimesh):
         mesh = trimesh.Scene({"mesh": mesh})
     if not isinstance(mesh, trimesh.Scene):
@@ -282,7 +282,7 @@ def _pieces(mesh: Any) -> tuple[str, list[tuple[str, np.ndarray, np.ndarray]]]:
     return label, pieces
 
 
-def _load(path: str | PathLike[str]) -> tuple[Any, str]:
+def _load_mesh_file(path: str | PathLike[str]) -> tuple[Any, str]:
     from pathlib import Path
 
     import trimesh
@@ -307,7 +307,7 @@ def _load(path: str | PathLike[str]) -> tuple[Any, str]:
         ) from error
 
 
-def _check_size(label: str, vertices_m: np.ndarray, unit: str) -> None:
+def _check_plausible_size(label: str, vertices_m: np.ndarray, unit: str) -> None:
     size_m = float(np.ptp(vertices_m, axis=0).max())
     low, high = PLAUSIBLE_SIZE_M
     if low <= size_m <= high:

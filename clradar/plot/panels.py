@@ -45,17 +45,17 @@ def draw_amplitude(axes: Axes, image: DepthMap) -> Any:
     level_db = clipped_db(image)
     level_db[level_db <= -image.dynamic_range_db] = np.nan
     limits = (-image.dynamic_range_db, 0.0)
-    return _draw(axes, image, level_db, scale, limits, AMPLITUDE_BACKGROUND)
+    return _draw_mesh(axes, image, level_db, scale, limits, AMPLITUDE_BACKGROUND)
 
 
 def draw_depth(axes: Axes, image: DepthMap, limits_mm: tuple[float, float]) -> Any:
     import matplotlib
 
     scale = matplotlib.colormaps["viridis_r"].with_extremes(bad=DEPTH_BACKGROUND)
-    return _draw(axes, image, 1e3 * image.depth_m, scale, limits_mm, DEPTH_BACKGROUND)
+    return _draw_mesh(axes, image, 1e3 * image.depth_m, scale, limits_mm, DEPTH_BACKGROUND)
 
 
-def _draw(
+def _draw_mesh(
     axes: Axes,
     image: DepthMap,
     values: np.ndarray,

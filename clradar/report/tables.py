@@ -99,7 +99,7 @@ def metrics_table(labels: Sequence[str], metrics: Sequence[Metrics]) -> str:
     for label, m in zip(labels, metrics, strict=True):
         cells = [f'<th scope="row">{escaped(label)}</th>']
         for text, best_text in zip(METRIC_TEXTS, best, strict=True):
-            shown = _value(text, m)
+            shown = _metric_value(text, m)
             inner = f"<strong>{shown}</strong>" if shown == best_text else shown
             cells.append(f'<td data-name="{escaped(text.name)}">{inner}</td>')
         rows.append(f"<tr>{''.join(cells)}</tr>")
@@ -119,7 +119,7 @@ def metrics_notes(metrics: Sequence[Metrics]) -> str:
     return f'<dl class="meanings">{notes}</dl>'
 
 
-def _value(text: MetricText, metrics: Metrics) -> str:
+def _metric_value(text: MetricText, metrics: Metrics) -> str:
     value = getattr(metrics, text.field)
     if math.isnan(value):
         return "n/a"
@@ -132,7 +132,7 @@ def _best(text: MetricText, metrics: Sequence[Metrics]) -> str | None:
     if len(known) < 2:
         return None
     choose = max if text.field in HIGHER_IS_BETTER else min
-    return _value(text, choose(known, key=lambda m: getattr(m, text.field)))
+    return _metric_value(text, choose(known, key=lambda m: getattr(m, text.field)))
 
 
 def _why_undefined(text: MetricText, metrics: Sequence[Metrics]) -> str:
@@ -188,7 +188,7 @@ def _flat(value: Any, name: str, depth: int) -> Iterator[tuple[str, str]]:
         isinstance(value, list | tuple) and any(isinstance(v, Mapping | list) for v in value)
     )
     if not inner:
-        yield name, _plain(value)
+        yield name, _setting_text(value)
     elif depth == MAX_DEPTH:
         yield name, "… (nested deeper)"
     elif isinstance(value, Mapping):
@@ -199,11 +199,11 @@ def _flat(value: Any, name: str, depth: int) -> Iterator[tuple[str, str]]:
             yield from _flat(item, f"{name}[{i}]", depth + 1)
 
 
-def _plain(value: Any) -> str:
+def _setting_text(value: Any) -> str:
     if value is None:
         return "\N{EN DASH}"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
-        return ", ".join(map(_plain, value)) or "none"
+        return ", ".join(map(_setting_text, value)) or "none"
     return str(value)
