@@ -1,4 +1,4 @@
-"""Alignment: known motions come back, unknown ones are named, and failures say why."""
+"""Alignment of images: known motions are found, unobservable ones named, failures explained."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def plate(p):
 
 
 def depth_map(body, transform=None, pixel_m=PIXEL_M):
-    """What an ideal camera of parallel rays along z sees of a body: depths to a micrometre."""
+    """Depths of a body along parallel rays in z, to a micrometre."""
     transform = np.eye(4) if transform is None else transform
     axis_m = np.arange(-0.08, 0.08 + pixel_m / 2, pixel_m)
     x, y = np.meshgrid(axis_m, axis_m)
@@ -118,7 +118,12 @@ MOTIONS = [
 ]
 
 
-@pytest.mark.parametrize("truth", MOTIONS)
+@pytest.fixture(scope="module")
+def aligned(original):
+    return align(depth_map(potato, MOTIONS[3]), original)
+
+
+@pytest.mark.parametrize("truth", [MOTIONS[1], MOTIONS[2], MOTIONS[4]])
 def test_finds_a_known_motion(original, truth):
     result = align(depth_map(potato, truth), original)
     assert_near(result, truth, EXACT_M, EXACT_DEG)
@@ -128,10 +133,10 @@ def test_finds_a_known_motion(original, truth):
     assert result.rms_m < EXACT_M
 
 
-def test_direction_and_parts_of_the_transform(original):
-    truth = motion((3, 4, -14), (0.010, 0.014, -0.010))
+def test_direction_and_parts_of_the_transform(original, aligned):
+    truth, result = MOTIONS[3], aligned
     measured = depth_map(potato, truth)
-    result = align(measured, original)
+    assert_near(result, truth, EXACT_M, EXACT_DEG)
     # The transform carries simulated points onto the measured surface, not the other way round.
     nearest_m = np.linalg.norm(
         moved(result.transform, original.points_m())[:, None] - measured.points_m()[None], axis=2
@@ -146,10 +151,9 @@ def test_direction_and_parts_of_the_transform(original):
     np.testing.assert_allclose(result.shift_m, result.centre_m - came_from_m, atol=2 * EXACT_M)
 
 
-def test_there_and_back_are_inverse(original):
-    measured = depth_map(potato, MOTIONS[-1])
-    there, back = align(measured, original), align(original, measured)
-    assert_near(there, np.linalg.inv(back.transform), 2 * EXACT_M, 2 * EXACT_DEG)
+def test_there_and_back_are_inverse(original, aligned):
+    back = align(original, depth_map(potato, MOTIONS[3]))
+    assert_near(aligned, np.linalg.inv(back.transform), 2 * EXACT_M, 2 * EXACT_DEG)
 
 
 def test_finer_pixels_are_more_exact():
@@ -198,7 +202,8 @@ def test_noise_within_the_covariance(original):
     truth = MOTIONS[3]
     measured = depth_map(potato, truth)
     for seed in range(2):
-        result = align(noisy(measured, 5e-4, seed), noisy(original, 5e-4, 100 + seed))
+        pair = noisy(measured, 5e-4, seed), noisy(original, 5e-4, 100 + seed)
+        result = align(*pair)
         assert result.converged
         off = result.transform @ np.linalg.inv(truth)
         turn = Rotation.from_matrix(off[:3, :3]).as_rotvec()
@@ -208,16 +213,15 @@ def test_noise_within_the_covariance(original):
         assert distance2 < 22.5  # chi squared, 6 degrees of freedom: one in a thousand is beyond
         # Noise of a point and of a plane, less what the choice of the nearest takes away.
         assert 0.7 * 5e-4 < result.rms_m < np.sqrt(2) * 5e-4
-
-
-def test_covariance_is_symmetric_and_positive(original):
-    result = align(noisy(original, 5e-4, 0), noisy(original, 5e-4, 1))
-    np.testing.assert_allclose(result.covariance, result.covariance.T, atol=1e-15)
-    assert np.linalg.eigvalsh(result.covariance).min() > 0
+        np.testing.assert_allclose(result.covariance, result.covariance.T, atol=1e-15)
+        assert np.linalg.eigvalsh(result.covariance).min() > 0
+    again = align(*pair)
+    np.testing.assert_array_equal(again.transform, result.transform)
+    np.testing.assert_array_equal(again.covariance, result.covariance)
 
 
 def test_bright_parts_count_more(original):
-    """The middle stands 0.5 mm further away, which no rotation can mend: the brighter part wins."""
+    """The middle is 0.5 mm farther away, which no rotation compensates: the brighter part wins."""
     middle = np.broadcast_to(np.abs(original.x_m) < 0.015, original.mask.shape)
     # Noise of the same size, so that neither part is an outlier of the other.
     bent = noisy(of_depth(original.depth_m + 5e-4 * middle, original.x_m), 5e-4, 0)
@@ -278,15 +282,9 @@ def test_cylinder_loses_its_own_axis():
     assert result.rotation_deg < EXACT_DEG
 
 
-def test_same_arguments_same_bits(original):
-    measured = noisy(depth_map(potato, MOTIONS[2]), 5e-4, 3)
-    one, two = align(measured, original), align(measured, original)
-    np.testing.assert_array_equal(one.transform, two.transform)
-    np.testing.assert_array_equal(one.covariance, two.covariance)
-
-
-def test_report_is_words(original):
-    text = align(depth_map(potato, MOTIONS[0]), original).report()
+def test_report_has_shift_rotation_and_quality(original):
+    result = align(depth_map(potato, MOTIONS[0]), original)
+    assert_near(result, MOTIONS[0], EXACT_M, EXACT_DEG)
     for part in (
         "shifted by 8.78 mm",
         "turned by 0.0",
@@ -294,7 +292,7 @@ def test_report_is_words(original):
         "deviation",
         "Converged",
     ):
-        assert part in text
+        assert part in result.report()
 
 
 def test_unfinished_says_so(original):
@@ -304,11 +302,10 @@ def test_unfinished_says_so(original):
     assert result.iterations == 1
 
 
-def test_result_is_read_only(original):
-    result = align(original, original)
-    assert isinstance(result, Alignment)
+def test_result_is_read_only(aligned):
+    assert isinstance(aligned, Alignment)
     with pytest.raises(ValueError, match="read-only"):
-        result.transform[0, 3] = 1.0
+        aligned.transform[0, 3] = 1.0
 
 
 def empty(depth):
@@ -361,7 +358,7 @@ def test_other_shape_is_a_failure(original):
 
 
 def test_no_overlap():
-    """Two plates side by side: nothing tells the shift in their plane, and without it they miss."""
+    """Two plates side by side: a shift in their plane is unobservable, and without it they miss."""
     with pytest.raises(CompareError, match="could not align, because the two hardly overlap"):
         align(
             depth_map(lambda p: plate(2.5 * p), motion(shift_m=(-0.05, 0, 0))),
@@ -435,7 +432,7 @@ def test_simulated_hands():
     def volume(transform, seed):
         scene = clradar.Scene.from_mesh(mesh, alpha=0.3, transform=transform)
         capture = clradar.simulate(
-            scene, array, waveform, samples_per_mm2=2, rays_per_sample=2, seed=seed, device="pocl"
+            scene, array, waveform, samples_per_mm2=1, rays_per_sample=2, seed=seed, device="pocl"
         )
         return clradar.backproject(capture, grid, device="pocl")
 

@@ -22,11 +22,12 @@ from clradar.tracing.visible_surface import VisibleSurface
 from measurement_io import save_volume
 
 ARRAY = clradar.arrays.qar50()
-WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 128)
+WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 32)
+RADAR = {"array": ARRAY, "waveform": WAVEFORM, "device": "pocl"}
 CENTRE_M = np.array([0.0, 0.0, 0.3])
 
 POSITION_M, ROTATION_DEG = 1.5e-3, 1.5
-"""What is asked of 95 of 100 measurements of a hand (docs/calibration.md)."""
+"""Required of 95 of 100 measurements of a hand (docs/calibration.md)."""
 
 OWN_RENDERING_M = 5e-5
 """A fit to the mesh's own rendering has no noise: the convergence tolerance of 1e-5 m is what is
@@ -45,14 +46,14 @@ TRUTH = motion((6.0, -5.0, 8.0), (0.011, -0.009, 0.006))
 
 @pytest.fixture(scope="module")
 def hand() -> clradar.Scene:
-    return clradar.Scene.from_mesh(hand_mesh("F", 2e-3), alpha=0.3)
+    return clradar.Scene.from_mesh(hand_mesh("F", 3e-3), alpha=0.3)
 
 
 @pytest.fixture(scope="module")
 def measured(hand) -> clradar.Volume:
     """A hand at `TRUTH` with noise of 20 dB."""
     capture = clradar.simulate(
-        hand.transformed(TRUTH), ARRAY, WAVEFORM, samples_per_mm2=3.0, rays_per_sample=3, seed=3,
+        hand.transformed(TRUTH), ARRAY, WAVEFORM, samples_per_mm2=2.0, rays_per_sample=2, seed=3,
         device="pocl",
     )  # fmt: skip
     grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.25, 0.35), 2e-3)
@@ -61,7 +62,7 @@ def measured(hand) -> clradar.Volume:
 
 @pytest.fixture(scope="module")
 def found(measured, hand) -> Alignment:
-    return align_mesh(measured, hand, correct_bias=False, device="pocl")
+    return align_mesh(measured, hand, **RADAR, correct_bias=False, search_deg=30.0)
 
 
 def errors(transform, truth=TRUTH):
@@ -186,7 +187,7 @@ def test_bias_of_a_mirror_is_corrected(hand):
     grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.25, 0.35), 2e-3)
     depth = clradar.backproject(capture, grid, device="pocl").depth_map(20.0)
     shown: list[tuple[int, int]] = []
-    options = {"search_deg": 15.0, "device": "pocl"}
+    options = {"search_deg": 15.0, **RADAR}
     biased = align_mesh(depth, hand, correct_bias=False, **options)
     result = align_mesh(depth, hand, progress=lambda *at: shown.append(at), **options)
     position_m, rotation_deg = errors(result.transform)
@@ -197,7 +198,7 @@ def test_bias_of_a_mirror_is_corrected(hand):
 
 
 def test_error_is_within_its_covariance(found):
-    """Chi squared of six degrees of freedom, of errors that the text says are Gaussian at best."""
+    """Chi squared with six degrees of freedom."""
     motion_off = TRUTH @ np.linalg.inv(found.transform)
     turn = Rotation.from_matrix(motion_off[:3, :3]).as_rotvec()
     shift = motion_off[:3, :3] @ found.centre_m + motion_off[:3, 3] - found.centre_m
@@ -206,7 +207,7 @@ def test_error_is_within_its_covariance(found):
     assert 0.0 < square < 22.5  # one in a thousand is above
 
 
-def test_report_speaks_of_the_mesh(found):
+def test_report_of_a_mesh(found):
     text = found.report()
     assert text.startswith("The mesh is shifted by")
     assert "of the measured amplitude lies on it" in text
@@ -228,15 +229,14 @@ def test_doubts_are_remarked(found):
 
 
 def test_start_does_not_matter_and_depth_maps_do(measured, hand, found):
-    """From a metre away, and from the depth map alone: the same minimum, to the convergence."""
+    """From a metre away, and from the depth map alone: the same minimum, to the 0.2 mm after which
+    visibility is updated."""
     away = motion((0.0, 0.0, 10.0), (0.4, -0.7, 0.5))
     depth = measured.depth_map(20.0)
-    again = align_mesh(
-        depth, hand.transformed(away), correct_bias=False, search_deg=30.0, device="pocl"
-    )
+    again = align_mesh(depth, hand.transformed(away), **RADAR, correct_bias=False, search_deg=15.0)
     position_m, rotation_deg = errors(again.transform @ away, found.transform)
-    assert position_m < 1e-4
-    assert rotation_deg < 0.1
+    assert position_m < 2e-4
+    assert rotation_deg < 0.2
 
 
 # Unobservable directions
@@ -254,8 +254,10 @@ def seen_of(vertices, faces, alpha, truth):
 def test_sphere_moves_without_turning():
     vertices, faces = sphere(CENTRE_M, 0.04, 4)
     volume = seen_of(vertices, faces, 0.4, motion((0, 0, 0), (0.008, -0.005, 0.003)))
-    result = align_mesh(volume, clradar.Scene(vertices, faces), correct_bias=False, search_deg=15.0,
-                        device="pocl")  # fmt: skip
+    result = align_mesh(
+        volume, clradar.Scene(vertices, faces), **RADAR, correct_bias=False, search_deg=5.0,
+        max_iterations=12,
+    )  # fmt: skip
     assert len(result.degenerate_directions) == 3
     assert all(name.startswith("the rotation") for name in result.degenerate_directions)
     assert result.rotation_deg < 0.1
@@ -264,11 +266,13 @@ def test_sphere_moves_without_turning():
 
 
 def test_plate_beyond_the_image_keeps_unobservable_directions():
-    """A plate whose edges are in the image is told by them; of this one they are not."""
+    """Edges in the image would make the shift observable."""
     vertices, faces = plate(0.2, 0.3, 6)
     volume = seen_of(vertices, faces, 0.0, motion((2.0, -1.0, 0), (0, 0, 0.01)))
-    result = align_mesh(volume, clradar.Scene(vertices, faces), correct_bias=False, search_deg=15.0,
-                        device="pocl")  # fmt: skip
+    result = align_mesh(
+        volume, clradar.Scene(vertices, faces), **RADAR, correct_bias=False, search_deg=5.0,
+        max_iterations=12,
+    )  # fmt: skip
     names = " ".join(result.degenerate_directions)
     assert "the shift along" in names
     assert "the rotation about" in names
@@ -298,7 +302,7 @@ def test_nothing_measured(measured, hand):
 def test_another_object_is_a_failure(measured):
     ball = clradar.Scene(*sphere(CENTRE_M, 0.02, 3))
     with pytest.raises(CompareError, match="could not align, because"):
-        align_mesh(measured, ball, search_deg=15.0, device="pocl")
+        align_mesh(measured, ball, **RADAR, search_deg=5.0)
 
 
 @pytest.mark.parametrize(
@@ -328,12 +332,13 @@ def test_command_writes_what_simulate_reads(measured, hand, found, tmp_path, cap
     output = tmp_path / "transform.json"
     with pytest.raises(SystemExit) as ended:
         main(["align", str(tmp_path / "measured.h5"), "--mesh", str(tmp_path / "hand.ply"),
-              "--unit", "mm", "--quick", "--device", "pocl", "-o", str(output)])  # fmt: skip
+              "--unit", "mm", "--quick", "--search-deg", "15", "--device", "pocl",
+              "-o", str(output)])  # fmt: skip
     assert ended.value.code == 0, capsys.readouterr().err
     # The mesh file has float32 millimetres, 1e-5 of them off: the fit's tolerance is more.
     position_m, rotation_deg = errors(read_transform(output), found.transform)
-    assert position_m < 1e-4
-    assert rotation_deg < 0.1
+    assert position_m < 2e-4
+    assert rotation_deg < 0.2
     record = json.loads(output.read_text())
     assert record["command"] == "align"
     assert {i["file"] for i in record["inputs"]} == {"measured.h5", "hand.ply"}

@@ -1,4 +1,4 @@
-"""Closing the loop: the place found, the files written, and failures that leave nothing behind."""
+"""Closed-loop registration: the pose found, the files written, failures that leave nothing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
-from shapes import sphere
 
 import clradar
 from calibration import Round, register
@@ -16,17 +15,18 @@ from calibration.registration.register import TOLERANCE_M
 from clradar.cli import main
 from clradar.cli.commands.register import FILES
 from clradar.cli.outputs import check_folder
-from clradar.errors import CompareError, ModelError, OutputError
+from clradar.errors import ModelError, OutputError
 from clradar.hand import hand_mesh
 from measurement_io import open_capture, open_volume, read_transform, save_volume
 
 ARRAY = clradar.arrays.qar50()
-WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 128)
+WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 32)
 CENTRE_M = np.array([0.0, 0.0, 0.3])
-SAMPLES_PER_MM2 = 2.0
+RADAR = {"array": ARRAY, "waveform": WAVEFORM, "device": "pocl"}
+RAYS = {"samples_per_mm2": 1.5, "rays_per_sample": 2}
 
 POSITION_M, ROTATION_DEG = 1.5e-3, 1.5
-"""What is asked of 95 of 100 measurements of a hand (docs/calibration.md)."""
+"""Required of 95 of 100 measurements of a hand (docs/calibration.md)."""
 
 FLOAT32_M = 1e-7
 """A vertex in a PLY file is a float32 in metres: 2^-24 of 0.4 m is 2.4e-8."""
@@ -41,15 +41,14 @@ def truth():
 
 @pytest.fixture(scope="module")
 def hand() -> clradar.Scene:
-    return clradar.Scene.from_mesh(hand_mesh("flat", 2e-3), alpha=0.3)
+    return clradar.Scene.from_mesh(hand_mesh("flat", 3e-3), alpha=0.3)
 
 
 @pytest.fixture(scope="module")
 def measured(hand) -> clradar.Volume:
     capture = clradar.simulate(
-        hand.transformed(truth()), ARRAY, WAVEFORM, samples_per_mm2=SAMPLES_PER_MM2,
-        rays_per_sample=3, seed=50, device="pocl",
-    )  # fmt: skip
+        hand.transformed(truth()), ARRAY, WAVEFORM, seed=50, device="pocl", **RAYS
+    )
     grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 2e-3)
     return clradar.backproject(clradar.impair(capture, snr_db=20.0, seed=4), grid, device="pocl")
 
@@ -63,9 +62,8 @@ def errors(transform):
 def test_registers_a_hand(measured, hand):
     seen: list[Round] = []
     result = register(
-        measured, hand, samples_per_mm2=SAMPLES_PER_MM2, rays_per_sample=3, search_deg=15.0,
-        max_rounds=8, device="pocl", callback=seen.append,
-    )  # fmt: skip
+        measured, hand, search_deg=5.0, max_rounds=8, callback=seen.append, **RADAR, **RAYS
+    )
     position_m, rotation_deg = errors(result.alignment.transform)
     assert position_m < POSITION_M
     assert rotation_deg < ROTATION_DEG
@@ -73,19 +71,13 @@ def test_registers_a_hand(measured, hand):
     assert result.alignment.converged
     assert result.rounds == tuple(seen)
     assert seen[-1].moved_m < TOLERANCE_M
-    assert all(turn.moved_m >= TOLERANCE_M for turn in seen[:-1])
-    # What is handed back belongs together: the last simulation is at the transform.
+    assert all(step.moved_m >= TOLERANCE_M for step in seen[:-1])
+    # Consistent parts: the last simulation is at the transform.
     assert np.array_equal(seen[-1].transform, result.alignment.transform)
     placed = hand.transformed(result.alignment.transform)
     assert np.array_equal(result.scene.vertices_m, placed.vertices_m)
     assert result.capture.meta["scene"]["sha256"] == result.scene.digest()
     assert result.volume.grid.same_voxels(measured.grid)
-
-
-def test_sphere_of_another_size_is_a_failure(measured):
-    with pytest.raises(CompareError, match="could not align, because"):
-        register(measured, clradar.Scene(*sphere(CENTRE_M, 0.02, 3)), search_deg=15.0,
-                 device="pocl")  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -116,7 +108,7 @@ def run(files, *more):
 
 def test_command_writes_all(files, hand, capsys):
     status = run(files, "--unit", "mm", "--alpha", "0.3", "--samples-per-mm2", "1",
-                 "--rays-per-sample", "2", "--max-rounds", "1", "--search-deg", "15")  # fmt: skip
+                 "--rays-per-sample", "2", "--max-rounds", "1", "--search-deg", "5")  # fmt: skip
     out = capsys.readouterr()
     assert status == 0, out.err
     folder = files / "placed"
