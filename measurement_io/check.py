@@ -33,18 +33,11 @@ class CheckReport:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import clradar
-    >>> from measurement_io import check_file, save_capture
-    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
-    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
-    >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
-    >>> data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
-    >>> capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
-    >>> save_capture("capture.h5", capture)
-    >>> report = check_file("capture.h5")
-    >>> report.ok, report.problems
-    (True, ())
+    >>> from measurement_io import CheckReport
+    >>> print(CheckReport("capture.h5", ("checksums",), ("/@created: expected a time, got x",)))
+    capture.h5: not all right
+      ok: checksums
+      problem: /@created: expected a time, got x
     """
 
     path: str

@@ -31,18 +31,9 @@ class Fact:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import clradar
-    >>> from measurement_io import describe, save_capture
-    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
-    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
-    >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
-    >>> data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
-    >>> capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
-    >>> save_capture("capture.h5", capture)
-    >>> array, *_ = (fact for fact in describe("capture.h5").facts if fact.name == "array")
-    >>> array.words
-    'lab: 2 Tx, 1 Rx'
+    >>> from measurement_io import Fact
+    >>> Fact("frequencies", "3 from 76 to 78 GHz", {"count": 3, "low_hz": 76e9}).value["count"]
+    3
     """
 
     name: str
@@ -72,18 +63,11 @@ class Description:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import clradar
-    >>> from measurement_io import describe, save_capture
-    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
-    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
-    >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
-    >>> data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
-    >>> capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
-    >>> save_capture("capture.h5", capture)
-    >>> description = describe("capture.h5")
-    >>> description.kind, description.words["array"]
-    ('native capture', 'lab: 2 Tx, 1 Rx')
+    >>> from measurement_io import Description, Fact
+    >>> description = Description("a.h5", "native capture", (Fact("array", "lab: 2 Tx, 1 Rx", {}),))
+    >>> print(description)
+    a.h5: native capture
+      array  lab: 2 Tx, 1 Rx
     """
 
     path: str

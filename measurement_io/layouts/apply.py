@@ -61,21 +61,13 @@ def open_with_layout(
     >>> import numpy as np
     >>> from pathlib import Path
     >>> from measurement_io import open_with_layout
-    >>> text = '''
-    ... [data]
-    ... key = "s"
-    ... axes = ["tx", "rx", "freq"]
-    ... [tx]
-    ... key = "tx_mm"
-    ... [rx]
-    ... key = "rx_mm"
-    ... [antennas]
-    ... unit = "mm"
-    ... [frequency]
-    ... key = "f"
-    ... unit = "GHz"
-    ... '''
-    >>> _ = Path("lab.toml").write_text(text)
+    >>> _ = Path("lab.toml").write_text('''
+    ... data = {key = "s", axes = ["tx", "rx", "freq"]}
+    ... tx.key = "tx_mm"
+    ... rx.key = "rx_mm"
+    ... antennas.unit = "mm"
+    ... frequency = {key = "f", unit = "GHz"}
+    ... ''')
     >>> lab = {"tx_mm": np.eye(3), "rx_mm": np.eye(3)[:2], "f": np.linspace(72, 82, 5)}
     >>> np.savez("lab.npz", s=np.ones((3, 2, 5), np.complex64), **lab)
     >>> capture = open_with_layout("lab.npz", "lab.toml")

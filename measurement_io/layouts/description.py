@@ -186,24 +186,15 @@ class Layout:
     --------
     >>> from pathlib import Path
     >>> from measurement_io import read_layout
-    >>> text = '''
-    ... [data]
-    ... key = "s"
-    ... axes = ["tx", "rx", "freq"]
-    ... [tx]
-    ... key = "tx_mm"
-    ... [rx]
-    ... key = "rx_mm"
-    ... [antennas]
-    ... unit = "mm"
-    ... [frequency]
-    ... key = "f"
-    ... unit = "GHz"
-    ... '''
-    >>> _ = Path("lab.toml").write_text(text)
+    >>> _ = Path("lab.toml").write_text('''
+    ... data = {key = "array", axes = ["tx", "rx", "freq"]}
+    ... tx.array = "qar50"
+    ... rx.array = "qar50"
+    ... frequency = {start = 72, stop = 82, points = 128, unit = "GHz"}
+    ... ''')
     >>> layout = read_layout("lab.toml")
-    >>> layout.data.axes, layout.antennas.unit, layout.frequency.unit
-    (('tx', 'rx', 'freq'), 'mm', 'GHz')
+    >>> layout.data.axes, layout.frequency.points, layout.data.phase_sign
+    (('tx', 'rx', 'freq'), 128, -1)
     """
 
     source: str

@@ -41,21 +41,13 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     --------
     >>> from pathlib import Path
     >>> from measurement_io import read_layout
-    >>> text = '''
-    ... [data]
-    ... key = "s"
-    ... axes = ["tx", "rx", "freq"]
-    ... [tx]
-    ... key = "tx_mm"
-    ... [rx]
-    ... key = "rx_mm"
-    ... [antennas]
-    ... unit = "mm"
-    ... [frequency]
-    ... key = "f"
-    ... unit = "GHz"
-    ... '''
-    >>> _ = Path("lab.toml").write_text(text)
+    >>> _ = Path("lab.toml").write_text('''
+    ... data = {key = "s", axes = ["tx", "rx", "freq"]}
+    ... tx.key = "tx_mm"
+    ... rx.key = "rx_mm"
+    ... antennas.unit = "mm"
+    ... frequency = {key = "f", unit = "GHz"}
+    ... ''')
     >>> read_layout("lab.toml").tx.key
     'tx_mm'
     """

@@ -116,14 +116,8 @@ class RecordingMetadata:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from measurement_io import read_metadata
-    >>> _ = Path("metadata.json").write_text(
-    ...     '{"distance_meters": 0.3, "mask_bb": {"xmin": -0.2, "xmax": 0.1}}'
-    ... )
-    >>> metadata = read_metadata("metadata.json")
-    >>> metadata.distance_meters, metadata.mask_bb.x_min_m
-    (0.3, -0.2)
+    >>> from measurement_io import MaskBox, RecordingMetadata
+    >>> metadata = RecordingMetadata(distance_meters=0.3, mask_bb=MaskBox(x_min_m=-0.2, x_max_m=0.1))
     >>> metadata.mask_bb_antenna.x_max_m  # x changes sign
     0.2
     """
