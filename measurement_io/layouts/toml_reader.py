@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from clradar.files.failures import reading, shown
-from clradar.files.limits import MAX_CHANNELS
+from clradar.files.limits import MAX_CHANNELS, MAX_FREQUENCIES
 from clradar.files.toml_file import read_toml
 from measurement_io.layouts.description import (
     FREQUENCY_UNITS_HZ,
@@ -21,7 +21,7 @@ from measurement_io.layouts.description import (
     Layout,
     Select,
 )
-from measurement_io.layouts.toml_table import Table
+from measurement_io.layouts.layout_table import LayoutTable
 
 _EXPECTED = "a layout (a TOML file, see docs/layouts.md)"
 _SLICE = re.compile(r"(-?[0-9]{0,9}):(-?[0-9]{0,9})(?::(-?[0-9]{1,9}))?\Z")
@@ -58,7 +58,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
 
 
 def _layout(source: str, parsed: object, path: Path) -> Layout:
-    top = Table(source, "", parsed)
+    top = LayoutTable(source, "", parsed)
     data = _data(top.table("data", needed=True))
     tx = _antennas(top.table("tx", needed=True), path.parent)
     rx = _antennas(top.table("rx", needed=True), path.parent)
@@ -73,7 +73,7 @@ def _layout(source: str, parsed: object, path: Path) -> Layout:
     return Layout(source, data, tx, rx, frame, frequency, meta)
 
 
-def _data(table: Table) -> DataLayout:
+def _data(table: LayoutTable) -> DataLayout:
     key, real, imag = table.text("key"), table.text("real"), table.text("imag")
     if (key is None) == (real is None and imag is None) or (real is None) != (imag is None):
         table.fail("key", "'key', or 'real' and 'imag'", _given(key=key, real=real, imag=imag))
@@ -89,7 +89,7 @@ def _data(table: Table) -> DataLayout:
     fields = table.texts("fields", "the names of two fields")
     if fields is not None and (len(fields) != 2 or "part" in axes or key is None):
         table.fail("fields", "the two fields of a compound 'key'", list(fields))
-    order = table.one_of("pair_order", ("tx_major", "rx_major"))
+    order = table.one_of("pair_order", None, ("tx_major", "rx_major"))
     if (order is not None) != ("pair" in axes):
         table.fail(
             "pair_order",
@@ -117,7 +117,9 @@ def _data(table: Table) -> DataLayout:
     )
 
 
-def _check_axes(table: Table, axes: tuple[str, ...], pick: dict[str, int], key: str | None) -> None:
+def _check_axes(
+    table: LayoutTable, axes: tuple[str, ...], pick: dict[str, int], key: str | None
+) -> None:
     for axis in axes:
         if axis not in SIGNAL_AXES and axis not in pick:
             known = ", ".join(f'"{name}"' for name in SIGNAL_AXES)
@@ -133,13 +135,13 @@ def _check_axes(table: Table, axes: tuple[str, ...], pick: dict[str, int], key: 
         table.fail("axes", "an axis \"part\" only with one 'key'", list(axes))
 
 
-def _antennas(table: Table, folder: Path) -> AntennaLayout:
-    channels = table.whole("channels", 1, MAX_CHANNELS)
+def _antennas(table: LayoutTable, folder: Path) -> AntennaLayout:
+    channels = table.whole("channels", None, 1, MAX_CHANNELS)
     select = _select(table)
     key, file = table.text("key"), table.text("file", "the name of an antenna file")
     values = table.rows("values")
-    array = table.one_of("array", KNOWN_ARRAYS)
-    orientation = table.one_of("orientation", ("rows", "columns"))
+    array = table.one_of("array", None, KNOWN_ARRAYS)
+    orientation = table.one_of("orientation", None, ("rows", "columns"))
     coordinates = tuple(
         (name, value) for name in _COORDINATES if (value := table.number_or_text(name)) is not None
     )
@@ -173,12 +175,11 @@ def _antennas(table: Table, folder: Path) -> AntennaLayout:
     )
 
 
-def _select(table: Table) -> Select | None:
-    if table.peek("select") is None:
-        table.text("select")  # known, and not there
+def _select(table: LayoutTable) -> Select | None:
+    if table.raw("select") is None:
         return None
     expected = 'a slice "start:stop" (stop excluded) or a list of channels from 0'
-    if isinstance(table.peek("select"), str):
+    if isinstance(table.raw("select"), str):
         text = table.text("select", expected) or ""
         match = _SLICE.match(text)
         if match is None or match[1] == "-" or match[2] == "-" or match[3] in ("0", "-0"):
@@ -194,9 +195,9 @@ def _select(table: Table) -> Select | None:
 
 
 def _frame_of_reference(
-    table: Table, name: str, sides: tuple[AntennaLayout, AntennaLayout]
+    table: LayoutTable, name: str, sides: tuple[AntennaLayout, AntennaLayout]
 ) -> FrameOfReference:
-    unit = table.one_of("unit", tuple(LENGTH_UNITS_PER_M))
+    unit = table.one_of("unit", None, tuple(LENGTH_UNITS_PER_M))
     if unit is None:
         if any(side.array is None for side in sides):
             table.fail("unit", "the unit of the positions: one of m, cm, mm, um", "none")
@@ -227,14 +228,14 @@ def _frame_of_reference(
     )
 
 
-def _frequency(table: Table) -> FrequencyLayout:
+def _frequency(table: LayoutTable) -> FrequencyLayout:
     key, values = table.text("key"), table.numbers("values")
     start, stop, step = (table.number_or_text(name) for name in ("start", "stop", "step"))
     points: str | int | None
-    if isinstance(table.peek("points"), str):
+    if isinstance(table.raw("points"), str):
         points = table.text("points")
     else:
-        points = table.whole("points", 1, 10_000_000)
+        points = table.whole("points", None, 1, MAX_FREQUENCIES)
     span = start is not None and points is not None and (stop is None) != (step is None)
     parts = [start, stop, step, points]
     ways = (key is not None) + (values is not None) + any(p is not None for p in parts)
@@ -244,7 +245,7 @@ def _frequency(table: Table) -> FrequencyLayout:
             "'key', or 'values', or 'start', 'points' and either 'stop' or 'step'",
             _given(key=key, values=values, start=start, stop=stop, step=step, points=points),
         )
-    unit = table.one_of("unit", tuple(FREQUENCY_UNITS_HZ))
+    unit = table.one_of("unit", None, tuple(FREQUENCY_UNITS_HZ))
     if unit is None:
         table.fail("unit", "the unit: one of Hz, kHz, MHz, GHz", "none")
     table.done()

@@ -117,7 +117,7 @@ class RecordingMetadata:
     Examples
     --------
     >>> from measurement_io import MaskBox, RecordingMetadata
-    >>> metadata = RecordingMetadata(distance_meters=0.3, mask_bb=MaskBox(x_min_m=-0.2, x_max_m=0.1))
+    >>> metadata = RecordingMetadata(distance_meters=0.3, mask_bb=MaskBox(x_min_m=-0.2))
     >>> metadata.mask_bb_antenna.x_max_m  # x changes sign
     0.2
     """

@@ -8,10 +8,11 @@ from typing import Any
 from clradar.dataset.plan.draws import Draw, fixed
 from clradar.dataset.plan.hand_json import pose_of, shape_of
 from clradar.dataset.plan.plan import Alpha, Hands, Placement, Poses, RigFile
-from clradar.dataset.plan.table import PlanTable, choice_text
+from clradar.dataset.plan.table import PlanTable
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import clean
 from clradar.files.hashing import sha256_of
+from clradar.files.table import choice_text
 from clradar.hand import (
     DIGITS,
     LETTERS,

@@ -8,7 +8,8 @@ from clradar.backproject import METHODS, WINDOWS
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.dataset.plan.draws import fixed
 from clradar.dataset.plan.plan import ChannelErrors, Image, Impairments, Radar, WallPlan
-from clradar.dataset.plan.table import PlanTable, is_number
+from clradar.dataset.plan.table import PlanTable
+from clradar.files.table import is_number
 from clradar.geometry.normals import CREASE_DEG
 from clradar.model import VoxelGrid
 from clradar.tracing.settings import RECEPTION_RADIUS_M, SimulationSettings

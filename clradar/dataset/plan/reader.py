@@ -10,9 +10,10 @@ from typing import Any
 from clradar.dataset.plan.hand_tables import alpha_of, hands_of, placement_of, poses_of
 from clradar.dataset.plan.plan import PRODUCTS, Output, Plan
 from clradar.dataset.plan.radar_tables import image_of, impairments_of, radar_of, simulation_of
-from clradar.dataset.plan.table import PlanError, PlanTable, choice_text
+from clradar.dataset.plan.table import PlanError, PlanTable
 from clradar.files.failures import shown
 from clradar.files.limits import MAX_PLAN_BYTES
+from clradar.files.table import choice_text
 from clradar.files.toml_file import read_toml
 
 MAX_SAMPLES = 10**8

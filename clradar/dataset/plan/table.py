@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from clradar.dataset.plan.draws import KINDS, SIGMAS, Draw, fixed
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import clean
+from clradar.files.table import Table, is_number, is_whole, nearest
 from clradar.files.toml_file import toml_brief
 
 Value = TypeVar("Value")
-
-LONGEST = 1e15
-"""Decimal numbers below this are shown as the whole number to write instead."""
 
 
 class PlanError(MeasurementError):
@@ -44,64 +41,37 @@ class PlanError(MeasurementError):
         super().__init__("\n".join(mistakes))
 
 
-class PlanTable:
+class PlanTable(Table):
     """One table of a plan.
 
     Parameters
     ----------
-    source : str
-        The plan, for messages.
-    name : str
-        The table's name with dots, empty for the file's top.
-    content : object
+    source, name, content
+        As for `Table`.
     mistakes : list of str
         Shared by all tables of a plan.
     """
 
     def __init__(self, source: str, name: str, content: Any, mistakes: list[str]) -> None:
-        self._source, self._name, self._mistakes = source, name, mistakes
-        self._known: list[str] = []
-        self._content = content if isinstance(content, dict) else {}
-        if not isinstance(content, dict):
-            self.refuse("", "a table", content)
-
-    def mistake(self, key: str, expected: str, words: str) -> None:
-        """Report that a key is invalid; `words` describe what was found."""
-        self.note(
-            f"{clean(self._source)}: {self._place(key)}: expected {expected}, got {clean(words)}"
-        )
-
-    def refuse(self, key: str, expected: str, value: object) -> None:
-        """Report that a key has an invalid value."""
-        self.mistake(key, expected, toml_brief(value))
-
-    def _place(self, key: str) -> str:
-        return ".".join(part for part in (self._name, key) if part)
+        self._mistakes = mistakes
+        super().__init__(source, name, content)
 
     def note(self, line: str) -> None:
         self._mistakes.append(line)
-
-    def has(self, key: str) -> bool:
-        return key in self._content
-
-    def raw(self, key: str, default: Any = None) -> Any:
-        """Return a value as it is."""
-        self._known.append(key)
-        return self._content.get(key, default)
 
     def table(self, key: str) -> PlanTable:
         """Return an inner table, an empty one if it is not there."""
         return self.inner(key, self.raw(key, {}))
 
     def inner(self, key: str, content: Any) -> PlanTable:
-        return PlanTable(self._source, self._place(key), content, self._mistakes)
+        return PlanTable(self._source, self.place(key), content, self._mistakes)
 
     def checked(self, key: str, check: Callable[..., Value], *args: Any) -> Value | None:
         """Return `check(*args)`, or report why it raises and return None."""
         try:
             return check(*args)
         except (ClradarError, OSError) as error:
-            self.note(f"{clean(self._source)}: {self._place(key)}: {clean(error)}")
+            self.note(f"{clean(self._source)}: {self.place(key)}: {clean(error)}")
             return None
 
     def number(
@@ -114,24 +84,6 @@ class PlanTable:
             return default
         return float(value)
 
-    def whole(self, key: str, default: int, low: int, high: int) -> int:
-        value = self.raw(key, default)
-        expected = f"a whole number from {low} to {high}"
-        if isinstance(value, float) and value.is_integer() and abs(value) < LONGEST:
-            self.mistake(key, expected, f"the decimal number {value!r}; write {int(value)}")
-            return default
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            self.refuse(key, expected, value)
-            return default
-        return value
-
-    def one_of(self, key: str, default: str, choices: Sequence[str]) -> str:
-        value = self.raw(key, default)
-        if not isinstance(value, str) or value not in choices:
-            self.refuse(key, choice_text(value, choices), value)
-            return default
-        return value
-
     def numbers(self, key: str, default: Sequence[float], count: int) -> tuple[float, ...]:
         value = self.raw(key, list(default))
         if not isinstance(value, list) or len(value) != count or not all(map(is_number, value)):
@@ -142,9 +94,7 @@ class PlanTable:
     def whole_numbers(self, key: str, low: int, high: int) -> tuple[int, ...]:
         """Return a list of whole numbers, none of them twice; an empty one if it is not there."""
         value = self.raw(key, [])
-        good = isinstance(value, list) and all(
-            isinstance(v, int) and not isinstance(v, bool) and low <= v <= high for v in value
-        )
+        good = isinstance(value, list) and all(is_whole(v) and low <= v <= high for v in value)
         if not good or len(set(value)) != len(value):
             self.refuse(key, f"a list of different whole numbers from {low} to {high}", value)
             return ()
@@ -213,31 +163,6 @@ class PlanTable:
             self.refuse(f"{key}.{kind}", "a standard deviation that is not negative", given)
             return None
         return Draw(kind, values)
-
-    def done(self, known: Sequence[str] = ()) -> None:
-        """Report every key that was not read; `known` are further valid ones."""
-        names = list(dict.fromkeys([*self._known, *known]))
-        for key in self._content:
-            if key not in names:
-                remark = f"unknown key; expected one of {', '.join(names)}{nearest(key, names)}"
-                self.note(f"{clean(self._source)}: {clean(self._place(key))}: {remark}")
-
-
-def is_number(value: object) -> bool:
-    """Whether a value of TOML or JSON is a finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return abs(value) < 1e300  # an int of any length, or an infinity, is larger; NaN is not less
-
-
-def nearest(given: object, known: Sequence[str]) -> str:
-    """Return "; did you mean ...?" where a known word is near to what was given, else nothing."""
-    found = get_close_matches(str(given), known, n=1)
-    return f" (did you mean '{found[0]}'?)" if found else ""
-
-
-def choice_text(given: object, choices: Sequence[str]) -> str:
-    return "one of " + ", ".join(f'"{c}"' for c in choices) + nearest(given, choices)
 
 
 def _range(low: float, high: float, above: bool) -> str:

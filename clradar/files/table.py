@@ -1,0 +1,118 @@
+"""Tables of TOML or JSON files: values read one by one and checked, unknown keys refused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+from typing import Any, NoReturn, TypeVar
+
+from clradar.errors import MeasurementError
+from clradar.files.failures import clean
+from clradar.files.toml_file import toml_brief
+
+Default = TypeVar("Default")
+
+LONGEST = 1e15
+"""Decimal numbers below this are shown as the whole number to write instead."""
+
+
+class Table:
+    """One table. An invalid value raises `MeasurementError`, unless a subclass collects them.
+
+    Parameters
+    ----------
+    source : str
+        The file, for messages.
+    name : str
+        The table's name with dots, empty for the file's top.
+    content : object
+    """
+
+    def __init__(self, source: str, name: str, content: Any) -> None:
+        self._source, self._name = source, name
+        self._known: list[str] = []
+        self._content = content if isinstance(content, dict) else {}
+        if not isinstance(content, dict):
+            self.refuse("", "a table", content)
+
+    def note(self, line: str) -> None:
+        """Report that something is invalid; without an override, raise."""
+        raise MeasurementError(line)
+
+    def mistake(self, key: str, expected: str, words: str) -> None:
+        """Report that a key is invalid; `words` describe what was found."""
+        self.note(
+            f"{clean(self._source)}: {self.place(key)}: expected {expected}, got {clean(words)}"
+        )
+
+    def refuse(self, key: str, expected: str, value: object) -> None:
+        """Report that a key has an invalid value."""
+        self.mistake(key, expected, toml_brief(value))
+
+    def fail(self, key: str, expected: str, got: object) -> NoReturn:
+        """Raise the error that names the file, the key, what was expected and what was found."""
+        words = got if isinstance(got, str) else toml_brief(got)
+        Table.mistake(self, key, expected, words)
+        raise AssertionError
+
+    def place(self, key: str) -> str:
+        return ".".join(part for part in (self._name, key) if part)
+
+    def has(self, key: str) -> bool:
+        return key in self._content
+
+    def raw(self, key: str, default: Any = None) -> Any:
+        """Return a value as it is."""
+        self._known.append(key)
+        return self._content.get(key, default)
+
+    def whole(self, key: str, default: Default, low: int, high: int) -> int | Default:
+        value = self.raw(key, default)
+        expected = f"a whole number from {low} to {high}"
+        if value is None and default is None:
+            return default
+        if isinstance(value, float) and value.is_integer() and abs(value) < LONGEST:
+            self.mistake(key, expected, f"the decimal number {value!r}; write {int(value)}")
+            return default
+        if not is_whole(value) or not low <= value <= high:
+            self.refuse(key, expected, value)
+            return default
+        return value
+
+    def one_of(self, key: str, default: Default, choices: Sequence[str]) -> str | Default:
+        value = self.raw(key, default)
+        if value is None and default is None:
+            return default
+        if not isinstance(value, str) or value not in choices:
+            self.refuse(key, choice_text(value, choices), value)
+            return default
+        return value
+
+    def done(self, known: Sequence[str] = ()) -> None:
+        """Report every key that was not read; `known` are further valid ones."""
+        names = list(dict.fromkeys([*self._known, *known]))
+        for key in self._content:
+            if key not in names:
+                remark = f"unknown key; expected one of {', '.join(names)}{nearest(key, names)}"
+                self.note(f"{clean(self._source)}: {clean(self.place(key))}: {remark}")
+
+
+def is_number(value: object) -> bool:
+    """Whether a value of TOML or JSON is a finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) < 1e300  # an int of any length, or an infinity, is larger; NaN is not less
+
+
+def is_whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def nearest(given: object, known: Sequence[str]) -> str:
+    """Return "; did you mean ...?" where a known word is near to what was given, else nothing."""
+    found = get_close_matches(str(given), known, n=1)
+    return f" (did you mean '{found[0]}'?)" if found else ""
+
+
+def choice_text(given: object, choices: Sequence[str]) -> str:
+    return "one of " + ", ".join(f'"{c}"' for c in choices) + nearest(given, choices)
