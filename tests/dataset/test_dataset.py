@@ -95,7 +95,7 @@ def test_a_sample_is_what_its_parts_give_by_themselves(made: Path) -> None:
     np.testing.assert_array_equal(found["depth_map"], depth.astype(np.float32))
 
 
-def test_turns_are_about_the_fixed_axes_x_then_y_then_z() -> None:
+def test_rotations_are_about_the_fixed_axes_x_then_y_then_z() -> None:
     quarter = np.pi / 2
     x, y, z = np.eye(3)
     for angles, point, expected in (

@@ -112,7 +112,7 @@ def test_a_data_set_that_is_not_complete_says_so(
     assert len(open_dataset(tmp_path).sample) == 3
 
 
-def test_inspect_of_an_empty_folder_speaks_of_data_sets_too(
+def test_inspect_of_an_empty_folder_mentions_data_sets(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:

@@ -231,7 +231,7 @@ def test_two_runs_in_one_folder_are_one_error(plan: Plan, tmp_path: Path) -> Non
     run(plan, tmp_path, engine=Second("pocl"))
 
 
-def test_a_client_killed_at_any_moment_loses_nothing(
+def test_a_killed_run_resumes_to_the_same_bytes(
     plan: Plan, plan_file: Path, undisturbed: dict[str, str], tmp_path: Path
 ) -> None:
     folder = tmp_path / "set"

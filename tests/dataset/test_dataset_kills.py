@@ -59,7 +59,7 @@ def started(arguments: list[str]) -> subprocess.Popen[str]:
     )
 
 
-def test_kills_at_random_moments_change_nothing(
+def test_kills_at_random_moments_change_no_byte(
     plan_file: Path, undisturbed: dict[str, str], tmp_path: Path
 ) -> None:
     draw = random.Random(SEED)
@@ -103,7 +103,7 @@ def test_kills_at_random_moments_change_nothing(
     print(f"{done} kills in {len(there)} runs, files there after each: {there}")
 
 
-def test_whoever_presses_ctrl_c_again_and_again_does_not_wait_for_ever(
+def test_repeated_ctrl_c_ends_the_run(
     plan_file: Path, undisturbed: dict[str, str], tmp_path: Path
 ) -> None:
     folder = tmp_path / "set"

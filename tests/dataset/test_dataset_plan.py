@@ -169,7 +169,7 @@ def test_a_kind_of_draw_that_is_not_for_this_key_is_no_slip() -> None:
     assert line.endswith("or { choice = [a, b, ...] }, got { normal = ... }")
 
 
-def test_mistakes_in_rigs_speak_of_the_key(tmp_path: Path) -> None:
+def test_mistakes_in_rigs_name_the_key(tmp_path: Path) -> None:
     maker = RigMaker(called=lambda name: f"bone {JOINT_NAMES.index(name)}")
     maker.save(tmp_path / "hand.glb")
     content = tiny(hands={"shape": None, "rigs": ["hand.glb"]})
@@ -335,6 +335,6 @@ def test_a_sample_that_the_plan_does_not_have_is_refused() -> None:
         recipe(plan_of(), 5)
 
 
-def test_the_tiny_plan_is_left_alone() -> None:
+def test_tiny_does_not_change_the_plan_it_starts_from() -> None:
     assert tiny() == TINY
     assert tiny(poses={"names": None})["poses"] == {}

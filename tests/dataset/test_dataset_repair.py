@@ -1,4 +1,4 @@
-"""Data sets whose files are corrupt or lost: the same command makes them again, or says why."""
+"""Data sets whose files are corrupt or lost: they are made again by the same command."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def of_another_plan(path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [Path.unlink, shortened, emptied])
-def test_a_shard_that_is_gone_is_made_again(
+def test_a_missing_shard_is_made_again(
     light: Path, light_copy: Path, damage: Callable[[Path], Any]
 ) -> None:
     damage(light_copy / "shards" / "shard-00001.h5")
@@ -149,7 +149,7 @@ def test_the_command_says_that_a_shard_is_made_again(
     assert "shard-00000.h5: is missing; its samples are made again" in err
     assert "4 of 4 samples, 2 of them made now" in out
     assert digests(tmp_path / "set") == before
-    # What inspect --check says of a flip_a_bit byte: delete the file, and give the command again.
+    # What inspect --check says of a flipped bit: delete the file, and give the command again.
     flip_a_bit(tmp_path / "set" / "shards" / "shard-00001.h5")
     assert "0 of them made now" in called()[0]
     assert "4 of them made now" in called("--force")[0]
@@ -235,7 +235,7 @@ def test_foreign_files_in_parts_are_left_alone(light_copy: Path) -> None:
     assert line == "parts/1.csv: is not of this data set; it can be removed by hand"
 
 
-def test_a_complete_data_set_says_what_it_does_without(tmp_path: Path) -> None:
+def test_the_description_counts_samples_set_aside(tmp_path: Path) -> None:
     run(LIGHT, tmp_path, engine=Engine(aside=(4,)))
     text = str(describe_dataset(tmp_path))
     assert "yes, but for 1 set aside" in text

@@ -69,7 +69,7 @@ def test_a_kill_while_a_shard_is_closed_loses_nothing(
     assert digests(tmp_path / "killed") == digests(light)
 
 
-def test_a_data_set_does_without_samples_that_fail(tmp_path: Path) -> None:
+def test_a_data_set_is_complete_without_samples_that_fail(tmp_path: Path) -> None:
     # A whole shard, and one of another.
     result = run(LIGHT, tmp_path, engine=Engine(aside=(0, 1, 2, 4)))
     assert [aside.sample for aside in result.aside] == [0, 1, 2, 4]

@@ -365,7 +365,7 @@ def test_letter_f_closes_a_ring_of_thumb_and_index():
     assert joint(joints_m, "middle-finger-tip")[1] - joint(joints_m, "index-finger-tip")[1] > 0.06
 
 
-def test_letter_f_ring_is_open_seen_from_the_radar():
+def test_the_ring_of_letter_f_is_open_towards_the_radar():
     surface = hand_mesh("F", COARSE_M)
     # Rasterise the faces' projection: an enclosed empty region is the hole of the ring.
     from scipy import ndimage
@@ -461,7 +461,7 @@ def test_result_is_deterministic():
         ({"center_m": (0.0, 0.0, float("nan"))}, "center_m: expected finite numbers"),
     ],
 )
-def test_arguments_that_cannot_be_meant_are_refused(arguments, message):
+def test_invalid_arguments_are_refused(arguments, message):
     with pytest.raises(ModelError, match=message):
         hand_mesh(**arguments)
 

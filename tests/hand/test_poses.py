@@ -105,7 +105,7 @@ def test_a_pose_is_hashable_comparable_and_picklable():
         ),
     ],
 )
-def test_poses_that_cannot_be_are_refused(make, message):
+def test_invalid_poses_are_refused(make, message):
     with pytest.raises(ModelError, match=message):
         make()
 
@@ -125,7 +125,7 @@ def test_every_angle_is_accepted_at_its_limits_and_refused_beyond():
 # --- kinematics
 
 
-def test_angles_turn_the_way_they_are_said_to():
+def test_angles_have_the_documented_signs():
     def moved(name: str, angles_deg: tuple[float, float, float], watched: str) -> np.ndarray:
         bent = posed_skeleton(HandPose("x", {name: JointAngles.from_degrees(*angles_deg)}))
         at = JOINT_NAMES.index(watched)
@@ -275,7 +275,7 @@ def test_all_signs_are_there_and_described():
 
 
 @pytest.mark.parametrize("sign", SIGNS)
-def test_digits_of_a_sign_touch_and_do_not_run_into_one_another(sign):
+def test_digits_of_a_sign_hardly_penetrate(sign):
     for found in overlaps(POSES[sign]):
         palm = "palm" in found.parts
         assert found.depth_m < (MOST_LETTER_PALM_OVERLAP_M if palm else MOST_LETTER_OVERLAP_M)
@@ -299,7 +299,7 @@ def test_the_right_fingers_are_out():
             assert reach > 0.98 if finger[0] in out else reach < 0.95, (sign, finger, reach)
 
 
-def test_the_tips_that_ought_to_touch_do():
+def test_tips_in_contact_are_close():
     # Tips are 4 and 6 mm below the skin, whose pads press against each other: 10 to 20 mm.
     for sign, finger in (("F", "index"), ("9", "index"), ("8", "middle"), ("7", "ring"),
                          ("6", "pinky"), ("D", "middle"), ("O", "index"), ("O", "middle"),
@@ -335,7 +335,7 @@ def test_the_fists_differ_by_the_thumb():
     assert gap_m("E", "thumb", "ring") < 0.025
 
 
-def test_turned_signs_point_where_they_should():
+def test_signs_with_a_rotated_wrist_point_where_they_should():
     def pointing(sign: str, finger: str) -> np.ndarray:
         bones = posed_skeleton(POSES[sign])
         ends = [JOINT_NAMES.index(f"{finger}-finger-{b}") for b in ("phalanx-proximal", "tip")]
@@ -353,14 +353,14 @@ def test_turned_signs_point_where_they_should():
 
 
 @pytest.mark.parametrize("sign", ["K", "M", "Q", "S"])
-def test_surface_of_a_sign_is_closed_and_runs_through_itself_nowhere(sign):
+def test_surface_of_a_sign_is_closed_without_self_intersections(sign):
     check_surface(hand_mesh(sign, COARSE_M))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("edge_length_m", [1.4e-3, 1.7e-3, COARSE_M])
 @pytest.mark.parametrize("sign", POSES)
-def test_every_surface_is_closed_and_runs_through_itself_nowhere(sign, edge_length_m):
+def test_every_surface_is_closed_without_self_intersections(sign, edge_length_m):
     check_surface(hand_mesh(sign, edge_length_m))
 
 

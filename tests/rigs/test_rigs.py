@@ -1,4 +1,4 @@
-"""Skinned glTF hands: found, measured, posed; and what is wrong with wrong ones."""
+"""Skinned glTF hands: joints, unit, side and pose; and the errors of invalid files."""
 
 from __future__ import annotations
 
@@ -274,7 +274,7 @@ def test_parts_are_those_of_the_digits(tmp_path: Path) -> None:
     assert scene.n_faces == len(posed.faces)
 
 
-def test_turned_wrists_turn_the_whole_hand(tmp_path: Path) -> None:
+def test_wrist_angles_rotate_the_whole_hand(tmp_path: Path) -> None:
     pose = HandPose("turned", {"wrist": JointAngles.from_degrees(flexion_deg=30.0)})
     rig = read_rig(make(tmp_path, turn=TURN, bones=True))
     found = joints_about_wrist(rig.posed(pose))
@@ -391,7 +391,7 @@ def test_a_rigid_mesh_below_a_joint_moves_with_it(tmp_path: Path) -> None:
     assert gap.max() < VERTEX_TOLERANCE_M
 
 
-def test_two_hands_in_one_file_are_told_apart(tmp_path: Path) -> None:
+def test_one_of_two_hands_in_a_file_is_chosen(tmp_path: Path) -> None:
     right, left = RigMaker(called="{}.R".format), RigMaker(called="{}.L".format, turn=MIRROR)
     one, other = right.build(), left.build()
     nodes, views, accessors = len(one.nodes), len(one.bufferViews), len(one.accessors)
@@ -482,7 +482,7 @@ def test_wrong_mappings_are_named(tmp_path: Path, text: str, message: str) -> No
         read_rig(path, mapping=mapping)
 
 
-def test_mappings_are_read_alone_too(tmp_path: Path) -> None:
+def test_mappings_are_read_without_a_rig(tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text("[joints]\nwrist = 'a b'\nthumb-tip = 7")
     assert read_mapping(tmp_path / "m.toml") == {"wrist": "a b", "thumb-tip": 7}
 
@@ -721,7 +721,7 @@ def test_cut_and_foreign_files_are_named(tmp_path: Path) -> None:
         read_rig(tmp_path)
 
 
-def test_damaged_files_raise_nothing_else(tmp_path: Path) -> None:
+def test_damaged_files_raise_rig_errors_only(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     content = make(tmp_path).read_bytes()
     path = tmp_path / "damaged.glb"

@@ -6,6 +6,7 @@ import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -138,6 +139,7 @@ def is_device_fault(aside: Aside) -> bool:
     return aside.reason.startswith(f"{DeviceError.__name__}: ")
 
 
+@lru_cache(maxsize=4)
 def made_with(device: Device) -> dict[str, Any]:
     """Return the versions and the device on which a sample's bits depend."""
     return {
