@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
+import runpy
 import sys
+import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,22 +16,35 @@ from dataset_plans import tiny
 from clradar.dataset import run
 from clradar.dataset.plan.reader import plan_from
 
+OutputOf = Callable[..., list[str]]
+
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
-def output_of(name: str, folder: Path, *arguments: str) -> str:
-    environment = {**os.environ, "CLRADAR_DEVICE": "pocl"}
-    done = subprocess.run(
-        [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+@pytest.fixture
+def output_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> OutputOf:
+    """Run an example in the test's folder; lines of its output.
+
+    With `sizes` its function `main` is called, without it runs as a script with `arguments`.
+    """
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
+
+    def run(name: str, *arguments: str, **sizes: float) -> list[str]:
+        path = str(EXAMPLES / name)
+        monkeypatch.setattr(sys, "argv", [path, *arguments])
+        capsys.readouterr()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            if sizes:
+                runpy.run_path(path)["main"](**sizes)
+            else:
+                runpy.run_path(path, run_name="__main__")
+        return capsys.readouterr().out.splitlines()
+
+    return run
 
 
 def numbers(line: str) -> list[float]:
@@ -54,46 +68,44 @@ def test_they_are_short(path: Path) -> None:
     assert len(path.read_text().splitlines()) < 70
 
 
-def test_simulate_hand(tmp_path: Path) -> None:
+def test_simulate_hand(tmp_path: Path, output_of: OutputOf) -> None:
     paths, pixels, depth_mm = (
-        numbers(line)[-1] for line in output_of("simulate_hand.py", tmp_path).splitlines()
+        numbers(line)[-1] for line in output_of("simulate_hand.py", samples_per_mm2=0.5)
     )
     assert paths > 1e5
-    # 2 mm pixels of 4 mm^2: the hand's outline has about 10 000 mm^2, of which a part is seen.
+    # 2 mm pixels of 4 mm^2: the hand's outline has about 10 000 mm^2, of which a part is visible.
     assert 500 < pixels < 2500
     assert 280 < depth_mm < 320
     assert (tmp_path / "hand.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_point_target(tmp_path: Path) -> None:
-    for line, at_mm in zip(
-        output_of("point_target.py", tmp_path).splitlines(), (0, 0, 300), strict=True
-    ):
+def test_point_target(tmp_path: Path, output_of: OutputOf) -> None:
+    for line, at_mm in zip(output_of("point_target.py"), (0, 0, 300), strict=True):
         peak_mm, width_mm, theory_mm = numbers(line)
         assert peak_mm == at_mm
-        # The far-field theory leaves out that the legs are longer than z, by up to 5 %.
+        # The far-field theory neglects that the paths are longer than z, by up to 5 %.
         assert theory_mm <= width_mm < 1.05 * theory_mm
 
 
-def test_compare_alpha(tmp_path: Path) -> None:
-    lines = output_of("compare_alpha.py", tmp_path).splitlines()
+def test_compare_alpha(tmp_path: Path, output_of: OutputOf) -> None:
+    lines = output_of("compare_alpha.py", samples_per_mm2=0.3)
     assert lines[-1] == "best: alpha = 0.3"
     assert all(-1 <= numbers(line)[1] <= 1 for line in lines[:-1])
     assert (tmp_path / "compare_alpha.png").is_file()
 
 
-def test_read_maroon_frame(tmp_path: Path) -> None:
-    lines = output_of("read_maroon_frame.py", tmp_path).splitlines()
+def test_read_maroon_frame(tmp_path: Path, output_of: OutputOf) -> None:
+    lines = output_of("read_maroon_frame.py")
     # The ball's centre is at (20, -10, 300) mm; it glints 10 mm before that. Pixels are 2 mm.
     for value, expected in zip(numbers(lines[-1]), (19.3, -9.7, 290.0), strict=True):
         assert abs(value - expected) <= 2
     assert {"ball", "frame.h5", "frame.png"} == {p.name for p in tmp_path.iterdir()}
-    again = output_of("read_maroon_frame.py", tmp_path).splitlines()
+    again = output_of("read_maroon_frame.py")
     assert again == lines
 
 
-def test_read_recording(tmp_path: Path) -> None:
-    mesh, *frames = output_of("read_recording.py", tmp_path).splitlines()
+def test_read_recording(tmp_path: Path, output_of: OutputOf) -> None:
+    mesh, *frames = output_of("read_recording.py")
     assert numbers(mesh) == [20.0, -10.0, 300.0]
     assert len(frames) == 3
     for number, line in enumerate(frames):
@@ -104,8 +116,8 @@ def test_read_recording(tmp_path: Path) -> None:
             assert abs(value - expected) <= 2
 
 
-def test_sim_vs_measurement(tmp_path: Path) -> None:
-    shift, given, aligned = output_of("sim_vs_measurement.py", tmp_path).splitlines()
+def test_sim_vs_measurement(tmp_path: Path, output_of: OutputOf) -> None:
+    shift, given, aligned = output_of("sim_vs_measurement.py")
     # The mesh lies at +4 and +3 mm (x, y); mesh against measurement is good to 1.5 mm.
     for value, expected in zip(numbers(shift), (-4, -3, 0), strict=True):
         assert abs(value - expected) <= 1.5
@@ -113,12 +125,10 @@ def test_sim_vs_measurement(tmp_path: Path) -> None:
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     for part in ("Measurement", "As given", "Registered", "The mesh is shifted by"):
         assert part in page
-    help_text = output_of("sim_vs_measurement.py", tmp_path, "--help")
-    assert "--mesh" in help_text
 
 
-def test_own_array(tmp_path: Path) -> None:
-    lines = output_of("own_array.py", tmp_path).splitlines()
+def test_own_array(tmp_path: Path, output_of: OutputOf) -> None:
+    lines = output_of("own_array.py", samples_per_mm2=0.5)
     # Where the line from the array's centre to the ball's meets the ball. Half a voxel is 2.5 mm,
     # and c / 2B is 75 mm: a tenth of that for what the array's size does to the glint.
     glints = {"left": (-93.5, 46.8, 420.9), "right": (113.6, -37.9, 520.8)}
@@ -128,22 +138,24 @@ def test_own_array(tmp_path: Path) -> None:
             assert abs(value - expected) <= 10
 
 
-def test_convert_lab_file(tmp_path: Path) -> None:
-    lines = output_of("convert_lab_file.py", tmp_path).splitlines()
+def test_convert_lab_file(tmp_path: Path, output_of: OutputOf) -> None:
+    lines = output_of("convert_lab_file.py")
     assert 'real = "s_real"' in lines
     # A single point on a voxel: the image is strongest there and nowhere else.
     assert lines[-1] == "strongest: 20, -10, 250 mm"
     assert {"lab.npz", "lab.h5"} == {p.name for p in tmp_path.iterdir()}
 
 
-def test_train_letters(tmp_path: Path) -> None:
+def test_train_letters(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output_of: OutputOf
+) -> None:
     """Two letters as unlike as a fist and a flat hand can be told apart from a few samples each."""
     plan = plan_from(
         tiny(
             samples=24,
             poses={"names": ["A", "B"]},
             hands={"handedness": "right"},
-            radar={"every": 3},
+            radar={"every": 4},
             image={"step_mm": 5},
             output={"shard_size": 24, "products": ["max_projection", "depth_map"]},
         ),
@@ -151,19 +163,14 @@ def test_train_letters(tmp_path: Path) -> None:
         tmp_path,
     )
     run(plan, tmp_path / "letters")
-    run(replace(plan, samples=6), tmp_path / "few")
-    for name, prelude, words in (
-        ("few", "", "expected at least two poses and four samples of each, got 6 samples of 2"),
-        ("letters", "import sys; sys.modules['sklearn'] = None; ", "pip install scikit-learn"),
-    ):
-        program = f"{prelude}import runpy; runpy.run_path({str(EXAMPLES / 'train_letters.py')!r})"
-        program += f"['main']({name!r})"
-        command = [sys.executable, "-c", program]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert done.returncode == 1
-        assert words in done.stderr
-        assert done.stderr.count("\n") == 1
-    right = output_of("train_letters.py", tmp_path, "letters").splitlines()[0]
+    run(replace(plan, samples=3), tmp_path / "few")
+    with pytest.raises(SystemExit, match="expected at least two poses and four samples of each"):
+        output_of("train_letters.py", "few")
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "sklearn.decomposition", None)
+        with pytest.raises(SystemExit, match="pip install scikit-learn"):
+            output_of("train_letters.py", "letters")
+    right = output_of("train_letters.py", "letters")[0]
     # 5 of 6: guessing is right as often once in nine times, and the seed is fixed.
     assert numbers(right)[0] == 6
     assert numbers(right)[1] >= 0.8
