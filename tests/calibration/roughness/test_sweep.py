@@ -13,7 +13,7 @@ import pytest
 from shapes import plate
 
 import clradar
-from calibration import Regions, Sweep, sweep
+from calibration import Regions, Sweep, align_mesh, sweep
 from calibration.roughness.estimate import MIN_SELF_AGREEMENT, estimate_alpha, peak, scored
 from calibration.roughness.figure import MOST_IMAGES, shown_alphas, sweep_figure
 from clradar.cli import main
@@ -507,11 +507,15 @@ def test_the_mesh_is_put_where_the_transform_or_the_alignment_says(files, monkey
         def report(self):
             return "found it"
 
-    def align_mesh(volume, scene, **options):
+    parameters = inspect.signature(align_mesh).parameters
+
+    def found_by_search(volume, scene, **options):
+        assert set(options) <= set(parameters)
+        assert options["waveform"].n_freq == WAVEFORM.n_freq
         asked.append(options["search_deg"])
         return Found()
 
-    monkeypatch.setattr("calibration.align_mesh", align_mesh)
+    monkeypatch.setattr("calibration.align_mesh", found_by_search)
     aligned = [*short, "--align", "--search-deg", "20", "-o", "by_search"]
     assert run(*aligned) == 0
     assert asked == [20.0]

@@ -1,0 +1,87 @@
+"""Groups of options: the command line they make, and the records that a command receives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from clradar.cli.options.common import DeviceOption
+from clradar.cli.options.groups import REQUIRED, argument, expanded, given, option, recorded
+
+
+@dataclass(frozen=True, kw_only=True)
+class Base:
+    window: Literal["rect", "hann"] = option("rect", "Weights.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group(Base):
+    source: Path = argument(REQUIRED, "What is read.", metavar="SOURCE")
+    edge_mm: float | None = option(None, "Length of an edge.", metavar="MM")
+    size: tuple[float, float] | None = option(None, "Width and height.")
+    parts: list[Literal["palm", "thumb"]] | None = option(None, "Parts.", names=("-p", "--part"))
+    left: bool = option(False, "A left hand.")
+
+
+def outcome_of(*arguments: str) -> tuple[int, str, list[object]]:
+    """Exit status, output, and the record, device and count that a command received."""
+    received: list[object] = []
+
+    def command(
+        *, group: Group, count: int = option(REQUIRED, "How many."), device: DeviceOption = None
+    ) -> None:
+        received.extend([group, count, device])
+
+    app = typer.Typer(rich_markup_mode=None)
+    # The hints of a nested function name classes of this module.
+    app.command()(expanded(command))
+    result = CliRunner().invoke(app, list(arguments))
+    return result.exit_code, result.output, received
+
+
+def test_a_command_receives_records_and_single_options() -> None:
+    status, output, received = outcome_of(
+        "a.h5", "--edge-mm", "2", "--size", "3", "4", "--window", "hann", "-p", "palm",
+        "--part", "thumb", "--left", "--count", "7", "--device", "pocl",
+    )  # fmt: skip
+    assert status == 0, output
+    group = Group(
+        source=Path("a.h5"), edge_mm=2.0, size=(3.0, 4.0), window="hann", parts=["palm", "thumb"],
+        left=True,
+    )  # fmt: skip
+    assert received == [group, 7, "pocl"]
+    # What JSON reads back equal.
+    assert recorded(group, n=1) == {
+        "source": "a.h5", "edge_mm": 2.0, "size": [3.0, 4.0], "window": "hann",
+        "parts": ["palm", "thumb"], "left": True, "n": 1,
+    }  # fmt: skip
+
+
+def test_defaults_and_what_was_given() -> None:
+    status, output, (group, _, device) = outcome_of("a.h5", "--count", "7")
+    assert status == 0, output
+    assert group == Group(source=Path("a.h5"))
+    assert device is None
+    assert given(group) == {"--source": Path("a.h5")}
+    assert list(given(Group(source=Path("a"), edge_mm=0.0))) == ["--source", "--edge-mm"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (["--count", "7"], "SOURCE"),
+        (["a.h5"], "--count"),
+        (["a.h5", "--count", "7", "--window", "taylor"], "hann"),
+        (["a.h5", "--count", "7", "--part", "wrist"], "thumb"),
+        (["a.h5", "--count", "7", "--edge-mm", "long"], "--edge-mm"),
+    ],
+)
+def test_wrong_usage(arguments: list[str], part: str) -> None:
+    status, output, received = outcome_of(*arguments)
+    assert (status, received) == (2, [])
+    assert part in output
