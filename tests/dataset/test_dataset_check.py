@@ -43,12 +43,15 @@ def changed(place: str, value: Any) -> Any:
                 file[place] = value
             else:
                 file[place][...] = value(file[place][...])
-        manifest = json.loads((folder / MANIFEST).read_text())
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        manifest["shards"][1]["sha256"] = digest
-        (folder / MANIFEST).write_text(json.dumps(manifest))
+        entry_changed(folder, sha256=hashlib.sha256(path.read_bytes()).hexdigest())
 
     return damage
+
+
+def entry_changed(folder: Path, **values: Any) -> None:
+    manifest = json.loads((folder / MANIFEST).read_text())
+    manifest["shards"][1] |= values
+    (folder / MANIFEST).write_text(json.dumps(manifest))
 
 
 def with_nan(array: np.ndarray) -> np.ndarray:
@@ -70,6 +73,8 @@ OUTSIDE = h5py.ExternalLink("shard-00000.h5", "entry/joints/data")
         (lambda f: flip_a_bit(f / "shards" / "shard-00001.h5"), "delete the file, and the same"),
         (lambda f: (f / MANIFEST).write_text("{"), "manifest.json"),
         (lambda f: (f / MANIFEST).unlink(), "manifest.json"),
+        (lambda f: entry_changed(f, file="../../elsewhere.h5"), "manifest.json: expected an entry"),
+        (lambda f: entry_changed(f, samples="2"), "manifest.json: expected an entry"),
         (changed("entry/labels/sample", lambda a: a + 1), "expected the samples 2, 3, got 3, 4"),
         (changed("entry/labels/recipe", lambda a: a[::-1]), "recipes, got others for the samples"),
         (changed("entry/labels/alpha", lambda a: a + 0.1), "labels/alpha: expected the value"),

@@ -26,7 +26,7 @@ from clradar.dataset.plan.reader import plan_from
 from clradar.dataset.store.content_check import check_part
 from clradar.dataset.store.shard_writer import assemble
 from clradar.errors import OutputError
-from clradar.files.failures import fail, reading, shown
+from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.json_differences import differences
 from clradar.files.json_file import read_json_object, write_json
@@ -138,11 +138,18 @@ def read_manifest(folder: Path) -> Manifest:
                 path, f"version {VERSION} or older", f"{record['clradar_version']}; update clradar"
             )
         manifest = Manifest(plan_from(record["plan"], shown(path), folder), record["made_with"])
-        for entry in record["shards"]:
-            manifest.shards[entry["number"]] = ShardEntry(**entry)
-        for entry in record["set_aside"]:
-            manifest.aside[entry["sample"]] = Aside(**entry)
+        for entry in (ShardEntry(**entry) for entry in record["shards"]):
+            if entry.file not in (None, shard_name(entry.number)) or type(entry.samples) is not int:
+                fail(path, f"an entry of {shard_name(entry.number)}", clean(entry))
+            manifest.shards[entry.number] = entry
+        for aside in record["set_aside"]:
+            manifest.aside[aside["sample"]] = Aside(**aside)
         return manifest
+
+
+def shard_name(number: int) -> str:
+    """Return the path of a shard, relative to the folder."""
+    return f"{SHARDS}/shard-{number:05d}.h5"
 
 
 def part_path(folder: Path, sample: int) -> Path:
@@ -179,7 +186,7 @@ class DatasetFolder:
         return part_path(self.path, sample)
 
     def shard(self, number: int) -> Path:
-        return self.path / SHARDS / f"shard-{number:05d}.h5"
+        return self.path / shard_name(number)
 
     def note(self, sample: int) -> Path:
         return self.path / PARTS / f"{sample:08d}.json"
@@ -235,9 +242,9 @@ class DatasetFolder:
         if parts:
             target = self.shard(number)
             self._assemble(target, parts)
-            name = f"{SHARDS}/{target.name}"
             size_bytes = target.stat().st_size
-            entry = ShardEntry(number, name, sha256_of(target), len(parts), size_bytes)
+            digest = sha256_of(target)
+            entry = ShardEntry(number, shard_name(number), digest, len(parts), size_bytes)
         for note in notes:
             aside = Aside(**read_json_object(note))
             self.manifest.aside[aside.sample] = aside
