@@ -1,6 +1,6 @@
 """Find where a mesh stood when it was measured: a script to run, copy and edit.
 
-    python calibration/align.py capture.h5 hand.ply -o transform.json
+    python calibration/scripts/align.py capture.h5 hand.ply -o transform.json
 
 `clradar align` does the same with more options; docs/calibration.md explains the result.
 """

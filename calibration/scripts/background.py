@@ -1,7 +1,7 @@
 """Take the empty room and what lies outside of a range window out of a capture: a script to edit.
 
-    python calibration/background.py hand.h5 --empty empty.h5 -o clean.h5
-    python calibration/background.py hand.h5 --near-mm 250 --far-mm 400 -o clean.h5
+    python calibration/scripts/background.py hand.h5 --empty empty.h5 -o clean.h5
+    python calibration/scripts/background.py hand.h5 --near-mm 250 --far-mm 400 -o clean.h5
 
 `clradar background` does the same with more options; docs/background.md explains them.
 """

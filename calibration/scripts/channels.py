@@ -1,7 +1,7 @@
 """Calibrate every channel on a known target, and correct a capture with it: a script to edit.
 
-    python calibration/channels.py plate.h5 -o channels.h5 --distance-mm 300
-    python calibration/channels.py plate.h5 -o channels.h5 --distance-mm 300 \
+    python calibration/scripts/channels.py plate.h5 -o channels.h5 --distance-mm 300
+    python calibration/scripts/channels.py plate.h5 -o channels.h5 --distance-mm 300 \
         --correct hand.h5 --corrected hand-corrected.h5
 
 `clradar channels` and `clradar correct` do the same with more options and targets;

@@ -1,7 +1,7 @@
 """Find the alpha that is most like a measurement: a script to run, copy and edit.
 
-    python calibration/align.py capture.h5 hand.ply -o transform.json
-    python calibration/sweep.py capture.h5 hand.ply --transform transform.json -o sweep.png
+    python calibration/scripts/align.py capture.h5 hand.ply -o transform.json
+    python calibration/scripts/sweep.py capture.h5 hand.ply --transform transform.json -o sweep.png
 
 `clradar sweep` does the same with more options, goes on after it was killed, and finds an alpha per
 region; docs/sweep.md explains the result.
