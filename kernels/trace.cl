@@ -30,6 +30,10 @@ static inline dual dual_distance(float3 p, float3 a_hi, float3 a_lo) {
                        dual_difference(p.z, 0.0f, a_hi.z, a_lo.z));
 }
 
+static inline dual distance_to(float3 p, __global const float *antenna) {
+    return dual_distance(p, load3(antenna), load3(antenna + 3));
+}
+
 /* Distance along the ray at which it enters each sphere of a group of receivers; negative where it
  * does not. A ray that starts inside enters at 0. */
 static inline float8 sphere_entry(__global const float *rx, const uint stride, const float3 o,
@@ -56,6 +60,20 @@ static inline bool meets_box(const float3 o, const float3 d, const float4 low, c
     return leave > 0.0f && entry <= leave;
 }
 
+/* The largest entry distance of all receivers; negative if the ray meets none. */
+static inline float farthest_entry(__global const float *rx, const uint n_groups, const float3 o,
+                                   const float3 d, const float radius_squared) {
+    float farthest = -1.0f;
+    for (uint g = 0; g < n_groups; ++g) {
+        const float8 entry =
+            sphere_entry(rx + g * CLR_GROUP, n_groups * CLR_GROUP, o, d, radius_squared);
+        const float4 four = entry.lo > entry.hi ? entry.lo : entry.hi;
+        const float2 two = four.lo > four.hi ? four.lo : four.hi;
+        farthest = larger(farthest, larger(two.x, two.y));
+    }
+    return farthest;
+}
+
 /* t_c for the random words of a draw. */
 static inline float3 outgoing_direction(const uint4 words, const float3 n, const float3 t_i,
                                         const float alpha) {
@@ -72,7 +90,7 @@ static inline float3 outgoing_direction(const uint4 words, const float3 n, const
 /* nodes, triangles  see common/bvh.h
  * normal    float (n_faces, 3, 3)      unit normals at the corners
  * alpha     float (n_faces)
- * tx_hi, tx_lo, rx_hi, rx_lo  float (n, 3)  antennas, metres, as hi + lo
+ * tx, rx    float (n, 6)               antennas, x, y, z as hi, then as lo, metres
  * rx_columns float (3, n_rx_groups * CLR_GROUP)  receivers by coordinate, padded with positions out of reach
  * point, shading, geometric  float (n_samples, 3)   sample_alpha float (n_samples)
  * visible   uchar (n_samples, n_tx_groups)
@@ -85,11 +103,10 @@ __kernel void trace_rays(
     const uint seed_low, const uint seed_high, const float radius, const float pattern_exponent,
     const float delta, const float4 box_low, const float4 box_high, const uint capacity,
     __global const float *nodes, __global const float *triangles, __global const float *normal,
-    __global const float *alpha, __global const float *tx_hi, __global const float *tx_lo,
-    __global const float *rx_hi, __global const float *rx_lo, __global const float *rx_columns,
-    __global const float *point, __global const float *shading, __global const float *geometric,
-    __global const float *sample_alpha, __global const uchar *visible, __global uint *counter,
-    __global ulong *key, __global float *path) {
+    __global const float *alpha, __global const float *tx, __global const float *rx,
+    __global const float *rx_columns, __global const float *point, __global const float *shading,
+    __global const float *geometric, __global const float *sample_alpha, __global const uchar *visible,
+    __global uint *counter, __global ulong *key, __global float *path) {
     const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
     if (i >= n_samples || group >= n_tx_groups) return;
     const uint bits = visible[(size_t)i * n_tx_groups + group];
@@ -100,10 +117,11 @@ __kernel void trace_rays(
 
     for (uint b = 0; b < CLR_GROUP; ++b) {
         if (!(bits & (1u << b))) continue;
-        const uint tx = group * CLR_GROUP + b;
+        const uint which_tx = group * CLR_GROUP + b;
+        __global const float *tx_m = tx + 6 * (size_t)which_tx;
         const float3 p0 = load3(point + 3 * (size_t)i);
-        const dual first_segment = dual_distance(p0, load3(tx_hi + 3 * (size_t)tx), load3(tx_lo + 3 * (size_t)tx));
-        const float3 arrival = (p0 - load3(tx_hi + 3 * (size_t)tx)) / first_segment.hi;
+        const dual first_segment = distance_to(p0, tx_m);
+        const float3 arrival = (p0 - load3(tx_m)) / first_segment.hi;
 
         for (uint ray = 0; ray < rays; ++ray) {
             float3 p = p0, t_i = arrival;
@@ -115,8 +133,8 @@ __kernel void trace_rays(
                 if (dot3(n, t_i) > 0.0f) n = -n;
                 if (dot3(face, t_i) > 0.0f) face = -face;
 
-                const uint4 words = draw(first_sample + i, tx, ray, DOMAIN_DIRECTION | bounce << 8,
-                                         seed_low, seed_high);
+                const uint4 words = draw(first_sample + i, which_tx, ray,
+                                         DOMAIN_DIRECTION | bounce << 8, seed_low, seed_high);
                 const float3 t_c = outgoing_direction(words, n, t_i, a);
                 ++drawn;
                 /* Also true for NaN, where t_d and t_m cancel. */
@@ -128,15 +146,8 @@ __kernel void trace_rays(
                 const float3 o = p + face * (2.0f * delta);
                 const bool last = bounce + 1 == max_bounces;
                 float farthest = -1.0f;
-                if (meets_box(p, t_c, box_low, box_high)) {
-                    for (uint g = 0; g < n_rx_groups; ++g) {
-                        const float8 entry =
-                            sphere_entry(rx_columns + g * CLR_GROUP, stride, p, t_c, radius_squared);
-                        const float4 four = entry.lo > entry.hi ? entry.lo : entry.hi;
-                        const float2 two = four.lo > four.hi ? four.lo : four.hi;
-                        farthest = larger(farthest, larger(two.x, two.y));
-                    }
-                }
+                if (meets_box(p, t_c, box_low, box_high))
+                    farthest = farthest_entry(rx_columns, n_rx_groups, p, t_c, radius_squared);
                 if (last && farthest < 0.0f) break;
 
                 const float reach = last ? farthest : FLT_MAX;
@@ -150,32 +161,29 @@ __kernel void trace_rays(
                         uint received = lanes8((entry >= 0.0f) & (entry < limit));
                         if (!received) continue;
                         uint slot = atomic_add(counter, popcount(received));
-                        for (; received; received &= received - 1, ++slot) {
-                            if (slot < capacity) {
-                                const uint rx = g * CLR_GROUP + lowest(received);
-                                const float3 rx_m = load3(rx_hi + 3 * (size_t)rx);
-                                const dual segment = dual_distance(p, rx_m, load3(rx_lo + 3 * (size_t)rx));
-                                const dual total = dual_add(travelled, segment);
-                                float amplitude = 1.0f;
+                        for (; received && slot < capacity; received &= received - 1, ++slot) {
+                            const uint which_rx = g * CLR_GROUP + lowest(received);
+                            __global const float *rx_m = rx + 6 * (size_t)which_rx;
+                            const dual segment = distance_to(p, rx_m);
+                            const dual total = dual_add(travelled, segment);
+                            float amplitude = 1.0f;
 #if CLR_SPREADING
-                                const float3 tx_m = load3(tx_hi + 3 * (size_t)tx);
-                                amplitude = 1.0f / (travelled.hi * segment.hi);
-                                if (pattern_exponent > 0.0f) {
-                                    const float leaving = (p0.z - tx_m.z) / first_segment.hi;
-                                    const float back = (p.z - rx_m.z) / segment.hi;
-                                    amplitude *= leaving > 0.0f && back > 0.0f
-                                                     ? pow(leaving * back, pattern_exponent)
-                                                     : 0.0f;
-                                }
-#endif
-                                key[slot] = (ulong)(tx * n_rx + rx) << 32 |
-                                            ((i * rays + ray) * max_bounces + bounce);
-                                __global float *row = path + 4 * (size_t)slot;
-                                row[0] = total.hi;
-                                row[1] = total.lo;
-                                row[2] = amplitude;
-                                row[3] = 0.0f;
+                            amplitude = 1.0f / (travelled.hi * segment.hi);
+                            if (pattern_exponent > 0.0f) {
+                                const float leaving = (p0.z - tx_m[2]) / first_segment.hi;
+                                const float back = (p.z - rx_m[2]) / segment.hi;
+                                amplitude *= leaving > 0.0f && back > 0.0f
+                                                 ? pow(leaving * back, pattern_exponent)
+                                                 : 0.0f;
                             }
+#endif
+                            key[slot] = (ulong)(which_tx * n_rx + which_rx) << 32 |
+                                        ((i * rays + ray) * max_bounces + bounce);
+                            __global float *row = path + 4 * (size_t)slot;
+                            row[0] = total.hi;
+                            row[1] = total.lo;
+                            row[2] = amplitude;
+                            row[3] = 0.0f;
                         }
                     }
                 }
@@ -189,7 +197,7 @@ __kernel void trace_rays(
                 const float3 next = rows3(t) + u * rows3(t + ROW_E1) + v * rows3(t + ROW_E2);
                 const dual segment = dual_distance(p, next, (float3)(0.0f));
                 travelled = dual_add(travelled, segment);
-                /* Not (next - p) / |next - p|: the ray started above p, which changes the direction of short segments. */
+                /* Not (next - p) / |next - p|: the ray started above p, which shows in short segments. */
                 t_i = t_c;
                 p = next;
                 face = unit(rows3(t + ROW_N));

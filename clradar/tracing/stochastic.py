@@ -15,7 +15,7 @@ from clradar.geometry.bvh import TraversalOptions
 from clradar.model import TraceStatistics
 from clradar.model.progress import Progress
 from clradar.opencl import build
-from clradar.opencl.double_single import hi_lo
+from clradar.opencl.double_single import antenna_rows
 from clradar.tracing.antenna_packets import GROUP
 from clradar.tracing.lit_surface import TILE_SAMPLES, LitSurface
 
@@ -60,7 +60,7 @@ class Tracer(LitSurface):
     def _prepare_rays(self) -> None:
         array, up = self.array, self._buffers.upload
         self._surface = [self._sampling[2], up(self._face_alpha)]
-        self._antennas = [up(part) for a in (array.tx_m, array.rx_m) for part in hi_lo(a)]
+        self._antennas = [up(antenna_rows(at)) for at in (array.tx_m, array.rx_m)]
         self._box = self._reception_box()
         self._counter = self._buffers.zeros(12)
         spreading = self.settings.amplitude == "spreading"

@@ -208,8 +208,8 @@ static inline realw sheet_root(const lobe l, realw w_x) {
     return sqrt(square > 1e-12f ? square : (realw)(1e-12f));
 }
 
-/* P of a disc on which the density is smooth: four directions at cos delta = (1 + cos theta) / 2, towards and from t_m and
- * to both sides, which is exact for a density of degree 3. */
+/* P of a disc on which the density is smooth: four directions at cos delta = (1 + cos theta) / 2, towards t_m, away
+ * from it and to both sides, which is exact for a density of degree 3. */
 static inline realw smooth_probability(const lobe l, const disc d) {
     const realw near = 0.5f * (1.0f + d.cosine);
     const realw out = sqrt((1.0f - near) * (1.0f + near));
@@ -226,8 +226,8 @@ static inline realw smooth_probability(const lobe l, const disc d) {
     return sum * (d.sine * d.sine / ((2.0f * l.alpha * l.alpha) * (1.0f + d.cosine)));
 }
 
-/* Whether the density is smooth on a disc: the lobe's edge is at least 1.5 disc radii away from the centre, the horizon of n on both sheets 1.2
- * (the sheet is s / root times as long as w on it), and the face's one. */
+/* Whether the density is smooth on a disc: the lobe's edge is at least 1.5 disc radii away from the centre, the
+ * horizon of n on both sheets 1.2 (the sheet is s / root times as long as w on it), and that of the face 1. */
 static inline intw is_smooth(const lobe l, const disc d, realw height) {
     const realw root = sheet_root(l, d.rho), along = l.k * d.z;
     const realw w_n = l.n_z * d.z + l.n_x * d.cos_psi * d.rho;
