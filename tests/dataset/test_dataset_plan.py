@@ -86,6 +86,12 @@ def test_a_plan_comes_back_from_its_record() -> None:
         assert plan_record(plan_from(record, "manifest", HERE)) == plan_record(plan)
 
 
+def test_the_record_of_a_plan_keeps_the_decimals_of_the_reception_radius() -> None:
+    for radius_mm in (0.1, 7.3, 10, 12.345678, 999.999999):
+        record = plan_record(plan_of(simulation={"reception_radius_mm": radius_mm}))
+        assert record["simulation"]["reception_radius_mm"] == radius_mm
+
+
 @pytest.mark.parametrize(
     ("tables", "key", "words"),
     [
