@@ -18,9 +18,10 @@ from clradar import Capture, Device, Scene, VoxelGrid, Waveform, arrays, simulat
 from clradar.cli.commands.hand import save_hand, turned
 from clradar.cli.comparison import Comparison, labels_of
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.inputs import form_image, recording_files
+from clradar.cli.inputs import form_image
 from clradar.cli.options.groups import recorded
 from clradar.cli.options.imaging import ImagingOptions
+from clradar.cli.options.recording import recording_files
 from clradar.cli.outputs import save
 from clradar.cli.provenance import provenance
 from clradar.errors import OutputError

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,19 +10,10 @@ from typing import TYPE_CHECKING, Any
 from clradar.cli.console import print_warning, progress_bar
 from clradar.cli.options.groups import given, recorded
 from clradar.cli.options.imaging import GridOptions, ImagingOptions
-from clradar.cli.options.recording import FrameOptions
+from clradar.cli.options.recording import FrameOptions, recording_files
 
 if TYPE_CHECKING:
     from clradar import Capture, Device, Volume, VoxelGrid
-
-
-def recording_files(path: Path, capture_meta: Mapping[str, Any]) -> list[Path]:
-    """The files whose content a capture comes from: the frame's, if `path` is a folder."""
-    if not path.is_dir():
-        return [path]
-    source = capture_meta.get("source")
-    frame = Path(source) if isinstance(source, str) else None
-    return [frame] if frame is not None and frame.is_file() else []
 
 
 def form_image(

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_warning, progress_bar
-from clradar.cli.inputs import recording_files
-from clradar.cli.options.recording import AntennaOptions
+from clradar.cli.options.recording import AntennaOptions, recording_files
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_folder, check_outputs, make_folder, save
 from clradar.cli.provenance import provenance

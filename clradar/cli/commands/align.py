@@ -15,7 +15,7 @@ from clradar.cli.options.common import (
     SearchOptions,
     UnitOptions,
 )
-from clradar.cli.options.groups import argument, option, recorded
+from clradar.cli.options.groups import argument, option, output_option, recorded
 from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import wrong_usage
@@ -66,9 +66,7 @@ class AlignedOptions(UnitOptions, SearchOptions):
 def command(
     *,
     measured: MeasuredArgument,
-    output: Path | None = option(
-        None, "JSON file for transform and report.  [required]", names=("-o", "--output")
-    ),
+    output: Path | None = output_option(None, "JSON file for transform and report.  [required]"),
     aligned: AlignedOptions,
     voxels: GridOptions,
     imaging: ImagingOptions,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from clradar.cli.console import print_line, print_warning
-from clradar.cli.inputs import mean_capture, recording_files
+from clradar.cli.inputs import mean_capture
 from clradar.cli.options.common import CaptureArgument, CaptureOutput, ForceOption
 from clradar.cli.options.groups import option, recorded
 from clradar.cli.options.recording import FrameOptions
@@ -101,10 +101,7 @@ class AverageOptions:
             )
             count = mean.meta["average"]["frames"]
             return mean, files, "1 frame" if count == 1 else f"mean of {count} frames"
-        from measurement_io import open_capture
-
-        capture = open_capture(path, **frames.chosen)
-        return capture, recording_files(path, capture.meta), ""
+        return *frames.open(path), ""
 
 
 def command(

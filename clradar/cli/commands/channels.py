@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli.console import print_line, print_table, print_warning
-from clradar.cli.inputs import recording_files
 from clradar.cli.options.common import Amplitude, ForceOption
-from clradar.cli.options.groups import REQUIRED, argument, given, option, recorded
+from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import numbers, wrong_usage
 from clradar.cli.outputs import check_figure, check_outputs, save
@@ -109,7 +108,7 @@ def command(
         metavar="CAPTURE",
     ),
     target: TargetOptions,
-    output: Path = option(REQUIRED, "Channels to write (HDF5).", names=("-o", "--output")),
+    output: Path = output_option(REQUIRED, "Channels to write (HDF5)."),
     estimate: EstimateOptions,
     plot: Path | None = option(None, "Also draw gains, phases and delays: .png, .pdf or .svg."),
     frames: FrameOptions,
@@ -121,15 +120,14 @@ def command(
     from calibration import estimate_channels
     from calibration.channels.figure import channels_figure
     from clradar.plot import save_figure
-    from measurement_io import open_capture
 
     known = target.read()
     check_figure(plot)
     check_outputs([output, plot], force=force, inputs=[capture])
-    loaded = open_capture(capture, **frames.chosen)
+    loaded, files = frames.open(capture)
     channels = estimate_channels(loaded, known, **estimate.settings())
     options = recorded(target, estimate, frames)
-    origin = provenance("channels", options, recording_files(capture, loaded.meta))
+    origin = provenance("channels", options, files)
     save(output, channels, origin, force=force)
     print_summary(output, channels)
     if plot is not None:

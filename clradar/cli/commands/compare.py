@@ -10,13 +10,11 @@ from clradar.cli.comparison import Comparison, labels_of
 from clradar.cli.console import print_line
 from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.options.common import (
-    DEFAULT_DYNAMIC_RANGE_DB,
     DeviceOption,
-    DynamicRangeOption,
     ForceOption,
 )
-from clradar.cli.options.groups import REQUIRED, argument, given, option, recorded
-from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
+from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_figure, check_outputs, check_suffix
@@ -29,9 +27,7 @@ from clradar.files.json_file import write_json
 class ComparisonFiles:
     """Files of a comparison, none of which has to be written."""
 
-    output: Path | None = option(
-        None, "Figure to write: .png, .pdf or .svg.", names=("-o", "--output")
-    )
+    output: Path | None = output_option(None, "Figure to write: .png, .pdf or .svg.")
     json: Path | None = option(None, "File for the metrics, in metres.")
     report: Path | None = option(
         None, "Page to write: figure, 3-D view, metrics and settings in one .html file."
@@ -51,7 +47,7 @@ def command(
     files: ComparisonFiles,
     voxels: GridOptions,
     imaging: ImagingOptions,
-    dynamic_range_db: DynamicRangeOption = DEFAULT_DYNAMIC_RANGE_DB,
+    depth: DepthMapOptions,
     frames: FrameOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
@@ -60,10 +56,8 @@ def command(
     volume that is given, or without volumes on the paper's. --frame and --variant are those of
     MEASURED, where it is a recording. The metrics are defined in docs/metrics.md.
     """
-    from clradar.model import checks
     from clradar.report import ReportImage, html_report
 
-    checks.positive("--dynamic-range-db", dynamic_range_db)
     voxels.grid()  # wrong usage is reported before a file is read
     files.check(force=force, inputs=[measured, *simulated])
     images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
@@ -74,7 +68,7 @@ def command(
     grid = common_grid(voxels, *images)
     volumes = [image.volume(grid, imaging, device) for image in images]
     labels = labels_of(simulated, [volume.meta for volume in volumes[1:]])
-    compared = Comparison.of(volumes, labels, dynamic_range_db)
+    compared = Comparison.of(volumes, labels, depth.dynamic_range_db)
     compared.print()
     if files.output is not None:
         compared.save_figure(files.output, force=force)
@@ -92,7 +86,7 @@ def command(
         shown = [ReportImage(label, volume, str(path)) for label, volume, path in named]
         page = html_report(
             shown[0], shown[1:], metrics=compared.metrics, settings=origin,
-            dynamic_range_db=dynamic_range_db,
+            dynamic_range_db=depth.dynamic_range_db,
         )  # fmt: skip
         write_file(files.report, page.encode("utf-8"), force=force)
         print_line(f"{files.report}: the comparison as a page, to be opened in a browser")

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from clradar.cli.console import print_line, print_text
-from clradar.cli.inputs import recording_files
 from clradar.cli.options.common import ForceOption
-from clradar.cli.options.groups import REQUIRED, argument, option, recorded
-from clradar.cli.options.recording import AntennaOptions, FrameOptions
+from clradar.cli.options.groups import REQUIRED, argument, option, output_option, recorded
+from clradar.cli.options.recording import AntennaOptions, FrameOptions, recording_files
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, save
 from clradar.cli.provenance import provenance
@@ -62,9 +61,7 @@ def command(
         "--to maroon.",
         metavar="SOURCE",
     ),
-    output: Path = option(
-        REQUIRED, "Capture to write (HDF5); else the folder to make.", names=("-o", "--output")
-    ),
+    output: Path = output_option(REQUIRED, "Capture to write (HDF5); else the folder to make."),
     formats: FormatOptions,
     frames: FrameOptions,
     antennas: AntennaOptions,

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from clradar.cli.console import print_line
-from clradar.cli.inputs import recording_files
 from clradar.cli.options.common import CaptureArgument, CaptureOutput, ForceOption
-from clradar.cli.options.groups import recorded
+from clradar.cli.options.groups import REQUIRED, option, recorded
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.outputs import check_outputs, save
 from clradar.cli.provenance import provenance
@@ -19,13 +15,9 @@ from clradar.cli.provenance import provenance
 def command(
     capture: CaptureArgument,
     *,
-    channels: Annotated[
-        Path, typer.Option("--channels", help="File of `clradar channels` (HDF5).")
-    ],
+    channels: Path = option(REQUIRED, "File of `clradar channels` (HDF5)."),
     output: CaptureOutput,
-    keep_noisy: Annotated[
-        bool, typer.Option("--keep-noisy", help="Do not set noisy channels to zero.")
-    ] = False,
+    keep_noisy: bool = option(False, "Do not set noisy channels to zero."),
     frames: FrameOptions,
     force: ForceOption = False,
 ) -> None:
@@ -34,15 +26,15 @@ def command(
     """
     from calibration import correct
     from calibration.channels.correction import MASKS
-    from measurement_io import open_capture, open_channels
+    from measurement_io import open_channels
 
     check_outputs([output], force=force, inputs=[capture, channels])
     measured = open_channels(channels)
-    loaded = open_capture(capture, **frames.chosen)
+    loaded, files = frames.open(capture)
     mask = [state for state in MASKS if state == "dead" or not keep_noisy]
     corrected = correct(loaded, measured, mask=mask)
     options = recorded(frames, channels=channels, keep_noisy=keep_noisy)
-    inputs = [*recording_files(capture, loaded.meta), channels]
+    inputs = [*files, channels]
     save(output, corrected, provenance("correct", options, inputs), force=force)
     record = corrected.meta["channels"]
     print_line(

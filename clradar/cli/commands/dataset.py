@@ -13,7 +13,7 @@ import typer
 
 from clradar.cli.console import counted, print_error, print_line, print_warning, progress_bar
 from clradar.cli.options.common import DeviceOption
-from clradar.cli.options.groups import argument, option
+from clradar.cli.options.groups import argument, option, output_option
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs
 from clradar.errors import ClusterError
@@ -104,8 +104,8 @@ def command(
     plan: Path | None = argument(
         None, "The plan of the data set, see docs/datasets.md.", metavar="PLAN.toml"
     ),
-    output: Path | None = option(
-        None, "Folder of the data set; with --replay the file to write.", names=("-o", "--output")
+    output: Path | None = output_option(
+        None, "Folder of the data set; with --replay the file to write."
     ),
     dry_run: bool = option(
         False, "Make one sample and estimate time and space of all; write none."

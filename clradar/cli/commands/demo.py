@@ -6,15 +6,13 @@ from pathlib import Path
 
 from clradar.cli.console import print_line
 from clradar.cli.options.common import DeviceOption
-from clradar.cli.options.groups import option
+from clradar.cli.options.groups import option, output_option
 from clradar.cli.options.imaging import grid_text
 from clradar.cli.outputs import check_folder, make_folder
 
 
 def command(
-    output: Path = option(
-        Path("demo"), "Folder; made if missing.", names=("-o", "--output"), metavar="DIR"
-    ),
+    output: Path = output_option(Path("demo"), "Folder; made if missing.", metavar="DIR"),
     full: bool = option(False, "The paper's volume: 201 x 201 x 81 voxels of 1 mm."),
     device: DeviceOption = None,
     force: bool = option(False, "Write into a folder that holds files already."),

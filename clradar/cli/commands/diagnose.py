@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_table, print_warning, progress_bar
-from clradar.cli.inputs import recording_files
 from clradar.cli.options.common import CaptureArgument, DeviceOption, ForceOption
-from clradar.cli.options.groups import given, option, recorded
+from clradar.cli.options.groups import given, option, output_option, recorded
 from clradar.cli.options.imaging import GridOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import finite, numbers, wrong_usage
@@ -32,9 +31,7 @@ COARSE_GRID_MM = ("-100:100:4", "-100:100:4", "260:340:10")
 class DiagnosisFiles:
     """Files of a diagnosis, none of which has to be written."""
 
-    output: Path | None = option(
-        None, "Figure of all images: .png, .pdf or .svg.", names=("-o", "--output")
-    )
+    output: Path | None = output_option(None, "Figure of all images: .png, .pdf or .svg.")
     json: Path | None = option(None, "File for the result, in metres.")
     fix_to: Path | None = option(None, "Also write the capture in clradar's convention (HDF5).")
 
@@ -60,13 +57,12 @@ def command(
     from calibration import diagnose
     from clradar import open_device
     from clradar.plot import save_figure
-    from measurement_io import open_capture
 
     expected_m = _position_m(expect_mm)
     grid = voxels.grid(COARSE_GRID_MM) if given(voxels) else None
     check_figure(files.output)
     check_outputs([files.output, files.json, files.fix_to], force=force, inputs=[capture])
-    loaded = open_capture(capture, **frames.chosen)
+    loaded, sources = frames.open(capture)
     opened = open_device(device)
     with progress_bar("imaging") as progress:
         result = diagnose(
@@ -77,7 +73,7 @@ def command(
         print_line(f"- {reason}")
     print_line(result.recommendation)
     options = recorded(frames, expect_mm=expect_mm, grid=None if grid is None else grid_text(grid))
-    origin = provenance("diagnose", options, recording_files(capture, loaded.meta))
+    origin = provenance("diagnose", options, sources)
     if files.json is not None:
         record = {"capture": str(capture), **result.to_dict(), **origin}
         write_json(files.json, record, force=force)
@@ -133,7 +129,9 @@ def print_scores(result: Diagnosis) -> None:
         mark = ""
         if h in result.candidates:
             mark = "best" if h == result.best else "ambiguous"
-        peak_mm = ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
+        place_mm = "n/a"
+        if score.image is not None:
+            place_mm = ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
         rows.append(
             [
                 "[rx, tx]" if h.swapped else "[tx, rx]",
@@ -141,7 +139,7 @@ def print_scores(result: Diagnosis) -> None:
                 "descending" if h.reversed else "ascending",
                 "mirrored" if h.mirrored else "as given",
                 _decibels(score),
-                "n/a" if score.image is None else peak_mm,
+                place_mm,
                 mark,
             ]
         )

@@ -11,7 +11,7 @@ import numpy as np
 
 from clradar.cli.console import print_line, print_table
 from clradar.cli.options.common import DeviceOption, ForceOption
-from clradar.cli.options.groups import argument, given, option
+from clradar.cli.options.groups import argument, given, option, output_option
 from clradar.cli.options.rig import RigOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, check_suffix
@@ -98,9 +98,7 @@ class PoseOptions:
 def command(
     *,
     pose: PoseOptions,
-    output: Path | None = option(
-        None, "Mesh file: .ply, .stl, .obj, .off, .glb.", names=("-o", "--output")
-    ),
+    output: Path | None = output_option(None, "Mesh file: .ply, .stl, .obj, .off, .glb."),
     embedded: EmbeddedHandOptions,
     joints: Path | None = option(
         None,

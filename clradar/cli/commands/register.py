@@ -16,7 +16,7 @@ from clradar.cli.options.common import (
     SearchOptions,
     UnitOptions,
 )
-from clradar.cli.options.groups import REQUIRED, argument, option, recorded
+from clradar.cli.options.groups import REQUIRED, argument, option, output_option, recorded
 from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.simulation import SamplingOptions
@@ -66,7 +66,7 @@ def command(
     *,
     measured: MeasuredArgument,
     mesh: Path = argument(REQUIRED, "Mesh file, placed anywhere.", metavar="MESH"),
-    output: Path = option(REQUIRED, "New folder.", names=("-o", "--output"), metavar="DIR"),
+    output: Path = output_option(REQUIRED, "New folder.", metavar="DIR"),
     registration: RegistrationOptions,
     voxels: GridOptions,
     frames: FrameOptions,

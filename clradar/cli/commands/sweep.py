@@ -14,15 +14,13 @@ from clradar.cli.comparison import METRIC_COLUMNS
 from clradar.cli.console import print_line, print_table, print_text, print_warning
 from clradar.cli.inputs import ImageInput
 from clradar.cli.options.common import (
-    DEFAULT_DYNAMIC_RANGE_DB,
     DeviceOption,
-    DynamicRangeOption,
     ForceOption,
     MeasuredArgument,
     SearchOptions,
 )
-from clradar.cli.options.groups import REQUIRED, argument, given, option, recorded
-from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
+from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.simulation import PlacementOptions, SimulationOptions, WaveformOptions
 from clradar.cli.options.values import RANGE_RULE, finite, numbers, whole_steps, wrong_usage
@@ -130,9 +128,7 @@ def command(
     *,
     measured: MeasuredArgument,
     mesh: Path = argument(REQUIRED, "Mesh file.", metavar="MESH"),
-    output: Path = option(
-        REQUIRED, "New folder, or one to go on in.", names=("-o", "--output"), metavar="DIR"
-    ),
+    output: Path = output_option(REQUIRED, "New folder, or one to go on in.", metavar="DIR"),
     alphas: AlphaOptions,
     regions: RegionOptions,
     place: PlaceOptions,
@@ -140,7 +136,7 @@ def command(
     frequencies: WaveformOptions,
     voxels: GridOptions,
     imaging: ImagingOptions,
-    dynamic_range_db: DynamicRangeOption = DEFAULT_DYNAMIC_RANGE_DB,
+    depth: DepthMapOptions,
     frames: FrameOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
@@ -155,12 +151,10 @@ def command(
     from clradar import open_device
     from clradar.cli import sweep_folder
     from clradar.compare import depth_map_of
-    from clradar.model import checks
 
     values = read_alphas(alphas.alpha)
     alphas.check()
     regions.check(simulation.max_bounces)
-    checks.positive("--dynamic-range-db", dynamic_range_db)
     settings = simulation.settings(seed=alphas.seed)
     inputs = SweepInputs(place, mesh, regions, measured, frames, frequencies, voxels, imaging)
     opened = open_device(device)
@@ -172,7 +166,7 @@ def command(
         seeds=alphas.seeds,
         metric=alphas.metric,
         simulation=asdict(settings.resolved()),
-        dynamic_range_db=dynamic_range_db,
+        dynamic_range_db=depth.dynamic_range_db,
         device=dict(opened.describe()),
         packages=package_versions(),
     )
@@ -180,14 +174,14 @@ def command(
     origin = provenance("sweep", record, [*image.files, mesh, *place.files, *regions.files])
     volume = image.volume(inputs.grid, imaging, opened)
     # A sweep that is impossible should leave no folder behind.
-    depth_map_of(volume, dynamic_range_db, str(measured))
+    depth_map_of(volume, depth.dynamic_range_db, str(measured))
     if not place.align:
         check_place(inputs.placed, volume.grid)
     result = sweep_folder.sweep_into(
         output, volume, inputs.placed, values,
         source=str(measured), origin=origin, force=force,
         align={"search_deg": place.search_deg, **image.radar} if place.align else None,
-        seeds=alphas.seeds, metric=alphas.metric, dynamic_range_db=dynamic_range_db,
+        seeds=alphas.seeds, metric=alphas.metric, dynamic_range_db=depth.dynamic_range_db,
         regions=inputs.labels, settings=settings, device=opened,
         **inputs.radar, **recorded(imaging),
     )  # fmt: skip

@@ -9,7 +9,6 @@ from typing import Annotated, Literal
 import typer
 
 from clradar.cli.options.groups import option
-from clradar.constants import DYNAMIC_RANGE_DB
 
 Unit = Literal["m", "mm", "cm"]
 
@@ -34,14 +33,6 @@ DeviceOption = Annotated[
     ),
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
-DynamicRangeOption = Annotated[
-    float,
-    typer.Option(
-        "--dynamic-range-db", metavar="DB", help="Ignore what is this far below an image's maximum."
-    ),
-]
-
-DEFAULT_DYNAMIC_RANGE_DB = DYNAMIC_RANGE_DB
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,6 +30,11 @@ def option(default: Any, help: str, *, names: tuple[str, ...] = (), **details: A
     return _field(default, lambda name: typer.Option(*names or (name,), help=help, **details))
 
 
+def output_option(default: Any, help: str, **details: Any) -> Any:
+    """A field that is the option ``-o``, ``--output``."""
+    return option(default, help, names=("-o", "--output"), **details)
+
+
 def option_name(field: str) -> str:
     """The name of the option of a field."""
     return "--" + field.replace("_", "-")

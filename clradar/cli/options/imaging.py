@@ -7,7 +7,8 @@ from typing import Literal
 
 from clradar.cli.options.groups import option
 from clradar.cli.options.values import RANGE_RULE, finite, numbers, whole_steps, wrong_usage
-from clradar.model import VoxelGrid
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.model import VoxelGrid, checks
 
 PAPER_GRID_MM = ("-100:100:1", "-100:100:1", "260:340:1")
 """The grid of the paper's experiment: 201 x 201 x 81 voxels of 1 mm."""
@@ -50,6 +51,18 @@ class ImagingOptions:
         "-54 dB; exact: the plain sum.",
     )
     window: Literal["rect", "hann", "taylor"] = option("rect", "Weights over frequency.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthMapOptions:
+    """How a depth map is made of a volume."""
+
+    dynamic_range_db: float = option(
+        DYNAMIC_RANGE_DB, "Cut this far below an image's maximum.", metavar="DB"
+    )
+
+    def __post_init__(self) -> None:
+        checks.positive("--dynamic-range-db", self.dynamic_range_db)
 
 
 def axis_mm(option: str, text: str) -> tuple[float, float, float]:
