@@ -6,7 +6,7 @@ import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -139,15 +139,19 @@ def is_device_fault(aside: Aside) -> bool:
     return aside.reason.startswith(f"{DeviceError.__name__}: ")
 
 
-@lru_cache(maxsize=4)
 def made_with(device: Device) -> dict[str, Any]:
     """Return the versions and the device on which a sample's bits depend."""
     return {
         "clradar": __version__,
-        "packages": package_versions(),
+        "packages": dict(_packages()),
         "python": platform.python_version(),
         "device": dict(device.describe()),
     }
+
+
+@cache
+def _packages() -> dict[str, str]:
+    return package_versions()  # reads files, for every sample
 
 
 def absolute(path: Path) -> Path:

@@ -80,11 +80,7 @@ def _names(table: PlanTable) -> tuple[str, ...]:
 def _resolved_poses(table: PlanTable) -> list[HandPose]:
     """Return poses with their angles written out, as in manifests."""
     found = []
-    given = table.raw("resolved", [])
-    if not isinstance(given, list):
-        table.refuse("resolved", "a list of poses with their angles", given)
-        return []
-    for i, record in enumerate(given):
+    for i, record in enumerate(table.entries("resolved", "poses with their angles")):
         try:
             found.append(pose_of(record))
         except (ClradarError, KeyError, TypeError, AttributeError, ValueError) as error:
@@ -109,15 +105,10 @@ def hands_of(table: PlanTable, folder: Path) -> Hands:
 
 
 def _rigs(table: PlanTable, folder: Path) -> list[RigFile]:
-    given = table.raw("rigs", [])
-    if not isinstance(given, list):
-        table.refuse("rigs", "a list of rig files", given)
-        return []
     found = []
-    for i, content in enumerate(given):
-        inner = table.inner(
-            f"rigs[{i}]", {"file": content} if isinstance(content, str) else content
-        )
+    for i, content in enumerate(table.entries("rigs", "rig files")):
+        content = {"file": content} if isinstance(content, str) else content
+        inner = table.inner(f"rigs[{i}]", content)
         rig = _resolved_rig(inner) if inner.has("sha256") else _rig(inner, folder)
         found += [] if rig is None else [rig]
     return found
@@ -170,12 +161,8 @@ def _rig(table: PlanTable, folder: Path) -> RigFile | None:
 
 
 def _shapes(table: PlanTable) -> list[HandShape]:
-    given = table.raw("shapes", [])
-    if not isinstance(given, list):
-        table.refuse("shapes", "a list of tables", given)
-        return []
     found = []
-    for i, content in enumerate(given):
+    for i, content in enumerate(table.entries("shapes", "tables")):
         inner = table.inner(f"shapes[{i}]", content)
         average = HandShape()
         values: dict[str, Any] = {"girth": inner.number("girth", average.girth, *FACTOR_LIMITS)}

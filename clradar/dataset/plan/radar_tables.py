@@ -61,12 +61,8 @@ def _channels(table: PlanTable) -> ChannelErrors:
 
 
 def _walls(table: PlanTable) -> tuple[WallPlan, ...]:
-    given = table.raw("walls", [])
-    if not isinstance(given, list):
-        table.refuse("walls", "a list of tables", given)
-        return ()
     found = []
-    for i, content in enumerate(given):
+    for i, content in enumerate(table.entries("walls", "tables")):
         inner = table.inner(f"walls[{i}]", content)
         point = inner.numbers("point_mm", (0.0, 0.0, 1000.0), 3)
         normal = inner.numbers("normal", (0.0, 0.0, -1.0), 3)

@@ -66,6 +66,14 @@ class PlanTable(Table):
     def inner(self, key: str, content: Any) -> PlanTable:
         return PlanTable(self._source, self.place(key), content, self._mistakes)
 
+    def entries(self, key: str, what: str) -> list[Any]:
+        """Return a list, an empty one if it is not there."""
+        value = self.raw(key, [])
+        if not isinstance(value, list):
+            self.refuse(key, f"a list of {what}", value)
+            return []
+        return value
+
     def checked(self, key: str, check: Callable[..., Value], *args: Any) -> Value | None:
         """Return `check(*args)`, or report why it raises and return None."""
         try:
