@@ -152,6 +152,26 @@ static inline disc make_disc(realw x, realw y, realw z, realw sine) {
     return d;
 }
 
+/* Lobe and disc from fields of a sample: [0..10] of tx_lobes, [11..14] of receiver_discs, [15] alpha. Returns the
+ * height of the disc's centre above the face. */
+static inline realw lobe_and_disc(const realw *field, lobe *l, disc *d) {
+    const realw ax = field[0], ay = field[1], az = field[2];
+    const realw sx = field[3], sy = field[4], sz = field[5];
+    const realw ux = field[11], uy = field[12], uz = field[13];
+    set_alpha(l, field[15]);
+    l->n_z = field[6];
+    l->n_x = field[7];
+    l->g_x = field[8];
+    l->g_y = field[9];
+    l->g_z = field[10];
+    const realw bx = ay * sz - az * sy, by = az * sx - ax * sz, bz = ax * sy - ay * sx;
+    const realw x = ux * sx + uy * sy + uz * sz;
+    const realw y = ux * bx + uy * by + uz * bz;
+    const realw z = ux * ax + uy * ay + uz * az;
+    *d = make_disc(x, y, z, field[14]);
+    return l->g_x * x + l->g_y * y + l->g_z * z;
+}
+
 /* direction float (n_samples, CLR_RX_FIELDS, n_padded)
  * tx_lobe   float (n_samples, n_tx, CLR_TX_FIELDS)
  * alpha     float (n_samples)
@@ -178,28 +198,22 @@ __kernel void reception_probabilities(const uint n_samples, const uint n_tx, con
         __global const float *t = lobes + i * tx_row, *r = rx + i * rx_row;
         realw p = (realw)(0.0f);
         if (t[13] != 0.0f) {
-            const realw ux = LOADW(r), uy = LOADW(r + n_padded), uz = LOADW(r + 2 * n_padded);
-            const float3 axis = load3(t), side = load3(t + 3), third = cross3(axis, side);
+            realw field[16];
+#pragma unroll
+            for (int k = 0; k < 11; ++k) field[k] = (realw)(t[k]);
+#pragma unroll
+            for (int k = 0; k < 4; ++k) field[11 + k] = LOADW(r + k * n_padded);
+            field[15] = (realw)(alpha[i]);
             lobe l;
-            set_alpha(&l, (realw)(alpha[i]));
-            l.n_z = (realw)(t[6]);
-            l.n_x = (realw)(t[7]);
-            l.g_x = (realw)(t[8]);
-            l.g_y = (realw)(t[9]);
-            l.g_z = (realw)(t[10]);
-            const realw sine = LOADW(r + 3 * n_padded);
-            const realw x = ux * side.x + uy * side.y + uz * side.z;
-            const realw y = ux * third.x + uy * third.y + uz * third.z;
-            const realw z = ux * axis.x + uy * axis.y + uz * axis.z;
-            const disc d = make_disc(x, y, z, sine);
-            intw wanted = sine > 0.0f;
+            disc d;
+            const realw height = lobe_and_disc(field, &l, &d);
+            intw wanted = field[14] > 0.0f;
             if (alpha[i] < LEAST_ALPHA) {
                 const intw hit = ((d.rho < d.sine) & (d.z > 0.0f)) | d.inside;
                 p = choose(hit & wanted & (l.g_z > 0.0f), (realw)(1.0f), p);
             } else {
                 /* Not out of the lobe's reach, nor below the face. */
-                const realw height = l.g_x * x + l.g_y * y + l.g_z * z;
-                const intw near = (z > l.edge_cos * d.cosine - l.edge * d.sine - 1e-5f) | !l.two;
+                const intw near = (d.z > l.edge_cos * d.cosine - l.edge * d.sine - 1e-5f) | !l.two;
                 wanted &= ((height > -d.sine) & near) | d.inside;
                 if (ANYW(wanted)) {
                     const intw smooth = wanted & is_smooth(l, d, height);
@@ -228,22 +242,9 @@ __kernel void reception_probabilities(const uint n_samples, const uint n_tx, con
             for (int k = 0; k < 4; ++k) column[(11 + k) * CLR_WIDTH] = r[k * n_padded];
             column[15 * CLR_WIDTH] = alpha[i];
         }
-        const realw ax = field[0], ay = field[1], az = field[2];
-        const realw sx = field[3], sy = field[4], sz = field[5];
-        const realw ux = field[11], uy = field[12], uz = field[13];
         lobe l;
-        set_alpha(&l, field[15]);
-        l.n_z = field[6];
-        l.n_x = field[7];
-        l.g_x = field[8];
-        l.g_y = field[9];
-        l.g_z = field[10];
-        const realw bx = ay * sz - az * sy, by = az * sx - ax * sz, bz = ax * sy - ay * sx;
-        const realw x = ux * sx + uy * sy + uz * sz;
-        const realw y = ux * bx + uy * by + uz * bz;
-        const realw z = ux * ax + uy * ay + uz * az;
-        const disc d = make_disc(x, y, z, field[14]);
-        const realw height = l.g_x * x + l.g_y * y + l.g_z * z;
+        disc d;
+        const realw height = lobe_and_disc(field, &l, &d);
         const realw p = sliced_probability(l, d, (height < d.sine) | d.inside, rule);
         for (uint lane = 0; lane < CLR_WIDTH && at + lane < waiting; ++lane) {
             const uint which = left[at + lane];
