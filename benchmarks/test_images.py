@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import clradar
-from clradar.bench.rows import ExactImage, Image, relative_rms_db
+from clradar.bench.rows import ExactImage, PaperVolume, relative_rms_db
 from clradar.bench.suite import noise
 
 Measured = Callable[[Callable[[], Any]], Any]
@@ -29,12 +29,12 @@ FLOAT32_DB = -100.0
 
 
 @pytest.fixture(scope="module")
-def image(device: clradar.Device) -> Image:
-    return Image(device, noise(), PLANES)
+def image(device: clradar.Device) -> PaperVolume:
+    return PaperVolume(device, noise(), PLANES)
 
 
 @pytest.fixture(scope="module")
-def by_range(image: Image) -> np.ndarray:
+def by_range(image: PaperVolume) -> np.ndarray:
     return image.ours("range")
 
 
@@ -48,13 +48,13 @@ PLANE = "exact sum, 5.8 G terms"
 
 
 @pytest.mark.benchmark(group=IMAGES)
-def test_fast(measured: Measured, image: Image, by_range: np.ndarray) -> None:
+def test_fast(measured: Measured, image: PaperVolume, by_range: np.ndarray) -> None:
     data: np.ndarray = measured(partial(image.ours, "fast"))
     assert relative_rms_db(data, by_range) <= FAST_DB
 
 
 @pytest.mark.benchmark(group=IMAGES)
-def test_range(measured: Measured, image: Image, plane: ExactImage) -> None:
+def test_range(measured: Measured, image: PaperVolume, plane: ExactImage) -> None:
     measured(partial(image.ours, "range"))
     by_range = clradar.backproject(
         plane.capture, plane.grid, method="range", device=plane.device
@@ -63,7 +63,9 @@ def test_range(measured: Measured, image: Image, plane: ExactImage) -> None:
 
 
 @pytest.mark.benchmark(group=IMAGES)
-def test_numba_on_range_profiles(measured: Measured, image: Image, by_range: np.ndarray) -> None:
+def test_numba_on_range_profiles(
+    measured: Measured, image: PaperVolume, by_range: np.ndarray
+) -> None:
     """The profiles are given."""
     data: np.ndarray = measured(image.theirs)
     assert relative_rms_db(data, by_range) <= FLOAT32_DB

@@ -134,7 +134,7 @@ def phasor_sum(device: clradar.Device, repeats: int, n_paths: int) -> list[Row]:
     ]
 
 
-class Image:
+class PaperVolume:
     """The paper's volume with some of its planes, of one capture, and the peer's profiles of it."""
 
     def __init__(self, device: clradar.Device, capture: clradar.Capture, planes: int) -> None:
@@ -174,7 +174,7 @@ def images(
 
     The first image by fast chooses antennas and frequencies, the next has them already.
     """
-    image = Image(device, capture, planes)
+    image = PaperVolume(device, capture, planes)
     ours, fast = partial(image.ours, "range"), partial(image.ours, "fast")
 
     def fast_anew() -> np.ndarray:
