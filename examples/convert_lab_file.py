@@ -19,8 +19,8 @@ def write_recording(path: Path) -> None:
     rx_mm = np.stack([line[2:-2], np.full(20, 72.0), np.zeros(20)], axis=1)
     f_ghz = np.linspace(72.0, 82.0, 64)
     point_mm = np.array([20.0, -10.0, 250.0])
-    legs_mm = [np.linalg.norm(side - point_mm, axis=1) for side in (tx_mm, rx_mm)]
-    length_m = (legs_mm[0][:, np.newaxis] + legs_mm[1]) / 1e3
+    segments_mm = [np.linalg.norm(side - point_mm, axis=1) for side in (tx_mm, rx_mm)]
+    length_m = (segments_mm[0][:, np.newaxis] + segments_mm[1]) / 1e3
     signal = np.exp(-2j * np.pi * 1e9 * f_ghz[:, np.newaxis, np.newaxis] * length_m / 299_792_458)
     np.savez(
         path,

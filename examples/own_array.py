@@ -9,7 +9,7 @@ import clradar
 
 
 def cross(n: int = 24, spacing_m: float = 6e-3) -> clradar.AntennaArray:
-    """Return Tx along y and Rx along x, centred, in the plane z = 0."""
+    """Tx along y and Rx along x, centred, in the plane z = 0."""
     line_m = (np.arange(n) - (n - 1) / 2) * spacing_m
     zero = np.zeros(n)
     return clradar.AntennaArray(

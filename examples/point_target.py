@@ -1,4 +1,4 @@
-"""The image of one point: its -3 dB widths against what array and bandwidth allow."""
+"""The point spread function: its -3 dB widths against theory for the array and the bandwidth."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S as C
 
 
 def point_capture(point_m: np.ndarray) -> clradar.Capture:
-    """Return the capture of one point: every pair sees exp(-j 2 pi f d / c)."""
+    """The capture of one point: exp(-j 2 pi f d / c) for every pair, d its path length."""
     array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 128)
     to_tx = np.linalg.norm(array.tx_m - point_m, axis=1)
     to_rx = np.linalg.norm(array.rx_m - point_m, axis=1)
-    turns = (to_tx[:, None] + to_rx)[:, :, None] * (waveform.frequencies_hz / C)
-    return clradar.Capture(np.exp(-2j * np.pi * turns).astype(np.complex64), array, waveform)
+    cycles = (to_tx[:, None] + to_rx)[:, :, None] * (waveform.frequencies_hz / C)
+    return clradar.Capture(np.exp(-2j * np.pi * cycles).astype(np.complex64), array, waveform)
 
 
 def width_m(axis_m: np.ndarray, amplitude: np.ndarray) -> float:
-    """Return the width of the main lobe at 1 / sqrt(2) of its peak, interpolated."""
+    """The width of the main lobe at 1 / sqrt(2) of its peak, interpolated."""
     top, level = int(amplitude.argmax()), amplitude.max() / np.sqrt(2)
     left, right = top, top
     while amplitude[left] > level:

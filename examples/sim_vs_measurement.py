@@ -1,4 +1,4 @@
-"""A recording and a mesh in, one page out that shows how alike measurement and simulation are."""
+"""From a recording and a mesh to one page that compares measurement and simulation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GRID = clradar.VoxelGrid.from_extent((-0.08, 0.08), (-0.1, 0.1), (0.27, 0.33), 2
 
 
 def make_recording(folder: Path) -> Path:
-    """Write a noisy hand and its mesh, where none is at hand."""
+    """Write a recording of a noisy hand, and its mesh."""
     hand = hand_mesh("F", edge_length_m=3e-3)
     scene = clradar.Scene.from_mesh(hand, alpha=0.2)
     array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 64)
@@ -38,7 +38,7 @@ def main(recording: Path | None, mesh: Path | None, alpha: float, page: Path) ->
     radar = {"array": frames.array, "waveform": frames.waveform}
     measured = clradar.backproject(frames[0], GRID)
     given = clradar.backproject(clradar.simulate(scene, **radar, samples_per_mm2=1), GRID)
-    # Places the mesh, simulates it there, and goes on until it comes to rest.
+    # Places the mesh, simulates it there, and repeats until it no longer moves.
     placed = register(measured, scene, **radar, samples_per_mm2=1, max_rounds=5)
     simulated = [ReportImage("As given", given), ReportImage("Registered", placed.volume)]
     first = ReportImage("Measurement", measured, str(frames.path))
@@ -54,5 +54,5 @@ if __name__ == "__main__":
     parser.add_argument("recording", nargs="?", type=Path, help="a folder; without it one is made")
     parser.add_argument("--mesh", type=Path, help="instead of the recording's own")
     parser.add_argument("--alpha", type=float, default=0.2, help="0 specular ... 1 diffuse")
-    parser.add_argument("--page", type=Path, default="report.html", help="what to write")
+    parser.add_argument("--page", type=Path, default="report.html", help="page to write")
     main(**vars(parser.parse_args()))

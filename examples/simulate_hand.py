@@ -1,4 +1,4 @@
-"""From a posed hand to what the radar sees of it: image, depth and a figure in ten lines."""
+"""From a posed hand to its radar image: capture, image, depth map and a figure in ten lines."""
 
 from __future__ import annotations
 

@@ -48,9 +48,9 @@ def main(folder: str = "letters") -> None:
     # The mirror image of a right hand is a left hand with the same letter.
     mirrored = zip(images[..., ::-1], depths_m[..., ::-1], strict=True)
     x_mirrored = np.array([features(i, d, step) for i, d in mirrored])
-    seen = np.concatenate([x[~kept], x_mirrored[~kept]])
-    model = make_pipeline(PCA(min(100, len(seen) - 1), random_state=0), SVC(C=10))
-    model.fit(seen, np.tile(y[~kept], 2))
+    known = np.concatenate([x[~kept], x_mirrored[~kept]])
+    model = make_pipeline(PCA(min(100, len(known) - 1), random_state=0), SVC(C=10))
+    model.fit(known, np.tile(y[~kept], 2))
     found = model.predict(x[kept])
     print(f"right of {kept.sum()} unseen: {np.mean(found == y[kept]):.3f}")
     pairs = [f"{a}>{b}" for a, b in zip(y[kept], found, strict=True) if a != b]

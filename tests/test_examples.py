@@ -1,4 +1,4 @@
-"""Every example runs as it stands, in an empty folder, and prints what it should."""
+"""Every example runs in an empty folder, and prints the expected results."""
 
 from __future__ import annotations
 

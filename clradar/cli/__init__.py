@@ -1,4 +1,4 @@
-"""The command line: one thin module per subcommand, imported only when it is asked for."""
+"""The command line: one thin module per subcommand, imported only when it is requested."""
 
 from clradar.cli.launcher import main
 

@@ -70,7 +70,7 @@ class Comparison:
         labels: Sequence[str],
         dynamic_range_db: float = DYNAMIC_RANGE_DB,
     ) -> Comparison:
-        """Compare the first volume with each of the others, which are labelled."""
+        """Compare the first volume with each of the labelled ones after it."""
         from clradar import compare
 
         maps = [volume.depth_map(dynamic_range_db) for volume in volumes]

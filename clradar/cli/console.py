@@ -1,4 +1,4 @@
-"""What the subcommands print: results to stdout; errors, warnings and progress to stderr."""
+"""Printing: results to stdout; errors, warnings and progress to stderr."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def print_error(text: object) -> None:
 
 
 def print_warning(text: object) -> None:
-    """Print one line about a result that may not be what was wanted."""
+    """Print one line about a result that is probably not as intended."""
     _print(f"clradar: warning: {one_line(text)}", sys.stderr)
 
 

@@ -15,9 +15,9 @@ from time import perf_counter
 import numpy as np
 
 from clradar import Capture, Device, Scene, VoxelGrid, Waveform, arrays, simulate
-from clradar.cli.commands.hand import save_hand, turned
 from clradar.cli.comparison import Comparison, labels_of
 from clradar.cli.console import print_line, progress_bar
+from clradar.cli.hand_mesh import save_hand, turned
 from clradar.cli.inputs import form_image
 from clradar.cli.options.groups import recorded
 from clradar.cli.options.imaging import ImagingOptions

@@ -88,9 +88,9 @@ class ImageInput:
 
 def common_grid(options: GridOptions, *images: ImageInput) -> VoxelGrid:
     """The grid of the options, or if they were not given that of the first volume."""
-    asked = options.grid()  # wrong usage even where a volume has its grid
+    requested = options.grid()  # wrong usage even where a volume has its grid
     grids = [image.grid for image in images if image.grid is not None]
-    return grids[0] if grids and not given(options) else asked
+    return grids[0] if grids and not given(options) else requested
 
 
 def mean_capture(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def _system_errors(path: Path, refused: str) -> Iterator[None]:
-    """Raise what the system reports about a name as an `OutputError`."""
+    """Raise the system's error about a name as an `OutputError`."""
     try:
         yield
     except OutputError:

@@ -119,7 +119,7 @@ class RecordingOutput:
         One for each frame.
     antennas : AntennaOptions
     force : bool
-        Replace what is there.
+        Replace an existing recording.
     """
 
     output: Path
@@ -200,7 +200,7 @@ class RecordingOutput:
 
     def _check_apart(self, radar: Path) -> None:
         if self.output.resolve() == radar.resolve().parent:
-            raise OutputError(f"{self.output}: holds what is read; choose another folder")
+            raise OutputError(f"{self.output}: holds the source recording; choose another folder")
         check_apart(self.output, radar)
 
     def _save(self, views: Sequence[_Frames], copy_from: Path | None = None) -> None:

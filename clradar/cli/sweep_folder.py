@@ -1,4 +1,4 @@
-"""A sweep over alpha in a folder that keeps every image, so that a killed sweep goes on there."""
+"""A sweep over alpha in a folder that keeps every image, so that a killed sweep resumes there."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def sweep_into(
     force: bool = False,
     **options: Any,
 ) -> Sweep | None:
-    """Sweep over alpha in a folder, or go on where an earlier sweep was killed.
+    """Sweep over alpha in a folder, or resume one that was killed.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def sweep_into(
         From `clradar.cli.provenance.provenance`; its options are the settings that a folder has to
         have been begun with.
     align : mapping, optional
-        Find where the mesh is first, with these settings of `calibration.align_mesh`.
+        Find the pose of the mesh first, with these settings of `calibration.align_mesh`.
     device : Device
     force : bool
         Begin anew in a folder that was begun with other settings.
@@ -94,7 +94,7 @@ def sweep_into(
                 scene = scene.transformed(place)
             store = FolderStore(folder / WORK)
             if len(store):
-                print_line(f"{folder}: goes on with {len(store)} images that are there")
+                print_line(f"{folder}: resumes with {len(store)} images that are done")
             with progress_bar("sweeping") as progress:
                 result = sweep(
                     measured, scene, alphas, device=device, store=store, progress=progress,
@@ -113,7 +113,7 @@ def _aligned(
     origin: Mapping[str, Any],
     settings: Mapping[str, Any],
 ) -> np.ndarray:
-    """Where the mesh is: from the file of an earlier run, or found and written."""
+    """The pose of the mesh: from the file of an earlier run, or found and written."""
     from calibration import align_mesh
     from measurement_io import read_transform
 
@@ -201,7 +201,7 @@ class FolderStore(MutableMapping[str, dict[str, np.ndarray]]):
 
 
 def begin(folder: Path, settings: Mapping[str, Any], *, force: bool) -> None:
-    """Make sure that what the folder holds was made with these settings.
+    """Check that the content of the folder was made with these settings.
 
     An empty folder takes them on. With `force` one that was begun with others is cleared: of the
     files of a sweep, and of nothing else.

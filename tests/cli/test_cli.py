@@ -1,4 +1,4 @@
-"""The command line: what is written, what is refused, and how it says so."""
+"""The command line: outputs, refusals and messages."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ GRID = ("--x-mm", "-60:60:6", "--y-mm", "-90:90:6", "--z-mm", "280:320:5")
 """21 x 31 x 9 voxels: no finer than the SSIM's window of 11 pixels needs."""
 
 HEAVY = ("trimesh", "scipy", "skimage", "matplotlib", "h5py", "measurement_io", "rich.progress")
-"""What a help text has no use for."""
+"""Modules that a help text does not need."""
 
 
 @pytest.fixture(autouse=True)
@@ -341,7 +341,7 @@ def test_check_outputs_sees_through_links(tmp_path: Path) -> None:
     outputs.check_outputs([None, tmp_path / "new.h5"], force=False)
 
 
-# What is printed
+# Messages
 
 
 def test_a_pipe_sees_no_progress_and_a_terminal_does(made: Path, tmp_path: Path) -> None:
@@ -360,7 +360,7 @@ def test_a_pipe_sees_no_progress_and_a_terminal_does(made: Path, tmp_path: Path)
         [*command, str(tmp_path / "b.h5")], stdout=subprocess.PIPE, stderr=theirs
     ) as process:
         os.close(theirs)
-        seen = b""
+        shown = b""
         while True:
             try:
                 block = os.read(ours, 4096)
@@ -368,12 +368,12 @@ def test_a_pipe_sees_no_progress_and_a_terminal_does(made: Path, tmp_path: Path)
                 break
             if not block:
                 break
-            seen += block
+            shown += block
         os.close(ours)
         assert process.stdout is not None
         process.stdout.read()
     assert process.returncode == 0
-    assert b"tracing" in seen
+    assert b"tracing" in shown
 
 
 def test_a_table_in_a_pipe_is_not_cut(capsys: pytest.CaptureFixture[str]) -> None:
@@ -507,10 +507,10 @@ def test_simulate_writes_what_the_library_gives(made: Path) -> None:
 def test_every_option_of_simulate_reaches_the_library(
     run: Run, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen: dict[str, Any] = {}
+    received: dict[str, Any] = {}
 
     def fake(scene: clradar.Scene, array: object, waveform: clradar.Waveform, **given: Any) -> None:
-        seen.update(given, waveform=waveform, scene=scene)
+        received.update(given, waveform=waveform, scene=scene)
         raise ModelError("enough")
 
     monkeypatch.setattr(clradar, "simulate", fake)
@@ -535,11 +535,11 @@ def test_every_option_of_simulate_reaches_the_library(
         "seed": 9,
         "estimator": "stochastic",
     }
-    assert asdict(seen["settings"]) == expected
-    assert np.array_equal(seen["waveform"].frequencies_hz, np.linspace(24e9, 26e9, 11))
-    assert "portable" in seen["device"].info.platform.lower()
+    assert asdict(received["settings"]) == expected
+    assert np.array_equal(received["waveform"].frequencies_hz, np.linspace(24e9, 26e9, 11))
+    assert "portable" in received["device"].info.platform.lower()
     one_error_line(run(*command, "--estimator", "expected", "--samples-per-mm2", 2), "enough")
-    settings = seen["settings"]
+    settings = received["settings"]
     assert (settings.estimator, settings.samples_per_mm2) == ("expected", 2.0)
 
 
@@ -558,7 +558,7 @@ def test_split_alpha(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert simulate_command.split_alpha("a.ply") == (Path("a.ply"), None)
     assert simulate_command.split_alpha("a.ply:0.25") == (Path("a.ply"), 0.25)
     assert simulate_command.split_alpha("c:a.ply") == (Path("c:a.ply"), None)
-    Path("a.ply:1").touch()  # a file of that very name is meant
+    Path("a.ply:1").touch()  # a file of that very name
     assert simulate_command.split_alpha("a.ply:1") == (Path("a.ply:1"), None)
 
 
@@ -616,7 +616,7 @@ def test_image_writes_what_the_library_gives(made: Path) -> None:
     assert volume.meta["inputs"] == [{"file": "sim.h5", "sha256": digest}]
 
 
-def test_image_of_a_recording_and_its_picture(run: Run, made: Path, tmp_path: Path) -> None:
+def test_image_of_a_recording_and_its_figure(run: Run, made: Path, tmp_path: Path) -> None:
     target, png = tmp_path / "v.h5", tmp_path / "v.png"
     outcome = run("image", made / "recording", "-o", target, "--png", png, "--method", "exact",
                   "--window", "hann", *GRID)  # fmt: skip
@@ -765,11 +765,11 @@ def test_a_capture_without_receptions_is_warned_of(run: Run, made: Path, tmp_pat
     outcome = run("simulate", made / "hand.ply", "-o", nothing, "--samples-per-mm2", "1e-9")
     assert outcome.status == 0
     assert "clradar: warning: no ray reached a receiver" in outcome.err
-    picture = tmp_path / "nothing.png"
-    outcome = run("image", nothing, "-o", tmp_path / "v.h5", *GRID, "--png", picture)
+    figure = tmp_path / "nothing.png"
+    outcome = run("image", nothing, "-o", tmp_path / "v.h5", *GRID, "--png", figure)
     assert outcome.status == 0
     assert "zero everywhere" in outcome.err
-    assert not picture.exists()
+    assert not figure.exists()
 
 
 def test_a_scene_behind_the_aperture_is_warned_of(run: Run, made: Path, tmp_path: Path) -> None:

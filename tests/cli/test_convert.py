@@ -279,7 +279,7 @@ def test_one_frame_of_a_recording_to_a_recording(run, recording, tmp_path, varia
     )
 
 
-# ---- what is refused
+# ---- refusals
 
 
 def test_captures_that_do_not_belong_together(run, tmp_path):

@@ -1,4 +1,4 @@
-"""``clradar demo``: the whole chain at a small size, and what it promises about its files."""
+"""``clradar demo``: the whole chain at a small size, and its files."""
 
 from __future__ import annotations
 
@@ -128,10 +128,10 @@ def test_command(
     ((folder, settings, _),) = calls
     assert folder == Path("demo")
     assert settings == (demonstration.FULL if full else demonstration.DEFAULT)
-    said = capsys.readouterr().out
-    assert ("2 mm" in said) != full
-    assert f"{'201 x 201 x 81' if full else '101 x 101 x 41'} voxels" in said
-    assert "400000 samples x 4 rays" in said
+    printed = capsys.readouterr().out
+    assert ("2 mm" in printed) != full
+    assert f"{'201 x 201 x 81' if full else '101 x 101 x 41'} voxels" in printed
+    assert "400000 samples x 4 rays" in printed
 
     (tmp_path / "demo" / "notes.txt").write_text("mine")
     assert status() == 1

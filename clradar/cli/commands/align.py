@@ -26,7 +26,7 @@ from clradar.files.json_file import write_json
 
 @dataclass(frozen=True, kw_only=True)
 class AlignedOptions(UnitOptions, SearchOptions):
-    """What is aligned with the measurement, an image or a mesh, and how."""
+    """The image or the mesh to align with the measurement, and the search for its pose."""
 
     simulated: Path | None = argument(
         None, "Volume or capture; not with --mesh.", metavar="[SIMULATED]"

@@ -36,8 +36,8 @@ def command(
     force: ForceOption = False,
 ) -> None:
     """Each piece of work against a peer in the same run, and whether both agree. Ratios matter, not
-    seconds: machines differ and are noisy. The peers are installed by `pip install clradar[bench]`;
-    docs/performance.md says what was found.
+    seconds: machines differ and are noisy. Install the peers by `pip install clradar[bench]`;
+    docs/performance.md has the results.
     """
     import os
     import platform

@@ -37,7 +37,7 @@ class ReplayOptions:
     )
     rigs: Path | None = option(
         None,
-        "With --replay: what the plan's names of rig files are relative to. [default: the "
+        "With --replay: folder that the plan's names of rig files are relative to. [default: the "
         "current folder, then the data set's]",
         metavar="FOLDER",
     )
@@ -166,7 +166,7 @@ def _silence_dask() -> None:
 
 
 def make(plan: Plan, output: Path, engine: Engine, *, force: bool, retry: bool) -> None:
-    """Make a data set, or go on with one."""
+    """Make a data set, or resume one."""
     from clradar.dataset.engine.run import run
 
     try:
@@ -176,7 +176,7 @@ def make(plan: Plan, output: Path, engine: Engine, *, force: bool, retry: bool) 
                 warn=print_warning,
             )  # fmt: skip
     except KeyboardInterrupt:
-        print_error(f"interrupted; the same command goes on with {output}")
+        print_error(f"interrupted; the same command resumes {output}")
         raise
     for aside in result.aside[:SHOWN_ASIDE]:
         print_warning(

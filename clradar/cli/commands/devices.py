@@ -21,7 +21,7 @@ def command() -> None:
     failure = None
     try:
         chosen = default_device()
-    except Exception as error:  # the table helps to mend it, so it comes first
+    except Exception as error:  # printed after the table, which helps to find the cause
         failure = error
     rows = [
         (
@@ -45,7 +45,7 @@ def command() -> None:
 
 
 def good_for(info: DeviceInfo) -> str:
-    """Return what to use a device for, in a few words."""
+    """The use of a device, in a few words."""
     if info.is_interpreter:
         return "checking kernels"
     if info.kind == "gpu":

@@ -10,19 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clradar.cli.console import print_line, print_table
+from clradar.cli.hand_mesh import SUFFIXES, save_hand, turned
 from clradar.cli.options.common import DeviceOption, ForceOption
 from clradar.cli.options.groups import argument, given, option, output_option
 from clradar.cli.options.rig import RigOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, check_suffix
-from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
     from clradar.hand import HandMesh, HandPose
-
-SUFFIXES = (".ply", ".stl", ".obj", ".off", ".glb")
-"""Formats of mesh files; only .glb keeps the parts apart."""
 
 EDGE_MM = 1.7
 
@@ -146,36 +143,3 @@ def command(
     if joints is not None:
         write_json(joints, joints_record(mesh.joints_m), force=force)
     print_line(f"{output}: {words}, {len(mesh.faces)} faces")
-
-
-def turned(mesh: HandMesh, angle_deg: float, center_m: Sequence[float]) -> HandMesh:
-    """A hand turned about the vertical through `center_m`.
-
-    Parameters
-    ----------
-    mesh : HandMesh
-    angle_deg : float, degrees
-        Positive brings the side at +x nearer to the radar.
-    center_m : sequence of 3 floats, metres
-    """
-    cosine, sine = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
-    matrix = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
-    centre_m = np.asarray(center_m, dtype=np.float64)
-    return mesh.moved(np.eye(3), -centre_m).moved(matrix, centre_m)
-
-
-def save_hand(path: Path, mesh: HandMesh, *, force: bool) -> None:
-    """Write a hand's mesh whole or not at all, in metres."""
-    import trimesh
-
-    kind = path.suffix.lower()[1:]
-    if kind == "glb":
-        scene = trimesh.Scene()
-        for i, name in enumerate(mesh.part_names):
-            piece = trimesh.Trimesh(mesh.vertices_m, mesh.faces[mesh.part == i], process=False)
-            piece.remove_unreferenced_vertices()
-            scene.add_geometry(piece, node_name=name, geom_name=name)
-        content = scene.export(file_type=kind)
-    else:
-        content = mesh.to_trimesh().export(file_type=kind)
-    write_file(path, content.encode() if isinstance(content, str) else content, force=force)

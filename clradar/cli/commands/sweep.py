@@ -115,9 +115,9 @@ class RegionOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceOptions(PlacementOptions, SearchOptions):
-    """Where the mesh is, or how to find it."""
+    """The place of the mesh, given or to be found."""
 
-    align: bool = option(False, "Find where the mesh is first, as `clradar align`.")
+    align: bool = option(False, "Find the pose of the mesh first, as `clradar align`.")
 
     def __post_init__(self) -> None:
         if self.align and self.transform is not None:
@@ -144,8 +144,8 @@ def command(
     """Simulates MESH at every alpha with several seeds and compares each image with MEASURED. DIR
     gets sweep.png, sweep.csv, sweep.json, the settings, and with --align the transform. The same
     command goes on where a killed one stopped; other settings in the same DIR are refused, unless
-    --force begins anew. Frequencies are those of MEASURED, where it is a capture. What is found and
-    how sure it is: docs/sweep.md.
+    --force begins anew. Frequencies are those of MEASURED, where it is a capture. The result
+    and its uncertainty: docs/sweep.md.
     """
     from calibration.roughness.sweep import check_place
     from clradar import open_device

@@ -1,4 +1,4 @@
-"""Options of a simulation: rays, frequencies, and where the mesh is."""
+"""Options of a simulation: rays, frequencies, and the place of meshes."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class WaveformOptions:
         )
 
     def waveform(self) -> Waveform:
-        """The frequencies, with those of the paper for what was not given."""
+        """The frequencies, those of the paper where an option is missing."""
         start_ghz, stop_ghz, steps = self.band_ghz
         return Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
 

@@ -435,7 +435,7 @@ def test_a_killed_command_goes_on_to_the_same_files(files, capsys):
     assert len(work) == 3
     assert work[0].endswith(".tmp")
     assert run(*COMMAND, "-o", "killed") == 0
-    assert "goes on with 2 images" in capsys.readouterr().out
+    assert "resumes with 2 images" in capsys.readouterr().out
     assert run(*COMMAND, "-o", "whole") == 0
     assert contents(files / "killed") == contents(files / "whole")
     assert set(contents(files / "whole")) == {
