@@ -17,7 +17,7 @@ LONGEST = 1e15
 
 
 class Table:
-    """One table. An invalid value raises `MeasurementError`, unless a subclass collects them.
+    """One table; `note` decides what becomes of invalid values, and raises here.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Table:
         self._known: list[str] = []
         self._content = content if isinstance(content, dict) else {}
         if not isinstance(content, dict):
-            self.refuse("", "a table", content)
+            self.refuse("", "a table or object", content)
 
     def note(self, line: str) -> None:
         """Report that something is invalid; without an override, raise."""
@@ -56,7 +56,7 @@ class Table:
         raise AssertionError
 
     def place(self, key: str) -> str:
-        return ".".join(part for part in (self._name, key) if part)
+        return ".".join(clean(part) for part in (self._name, key) if part)
 
     def has(self, key: str) -> bool:
         return key in self._content
@@ -95,6 +95,85 @@ class Table:
             if key not in names:
                 remark = f"unknown key; expected one of {', '.join(names)}{nearest(key, names)}"
                 self.note(f"{clean(self._source)}: {clean(self.place(key))}: {remark}")
+
+
+class StrictTable(Table):
+    """A table whose first invalid value raises, and whose missing values are None."""
+
+    def table(self, key: str, *, needed: bool = False) -> StrictTable:
+        """Return an inner table, an empty one if it is not there."""
+        if needed and not self.has(key):
+            self.fail(key, "a table of that name", "none")
+        return StrictTable(self._source, self.place(key), self.raw(key, {}))
+
+    def text(self, key: str, expected: str = "a key of the file") -> str | None:
+        value = self.raw(key)
+        good = isinstance(value, str) and 0 < len(value) <= 1000 and "\0" not in value
+        if value is not None and not good:
+            self.fail(key, f"{expected}, as text", toml_brief(value))
+        return value
+
+    def number(self, key: str) -> float | None:
+        value = self.raw(key)
+        return None if value is None else self._number(key, value)
+
+    def number_or_text(self, key: str) -> str | float | None:
+        return self.text(key) if isinstance(self.raw(key), str) else self.number(key)
+
+    def texts(self, key: str, expected: str) -> tuple[str, ...] | None:
+        value = self._list(key, expected)
+        if value is None:
+            return None
+        good = all(isinstance(v, str) and v for v in value)
+        if not good or (len(set(value)) != len(value) and key != "axes"):
+            self.fail(key, expected, toml_brief(value))
+        return tuple(value)
+
+    def numbers(self, key: str, *counts: int) -> tuple[float, ...] | None:
+        """Return a list of as many numbers as one of `counts`, if there are any."""
+        expected = f"a list of {' or '.join(map(str, counts))} numbers"
+        expected = expected if counts else "a list of numbers"
+        value = self._list(key, expected)
+        if value is None:
+            return None
+        if not value or (counts and len(value) not in counts):
+            self.fail(key, expected, toml_brief(value))
+        return tuple(self._number(key, v) for v in value)
+
+    def whole_numbers(self, key: str, low: int) -> tuple[int, ...] | None:
+        expected = f"a list of whole numbers from {low}"
+        value = self._list(key, expected)
+        if value is None:
+            return None
+        if not value or not all(is_whole(v) and v >= low for v in value):
+            self.fail(key, expected, toml_brief(value))
+        return tuple(value)
+
+    def rows(self, key: str) -> tuple[tuple[float, ...], ...] | None:
+        expected = "a list of rows of numbers, all as long as each other"
+        value = self._list(key, expected)
+        if value is None:
+            return None
+        if not value or not all(isinstance(row, list) and row for row in value):
+            self.fail(key, expected, toml_brief(value))
+        if len({len(row) for row in value}) > 1:
+            self.fail(key, expected, toml_brief(value))
+        return tuple(tuple(self._number(key, v) for v in row) for row in value)
+
+    def whole_entries(self) -> tuple[tuple[str, int], ...]:
+        """Return all entries of this table, each a whole number from 0."""
+        return tuple((key, self.whole(key, 0, 0, 2**31)) for key in self._content)
+
+    def _list(self, key: str, expected: str) -> list[Any] | None:
+        value = self.raw(key)
+        if value is not None and not isinstance(value, list):
+            self.fail(key, expected, toml_brief(value))
+        return value
+
+    def _number(self, key: str, value: Any) -> float:
+        if not is_number(value):
+            self.fail(key, "a finite number", toml_brief(value))
+        return float(value)
 
 
 def is_number(value: object) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from clradar.files.failures import reading, shown
 from clradar.files.limits import MAX_CHANNELS, MAX_FREQUENCIES
+from clradar.files.table import StrictTable
 from clradar.files.toml_file import read_toml
 from measurement_io.layouts.description import (
     FREQUENCY_UNITS_HZ,
@@ -21,7 +22,6 @@ from measurement_io.layouts.description import (
     Layout,
     Select,
 )
-from measurement_io.layouts.layout_table import LayoutTable
 
 _EXPECTED = "a layout (a TOML file, see docs/layouts.md)"
 _SLICE = re.compile(r"(-?[0-9]{0,9}):(-?[0-9]{0,9})(?::(-?[0-9]{1,9}))?\Z")
@@ -58,7 +58,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
 
 
 def _layout(source: str, parsed: object, path: Path) -> Layout:
-    top = LayoutTable(source, "", parsed)
+    top = StrictTable(source, "", parsed)
     data = _data(top.table("data", needed=True))
     tx = _antennas(top.table("tx", needed=True), path.parent)
     rx = _antennas(top.table("rx", needed=True), path.parent)
@@ -73,7 +73,7 @@ def _layout(source: str, parsed: object, path: Path) -> Layout:
     return Layout(source, data, tx, rx, frame, frequency, meta)
 
 
-def _data(table: LayoutTable) -> DataLayout:
+def _data(table: StrictTable) -> DataLayout:
     key, real, imag = table.text("key"), table.text("real"), table.text("imag")
     if (key is None) == (real is None and imag is None) or (real is None) != (imag is None):
         table.fail("key", "'key', or 'real' and 'imag'", _given(key=key, real=real, imag=imag))
@@ -118,7 +118,7 @@ def _data(table: LayoutTable) -> DataLayout:
 
 
 def _check_axes(
-    table: LayoutTable, axes: tuple[str, ...], pick: dict[str, int], key: str | None
+    table: StrictTable, axes: tuple[str, ...], pick: dict[str, int], key: str | None
 ) -> None:
     for axis in axes:
         if axis not in SIGNAL_AXES and axis not in pick:
@@ -135,7 +135,7 @@ def _check_axes(
         table.fail("axes", "an axis \"part\" only with one 'key'", list(axes))
 
 
-def _antennas(table: LayoutTable, folder: Path) -> AntennaLayout:
+def _antennas(table: StrictTable, folder: Path) -> AntennaLayout:
     channels = table.whole("channels", None, 1, MAX_CHANNELS)
     select = _select(table)
     key, file = table.text("key"), table.text("file", "the name of an antenna file")
@@ -175,7 +175,7 @@ def _antennas(table: LayoutTable, folder: Path) -> AntennaLayout:
     )
 
 
-def _select(table: LayoutTable) -> Select | None:
+def _select(table: StrictTable) -> Select | None:
     if table.raw("select") is None:
         return None
     expected = 'a slice "start:stop" (stop excluded) or a list of channels from 0'
@@ -195,7 +195,7 @@ def _select(table: LayoutTable) -> Select | None:
 
 
 def _frame_of_reference(
-    table: LayoutTable, name: str, sides: tuple[AntennaLayout, AntennaLayout]
+    table: StrictTable, name: str, sides: tuple[AntennaLayout, AntennaLayout]
 ) -> FrameOfReference:
     unit = table.one_of("unit", None, tuple(LENGTH_UNITS_PER_M))
     if unit is None:
@@ -228,7 +228,7 @@ def _frame_of_reference(
     )
 
 
-def _frequency(table: LayoutTable) -> FrequencyLayout:
+def _frequency(table: StrictTable) -> FrequencyLayout:
     key, values = table.text("key"), table.numbers("values")
     start, stop, step = (table.number_or_text(name) for name in ("start", "stop", "step"))
     points: str | int | None

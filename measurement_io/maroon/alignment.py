@@ -13,13 +13,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from clradar.errors import ModelError
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.json_file import read_json_object
+from clradar.files.table import StrictTable
 from clradar.model import checks
 
 RADAR = "radar"
@@ -195,6 +195,7 @@ def read_alignment(path: str | os.PathLike[str]) -> SensorAlignment:
     """
     path = Path(path)
     content = read_json_object(path)
+    table = StrictTable(shown(path), "", content)
     given: dict[tuple[str, str], np.ndarray] = {}
     unknown = []
     for key, value in content.items():
@@ -202,7 +203,7 @@ def read_alignment(path: str | os.PathLike[str]) -> SensorAlignment:
         if pair is None or value is None:
             unknown.append(clean(key))
             continue
-        given[pair] = _matrix(path, key, value)
+        given[pair] = _matrix(path, key, table)
     with reading(path, "transforms between sensors"):
         return SensorAlignment(shown(path), given, tuple(unknown))
 
@@ -219,26 +220,17 @@ def _pair(key: str) -> tuple[str, str] | None:
     return (source, target) if _NAME.fullmatch(source) and _NAME.fullmatch(target) else None
 
 
-def _matrix(path: Path, key: str, value: Any) -> np.ndarray:
-    what = f"'{clean(key)}' to be four rows of four numbers"
-    if not isinstance(value, list) or len(value) != 4:
-        size = f"a list of {len(value)}" if isinstance(value, list) else type(value).__name__
-        fail(path, what, size)
-    for row in value:
-        if not isinstance(row, list) or len(row) != 4:
-            size = f"of {len(row)}" if isinstance(row, list) else f"that is {type(row).__name__}"
-            fail(path, what, f"a row {size}")
-        odd = [item for item in row if isinstance(item, bool) or not isinstance(item, int | float)]
-        if odd:
-            fail(path, what, clean(repr(odd[0])[:60]))
-    with reading(path, what):
-        matrix = np.array(value, dtype=np.float64)
-        if np.abs(matrix[3] - (0, 0, 0, 1)).max() <= LAST_ROW_ROUNDING:  # False for NaN
-            matrix[3] = (0, 0, 0, 1)
-        try:
-            return checks.transform(f"'{clean(key)}'", matrix)
-        except ModelError as error:
-            fail(path, "invertible affine transforms", clean(error))
+def _matrix(path: Path, key: str, table: StrictTable) -> np.ndarray:
+    rows = table.rows(key)
+    matrix = np.array(rows, dtype=np.float64)
+    if matrix.shape != (4, 4):
+        table.fail(clean(key), "four rows of four numbers", f"shape {matrix.shape}")
+    if np.abs(matrix[3] - (0, 0, 0, 1)).max() <= LAST_ROW_ROUNDING:
+        matrix[3] = (0, 0, 0, 1)
+    try:
+        return checks.transform(f"'{clean(key)}'", matrix)
+    except ModelError as error:
+        fail(path, "invertible affine transforms", clean(error))
 
 
 def stretches(matrix: np.ndarray) -> np.ndarray:

@@ -6,24 +6,25 @@ All positions in it are in the dataset's radar space, x_radar = -x_antenna.
 from __future__ import annotations
 
 import json
-import math
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
-from clradar.files.atomic import replacing
-from clradar.files.failures import clean, fail
+from clradar.files.atomic import write_file
+from clradar.files.failures import shown
 from clradar.files.json_file import read_json_object
+from clradar.files.table import StrictTable
 
 CALIBRATION_FILE = "calibration.json"
 MAX_POSITION_M = 1e3
 """Farthest end of a grid; anything beyond is not in metres."""
 
+_AMPLITUDES = ("min_abs", "max_abs", "min_amplitude", "max_amplitude")
+_FILTER = ("amplitude_filter_kernel_size", "amplitude_filter_threshold_dB")
 _FRAME_KEY = re.compile("[0-9]{6}")
 
 Matrix = tuple[tuple[float, ...], ...]
@@ -140,15 +141,15 @@ def read_calibration_file(path: Path) -> CalibrationFile:
         Missing, no JSON object, or an entry that is there is not what it has to be.
     """
     content = read_json_object(path)
-    parser = _Parser(path)
-    points = parser.number(content, "frequency_points", path.name)
+    table = StrictTable(shown(path), "", content)
+    points = table.number("frequency_points")
     if points is not None and (points < 1 or points != int(points)):
-        fail(path, "'frequency_points' to be a whole number above 0", f"{points:g}")
+        table.fail("frequency_points", "a whole number above 0", f"{points:g}")
     return CalibrationFile(
-        parser.number(content, "frequency_low_ghz", path.name),
-        parser.number(content, "frequency_high_ghz", path.name),
+        table.number("frequency_low_ghz"),
+        table.number("frequency_high_ghz"),
         None if points is None else int(points),
-        {int(k): parser.frame(k, v) for k, v in content.items() if _FRAME_KEY.fullmatch(k)},
+        {int(key): _frame(table.table(key)) for key in content if _FRAME_KEY.fullmatch(key)},
     )
 
 
@@ -164,33 +165,23 @@ def read_frame_entry(path: Path, number: int) -> FrameEntry | None:
     """
     key = f"{number:06d}"
     content = read_json_object(path)
-    return _Parser(path).frame(key, content[key]) if key in content else None
+    table = StrictTable(shown(path), "", content)
+    return _frame(table.table(key)) if table.has(key) else None
 
 
 def frame_entry_json(entry: FrameEntry) -> dict[str, Any]:
     """Return a frame's entry as the file has it; what is None is left out."""
     parts: dict[str, Any] = {}
     if entry.volume is not None:
-        v = entry.volume
-        scalars = {
-            "min_abs": v.min_abs,
-            "max_abs": v.max_abs,
-            "min_amplitude": v.min_amplitude,
-            "max_amplitude": v.max_amplitude,
-        }
-        parts["volume"] = _box_json(v.box) | _given(scalars)
+        scalars = {name: getattr(entry.volume, name) for name in _AMPLITUDES}
+        parts["volume"] = _box_json(entry.volume.box) | _given(scalars)
     if entry.amplitude is not None:
-        a = entry.amplitude
-        parts["amplitude"] = _given(
-            {
-                "amplitude_filter_kernel_size": a.filter_kernel_size,
-                "amplitude_filter_threshold_dB": a.filter_threshold_db,
-            }
-        )
+        values = (entry.amplitude.filter_kernel_size, entry.amplitude.filter_threshold_db)
+        parts["amplitude"] = _given(dict(zip(_FILTER, values, strict=True)))
     if entry.depth is not None:
-        d = entry.depth
-        intrinsics = None if d.intrinsics is None else [list(row) for row in d.intrinsics]
-        parts["depth"] = _given({"intrinsics": intrinsics}) | _box_json(d.box)
+        rows = entry.depth.intrinsics
+        intrinsics = None if rows is None else [list(row) for row in rows]
+        parts["depth"] = _given({"intrinsics": intrinsics}) | _box_json(entry.depth.box)
     return parts
 
 
@@ -242,9 +233,7 @@ def put_frame_entry(path: Path, number: int, entry: FrameEntry) -> None:
 
 
 def _replace(path: Path, content: Mapping[str, Any], *, force: bool) -> None:
-    text = json.dumps(content, indent=2) + "\n"
-    with replacing(path, force=force) as temporary:
-        temporary.write_text(text, encoding="ascii")
+    write_file(path, (json.dumps(content, indent=2) + "\n").encode("ascii"), force=force)
 
 
 def _given(values: dict[str, Any]) -> dict[str, Any]:
@@ -261,103 +250,45 @@ def _box_json(box: GridBox | None) -> dict[str, Any]:
     }
 
 
-class _Parser:
-    """Parts of one file, each either as it has to be or an error that names file and key."""
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._path = path
-
-    def frame(self, key: str, value: Any) -> FrameEntry:
-        entry = self._mapping(value, key)
-        volume = amplitude = depth = None
-        if "volume" in entry:
-            where = f"{key}: volume"
-            part = self._mapping(entry["volume"], where)
-            volume = VolumeEntry(
-                self._box(part, where, (3,)),
-                *(
-                    self.number(part, name, where)
-                    for name in ("min_abs", "max_abs", "min_amplitude", "max_amplitude")
-                ),
-            )
-        if "amplitude" in entry:
-            where = f"{key}: amplitude"
-            part = self._mapping(entry["amplitude"], where)
-            amplitude = AmplitudeEntry(
-                self.number(part, "amplitude_filter_kernel_size", where),
-                self.number(part, "amplitude_filter_threshold_dB", where),
-            )
-        if "depth" in entry:
-            where = f"{key}: depth"
-            part = self._mapping(entry["depth"], where)
-            intrinsics = None
-            if part.get("intrinsics") is not None:
-                intrinsics = self._matrix(part["intrinsics"], f"{where}: intrinsics")
-            depth = DepthEntry(intrinsics, "transform" in part, self._box(part, where, (2, 3)))
-        return FrameEntry(volume, amplitude, depth)
-
-    def number(self, part: Mapping[str, Any], key: str, where: str) -> float | None:
-        if part.get(key) is None:
-            return None
-        return self._finite(part[key], f"{where}: {key}")
-
-    def _box(self, part: Mapping[str, Any], where: str, lengths: tuple[int, ...]) -> GridBox | None:
-        names = ("bb_min", "bb_max", "grid_size")
-        there = [name for name in names if part.get(name) is not None]
-        values = {name: self._list(part[name], f"{where}: {name}", lengths) for name in there}
-        if len(there) < len(names):
-            return None
-        low, high, counts = (values[name] for name in names)
-        farthest = max(abs(value) for value in low + high)
-        if farthest > MAX_POSITION_M:
-            self._refuse(where, f"metres, at most {MAX_POSITION_M:g}", f"{farthest:g}")
-        if not len(low) == len(high) == len(counts):
-            self._refuse(where, "bb_min, bb_max and grid_size of the same length", "others")
-        for a, b, count in zip(low, high, counts, strict=True):
-            if count < 1 or count != int(count):
-                self._refuse(where, "whole numbers above 0 in grid_size", f"{count:g}")
-            if (b < a) if count > 1 else (b != a):
-                expected = "bb_min below bb_max" if count > 1 else "one point where grid_size is 1"
-                self._refuse(where, expected, f"{a:g} and {b:g}")
-            if count > 1 and a == b:
-                self._refuse(where, "bb_min below bb_max", f"{a:g} for both")
-        return GridBox(tuple(low), tuple(high), tuple(int(n) for n in counts))
-
-    def _list(self, value: Any, where: str, lengths: tuple[int, ...]) -> list[float]:
-        if not isinstance(value, list) or len(value) not in lengths:
-            self._refuse(where, f"{' or '.join(map(str, lengths))} numbers", _shown(value))
-        return [self._finite(item, where) for item in value]
-
-    def _matrix(self, value: Any, where: str) -> Matrix:
-        if isinstance(value, list) and len(value) == 16:
-            value = [value[i : i + 4] for i in range(0, 16, 4)]
-        if not isinstance(value, list) or len(value) != 4:
-            self._refuse(where, "a 4 x 4 matrix", _shown(value))
-        return tuple(tuple(self._list(row, where, (4,))) for row in value)
-
-    def _finite(self, value: Any, where: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            self._refuse(where, "a number", _shown(value))
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-        if not math.isfinite(number):
-            self._refuse(where, "a finite number", _shown(value))
-        return number
-
-    def _mapping(self, value: Any, where: str) -> Mapping[str, Any]:
-        if not isinstance(value, dict):
-            self._refuse(where, "a JSON object", _shown(value))
-        return value
-
-    def _refuse(self, where: str, expected: str, got: str) -> NoReturn:
-        fail(self._path, f"{expected} in '{clean(where)}'", got)
+def _frame(entry: StrictTable) -> FrameEntry:
+    volume = amplitude = depth = None
+    if entry.has("volume"):
+        part = entry.table("volume")
+        volume = VolumeEntry(_box(part, 3), *map(part.number, _AMPLITUDES))
+    if entry.has("amplitude"):
+        part = entry.table("amplitude")
+        amplitude = AmplitudeEntry(*map(part.number, _FILTER))
+    if entry.has("depth"):
+        part = entry.table("depth")
+        depth = DepthEntry(_intrinsics(part), part.has("transform"), _box(part, 2, 3))
+    return FrameEntry(volume, amplitude, depth)
 
 
-def _shown(value: Any) -> str:
-    if isinstance(value, list):
-        return f"a list of {len(value)}"
-    if isinstance(value, str | float):
-        return f"{type(value).__name__} {clean(str(value)[:40])}"
-    return type(value).__name__
+def _box(part: StrictTable, *lengths: int) -> GridBox | None:
+    low, high, counts = (part.numbers(name, *lengths) for name in ("bb_min", "bb_max", "grid_size"))
+    if low is None or high is None or counts is None:
+        return None
+    farthest = max(map(abs, low + high))
+    if farthest > MAX_POSITION_M:
+        part.fail("bb_min", f"metres, at most {MAX_POSITION_M:g}", f"{farthest:g}")
+    if not len(low) == len(high) == len(counts):
+        part.fail("grid_size", "as many numbers as in bb_min and bb_max", f"{len(counts)}")
+    for a, b, count in zip(low, high, counts, strict=True):
+        if count < 1 or count != int(count):
+            part.fail("grid_size", "whole numbers above 0", f"{count:g}")
+        if not (a < b if count > 1 else a == b):
+            expected = "bb_min below bb_max" if count > 1 else "one point where grid_size is 1"
+            part.fail("bb_max", expected, f"{a:g} and {b:g}")
+    return GridBox(low, high, tuple(int(n) for n in counts))
+
+
+def _intrinsics(part: StrictTable) -> Matrix | None:
+    """Return a matrix given as four rows or as sixteen numbers."""
+    value = part.raw("intrinsics")
+    if isinstance(value, list) and value and not isinstance(value[0], list):
+        flat = part.numbers("intrinsics", 16) or ()
+        return tuple(flat[i : i + 4] for i in range(0, 16, 4))
+    rows = part.rows("intrinsics")
+    if rows is not None and (len(rows), len(rows[0])) != (4, 4):
+        part.fail("intrinsics", "a 4 x 4 matrix", f"{len(rows)} x {len(rows[0])}")
+    return rows

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from clradar.files.failures import clean, fail, reading
+from clradar.files.failures import reading, shown
 from clradar.files.json_file import read_json_object
+from clradar.files.table import StrictTable
 from clradar.model import checks
 
 DISTANCE_FOLDERS = ("30", "40", "50")
@@ -171,51 +171,25 @@ def read_metadata(path: str | os.PathLike[str]) -> RecordingMetadata:
     >>> metadata.distance_meters
     0.3
     """
-    path = Path(path)
-    content = read_json_object(path)
-    known: dict[str, Any] = {}
+    content = read_json_object(Path(path))
+    table = StrictTable(shown(path), "", content)
+    distance = table.number("distance_meters")
+    if distance is not None and distance <= 0:
+        table.fail("distance_meters", "a positive number", distance)
+    empty = content.get("empty_measurement")
+    if empty is not None and not isinstance(empty, str):
+        table.fail("empty_measurement", "a name", empty)
+    as_is = ("calibration", "calibration_fine", "mask_erosion", "labels")
+    kept = {key: tuple(v) if isinstance(v := content.get(key), list) else v for key in as_is}
+    known = (*as_is, "distance_meters", "empty_measurement", "mask_bb")
+    other = {key: value for key, value in content.items() if key not in known}
+    box = None
+    if content.get("mask_bb") is not None:
+        bounds = table.table("mask_bb")
+        box = MaskBox(*(bounds.number(key) for key in _BOUNDS))
+        more = {k: v for k, v in content["mask_bb"].items() if k not in _BOUNDS}
+        other |= {"mask_bb": more} if more else {}
     with reading(path, "the metadata of a recording"):
-        known["distance_meters"] = _distance(path, content.pop("distance_meters", None))
-        known["mask_bb"], more = _mask_box(path, content.pop("mask_bb", None))
-        if more:
-            content["mask_bb"] = more
-        empty = content.pop("empty_measurement", None)
-        if empty is not None and not isinstance(empty, str):
-            fail(path, "'empty_measurement' to be a name", clean(repr(empty)[:60]))
-        known["empty_measurement"] = empty
-        for key in ("calibration", "calibration_fine", "mask_erosion", "labels"):
-            value = content.pop(key, None)
-            known[key] = tuple(value) if isinstance(value, list) else value
-        return RecordingMetadata(**known, other=content)
-
-
-def _distance(path: Path, value: Any) -> float | None:
-    if value is None:
-        return None
-    number = _number(value)
-    if number is None or number <= 0:
-        fail(path, "'distance_meters' to be a positive number", clean(repr(value)[:60]))
-    return number
-
-
-def _mask_box(path: Path, value: Any) -> tuple[MaskBox | None, dict[str, Any]]:
-    """Return the box, and what else the object holds."""
-    if value is None:
-        return None, {}
-    if not isinstance(value, dict):
-        fail(path, f"'mask_bb' to be an object of {', '.join(_BOUNDS)}", type(value).__name__)
-    bounds = []
-    for key in _BOUNDS:
-        bound = value.get(key)
-        number = None if bound is None else _number(bound)
-        if bound is not None and number is None:
-            fail(path, f"'mask_bb.{key}' to be a finite number", clean(repr(bound)[:60]))
-        bounds.append(number)
-    return MaskBox(*bounds), {k: v for k, v in value.items() if k not in _BOUNDS}
-
-
-def _number(value: Any) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    number = float(value)
-    return number if math.isfinite(number) else None
+        return RecordingMetadata(
+            **kept, distance_meters=distance, mask_bb=box, empty_measurement=empty, other=other
+        )

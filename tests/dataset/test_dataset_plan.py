@@ -155,7 +155,7 @@ def test_the_record_of_a_plan_keeps_the_decimals_of_the_reception_radius() -> No
         ({"output": {"shard_size": 0}}, "output.shard_size", "from 1"),
         ({"output": {"compression": 10}}, "output.compression", "from 0 to 9"),
         ({"samples": 10**6, "output": {"shard_size": 10}}, "output.shard_size", "at least 20 for"),
-        ({"output": 5}, "output", "expected a table, got 5"),
+        ({"output": 5}, "output", "expected a table or object, got 5"),
     ],
 )
 def test_a_mistake_is_one_line_with_its_key(tables: dict[str, Any], key: str, words: str) -> None:

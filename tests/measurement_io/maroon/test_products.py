@@ -234,9 +234,9 @@ def test_without_calibration_pixels_have_no_place(radar, product):
 @pytest.mark.parametrize(
     ("key", "value", "found"),
     [
-        ("bb_min", [0, 0], "a list of 2"),
-        ("bb_min", "0", "str"),
-        ("bb_min", [0, 0, True], "bool"),
+        ("bb_min", [0, 0], "a list of 3"),
+        ("bb_min", "0", 'got "0"'),
+        ("bb_min", [0, 0, True], "got true"),
         ("bb_min", [0, 0, float("nan")], "finite"),
         ("bb_max", [-1, -1, -1], "bb_min below bb_max"),
         ("grid_size", [31, 21, 9.5], "whole numbers"),
@@ -247,7 +247,7 @@ def test_without_calibration_pixels_have_no_place(radar, product):
         ("min_amplitude", 1e6, "min_amplitude <= max_amplitude"),
         ("max_amplitude", None, "max_amplitude"),
         ("max_amplitude", 10**400, "finite"),
-        ("max_amplitude", {}, "dict"),
+        ("max_amplitude", {}, "got { }"),
     ],
 )
 def test_invalid_entries(radar, key, value, found):

@@ -207,11 +207,11 @@ CONTRADICTIONS = {
     ),
     "metadata": (
         lambda radar: edit(radar.parent / "metadata.json", mask_bb=3),
-        ["metadata.json: expected 'mask_bb'"],
+        ["metadata.json: mask_bb: expected a table or object"],
     ),
     "alignment": (
         lambda radar: edit(radar.parent / "alignment.json", kinect2radar=[[1]]),
-        ["alignment.json: expected 'kinect2radar'"],
+        ["alignment.json: kinect2radar: expected four rows"],
     ),
     "ways": (
         lambda radar: edit(
@@ -380,7 +380,7 @@ SAID_ONCE = {
     ),
     "an entry": (
         lambda radar: edit(radar / "calibration.json", **{"000001": {"volume": []}}),
-        ["expected a JSON object in '000001: volume'"],
+        ["000001.volume: expected a table or object"],
     ),
 }
 
