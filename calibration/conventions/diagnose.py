@@ -417,8 +417,8 @@ class _Search:
         self.swap = swap_sigma(corrected, isometry, points_m)
         if abs(self.swap) < SWAP_SIGMA:
             self.reasons.append(
-                f"swapped axes: {near}, and these say {abs(self.swap):.1f} standard errors for "
-                f"{'swapped' if self.swap < 0 else 'not swapped'}, which is too little"
+                f"swapped axes: {near}, and their {abs(self.swap):.1f} standard errors for "
+                f"{'swapped' if self.swap < 0 else 'not swapped'} are below {SWAP_SIGMA:g}"
             )
             return left
         self.reasons.append(

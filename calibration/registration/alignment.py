@@ -162,7 +162,7 @@ class Alignment:
             lines[-1] += f" Simulated there, the overlap is {self.overlap:.2f}."
         if self.degenerate_directions:
             lines.append(
-                "These images cannot tell, and no motion is assumed for: "
+                "Unobservable in these images, and constrained to no motion: "
                 + "; ".join(self.degenerate_directions)
                 + "."
             )

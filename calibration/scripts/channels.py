@@ -5,7 +5,7 @@
         --correct hand.h5 --corrected hand-corrected.h5
 
 `clradar channels` and `clradar correct` do the same with more options and targets;
-docs/channel-calibration.md says what can be told apart and what not.
+docs/channel-calibration.md has the model and its observability.
 """
 
 from pathlib import Path
