@@ -11,8 +11,8 @@ from calibration.conventions.hypotheses import HYPOTHESES, Hypothesis, apply_con
 from calibration.registration.align_images import align
 from calibration.registration.align_mesh import align_mesh
 from calibration.registration.alignment import Alignment
-from calibration.registration.closed_loop import Round
-from calibration.registration.register import Registration, register
+from calibration.registration.closed_loop import Registration, Round
+from calibration.registration.register import register
 from calibration.roughness.estimate import AlphaEstimate
 from calibration.roughness.region_sweep import RegionSweep
 from calibration.roughness.regions import Regions

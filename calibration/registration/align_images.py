@@ -33,7 +33,7 @@ from calibration.registration.rigid_motion import (
     plane_jacobian,
     rotation_about,
 )
-from calibration.registration.starting_rotations import start_rotations
+from calibration.registration.search_space import check_search, start_rotations
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
@@ -125,15 +125,9 @@ def align(
     >>> np.abs(1e3 * found.shift_m).round(1), round(found.rotation_deg)
     (array([2., 0., 5.]), 0)
     """
-    search_deg = checks.positive("align: search_deg", search_deg)
-    if search_deg > 180:
-        checks.fail("align: search_deg", "an angle in (0, 180]", repr(search_deg))
+    check_search("align", search_deg, min_inlier_share, max_iterations)
     dynamic_range_db = checks.positive("align: dynamic_range_db", dynamic_range_db)
-    min_inlier_share = checks.positive("align: min_inlier_share", min_inlier_share)
-    if min_inlier_share > 1:
-        checks.fail("align: min_inlier_share", "a share in (0, 1]", repr(min_inlier_share))
     max_rms_m = checks.positive("align: max_rms_m", max_rms_m)
-    max_iterations = checks.whole("align: max_iterations", max_iterations, 1)
 
     surface = DepthSurface.of(measured, dynamic_range_db, "measured image")
     cloud = DepthSurface.of(simulated, dynamic_range_db, "simulated image")

@@ -102,14 +102,37 @@ class LoopSettings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ClosedLoop:
-    """The corrected alignment, and the last simulation, which was made at its transform."""
+class Registration:
+    """A registered mesh and its simulation.
+
+    Attributes
+    ----------
+    alignment : Alignment
+        measured = transform . mesh, at the last simulation.
+    scene : Scene
+        The mesh in that pose, with the alpha of the last simulation.
+    capture : Capture
+    volume : Volume
+        The last simulation, on the grid of the measured volume.
+    rounds : tuple of Round
+    converged : bool
+        Whether the last round moved the mesh by less than the tolerance.
+
+    Examples
+    --------
+    >>> import calibration, numpy as np
+    >>> rounds = tuple(calibration.Round(np.eye(4), 0.3, moved_m) for moved_m in (2e-3, 5e-5))
+    >>> found = calibration.Registration(None, None, None, None, rounds, converged=True)
+    >>> len(found.rounds), found.rounds[-1].alpha, found.rounds[-1].moved_m
+    (2, 0.3, 5e-05)
+    """
 
     alignment: Alignment
     scene: Scene
     capture: Capture
     volume: Volume
     rounds: tuple[Round, ...]
+    converged: bool
 
 
 Callback = Callable[[Round], None]
@@ -141,7 +164,7 @@ def close_loop(
     settings: LoopSettings,
     device: Device,
     callback: Callback | None = None,
-) -> ClosedLoop:
+) -> Registration:
     """Correct the `located` pose of `mesh` until a round moves it by less than the tolerance.
 
     `measured` is the depth map of `located`, on the pixels of the grid.
@@ -206,7 +229,7 @@ def close_loop(
         converged=converged,
         iterations=len(rounds),
     )
-    return ClosedLoop(alignment, scene, capture, volume, tuple(rounds))
+    return Registration(alignment, scene, capture, volume, tuple(rounds), converged)
 
 
 def _radius_m(mesh: Scene, located: Located) -> float:

@@ -29,6 +29,7 @@ from calibration.registration.observability import (
     without_unobservable_motion,
 )
 from calibration.registration.rigid_motion import moved, moved_back
+from calibration.registration.search_space import check_search
 from clradar.model import DepthMap, Scene, Volume, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Device
@@ -87,13 +88,7 @@ def locate(
 ) -> Located:
     """Estimate the pose, biased where the mesh is specular; the arguments are `align_mesh`'s."""
     checks.instance("align_mesh: mesh", mesh, Scene)
-    search_deg = checks.positive("align_mesh: search_deg", search_deg)
-    if search_deg > 180:
-        checks.fail("align_mesh: search_deg", "an angle in (0, 180]", repr(search_deg))
-    min_inlier_share = checks.positive("align_mesh: min_inlier_share", min_inlier_share)
-    if min_inlier_share > 1:
-        checks.fail("align_mesh: min_inlier_share", "a share in (0, 1]", repr(min_inlier_share))
-    max_iterations = checks.whole("align_mesh: max_iterations", max_iterations, 1)
+    check_search("align_mesh", search_deg, min_inlier_share, max_iterations)
     _check_size(mesh, depth)
     coarse = MeasuredImage.of(depth, COARSE_STEP_M, aperture.centre_m)
     density = density_of(mesh, COARSE_SAMPLES_PER_MM2)

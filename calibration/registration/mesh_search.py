@@ -9,7 +9,7 @@ from calibration.registration.depth_surface import weighted_quantile
 from calibration.registration.mesh_fit import FLOOR, MeshFit, fit_mesh, initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage, MeshRendering
 from calibration.registration.rigid_motion import moved, rotation_about
-from calibration.registration.starting_rotations import TILTS, start_rotations
+from calibration.registration.search_space import TILTS, start_rotations
 from clradar.model.progress import Progress
 from clradar.tracing.visible_surface import VisibleSurface
 

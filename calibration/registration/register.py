@@ -2,57 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
-from calibration.registration.alignment import Alignment
 from calibration.registration.closed_loop import (
     MAX_ROUNDS,
     TOLERANCE_M,
     Callback,
     LoopSettings,
-    Round,
+    Registration,
     close_loop,
 )
 from calibration.registration.locate import depth_for_mesh, locate
 from calibration.registration.radar import Radar
-from clradar.model import AntennaArray, Capture, Scene, Volume, Waveform, checks
+from clradar.model import AntennaArray, Scene, Volume, Waveform, checks
 from clradar.opencl import Device, open_device
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Registration:
-    """A registered mesh and its simulation.
-
-    Attributes
-    ----------
-    alignment : Alignment
-        measured = transform . mesh, at the last simulation.
-    scene : Scene
-        The mesh in that pose, with the alpha of the last simulation.
-    capture : Capture
-    volume : Volume
-        The last simulation, on the grid of the measured volume.
-    rounds : tuple of Round
-    converged : bool
-        Whether the last round moved the mesh by less than the tolerance.
-
-    Examples
-    --------
-    >>> import calibration, numpy as np
-    >>> rounds = tuple(calibration.Round(np.eye(4), 0.3, moved_m) for moved_m in (2e-3, 5e-5))
-    >>> found = calibration.Registration(None, None, None, None, rounds, converged=True)
-    >>> len(found.rounds), found.rounds[-1].alpha, found.rounds[-1].moved_m
-    (2, 0.3, 5e-05)
-    """
-
-    alignment: Alignment
-    scene: Scene
-    capture: Capture
-    volume: Volume
-    rounds: tuple[Round, ...]
-    converged: bool
 
 
 @takes_settings
@@ -158,12 +122,4 @@ def register(
         max_iterations=max_iterations,
         device=opened,
     )
-    loop = close_loop(depth, mesh, located, loop_settings, opened, callback)
-    return Registration(
-        loop.alignment,
-        loop.scene,
-        loop.capture,
-        loop.volume,
-        loop.rounds,
-        loop.alignment.converged,
-    )
+    return close_loop(depth, mesh, located, loop_settings, opened, callback)

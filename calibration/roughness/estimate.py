@@ -80,19 +80,16 @@ class AlphaEstimate:
 
     Examples
     --------
-    >>> import calibration, clradar, trimesh
-    >>> mesh = trimesh.creation.icosphere(2, 0.04)
-    >>> scene = clradar.Scene(mesh.vertices + [0, 0, 0.3], mesh.faces)
-    >>> q = clradar.arrays.qar50()
-    >>> radar = {"array": clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12]),
-    ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
-    >>> rays = {"samples_per_mm2": 0.2, "reception_radius_m": 0.02}
-    >>> capture = clradar.simulate(scene.with_alpha(0.5), **radar, **rays)
-    >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.25, 0.3), 5e-3)
-    >>> image = clradar.backproject(capture, grid, device="pocl")
-    >>> found = calibration.sweep(image, scene, [0.1, 0.5, 0.9], seeds=1, **radar, **rays)
-    >>> print(found.estimate.text(), found.estimate.alike)
-    0... (uncertainty unknown) [False  True False]
+    >>> import calibration, numpy as np
+    >>> score = np.array([[0.6, 0.9, 0.7], [0.5, 0.8, 0.7]])
+    >>> found = calibration.AlphaEstimate(
+    ...     alpha=0.55, uncertainty=0.06, standard_error=0.02, per_seed=np.array([0.53, 0.57]),
+    ...     on_edge=False, self_check_error=0.03, metric="ssim", values=0.9 * score,
+    ...     self_agreement=np.full(3, 0.81), score=score, metric_peak=0.54,
+    ...     deficit=np.array([0.3, 0.0, 0.15]), deficit_error=np.array([0.0, 0.0, 0.05]),
+    ...     alike=np.array([False, True, False]), grid_best=1)
+    >>> found.text(), found.flat, found.remarks(np.array([0.1, 0.5, 0.9]))
+    ('0.550 ± 0.060', False, [])
     """
 
     alpha: float

@@ -106,17 +106,7 @@ class RegionSweep:
 class RegionImages:
     """Images of combinations of alphas, and the measured image, region by region.
 
-    Parameters
-    ----------
-    measured : DepthMap
-        With a depth wherever the amplitude is not zero.
-    grid : VoxelGrid
-    names : tuple of str
-    pixels : ndarray, shape (n_y, n_x), int
-    volume_of : callable
-    n_seeds, n_alphas : int
-    metric : str
-    dynamic_range_db : float
+    `measured` has a depth wherever its amplitude is not zero; `pixels` are those of `RegionSweep`.
     """
 
     measured: DepthMap

@@ -68,19 +68,14 @@ class Sweep:
 
     Examples
     --------
-    >>> import calibration, clradar, trimesh
-    >>> mesh = trimesh.creation.icosphere(2, 0.04)
-    >>> scene = clradar.Scene(mesh.vertices + [0, 0, 0.3], mesh.faces)
-    >>> q = clradar.arrays.qar50()
-    >>> radar = {"array": clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12]),
-    ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
-    >>> rays = {"samples_per_mm2": 0.2, "reception_radius_m": 0.02}
-    >>> capture = clradar.simulate(scene.with_alpha(0.5), **radar, **rays)
-    >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.25, 0.3), 5e-3)
-    >>> image = clradar.backproject(capture, grid, device="pocl")
-    >>> found = calibration.sweep(image, scene, [0.1, 0.5, 0.9], seeds=1, **radar, **rays)
-    >>> found.seeds, found.of("overlap").shape, len(found.images)
-    ((0,), (1, 3), 3)
+    >>> import calibration, clradar, numpy as np
+    >>> axis_m = np.arange(10) * 1e-3
+    >>> level = 1.0 + np.add.outer(axis_m, axis_m)
+    >>> image = clradar.DepthMap(np.full((10, 10), 0.3), level, axis_m, axis_m, 15.0)
+    >>> equal = clradar.compare(image, image)
+    >>> found = calibration.Sweep(
+    ...     np.array([0.2, 0.4]), (0,), ((equal, equal),), None, image, (image, image), None)
+    >>> found.of("overlap").round(6)
     """
 
     alphas: np.ndarray

@@ -1,4 +1,4 @@
-"""Take the empty room and what lies outside of a range window out of a capture: a script to edit.
+"""Subtract the background of a capture and gate it in range: a script to run, copy and edit.
 
     python calibration/scripts/background.py hand.h5 --empty empty.h5 -o clean.h5
     python calibration/scripts/background.py hand.h5 --near-mm 250 --far-mm 400 -o clean.h5
@@ -13,32 +13,22 @@ import numpy as np
 import typer
 
 from calibration import range_gate, subtract_background
-from calibration.scripts.scripting import run
-from clradar.files.atomic import refuse_existing
+from calibration.scripts.scripting import Force, refuse_existing, run
 from measurement_io import open_capture, save_capture
 
-# "none" subtracts as recorded; "common" and "channel" first scale the empty room to the capture.
+# "none" subtracts as recorded; "common" and "channel" scale the empty capture first.
 SCALING = "common"
 
 
 def main(
     capture: Annotated[Path, typer.Argument(help="With the object.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Cleaned capture, .h5.")],
-    empty: Annotated[
-        Path | None,
-        typer.Option(help="Capture of the room without the object."),
-    ] = None,
-    near_mm: Annotated[
-        float | None,
-        typer.Option(help="Window of half path lengths: from here ..."),
-    ] = None,
-    far_mm: Annotated[
-        float | None,
-        typer.Option(help="... to here."),
-    ] = None,
-    force: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
+    empty: Annotated[Path | None, typer.Option(help="Capture without the object.")] = None,
+    near_mm: Annotated[float | None, typer.Option(help="Start of the range window.")] = None,
+    far_mm: Annotated[float | None, typer.Option(help="End of the range window.")] = None,
+    force: Force = False,
 ) -> None:
-    """Subtract the empty room, then gate in range; at least one of the two."""
+    """Subtract the background, then gate in range; at least one of the two."""
     if (near_mm is None) != (far_mm is None) or (empty is None and near_mm is None):
         raise typer.BadParameter("expected --empty, or --near-mm and --far-mm, or all three")
     refuse_existing(output, force=force)

@@ -1,4 +1,4 @@
-"""Calibrate every channel on a known target, and correct a capture with it: a script to edit.
+"""Calibrate the channels on a plate, and correct a capture: a script to run, copy and edit.
 
     python calibration/scripts/channels.py plate.h5 -o channels.h5 --distance-mm 300
     python calibration/scripts/channels.py plate.h5 -o channels.h5 --distance-mm 300 \
@@ -15,8 +15,7 @@ import numpy as np
 import typer
 
 from calibration import FlatPlate, correct, estimate_channels
-from calibration.scripts.scripting import run
-from clradar.files.atomic import refuse_existing
+from calibration.scripts.scripting import Force, refuse_existing, run
 from measurement_io import open_capture, save_capture, save_channels
 
 
@@ -25,14 +24,10 @@ def main(
     output: Annotated[Path, typer.Option("-o", "--output", help="Calibration, .h5.")],
     distance_mm: Annotated[float, typer.Option(help="From the aperture to the plate.")],
     to_correct: Annotated[
-        Path | None,
-        typer.Option("--correct", help="Another capture of the same instrument."),
+        Path | None, typer.Option("--correct", help="Another capture of the same instrument.")
     ] = None,
-    corrected: Annotated[
-        Path | None,
-        typer.Option(help="Where the corrected capture goes, .h5."),
-    ] = None,
-    force: Annotated[bool, typer.Option(help="Replace existing files.")] = False,
+    corrected: Annotated[Path | None, typer.Option(help="Corrected capture, .h5.")] = None,
+    force: Force = False,
 ) -> None:
     """Estimate gain, phase and delay of every channel from a capture of a flat plate."""
     if (to_correct is None) != (corrected is None):

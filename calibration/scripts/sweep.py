@@ -1,10 +1,10 @@
-"""Find the alpha that is most like a measurement: a script to run, copy and edit.
+"""Estimate alpha by a sweep: a script to run, copy and edit.
 
     python calibration/scripts/align.py capture.h5 hand.ply -o transform.json
     python calibration/scripts/sweep.py capture.h5 hand.ply --transform transform.json -o sweep.png
 
-`clradar sweep` does the same with more options, goes on after it was killed, and finds an alpha per
-region; docs/sweep.md explains the result.
+`clradar sweep` does the same with more options, resumes after an interruption, and estimates an
+alpha per region; docs/sweep.md explains the result.
 """
 
 from pathlib import Path
@@ -16,8 +16,7 @@ import typer
 import clradar
 from calibration import sweep
 from calibration.roughness.figure import sweep_figure
-from calibration.scripts.scripting import run
-from clradar.files.atomic import refuse_existing
+from calibration.scripts.scripting import Force, Recorded, Unit, refuse_existing, run
 from clradar.plot import save_figure
 from measurement_io import open_capture, read_transform
 
@@ -26,18 +25,18 @@ GRID = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.25, 0.35), 2e-
 
 
 def main(
-    capture: Annotated[Path, typer.Argument(help="Recorded or simulated capture.")],
+    capture: Recorded,
     mesh: Annotated[Path, typer.Argument(help="Mesh of the object.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Figure: .png, .pdf or .svg.")],
     transform: Annotated[
         Path | None,
         typer.Option(help="JSON file of align.py; without it the mesh is in its place."),
     ] = None,
-    unit: Annotated[str, typer.Option(help="Unit of the mesh file: m, cm or mm.")] = "m",
+    unit: Unit = "m",
     step: Annotated[float, typer.Option(help="Of alpha, from 0 to 1.")] = 0.1,
     seeds: Annotated[int, typer.Option(help="Simulations for each alpha.")] = 3,
     samples_per_mm2: Annotated[float, typer.Option(help="Of the mesh's surface.")] = 10.0,
-    force: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
+    force: Force = False,
 ) -> None:
     """Simulate MESH at alphas from 0 to 1 and compare each image with CAPTURE."""
     refuse_existing(output, force=force)

@@ -26,7 +26,7 @@ FEW = AntennaArray(QAR50.tx_m[::31], QAR50.rx_m[::31])
 WIDE = AntennaArray([[-0.4, 0, 0], [0.1, 0.3, 0.02]], [[0.4, 0.1, 0], [0.2, -0.5, 0.1]])
 
 
-def legs(point: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> float:
+def path_m(point: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> float:
     return float(np.linalg.norm(point - tx) + np.linalg.norm(rx - point))
 
 
@@ -34,7 +34,7 @@ def shortest(surface: Any, start: np.ndarray, tx: np.ndarray, rx: np.ndarray) ->
     """The point of a surface (of two parameters) with the shortest path, by simplex search."""
     options = {"xatol": 1e-10, "fatol": 1e-16, "maxiter": 2000}
     found = minimize(
-        lambda u: legs(surface(u), tx, rx), start, method="Nelder-Mead", options=options
+        lambda u: path_m(surface(u), tx, rx), start, method="Nelder-Mead", options=options
     )
     point: np.ndarray = surface(found.x)
     return point
@@ -54,7 +54,7 @@ def test_sphere_is_the_shortest_path(array: AntennaArray, radius_m: float) -> No
                 return centre + radius_m * towards / np.linalg.norm(towards)
 
             point = shortest(surface, np.zeros(2), tx, rx)
-            assert abs(echo.length_m[i, k] - legs(point, tx, rx)) < LENGTH_TOLERANCE_M
+            assert abs(echo.length_m[i, k] - path_m(point, tx, rx)) < LENGTH_TOLERANCE_M
 
 
 def test_sphere_between_two_antennas_has_no_reflection() -> None:
@@ -79,7 +79,7 @@ def test_plate_is_the_shortest_path(tilt: tuple[float, float]) -> None:
     for i, tx in enumerate(FEW.tx_m):
         for k, rx in enumerate(FEW.rx_m):
             point = shortest(lambda u: np.array([*u, 0.3 + u @ slope]), np.zeros(2), tx, rx)
-            assert abs(endless.length_m[i, k] - legs(point, tx, rx)) < LENGTH_TOLERANCE_M
+            assert abs(endless.length_m[i, k] - path_m(point, tx, rx)) < LENGTH_TOLERANCE_M
             along = (point[0] - 0.01) * np.hypot(1.0, slope[0])
             # The plate's x axis is in the plane and upright to y: off it, x is not all.
             along += (point[1] * slope[1]) * slope[0] / np.hypot(1.0, slope[0])

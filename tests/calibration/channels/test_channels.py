@@ -67,7 +67,7 @@ def product_error(
     """Estimated over true response of all live pairs at all frequencies, shape (tx, rx, freq).
 
     Free of the gauge but for one complex factor, which is taken off. With a target, its path is
-    part of either: what of the path is a sum of two legs can be in the channels instead.
+    part of either: a sum of a Tx and an Rx segment can be in the channels instead.
     """
     frequencies_hz = truth.waveform.frequencies_hz
     pairs = np.ix_(live(found, "tx"), live(found, "rx"))
@@ -240,7 +240,7 @@ def test_uneven_frequencies() -> None:
 def test_common_delay() -> None:
     shift_s = 60e-12
     truth = instrument(seed=8, array=SMALL, common_delay_s=shift_s)
-    # A plate tells its distance by its shape, whatever is assumed about the delays.
+    # The distance of a plate is observable, whatever is assumed about the delays.
     for assumed in ("zero", "free"):
         capture = truth.record_target(TRUE["plate"])
         found = estimate_channels(capture, SAID["plate"], common_delay=assumed)
@@ -381,7 +381,7 @@ def test_taper_is_a_window_of_delays(cells: float) -> None:
 def test_wrong_target_is_refused(kind: str, taken_for: str) -> None:
     if kind == taken_for:
         return
-    # At the same range, so that only the shape tells them apart.
+    # At the same range, so that only the shape differs.
     same_range: dict[str, Target] = {
         "plate": FlatPlate(0.3),
         "sphere": Sphere([0, 0, 0.35], 0.05),

@@ -1,4 +1,4 @@
-"""Averaging, the empty room and range gates, on recordings of which the truth is known."""
+"""Averaging, background subtraction and range gates, on recordings with known truth."""
 
 from __future__ import annotations
 
@@ -44,19 +44,19 @@ def power(data: np.ndarray) -> float:
 
 
 def remainder_db(found: Capture, ideal: Capture) -> float:
-    """Power of what is wrong, against the object's."""
+    """Power of the error relative to the object's."""
     wrong = power(found.data - ideal.data.astype(complex))
     return float(10 * np.log10(wrong / power(ideal.data) + 1e-30))
 
 
 def kept_db(found: Capture, ideal: Capture) -> float:
-    """How much of the object is left: the amplitude of its best fit."""
+    """Amplitude of the object that remains, by its best fit."""
     o, s = (c.data.astype(complex).ravel() for c in (ideal, found))
     return float(20 * np.log10(abs(np.vdot(o, s)) / np.vdot(o, o).real))
 
 
 def echoes(ranges_m: Any, sweep: Waveform = SWEEP) -> Capture:
-    """One pair for each half path length, whatever its antennas: a gate asks for none."""
+    """One pair for each half path length; a gate does not depend on the antennas."""
     data = np.exp(-2j * np.pi * np.outer(ranges_m, sweep.frequencies_hz) * 2 / C)
     array = AntennaArray(np.zeros((len(data), 3)), np.zeros((1, 3)))
     return Capture(data[:, None], array, sweep)
@@ -103,7 +103,7 @@ def test_frames_are_taken_one_at_a_time() -> None:
     assert len(alive) == 20
 
 
-def test_a_common_drift_of_the_phase_is_turned_back() -> None:
+def test_a_common_drift_of_the_phase_is_corrected() -> None:
     made = recorder(drift_common_phase_rad=0.8, **{**CLEAN, "snr_db": 20})
     silent = replace(made, snr_db=None).frame(0)
     n = 12
@@ -130,12 +130,12 @@ def test_a_common_drift_of_the_phase_is_turned_back() -> None:
         ([echo(0.3), recorder().scene], "frame 1.*antennas"),
     ],
 )
-def test_frames_that_do_not_go_together_are_refused(frames: list[Any], message: str) -> None:
+def test_frames_of_another_radar_are_refused(frames: list[Any], message: str) -> None:
     with pytest.raises(ModelError, match=message):
         average_frames(frames)
 
 
-# The empty room
+# Background subtraction
 
 
 @pytest.mark.parametrize("scaling", ["none", "common", "channel"])
@@ -184,7 +184,7 @@ def test_with_noise_only_the_noise_is_left() -> None:
     assert remainder_db(found, ideal) == pytest.approx(expected, abs=0.15)
 
 
-def test_a_wall_at_the_object_alone_does_not_lead_the_factors_astray() -> None:
+def test_a_wall_at_the_objects_range_alone_determines_the_factors() -> None:
     # No coupling and one wall within the delays of the object: there is no bin without it, and
     # most bins have noise only. The factors must come from the bins with the wall all the same.
     made = recorder(
@@ -198,7 +198,7 @@ def test_a_wall_at_the_object_alone_does_not_lead_the_factors_astray() -> None:
     assert remainder_db(found, made.ideal()) < noise + 1.0
 
 
-def test_dead_channels_have_no_say() -> None:
+def test_dead_channels_have_no_weight() -> None:
     made = recorder(**DRIFT, **CLEAN)
     channels = clradar.draw_channels(SPARSE, SWEEP, seed=1, dead_tx=[0, 4], dead_rx=[7])
     made = replace(made, channels=channels)
@@ -249,7 +249,7 @@ def test_the_image_of_a_target_is_that_without_the_room(device: clradar.Device) 
         (0.0, "none", "Capture"),
     ],
 )
-def test_empty_rooms_that_do_not_fit_are_refused(empty: Any, scaling: str, message: str) -> None:
+def test_backgrounds_of_another_radar_are_refused(empty: Any, scaling: str, message: str) -> None:
     with pytest.raises(ModelError, match=message):
         subtract_background(recorder().scene, empty, scaling=scaling)
 
@@ -273,7 +273,7 @@ PROBED_DB = 0.3
 
 @pytest.mark.parametrize("sweep", [SWEEP, UNEQUAL], ids=["equal steps", "unequal steps"])
 @pytest.mark.parametrize("clutter_db", [20.0, 40.0, 60.0])
-def test_a_gate_does_what_its_figures_say(sweep: Waveform, clutter_db: float) -> None:
+def test_passband_and_rejection_of_a_gate(sweep: Waveform, clutter_db: float) -> None:
     rng = np.random.default_rng(5)
     found = gate(sweep, **WINDOW, clutter_db=clutter_db)
     period_m = C / 2 / np.diff(sweep.frequencies_hz).max()

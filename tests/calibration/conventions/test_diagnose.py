@@ -89,7 +89,7 @@ def made(name: str, array: AntennaArray) -> Capture:
 SCENES = ("one point", "five points in noise of 0 dB", "three points and coupling")
 
 
-def told(result: Diagnosis) -> set[Hypothesis]:
+def candidates_of(result: Diagnosis) -> set[Hypothesis]:
     return set(result.candidates)
 
 
@@ -106,13 +106,13 @@ def swapped_too(h: Hypothesis) -> set[Hypothesis]:
 
 
 def written(h: Hypothesis, point_m: np.ndarray, array: AntennaArray, tx: int, rx: int) -> complex:
-    """Straight from the definitions: the first sample of one entry of a file, of one point."""
+    """From the definitions: the first sample of one entry of a file, of one point."""
     if h.swapped:
         tx, rx = rx, tx
     x = np.array([-1.0 if h.mirrored else 1.0, 1.0, 1.0])
-    legs = [float(np.linalg.norm(point_m - a * x)) for a in (array.tx_m[tx], array.rx_m[rx])]
+    segments_m = [float(np.linalg.norm(point_m - a * x)) for a in (array.tx_m[tx], array.rx_m[rx])]
     f = SHORT.frequencies_hz[-1 if h.reversed else 0]
-    return complex(np.exp((1j if h.conjugated else -1j) * 2 * np.pi * f * sum(legs) / C))
+    return complex(np.exp((1j if h.conjugated else -1j) * 2 * np.pi * f * sum(segments_m) / C))
 
 
 # complex64 phases of a unit phasor, formed in float64: rounding of either part.
@@ -122,15 +122,15 @@ ROUNDING = 2e-7
 @pytest.mark.parametrize("h", HYPOTHESES, ids=lambda h: h.label)
 def test_undoing_gives_the_capture_of_the_definition(h: Hypothesis) -> None:
     array, point_m = scattered(5, 5), np.array([0.03, -0.05, 0.3])
-    # What the file says: these positions, and data that come about as the hypothesis has it.
+    # The file has these positions, and data according to the hypothesis.
     file = np.zeros((5, 5, SHORT.n_freq), dtype=complex)
     for tx, rx in product(range(5), repeat=2):
         file[tx, rx, 0] = written(h, point_m, array, tx, rx)
     fixed = apply_convention(Capture(file, array, SHORT), h)
     at = -1 if h.reversed else 0
     f = SHORT.frequencies_hz[at]
-    legs = [np.linalg.norm(point_m - a, axis=1) for a in (fixed.array.tx_m, fixed.array.rx_m)]
-    want = np.exp(-2j * np.pi * f * (legs[0][:, None] + legs[1][None]) / C)
+    segments_m = [np.linalg.norm(point_m - a, axis=1) for a in (fixed.array.tx_m, fixed.array.rx_m)]
+    want = np.exp(-2j * np.pi * f * (segments_m[0][:, None] + segments_m[1][None]) / C)
     assert np.abs(fixed.data[..., at] - want).max() <= ROUNDING
 
 
@@ -155,7 +155,7 @@ def test_axes_of_different_length_cannot_be_swapped() -> None:
         Hypothesis(swapped=2)  # type: ignore[arg-type]
 
 
-# --- what it finds
+# --- diagnoses
 
 
 @pytest.mark.parametrize(
@@ -168,25 +168,25 @@ def test_an_array_without_symmetry_leaves_the_mirror_only(
     h: Hypothesis, scene: str, device: clradar.Device
 ) -> None:
     result = diagnose(apply_convention(made(scene, scattered(16, 16)), h), device=device)
-    assert told(result) == mirrored_too(h)
-    assert result.best in told(result)
+    assert candidates_of(result) == mirrored_too(h)
+    assert result.best in candidates_of(result)
     assert any("mirror" in reason for reason in result.reasons)
 
 
 @pytest.mark.parametrize("h", HYPOTHESES[::5], ids=lambda h: h.label)
-def test_the_imagers_end_elements_tell_swapped_axes_of_points(
+def test_the_imagers_end_elements_decide_swapped_axes_of_points(
     h: Hypothesis, device: clradar.Device
 ) -> None:
     result = diagnose(apply_convention(made("one point", THIN), h), device=device)
-    assert told(result) == mirrored_too(h)
+    assert candidates_of(result) == mirrored_too(h)
     assert result.swap_sigma is not None
     assert (result.swap_sigma < 0) == h.swapped
-    # By sharpness alone it could not be told.
+    # Sharpness alone does not decide it.
     other = result.score(Hypothesis(not h.swapped, h.conjugated, h.reversed, h.mirrored))
     assert other.relative_db > -result.margin_db
 
 
-def test_without_its_end_elements_the_imager_cannot_tell_swapped_axes(
+def test_without_its_end_elements_swapped_axes_are_unobservable(
     device: clradar.Device,
 ) -> None:
     inner = np.r_[1:46:4]
@@ -194,7 +194,7 @@ def test_without_its_end_elements_the_imager_cannot_tell_swapped_axes(
     symmetric = AntennaArray(QAR50.tx_m[inner], QAR50.rx_m[inner])
     h = Hypothesis(swapped=True, conjugated=True)
     result = diagnose(apply_convention(made("one point", symmetric), h), device=device)
-    assert told(result) == swapped_too(h)
+    assert candidates_of(result) == swapped_too(h)
     assert result.best == Hypothesis(conjugated=True)  # the least that has to be changed
     assert any("diagonal x = y" in reason for reason in result.reasons)
     # ... unless it is known where the target is.
@@ -214,7 +214,7 @@ def test_the_whole_imager(device: clradar.Device, monkeypatch: pytest.MonkeyPatc
     clean = points(QAR50, 2)
     capture = apply_convention(with_data(clean, clean.data + noise(clean)), h)
     result = diagnose(capture, device=device)
-    assert told(result) == mirrored_too(h)
+    assert candidates_of(result) == mirrored_too(h)
     assert result.curvature_sigma is not None
     assert result.curvature_sigma < 0  # delays are negative where the order is reversed
 
@@ -234,15 +234,15 @@ def test_the_whole_imager_under_all(h: Hypothesis, scene: str, device: clradar.D
             target = clradar.Scene(vertices, faces, 0.0 if scene == "plate" else 0.5)
         capture = clradar.simulate(target, QAR50, SWEEP, samples_per_mm2=1.0, device=device)
     result = diagnose(apply_convention(capture, h), device=device)
-    assert h in told(result)
-    assert told(result) <= swapped_too(h)
-    assert result.best in told(result)
+    assert h in candidates_of(result)
+    assert candidates_of(result) <= swapped_too(h)
+    assert result.best in candidates_of(result)
 
 
 def test_unequal_numbers_of_antennas_rule_swapped_axes_out(device: clradar.Device) -> None:
     h = Hypothesis(reversed=True)
     result = diagnose(apply_convention(made("one point", scattered(16, 14)), h), device=device)
-    assert told(result) == mirrored_too(h)
+    assert candidates_of(result) == mirrored_too(h)
     for score in result.scores:
         assert np.isnan(score.relative_db) == score.hypothesis.swapped
     assert any("16 and 14" in reason for reason in result.reasons)
@@ -255,7 +255,7 @@ def test_a_single_frequency_has_no_order(device: clradar.Device) -> None:
     grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (4e-3, 4e-3, 2e-2))
     result = diagnose(apply_convention(capture, h), grid=grid, device=device)
     assert result.best == h
-    assert told(result) == {
+    assert candidates_of(result) == {
         Hypothesis(False, True, r, m) for r, m in product((False, True), repeat=2)
     }
     with pytest.raises(ModelError, match="a grid"):
@@ -267,9 +267,9 @@ def test_a_few_frequencies_need_a_grid(device: clradar.Device) -> None:
     few = Waveform.sfcw(76e9, 78e9, 3)
     capture = reference.point_targets(scattered(16, 16), few, [[0.03, -0.05, 0.3]], [1.0])
     grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (4e-3, 4e-3, 2e-2))
-    # 2 GHz tell ranges 15 cm apart: signs differ, but the order of three frequencies cannot be
-    # told; the right one is among those that are left.
-    assert h in told(diagnose(apply_convention(capture, h), grid=grid, device=device))
+    # 2 GHz resolve ranges 15 cm apart: signs differ, but the order of three frequencies is
+    # undecidable; the right one is among the candidates.
+    assert h in candidates_of(diagnose(apply_convention(capture, h), grid=grid, device=device))
     with pytest.raises(ModelError, match="3 frequencies"):
         diagnose(capture, device=device)
 
@@ -313,7 +313,7 @@ def test_the_sign_of_range_holds_where_its_rivals_show_in_the_same_grid(
 
 
 @pytest.mark.parametrize("array", [THIN, scattered(16, 16)], ids=["thin", "scattered"])
-def test_what_holds_nothing_is_not_guessed(array: AntennaArray, device: clradar.Device) -> None:
+def test_no_echo_is_undecidable(array: AntennaArray, device: clradar.Device) -> None:
     shape = (array.n_tx, array.n_rx, SHORT.n_freq)
     zero = Capture(np.zeros(shape), array, SHORT)
     one = made("one point", array)
@@ -329,7 +329,7 @@ def test_what_holds_nothing_is_not_guessed(array: AntennaArray, device: clradar.
         assert result.recommendation.startswith("Undecidable"), name
 
 
-def test_channels_without_calibration_are_not_guessed(device: clradar.Device) -> None:
+def test_channels_without_calibration_are_undecidable(device: clradar.Device) -> None:
     capture = made("one point", THIN)
     rng = np.random.default_rng(1)
     tx, rx = (np.exp(2j * np.pi * rng.random(n)) for n in (THIN.n_tx, THIN.n_rx))
@@ -339,7 +339,7 @@ def test_channels_without_calibration_are_not_guessed(device: clradar.Device) ->
     assert any("calibrated" in reason for reason in result.reasons)
 
 
-def test_a_pair_of_antennas_cannot_tell(device: clradar.Device) -> None:
+def test_a_pair_of_antennas_is_undecidable(device: clradar.Device) -> None:
     pair = AntennaArray([[0.0, 0.0, 0.0]], [[0.01, 0.0, 0.0]])
     result = diagnose(made("one point", pair), device=device)
     assert result.best is None
@@ -349,14 +349,14 @@ def test_a_pair_of_antennas_cannot_tell(device: clradar.Device) -> None:
 
 
 @pytest.mark.parametrize("mirror", [False, True])
-def test_a_known_target_tells_the_mirror(mirror: bool, device: clradar.Device) -> None:
+def test_a_known_target_decides_the_mirror(mirror: bool, device: clradar.Device) -> None:
     h = Hypothesis(conjugated=True, mirrored=mirror)
     capture = apply_convention(made("one point", scattered(16, 16)), h)
     near = diagnose(capture, expected_m=(0.035, -0.06, 0.31), device=device)
     assert near.candidates == (h,)
-    # x = 0 is its own mirror image, and where there is nothing nothing is told.
+    # x = 0 is its own mirror image, and an empty place decides nothing.
     for place in ((0.0, -0.05, 0.3), (0.05, 0.2, 0.6)):
-        assert told(diagnose(capture, expected_m=place, device=device)) == mirrored_too(h)
+        assert candidates_of(diagnose(capture, expected_m=place, device=device)) == mirrored_too(h)
 
 
 def test_invalid_grids_and_positions(device: clradar.Device) -> None:
@@ -486,7 +486,7 @@ def test_command(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("diagnose", wrong, "--fix-to", fixed) == 1  # exists
 
 
-def test_command_warns_of_what_it_cannot_tell(
+def test_command_warns_of_indistinguishable_hypotheses(
     files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run("diagnose", files / "wrong.h5", "--fix-to", files / "fixed.h5") == 0
@@ -495,7 +495,7 @@ def test_command_warns_of_what_it_cannot_tell(
     assert "Not told apart from it" in captured.out
 
 
-def test_command_guesses_nothing(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_on_undecidable_captures(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("diagnose", files / "zero.h5", "-o", files / "none.png") == 0
     captured = capsys.readouterr()
     assert "Undecidable: the capture is zero everywhere" in captured.out

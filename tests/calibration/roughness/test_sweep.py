@@ -1,4 +1,4 @@
-"""The sweep over alpha: what it finds, on what it depends, and that a kill changes nothing."""
+"""Sweeps over alpha: estimates, shared random numbers, and the same bits after an interruption."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ FEW = {"samples_per_mm2": 0.3, "rays_per_sample": 2, "reception_radius_m": 0.025
 RADAR = {"array": ARRAY, "waveform": WAVEFORM, "device": "pocl"}
 
 TWO_SIGMA = 2.0
-"""What is found is within two of its standard deviations, as all 198 estimates of docs/sweep.md."""
+"""Estimates are within two standard deviations, as all 198 of docs/sweep.md are."""
 
 COMPLEX64_SUM = 4 * 2.0**-24
 """Two captures and their sum are rounded to float32 each, real and imaginary part."""
@@ -121,7 +121,7 @@ def assert_equal(done: int, total: int) -> None:
     assert done == total
 
 
-# --- what is found
+# --- estimates
 
 
 @pytest.mark.parametrize("metric", ["db_correlation", "overlap"])
@@ -137,7 +137,7 @@ def test_a_known_alpha_is_found_within_its_uncertainty(in_halves, metric):
     assert found.text() in result.report()
 
 
-def test_regions_are_told_apart(regional):
+def test_regions_have_their_own_alphas(regional):
     assert regional.regions is not None
     left, right = regional.regions.estimates
     assert abs(left.alpha - 0.2) <= TWO_SIGMA * left.uncertainty
@@ -225,7 +225,7 @@ def test_a_flat_curve_has_a_large_uncertainty():
     assert any("flat" in remark for remark in found.remarks(alphas))
 
 
-def test_noise_without_a_picture_is_left_out():
+def test_alphas_whose_images_are_noise_are_excluded():
     rng = np.random.default_rng(5)
     pattern_db = rng.standard_normal((40, 40))
     alphas = np.array([0.0, 0.5, 1.0])
@@ -264,7 +264,7 @@ def test_the_peak_of_a_parabola_is_exact(alphas, top):
     assert not on_edge
 
 
-def test_the_peak_at_an_end_is_said_to_be():
+def test_a_peak_at_an_end_is_reported():
     alphas = np.array([0.0, 0.5, 1.0])
     assert peak(alphas, np.array([3.0, 2.0, 1.0])) == (0.0, True)
     assert peak(alphas, np.array([np.nan, 2.0, 1.0])) == (0.5, True)
@@ -333,7 +333,7 @@ def test_captures_of_regions_add_up(device):
     assert sum(part.meta["region"]["paths"] for part in parts) == alone.meta["rays"]["paths"]
 
 
-# --- going on
+# --- resuming
 
 
 class Interrupted(Exception):
@@ -428,7 +428,7 @@ main(sys.argv[1:])
 """
 
 
-def test_a_killed_command_goes_on_to_the_same_files(files, capsys):
+def test_a_killed_command_resumes_to_the_same_files(files, capsys):
     killed = subprocess.run([sys.executable, "-c", KILLED, *COMMAND, "-o", "killed"], check=False)
     assert killed.returncode == -signal.SIGKILL
     work = sorted(path.name for path in (files / "killed" / folder.WORK).iterdir())
@@ -482,7 +482,7 @@ def test_an_interruption_while_results_are_written(files, monkeypatch):
     assert (files / "out" / folder.REGION_TABLE).read_text().startswith("region,alpha,seed,")
 
 
-def test_the_mesh_is_put_where_the_transform_or_the_alignment_says(files, monkeypatch, capsys):
+def test_the_mesh_is_placed_by_transform_or_alignment(files, monkeypatch, capsys):
     """A mesh in millimetres somewhere else, and the matrix that brings it back."""
     import trimesh
 
@@ -651,7 +651,7 @@ def test_wrong_usage_leaves_nothing(files, capsys, more, status, words):
     assert not (files / "out").exists()
 
 
-def test_what_cannot_be_swept_leaves_nothing(files, capsys):
+def test_unsuitable_measurements_leave_nothing(files, capsys):
     empty = clradar.Capture(np.zeros((20, 20, 16)), ARRAY, WAVEFORM)
     save_capture("empty.h5", empty)
     assert run("sweep", "empty.h5", *COMMAND[2:], "-o", "out") == 1
@@ -670,7 +670,7 @@ def test_the_command_has_the_defaults_of_the_function():
         assert ours[name].default == its[name].default
 
 
-def test_alphas_are_those_that_simulate_has():
+def test_alphas_are_rounded_as_typed():
     assert command.read_alphas("0:1:0.1").tolist() == [round(i / 10, 1) for i in range(11)]
     assert command.read_alphas("0.1,0.25,1").tolist() == [0.1, 0.25, 1.0]
 

@@ -1,9 +1,11 @@
-"""Initial rotations of a global registration."""
+"""Initial rotations of a global registration, and the checks of its options."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
+from clradar.model import checks
 
 TILTS = 17
 """None, and 15 and 30 degrees in eight directions."""
@@ -21,3 +23,14 @@ def start_rotations(search_deg: float) -> list[Rotation]:
         for tilt in tilts
         for angle in angles_deg
     ]
+
+
+def check_search(
+    function: str, search_deg: float, min_inlier_share: float, max_iterations: int
+) -> None:
+    """Raise `ModelError` unless the options of a registration are in their ranges."""
+    if checks.positive(f"{function}: search_deg", search_deg) > 180:
+        checks.fail(f"{function}: search_deg", "an angle in (0, 180]", repr(search_deg))
+    if checks.positive(f"{function}: min_inlier_share", min_inlier_share) > 1:
+        checks.fail(f"{function}: min_inlier_share", "a share in (0, 1]", repr(min_inlier_share))
+    checks.whole(f"{function}: max_iterations", max_iterations, 1)
