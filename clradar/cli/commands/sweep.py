@@ -161,7 +161,6 @@ def command(
     record = recorded(
         imaging,
         **inputs.record(),
-        align={"search_deg": place.search_deg} if place.align else None,
         alphas=values.tolist(),
         seeds=alphas.seeds,
         metric=alphas.metric,
@@ -171,16 +170,16 @@ def command(
         packages=package_versions(),
     )
     image = inputs.image
-    origin = provenance("sweep", record, [*image.files, mesh, *place.files, *regions.files])
+    origin = provenance("sweep", record, inputs.files)
     volume = image.volume(inputs.grid, imaging, opened)
     # A sweep that is impossible should leave no folder behind.
     depth_map_of(volume, depth.dynamic_range_db, str(measured))
-    if not place.align:
+    if inputs.align is None:
         check_place(inputs.placed, volume.grid)
     result = sweep_folder.sweep_into(
         output, volume, inputs.placed, values,
         source=str(measured), origin=origin, force=force,
-        align={"search_deg": place.search_deg, **image.radar} if place.align else None,
+        align=None if inputs.align is None else {**inputs.align, **image.radar},
         seeds=alphas.seeds, metric=alphas.metric, dynamic_range_db=depth.dynamic_range_db,
         regions=inputs.labels, settings=settings, device=opened,
         **inputs.radar, **recorded(imaging),
@@ -208,12 +207,14 @@ class SweepInputs:
     ) -> None:
         from clradar import Scene
 
+        self.align = {"search_deg": place.search_deg} if place.align else None
         self.scene = Scene.from_mesh(mesh, unit=place.unit)
         self.labels = regions.read(self.scene, place.unit)
         self.matrix = place.matrix()
         self.image = ImageInput.open(measured, frames)
         self.radar = radar_of(self.image, frequencies)
         self.grid = grid_of(self.image, voxels, imaging)
+        self.files = [*self.image.files, mesh, *place.files, *regions.files]
 
     @property
     def placed(self) -> Scene:
@@ -229,6 +230,7 @@ class SweepInputs:
             "regions": None if self.labels is None else list(self.labels.names),
             "regions_sha256": None if self.labels is None else sha256(self.labels.face),
             "transform": None if self.matrix is None else self.matrix.tolist(),
+            "align": self.align,
             "frequencies_ghz": [float(band_hz[0] / 1e9), float(band_hz[-1] / 1e9), len(band_hz)],
             "grid": grid_text(self.grid),
         }
