@@ -101,7 +101,7 @@ def simulate(
                 total.add_on_device(tile.start, tile.length, tile.amplitude, tile.longest_m)
                 n_paths += int(tile.start[-1])
             else:
-                total.add(tile.pair, tile.path)
+                total.add(tile.pair, tile.length_m, tile.amplitude)
                 n_paths += len(tile.pair)
             statistics = statistics + tile.statistics
         data = total.result()
@@ -228,7 +228,7 @@ def _batch(
             for r, total in enumerate(sums[i]):
                 chosen = slice(None) if region is None else region[tile.face] == r
                 pair = tile.pair[chosen]
-                total.add(pair, tile.path[chosen])
+                total.add(pair, tile.length_m[chosen], tile.amplitude[chosen])
                 paths[i, r] += len(pair)
         data = [[total.result() for total in row] for row in sums]
     made = []

@@ -78,6 +78,6 @@ def synthesize(
             if (pair[1:] < pair[:-1]).any():
                 order = np.argsort(pair, kind="stable")
                 pair, length_m, amplitude = pair[order], length_m[order], amplitude[order]
-            total.add_columns(pair, length_m, amplitude)
+            total.add(pair, length_m, amplitude)
         data = total.result()
     return Capture(data, array, waveform, {**(meta or {}), "device": opened.describe()})

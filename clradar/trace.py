@@ -83,18 +83,15 @@ def _paths_of(tiles: list[Receptions], array: AntennaArray) -> Paths:
     # Tiles come in the order of samples and each is sorted, so a stable sort by pair is enough.
     order = np.argsort(pair, kind="stable")
     pair = pair[order].astype(np.int64)
-    path = np.concatenate([tile.path for tile in tiles])[order]
-    bounces = np.concatenate([tile.bounces for tile in tiles])[order]
     statistics = tiles[0].statistics
     for tile in tiles[1:]:
         statistics = statistics + tile.statistics
     columns = {
         "tx": (pair // array.n_rx).astype(np.int32),
         "rx": (pair % array.n_rx).astype(np.int32),
-        "length_m": path[:, 0].astype(np.float64) + path[:, 1],
-        "amplitude": np.ascontiguousarray(path[:, 2]),
-        "bounces": bounces,
     }
+    for name in ("length_m", "amplitude", "bounces"):
+        columns[name] = np.concatenate([getattr(tile, name) for tile in tiles])[order]
     for column in columns.values():
         column.flags.writeable = False  # so that the record need not copy it
     return Paths(**columns, n_tx=array.n_tx, n_rx=array.n_rx, statistics=statistics)

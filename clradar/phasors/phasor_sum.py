@@ -48,7 +48,7 @@ class PhasorSum(OnDevice):
 
     A context manager. Where the state of all pairs exceeds the device's memory, that of one slice
     of them is there at a time, and the slices stay on the host between calls. `on_device`: whether
-    paths come from a kernel (`add_on_device`) or from the host (`add`, `add_columns`).
+    paths come from a kernel (`add_on_device`) or from the host (`add`).
     """
 
     def __init__(
@@ -91,19 +91,7 @@ class PhasorSum(OnDevice):
         left = min(self._buffers.free_bytes - 8 * (count + 1), self.device.max_buffer_bytes)
         self._call_paths = int(max(1, min(CALL_PATHS, left // 2 // PATH_BYTES)))
 
-    def add(self, pair: np.ndarray, rows: np.ndarray) -> None:
-        """Add paths of the stochastic tracer.
-
-        Parameters
-        ----------
-        pair : ndarray, shape (n,), integer, ascending
-        rows : ndarray, shape (n, 4), float32
-            Length as hi + lo, metres; amplitude; unused.
-        """
-        length_m = rows[:, 0].astype(np.float64) + rows[:, 1]
-        self.add_columns(pair, length_m, np.ascontiguousarray(rows[:, 2]))
-
-    def add_columns(self, pair: np.ndarray, length_m: np.ndarray, amplitude: np.ndarray) -> None:
+    def add(self, pair: np.ndarray, length_m: np.ndarray, amplitude: np.ndarray) -> None:
         """Add paths.
 
         Parameters

@@ -39,8 +39,8 @@ class Receptions:
     Attributes
     ----------
     pair : ndarray, shape (n,), uint32
-    path : ndarray, shape (n, 4), float32
-        Length as hi + lo, metres; amplitude; unused.
+    length_m : ndarray, shape (n,), float64, metres
+    amplitude : ndarray, shape (n,), float32
     bounces : ndarray, shape (n,), uint8
     face : ndarray, shape (n,), int32
         Of the first reflection.
@@ -48,7 +48,8 @@ class Receptions:
     """
 
     pair: np.ndarray
-    path: np.ndarray
+    length_m: np.ndarray
+    amplitude: np.ndarray
     bounces: np.ndarray
     face: np.ndarray
     statistics: TraceStatistics
@@ -166,12 +167,13 @@ class Tracer(LitSurface):
         keys = self._buffers.read(self._keys, found, np.uint64)
         paths = self._buffers.read(self._paths, (found, 4), np.float32)
         order = np.argsort(keys)  # keys are unique, so any sort gives the same order
-        keys = keys[order]
+        keys, paths = keys[order], np.take(paths, order, axis=0)
         within = keys & 0xFFFFFFFF
         most = self.settings.max_bounces
         return Receptions(
             pair=(keys >> 32).astype(np.uint32),
-            path=np.take(paths, order, axis=0),
+            length_m=paths[:, 0].astype(np.float64) + paths[:, 1],
+            amplitude=np.ascontiguousarray(paths[:, 2]),
             bounces=(within % most + 1).astype(np.uint8),
             face=faces[within // (self._rays_per_sample * most)],
             statistics=statistics,
