@@ -29,7 +29,7 @@ from calibration.registration.observability import (
     without_unobservable_motion,
 )
 from calibration.registration.rigid_motion import moved, moved_back
-from calibration.registration.search_space import check_search
+from calibration.registration.search_space import SearchOptions
 from clradar.model import DepthMap, Scene, Volume, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Device
@@ -79,31 +79,28 @@ def locate(
     depth: DepthMap,
     mesh: Scene,
     aperture: Aperture,
-    *,
-    search_deg: float,
-    min_inlier_share: float,
-    max_iterations: int,
+    options: SearchOptions,
     device: Device,
     progress: Progress | None = None,
 ) -> Located:
-    """Estimate the pose, biased where the mesh is specular; the arguments are `align_mesh`'s."""
+    """Estimate the pose, biased where the mesh is specular."""
     checks.instance("align_mesh: mesh", mesh, Scene)
-    check_search("align_mesh", search_deg, min_inlier_share, max_iterations)
     _check_size(mesh, depth)
     coarse = MeasuredImage.of(depth, COARSE_STEP_M, aperture.centre_m)
     density = density_of(mesh, COARSE_SAMPLES_PER_MM2)
     with VisibleSurface(mesh, density, _reach_m(mesh), device) as surface:
-        starts = _distinct(search(surface, coarse, aperture, search_deg, progress))
+        starts = _distinct(search(surface, coarse, aperture, options.search_deg, progress))
     with fine_rendering(mesh, depth, aperture, device) as image:
         fits = [
-            fit_mesh(image, start.transform, initial_log_brightness(), max_iterations)
+            fit_mesh(image, start.transform, initial_log_brightness(), options.max_iterations)
             for start in starts
         ]
         if not fits:
             raise not_aligned("no part of the mesh is visible in any pose of the search")
         best = min(fits, key=lambda fit: fit.loss)
-        located = _assessed(image, best, max_iterations, min_inlier_share)
-    return replace(located, alignment=replace(located.alignment, searched_deg=search_deg))
+        located = _assessed(image, best, options)
+    alignment = replace(located.alignment, searched_deg=options.search_deg)
+    return replace(located, alignment=alignment)
 
 
 def depth_for_mesh(measured: Volume | DepthMap, dynamic_range_db: float | None) -> DepthMap:
@@ -179,9 +176,7 @@ def _differ(fit: MeshFit, other: MeshFit) -> bool:
     return bool(rotation.magnitude() > _SAME_ROTATION_RAD or shift_m > _SAME_PLACE_M)
 
 
-def _assessed(
-    image: MeshRendering, fit: MeshFit, max_iterations: int, min_inlier_share: float
-) -> Located:
+def _assessed(image: MeshRendering, fit: MeshFit, options: SearchOptions) -> Located:
     """Undo unobservable motion and assess the fit; raise if it is insufficient."""
     distance_m = np.linalg.norm(image.visible_points_m(fit.transform) - fit.centre_m, axis=1)
     scale = TwistScale(fit.centre_m, float(np.median(distance_m)))
@@ -194,13 +189,13 @@ def _assessed(
     constrained = constrained / np.maximum(np.linalg.norm(constrained, axis=0), 1e-12)
     if free.shape[1]:
         start = without_unobservable_motion(fit.transform, free, scale)
-        fit = fit_mesh(image, start, fit.log_brightness, max_iterations, constrained)
+        fit = fit_mesh(image, start, fit.log_brightness, options.max_iterations, constrained)
         iterations += fit.iterations
     rms_m, share, likeness = _quality(image, fit)
-    if share < min_inlier_share:
+    if share < options.min_inlier_share:
         raise not_aligned(
             f"only {share:.0%} of the measured amplitude lies on the mesh, and "
-            f"{min_inlier_share:.0%} is the least"
+            f"{options.min_inlier_share:.0%} is the least"
         )
     if likeness < MIN_LIKENESS:
         raise not_aligned(

@@ -14,6 +14,7 @@ from calibration.registration.closed_loop import (
 )
 from calibration.registration.locate import depth_for_mesh, locate
 from calibration.registration.radar import Radar
+from calibration.registration.search_space import SearchOptions
 from clradar.model import AntennaArray, Scene, Volume, Waveform, checks
 from clradar.opencl import Device, open_device
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
@@ -102,6 +103,7 @@ def register(
     """
     checks.instance("register: measured", measured, Volume)
     radar = Radar.of("register", array, waveform)
+    options = SearchOptions("register", search_deg, min_inlier_share, max_iterations)
     loop_settings = LoopSettings(
         radar=radar,
         grid=measured.grid,
@@ -113,13 +115,5 @@ def register(
     )
     opened = open_device(device)
     depth = depth_for_mesh(measured, dynamic_range_db)
-    located = locate(
-        depth,
-        mesh,
-        radar.aperture,
-        search_deg=search_deg,
-        min_inlier_share=min_inlier_share,
-        max_iterations=max_iterations,
-        device=opened,
-    )
+    located = locate(depth, mesh, radar.aperture, options, opened)
     return close_loop(depth, mesh, located, loop_settings, opened, callback)

@@ -1,6 +1,8 @@
-"""Initial rotations of a global registration, and the checks of its options."""
+"""Initial rotations of a global registration, and its options."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -25,12 +27,20 @@ def start_rotations(search_deg: float) -> list[Rotation]:
     ]
 
 
-def check_search(
-    function: str, search_deg: float, min_inlier_share: float, max_iterations: int
-) -> None:
-    """Raise `ModelError` unless the options of a registration are in their ranges."""
-    if checks.positive(f"{function}: search_deg", search_deg) > 180:
-        checks.fail(f"{function}: search_deg", "an angle in (0, 180]", repr(search_deg))
-    if checks.positive(f"{function}: min_inlier_share", min_inlier_share) > 1:
-        checks.fail(f"{function}: min_inlier_share", "a share in (0, 1]", repr(min_inlier_share))
-    checks.whole(f"{function}: max_iterations", max_iterations, 1)
+@dataclass(frozen=True, slots=True)
+class SearchOptions:
+    """Checked options of a registration: see `align` and `align_mesh`."""
+
+    function: str
+    search_deg: float
+    min_inlier_share: float
+    max_iterations: int
+
+    def __post_init__(self) -> None:
+        name = self.function
+        if checks.positive(f"{name}: search_deg", self.search_deg) > 180:
+            checks.fail(f"{name}: search_deg", "an angle in (0, 180]", repr(self.search_deg))
+        if checks.positive(f"{name}: min_inlier_share", self.min_inlier_share) > 1:
+            got = repr(self.min_inlier_share)
+            checks.fail(f"{name}: min_inlier_share", "a share in (0, 1]", got)
+        checks.whole(f"{name}: max_iterations", self.max_iterations, 1)

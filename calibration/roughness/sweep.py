@@ -69,13 +69,14 @@ class Sweep:
     Examples
     --------
     >>> import calibration, clradar, numpy as np
-    >>> axis_m = np.arange(10) * 1e-3
+    >>> axis_m = np.arange(12) * 1e-3
     >>> level = 1.0 + np.add.outer(axis_m, axis_m)
-    >>> image = clradar.DepthMap(np.full((10, 10), 0.3), level, axis_m, axis_m, 15.0)
+    >>> image = clradar.DepthMap(np.full((12, 12), 0.3), level, axis_m, axis_m, 15.0)
     >>> equal = clradar.compare(image, image)
     >>> found = calibration.Sweep(
     ...     np.array([0.2, 0.4]), (0,), ((equal, equal),), None, image, (image, image), None)
     >>> found.of("overlap").round(6)
+    array([[1., 1.]])
     """
 
     alphas: np.ndarray
