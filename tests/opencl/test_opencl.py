@@ -21,6 +21,7 @@ from clradar.errors import DeviceError, ModelError
 from clradar.opencl import Buffers, DeviceInfo, build, list_devices, open_device, runtimes
 from clradar.opencl import device as device_module
 from clradar.opencl import program as program_module
+from clradar.opencl.buffers import OnDevice
 from clradar.opencl.device import default_device
 from clradar.opencl.double_single import hi_lo
 from clradar.opencl.sources import source
@@ -313,6 +314,18 @@ def test_buffers_are_freed_when_the_block_ends(small: clradar.Device, fails: boo
             use()
     with pytest.raises(DeviceError, match="inside the `with` block, got one after"):
         buffers.empty(16)
+
+
+def test_buffers_are_freed_when_preparing_fails(small: clradar.Device) -> None:
+    class Half(OnDevice):
+        def _prepare(self) -> None:
+            self._buffers.empty(1024)
+            self._buffers.empty(4096)
+
+    half = Half(small)
+    with pytest.raises(DeviceError, match="does not fit"), half:
+        pass
+    assert half._buffers.used_bytes == 0
 
 
 def test_a_buffer_freed_early_cannot_be_used(small: clradar.Device) -> None:
