@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from copy import copy
 from dataclasses import Field, field, fields, is_dataclass
 from enum import Enum
 from inspect import Parameter
@@ -85,13 +84,12 @@ def _parameter(name: str, hint: Any, default: Any) -> Parameter:
         default = default.metadata["default"]
     else:
         hint, declared = get_args(hint)  # of Annotated
-    # A copy: for the same object Python 3.10 would return its cached Annotated[str | None, ...].
-    annotation: Any = Annotated[_type_for_typer(hint), copy(declared)]
+    annotation: Any = Annotated[_type_for_typer(hint), declared]
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
 def _type_for_typer(hint: Any) -> Any:
-    """The same type without literals and without "| None", which typer 0.12 does not know."""
+    """The same type with an enumeration for each literal; the typers before 0.19 know none."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Literal:
         return Enum("Choice", {value: value for value in arguments}, type=str)
