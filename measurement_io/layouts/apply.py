@@ -185,7 +185,7 @@ def _sides(
 
 
 def _rows(side: AntennaLayout, positions: Positions) -> int | None:
-    """Return the number of channels that the positions speak of, None if `select` hides it."""
+    """Return the number of channels by the positions, None if `select` hides it."""
     return None if side.select is not None and positions.chosen else len(positions.position_m)
 
 

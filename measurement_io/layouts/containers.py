@@ -22,7 +22,7 @@ _HDF5_OFFSETS = (0, 512, 1024, 2048, 4096)
 
 
 def opener_of(path: Path) -> Callable[[Path], AbstractContextManager[Container]] | None:
-    """Return the container class of a file, None for a file of no such kind.
+    """Return the function that opens a file as a container, None for a file of no such kind.
 
     Raises
     ------

@@ -134,7 +134,7 @@ def _axes_lines(axes: GuessedAxes) -> list[str]:
 
 
 def _frame_of_reference(sides: dict[str, Side]) -> list[list[str]]:
-    """Return the table of units, if there are positions of which it can speak."""
+    """Return the table of units, if there are positions in the file."""
     if all(any("array" in line.text for line in side.lines) for side in sides.values()):
         return []
     lines = []

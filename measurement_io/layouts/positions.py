@@ -62,7 +62,7 @@ def read_positions(
 def check_plausible(
     path: Path, tx_m: np.ndarray, rx_m: np.ndarray, frame: FrameOfReference
 ) -> None:
-    """Raise if the aperture has a size that speaks for another unit, or lies far away."""
+    """Raise if the aperture has a size of another unit, or lies far away."""
     both = np.concatenate([tx_m, rx_m])
     extent_m = float(np.ptp(both, axis=0).max())
     low_m, high_m = PLAUSIBLE_APERTURE_M

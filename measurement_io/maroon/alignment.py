@@ -82,8 +82,8 @@ class SensorAlignment:
         """Return the 4 x 4 matrix from `source` to `target`, in the units of the two.
 
         The file's own "<source>2<target>" if it is there; else by way of the radar,
-        inv(<target>2radar) <source>2radar; else the inverse of "<target>2<source>". Each leg to or
-        from the radar may itself be given by its inverse.
+        inv(<target>2radar) <source>2radar; else the inverse of "<target>2<source>". A transform
+        to or from the radar may itself be given by its inverse.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ class SensorAlignment:
                 found.append(self._difference(a, there_and_back, f"{a}2{b}", way))
         return [line for line in found if line is not None]
 
-    def _leg(self, source: str, target: str) -> np.ndarray | None:
+    def _given_or_inverse(self, source: str, target: str) -> np.ndarray | None:
         """Return the matrix to or from the radar, None if neither it nor its inverse is given."""
         if source == target:
             return np.eye(4)
@@ -150,14 +150,17 @@ class SensorAlignment:
         return None
 
     def _through_radar(self, source: str, target: str) -> np.ndarray | None:
-        there, onwards = self._leg(source, RADAR), self._leg(RADAR, target)
+        there, onwards = (
+            self._given_or_inverse(source, RADAR),
+            self._given_or_inverse(RADAR, target),
+        )
         return None if there is None or onwards is None else onwards @ there
 
     def _difference(self, frame: str, matrix: np.ndarray, one: str, other: str) -> str | None:
         """Return by how much a matrix from `frame` to itself, which should change nothing, moves
         the space in front of the radar; None if by less than `CONTRADICTION_M`.
         """
-        to_radar = self._leg(frame, RADAR)
+        to_radar = self._given_or_inverse(frame, RADAR)
         if to_radar is None:  # neither its unit nor the place of the radar is known
             apart = _moved(matrix, _WORKSPACE_M) - _WORKSPACE_M
         else:

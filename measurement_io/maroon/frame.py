@@ -143,8 +143,8 @@ def _check_agreement(place: FrameFile, xr: np.ndarray, fvec: np.ndarray) -> None
     if place.folder is not None and not place.folder.agrees_hz(float(fvec[0]), float(fvec[-1])):
         fail(
             path,
-            f"'fvec' from {place.folder.low_ghz} to {place.folder.high_ghz} GHz, as the folder's "
-            "name says",
+            f"'fvec' from {place.folder.low_ghz} to {place.folder.high_ghz} GHz, by the folder's "
+            "name",
             f"{fvec[0] / 1e9:.9g} to {fvec[-1] / 1e9:.9g} GHz",
         )
 

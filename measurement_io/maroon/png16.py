@@ -20,7 +20,7 @@ _START = (b"\x89PNG\r\n\x1a\n", 13, b"IHDR")
 def read_png16(path: Path) -> np.ndarray:
     """Return a 16-bit grey image.
 
-    Pillow decodes it, after its header was held against `MAX_IMAGE_PIXELS` and the checksums of
+    Pillow decodes it, after its header was compared with `MAX_IMAGE_PIXELS` and the checksums of
     all chunks were compared. Pillow itself bounds compressed text and colour profiles.
 
     Returns

@@ -128,7 +128,7 @@ def _instrument(path: Path, data: Any) -> Contents:
 
 
 def _header(path: Path, file: Any, wanted: str | None) -> tuple[Contents, Any]:
-    """Check what the file says it is; return that and the group of the data."""
+    """Return the checked root attributes and the group of the data."""
     if "clradar_format" not in file.attrs:
         fail(
             path,

@@ -1,4 +1,4 @@
-"""Targets whose readers do what no reader may: the harness has to notice each of them."""
+"""Targets whose readers misbehave, each in a way that the harness has to notice."""
 
 from __future__ import annotations
 

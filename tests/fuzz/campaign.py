@@ -1,4 +1,4 @@
-"""Have a worker read many inputs, watch it, restart it when it dies, and say what was found."""
+"""Have a worker read many inputs, watch it, restart it when it dies, and report the faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What may come of reading one input, and what is a fault.
+"""Judge the outcome of reading one input: a result, an error, or a fault.
 
 Allowed: one of the target's results, or one of its errors on one printable line that names the
 file. A fault is anything else: another exception, a command run, a module imported, a file

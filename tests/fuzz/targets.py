@@ -1,4 +1,4 @@
-"""The readers that are tried, and what each of them may return. A new reader is one entry here."""
+"""The readers under trial and their allowed results. A new reader is one entry here."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write recorded frames byte by byte, without measurement_io: what its reader is held against.
+"""Write recorded frames byte by byte, without measurement_io: to test its reader.
 
 The pickles come from the standard library and are then rewritten opcode by opcode, so that both
 spellings of numpy's modules (before and since numpy 2) exist whichever numpy runs the tests.

@@ -1,4 +1,4 @@
-"""A synthetic recorder: recordings of point targets that look as if a laboratory had made them.
+"""A synthetic recorder: recordings of point targets with the errors of a real instrument.
 
     made = Recorder(points_m=[[0.02, 0.01, 0.3]]).write(tmp_path, n_frames=4)
     made.folder      tmp_path/object/30, in the MAROON form (shared with nobody: tests/maroon_files)

@@ -1,4 +1,4 @@
-"""Recordings in the antenna frame: targets and meshes are where they were put, in x too."""
+"""Recordings in the antenna frame: targets and meshes land in their places, in x too."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `describe` and `check_file` say of a recording: what is there, missing, contradictory."""
+"""`describe` and `check_file` of a recording: content, missing parts, contradictions."""
 
 from __future__ import annotations
 
