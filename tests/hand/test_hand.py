@@ -514,16 +514,14 @@ def test_crossing_faces_are_found():
 def test_an_image_depends_on_the_triangles_no_more_than_on_the_seed():
     # 10 000 and 60 000 faces; benchmarks/tessellation.py has more alphas and poses, and more rays.
     edges_m, seeds = (3.44e-3, 1.405e-3), (0, 1)
-    array = clradar.arrays.qar50()
-    array = clradar.AntennaArray(array.tx_m[::4], array.rx_m[::4])
-    waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 16)
     grid = clradar.VoxelGrid.from_extent(
         x_m=(-0.1, 0.1), y_m=(-0.1, 0.1), z_m=(0.26, 0.34), spacing_m=4e-3
     )
 
     def image(pose, edge_m, seed):
         scene = clradar.Scene.from_mesh(hand_mesh(pose, edge_m), alpha=0.7)
-        capture = clradar.simulate(scene, array, waveform, seed=seed, samples_per_mm2=5)
+        capture = clradar.simulate(scene, array, waveform, seed=seed, samples_per_mm2=3)
         return clradar.backproject(capture, grid).max_projection()
 
     def difference(one, other):
@@ -532,7 +530,7 @@ def test_an_image_depends_on_the_triangles_no_more_than_on_the_seed():
     coarse, fine = ([image("F", edge_m, seed) for seed in seeds] for edge_m in edges_m)
     same_mesh = 0.5 * (difference(*coarse) + difference(*fine))
     other_mesh = 0.5 * (difference(coarse[0], fine[1]) + difference(coarse[1], fine[0]))
-    # 0.397 both over eight seeds; the ratio has a standard deviation of 0.02.
+    # The ratio is 1.00 here; over eight seeds it has a standard deviation of 0.02.
     assert other_mesh < 1.1 * same_mesh
-    # The measure tells poses apart: 0.46.
-    assert difference(image("flat", edges_m[0], 0), fine[1]) > 1.1 * same_mesh
+    # Another pose differs by 1.49 times as much.
+    assert difference(image("flat", edges_m[0], 0), fine[1]) > 1.4 * same_mesh
