@@ -121,12 +121,7 @@ def surface_of(scene: clradar.Scene, n_points: int, device: clradar.Device) -> V
 
 def rays_of(surface: VisibleSurface) -> tuple[np.ndarray, np.ndarray]:
     """From each point to each Tx, one point after the other, as `visible_antennas` traces them."""
-    n = len(surface.points_m)
-    normals = surface._buffers.read(surface._geometric, (n, 3), np.float32).astype(np.float64)
-    towards = ARRAY.tx_m[None] - surface.points_m[:, None]
-    side = np.sign(np.einsum("sta,sa->st", towards, normals))[:, :, None]
-    origins = surface.points_m[:, None] + 2 * float(surface._tree.delta_m) * side * normals[:, None]
-    origins = origins.astype(np.float32)
+    origins = surface.ray_origins(ARRAY.tx_m)
     directions = (ARRAY.tx_m[None] - origins).astype(np.float32)
     return origins.reshape(-1, 3), directions.reshape(-1, 3)
 

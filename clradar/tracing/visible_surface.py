@@ -74,3 +74,15 @@ class VisibleSurface(SampledSurface):
                 self.n_samples, self._points, self._geometric, len(at), antennas, bits
             )
             return buffers.read(bits, shape, np.uint8)
+
+    def ray_origins(self, viewpoints_m: np.ndarray) -> np.ndarray:
+        """Samples lifted off their faces towards each viewpoint, shape (n, m, 3), float32, metres.
+
+        The rays that decide the visibility begin there.
+        """
+        shape = (self.n_samples, 3)
+        normals = self._buffers.read(self._geometric, shape, np.float32).astype(np.float64)
+        towards = viewpoints_m[None] - self.points_m[:, None]
+        side = np.sign(np.einsum("sta,sa->st", towards, normals))[:, :, None]
+        lift_m = 2 * float(self._tree.delta_m) * side * normals[:, None]
+        return (self.points_m[:, None] + lift_m).astype(np.float32)
