@@ -530,7 +530,7 @@ def test_an_image_depends_on_the_triangles_no_more_than_on_the_seed():
     coarse, fine = ([image("F", edge_m, seed) for seed in seeds] for edge_m in edges_m)
     same_mesh = 0.5 * (difference(*coarse) + difference(*fine))
     other_mesh = 0.5 * (difference(coarse[0], fine[1]) + difference(coarse[1], fine[0]))
-    # The ratio is 1.00 here; over eight seeds it has a standard deviation of 0.02.
+    # The ratio is 1.00; it was 0.996 to 1.005 for other numbers of antennas and samples.
     assert other_mesh < 1.1 * same_mesh
     # Another pose differs by 1.49 times as much.
     assert difference(image("flat", edges_m[0], 0), fine[1]) > 1.4 * same_mesh
