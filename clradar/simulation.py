@@ -232,15 +232,11 @@ def _batch(
                 paths[i, r] += len(pair)
         data = [[total.result() for total in row] for row in sums]
     made = []
-    for i, scene in enumerate(scenes):
+    for i, (scene, row) in enumerate(zip(scenes, data, strict=True)):
         meta = simulated_meta(scene, settings, statistics[i], int(paths[i].sum()), device)
-        metas = [meta]
-        if region is not None:
-            metas = [
-                {**meta, "region": {"number": r, "paths": int(paths[i, r])}}
-                for r in range(n_regions)
-            ]
-        made.append(
-            tuple(Capture(d, array, waveform, m) for d, m in zip(data[i], metas, strict=True))
-        )
+        captures = []
+        for r, samples in enumerate(row):
+            own = {} if region is None else {"region": {"number": r, "paths": int(paths[i, r])}}
+            captures.append(Capture(samples, array, waveform, {**meta, **own}))
+        made.append(tuple(captures))
     return made
