@@ -8,6 +8,8 @@ from dataclasses import fields
 import pytest
 
 from clradar.geometry.bvh import BuildOptions, TraversalOptions
+from clradar.imaging import fast
+from clradar.imaging.tiled import KernelSizes
 from clradar.opencl.sources import source
 from clradar.phasors.phasor_sum import SynthesizeOptions
 from clradar.tracing.antenna_packets import VisibilityOptions
@@ -23,6 +25,8 @@ KERNELS = {
     "trace.cl": TraceOptions,
     "expected.cl": ExpectedOptions,
     "synthesize.cl": SynthesizeOptions,
+    "backproject_exact.cl": KernelSizes,
+    "backproject_fast.cl": fast._KernelSizes,
 }
 
 
