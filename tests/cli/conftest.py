@@ -1,0 +1,51 @@
+"""Runs of commands, and files for them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from command_line import DENSITY, EDGE_MM, GRID, Outcome, Run
+
+from clradar.cli import main
+from measurement_io import open_capture, save_maroon_frame
+
+
+@pytest.fixture(autouse=True)
+def _device(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def call(*arguments: object) -> Outcome:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main([str(a) for a in arguments])
+        captured = capsys.readouterr()
+        code = ended.value.code
+        return Outcome(0 if code is None else int(code), captured.out, captured.err)
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a hand, a capture, its volume, and a recording of the same data."""
+    folder = tmp_path_factory.mktemp("made")
+    commands = [
+        ["hand", "F", "-o", "hand.ply", "--edge-mm", EDGE_MM],
+        ["hand", "F", "-o", "parts.glb", "--edge-mm", EDGE_MM],
+        ["simulate", "hand.ply", "-o", "sim.h5", "--samples-per-mm2", DENSITY, "--steps", "16",
+         "--alpha", "0.4", "--seed", "7"],
+        ["image", "sim.h5", "-o", "volume.h5", *GRID],
+    ]  # fmt: skip
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CLRADAR_DEVICE", "pocl")
+        patch.chdir(folder)
+        for command in commands:
+            with pytest.raises(SystemExit) as ended:
+                main(command)
+            assert ended.value.code in (0, None), command
+        save_maroon_frame("recording", open_capture("sim.h5"))
+    return folder

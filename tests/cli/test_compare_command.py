@@ -1,0 +1,88 @@
+"""``clradar compare``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from command_line import GRID, Run, one_error_line
+
+import clradar
+from clradar.cli import comparison
+from measurement_io import open_capture, open_volume, save_maroon_frame, save_volume
+
+
+def test_compare_writes_figure_and_metrics(run: Run, made: Path, tmp_path: Path) -> None:
+    volume = open_volume(made / "volume.h5")
+    rng = np.random.default_rng(1)
+    size = float(np.abs(volume.data).max())
+    noise = size * 0.05 * (rng.standard_normal((*volume.data.shape, 2)) @ [1, 1j])
+    other = clradar.Volume(volume.data + noise, volume.grid, {"kind": "another program's"})
+    save_volume(tmp_path / "other.h5", other)
+    png, record = tmp_path / "c.png", tmp_path / "c.json"
+    # The capture is imaged on the grid of the volume, so it is the measured image itself.
+    outcome = run("compare", made / "volume.h5", made / "sim.h5", tmp_path / "other.h5",
+                  "-o", png, "--json", record)  # fmt: skip
+    assert outcome.status == 0, outcome.err
+    assert png.read_bytes().startswith(b"\x89PNG")
+    saved = json.loads(record.read_text())
+    assert [s["label"] for s in saved["simulated"]] == [
+        "\N{GREEK SMALL LETTER ALPHA} = 0.4",
+        "other",
+    ]
+    first, second = (s["metrics"] for s in saved["simulated"])
+    assert first == clradar.compare(volume, volume).to_dict()
+    assert first["db_correlation"] == 1.0
+    assert second == clradar.compare(volume, other).to_dict()
+    assert {i["file"] for i in saved["inputs"]} == {"volume.h5", "sim.h5", "other.h5"}
+    rows = [line for line in outcome.out.splitlines() if line.startswith("other")]
+    assert f"{second['db_correlation']:.3f}" in rows[0]
+    assert f"{1e3 * second['depth_rmse_m']:.2f}" in rows[0]
+
+
+def test_compare_chooses_from_a_recording(run: Run, made: Path, tmp_path: Path) -> None:
+    capture = open_capture(made / "sim.h5")
+    other = clradar.Capture(np.roll(capture.data, 9, axis=0), capture.array, capture.waveform)
+    recording = tmp_path / "recording"
+    save_maroon_frame(recording, other)
+    save_maroon_frame(recording, other, frame=1, force=True)
+    save_maroon_frame(recording, capture, frame=1, variant="emptyfiltered", force=True)
+    record = tmp_path / "c.json"
+
+    def correlation(*options: str) -> float:
+        outcome = run("compare", recording, made / "sim.h5", "--json", record, "--force", *GRID,
+                      *options)  # fmt: skip
+        assert outcome.status == 0, outcome.err
+        return json.loads(record.read_text())["simulated"][0]["metrics"]["db_correlation"]
+
+    assert correlation("--frame", "1", "--variant", "emptyfiltered") == 1.0
+    inputs = json.loads(record.read_text())["inputs"]
+    assert [i["file"] for i in inputs] == ["000001_emptyfiltered.npy", "sim.h5"]
+    assert correlation("--frame", "1") < 0.9
+    assert correlation() < 0.9
+    for name in ("volume.h5", "sim.h5"):
+        outcome = run("compare", made / name, made / "sim.h5", "--frame", "0")
+        one_error_line(outcome, name, "a folder of frames")
+
+
+def test_labels() -> None:
+    def simulated(low: float, high: float) -> dict[str, Any]:
+        return {"capture": {"scene": {"alpha_min": low, "alpha_max": high}}}
+
+    alpha = "\N{GREEK SMALL LETTER ALPHA}"
+    paths = [Path("a/one.h5"), Path("b/two.h5")]
+    metas = [simulated(0.0, 0.0), simulated(0.3, 0.3)]
+    assert comparison.labels_of(paths, metas) == [f"{alpha} = 0", f"{alpha} = 0.3"]
+    metas = [simulated(0.3, 0.3), simulated(0.3, 0.3)]
+    assert comparison.labels_of(paths, metas) == ["one", "two"]
+    metas = [simulated(0.0, 1.0), {}]
+    assert comparison.labels_of(paths, metas) == ["one", "two"]
+    same = [Path("a/x.h5"), Path("b/x.h5")]
+    assert comparison.labels_of(same, metas) == ["a/x.h5", "b/x.h5"]
+
+
+def test_alpha_of_a_foreign_file_is_unknown() -> None:
+    for meta in ({}, {"scene": 3}, {"scene": {}}, {"capture": [], "scene": {"alpha_min": "x"}}):
+        assert comparison.alpha_of(meta) is None

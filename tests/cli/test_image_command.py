@@ -1,0 +1,122 @@
+"""``clradar image``, ``convert`` and ``inspect``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from command_line import GRID, Run, one_error_line
+
+import clradar
+from clradar.cli.options.imaging import GridOptions, axis_mm
+from clradar.files.hashing import sha256_of
+from measurement_io import open_capture, open_volume, save_capture
+
+
+def test_axis_in_millimetres() -> None:
+    assert axis_mm("--x-mm", "-100:100:1") == (-100.0, 100.0, 1.0)
+    assert axis_mm("--x-mm", "300") == (300.0, 300.0, 1.0)
+    assert axis_mm("--x-mm", "0:0.3:0.1") == (0.0, 0.3, 0.1)
+    for text in ("", "a:b:c", "1:2", "1:2:3:4", "0:1:0", "0:1:-1", "0:1:0.3", "inf"):
+        with pytest.raises(typer.BadParameter):
+            axis_mm("--x-mm", text)
+
+
+def test_the_default_grid_is_that_of_the_paper() -> None:
+    grid = GridOptions().grid()
+    paper = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
+    assert grid.counts == (201, 201, 81)
+    assert grid.same_voxels(paper, tolerance_m=1e-15)
+
+
+def test_image_writes_what_the_library_gives(made: Path) -> None:
+    volume = open_volume(made / "volume.h5")
+    capture = open_capture(made / "sim.h5")
+    grid = clradar.VoxelGrid.from_extent(
+        (-0.06, 0.06), (-0.09, 0.09), (0.28, 0.32), (6e-3, 6e-3, 5e-3)
+    )
+    expected = clradar.backproject(capture, grid, device="pocl")
+    assert volume.grid.same_voxels(grid)
+    assert np.array_equal(volume.data, expected.data)
+    assert volume.meta["capture"]["settings"]["seed"] == 7
+    digest = sha256_of(made / "sim.h5")
+    assert volume.meta["inputs"] == [{"file": "sim.h5", "sha256": digest}]
+
+
+def test_image_of_a_recording_and_its_figure(run: Run, made: Path, tmp_path: Path) -> None:
+    target, png = tmp_path / "v.h5", tmp_path / "v.png"
+    outcome = run("image", made / "recording", "-o", target, "--png", png, "--method", "exact",
+                  "--window", "hann", *GRID)  # fmt: skip
+    assert outcome.status == 0, outcome.err
+    volume = open_volume(target)
+    expected = clradar.backproject(
+        open_capture(made / "sim.h5"), volume.grid, method="exact", window="hann", device="pocl"
+    )
+    assert np.array_equal(volume.data, expected.data)
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert [i["file"] for i in volume.meta["inputs"]] == ["000000.npy"]
+
+
+def test_convert_keeps_every_bit(run: Run, made: Path, tmp_path: Path) -> None:
+    outcome = run("convert", made / "recording", "-o", tmp_path / "c.h5")
+    assert outcome.status == 0, outcome.err
+    converted, recorded = open_capture(tmp_path / "c.h5"), open_capture(made / "recording")
+    assert np.array_equal(converted.data, recorded.data)
+    assert converted.array.same_positions(recorded.array, tolerance_m=0.0)
+    assert converted.meta["format"] == "maroon"
+    assert [i["file"] for i in converted.meta["inputs"]] == ["000000.npy"]
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("sim.h5", "native capture"), ("volume.h5", "native volume"), ("recording", "recording")],
+)
+def test_inspect(run: Run, made: Path, name: str, kind: str) -> None:
+    outcome = run("inspect", made / name)
+    assert outcome.status == 0, outcome.err
+    assert f"{name}: {kind}" in outcome.out.splitlines()[0]
+    described = json.loads(run("inspect", made / name, "--json").out)
+    assert described["kind"] == kind
+    assert described["facts"]["data"]["type"] == "complex64"
+    assert described["problems"] == []
+    checked = run("inspect", made / name, "--check")
+    assert checked.status == 0, checked.err
+    assert "all right" in checked.out
+    assert json.loads(run("inspect", made / name, "--check", "--json").out)["ok"] is True
+
+
+def test_check_finds_a_changed_byte(run: Run, made: Path, tmp_path: Path) -> None:
+    content = bytearray((made / "sim.h5").read_bytes())
+    content[len(content) // 2] ^= 1
+    damaged = tmp_path / "damaged.h5"
+    damaged.write_bytes(content)
+    outcome = run("inspect", damaged, "--check")
+    one_error_line(outcome, "damaged.h5")
+    assert "problem" in outcome.out
+
+
+def test_recordings_of_another_array_are_imaged_too(run: Run, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    array = clradar.AntennaArray(rng.normal(size=(3, 3)) * 0.02, rng.normal(size=(5, 3)) * 0.02)
+    data = rng.normal(size=(3, 5, 4)) + 0j
+    capture = clradar.Capture(data, array, clradar.Waveform.sfcw(24e9, 26e9, 4))
+    save_capture(tmp_path / "own.h5", capture)
+    outcome = run("image", tmp_path / "own.h5", "-o", tmp_path / "v.h5", "--x-mm", "0",
+                  "--y-mm", "-20:20:10", "--z-mm", "250:350:50")  # fmt: skip
+    assert outcome.status == 0, outcome.err
+    assert open_volume(tmp_path / "v.h5").grid.counts == (1, 5, 3)
+
+
+def test_a_capture_without_receptions_is_warned_of(run: Run, made: Path, tmp_path: Path) -> None:
+    nothing = tmp_path / "nothing.h5"
+    outcome = run("simulate", made / "hand.ply", "-o", nothing, "--samples-per-mm2", "1e-9")
+    assert outcome.status == 0
+    assert "clradar: warning: no ray reached a receiver" in outcome.err
+    figure = tmp_path / "nothing.png"
+    outcome = run("image", nothing, "-o", tmp_path / "v.h5", *GRID, "--png", figure)
+    assert outcome.status == 0
+    assert "zero everywhere" in outcome.err
+    assert not figure.exists()

@@ -1,0 +1,193 @@
+"""Help, exit status and errors of all commands."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command_line import GRID, Run, one_error_line
+
+import clradar
+from clradar.cli import main
+from clradar.cli.launcher import COMMANDS
+from clradar.errors import MeshError
+
+HEAVY = ("trimesh", "scipy", "skimage", "matplotlib", "h5py", "measurement_io", "rich.progress")
+"""Modules that a help text does not need."""
+
+
+def in_process(code: str, *arguments: str, **kwargs: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", code, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+        **kwargs,
+    )
+
+
+def test_help_lists_the_commands_there_are(run: Run) -> None:
+    outcome = run("--help")
+    assert outcome.status == 0
+    listed = outcome.out.split("Commands:")[1]
+    for name in COMMANDS:
+        assert f"  {name}" in listed
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_of_each_command(run: Run, name: str) -> None:
+    outcome = run(name, "--help")
+    assert (outcome.status, outcome.err) == (0, "")
+    text = " ".join(outcome.out.split())
+    assert text.startswith(f"Usage: clradar {name}")
+    assert COMMANDS[name] in text
+
+
+def test_bench_says_which_peer_is_missing(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.startswith("clradar.bench")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "finufft", None)
+    outcome = run("bench", "--quick")
+    assert outcome.status == 1
+    assert "finufft is not installed" in outcome.err
+    assert "clradar[bench]" in outcome.err
+
+
+def test_version(run: Run) -> None:
+    outcome = run("--version")
+    assert (outcome.status, outcome.out) == (0, f"clradar {clradar.__version__}\n")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["simulate", "--help"]])
+def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
+    code = (
+        "import sys, clradar\n"
+        "before = set(sys.modules)\n"
+        "from clradar.cli import main\n"
+        "try:\n    main(sys.argv[1:])\nexcept SystemExit as e:\n    assert not e.code\n"
+        "print('\\n' + ' '.join(set(sys.modules) - before))"
+    )
+    done = in_process(code, *arguments)
+    assert done.returncode == 0, done.stderr
+    new = set(done.stdout.splitlines()[-1].split())
+    assert not [name for name in new if name.split(".")[0] in HEAVY or name in HEAVY]
+    assert "clradar.cli.launcher" in new
+    others = {f"clradar.cli.commands.{name}" for name in COMMANDS if name != arguments[0]}
+    assert not others & new
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (["nonsense"], "nonsense"),
+        (["hand"], "-o"),
+        (["hand", "-o", "x.ply", "--edge-mm", "long"], "--edge-mm"),
+        (["simulate", "hand.ply"], "--output"),
+        (["simulate", "-o", "x.h5"], "MESH"),
+        (["simulate", "hand.ply", "-o", "x.h5", "--alpha", "1.5"], "[0, 1]"),
+        (["simulate", "hand.ply:1.5", "-o", "x.h5"], "[0, 1]"),
+        (["simulate", "hand.ply", "-o", "x.h5", "--alpha", "nan"], "[0, 1]"),
+        (["simulate", "hand.ply", "-o", "x.h5", "--alpha", "rough"], "--alpha"),
+        (["simulate", "hand.ply", "-o", "x.h5", "--alpha", "0", "--alpha", "1"], "--alpha"),
+        (["simulate", "hand.ply", "-o", "x.h5", "--alpha", "a=0", "--alpha", "a=1"], "twice"),
+        (["simulate", "hand.ply", "-o", "x.h5", "--unit", "inch"], "--unit"),
+        (["image", "sim.h5", "-o", "x.h5", "--x-mm", "10:0:1"], "--x-mm"),
+        (["image", "sim.h5", "-o", "x.h5", "--y-mm", "0:10"], "--y-mm"),
+        (["image", "sim.h5", "-o", "x.h5", "--z-mm", "0:10:3"], "0:9:3"),
+        (["image", "sim.h5", "-o", "x.h5", "--z-mm", "0:nan:3"], "--z-mm"),
+        (["image", "sim.h5", "-o", "x.h5", "--method", "quick"], "--method"),
+        (["compare", "volume.h5"], "SIMULATED"),
+        (["compare", "volume.h5", "volume.h5", "--x-mm", "0:60:6"], "no capture"),
+        (["inspect", "volume.h5", "--loud"], "--loud"),
+    ],
+)
+def test_wrong_usage_is_2(
+    run: Run, made: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], part: str
+) -> None:
+    monkeypatch.chdir(made)
+    outcome = run(*arguments)
+    assert outcome.status == 2
+    assert part in outcome.err
+    assert "Traceback" not in outcome.err
+    assert not Path("x.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["simulate", "none.ply", "-o", "x.h5"], ("none.ply", "expected a mesh file")),
+        (["simulate", "two\nlines.ply", "-o", "x.h5"], ("two lines.ply",)),
+        (["simulate", "hand.ply", "-o", "x.h5", "--unit", "mm"], ("unit='mm'", "did you mean")),
+        (["simulate", "hand.ply", "-o", "x.h5", "--alpha", "nail=0"], ("hand.ply", "nail")),
+        (["simulate", "hand.ply", "-o", "x.h5", "--device", "abacus"], ("abacus",)),
+        (["hand", "-o", "x.ply", "--device", "abacus"], ("abacus",)),
+        (["simulate", "hand.ply", "-o", "x.h5", "--samples-per-mm2", "-1"], ("positive",)),
+        (["simulate", "hand.ply", "-o", "no/x.h5"], ("no/x.h5", "folder")),
+        (["simulate", "hand.ply", "-o", "."], ("folder",)),
+        (["simulate", "hand.ply", "-o", "hand.ply", "--force"], ("also an input",)),
+        (["hand", "J", "-o", "x.ply"], ("pose", "'J'")),
+        (["hand", "F", "-o", "x.stp"], (".ply", "'.stp'")),
+        (["image", "hand.ply", "-o", "x.h5"], ("hand.ply", "something else")),
+        (["image", "volume.h5", "-o", "x.h5"], ("expected a capture", "a volume")),
+        (["image", "sim.h5", "-o", "x.h5", "--png", "x.bmp"], (".png", "'.bmp'")),
+        (["image", "sim.h5", "-o", "x.png", "--png", "x.png"], ("twice",)),
+        (["image", "sim.h5", "-o", "x.h5", "--dynamic-range-db", "0"], ("positive",)),
+        (["convert", "recording", "-o", "x.h5", "--frame", "5"], ("frame 5",)),
+        (["convert", "sim.h5", "-o", "x.h5", "--frame", "1"], ("one file",)),
+        (["inspect", "none.h5"], ("none.h5",)),
+        (["inspect", "none.h5", "--check"], ("none.h5",)),
+        (["compare", "volume.h5", "none.h5", "-o", "x.png"], ("none.h5",)),
+        (["compare", "volume.h5", "volume.h5", "--report", "x.pdf"], (".html", "'.pdf'")),
+        (
+            ["compare", "volume.h5", "sim.h5", "--x-mm", "0:60:6", *GRID[2:], "-o", "x.png"],
+            ("same pixels",),
+        ),
+    ],
+)
+def test_an_error_is_1_and_one_line(
+    run: Run, made: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], parts: list[str]
+) -> None:
+    monkeypatch.chdir(made)
+    before = sorted(made.iterdir())
+    one_error_line(run(*arguments), *parts)
+    assert sorted(made.iterdir()) == before
+
+
+@pytest.mark.parametrize("place", [0, 1, 4])
+def test_debug_shows_the_traceback(place: int, tmp_path: Path) -> None:
+    arguments = ["simulate", "none.ply", "-o", str(tmp_path / "x.h5")]
+    arguments.insert(place, "--debug")
+    with pytest.raises(MeshError, match=r"none\.ply"):
+        main(arguments)
+
+
+def test_debug_after_two_dashes_is_a_name(run: Run, tmp_path: Path) -> None:
+    one_error_line(run("simulate", "-o", tmp_path / "x.h5", "--", "--debug"), "--debug")
+
+
+def test_an_unexpected_error_names_its_type(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("first line\nsecond line")
+
+    monkeypatch.setattr("clradar.hand.hand_mesh", broken)
+    outcome = run("hand", "-o", tmp_path / "x.ply")
+    one_error_line(outcome, "ZeroDivisionError: first line second line", "--debug")
+
+
+def test_control_c_is_130_without_a_traceback(tmp_path: Path) -> None:
+    code = (
+        "import os, signal, sys, clradar.hand\n"
+        "def interrupted(*a, **k):\n    os.kill(os.getpid(), signal.SIGINT)\n    return 1 / 0\n"
+        "clradar.hand.hand_mesh = interrupted\n"
+        "from clradar.cli import main\nmain(sys.argv[1:])"
+    )
+    done = in_process(code, "hand", "-o", str(tmp_path / "x.ply"))
+    assert done.returncode == 130
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,133 @@
+"""``clradar simulate``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import DENSITY, Run, one_error_line
+
+import clradar
+from clradar.cli.commands import simulate as simulate_command
+from clradar.cli.options.simulation import PlacementOptions
+from clradar.errors import ClradarError, ModelError
+from clradar.files.hashing import sha256_of
+from measurement_io import open_capture
+
+
+def test_simulate_writes_what_the_library_gives(made: Path) -> None:
+    capture = open_capture(made / "sim.h5")
+    scene = clradar.Scene.from_mesh(made / "hand.ply", alpha=0.4)
+    expected = clradar.simulate(
+        scene,
+        clradar.arrays.qar50(),
+        clradar.Waveform.sfcw(72e9, 82e9, 16),
+        samples_per_mm2=float(DENSITY),
+        seed=7,
+        device="pocl",
+    )
+    assert np.array_equal(capture.data, expected.data)
+    meta = capture.meta
+    assert meta["settings"]["seed"] == 7
+    assert meta["scene"]["sha256"] == scene.digest()
+    assert meta["device"] == expected.meta["device"]
+    assert meta["clradar"] == clradar.__version__
+    assert meta["packages"]["numpy"] == np.__version__
+    assert meta["command"] == "simulate"
+    assert meta["options"]["waveform_ghz"] == [72.0, 82.0, 16]
+    digest = sha256_of(made / "hand.ply")
+    assert meta["inputs"] == [{"file": "hand.ply", "sha256": digest}]
+
+
+def test_every_option_of_simulate_reaches_the_library(
+    run: Run, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    received: dict[str, Any] = {}
+
+    def fake(scene: clradar.Scene, array: object, waveform: clradar.Waveform, **given: Any) -> None:
+        received.update(given, waveform=waveform, scene=scene)
+        raise ModelError("enough")
+
+    monkeypatch.setattr(clradar, "simulate", fake)
+    command = ("simulate", made / "hand.ply", "-o", tmp_path / "x.h5")
+    outcome = run(
+        *command, "--rays-per-face", 3,
+        "--rays-per-sample", 2, "--reception-radius-mm", 5, "--max-bounces", 4, "--normals", "face",
+        "--crease-deg", 12, "--amplitude", "spreading", "--pattern-exponent", 1.5, "--seed", 9,
+        "--start-ghz", 24, "--stop-ghz", 26, "--steps", 11, "--device", "pocl",
+    )  # fmt: skip
+    one_error_line(outcome, "enough")
+    expected = {
+        "samples_per_mm2": None,
+        "rays_per_face": 3,
+        "rays_per_sample": 2,
+        "reception_radius_m": 0.005,
+        "max_bounces": 4,
+        "normals": "face",
+        "crease_deg": 12.0,
+        "amplitude": "spreading",
+        "pattern_exponent": 1.5,
+        "seed": 9,
+        "estimator": "stochastic",
+    }
+    assert asdict(received["settings"]) == expected
+    assert np.array_equal(received["waveform"].frequencies_hz, np.linspace(24e9, 26e9, 11))
+    assert "portable" in received["device"].info.platform.lower()
+    one_error_line(run(*command, "--estimator", "expected", "--samples-per-mm2", 2), "enough")
+    settings = received["settings"]
+    assert (settings.estimator, settings.samples_per_mm2) == ("expected", 2.0)
+
+
+def test_alpha_by_mesh_and_by_part(made: Path) -> None:
+    named = [simulate_command.split_alpha(str(made / n)) for n in ("hand.ply:0.2", "parts.glb")]
+    default, by_part = simulate_command.read_alphas(["palm=0.6", "0.9", "thumb=0"])
+    assert default == 0.9
+    scene = simulate_command.load_scene(named, default, by_part, "m", None)
+    alpha, part = np.asarray(scene.alpha), np.asarray(scene.part)
+    for name, value in (("hand.ply", 0.2), ("palm", 0.6), ("thumb", 0.0), ("index", 0.9)):
+        assert set(alpha[part == scene.part_names.index(name)]) == {value}
+
+
+def test_split_alpha(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert simulate_command.split_alpha("a.ply") == (Path("a.ply"), None)
+    assert simulate_command.split_alpha("a.ply:0.25") == (Path("a.ply"), 0.25)
+    assert simulate_command.split_alpha("c:a.ply") == (Path("c:a.ply"), None)
+    Path("a.ply:1").touch()  # a file of that very name
+    assert simulate_command.split_alpha("a.ply:1") == (Path("a.ply:1"), None)
+
+
+def test_transform_moves_the_mesh(made: Path, tmp_path: Path, run: Run) -> None:
+    matrix = [[0.0, -1, 0, 0.01], [1, 0, 0, 0.02], [0, 0, 1, 0.03], [0, 0, 0, 1]]
+    forms = (matrix, np.ravel(matrix).tolist(), {"transform": matrix, "rms_m": 1})
+    path = tmp_path / "t.json"
+    for form in forms:
+        path.write_text(json.dumps(form))
+        read = PlacementOptions(transform=path).matrix()
+        assert np.array_equal(read, matrix)
+    named = [(made / "hand.ply", None)]
+    moved = simulate_command.load_scene(named, 0.5, {}, "m", read)
+    assert moved.digest() == clradar.Scene.from_mesh(made / "hand.ply", transform=matrix).digest()
+    for text in ("", "{", "[1, 2]", '{"matrix": []}', '["a"]', json.dumps([0] * 16),
+                 "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]]",
+                 "[[NaN,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"):  # fmt: skip
+        path.write_text(text)
+        with pytest.raises(ClradarError, match=r"t\.json"):
+            PlacementOptions(transform=path).matrix()
+    outcome = run("simulate", made / "hand.ply", "-o", tmp_path / "x.h5", "--transform", path)
+    one_error_line(outcome, "t.json")
+
+
+def test_a_scene_behind_the_aperture_is_warned_of(run: Run, made: Path, tmp_path: Path) -> None:
+    placed = tmp_path / "T.json"
+    placed.write_text(json.dumps([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -0.3], [0, 0, 0, 1]]))
+    outcome = run(
+        "simulate", made / "hand.ply", "-o", tmp_path / "s.h5", "--transform", placed,
+        "--samples-per-mm2", "0.01",
+    )  # fmt: skip
+    assert outcome.status == 0
+    assert "clradar: warning: the scene reaches behind the aperture" in outcome.err

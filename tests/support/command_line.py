@@ -1,0 +1,28 @@
+"""Runs of the command line in the tests' own process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+EDGE_MM = "4"
+DENSITY = "0.2"
+GRID = ("--x-mm", "-60:60:6", "--y-mm", "-90:90:6", "--z-mm", "280:320:5")
+"""21 x 31 x 9 voxels: no finer than the SSIM's window of 11 pixels needs."""
+
+Run = Callable[..., "Outcome"]
+
+
+class Outcome:
+    """Exit status and both streams of one command."""
+
+    def __init__(self, status: int, out: str, err: str) -> None:
+        self.status, self.out, self.err = status, out, err
+
+
+def one_error_line(outcome: Outcome, *parts: str) -> None:
+    assert outcome.status == 1, outcome.err
+    lines = outcome.err.splitlines()
+    assert len(lines) == 1, outcome.err
+    assert lines[0].startswith("clradar: error: ")
+    for part in parts:
+        assert part in lines[0]
