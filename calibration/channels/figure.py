@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clradar.model import ChannelCalibration, checks
+from clradar.plot.layout import LABEL_PT, TICK_PT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 WIDTH_IN, HEIGHT_IN, DPI = 8.0, 6.0, 200
-LABEL_PT, TICK_PT = 8.0, 7.0
 LIVE_COLOUR, NOISY_COLOUR, DEAD_COLOUR = "#1f5c99", "#d98a00", "#b3261e"
 
 

@@ -54,14 +54,9 @@ _START_ROUNDS = 20
 class Samples:
     """The samples of a capture, with the weights and spectra of an optional delay gate.
 
-    Attributes
-    ----------
-    data : ndarray, shape (n_tx, n_rx, n_freq), complex64
-    frequencies_hz : ndarray, shape (n_freq,), float64
-    weight : ndarray, shape (n_freq,), float64
-        Of each frequency; their sum is 1.
-    basis : ndarray, shape (n_freq, m), float64, or None
-        Orthonormal spectra in which noise is measured; None for all.
+    `data`, shape (n_tx, n_rx, n_freq), complex64; `frequencies_hz` and their `weight`, whose sum is
+    1, shape (n_freq,); `basis`, shape (n_freq, m), orthonormal spectra in which noise is measured,
+    None for all.
     """
 
     data: np.ndarray
@@ -134,17 +129,10 @@ class Side:
 class Pairs:
     """Sufficient statistics of each pair around a trial, each of shape (n_tx, n_rx).
 
-    Attributes
-    ----------
-    mean, slope : complex128
-        Of the samples after the trial's phases are removed: the mean over frequency, and the
-        projection on nu / rms(nu).
-    model : float64
-        The trial's amplitude; `mean` equals it for a perfect fit.
-    scatter : float64
-        Noise power of one sample: the residual of mean and slope.
-    total : float64
-        Power of one sample: the residual of the trial.
+    `mean` and `slope`, complex128, of the samples after the trial's phases are removed: the mean
+    over frequency and the projection on nu / rms(nu); `model`, the trial's amplitude, which equals
+    `mean` for a perfect fit; `scatter`, power of one sample beside mean and slope, the noise;
+    `total`, power of one sample beside the trial.
     """
 
     mean: np.ndarray
@@ -158,14 +146,9 @@ class Pairs:
 class Prior:
     """Prior knowledge.
 
-    Attributes
-    ----------
-    tolerance : ndarray, shape (n_parameters,), float64
-        Standard deviation of the pose parameters of the target, in their units.
-    refine : bool
-        Whether the pose is estimated; it is fixed otherwise.
-    zero_mean : bool
-        Whether delays scatter about zero, or about an unknown common delay.
+    `tolerance`, shape (n_parameters,), standard deviations of the pose parameters in their units;
+    `refine`, whether the pose is estimated or fixed; `zero_mean`, whether delays scatter about zero
+    or about an unknown common delay.
     """
 
     tolerance: np.ndarray
@@ -175,22 +158,11 @@ class Prior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelFit:
-    """The converged fit.
+    """The converged fit, with the target in its estimated pose.
 
-    Attributes
-    ----------
-    tx, rx : Side
-    target : Target
-        In the estimated pose.
-    echo : Echo
-        Of the target there.
-    pairs : Pairs
-    noise : ndarray, shape (n_tx, n_rx), float64
-        Noise power of one sample, from the channels'.
-    tx_std_rad, rx_std_rad : ndarray, shape (n,), float64
-        Standard deviation of each phase, given the pose.
-    covariance : ndarray, shape (n_parameters, n_parameters), float64
-        Of the pose parameters, in their units; 0 if the pose is fixed.
+    `noise`, shape (n_tx, n_rx), noise power of one sample, from the channels'; `tx_std_rad` and
+    `rx_std_rad`, shape (n,), standard deviations of the phases, given the pose; `covariance` of the
+    pose parameters, in their units, 0 if the pose is fixed.
     """
 
     tx: Side

@@ -14,7 +14,7 @@ import numpy as np
 from calibration.conventions.search_region import window_of
 from clradar.backproject import frequency_weights
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import AntennaArray, Capture, checks
+from clradar.model import AntennaArray, Capture
 
 SAME_PLACE = 1 / 200
 """Antennas that the isometry maps closer than this many wavelengths coincide: path segments that
@@ -29,31 +29,16 @@ normal matrix: the responses of neighbouring voxels are nearly collinear."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwapIsometry:
-    """The isometry v -> matrix v + shift that approximately maps Tx on Rx and Rx on Tx.
+    """The isometry g(v) = matrix v + shift that maps most Tx on Rx and Rx on Tx.
 
-    Attributes
-    ----------
-    matrix : ndarray, shape (3, 3), float64
-        Orthogonal; the determinant may be -1.
-    shift_m : ndarray, shape (3,), float64, metres
-    moved_tx, moved_rx : ndarray, shape (n,), bool
-        Antennas i for which g(tx_i) is not rx_i, and g(rx_i) is not tx_i.
+    `matrix`, shape (3, 3), is orthogonal with determinant 1 or -1; `shift_m`, shape (3,);
+    `moved_tx`, `moved_rx`, shape (n,), antennas i for which g(tx_i) is not rx_i, g(rx_i) not tx_i.
     """
 
     matrix: np.ndarray
     shift_m: np.ndarray
     moved_tx: np.ndarray
     moved_rx: np.ndarray
-
-    def __post_init__(self) -> None:
-        for name, dtype, shape in (
-            ("matrix", np.float64, (3, 3)),
-            ("shift_m", np.float64, (3,)),
-            ("moved_tx", np.bool_, (None,)),
-            ("moved_rx", np.bool_, (None,)),
-        ):
-            value = checks.read_only(f"SwapIsometry.{name}", getattr(self, name), dtype, shape)
-            object.__setattr__(self, name, value)
 
     @property
     def exact(self) -> bool:

@@ -148,6 +148,22 @@ class _History:
     features: list[np.ndarray] = field(default_factory=list)
     places_m: list[np.ndarray] = field(default_factory=list)
 
+    def add(
+        self,
+        correction: np.ndarray,
+        place_m: np.ndarray,
+        alpha: float | None,
+        features: np.ndarray,
+    ) -> None:
+        self.corrections.append(correction)
+        self.places_m.append(place_m)
+        if alpha is not None:
+            self.alphas.append(alpha)
+            self.features.append(features)
+
+    def next_alpha(self, wanted: np.ndarray) -> float:
+        return next_alpha(self.alphas, self.features, wanted)
+
     def correction(self) -> np.ndarray:
         """Mean correction, weighted by the similarity of alpha and place to the last round's."""
         away = np.linalg.norm(np.array(self.places_m) - self.places_m[-1], axis=1) / SAME_PLACE_M
@@ -184,11 +200,7 @@ def close_loop(
         alpha, scene = None, mesh.transformed(transform)
         alpha_settled = not starts
         if settings.fit_alpha:
-            alpha = (
-                starts.pop(0)
-                if starts
-                else next_alpha(history.alphas, history.features, located.features)
-            )
+            alpha = starts.pop(0) if starts else history.next_alpha(located.features)
             scene = scene.with_alpha(alpha)
         try:
             capture, volume = _simulated(scene, settings, number, device)
@@ -202,11 +214,8 @@ def close_loop(
             if starts and number + 1 < settings.max_rounds:
                 continue
             raise
-        history.corrections.append(correction)
-        if alpha is not None:
-            history.alphas.append(alpha)
-            history.features.append(features)
-        history.places_m.append(_relative_motion(transform, fitted, centre_m)[3:])
+        place_m = _relative_motion(transform, fitted, centre_m)[3:]
+        history.add(correction, place_m, alpha, features)
         following = _corrected(fitted, history.correction(), centre_m)
         step = _relative_motion(following, transform, centre_m)
         moved_m = float(max(np.linalg.norm(step[3:]), radius_m * np.linalg.norm(step[:3])))
@@ -215,8 +224,7 @@ def close_loop(
             callback(rounds[-1])
         transform = following
         if alpha is not None and alpha_settled:
-            refined = next_alpha(history.alphas, history.features, located.features)
-            alpha_settled = abs(refined - alpha) < ALPHA_TOLERANCE
+            alpha_settled = abs(history.next_alpha(located.features) - alpha) < ALPHA_TOLERANCE
         converged = moved_m < settings.tolerance_m and alpha_settled
         if converged:
             break

@@ -50,27 +50,16 @@ def initial_log_brightness() -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshFit:
-    """The converged fit.
+    """The fitted pose and brightness.
 
-    Attributes
-    ----------
-    transform : ndarray, shape (4, 4)
-        Of the mesh as given.
-    log_brightness : ndarray, shape (n_knots,)
-    centre_m : ndarray, shape (3,), metres
-        Mean of the visible samples, the centre of the twists of `information`.
-    information : ndarray, shape (6, 6)
-        Inverse covariance of a further twist (radians, metres), marginal over the brightness.
-    loss : float
-        Robust deviance per resolution cell; smaller is better.
-    iterations : int
-    converged : bool
+    `transform`, shape (4, 4), of the mesh as given; `log_brightness`, shape (n_knots,); `centre_m`,
+    shape (3,), the mean of the visible samples and centre of twists; `loss`, robust deviance per
+    resolution cell, smaller is better.
     """
 
     transform: np.ndarray
     log_brightness: np.ndarray
     centre_m: np.ndarray
-    information: np.ndarray
     loss: float
     iterations: int
     converged: bool
@@ -177,7 +166,6 @@ def fit_mesh(
         transform=transform,
         log_brightness=log_brightness,
         centre_m=centre_m,
-        information=marginal(information),
         loss=found.loss() / pixels_per_cell,
         iterations=iteration,
         converged=converged,
@@ -207,19 +195,16 @@ def shared_information(image: MeshRendering, fit: MeshFit) -> np.ndarray:
     product = (power_a * found.speckle_weights.ravel()) @ power_b.T
     product = (product + (range_a * weight.ravel()) @ range_b.T) / cell_pixels(image)
     fall = np.diff(np.eye(len(product))[6:], axis=0)
-    return marginal(0.5 * (product + product.T) + SMOOTH * fall.T @ fall)
+    information = 0.5 * (product + product.T) + SMOOTH * fall.T @ fall
+    # Marginal over the brightness: the Schur complement.
+    motion, mixed, rest = information[:6, :6], information[:6, 6:], information[6:, 6:]
+    return motion - mixed @ np.linalg.solve(rest, mixed.T)
 
 
 def cell_pixels(image: MeshRendering) -> float:
     """Pixels per resolution cell, at least one."""
     step_x, step_y = image.measured.step_m
     return max(1.0, image.aperture.cell_m2(image.reference_m) / (step_x * step_y))
-
-
-def marginal(information: np.ndarray) -> np.ndarray:
-    """Information on the motion alone, (6, 6), by the Schur complement of the brightness."""
-    motion, mixed, rest = information[:6, :6], information[:6, 6:], information[6:, 6:]
-    return motion - mixed @ np.linalg.solve(rest, mixed.T)
 
 
 def _unconstrained(constrained: np.ndarray, n: int) -> np.ndarray:

@@ -34,16 +34,9 @@ without the centre: eight, the group size of the kernel."""
 class MeasuredImage:
     """Power and range of the pixels of a depth map.
 
-    Attributes
-    ----------
-    x_m, y_m : ndarray, metres
-        Pixel centres, evenly spaced.
-    power : ndarray, shape (n_y, n_x), float64
-        Squared amplitude, 1 at the maximum.
-    range_m : ndarray, shape (n_y, n_x), float64, metres
-        Distance of the depth point from the centre of the aperture, NaN where there is none.
-    step_m : tuple of two floats, metres
-        Spacing along x and y.
+    `x_m`, `y_m`, evenly spaced pixel centres, `step_m` apart; `power`, shape (n_y, n_x), squared
+    amplitude, 1 at the maximum; `range_m`, shape (n_y, n_x), distance of the depth points from the
+    centre of the aperture, NaN without depth.
     """
 
     x_m: np.ndarray

@@ -179,16 +179,9 @@ def estimate_alpha(
     metric: str,
     dynamic_range_db: float,
 ) -> AlphaEstimate:
-    """Estimate alpha by one metric.
+    """Estimate alpha by one metric, a field of `Metrics`.
 
-    Parameters
-    ----------
-    measured : DepthMap
-    images : sequence [seed][alpha] of DepthMap or None
-    alphas : ndarray, shape (A,), ascending
-    metric : str
-        A field of `Metrics`.
-    dynamic_range_db : float, decibel
+    `images` are [seed][alpha], `alphas` ascending, shape (A,).
 
     Raises
     ------

@@ -10,6 +10,7 @@ from calibration.roughness.estimate import AlphaEstimate
 from calibration.roughness.sweep import Sweep
 from clradar.model import DepthMap, checks
 from clradar.plot import comparison_figure
+from clradar.plot.layout import LABEL_PT, TICK_PT, add_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,8 +39,6 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#4
 # Inches.
 ROW_HEIGHT, ROW_BELOW, ROW_ABOVE = 2.1, 0.55, 0.35
 LEFT, GAP, RIGHT = 0.62, 0.65, 0.15
-
-LABEL_PT, TICK_PT = 8.0, 7.0
 
 
 def sweep_figure(sweep: Sweep, measured_label: str = "Measurement") -> Figure:
@@ -128,15 +127,10 @@ def _make_room_below(figure: Figure, height: float) -> None:
 
 def _row(figure: Figure, from_below: int, n: int) -> list[Axes]:
     """Add `n` axes side by side over the width of the figure."""
-    width, height = figure.get_size_inches()
+    width, _ = figure.get_size_inches()
     each = (width - LEFT - RIGHT - (n - 1) * GAP) / n
     bottom = from_below * (ROW_BELOW + ROW_HEIGHT + ROW_ABOVE) + ROW_BELOW
-    made = []
-    for i in range(n):
-        left = LEFT + i * (each + GAP)
-        place = (left / width, bottom / height, each / width, ROW_HEIGHT / height)
-        made.append(figure.add_axes(place))
-    return made
+    return [add_axes(figure, LEFT + i * (each + GAP), bottom, each, ROW_HEIGHT) for i in range(n)]
 
 
 def _curves(

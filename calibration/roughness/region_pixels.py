@@ -24,17 +24,9 @@ EVERYTHING_DB = 400.0
 def region_pixels(
     scene: Scene, regions: Regions, grid: VoxelGrid, centre_m: np.ndarray, device: Device
 ) -> np.ndarray:
-    """Number of the region that each pixel shows, shape (n_y, n_x), -1 for none.
+    """Number of the region that each pixel shows from the viewpoint `centre_m`, -1 for none.
 
-    Parameters
-    ----------
-    scene : Scene
-        In its measured pose.
-    regions : Regions
-    grid : VoxelGrid
-    centre_m : ndarray, shape (3,), metres
-        Viewpoint.
-    device : Device
+    The scene is in its measured pose; the result has shape (n_y, n_x).
 
     Raises
     ------

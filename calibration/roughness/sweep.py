@@ -223,11 +223,7 @@ def sweep(
     resolved = resolve_settings(settings, **fields)
     first = checks.whole("sweep: seed", resolved.seed, 0, 2**64 - n_seeds)
     if regions is not None:
-        checks.instance("sweep: regions", regions, Regions)
-        if len(regions.face) != scene.n_faces:
-            checks.fail("sweep: regions", f"{scene.n_faces} faces", f"{len(regions.face)}")
-        if resolved.max_bounces > 1:
-            checks.fail("sweep: max_bounces", "1 where there are regions", resolved.max_bounces)
+        _check_regions(regions, scene, resolved)
     radar = arrays.qar50() if array is None else array
     frequencies = Waveform.sfcw(72e9, 82e9, 128) if waveform is None else waveform
     checks.instance("sweep: array", radar, AntennaArray)
@@ -267,6 +263,14 @@ def sweep(
         if pixels is None
         else sweep_regions(images.of_regions(measured, pixels, metric), values, estimate.grid_best),
     )
+
+
+def _check_regions(regions: Regions, scene: Scene, settings: SimulationSettings) -> None:
+    checks.instance("sweep: regions", regions, Regions)
+    if len(regions.face) != scene.n_faces:
+        checks.fail("sweep: regions", f"{scene.n_faces} faces", f"{len(regions.face)}")
+    if settings.max_bounces > 1:
+        checks.fail("sweep: max_bounces", "1 where there are regions", settings.max_bounces)
 
 
 def _alphas(alphas: Any) -> np.ndarray:

@@ -103,7 +103,7 @@ def peak_and_side_lobe_db(capture: Capture, device: clradar.Device) -> tuple[flo
 
 @pytest.fixture(scope="module")
 def ideal() -> Capture:
-    waveform = Waveform.sfcw(72e9, 82e9, 64)
+    waveform = Waveform.sfcw(72e9, 82e9, 32)
     return reference.point_targets(QAR50, waveform, POINT_M[None], np.ones(1))
 
 
@@ -120,7 +120,7 @@ def wanted_db(device: clradar.Device, ideal: Capture) -> list[tuple[float, float
 def test_image_of_another_target_is_as_good_as_ideal(
     device: clradar.Device, ideal: Capture, wanted_db: list[tuple[float, float]], kind: str
 ) -> None:
-    truth = instrument(seed=1, n_freq=64, dead_tx=DEAD_TX, dead_rx=DEAD_RX)
+    truth = instrument(seed=1, n_freq=32, dead_tx=DEAD_TX, dead_rx=DEAD_RX)
     found = estimate_channels(truth.record_target(TRUE[kind]), SAID[kind])
     assert found.dead_tx.tolist() == list(DEAD_TX)
     assert found.dead_rx.tolist() == list(DEAD_RX)
@@ -539,7 +539,7 @@ def test_another_instrument_is_refused(truth: Instrument, found: ChannelCalibrat
     [
         ({"dead_tx": [2, 3]}, "gain 0"),
         ({"dead_tx": []}, "gain 0"),
-        ({"noisy_tx": [2]}, "dead, too"),
+        ({"noisy_tx": [2]}, "which is dead"),
         ({"noisy_rx": [24]}, "ascending indices"),
         ({"noisy_rx": [7, 7]}, "ascending indices"),
         ({"tx_noise": np.full(24, -1.0)}, "not negative"),
