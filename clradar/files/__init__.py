@@ -1,1 +1,1 @@
-"""Files: failures, atomic writing, work folders, JSON, TOML, hashing."""
+"""Files: failures, limits, atomic writing, work folders, JSON, TOML, tables, pickles, hashing."""

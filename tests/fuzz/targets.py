@@ -88,6 +88,8 @@ class Target:
         Most memory that reading one input may add; half of what is promised.
     short_run : int
         Inputs that are tried with all the tests.
+    any_format : bool
+        Whether the content decides how the file is read: as HDF5, for which a process is started.
     """
 
     name: str
@@ -103,6 +105,7 @@ class Target:
     processor_limit_s: float = 10.0
     resident_limit_bytes: int = 10**9
     short_run: int = 250
+    any_format: bool = False
 
     def place(self, folder: Path) -> Path:
         """Make what lies around the input and return where the input goes."""
@@ -213,6 +216,7 @@ def _lab(
         around=seeds.layout_file,
         repair=repair,
         short_run=short_run,
+        any_format=True,
     )
 
 
@@ -227,6 +231,7 @@ TARGETS = {
             (mutate_pickle.mutate_npy, mutate_pickle.mutate_operations),
             mutate_pickle.DICTIONARY,
             file_name="000000.npy",
+            any_format=True,
         ),
         Target(
             "native_capture",
@@ -238,6 +243,7 @@ TARGETS = {
             file_name="capture.h5",
             repair=mutate_hdf5.with_right_checksums,
             short_run=HDF5_SHORT_RUN,
+            any_format=True,
         ),
         Target(
             "native_volume",
@@ -249,6 +255,7 @@ TARGETS = {
             file_name="volume.h5",
             repair=mutate_hdf5.with_right_checksums,
             short_run=HDF5_SHORT_RUN,
+            any_format=True,
         ),
         Target(
             "calibration_json",
@@ -279,6 +286,7 @@ TARGETS = {
             file_name="channels.h5",
             repair=mutate_hdf5.with_right_checksums,
             short_run=HDF5_SHORT_RUN,
+            any_format=True,
         ),
         Target(
             "alignment_json",

@@ -118,11 +118,11 @@ def run(target: Target, seed: int, start: int, stop: int, folder: Path) -> int:
 
 def read_seeds(target: Target, path: Path) -> None:
     """Read what is valid: it has to be, and later nothing has to be imported or started."""
-    # An input of any kind may begin as HDF5 does, and then a process is started to read it.
-    probe = path.with_name("probe")
-    probe.write_bytes(b"-")
-    hdf5_process.run(reader_probes.same, probe, 1)
-    probe.unlink()
+    if target.any_format:  # start the process that an input may need that begins as HDF5 does
+        probe = path.with_name("probe")
+        probe.write_bytes(b"-")
+        hdf5_process.run(reader_probes.same, probe, 1)
+        probe.unlink()
     for content in target.seeds():
         path.write_bytes(content)
         outcome, fault = judge(target, path)
