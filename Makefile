@@ -41,7 +41,7 @@ format: $(VENV)/.installed-dev
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# The pictures of README.md and docs/.
+# The figure of README.md.
 figures: $(VENV)/.installed
 	$(BIN)/clradar demo --full --force -o demo-full
 	cp demo-full/comparison.png docs/images/comparison.png

@@ -101,7 +101,7 @@ def aligned(
 
 
 def ratios(found: Alignment, truth: np.ndarray) -> list[float]:
-    """Return each component of the error over its standard deviation: three turns, three shifts."""
+    """Return the error over its standard deviation: three rotations, three shifts."""
     off = truth @ np.linalg.inv(found.transform)
     shift = off[:3, :3] @ found.centre_m + off[:3, 3] - found.centre_m
     error = np.concatenate([Rotation.from_matrix(off[:3, :3]).as_rotvec(), shift])

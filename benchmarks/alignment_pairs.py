@@ -1,4 +1,4 @@
-"""Synthetic measurements of objects whose place is known, for `alignment_accuracy.py`."""
+"""Synthetic measurements of objects whose pose is known, for `alignment_accuracy.py`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the benchmarks share: one device, how often is measured, works that are made once."""
+"""Fixtures of the benchmarks: the device, the number of repetitions, inputs made once."""
 
 from __future__ import annotations
 

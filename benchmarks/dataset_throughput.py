@@ -4,7 +4,8 @@
 
 Each round makes the same samples in the three ways, one after the other, each after a run that
 builds the kernels. Needs PoCL, two cores, and nothing else running: the load average is printed,
-and processor time beside wall time, which other programs change less. What is computed says so.
+and processor time beside wall time, which other programs change less. Extrapolated numbers are
+marked.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def on_core(core: int) -> WorkerResources:
 
 
 def processor_time_s() -> float:
-    """Return what a worker has used: to be run on it."""
+    """Return the processor time of the worker that runs this."""
     return time.process_time()
 
 
@@ -62,7 +63,7 @@ def shortened(path: Path, samples: int) -> Plan:
 
 
 def timed_run(plan: Plan, engine: Any, folder: Path) -> float:
-    """Make a data set, return the seconds that it took: shard, statistics and picture included."""
+    """Make a data set with statistics and contact sheet; return the seconds that it took."""
     start_s = time.perf_counter()
     result = run(plan, folder, engine=engine)
     assert result.made == plan.samples
@@ -101,7 +102,7 @@ def alone(path: Path, samples: int) -> dict[str, float]:
 
 
 def closing_s(plan: Plan, made: Sequence[Sample], made_with: Mapping[str, Any]) -> float:
-    """Return what it takes to put a shard together from parts, which the client does."""
+    """Return the time to assemble a shard from parts, which the client does."""
     level = plan.output.compression
     with tempfile.TemporaryDirectory() as name:
         parts = [Path(name) / f"{i}.h5" for i in range(len(made))]
@@ -114,7 +115,7 @@ def closing_s(plan: Plan, made: Sequence[Sample], made_with: Mapping[str, Any]) 
 
 
 def on_one_core(path: Path, samples: int) -> dict[str, float]:
-    """Return what `alone` measures in a process that has one core."""
+    """Run `alone` in a process that has one core; return its measurements."""
     done = subprocess.run(
         [sys.executable, __file__, str(path), "--samples", str(samples), "--alone"],
         env={**os.environ, **on_core(CORES[0]).environment(), **dict.fromkeys(BLAS, "1")},
@@ -180,7 +181,7 @@ def main() -> None:
 
 
 def report(rounds: dict[str, list[dict[str, float]]]) -> None:
-    """Print medians over rounds, and what they come to on other machines."""
+    """Print medians over rounds, and an extrapolation to other machines."""
     found = {
         name: {key: median(m[key] for m in measured) for key in measured[0]}
         for name, measured in rounds.items()

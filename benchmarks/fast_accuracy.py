@@ -5,7 +5,7 @@
 Every case is drawn from its own number, so that one that fails can be run again (`--only N`).
 Error: RMS over random voxels of the difference to the exact sum, in float64, relative to the RMS of
 the exact image over the same voxels; and the same for the corners of the grid alone. Prints the
-cases beyond what was asked for, then the worst and typical margins.
+cases beyond their tolerance, then the worst and typical margins.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ WAVEFORMS: dict[str, Callable[[Rng], Waveform]] = {
 
 
 def _box(rng: Rng, centre: Any, size: Any, step: Any) -> VoxelGrid:
-    """A grid of about that size, coarser than asked for where it has too many voxels."""
+    """A grid of about that size, coarser where it would have too many voxels."""
     size, step = np.broadcast_to(size, 3).astype(float), np.broadcast_to(step, 3).astype(float)
     while (counts := np.floor(size / step).astype(int) + 1).prod() > MOST_VOXELS:
         step = step * np.where(size > 0, 1.2, 1.0)
@@ -265,7 +265,7 @@ def _line_of(row: dict[str, Any]) -> str:
     return (
         f"{row['case']:5d} {row['array']:>9} {row['tx']:4d}x{row['rx']:<4d} {row['waveform']:>9} "
         f"{row['steps']:4d} {row['grid']:>9} {row['counts']!s:>16} {row['data']:>10} "
-        f"asked {row['tolerance_db']:4.0f} got {row['error_db']:6.1f} corners "
+        f"tolerance {row['tolerance_db']:4.0f} error {row['error_db']:6.1f} corners "
         f"{row['corners_db']:6.1f} dB {row['seconds']:5.2f} s"
     )
 

@@ -1,4 +1,4 @@
-"""What every metric of `clradar.compare` says of pairs whose difference is known.
+"""Sensitivity of every metric of `clradar.compare` to known differences.
 
     python benchmarks/metric_evidence.py       # 100 captures: half an hour on two busy cores
 
@@ -177,7 +177,7 @@ def effect(name: str, ceiling: Values, values: Values) -> float:
 
 
 def lost(name: str, ceiling: Values, values: Values, floor: Values) -> float:
-    """Return which share of the way from ceiling to floor the values have gone."""
+    """Return the difference from the ceiling as a fraction of that between ceiling and floor."""
     top, at, bottom = (v[name].mean(axis=(1, 2)) for v in (ceiling, values, floor))
     return float(np.mean((at - top) / (bottom - top)))
 
@@ -190,12 +190,12 @@ def ordered(name: str, steps: list[Values]) -> int:
 
 
 def judged(pairs: dict[str, Values], alpha_step: Values) -> str:
-    """How well each metric tells what is known."""
+    """The table of every metric: effect sizes, fractions lost, and correct orders."""
     ceiling, floor = pairs["ceiling"], pairs["another pose"]
     rows = []
     for name in NAMES:
-        told = (pairs["x 1 mm"], pairs["z 1 mm"], alpha_step)
-        effects = [str(round(effect(name, ceiling, v))) for v in told]
+        changes = (pairs["x 1 mm"], pairs["z 1 mm"], alpha_step)
+        effects = [str(round(effect(name, ceiling, v))) for v in changes]
         at = ("x 1 mm", "x 5 mm", "z 1 mm", "z 5 mm")
         shares = [f"{round(100 * lost(name, ceiling, pairs[key], floor))} %" for key in at]
         orders = [

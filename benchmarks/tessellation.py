@@ -5,7 +5,7 @@
 For each pose and alpha the hand is imaged with about 60 000 faces and with each edge length
 (3.44 mm: 10 000), with two seeds each. Printed are relative RMS differences of maximum projections:
 of two seeds (the mean over both meshes), and of the two meshes with different seeds (the mean over
-both ways). A ratio of 1 means that the triangles are not seen.
+both ways). A ratio of 1 means that the triangles have no measurable effect.
 """
 
 from __future__ import annotations

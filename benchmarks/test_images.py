@@ -1,4 +1,4 @@
-"""The image by every method, against numba on range profiles and numpy, held against each other."""
+"""The image by every method, against numba on range profiles and numpy, results compared."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RANGE_DB = -50.0
 """Linear interpolation between range bins: -54 dB."""
 
 FAST_DB = -50.0 + 1.5
-"""The default tolerance, and the image by range that it is held against."""
+"""The default tolerance, and the error of the image by range profiles."""
 
 FLOAT32_DB = -100.0
 """Two ways to do the same float32 sums of 10^6 terms."""

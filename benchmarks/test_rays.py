@@ -1,4 +1,4 @@
-"""Visibility, bounces and building the tree, against Embree and Mitsuba, all answers compared."""
+"""Visibility, bounces and building the tree, against Embree and Mitsuba, all results compared."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from clradar.bench.rows import ARRAY
 
 Measured = Callable[[Callable[[], Any]], Any]
 Query = tuple[Callable[[], np.ndarray], Callable[[], Any]]
-"""For the answers as an array; to be timed."""
+"""The results as an array; to be timed."""
 
 MESHES = {"closed": partial(meshes.ball, 203, 202), "concave": partial(meshes.waves, 708)}
 WHO = ("clradar", "embreex", "mitsuba")
 N_POINTS, N_BOUNCES = 16384, 200_000
 
 OTHER_ANSWERS = 1e-4
-"""Share of rays whose answers may differ: those that graze an edge, in float32."""
+"""Fraction of rays whose results may differ: those that graze an edge, in float32."""
 
 
 @pytest.fixture(scope="module", params=MESHES)

@@ -40,7 +40,7 @@ def test_simulate(measured: Measured, device: clradar.Device) -> None:
 
 @pytest.mark.benchmark(group="hand mesh")
 def test_hand_mesh(measured: Measured) -> None:
-    factor = count(1)  # of a length that was not asked for before: the last few meshes are kept
+    factor = count(1)  # a new length each time, since the last few meshes are cached
     mesh = measured(lambda: hand_mesh("F", DEFAULT_EDGE_LENGTH_M * (1 + 1e-6 * next(factor))))
     solid = trimesh.Trimesh(mesh.vertices_m, mesh.faces, process=False)
     assert solid.is_watertight

@@ -1,4 +1,4 @@
-"""The phasor sum against finufft, with equal and with unequal steps, held against float64."""
+"""The phasor sum against finufft, steps equal and unequal, results compared with float64."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Digests of results, so that a change that must not change any can be told from one that does.
+"""Digests of results, to detect any change of a result.
 
     python tests/results_digests.py --write FILE.json     compute results, write their digests
     python tests/results_digests.py --compare FILE.json   compute again; status 1 if some differ
@@ -53,17 +53,17 @@ SUMMED = 1e-4
 and the tree method interpolate with constants from the host, so their own errors are the same."""
 
 TRACED = 5e-2
-"""What rays make. Kernels fuse products and sums only where they say so, so that processors differ
+"""What rays make. Kernels fuse products and sums only where marked, so that processors differ
 there and in the last digits of roots, exponentials and powers. That moves where a ray ends by about
 1e-6 of 0.3 m, and of the rays that end within 10 mm of a receiver a share of 2 * 3e-7 / 0.01 = 6e-5
 crosses its sphere's edge; the same goes for edges of faces, and for samples that go to the next
 face. Paths that come or go add up at random: sqrt(6e-5) = 0.8 % of the whole if all are alike, more
 where few paths make much of it. With every root, exponential and power off by one to four units in
-the last place 2.4 % was seen; other random numbers change all of it."""
+the last place 2.4 % was measured; other random numbers change all of it."""
 
 FOUND = 1e-1
 """What a search finds in the images of traced rays: it follows them, and ends by a step's size.
-3.4 % was seen in the same trial, of a shift of 1 cm."""
+3.4 % was measured in the same trial, of a shift of 1 cm."""
 
 SUMS = 4
 """Weighted sums in a fingerprint."""
@@ -334,7 +334,7 @@ def named(prefix: str, values: Values) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Works:
-    """Small inputs, made when they are first asked for.
+    """Small inputs, made on first use.
 
     Attributes
     ----------
@@ -493,7 +493,7 @@ def motion(turn_rad: float, shift_m: tuple[float, float, float]) -> np.ndarray:
 
 
 def placed(alignment: calibration.Alignment) -> dict[str, Any]:
-    """Return a rigid motion as turn and shift, which have scales of their own, and what is said."""
+    """Return a rigid motion as turn and shift, which have scales of their own, and its text."""
     transform = alignment.transform
     return {
         **{"transform": bits(transform), "turn": transform[:3, :3], "shift": transform[:3, 3]},
@@ -953,11 +953,11 @@ def conventions(works: Works) -> Values:
     done = calibration.Hypothesis(conjugated=True, mirrored=True)
     capture = calibration.apply_convention(works.points, done)
     grid = clradar.VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.28, 0.33), 5e-3)
-    told = calibration.diagnose(capture, grid=grid, device=works.device)
+    diagnosis = calibration.diagnose(capture, grid=grid, device=works.device)
     return {
-        "sharpness": np.array([score.sharpness for score in told.scores]),
-        "peaks": np.array([score.peak_m for score in told.scores]),
-        "text": told.to_dict(),
+        "sharpness": np.array([score.sharpness for score in diagnosis.scores]),
+        "peaks": np.array([score.peak_m for score in diagnosis.scores]),
+        "text": diagnosis.to_dict(),
     }
 
 
@@ -987,7 +987,7 @@ def ellipsoid(transform: np.ndarray) -> clradar.DepthMap:
 
 @case(FOUND)
 def registration(works: Works) -> Values:
-    """A small hand placed where it was measured: by its picture alone, and in two closed rounds."""
+    """Registration of a small hand: by its rendering alone, and in two closed rounds."""
     coarse = calibration.align_mesh(
         works.measured, works.small_hand, correct_bias=False, **works.radar, search_deg=5.0
     )
@@ -1008,7 +1008,7 @@ def registration(works: Works) -> Values:
 
 @case(FOUND, cheap=False)
 def registration_of_glints(works: Works) -> Values:
-    """The same with what a fit to the picture alone is off taken back."""
+    """The same with the bias of a fit to the rendering alone removed."""
     return placed(
         calibration.align_mesh(works.measured, works.small_hand, **works.radar, search_deg=5.0)
     )
@@ -1267,7 +1267,7 @@ def document(
     """
     chosen = [c for c in CASES.values() if (c.cheap or not cheap) and (not only or c.name in only)]
     results = {}
-    # What is not asked for a device takes the same.
+    # Results without a device option use the same one.
     with (
         tempfile.TemporaryDirectory() as folder,
         mock.patch.dict(os.environ, {"CLRADAR_DEVICE": device.info.selector}),

@@ -149,7 +149,7 @@ def test_convert_lab_file(tmp_path: Path, output_of: OutputOf) -> None:
 def test_train_letters(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output_of: OutputOf
 ) -> None:
-    """Two letters as unlike as a fist and a flat hand can be told apart from a few samples each."""
+    """A fist and a flat hand are distinguished from a few samples of each."""
     plan = plan_from(
         tiny(
             samples=24,

@@ -1,4 +1,4 @@
-"""Which module may import which, read from the sources: see docs/architecture.md."""
+"""Layers of modules: imports go downwards only, as docs/architecture.md describes."""
 
 from __future__ import annotations
 

@@ -240,7 +240,7 @@ def _samples(capture: Capture, gate_m: float | None, search_s: float) -> Samples
     if 2 * gate_m / SPEED_OF_LIGHT_M_PER_S < least_s:
         checks.fail(
             "estimate_channels: gate_m",
-            f"at least {least_s * SPEED_OF_LIGHT_M_PER_S / 2:.4g} m, which is room for max_delay_s "
+            f"at least {least_s * SPEED_OF_LIGHT_M_PER_S / 2:.4g} m, enough for max_delay_s "
             f"and {SEARCHED:g} times the tolerance, and not below the range resolution",
             f"{gate_m:g} m",
         )

@@ -21,7 +21,7 @@ class Effort:
 
 
 def noise() -> clradar.Capture:
-    """A capture of noise: every voxel of its images matters alike."""
+    """A capture of noise: all voxels of its images have the same expected power."""
     rng = np.random.default_rng(1)
     re, im = rng.normal(size=(2, ARRAY.n_tx, ARRAY.n_rx, WAVEFORM.n_freq)).astype(np.float32)
     return clradar.Capture(re + 1j * im, ARRAY, WAVEFORM)

@@ -122,7 +122,7 @@ def _root(
 
 
 def _not_loaded() -> None:
-    """Stand for a subcommand that is not run, so that the help lists it."""
+    """Placeholder of a subcommand that is not run, so that the help lists it."""
 
 
 def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:

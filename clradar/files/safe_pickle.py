@@ -2,8 +2,8 @@
 
 A stack machine for the operations of pickle protocols 0 to 5 (PEP 307, 3154, 574), in Python,
 with a list for a stack and a dictionary for a memo. It builds lists, tuples, dictionaries, numbers,
-strings and `PickledArray`. A pickle can name only what the caller lists, and each name stands for
-a function of ours that checks its arguments; any other name, and any other operation, is refused.
+strings and `PickledArray`. A pickle can name only what the caller lists, and each name selects
+a function of this module that checks its arguments; any other name or operation is refused.
 Sets become lists, entries of dictionaries with other keys than strings and numbers are left out,
 and strings of Python 2 stay bytes.
 """
@@ -25,7 +25,7 @@ from clradar.files.failures import clean
 from clradar.files.limits import MAX_DIMENSIONS, MAX_PICKLE_OPERATIONS
 
 Makers = Mapping[tuple[str, str], Callable[..., Any]]
-"""(module, name) as a pickle writes it -> what is made of the arguments of a call of it."""
+"""(module, name) as a pickle writes it -> the function that its arguments are passed to."""
 
 _DTYPE_CODE = re.compile(r"(b1|[iu][1248]|f[248]|c8|c16|[SU][0-9]{1,9})\Z")
 _LATIN_1 = ("latin1", "latin-1")

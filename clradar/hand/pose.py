@@ -80,7 +80,7 @@ class HandPose:
         Angles by joint of `JOINT_NAMES`. A joint that is left out has all angles 0, and joints with
         all angles 0 are dropped.
     description, source : str
-        What the pose looks like, and the publication that describes it.
+        The appearance of the pose, and the publication that describes it.
 
     Raises
     ------

@@ -120,7 +120,7 @@ class GltfFile:
                 values = self._replaced(what, values, entry.sparse)
             if dtype.kind == "f" or not entry.normalized:
                 return values
-            # glTF 2.0, 3.6.2.2: the most negative signed value stands for -1, too.
+            # glTF 2.0, 3.6.2.2: the most negative signed value means -1, too.
             return np.maximum(values / np.iinfo(dtype).max, -1.0)
 
     def _strided(

@@ -27,7 +27,7 @@ _MAX_NESTING = 6
 
 
 def load_mano(content: bytes) -> Any:
-    """Return what the pickle of a model holds; its arrays are for `as_array`.
+    """Return the content of the pickle of a model; `as_array` converts its arrays.
 
     Raises
     ------
@@ -100,7 +100,7 @@ class Chumpy(_Object):
 
 
 def as_array(value: Any, depth: int = 0) -> np.ndarray:
-    """Return what the file has as an array: dense, sparse, a number, or of chumpy."""
+    """Convert a value of the file to an array: dense, sparse, a number, or of chumpy."""
     if depth > _MAX_NESTING:
         refuse(f"chumpy objects nested more than {_MAX_NESTING} deep")
     if isinstance(value, PickledArray):

@@ -133,7 +133,7 @@ class ExpectedTracer(LitSurface):
                 self._buffers.read(b, (count, 3), np.float32) for b in (points, shading, geometric)
             ]
             bits = self._buffers.read(visible, (count, n_groups), np.uint8)
-            # Samples that no Tx sees are left out.
+            # Samples that are visible from no Tx are left out.
             rows = np.flatnonzero(bits.any(axis=1))
             statistics = TraceStatistics(count, n_visible, 0, 0)
             for at in range(0, max(1, len(rows)), self._batch_samples):

@@ -93,7 +93,7 @@ def run(
         got = f"one on which the HDF5 library crashes, or takes more than {limits}"
         fail(path, EXPECTED, got, cause=error)
     if not isinstance(answer, dict) or ("error" in answer) == ("result" in answer):
-        fail(path, EXPECTED, "an answer that makes no sense")
+        fail(path, EXPECTED, "an invalid answer of the reading process")
     if "error" in answer:
         raise MeasurementError(clean(answer["error"]))
     return answer["result"]
@@ -227,7 +227,7 @@ def _answer(request: dict[str, Any], link: socket.socket) -> None:
 
 
 def _limit(cpu_s: int, memory_bytes: int) -> None:
-    """Limit this process: what it may take of the machine, and what it may do to it."""
+    """Limit memory, processor time, file sizes and child processes of this process."""
     global _confined
     _confined = True
     pages = int(Path("/proc/self/statm").read_bytes().split()[0])

@@ -98,7 +98,7 @@ def _by_length(
         elif twins:
             # Two axes of one length are the antennas, more likely than others.
             names[free(twins[0])[0]], names[free(twins[0])[-1]] = "tx", "rx"
-            remarks.append("the file does not tell the tx axis from the rx axis")
+            remarks.append("the file does not distinguish the tx axis from the rx axis")
         return remarks
     if n_tx is not None and n_rx is not None and not free(n_tx) and not free(n_rx):
         pairs = free(n_tx * n_rx)

@@ -1,4 +1,4 @@
-"""Guess what the keys of a file are, by their names, lengths and values."""
+"""Guess the quantities under the keys of a file, by their names, lengths and values."""
 
 from __future__ import annotations
 

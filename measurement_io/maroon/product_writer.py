@@ -72,7 +72,7 @@ def write_products(
     Raises
     ------
     ModelError
-        The image cannot be held: it is zero, its strongest pixel is below 1 or above 65535 in
+        The image cannot be stored: it is zero, its strongest pixel is below 1 or above 65535 in
         `maxproj`, or a depth is not between 0 and 65.535 m.
     MeasurementError
         `calibration.json` is missing, damaged, or has no number of frequencies.

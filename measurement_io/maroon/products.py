@@ -159,7 +159,7 @@ def read_depth_map(radar: str | os.PathLike[str], number: int) -> DepthMap:
 
     Notes
     -----
-    Where the pixels are is said by `volume` in the frame's entry of `calibration.json` (its
+    The positions of the pixels are in `volume` of the frame's entry of `calibration.json` (its
     `bb_min`, `bb_max`, `grid_size`, both ends included); else by the same keys in `depth`; else by
     `depth: intrinsics`. An entry `depth: transform` means that the file's rows still run upwards.
     """

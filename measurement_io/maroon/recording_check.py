@@ -48,7 +48,7 @@ class _Variant:
 
 
 def check_frames(radar: Path, checked: list[str], problems: list[str]) -> None:
-    """Read every frame of both variants; add what is right and what is wrong."""
+    """Read every frame of both variants; list the checks that pass, and the problems."""
     frames = folders.frames(radar)
     waveform: Waveform | None = None
     read: dict[str, _Variant] = {}
@@ -96,7 +96,7 @@ def check_frames(radar: Path, checked: list[str], problems: list[str]) -> None:
 
 
 def check_products(radar: Path, checked: list[str], problems: list[str]) -> None:
-    """Read every cached product; add what is right and what is wrong.
+    """Read every cached product; list the checks that pass, and the problems.
 
     Problems that `inspect_folders` reports are not repeated, nor those common to several products.
     """

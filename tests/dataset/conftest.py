@@ -1,4 +1,4 @@
-"""Data sets that several tests look at, and copies that a test may damage."""
+"""Data sets that several tests read, and copies that a test may damage."""
 
 from __future__ import annotations
 

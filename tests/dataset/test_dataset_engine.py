@@ -179,12 +179,12 @@ def test_poisoned_samples_are_set_aside_and_tried_again_on_request(
     assert {a.attempts for a in result.aside} == {ATTEMPTS}
     assert result.aside[0].reason == "ValueError: sample 1 is poisoned"
     faults({})
-    assert run(plan, tmp_path, device="pocl").made == 0  # not without being asked to
+    assert run(plan, tmp_path, device="pocl").made == 0  # not without --retry
     faults({4: "raise"})
     assert run(plan, tmp_path, device="pocl", retry=True).made == 4
     faults({})
-    status, told = cli("dataset", plan_file, "-o", tmp_path, "--retry", "--device", "pocl")
-    assert (status, told) == (0, "")
+    status, output = cli("dataset", plan_file, "-o", tmp_path, "--retry", "--device", "pocl")
+    assert (status, output) == (0, "")
     assert digests(tmp_path) == undisturbed
 
 
@@ -192,10 +192,10 @@ def test_the_command_ends_with_1_where_samples_are_set_aside(
     plan_file: Path, faults: Any, cli: Any, tmp_path: Path
 ) -> None:
     faults({6: "raise"})
-    status, told = cli("dataset", plan_file, "-o", tmp_path / "set", "--device", "pocl")
+    status, output = cli("dataset", plan_file, "-o", tmp_path / "set", "--device", "pocl")
     assert status == 1
-    assert "sample 6 was set aside after 2 attempts: ValueError: sample 6" in told
-    assert "1 sample set aside; --retry tries again" in told
+    assert "sample 6 was set aside after 2 attempts: ValueError: sample 6" in output
+    assert "1 sample set aside; --retry tries again" in output
 
 
 def test_a_full_disk_ends_the_run_and_is_no_fault_of_a_sample(
@@ -346,10 +346,10 @@ def test_an_address_without_a_scheduler_is_one_error(
 ) -> None:
     monkeypatch.setattr("clradar.dataset.engine.cluster.CONNECT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense"):
-        status, told = cli("dataset", plan_file, "-o", tmp_path / "x", "--scheduler", address)
+        status, output = cli("dataset", plan_file, "-o", tmp_path / "x", "--scheduler", address)
         assert status == 1
-        assert f"{address}: expected the address of a Dask scheduler" in told
-        assert len(told.splitlines()) == 1
+        assert f"{address}: expected the address of a Dask scheduler" in output
+        assert len(output.splitlines()) == 1
     assert not (tmp_path / "x").exists()
     # Nor do tracebacks come of a scheduler that is lost later: they go through these.
     for name in ("distributed", "distributed.client", "tornado.application"):
@@ -358,7 +358,7 @@ def test_an_address_without_a_scheduler_is_one_error(
 
 @pytest.fixture
 def cli(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
-    """Run a command in this process; returns its exit status and what it said on stderr."""
+    """Run a command in this process; returns its exit status and its stderr."""
 
     def call(*arguments: object) -> tuple[int, str]:
         capsys.readouterr()

@@ -83,7 +83,7 @@ def test_kills_at_random_moments_change_no_byte(
             if victim == "interrupt":
                 os.killpg(process.pid, signal.SIGINT)
                 said = process.communicate(timeout=LIMIT_S)[1]
-                if begun:  # Python itself has to start before it can say something
+                if begun:  # Python itself has to start before it can report
                     assert process.returncode in (0, 130)
                     assert "Traceback" not in said, said
             elif victim == "group":

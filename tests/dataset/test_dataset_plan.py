@@ -1,4 +1,4 @@
-"""Plans of data sets: what they say, which mistakes are found, and the recipes that follow."""
+"""Plans of data sets: values, the mistakes that are found, and the recipes that follow."""
 
 from __future__ import annotations
 

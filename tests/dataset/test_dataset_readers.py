@@ -1,4 +1,4 @@
-"""Data sets as xarray and PyTorch see them."""
+"""Data sets read by xarray and PyTorch."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_xarray_has_the_numbers_axes_units_and_labels(made: Path) -> None:
     assert view.attrs["complete"] == 1
 
 
-def test_xarray_reads_when_asked(made: Path, tmp_path: Path) -> None:
+def test_xarray_reads_lazily(made: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(made, tmp_path / "copy"))
     view = pickle.loads(pickle.dumps(open_dataset(folder)))
     assert view.volume.chunks is not None

@@ -149,7 +149,7 @@ def test_the_command_says_that_a_shard_is_made_again(
     assert "shard-00000.h5: is missing; its samples are made again" in err
     assert "4 of 4 samples, 2 of them made now" in out
     assert digests(tmp_path / "set") == before
-    # What inspect --check says of a flipped bit: delete the file, and give the command again.
+    # The advice of inspect --check for a flipped bit: delete the file, and give the command again.
     flip_a_bit(tmp_path / "set" / "shards" / "shard-00001.h5")
     assert "0 of them made now" in called()[0]
     assert "4 of them made now" in called("--force")[0]

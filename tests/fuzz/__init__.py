@@ -1,5 +1,5 @@
 """Hostile input for every reader of `measurement_io`: see docs/fuzzing.md.
 
-`targets` says what is read, `seeds` and the `mutate_*` modules make the inputs, `oracle` says what
-may come of one, `worker` reads many of them in a process of its own and `campaign` watches it.
+`targets` lists the readers, `seeds` and the `mutate_*` modules make the inputs, `oracle` judges the
+outcomes, `worker` reads many inputs in a process of its own and `campaign` watches it.
 """

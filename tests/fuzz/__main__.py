@@ -19,7 +19,7 @@ def main() -> int:
     parser.add_argument("--start", type=int, default=0, help="number of the first input")
     parser.add_argument("--keep", type=Path, default=Path("fuzz-faults"), help="inputs at fault")
     parser.add_argument(
-        "--read", type=Path, help="read this one file with TARGET and say what comes"
+        "--read", type=Path, help="read this one file with TARGET and print the outcome"
     )
     options = parser.parse_args()
     unknown = [name for name in options.targets if name not in TARGETS]

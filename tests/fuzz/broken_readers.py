@@ -95,7 +95,7 @@ MILD: dict[str, Callable[[Path], None]] = {
     "for writing": _write,
     "/etc/hostname": _open_another,
 }
-"""What is said of a fault -> what has it; the worker goes on."""
+"""Message of a fault -> the reader that has it; the worker continues."""
 
 FATAL: dict[str, Callable[[Path], None]] = {
     "MB of memory": _take_memory,

@@ -2,7 +2,7 @@
 
 libFuzzer keeps the inputs that reach new branches of the Python code of the readers and changes
 them further, by its own changes or by those of the target. The HDF5 library is no Python and is
-in another process, so of it nothing is seen.
+in another process, so it is not covered.
 """
 
 from __future__ import annotations

@@ -162,7 +162,7 @@ def _operations(raw: bytes) -> list[bytes]:
 
 
 def pickle_start(data: bytes) -> int:
-    """Return where the header of an .npy file ends, as far as it can be told."""
+    """Return where the header of an .npy file ends, as far as it can be found."""
     if not data.startswith(b"\x93NUMPY") or len(data) < 12:
         return 0
     size = (

@@ -52,7 +52,7 @@ from measurement_io.maroon.products import (
 from measurement_io.maroon.recording import placed_mesh
 
 HDF5_SHORT_RUN = 80
-"""Each input of HDF5 costs three processes: to open it, to check it, to say what it is."""
+"""Each input of HDF5 costs three processes: to open it, to check it, to describe it."""
 
 Mutator = Callable[[bytes, random.Random], bytes]
 
@@ -75,7 +75,7 @@ class Target:
     dictionary : tuple of bytes
         Tokens of the format, for the byte mutators.
     file_name : str
-        Where the file lies, relative to an empty folder; a reader may look at its name.
+        Where the file lies, relative to an empty folder; a reader may use its name.
     around : callable, optional
         Called once with that empty folder, to put there what has to lie around the file.
     repair : callable, optional

@@ -159,7 +159,7 @@ def test_bending_goes_towards_the_radar():
 
 
 def test_a_right_hands_thumb_points_to_minus_x_and_fingers_up():
-    # The palm looks at the radar (-z) with fingers up (+y). Whoever owns this right hand faces the
+    # The palm faces the radar (-z) with fingers up (+y). Whoever owns this right hand faces the
     # aperture and has +x on the right; the thumb of a raised right hand points to the left.
     for pose in ALL_POSES:
         joints_m = hand_joints(pose)

@@ -61,7 +61,7 @@ def measured_breadth_m(shape: HandShape) -> float:
         HandShape(finger_lengths=(1.0, 0.95, 1.05, 1.03, 0.97)),
     ],
 )
-def test_a_hand_has_the_length_and_breadth_that_were_asked_for(shape):
+def test_a_hand_has_the_length_and_breadth_that_are_specified(shape):
     assert measured_length_m(shape) == pytest.approx(shape.length_m, abs=LENGTH_TOLERANCE_M)
     assert measured_breadth_m(shape) == pytest.approx(shape.breadth_m, abs=BREADTH_TOLERANCE_M)
 

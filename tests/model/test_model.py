@@ -117,7 +117,7 @@ REAL_ARRAYS = [
 
 
 def refuse(make: Callable[[], Any], field: str, expected: str, got: str) -> None:
-    """`make` fails with a `ModelError` that says "<field>: expected <expected>, got <got>"."""
+    """`make` fails with the `ModelError` "<field>: expected <expected>, got <got>"."""
     with pytest.raises(ModelError) as caught:
         make()
     message = str(caught.value)

@@ -305,7 +305,7 @@ def test_the_digest_tells_scenes_apart() -> None:
     assert scene.digest() != scene.with_alpha(0.4).digest()
 
 
-# Normals of the surface that the faces stand for
+# Normals of the surface that the faces approximate
 
 
 def ellipsoid() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

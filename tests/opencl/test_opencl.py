@@ -619,7 +619,7 @@ def test_cycles_keeps_the_carrier_where_float32_loses_it(
     want = np.array([exact_fraction((c[0], c[1]), (c[2], c[3])) for c in pairs.T])
     assert np.abs(got).max() <= 1  # what cos_sin_cycles takes
     assert cycle_distance(got, want).max() <= CYCLE_ERROR
-    # And against the float64 numbers that hi and lo stand for, which float64 multiplies to 2^-53.
+    # And against the float64 numbers that hi and lo represent, which float64 multiplies to 2^-53.
     rounding = longest_m * highest_hz / 299_792_458.0 * 2.0**-47
     phase_cycles = length * k
     assert (

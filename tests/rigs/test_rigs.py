@@ -254,7 +254,7 @@ def test_tips_and_metacarpals_may_be_missing(tmp_path: Path) -> None:
 
 
 def test_a_last_bone_without_tip_and_axes_points_to_its_flesh(tmp_path: Path) -> None:
-    """Nodes that all stand upright say nothing of where a bent finger's last bone points."""
+    """Upright nodes do not define the direction of a bent finger's last bone."""
     rig = read_rig(make(tmp_path, pose="L", skip=TIP_NAMES, local_turns=False))
     exact = read_rig(make(tmp_path, "b.glb", pose="L"))
     for name in ("middle-finger-phalanx-distal", "thumb-phalanx-distal"):

@@ -61,7 +61,7 @@ class Page:
         end = time.monotonic() + DEADLINE_S
         while b"\0" not in self._buffer:
             ready, _, _ = select.select([self._reading], [], [], max(0.0, end - time.monotonic()))
-            assert ready, f"Chromium said nothing for {DEADLINE_S:g} s"
+            assert ready, f"no message from Chromium for {DEADLINE_S:g} s"
             block = os.read(self._reading, 2**20)
             assert block, "Chromium ended"
             self._buffer += block
@@ -132,7 +132,7 @@ class Page:
         path.write_bytes(base64.b64decode(shot["data"]))
 
     def complaints(self) -> list[str]:
-        """Return what was written to the console or the log, and uncaught errors."""
+        """Return the messages of console and log, and uncaught errors."""
         self.js("0")  # what came before this is here now
         kinds = ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded")
         return [json.dumps(e["params"]) for e in self.events if e.get("method") in kinds]

@@ -25,7 +25,7 @@ _write_sample = engine.write_sample
 
 
 def plan_faults(faults: Mapping[int, str]) -> None:
-    """Say which sample fails how, from now on."""
+    """Choose which sample fails how, from now on."""
     path = Path(os.environ[VARIABLE])
     for mark in path.parent.glob(f"{path.name}.*"):
         mark.unlink()

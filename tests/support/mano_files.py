@@ -113,7 +113,7 @@ class _Writer(pickle._Pickler):
 
 
 class _Holder:
-    """Stands for a class of chumpy while a pickle is written."""
+    """Placeholder of a class of chumpy while a pickle is written."""
 
     def __init__(self, **state: Any) -> None:
         self.__dict__.update(state, _dirty_vars={"x"}, dterms=("x",))

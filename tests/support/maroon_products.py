@@ -1,7 +1,7 @@
 """Write cached products byte by byte from the description of the form, without measurement_io.
 
 A scene is given in radar space (x to the right as the radar sees it, y up, z away, metres) as an
-array [x, y, z] of amplitudes, and each file is made by what the form says of it. The PNG encoder
+array [x, y, z] of amplitudes, each file follows the description of the format. The PNG encoder
 and the PLY writer are those of this file.
 """
 

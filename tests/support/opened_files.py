@@ -1,4 +1,4 @@
-"""See which files of a folder are opened, by whatever process: Linux' inotify."""
+"""The files of a folder that any process opens, by Linux' inotify."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def seen(mesh, point, normal, tx, device) -> np.ndarray:
-    """Which antennas each point sees, shape (n_points, n_tx), from `visible_antennas`."""
+    """Visibility of antennas from points, shape (n_points, n_tx), from `visible_antennas`."""
     vertices, faces = mesh
     groups = n_groups(len(tx))
     program = build(device, "visibility.cl", VisibilityOptions(width=device.width, stack=STACK))

@@ -5,7 +5,7 @@
     made.empty       tmp_path/empty/30, the same room without the object
     made.recorder    the truth: points, channels, walls, every single frame as it should be read
 
-It shares no code with `measurement_io`, so that what reads its files is held against something
+It shares no code with `measurement_io`, so that readers of its files are compared with something
 else. Signals come from `clradar.impair`, which has tests of its own against closed forms.
 `frame(i)`, `empty(i)` and `ideal(i)` give the captures without any file.
 """
@@ -168,7 +168,7 @@ class Recorder:
         cut_short, missing
             Frame whose file ends in the middle, frame whose file is not there.
         wrong_count
-            What every frame says in `number_of_measurements` instead of `n_frames`.
+            `number_of_measurements` of every frame instead of `n_frames`.
         """
         truth = {}
         folder = parent / name / str(distance_cm)

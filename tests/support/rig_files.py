@@ -63,7 +63,7 @@ def posed(pose: str | HandPose) -> Skeleton:
 
 @dataclass
 class RigMaker:
-    """A hand of this package as a skinned glTF file; the fields say what is odd about it.
+    """A hand of this package as a skinned glTF file; the fields choose its peculiarities.
 
     Attributes
     ----------

@@ -65,7 +65,7 @@ def matched(got: Paths, expected: Paths) -> tuple[np.ndarray, np.ndarray, int]:
     """Rows of both that belong together, and how many of either have no partner.
 
     Both are in the order of pair, sample, ray and bounce; where one has a path that the other
-    lacks, the comparison goes on behind it.
+    lacks, the comparison continues behind it.
     """
     tolerance = np.array(LENGTH_TOLERANCE_M)
     i = j = alone = 0
@@ -401,8 +401,8 @@ def test_antennas_in_a_closed_box_receive_only_from_its_inside(device):
         paths = tracing(scene, ARRAY, **arguments)
         assert len(paths) > 10**5
         assert (paths.length_m <= (paths.bounces + 1.0) * size_m * np.sqrt(3)).all()
-        # Every sample of the box sees every antenna, none of the sphere does, and each ray
-        # bounces as often as it may.
+        # Every antenna is visible from the samples of the box, none from those of the sphere, and
+        # each ray bounces up to the limit.
         n = paths.statistics
         assert n.visible == int(6 * 300 * 300 * 0.05) * 9
         assert n.visible * 4 * 4 * (1 - LOST_SHARE) <= n.outgoing <= n.visible * 4 * 4
@@ -460,7 +460,7 @@ def test_absorbed_share(device):
     counts = samples_per_face(scene, settings)
     corners = corner_normals(scene, "smooth", 180.0)[0]
     point, shading, geometric, _ = reference.sample_surface(scene, counts, corners, 0)
-    # Only samples that see the antenna, and both normals turned towards it.
+    # Only samples from which the antenna is visible, and both normals turned towards it.
     lifted = point - 1e-6 * np.sign((geometric * point).sum(axis=1))[:, None] * geometric
     reach = np.linalg.norm(lifted, axis=1)
     blocked = reference.closest_hit(lifted, -lifted / reach[:, None], scene.triangles_m)[0] < reach

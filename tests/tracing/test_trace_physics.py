@@ -67,7 +67,7 @@ def test_a_mirror_has_the_phase_of_the_image_source(radius_m, step, device):
     print(f"r {radius_m}: mean {error.mean():.4f}, worst {np.abs(error).max():.4f} rad")
     assert counts.min() >= 90
     assert np.abs(error).max() <= PHASE_TOLERANCE_RAD[radius_m]
-    # The bias itself is what the equation says, to the share of obliqueness (cos >= 0.94).
+    # The bias itself is that of the equation, to the factor of obliqueness (cos >= 0.94).
     assert abs(error.mean() / BIAS_RAD[radius_m] - 1) < 0.06
 
 

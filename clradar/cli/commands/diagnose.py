@@ -42,7 +42,7 @@ def command(
     files: DiagnosisFiles,
     expect_mm: str | None = option(
         None,
-        "Rough position (20 mm) of a known target: tells the image from its mirror image.",
+        "Rough position (20 mm) of a known target: separates the image from its mirror image.",
         metavar="X,Y,Z",
     ),
     voxels: GridOptions,

@@ -99,7 +99,7 @@ def local_cluster(
 
 
 def dashboard_text(client: Client) -> str:
-    """Return the address of the dashboard, and what the one of a local cluster needs."""
+    """Return the address of the dashboard, and the missing dependency of a local one."""
     own = client.cluster is not None
     hint = " (needs: pip install bokeh)" if own and find_spec("bokeh") is None else ""
     return f"dashboard: {client.dashboard_link}{hint}"

@@ -37,7 +37,7 @@ from measurement_io import (
     save_channels,
 )
 
-# What the image of another target may lose or gain: asked of this calibration.
+# Tolerated change of the image of another target.
 IMAGE_DB = 1.0
 # Out of five standard deviations falls one of two million.
 SIGMAS = 5.0
@@ -248,14 +248,14 @@ def test_common_delay() -> None:
         want = truth.channels.tx_delay_s.mean() + truth.channels.rx_delay_s.mean()
         off_s = 2 * SIGMAS * found.target_std["distance_m"] / SPEED_OF_LIGHT_M_PER_S
         assert total == pytest.approx(want, abs=off_s)
-    # A corner does not: its distance takes the delay, or stays what it was said to be.
+    # A corner does not: its distance absorbs the delay, or keeps its nominal value.
     capture = truth.record_target(TRUE["corner"])
     found = estimate_channels(capture, TRUE["corner"], common_delay="zero")
     moved = found.target_position["z_m"] - TRUE["corner"].parameters[2]
     assert moved == pytest.approx(shift_s * SPEED_OF_LIGHT_M_PER_S / 2, rel=0.15)
     free = estimate_channels(capture, TRUE["corner"], common_delay="free")
     assert abs(free.target_position["z_m"] - 0.306) < 5e-3
-    assert free.target_std["z_m"] > 8e-3  # about as uncertain as it was said to be
+    assert free.target_std["z_m"] > 8e-3  # about as uncertain as its prior
 
 
 def test_position_of_a_corner_is_unobservable() -> None:
@@ -491,7 +491,7 @@ def test_correction_divides_and_masks(truth: Instrument, found: ChannelCalibrati
     want = capture.data / tx[:, None] / rx[None]
     plain = correct(capture, found, keep_level=False)
     assert np.abs(plain.data - want).max() < 1e-6 * np.abs(want).max()  # complex64
-    level = (24 / 22) * (24 / 23)  # the pairs that are left stand for all
+    level = (24 / 22) * (24 / 23)  # the remaining pairs are scaled to the sum of all
     assert np.abs(corrected.data - level * want).max() < 1e-6 * level * np.abs(want).max()
     record = corrected.meta["channels"]
     assert (record["masked_tx"], record["masked_rx"]) == ([2, 4], [7])

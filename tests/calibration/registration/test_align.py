@@ -19,10 +19,10 @@ PIXEL_M = 2e-3
 EXACT_M = 0.05 * PIXEL_M
 """Exact depths: a point is measured from planes through neighbours up to a pixel p away, and a
 surface of radius R leaves its plane by p^2 / 2R there: 0.08 mm for p = 2 mm, R = 25 mm. A twentieth
-of a pixel is that, rounded up; 0.035 mm is the largest that was seen."""
+of a pixel is that, rounded up; 0.035 mm is the largest measured."""
 
 EXACT_DEG = float(np.degrees(EXACT_M / 0.03))
-"""The same depth error over the object's radius of 30 mm: 0.19 degrees; 0.05 was seen."""
+"""The same depth error over the object's radius of 30 mm: 0.19 degrees; 0.05 was measured."""
 
 
 def motion(turn_deg=(0.0, 0.0, 0.0), shift_m=(0.0, 0.0, 0.0)):
@@ -198,7 +198,7 @@ def test_clutter_on_one_side_does_not_pull(original):
 
 
 def test_noise_within_the_covariance(original):
-    """Residuals of 0.5 mm on each side: the error is what the covariance says it is."""
+    """Residuals of 0.5 mm on each side: the error agrees with the covariance."""
     truth = MOTIONS[3]
     measured = depth_map(potato, truth)
     for seed in range(2):
@@ -246,7 +246,7 @@ def test_unobservable_directions_of_a_plate_do_not_move(sigma_m):
     assert len(names) == 3
     assert [name.startswith("the shift along") for name in names] == [True, True, False]
     assert "the rotation about" in names[2]
-    # Seen: the tilt of the normal and the distance along it. Noise of 1 mm on a thousand points of
+    # Observable: tilt of the normal, distance along it. Noise of 1 mm on a thousand points of
     # 25 mm radius leaves 0.1 degrees; ten times that also covers the bias from noisy normals.
     normal, found = truth[:3, 2], result.transform[:3, 2]
     assert np.degrees(np.arccos(min(1.0, normal @ found))) < (0.1 if sigma_m == 0 else 1.0)
@@ -254,7 +254,7 @@ def test_unobservable_directions_of_a_plate_do_not_move(sigma_m):
         moved(result.transform, CENTRE_M[None])[0] - CENTRE_M - [0.006, -0.004, 0.003]
     )
     assert abs(off_m) < (EXACT_M if sigma_m == 0 else 3e-4)
-    # Not seen, so left alone: no turn about the normal, no shift in the plane.
+    # Unobservable, so constrained: no rotation about the normal, no shift in the plane.
     assert abs(result.rotation_vector @ result.transform[:3, 2]) < np.radians(0.5)
     in_plane_m = result.shift_m - normal * (normal @ result.shift_m)
     assert np.linalg.norm(in_plane_m) < 5e-4
@@ -416,7 +416,7 @@ def test_kabsch_and_twists_are_exact():
 
 
 VOLUME_TOLERANCE_M, VOLUME_TOLERANCE_DEG = 1.0e-3, 1.0
-"""Volume against volume: seen here 0.3 and 0.15 mm, 0.3 and 0.3 degrees, with a margin of three for
+"""Volume against volume: measured 0.3 and 0.15 mm, 0.3 and 0.3 degrees, with a margin of three for
 other devices. The bright places of a hand are not the same spots of skin after a motion, so the
 two depth maps are not the same surface moved: see docs/calibration.md."""
 

@@ -463,7 +463,7 @@ def test_a_killed_command_resumes_to_the_same_files(files, capsys):
 
 
 def test_an_interruption_while_results_are_written(files, monkeypatch):
-    """Figure and tables are there, the file that says so is not: they are written again."""
+    """Figure and tables exist without the JSON file that marks the end: they are written again."""
     write_json = folder.write_json
 
     def interrupted(path, *arguments, **options):
@@ -520,7 +520,7 @@ def test_the_mesh_is_placed_by_transform_or_alignment(files, monkeypatch, capsys
     assert run(*aligned) == 0
     assert asked == [20.0]
     (files / "by_search" / folder.RESULT).unlink()
-    assert run(*aligned) == 0  # goes on from the transform that is there
+    assert run(*aligned) == 0  # resumes from the stored transform
     assert asked == [20.0]
     values = [
         json.loads((files / name / folder.RESULT).read_text())["metrics"]
@@ -603,7 +603,7 @@ def test_wrong_arguments_are_refused_before_any_work(arguments, options, error, 
 
 
 def test_a_mesh_that_no_ray_comes_back_from_is_an_error():
-    """A mirror that looks away: every simulation is zero."""
+    """A mirror that faces away: every simulation is zero."""
     turned = np.eye(4)
     turned[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
     turned[:3, 3] = [-0.3, 0, 0.3]

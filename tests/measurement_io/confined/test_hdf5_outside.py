@@ -60,7 +60,7 @@ def change(path: Path, action: Callable[[h5py.File], None]) -> None:
 
 
 def outcomes(path: Path) -> list[str]:
-    """What each reader says; an error has to name the file on one line."""
+    """The outcome of each reader; an error has to name the file on one line."""
     found = []
     for reader in READERS:
         try:
@@ -100,7 +100,7 @@ def virtual_dataset(file: h5py.File) -> None:
 
 
 def virtual_dataset_without_end(file: h5py.File) -> None:
-    # Its very shape is asked of the other file.
+    # Its shape is read from the other file.
     layout = h5py.VirtualLayout((3, 2, 5), np.complex64, maxshape=(None, 2, 5))
     source = h5py.VirtualSource(
         "out/other.h5", "/entry/data/data", (3, 2, 5), maxshape=(None, 2, 5)
@@ -275,7 +275,7 @@ MOST_BYTES = 2**30 + 2**28
 @pytest.mark.parametrize("length", [2**32 - 1, 2**31])
 @pytest.mark.parametrize("name", [b"provenance", b"NX_class", b"axes"])
 def test_text_that_claims_gigabytes(path, name, length):
-    # HDF5 allocates and clears as many bytes as the attribute claims, before it looks at the text.
+    # HDF5 allocates and clears as many bytes as the attribute claims, before it reads the text.
     content = bytearray(path.read_bytes())
     # Attribute message, version 3: sizes of name, type and shape (2 bytes each), a byte, the name
     # and so on, then the length of the text.
@@ -322,6 +322,6 @@ def test_a_file_on_which_the_library_divides_by_zero(tmp_path):
         pytest.skip("this version of the library survives it")
     texts = outcomes(target)
     assert all("expected a readable" in text for text in texts)
-    # This process goes on, and so does the reading of others.
+    # This process continues, and so does the reading of other files.
     target.write_bytes(seeds.native_captures()[-1])
     assert open_capture(target).array.n_tx == 3

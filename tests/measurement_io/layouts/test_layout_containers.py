@@ -154,7 +154,7 @@ def test_odd_archives(tmp_path: Path, toml: Path) -> None:
 
 
 def remade(change: Callable[[h5py.File, np.ndarray], None]) -> Callable[[Path], None]:
-    """Return what writes a file in which `change` makes the dataset "data" anew."""
+    """Return a writer of files whose dataset "data" is replaced by `change`."""
 
     def make(path: Path) -> None:
         tree = tree_of(random_capture())
@@ -468,9 +468,9 @@ def hdf5_bomb(path: Path, compression: str) -> None:
 
 
 def peak_bytes(program: str, *arguments: object) -> int:
-    """Run a program in a process of its own and return the most memory that it ever held."""
+    """Run a program in a process of its own and return its peak of memory."""
     measured = "import resource, sys\n" + program
-    # HDF5 files are read in another process: what both held at most, together.
+    # HDF5 files are read in another process: the sum of both peaks.
     measured += "peaks = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)\n"
     measured += "print(sum(resource.getrusage(who).ru_maxrss for who in peaks))\n"
     done = subprocess.run(

@@ -230,7 +230,7 @@ def test_time_stamps_that_are_given(tmp_path, stamps, first, read):
 @pytest.mark.parametrize("sized", [True, False])
 def test_invalid_time_stamps(tmp_path, stamps, sized):
     captures = captures_of(2)
-    if stamps == [1, None]:  # None stands for that of the capture
+    if stamps == [1, None]:  # None means that of the capture
         save_recording(tmp_path / "30", captures, timestamps_us=stamps)
         assert open_capture(tmp_path / "30", frame=1).meta["timestamp_us"] == 1001
         return
