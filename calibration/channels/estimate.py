@@ -300,9 +300,9 @@ def _quality(
     echoes = float(np.square(np.abs(pairs.mean[good])).sum())
     left = float(square[good].sum())
     by_noise = float(found.noise[good].sum()) / samples_per_pair
-    residual_db, noise_residual_db = (_db(energy / echoes) for energy in (left, by_noise))
+    residual_db, noise_residual_db = (_energy_db(energy / echoes) for energy in (left, by_noise))
     # Residual beyond noise, relative to the echoes beyond noise.
-    excess_db = _db(max(left - by_noise, 0.0) / max(echoes - by_noise, by_noise, 1e-300))
+    excess_db = _energy_db(max(left - by_noise, 0.0) / max(echoes - by_noise, by_noise, 1e-300))
     if excess_db > max_residual_db:
         raise CalibrationError(
             f"estimate_channels: the {kind} does not explain the capture: {excess_db:.1f} dB of "
@@ -371,5 +371,5 @@ def _filled(values: np.ndarray, live: np.ndarray, dead: np.ndarray | None = None
     return every
 
 
-def _db(share: float) -> float:
+def _energy_db(share: float) -> float:
     return 10 * float(np.log10(max(share, 1e-30)))

@@ -15,7 +15,7 @@ EDGE_CELLS = 4.0
 CLUTTER_DB = 40.0
 EDGE_WEIGHT = 0.03
 """Weight of the transition bands. With less, echoes in them can grow (fourfold at 0.001)."""
-NOISE = 1e-3
+NOISE_POWER = 1e-3
 """Power of the noise relative to the scene, per delay: keeps the gate from amplifying noise."""
 PROBES_PER_CELL = 8
 
@@ -199,14 +199,14 @@ def gate(
     outside = _gram(offsets_hz, far + edge, period_m + near - edge, period_m)
     wanted = inside + EDGE_WEIGHT / 2 * edges
     whole = inside + EDGE_WEIGHT * edges + 10 ** (clutter / 10) * outside
-    whole += NOISE * np.eye(waveform.n_freq)
+    whole += NOISE_POWER * np.eye(waveform.n_freq)
     matrix = np.linalg.solve(whole, wanted).conj().T  # both are Hermitian
     matrix.flags.writeable = False
 
     echoes, kept = _responses(matrix, offsets_hz, near, far)
-    passband_db = _db(np.abs((echoes.conj() * kept).mean(axis=0)).min())
+    passband_db = _amplitude_db(np.abs((echoes.conj() * kept).mean(axis=0)).min())
     _, left = _responses(matrix, offsets_hz, far + edge, period_m + near - edge)
-    rejection_db = -_db(np.sqrt((np.abs(left) ** 2).mean(axis=0)).max())
+    rejection_db = -_amplitude_db(np.sqrt((np.abs(left) ** 2).mean(axis=0)).max())
     return Gate(matrix, near, far, edge, clutter, passband_db, rejection_db)
 
 
@@ -229,5 +229,5 @@ def _responses(
     return echoes, matrix @ echoes
 
 
-def _db(amplitude: Any) -> float:
+def _amplitude_db(amplitude: Any) -> float:
     return float(20 * np.log10(max(float(amplitude), 1e-15)))

@@ -16,7 +16,7 @@ ROUNDS = 6
 """Reweighting rounds: each takes its weights from the residual of the last."""
 ALTERNATIONS = 20
 """Alternating least-squares steps between Tx and Rx factors; converged to rounding long before."""
-FLOOR = 1e-12
+RESIDUAL_FLOOR = 1e-12
 """Smallest residual power of a delay bin, relative to the mean: bounds the weights."""
 
 
@@ -168,7 +168,7 @@ def _fitted(
     tx = np.ones(capture.array.n_tx, np.complex128)
     rx = np.ones(capture.array.n_rx, np.complex128)
     power_in_bin = np.stack([(np.abs(k) ** 2).mean(axis=0) for k in known]).mean(axis=0)
-    floor = FLOOR * float(power_in_bin.mean())
+    floor = RESIDUAL_FLOOR * float(power_in_bin.mean())
     # Bins without echoes hold noise in place of the background; fitted to, it would pull the
     # factors towards zero. The weakest bin estimates the noise.
     known_share = (1 - power_in_bin.min() / np.maximum(power_in_bin, floor)).clip(0) ** 2

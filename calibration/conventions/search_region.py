@@ -21,13 +21,13 @@ BINS_PER_CELL = 4
 NEAR_PATH_M = 1.2
 """Where the waveform is ambiguous below this path length, every alias up to it is imaged."""
 
-BRIGHT = 0.1
+SCENE_POWER_SHARE = 0.1
 """Range bins within 10 dB of the strongest belong to the scene..."""
 
 SCENE_PATH_M = 0.2
 """... if they are no farther than this path length from it."""
 
-NOISE_SPREADS = 6.0
+DETECTION_SPREADS = 6.0
 """Detection threshold in the mean range profile, standard deviations of the noise."""
 
 VIEW = 0.4
@@ -133,10 +133,10 @@ def scene_paths_m(capture: Capture, profile: RangeProfile) -> np.ndarray:
     top = peaks[power[peaks].argmax()]
     # For noise alone every bin is a mean of one exponential variable per pair.
     pairs = capture.array.n_tx * capture.array.n_rx
-    if power[top] <= (1 + NOISE_SPREADS / np.sqrt(pairs)) * np.median(power):
+    if power[top] <= (1 + DETECTION_SPREADS / np.sqrt(pairs)) * np.median(power):
         return np.empty(0)
     near = np.abs(bins - bins[top]) * step_m <= SCENE_PATH_M
-    return bins[near & (power >= BRIGHT * power[top])] * step_m
+    return bins[near & (power >= SCENE_POWER_SHARE * power[top])] * step_m
 
 
 def search_grids(capture: Capture, paths_m: np.ndarray) -> list[VoxelGrid]:

@@ -21,10 +21,10 @@ from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 from clradar.tracing.settings import SimulationSettings
 
-SAMPLES_PER_MM2, RAYS_PER_SAMPLE = 3.0, 3
+SIMULATION_SAMPLES_PER_MM2, SIMULATION_RAYS_PER_SAMPLE = 3.0, 3
 """Of the simulations for the bias, whose errors are dominated by speckle, not by shot noise."""
 
-MOST_SAMPLES = 1_000_000
+MOST_SIMULATION_SAMPLES = 1_000_000
 """Of one of these simulations: seven times those of a hand."""
 
 MARGIN_M = 20e-3
@@ -132,8 +132,8 @@ def align_mesh(
         grid=_coarse_grid(measured, coarse),
         fit_alpha=True,
         simulation=SimulationSettings(
-            samples_per_mm2=density_of(mesh, SAMPLES_PER_MM2, MOST_SAMPLES),
-            rays_per_sample=RAYS_PER_SAMPLE,
+            samples_per_mm2=density_of(mesh, SIMULATION_SAMPLES_PER_MM2, MOST_SIMULATION_SAMPLES),
+            rays_per_sample=SIMULATION_RAYS_PER_SAMPLE,
             seed=seed,
         ),
         dynamic_range_db=depth.dynamic_range_db,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.registration.mesh_fit import FLOOR, MeshFit
+from calibration.registration.mesh_fit import POWER_FLOOR, MeshFit
 from calibration.registration.mesh_rendering import KNOTS_RAD, MeshRendering
 
 ALPHA_STARTS = (0.3, 0.0, 0.6, 0.1)
@@ -32,7 +32,7 @@ def pose_invariant_features(image: MeshRendering, fit: MeshFit) -> np.ndarray:
     """
     image.update_visibility(fit.transform)
     silhouette, _ = image.render(fit.transform, np.zeros(len(KNOTS_RAD)))
-    power = image.power[silhouette > FLOOR * silhouette.max()]
+    power = image.power[silhouette > POWER_FLOOR * silhouette.max()]
     step_x, step_y = image.measured.step_m
     cells = step_x * step_y / image.aperture.cell_m2(image.reference_m)
     brighter = [(power > 10.0 ** (-level / 10.0) * power.max()).sum() for level in LEVELS_DB]

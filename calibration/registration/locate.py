@@ -13,7 +13,7 @@ from calibration.registration.alignment import MESH, UNKNOWN_STD_M, Alignment
 from calibration.registration.alpha_cue import pose_invariant_features
 from calibration.registration.depth_surface import checked_depth_map, not_aligned
 from calibration.registration.mesh_fit import (
-    FLOOR,
+    POWER_FLOOR,
     MeshFit,
     fit_mesh,
     initial_log_brightness,
@@ -191,7 +191,7 @@ def _assessed(image: MeshRendering, fit: MeshFit, options: SearchOptions) -> Loc
         start = without_unobservable_motion(fit.transform, free, scale)
         fit = fit_mesh(image, start, fit.log_brightness, options.max_iterations, constrained)
         iterations += fit.iterations
-    rms_m, share, likeness = _quality(image, fit)
+    rms_m, share, likeness = _image_quality(image, fit)
     if share < options.min_inlier_share:
         raise not_aligned(
             f"only {share:.0%} of the measured amplitude lies on the mesh, and "
@@ -221,7 +221,7 @@ def _assessed(image: MeshRendering, fit: MeshFit, options: SearchOptions) -> Loc
     return Located(alignment, fit, constrained, pose_invariant_features(image, fit))
 
 
-def _quality(image: MeshRendering, fit: MeshFit) -> tuple[float, float, float]:
+def _image_quality(image: MeshRendering, fit: MeshFit) -> tuple[float, float, float]:
     """Range rms of the inliers, metres, their amplitude share, and the correlation in decibels."""
     image.update_visibility(fit.transform)
     power, range_m = image.render(fit.transform, fit.log_brightness)
@@ -231,6 +231,6 @@ def _quality(image: MeshRendering, fit: MeshFit) -> tuple[float, float, float]:
     on_mesh = amplitude * found.covered * near
     rms_m = np.sqrt((on_mesh * found.range_m**2).sum() / max(on_mesh.sum(), 1e-12))
     share = on_mesh.sum() / (amplitude * found.measured).sum()
-    one, other = (np.log1p(p / FLOOR).ravel() for p in (image.power, power))
+    one, other = (np.log1p(p / POWER_FLOOR).ravel() for p in (image.power, power))
     alike = 0.0 if min(np.ptp(one), np.ptp(other)) == 0.0 else np.corrcoef(one, other)[0, 1]
     return float(rms_m), float(share), float(alike)

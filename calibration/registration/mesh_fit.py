@@ -13,7 +13,7 @@ import numpy as np
 from calibration.registration.mesh_rendering import KNOTS_RAD, MeshRendering
 from calibration.registration.rigid_motion import exp_twist, orthonormal
 
-FLOOR = 10.0 ** (-15.0 / 10.0)
+POWER_FLOOR = 10.0 ** (-15.0 / 10.0)
 """Power added to both images, relative to the maximum: the level of the sidelobes, below which the
 mesh does not determine the measurement."""
 
@@ -97,14 +97,14 @@ class Residuals:
 
 def residuals(image: MeshRendering, power: np.ndarray, range_m: np.ndarray) -> Residuals:
     """Residuals of the measured image against a rendering."""
-    dark = power + FLOOR
+    dark = power + POWER_FLOOR
     measured = np.isfinite(image.measured.range_m)
     return Residuals(
         speckle=(image.power - power) / dark,
         dark=dark,
         range_m=np.where(measured, image.measured.range_m - range_m, 0.0),
         range_std_m=RANGE_STD_M * np.sqrt(1.0 + RANGE_HALF_POWER / np.maximum(image.power, 1e-4)),
-        covered=np.minimum(power / FLOOR, 1.0),
+        covered=np.minimum(power / POWER_FLOOR, 1.0),
         measured=measured,
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft
 
 from calibration.registration.depth_surface import weighted_quantile
-from calibration.registration.mesh_fit import FLOOR, MeshFit, fit_mesh, initial_log_brightness
+from calibration.registration.mesh_fit import POWER_FLOOR, MeshFit, fit_mesh, initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage, MeshRendering
 from calibration.registration.rigid_motion import moved, rotation_about
 from calibration.registration.search_space import TILTS, start_rotations
@@ -51,7 +51,7 @@ def search(
     image in decibels, by FFT, and the range shift the median difference there.
     """
     image = MeshRendering(surface, measured, aperture, COARSE_BLUR_M)
-    log_power = np.log1p(image.power / FLOOR)
+    log_power = np.log1p(image.power / POWER_FLOOR)
     size = tuple(fft.next_fast_len(2 * n, real=True) for n in log_power.shape)
     spectrum = fft.rfft2(log_power, size)
     middle_m = surface.points_m.mean(axis=0)
@@ -100,7 +100,7 @@ def _shifted(
 ) -> np.ndarray:
     """`start` shifted to the maximum of the cross-correlation, and to the same range."""
     power, _ = image.render(start, initial_log_brightness())
-    drawn = np.log1p(power / power.max() / FLOOR)
+    drawn = np.log1p(power / power.max() / POWER_FLOOR)
     product = fft.irfft2(spectrum * np.conj(fft.rfft2(drawn, size)), size)
     row, column = np.unravel_index(int(product.argmax()), size)
     rows, columns = (
@@ -122,13 +122,13 @@ def _compared(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     power, range_m = image.render(transform, initial_log_brightness())
     power = power / power.max()
-    return power, range_m, np.isfinite(image.measured.range_m) & (power > FLOOR)
+    return power, range_m, np.isfinite(image.measured.range_m) & (power > POWER_FLOOR)
 
 
 def _score(image: MeshRendering, log_power: np.ndarray, transform: np.ndarray) -> float:
     """Correlation in decibels, minus a penalty for the range difference."""
     power, range_m, both = _compared(image, transform)
-    drawn = np.log1p(power / FLOOR)
+    drawn = np.log1p(power / POWER_FLOOR)
     correlation = (drawn * log_power).sum() / np.sqrt((drawn**2).sum() * (log_power**2).sum())
     if not both.any():
         return -1.0

@@ -29,7 +29,7 @@ MIN_SELF_AGREEMENT = 0.1
 """Smallest reliability, the similarity of simulations among themselves: below it they are noise,
 and division by its root would make that the best score."""
 
-GRID = 12**-0.5
+GRID_STD = 12**-0.5
 """Standard deviation of rounding to a grid, in steps: the error allowed for the parabola."""
 
 FLAT_SHARE = 0.5
@@ -207,7 +207,7 @@ def estimate_alpha(
     scatter = float(per_seed.std(ddof=1)) if n_seeds > 1 else math.nan
     self_check = float(np.sqrt(np.mean(np.square(errors)))) if errors.size else math.nan
     step = float(np.diff(alphas).max())
-    uncertainty = _uncertainty(scatter, n_seeds, self_check, step if on_edge else GRID * step)
+    uncertainty = _uncertainty(scatter, n_seeds, self_check, step if on_edge else GRID_STD * step)
     if not _is_corrected(own, metric):
         uncertainty = math.nan
     return AlphaEstimate(

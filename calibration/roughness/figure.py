@@ -80,16 +80,16 @@ def sweep_figure(sweep: Sweep, measured_label: str = "Measurement") -> Figure:
     rows = 1 if regions is None else 2
     _make_room_below(figure, rows * (ROW_BELOW + ROW_HEIGHT + ROW_ABOVE))
     shares, lengths, score = _row(figure, rows - 1, 3)
-    _curves(shares, sweep, SHARES, 1.0, "")
-    _curves(lengths, sweep, LENGTHS, 1e3, "mm")
-    _score(score, sweep, {"all": sweep.estimate})
+    _draw_metrics(shares, sweep, SHARES, 1.0, "")
+    _draw_metrics(lengths, sweep, LENGTHS, 1e3, "mm")
+    _draw_scores(score, sweep, {"all": sweep.estimate})
     if regions is not None:
         by_region, grid = _row(figure, 0, 2)
-        _score(by_region, sweep, dict(zip(regions.names, regions.estimates, strict=True)))
+        _draw_scores(by_region, sweep, dict(zip(regions.names, regions.estimates, strict=True)))
         if regions.grid is None:
             grid.set_axis_off()
         else:
-            _combinations(grid, sweep, regions.grid)
+            _draw_combinations(grid, sweep, regions.grid)
     return figure
 
 
@@ -133,7 +133,7 @@ def _row(figure: Figure, from_below: int, n: int) -> list[Axes]:
     return [add_axes(figure, LEFT + i * (each + GAP), bottom, each, ROW_HEIGHT) for i in range(n)]
 
 
-def _curves(
+def _draw_metrics(
     axes: Axes, sweep: Sweep, names: tuple[tuple[str, str], ...], scale: float, unit: str
 ) -> None:
     for (field, label), colour in zip(names, COLOURS, strict=False):
@@ -148,7 +148,7 @@ def _band(axes: Axes, alphas: np.ndarray, values: np.ndarray, label: str, colour
     axes.fill_between(x, y.min(axis=0), y.max(axis=0), color=colour, alpha=0.25, linewidth=0)
 
 
-def _score(axes: Axes, sweep: Sweep, estimates: dict[str, AlphaEstimate]) -> None:
+def _draw_scores(axes: Axes, sweep: Sweep, estimates: dict[str, AlphaEstimate]) -> None:
     for i, (name, found) in enumerate(estimates.items()):
         colour = COLOURS[i % len(COLOURS)]
         # Curves relative to their maxima: only the position of the peak matters.
@@ -162,7 +162,7 @@ def _score(axes: Axes, sweep: Sweep, estimates: dict[str, AlphaEstimate]) -> Non
     _finish(axes, f"score of {sweep.estimate.metric}, 0 at its best")
 
 
-def _combinations(axes: Axes, sweep: Sweep, grid: np.ndarray) -> None:
+def _draw_combinations(axes: Axes, sweep: Sweep, grid: np.ndarray) -> None:
     regions = sweep.regions
     assert regions is not None
     drawn = axes.contourf(

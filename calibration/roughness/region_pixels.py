@@ -15,7 +15,7 @@ REACH_M = 4e-3
 """Largest distance along x and y of a pixel from the visible surface it shows: the lateral
 resolution of the imager."""
 
-SAMPLES_PER_MM2 = 1.0
+VISIBILITY_SAMPLES_PER_MM2 = 1.0
 
 EVERYTHING_DB = 400.0
 """Dynamic range that keeps every non-zero pixel of a depth map."""
@@ -35,7 +35,7 @@ def region_pixels(
     """
     triangles = scene.triangles_m
     reach_m = float(np.linalg.norm(centre_m)) + 1.0
-    with VisibleSurface(scene, SAMPLES_PER_MM2, reach_m, device) as surface:
+    with VisibleSurface(scene, VISIBILITY_SAMPLES_PER_MM2, reach_m, device) as surface:
         points_m = surface.points_m[surface.visible_from(centre_m[None])[:, 0]]
     # By the centroids of the faces: either they are smaller than the pixels, or the regions are
     # large compared with them.
