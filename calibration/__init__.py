@@ -1,4 +1,4 @@
-"""What a recording needs before it is imaged, and what lines a simulation up with it."""
+"""Calibration of recordings, and registration of simulations to them."""
 
 # Functions take the names of their modules: `from calibration import align` gives the function.
 from calibration.channels.correction import correct

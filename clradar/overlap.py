@@ -92,7 +92,7 @@ def _cloud(image: DepthMap, used: tuple[slice, slice]) -> tuple[np.ndarray, np.n
 
 
 def _depth_waves(span_m: float, blur_m: float) -> Iterator[tuple[float, float]]:
-    """Yield (wavenumber in rad/m, share) of the cosines that make up exp(-(z / 2 blur)^2)."""
+    """Yield (wavenumber in rad/m, weight) of the cosines that make up exp(-(z / 2 blur)^2)."""
     step = 2.0 * np.pi / (span_m + REACH * blur_m)
     # exp(-(k blur)^2) at half of REACH is exp(-16), too.
     for i in range(math.ceil(0.5 * REACH / (blur_m * step)) + 1):

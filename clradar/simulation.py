@@ -71,7 +71,7 @@ def simulate(
 
     Examples
     --------
-    A ball of 4 cm, seen by a part of the imager.
+    A ball of 4 cm, and a part of the imager.
 
     >>> import clradar, trimesh
     >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)

@@ -47,7 +47,7 @@ def described_names(*arguments: str) -> dict[str, str]:
     return names
 
 
-def test_no_module_takes_the_place_of_a_public_name() -> None:
+def test_no_module_shadows_a_public_name() -> None:
     names = described_names()
     assert described_names("all") == names
     modules = {name for name, what in names.items() if what.startswith("module")}

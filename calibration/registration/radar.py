@@ -1,4 +1,4 @@
-"""The instrument of a registration."""
+"""Antennas, waveform and aperture that a registration simulates with."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the scripts of this folder share: options, how they run, and how they write files."""
+"""Shared functions of the scripts: options, one-line errors, output files."""
 
 from __future__ import annotations
 

@@ -173,7 +173,7 @@ class EmbreeRays:
 
 
 class MitsubaRays:
-    """Mitsuba 3 with its LLVM backend, one thread per core; queries leave their answers there."""
+    """Mitsuba 3 with its LLVM backend, one thread per core; queries leave their results there."""
 
     name = "Mitsuba, LLVM, all cores"
 

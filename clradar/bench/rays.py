@@ -143,7 +143,7 @@ def bounces_of(scene: clradar.Scene, n_rays: int) -> tuple[np.ndarray, np.ndarra
 def peers_of(
     scene: clradar.Scene, origins: np.ndarray, directions: np.ndarray, query: str
 ) -> tuple[list[tuple[Callable[[], np.ndarray], Callable[[], Any]]], list[str]]:
-    """For each peer: the query with its answers as an array, the query that is timed; its name."""
+    """For each peer: the query with its results as an array, the query that is timed; its name."""
     embree, mitsuba = EmbreeRays(scene.triangles_m), MitsubaRays(scene.triangles_m)
     embree.prepare(origins, directions)
     mitsuba.prepare(origins, directions)

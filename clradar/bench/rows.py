@@ -252,11 +252,11 @@ finally:
     status = open("/proc/self/status").read()
     print("peak kB:", status.split("VmHWM:")[1].split()[0], file=sys.stderr)
 """
-"""Runs the command line and says the process's peak of resident memory, by the operating system."""
+"""Runs the command line and prints the peak resident memory of its process."""
 
 
 def commands(device: clradar.Device) -> list[Row]:
-    """The two commands whose time and memory are promised, as a user runs them."""
+    """The two commands whose time and memory are documented, as a user runs them."""
     runs = []
     with tempfile.TemporaryDirectory() as folder:
         hand, sim, volume = (str(Path(folder) / name) for name in ("hand.ply", "sim.h5", "vol.h5"))

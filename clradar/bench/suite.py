@@ -14,7 +14,7 @@ from clradar.bench.rows import ARRAY, WAVEFORM, Row
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How much work: smaller sizes for a first look, and how often each is timed."""
+    """How much work: smaller sizes for a quick run, and how often each is timed."""
 
     quick: bool
     repeats: int

@@ -1,3 +1,5 @@
+"""The command line by ``python -m clradar.cli``."""
+
 from clradar.cli import main
 
 main()

@@ -18,7 +18,7 @@ def one_line(text: object) -> str:
 
 
 def print_error(text: object) -> None:
-    """Print the one line that says why a command failed."""
+    """Print the one line with the reason why a command failed."""
     _print(f"clradar: error: {one_line(text)}", sys.stderr)
 
 

@@ -26,7 +26,7 @@ COMMANDS = {
     "background": "Subtract the empty room, average frames, gate in range.",
     "inspect": "Describe what a file or a recording holds, or verify it.",
     "align": "Find the motion that brings a simulated image, or a mesh, onto a measured image.",
-    "register": "Place a mesh where it was measured, and simulate it there.",
+    "register": "Find the pose of a measured mesh, and simulate it there.",
     "sweep": "Find the alpha whose simulation is most like a measurement.",
     "channels": "Estimate gain and delay of every channel from a capture of a known target.",
     "correct": "Correct a capture for gain and delay of its channels.",

@@ -130,7 +130,7 @@ class RecordingOutput:
     force: bool = False
 
     def write(self, sources: Sequence[Path]) -> None:
-        """Write `output/radar_<low>_<high>_<points>` and what belongs beside it.
+        """Write `output/radar_<low>_<high>_<points>` and the files beside it.
 
         `sources` is one folder, with a recording or with nothing but captures (.h5); or captures
         and frames, one for each frame to write.

@@ -1,4 +1,4 @@
-"""How two values of JSON differ, in words: settings then and now."""
+"""Differences of two JSON values, as text: settings of a run and of its resumption."""
 
 from __future__ import annotations
 

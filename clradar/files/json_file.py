@@ -20,7 +20,7 @@ def read_json(
     Raises
     ------
     error
-        Missing, too large, or nothing that `parse_json` takes. `expected` says in the message what
+        Missing, too large, or nothing that `parse_json` takes. `expected` names in the message what
         the file should be.
     """
     content = read_bytes(path, expected, limit, error=error)

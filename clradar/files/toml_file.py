@@ -34,7 +34,7 @@ def read_toml(
     ------
     error
         Missing, too large, no TOML, or a line longer than `MAX_TOML_LINE_CHARACTERS`. `expected`
-        says in the message what the file should be.
+        names in the message what the file should be.
     """
     content = read_bytes(path, expected, limit, error=error)
     with reading(path, expected, error=error):

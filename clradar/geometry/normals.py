@@ -30,7 +30,7 @@ def corner_normals(
     normals : "smooth" or "face"
         "smooth": the average, weighted by corner angle, over the faces around the vertex that are
         connected to this face by edges at which they meet at no more than `crease_deg`. Vertices at
-        the same place count as one, whatever the file says. Where the scene has a normal within
+        the same position count as one. Where the scene has a normal within
         `KNOWN_DEG` of the face's, it is that one. "face": the face's own normal.
     crease_deg : float, degrees, 0 to 180
 

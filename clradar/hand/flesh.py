@@ -113,7 +113,7 @@ def _strand(points_m: list[np.ndarray], radii_mm: list[float]) -> tuple[Cone, ..
 
 
 def _tip_at(bones: Skeleton, end: str, tip: str, tissue: float, radius_mm: float) -> float:
-    """Return the place of the tip's sphere along the last bone, as a fraction of its length.
+    """Return the position of the tip's sphere along the last bone, as a fraction of its length.
 
     `tissue` is the thickness of the soft tissue beyond the bone, in lengths of the bone.
     """

@@ -40,18 +40,18 @@ CHECKED = 120
 """Voxels of each family that all levels together are checked on."""
 
 NEAR_POOL = 2**14
-"""Voxels of which those closest to antennas are picked: a share of 1e-4 of the volume that does
+"""Voxels of which those closest to antennas are picked: a fraction of 1e-4 of the volume that does
 40 dB worse than the rest is noticeable in its RMS."""
 
 MARGIN = 0.8
-"""Share of the tolerance that is used: samples show some voxels only, and are checked to
+"""Fraction of the tolerance that is used: samples show some voxels only, and are checked to
 `clradar.imaging.interpolative.SLACK`."""
 
 LEVEL_ROUNDS = 6
 """How often the levels are chosen again with smaller errors before all points are kept."""
 
 EXTREME = 0.5
-"""Share of the samples' coordinates at the ends of their range, where the errors are largest."""
+"""Fraction of the samples' coordinates at the ends of their range, where the errors are largest."""
 
 LEAF_WAVELENGTHS = (1.0, 1.0, 2.0)
 """Size of the smallest blocks along x, y, z, in wavelengths: smaller ones cost more on the way down

@@ -41,7 +41,7 @@ TILE_STEPS = 1000
 """Steps of progress per tile, whose trees differ."""
 
 FLOAT32_SHARE = 0.3
-"""Share of the tolerance that float32 phases may take; beyond it they are double-single."""
+"""Fraction of the tolerance that float32 phases may take; beyond it they are double-single."""
 
 WEIGHTS_TILE = 4
 """Weighted sums that a kernel makes per pass; weights are padded to a multiple."""
@@ -184,7 +184,7 @@ class FastImager:
 
 
 class _Tree:
-    """One grid of at most `TILE_VOXELS` voxels; `report` gets the share of it that is done."""
+    """One grid of at most `TILE_VOXELS` voxels; `report` gets the fraction that is done."""
 
     def __init__(
         self,

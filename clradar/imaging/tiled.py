@@ -1,4 +1,4 @@
-"""Back-projection voxel by voxel, tile by tile: what the exact sum and the range profiles share."""
+"""Back-projection voxel by voxel, tile by tile, for the exact sum and the range profiles."""
 
 from __future__ import annotations
 

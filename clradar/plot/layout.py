@@ -135,7 +135,7 @@ def printable(text: object) -> str:
 def round_ticks(low: float, high: float, most: float, margin: float = 0.0) -> list[float]:
     """Return at most `most` (and at least one) round numbers, away from the ends by `margin`.
 
-    `margin` is a share of the span: labels of neighbouring panels must not touch.
+    `margin` is a fraction of the span: labels of neighbouring panels must not touch.
     """
     span = high - low
     most = max(1, int(most))

@@ -95,7 +95,7 @@ class GltfFile:
         return file_bytes(file, f"{what} of {self.path.name}")
 
     def array(self, what: str, accessor: Any) -> np.ndarray:
-        """Return the numbers (count, n) of an accessor as the file has them, normalised if it says.
+        """Return the numbers (count, n) of an accessor of the file, normalised if it is flagged.
 
         Parameters
         ----------

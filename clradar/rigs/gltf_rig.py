@@ -65,7 +65,7 @@ def _joints_of(path: Path, tree: NodeTree, skins: list[Any]) -> set[int]:
 def _chosen(
     path: Path, tree: NodeTree, hands: list[FoundJoints], handedness: str | None
 ) -> tuple[FoundJoints, np.ndarray, str]:
-    """Return the one hand of the wanted side, its joints (25, 3), and its side."""
+    """Return the one hand of the requested side, its joints (25, 3), and its side."""
     sided = []
     for hand in hands:
         joints = np.full((len(JOINT_NAMES), 3), np.nan)

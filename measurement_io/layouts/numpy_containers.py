@@ -25,7 +25,7 @@ _ENCRYPTED = 0x1
 
 
 class _Member:
-    """Header and place of one `.npy` array."""
+    """Header and position of one `.npy` array."""
 
     __slots__ = ("dtype", "fortran", "offset", "shape")
 

@@ -138,7 +138,7 @@ def read_calibration_file(path: Path) -> CalibrationFile:
     Raises
     ------
     MeasurementError
-        Missing, no JSON object, or an entry that is there is not what it has to be.
+        Missing, no JSON object, or an invalid entry.
     """
     content = read_json_object(path)
     table = StrictTable(shown(path), "", content)

@@ -200,7 +200,7 @@ class Recording(Sequence[Capture]):
         return self._files.capture(self._variant, self._number(index))
 
     def __iter__(self) -> Iterator[Capture]:
-        # Not a generator: after a frame that cannot be read, next() goes on with the one behind it.
+        # Not a generator: after an unreadable frame next() continues with the following one.
         return map(self._capture_of_number, self._numbers)
 
     def __repr__(self) -> str:

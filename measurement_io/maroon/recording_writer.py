@@ -63,7 +63,7 @@ def save_recording(
     progress: Progress | None = None,
     force: bool = False,
 ) -> Path:
-    """Write captures as a recording, `path/radar_<low>_<high>_<points>` and what is beside it.
+    """Write captures as a recording, `path/radar_<low>_<high>_<points>` and the files beside it.
 
     One frame at a time is in memory. All of it is written under a hidden name beside `path` and
     renamed at the end, so that `path` never holds half a recording.

@@ -190,7 +190,7 @@ def test_no_hit_where_there_is_nothing(device):
 
 
 @pytest.mark.parametrize("n_rays", [1, 5, 3001])
-def test_the_order_of_the_rays_changes_no_answer(n_rays, device, monkeypatch):
+def test_the_order_of_the_rays_changes_no_result(n_rays, device, monkeypatch):
     rng = np.random.default_rng(12)
     origin, direction = all_round(rng, n_rays)
     origin[::7] *= 100  # outside of all boxes

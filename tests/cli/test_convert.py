@@ -125,7 +125,7 @@ def test_all_frames_keeps_what_is_there(run, recording, tmp_path):
     assert len(tree(tmp_path / "a")) == 4
 
 
-def test_all_frames_goes_on_behind_damaged_frames(run, recording, tmp_path):
+def test_all_frames_skips_damaged_frames(run, recording, tmp_path):
     data = recording / "radar_72.0_82.0_2" / "calibrated_data"
     bad = data / "000000.npy"
     bad.write_bytes(bad.read_bytes()[:-1000])

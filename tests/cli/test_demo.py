@@ -87,7 +87,7 @@ def test_the_image_shows_a_hand(small: Path) -> None:
     assert depth.mask[:, outside].mean() < 0.01
 
 
-def test_noise_has_the_power_that_it_says() -> None:
+def test_noise_has_the_documented_power() -> None:
     rng = np.random.default_rng(3)
     array = clradar.AntennaArray(rng.normal(size=(8, 3)), rng.normal(size=(9, 3)))
     waveform = clradar.Waveform.sfcw(72e9, 82e9, 1000)

@@ -47,7 +47,7 @@ def test_help_of_each_command(run: Run, name: str) -> None:
     assert COMMANDS[name] in text
 
 
-def test_bench_says_which_peer_is_missing(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bench_names_the_missing_peer(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.startswith("clradar.bench")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "finufft", None)

@@ -64,7 +64,7 @@ def test_a_dangling_link_is_kept(run: Run, tmp_path: Path) -> None:
     one_error_line(run("hand", "-o", link), "exists already")
 
 
-def test_check_outputs_sees_through_links(tmp_path: Path) -> None:
+def test_check_outputs_resolves_links(tmp_path: Path) -> None:
     (tmp_path / "in.h5").write_bytes(b"")
     (tmp_path / "link.h5").symlink_to(tmp_path / "in.h5")
     with pytest.raises(OutputError, match="also an input"):
@@ -74,7 +74,7 @@ def test_check_outputs_sees_through_links(tmp_path: Path) -> None:
     outputs.check_outputs([None, tmp_path / "new.h5"], force=False)
 
 
-def test_a_pipe_sees_no_progress_and_a_terminal_does(made: Path, tmp_path: Path) -> None:
+def test_progress_goes_to_terminals_only(made: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "clradar.cli", "simulate", str(made / "hand.ply"),
                "--samples-per-mm2", DENSITY, "--steps", "2", "-o"]  # fmt: skip
     # PoCL's compiler writes to stderr when it builds a kernel for the first time; here it has been.

@@ -42,7 +42,7 @@ HALF_FLOAT_M = 2e-8
 # What a sample is
 
 
-def test_a_sample_is_what_its_parts_give_by_themselves(made: Path) -> None:
+def test_a_sample_equals_its_stages_run_one_by_one(made: Path) -> None:
     wanted = recipe(PLAN, 2)
     hand, place = wanted["hand"], wanted["placement"]
     assert wanted["pose"]["name"] == "F"

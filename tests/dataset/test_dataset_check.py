@@ -98,7 +98,7 @@ def test_replay_reads_nothing_outside_the_shard(copy: Path) -> None:
         replay(copy, 3, device=DEVICE)
 
 
-def test_a_data_set_that_is_not_complete_says_so(
+def test_an_incomplete_data_set_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(KeyboardInterrupt):

@@ -313,7 +313,7 @@ def test_a_full_disk_of_a_worker_ends_the_run(
     assert digests(tmp_path) == undisturbed
 
 
-def test_a_worker_that_does_not_fit_says_why(plan: Plan, tmp_path: Path) -> None:
+def test_the_error_of_an_unsuitable_worker_names_the_reason(plan: Plan, tmp_path: Path) -> None:
     from clradar.dataset.engine.distributed import _contract, make_part, worker_facts
 
     make, facts = PartMaker(tmp_path, plan, "pocl"), worker_facts("pocl")

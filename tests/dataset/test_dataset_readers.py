@@ -68,7 +68,7 @@ def test_no_data_set_is_one_error(tmp_path: Path) -> None:
         open_dataset(tmp_path)
 
 
-def test_without_xarray_the_error_says_what_to_install(
+def test_without_xarray_the_error_names_the_extra(
     made: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)

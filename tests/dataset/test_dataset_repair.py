@@ -126,7 +126,7 @@ def test_a_manifest_without_sizes_is_read_and_its_shards_verified_once(
     assert digests(light_copy) == digests(light)
 
 
-def test_the_command_says_that_a_shard_is_made_again(
+def test_the_command_reports_a_shard_made_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plan = tmp_path / "plan.toml"

@@ -29,7 +29,7 @@ from clradar.errors import OutputError
 pytestmark = pytest.mark.usefixtures("no_contact_sheet")
 
 
-def test_a_run_that_was_stopped_goes_on_with_what_is_missing(light: Path, tmp_path: Path) -> None:
+def test_a_stopped_run_resumes_with_the_missing_samples(light: Path, tmp_path: Path) -> None:
     for stop in (0, 3, 5):
         folder = tmp_path / f"stopped-{stop}"
         first, second = Engine(stop), Engine()

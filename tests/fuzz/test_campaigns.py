@@ -64,7 +64,7 @@ def test_guided_run(name, tmp_path):
 
 
 @pytest.mark.parametrize(("name", "faults"), [("mild", MILD), ("fatal", FATAL)])
-def test_what_a_reader_must_not_do_is_noticed(name, faults, tmp_path):
+def test_faults_of_readers_are_detected(name, faults, tmp_path):
     count = 2 * len(faults) + 1
     outcome = campaign.run(f"fuzz.broken_readers:{name}", count, keep=tmp_path / "kept")
     assert len(outcome.faults) == len(faults), str(outcome)

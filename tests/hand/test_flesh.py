@@ -129,7 +129,7 @@ def test_lanes_memory_and_devices_change_no_bit_of_a_mesh(device):
             np.testing.assert_array_equal(getattr(again, name), getattr(mesh, name))
 
 
-def test_what_is_kept_is_kept_by_device(device):
+def test_the_cache_is_per_device(device):
     other = clradar.open_device(device.info.selector, width=9 - device.width)
     _right_hand.cache_clear()
     hand_mesh("F", 4e-3, device=device)

@@ -146,7 +146,7 @@ def test_noise_does_not_depend_on_other_faults(target: Capture) -> None:
     np.testing.assert_allclose(with_noise - without, noise, atol=4 * ROUNDING * abs(without).max())
 
 
-def test_parts_seeds_and_frames_share_no_numbers() -> None:
+def test_streams_of_parts_seeds_and_frames_are_independent() -> None:
     draws = [
         random_stream(seed, part, frame).integers(2**63, size=1000)
         for seed in (0, 1)

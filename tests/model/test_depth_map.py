@@ -99,7 +99,7 @@ def test_the_depth_stays_in_its_voxel() -> None:
 
 
 @pytest.mark.parametrize("dynamic_range_db", [3.0, 15.0, 40.0])
-def test_the_cut_lies_where_it_is_said_to(dynamic_range_db: float) -> None:
+def test_the_cut_lies_at_the_dynamic_range(dynamic_range_db: float) -> None:
     # 0.01 dB to either side of the cut; float32 amplitudes err by 1e-6 dB.
     levels_db = -dynamic_range_db + np.array([0.01, -0.01])
     amplitude = np.zeros((3, 1, 4))

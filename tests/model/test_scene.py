@@ -298,7 +298,7 @@ def test_an_invalid_transform_is_refused(matrix: np.ndarray, message: str) -> No
         Scene.from_mesh(box()).transformed(matrix)
 
 
-def test_the_digest_tells_scenes_apart() -> None:
+def test_different_scenes_have_different_digests() -> None:
     scene = Scene.from_mesh(box())
     assert scene.digest() == Scene.from_mesh(box()).digest()
     assert scene.digest() != Scene.from_mesh(box(1e-9)).digest()

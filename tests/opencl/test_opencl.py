@@ -165,7 +165,7 @@ def test_a_machine_with_nothing_but_the_checker_has_no_default(
         open_device()
 
 
-def test_a_machine_without_opencl_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_opencl_the_error_names_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cl, "get_platforms", list)
     with pytest.raises(DeviceError, match=r"no OpenCL device was found; install .*pip install"):
         list_devices()
@@ -686,7 +686,7 @@ def test_intel_runtime_is_added_to_the_systems(listed, monkeypatch, tmp_path):
     assert listed[1:] == [{}]
 
 
-def test_who_chooses_platforms_keeps_them(listed, monkeypatch, tmp_path):
+def test_platforms_chosen_by_the_environment_are_kept(listed, monkeypatch, tmp_path):
     monkeypatch.setattr(runtimes, "intel_library", lambda: tmp_path / "libintelocl.so")
     chosen = tmp_path / "chosen"
     chosen.mkdir()

@@ -150,7 +150,7 @@ def test_any_paths_and_frequencies(case: tuple[Paths, AntennaArray, Waveform], w
 
 @pytest.mark.parametrize("name", WAVEFORMS)
 @pytest.mark.parametrize("longest_m", [0.8, 30.0])
-def test_blocks_that_make_room(lanes: clradar.Device, name: str, longest_m: float) -> None:
+def test_evicted_blocks(lanes: clradar.Device, name: str, longest_m: float) -> None:
     array, waveform = make_array(2, 3), WAVEFORMS[name]
     paths = random_paths(4000, array, longest_m, seed=1)
     assert_sums(paths, array, waveform, lanes)

@@ -95,7 +95,7 @@ def test_no_complaints_and_no_network(two: chromium.Page, files: Path) -> None:
     assert two.js("document.querySelector('.figure img').naturalWidth") > 500
 
 
-def test_complaints_are_seen(tab: chromium.Page, tmp_path: Path) -> None:
+def test_console_errors_are_reported(tab: chromium.Page, tmp_path: Path) -> None:
     broken = tmp_path / "broken.html"
     broken.write_text("<script>nonsense()</script><img src='http://localhost:1/x.png'>")
     tab.open(broken)
@@ -103,7 +103,7 @@ def test_complaints_are_seen(tab: chromium.Page, tmp_path: Path) -> None:
     assert "http://localhost:1/x.png" in tab.requests()
 
 
-def test_front_is_what_the_radar_sees(two: chromium.Page) -> None:
+def test_front_is_the_view_of_the_radar(two: chromium.Page) -> None:
     press(two, "[data-view=front]")
     measured, simulated = middles(two)
     # 40 mm apart along x, which increases to the left, and 30 mm along y, upwards.
@@ -124,7 +124,7 @@ def test_the_other_views_show_the_depth(two: chromium.Page) -> None:
     assert measured[1] > simulated[1]
 
 
-def test_a_drag_turns(two: chromium.Page) -> None:
+def test_a_drag_rotates(two: chromium.Page) -> None:
     press(two, "[data-view=front]")
     before, (measured, simulated) = pixels(two), middles(two)
     two.drag(middle_of_view(two), (60, 0))
@@ -211,7 +211,7 @@ def test_it_fits_a_phone(tab: chromium.Page, files: Path, name: str) -> None:
     assert tab.complaints() == []
 
 
-def test_fingers_turn_and_pinch(tab: chromium.Page, files: Path) -> None:
+def test_fingers_rotate_and_zoom(tab: chromium.Page, files: Path) -> None:
     tab.prefer("light")
     tab.resize(360, 740, phone=True)
     tab.open(files / "two.html")

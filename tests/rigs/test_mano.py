@@ -251,7 +251,7 @@ def test_names_that_no_model_needs_are_refused_and_not_run(
         (b"\x80\x02cchumpy.ch\nCh\n)R]b.", "an object whose state is no dictionary"),
     ],
 )
-def test_odd_pickles_are_refused(tmp_path: Path, content: bytes, message: str) -> None:
+def test_invalid_pickles_are_refused(tmp_path: Path, content: bytes, message: str) -> None:
     file = tmp_path / "model.pkl"
     file.write_bytes(content)
     with pytest.raises(RigError, match=message) as caught:

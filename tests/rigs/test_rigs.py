@@ -738,7 +738,7 @@ def test_damaged_files_raise_rig_errors_only(tmp_path: Path) -> None:
     assert refused > 20
 
 
-def test_a_whole_body_is_no_hand(tmp_path: Path) -> None:
+def test_a_whole_body_is_refused(tmp_path: Path) -> None:
     path = make(tmp_path, edit=edited("positions", [0.0, -1.6, 0.0]))
     with pytest.raises(RigError, match="remove everything but hand and forearm"):
         read_rig(path)

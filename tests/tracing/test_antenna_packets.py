@@ -69,7 +69,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_shafts_answer_as_single_rays(scene):
+def test_shafts_and_single_rays_agree(scene):
     """The same bits from the kernel for CPUs, by shafts, and that for GPUs, ray by ray."""
     seen = []
     for width in (1, 8):

@@ -276,7 +276,7 @@ def from_the_plate(scene: Scene, array: AntennaArray, device, **common) -> tuple
     return mean, np.bincount(paths.rx[paths.length_m > 0.55], minlength=array.n_rx)
 
 
-def test_what_is_hidden_is_so_in_both(device) -> None:
+def test_both_estimators_occlude_the_same(device) -> None:
     """A screen before two of four receivers: none of their rays arrives, and those of the others do
     as if it were not there."""
     rx = np.array([[-0.06, 0, 0], [-0.04, 0, 0], [0.04, 0, 0], [0.06, 0, 0]])
@@ -365,7 +365,7 @@ def test_a_sample_inside_a_sphere_is_received_from_every_direction(device) -> No
     assert np.abs(one).min() > 15
 
 
-def test_the_capture_says_which_estimator_it_is_of(device) -> None:
+def test_the_capture_records_its_estimator(device) -> None:
     capture = clradar.simulate(
         Scene(*MESHES["plate"], 0.5), ARRAY, WAVEFORM, rays_per_face=3, estimator="expected",
         device=device,

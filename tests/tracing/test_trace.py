@@ -246,7 +246,7 @@ SCENES_SOUP = random_soup(np.random.default_rng(5), 60, 0.08)
 
 
 @pytest.mark.parametrize("name", ["bowl", "box before a plate"])
-def test_inverted_faces_see_the_same(name, device):
+def test_inverted_faces_have_the_same_visibility(name, device):
     """Inverting a face swaps two corners and with them the positions of its samples, so the numbers
     of paths are compared: within four standard deviations."""
     scene = SCENES[name].with_alpha(0.3)
@@ -445,7 +445,7 @@ def test_reflection_law(device):
         assert np.bincount(paths.rx, minlength=4).tolist() == [50, 50, 0, 0]
 
 
-def test_absorbed_share(device):
+def test_absorbed_fraction(device):
     """alpha = 1: a draw around a normal that leans by theta from the face's is below the face with
     probability (1 - cos theta) / 2; with the face's own normal it never is."""
     scene = Scene(*plate(0.2, 0.3, 8, wavy_m=0.02), 1.0)

@@ -28,7 +28,7 @@ def command(
         ]
     ]
     | None = option(None, "One benchmark; repeat for several. [default: all]"),
-    quick: bool = option(False, "Smaller sizes, for a first look."),
+    quick: bool = option(False, "Smaller sizes, for a quick run."),
     repeats: int = option(5, "Runs of which the median counts.", metavar="N"),
     json_file: Path | None = option(
         None, "Also write the figures.", names=("--json",), metavar="FILE"

@@ -76,8 +76,8 @@ class TargetOptions:
 class EstimateOptions:
     """How gains and delays are estimated."""
 
-    hold: bool = option(False, "The target is exactly where the options place it.")
-    tolerance_mm: float = option(10.0, "How well its place is known, per axis.")
+    hold: bool = option(False, "The target is exactly at the position of the options.")
+    tolerance_mm: float = option(10.0, "Tolerance of its position, per axis.")
     tilt_tolerance_deg: float = option(2.0, "How well a plate's tilt is known.")
     max_delay_ps: float = option(100.0, "Largest delay of a pair that is searched for.")
     common_delay: Literal["zero", "free"] = option("zero", "Delays scatter about this.")
@@ -114,7 +114,7 @@ def command(
     frames: FrameOptions,
     force: ForceOption = False,
 ) -> None:
-    """The target's place is refined, too. Which errors are observable:
+    """The target's position is refined, too. Which errors are observable:
     docs/channel-calibration.md.
     """
     from calibration import estimate_channels
@@ -143,7 +143,7 @@ def _numbers(option: str, text: str, count: int) -> list[float]:
 
 
 def print_summary(output: Path, channels: ChannelCalibration) -> None:
-    """Print gains and delays of both sides, the target's place, and the residual."""
+    """Print gains and delays of both sides, the target's position, and the residual."""
     import numpy as np
 
     rows = []

@@ -116,7 +116,7 @@ def convert_one(
 
 @contextmanager
 def draft_if_needed() -> Iterator[None]:
-    """Print the draft of a layout on stdout if the block fails for want of one."""
+    """Print the draft of a layout on stdout if the block fails because there is none."""
     from measurement_io import LayoutNeeded
 
     try:

@@ -121,7 +121,7 @@ def command(
     ),
 ) -> None:
     """Makes training data: posed hands, simulated and imaged, with their parameters as labels. The
-    same command again goes on where it stopped. A sample that cannot be made is set aside; the exit
+    same command again resumes where it stopped. A sample that cannot be made is set aside; the exit
     status is 1 as long as any is.
     """
     if repetition.replay is not None:

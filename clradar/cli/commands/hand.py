@@ -68,7 +68,7 @@ class EmbeddedHandOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class PoseOptions:
-    """Pose and place of the hand."""
+    """Pose and position of the hand."""
 
     pose: str | None = argument(
         None, "Name of the pose (--list shows them), or a pose file (.toml, .json). [default: F]"

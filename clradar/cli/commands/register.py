@@ -114,7 +114,7 @@ def registered(
     radar: dict[str, Any],
     device: Device,
 ) -> Registration:
-    """Place the mesh, and show each round as it is done."""
+    """Register the mesh, and show each round as it is done."""
     from calibration import register
 
     settings = recorded(registration)

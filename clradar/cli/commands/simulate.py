@@ -29,7 +29,7 @@ Estimator = Literal["stochastic", "expected"]
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions(PlacementOptions):
-    """Meshes, their place and their alpha."""
+    """Meshes, their position and their alpha."""
 
     meshes: list[str] = argument(
         REQUIRED,

@@ -115,7 +115,7 @@ class RegionOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceOptions(PlacementOptions, SearchOptions):
-    """The place of the mesh, given or to be found."""
+    """The position of the mesh, given or to be found."""
 
     align: bool = option(False, "Find the pose of the mesh first, as `clradar align`.")
 
@@ -128,7 +128,7 @@ def command(
     *,
     measured: MeasuredArgument,
     mesh: Path = argument(REQUIRED, "Mesh file.", metavar="MESH"),
-    output: Path = output_option(REQUIRED, "New folder, or one to go on in.", metavar="DIR"),
+    output: Path = output_option(REQUIRED, "New folder, or one to resume.", metavar="DIR"),
     alphas: AlphaOptions,
     regions: RegionOptions,
     place: PlaceOptions,
@@ -143,7 +143,7 @@ def command(
 ) -> None:
     """Simulates MESH at every alpha with several seeds and compares each image with MEASURED. DIR
     gets sweep.png, sweep.csv, sweep.json, the settings, and with --align the transform. The same
-    command goes on where a killed one stopped; other settings in the same DIR are refused, unless
+    command resumes where a killed one stopped; other settings in the same DIR are refused, unless
     --force begins anew. Frequencies are those of MEASURED, where it is a capture. The result
     and its uncertainty: docs/sweep.md.
     """
@@ -192,7 +192,7 @@ def command(
 
 
 class SweepInputs:
-    """The mesh, its regions and its place; the measurement, its radar and its grid."""
+    """The mesh, its regions and its position; the measurement, its radar and its grid."""
 
     def __init__(
         self,

@@ -44,6 +44,6 @@ class UnitOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """The search for the place of a mesh."""
+    """The search for the pose of a mesh."""
 
     search_deg: float = option(45.0, "Rotations about boresight that are tried.", metavar="DEG")

@@ -1,4 +1,4 @@
-"""Options of a simulation: rays, frequencies, and the place of meshes."""
+"""Options of a simulation: rays, frequencies, and the position of meshes."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class WaveformOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class PlacementOptions(UnitOptions):
-    """Unit and place of meshes."""
+    """Unit and position of meshes."""
 
     transform: Path | None = option(
         None,

@@ -175,7 +175,7 @@ def test_gain_and_phase_errors_have_their_standard_deviation() -> None:
 
 
 @pytest.mark.parametrize("kind", ["plate", "sphere"])
-def test_covariance_of_the_place(kind: str) -> None:
+def test_covariance_of_the_position(kind: str) -> None:
     scaled = []
     for seed in range(8):
         truth = instrument(seed, SMALL, n_freq=16)

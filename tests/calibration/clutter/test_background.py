@@ -80,7 +80,7 @@ def test_the_mean_of_n_frames_has_an_nth_of_the_noise() -> None:
         assert mean.meta["average"] == {"frames": n, "align_phase": False}
 
 
-def test_one_frame_is_its_own_mean_and_metadata_is_what_all_share() -> None:
+def test_one_frame_is_its_own_mean_and_common_metadata_is_kept() -> None:
     one = echo(0.3)
     assert (average_frames([one]).data == one.data).all()
     frames = [replace(one, meta={"frame": i, "lab": "a", "later": i} | {str(i): 1}) for i in (0, 1)]

@@ -295,7 +295,7 @@ def test_report_has_shift_rotation_and_quality(original):
         assert part in result.report()
 
 
-def test_unfinished_says_so(original):
+def test_an_unfinished_fit_is_reported(original):
     result = align(depth_map(potato, MOTIONS[4]), original, max_iterations=1)
     assert not result.converged
     assert "NOT converged" in result.report()
@@ -366,7 +366,7 @@ def test_no_overlap():
         )
 
 
-def test_small_share_is_a_failure(original):
+def test_few_inliers_are_a_failure(original):
     corner = without(original, (original.x_m < -0.01) & (original.y_m[:, None] < 0.0))
     with pytest.raises(CompareError, match=r"only \d+% of the simulated amplitude .* 50% is the"):
         align(corner, original, min_inlier_share=0.5)

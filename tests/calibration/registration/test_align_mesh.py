@@ -356,7 +356,7 @@ def test_command_writes_what_simulate_reads(measured, hand, found, tmp_path, cap
         (["m.h5", "s.h5", "--quick", "-o", "t.json"], 2, "--mesh"),
     ],
 )
-def test_command_says_what_is_wrong(arguments, status, words, tmp_path, monkeypatch, capsys):
+def test_errors_of_the_command(arguments, status, words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as ended:
         main(["align", *arguments])

@@ -136,7 +136,7 @@ def test_command_writes_all(files, hand, capsys):
     assert "--force" in capsys.readouterr().err
 
 
-def test_command_says_the_unit_is_wrong_and_leaves_nothing(files, capsys):
+def test_command_reports_a_wrong_unit_and_leaves_nothing(files, capsys):
     assert run(files, "--search-deg", "15") == 1
     # A hand of 170 "metres" is refused when it is read.
     assert "mm" in capsys.readouterr().err

@@ -75,7 +75,7 @@ def test_memory_is_limited(path):
     assert "MemoryError" in refused(probes.take, path, hdf5_process.MEMORY_BYTES + 2**24)
 
 
-def test_what_comes_back_is_limited(path):
+def test_the_size_of_results_is_limited(path):
     assert len(hdf5_process.run(probes.large, path, 10**6, most_bytes=10**6)) == 10**6
     refused(probes.large, path, 10**6 + 1, most_bytes=10**6)
     refused(probes.large, path, 10**6)

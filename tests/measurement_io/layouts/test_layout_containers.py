@@ -126,7 +126,7 @@ def test_no_pickle_is_read(tmp_path: Path, toml: Path) -> None:
     assert not (tmp_path / "owned").exists()
 
 
-def test_odd_archives(tmp_path: Path, toml: Path) -> None:
+def test_unusual_archives(tmp_path: Path, toml: Path) -> None:
     good = io.BytesIO()
     np.save(good, np.zeros(3))
     for method in (zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA):

@@ -456,7 +456,7 @@ def test_forms_of_frequencies(tmp_path: Path, container: str, text: str) -> None
 
 
 @pytest.mark.parametrize("container", ["hdf5 gzip", "mat v5"])
-def test_descending_frequencies_turn_the_data(tmp_path: Path, container: str) -> None:
+def test_descending_frequencies_reverse_the_data(tmp_path: Path, container: str) -> None:
     capture = random_capture()
     f = capture.waveform.frequencies_hz[::-1]
     path = write(container, tmp_path / "c", tree_of(capture, data=capture.data[..., ::-1], f=f))
@@ -774,7 +774,7 @@ def test_a_draft_marks_its_guesses(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("channels", [94, 96])
 @pytest.mark.parametrize("pairs", [True, False])
-def test_a_draft_knows_the_instrument(tmp_path: Path, channels: int, pairs: bool) -> None:
+def test_a_draft_recognises_the_instrument(tmp_path: Path, channels: int, pairs: bool) -> None:
     data = random_capture(channels, channels, 3).data
     f = np.array([72.0, 77.0, 82.0])
     path = write("hdf5", tmp_path / "c", {"xr": data.reshape(-1, 3) if pairs else data, "fvec": f})

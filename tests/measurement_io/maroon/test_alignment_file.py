@@ -69,7 +69,7 @@ def test_the_antenna_frame_is_the_radar_space_mirrored_in_x(tmp_path):
     assert np.linalg.det(alignment.to_antenna("photogrammetry")) < 0
 
 
-def test_legs_may_be_given_by_their_inverse(tmp_path):
+def test_transforms_may_be_given_by_their_inverse(tmp_path):
     inverted = {
         "radar2photogrammetry": np.linalg.inv(PHOTO),
         "radar2kinect": np.linalg.inv(KINECT),

@@ -147,7 +147,7 @@ def test_a_radar_folder_is_named_by_a_string_too(radar):
         assert np.array_equal(getattr(read(str(radar), 0), name), expected, equal_nan=True)
 
 
-def test_older_depth_maps_are_turned_in_memory(radar, scene):
+def test_older_depth_maps_are_rotated_in_memory(radar, scene):
     expected = read_depth_map(radar, 0)
     path = radar / "depth" / "000000.png"
     path.write_bytes(made.png(made.png_pixels(path.read_bytes())[::-1]))
@@ -221,7 +221,7 @@ def test_a_missing_product_lists_the_frames_that_have_it(radar, product, scene):
 
 
 @pytest.mark.parametrize("product", ["depth", "maxproj", "volume"])
-def test_without_calibration_pixels_have_no_place(radar, product):
+def test_without_calibration_pixels_have_no_position(radar, product):
     change_entry(radar, dict.clear)
     assert "bb_min" in refused(radar, product)
     (radar / "calibration.json").write_text("{}")

@@ -144,7 +144,7 @@ def test_time_stamps(tmp_path):
     assert recording[::-3].timestamps_us == (last, first)
 
 
-def test_damaged_frames_leave_all_others_readable(tmp_path):
+def test_intact_frames_beside_damaged_ones_are_readable(tmp_path):
     radar = files.write_recording(tmp_path / "30", n_frames=6)
     data = radar / "calibrated_data"
     cut = (data / "000000.npy").read_bytes()
