@@ -59,7 +59,7 @@ def bounces(scene: clradar.Scene, device: clradar.Device) -> Iterator[dict[str, 
 @pytest.mark.benchmark(group="visibility")
 @pytest.mark.parametrize("who", WHO)
 def test_visibility(measured: Measured, visibility: dict[str, Query], who: str) -> None:
-    """94 Tx to points of a mesh: which of them does each point see?"""
+    """Visibility of 94 Tx from points of a mesh."""
     answers, timed = visibility[who]
     measured(timed)
     seen = visibility["clradar"][0]()

@@ -25,7 +25,7 @@ def main(samples_per_mm2: float = 2.0) -> None:
         ball = trimesh.creation.icosphere(subdivisions=4, radius=0.03)
         balls.append(clradar.Scene.from_mesh(ball.apply_translation(centre_m), alpha=0.0))
     scene = clradar.Scene.combine(balls)
-    # Steps need not be equal; 10 mm is a smaller share of this wavelength than of the default's.
+    # Steps need not be equal; 10 mm is a smaller fraction of this wavelength than of the default's.
     waveform = clradar.Waveform(np.linspace(24e9, 26e9, 41))
     capture = clradar.simulate(scene, cross(), waveform, samples_per_mm2=samples_per_mm2)
     grid = clradar.VoxelGrid.from_extent((-0.2, 0.2), (-0.15, 0.15), (0.35, 0.65), 5e-3)

@@ -33,7 +33,7 @@ class Alignment:
         Amplitude-weighted root mean square distance of the inliers: of images from the measured
         surface, along its normals; of a measurement from the mesh, along the line of sight.
     inlier_share : float
-        Share of the simulated amplitude whose points lie on the measured surface, or of the
+        Fraction of the simulated amplitude whose points lie on the measured surface, or of the
         measured amplitude whose points lie on the mesh, in [0, 1].
     iterations : int
         Point-to-plane steps, or rounds of simulation.

@@ -137,7 +137,7 @@ def _check_size(mesh: Scene, depth: DepthMap) -> None:
 
 
 def density_of(mesh: Scene, wanted_per_mm2: float, most_samples: int = MOST_SAMPLES) -> float:
-    """The wanted density of samples, 1/mm^2, reduced to at most `most_samples` on the mesh."""
+    """The requested density of samples, 1/mm^2, reduced to at most `most_samples` on the mesh."""
     triangles = mesh.triangles_m
     sides = triangles[:, 1:] - triangles[:, :1]
     area_mm2 = 0.5e6 * float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum())
@@ -222,7 +222,7 @@ def _assessed(image: MeshRendering, fit: MeshFit, options: SearchOptions) -> Loc
 
 
 def _image_quality(image: MeshRendering, fit: MeshFit) -> tuple[float, float, float]:
-    """Range rms of the inliers, metres, their amplitude share, and the correlation in decibels."""
+    """Range rms of the inliers, metres, fraction of inliers, and correlation in decibels."""
     image.update_visibility(fit.transform)
     power, range_m = image.render(fit.transform, fit.log_brightness)
     found = residuals(image, power, range_m)

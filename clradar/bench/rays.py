@@ -164,5 +164,5 @@ def _row(work: str, n_rays: int, times_s: np.ndarray, names: list[str], differ: 
         ours=f"{speed[0]:.1f} M rays/s",
         peer=f"the faster of: {others}",
         ratio=float(np.median(ratios)),
-        check=f"ratios {ratios.min():.1f} to {ratios.max():.1f}; {shares} of the answers differ",
+        check=f"ratios {ratios.min():.1f} to {ratios.max():.1f}; {shares} of the results differ",
     )

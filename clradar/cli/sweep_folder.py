@@ -223,7 +223,7 @@ def begin(folder: Path, settings: Mapping[str, Any], *, force: bool) -> None:
                 f"; {more} more" if more > 0 else ""
             )
             raise OutputError(
-                f"{folder}: was begun with other settings: {listed}. Repeat them to go on, choose "
+                f"{folder}: was begun with other settings: {listed}. Repeat them to resume, choose "
                 "another folder, or begin anew with --force"
             )
     elif not force and any(entry.name != LOCK for entry in folder.iterdir()):

@@ -67,7 +67,7 @@ every `CPU_LIMIT_INFLATED_BYTES` that may come back, which a small file can hold
 CPU_LIMIT_BYTES = 2**26
 CPU_LIMIT_INFLATED_BYTES = 2**28
 WALL_LIMIT_S = 3600
-"""For disks that answer slowly. What is damaged takes processor time."""
+"""Wall time, generous for slow disks; damaged files are stopped by the limit of processor time."""
 
 MEMORY_BYTES = 2**30
 """Memory that reading may take on top of twice the content."""

@@ -133,7 +133,7 @@ def block_levels(
     ----------
     tolerance : float
         Error of the image, relative to its RMS, that the tree may cause. Tx, Rx and frequency each
-        get the same share of its square, and each level the same share of that; where the levels
+        get the same part of its square, and each level the same part of that; where the levels
         together exceed it, each is given less.
     """
     k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S

@@ -53,7 +53,7 @@ class TraceStatistics(Record):
 
     @property
     def absorbed_share(self) -> float:
-        """Share of outgoing directions that were absorbed, 0 to 1."""
+        """Fraction of outgoing directions that were absorbed, 0 to 1."""
         return self.absorbed / self.outgoing if self.outgoing else 0.0
 
     def __add__(self, other: TraceStatistics) -> TraceStatistics:

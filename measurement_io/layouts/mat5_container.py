@@ -136,7 +136,7 @@ class Mat5Container(Container):
 
 
 class _Walk:
-    """One pass through one variable of the file: lists its keys, and reads the wanted one."""
+    """One pass through one variable of the file: lists its keys, and reads the requested one."""
 
     def __init__(
         self, container: Mat5Container, position: int, budget: int, wanted: _Wanted | None

@@ -40,7 +40,7 @@ MESH_DISTANCE_TOLERANCE_M = 0.05
 which objects are placed."""
 
 MASKED_SHARE = 0.5
-"""Share of the vertices of a mesh that was cut to the object that should be in the object's box."""
+"""Fraction of the vertices of a mesh cut to the object that should be in the object's box."""
 
 
 def inspect_placement(

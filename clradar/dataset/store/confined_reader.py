@@ -111,7 +111,7 @@ def _limit(path: Path, data_bytes: int) -> int:
 
 
 class _Guarded:
-    """An open shard whose datasets are looked up without leaving the file."""
+    """An open shard whose groups and datasets are opened without following links to other files."""
 
     def __init__(self, path: Path, file: Any) -> None:
         self._path, self._file = path, file
