@@ -138,25 +138,16 @@ def _finger(bones: Skeleton, finger: str) -> tuple[tuple[Cone, ...], tuple[Cone,
         ],
         [root, middle, last, tip],
     )
-    # Fat pads on the palm side between the joints' creases, and the finger's pad.
-    near_pad = _cone(
-        bones.point_m(near, 0.40, dorsal_mm=-2.6),
-        bones.point_m(near, 0.78, dorsal_mm=-2.2),
-        middle - 2.0 * k,
-        middle - 2.1 * k,
-    )
-    far_pad = _cone(
-        bones.point_m(far, 0.30, dorsal_mm=-2.2),
-        bones.point_m(far, 0.70, dorsal_mm=-1.9),
-        last - 1.0 * k,
-        last - 1.3 * k,
-    )
-    end_pad = _cone(
-        bones.point_m(end, 0.35, dorsal_mm=-1.9),
-        bones.point_m(end, 0.75, dorsal_mm=-1.7),
-        last - 1.9 * k,
-        last - 2.1 * k,
-    )
+
+    # Fat pads on the palm side between the joints' creases, and the finger's pad: fraction of the
+    # bone, offset towards its back and radius at each end.
+    def pad(bone: str, *ends: tuple[float, float, float]) -> Cone:
+        begin_m, end_m = (bones.point_m(bone, along, dorsal_mm=mm) for along, mm, _ in ends)
+        return _cone(begin_m, end_m, ends[0][2], ends[1][2])
+
+    near_pad = pad(near, (0.40, -2.6, middle - 2.0 * k), (0.78, -2.2, middle - 2.1 * k))
+    far_pad = pad(far, (0.30, -2.2, last - 1.0 * k), (0.70, -1.9, last - 1.3 * k))
+    end_pad = pad(end, (0.35, -1.9, last - 1.9 * k), (0.75, -1.7, last - 2.1 * k))
     return (strand[0], near_pad), (*strand[1:], far_pad, end_pad)
 
 

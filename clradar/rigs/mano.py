@@ -105,7 +105,14 @@ def _rig(
         np.array(MANO_JOINTS)[rows[:, 1]], weights[rows[:, 0], rows[:, 1]], shaped[rows[:, 0]],
     )  # fmt: skip
     local = np.broadcast_to(np.eye(3), (len(JOINT_NAMES), 3, 3))
-    return rig_of(str(path), joints, local, surface, side, unit, blend=_blend(fields))
+    used = np.unique(fields["f"])  # vertices without faces are dropped
+    blend = PoseBlend(
+        joints=MANO_JOINTS[1:],
+        directions=np.ascontiguousarray(fields["posedirs"][used]),
+        hands_mean=fields["hands_mean"],
+        hands_components=fields["hands_components"],
+    )
+    return rig_of(str(path), joints, local, surface, side, unit, blend=blend)
 
 
 def _pickled(path: Path, content: bytes) -> dict[str, np.ndarray]:
@@ -176,19 +183,6 @@ def _fields(path: Path, model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     fields.setdefault("hands_mean", np.zeros(_N_ANGLES))
     fields.setdefault("hands_components", np.zeros((0, _N_ANGLES)))
     return fields
-
-
-def _blend(fields: dict[str, np.ndarray]) -> PoseBlend:
-    used = np.unique(fields["f"])  # vertices without faces are dropped
-    return PoseBlend(
-        joints=MANO_JOINTS[1:],
-        directions=np.ascontiguousarray(fields["posedirs"][used]),
-        hands_mean=fields["hands_mean"],
-        hands_components=fields["hands_components"],
-    )
-
-
-# --- poses in the parameters of the model
 
 
 def _blend_of(rig: Rig) -> PoseBlend:

@@ -129,17 +129,10 @@ def _sizes(shape: Any) -> Any:
     return tuple(shape) if isinstance(shape, list) else shape
 
 
-# ---- names
-
-
 def _list(items: Any = ()) -> Any:
     if not isinstance(items, list | tuple):
         refuse("a collection of something else than a list")
     return items
-
-
-def _empty_dictionary() -> dict[Any, Any]:
-    return {}
 
 
 def _reconstructor(name: Any, _base: Any, _state: Any) -> Any:
@@ -153,31 +146,15 @@ def _no_object(*_arguments: Any) -> NoReturn:
     refuse("an object without a class of its own")
 
 
-def _ch(*_arguments: Any) -> Chumpy:
-    return Chumpy("Ch")
-
-
-def _select(*_arguments: Any) -> Chumpy:
-    return Chumpy("Select")
-
-
-def _csc(*_arguments: Any) -> Sparse:
-    return Sparse(columns=True)
-
-
-def _csr(*_arguments: Any) -> Sparse:
-    return Sparse(columns=False)
-
-
 _BUILTINS = ("__builtin__", "builtins")
 _NAMES: Makers = {
     **ARRAYS,
-    ("collections", "OrderedDict"): _empty_dictionary,
-    ("chumpy.ch", "Ch"): _ch,
-    ("chumpy", "Ch"): _ch,
-    ("chumpy.reordering", "Select"): _select,
+    ("collections", "OrderedDict"): lambda: {},
+    ("chumpy.ch", "Ch"): lambda *_: Chumpy("Ch"),
+    ("chumpy", "Ch"): lambda *_: Chumpy("Ch"),
+    ("chumpy.reordering", "Select"): lambda *_: Chumpy("Select"),
     **{(module, "object"): _no_object for module in _BUILTINS},
-    **{(module, "dict"): _empty_dictionary for module in _BUILTINS},
+    **{(module, "dict"): lambda: {} for module in _BUILTINS},
     **{
         (module, kind): _list
         for module in _BUILTINS
@@ -186,7 +163,10 @@ _NAMES: Makers = {
     **{(module, "_reconstructor"): _reconstructor for module in ("copy_reg", "copyreg")},
     **{
         (module, f"{form}_{kind}"): make
-        for form, make in (("csc", _csc), ("csr", _csr))
+        for form, make in (
+            ("csc", lambda *_: Sparse(columns=True)),
+            ("csr", lambda *_: Sparse(columns=False)),
+        )
         for module in ("scipy.sparse", f"scipy.sparse.{form}", f"scipy.sparse._{form}")
         for kind in ("matrix", "array")
     },

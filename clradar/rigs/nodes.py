@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,18 +37,15 @@ class NodeTree:
     def nearest_of(self, wanted: dict[int, int]) -> list[int | None]:
         """Return for every node the value of `wanted` for it or its nearest ancestor there."""
         found: list[int | None] = [None] * len(self.names)
-        for node in self.from_roots():
+        for node in _from_roots(self.parents):
             parent = self.parents[node]
             above = None if parent < 0 else found[parent]
             found[node] = wanted.get(node, above)
         return found
 
-    def from_roots(self) -> list[int]:
-        """Return all nodes, each after its parent."""
-        return _from_roots(self.parents)
 
-
-def _from_roots(parents: tuple[int, ...]) -> list[int]:
+def _from_roots(parents: Sequence[int]) -> list[int]:
+    """Return all nodes, each after its parent."""
     children: dict[int, list[int]] = {}
     for node, parent in enumerate(parents):
         children.setdefault(parent, []).append(node)
@@ -73,7 +71,7 @@ def node_tree(path: Path, nodes: list[Any]) -> NodeTree:
             if parents[child] >= 0:
                 fail(path, f"one parent of node {child}", f"{parents[child]} and {i}")
             parents[child] = i
-    order = _from_roots(tuple(parents))
+    order = _from_roots(parents)
     if len(order) < len(nodes):
         caught = min(set(range(len(nodes))) - set(order))
         fail(

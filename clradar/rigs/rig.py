@@ -216,17 +216,10 @@ class Rig(Record):
         vertices_m = self._skinned(rotations, places_m)
         if not np.isfinite(vertices_m).all():
             raise RigError(f"{self.label}: expected finite vertices, got NaN")
-        faces, part = self.faces, self._parts()
-        if self.handedness == "left":
-            mirror = np.array([-1.0, 1.0, 1.0])
-            vertices_m, places_m, faces = (
-                vertices_m * mirror,
-                places_m * mirror,
-                faces[:, [0, 2, 1]],
-            )
         middle_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
-        shift_m = centre_m - middle_m
-        return HandMesh(vertices_m + shift_m, faces, places_m + shift_m, part)
+        mirror = np.diag([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
+        right = HandMesh(vertices_m, self.faces, places_m, self._parts())
+        return right.moved(mirror, centre_m - mirror @ middle_m)
 
     def _skinned(self, rotations: np.ndarray, places_m: np.ndarray) -> np.ndarray:
         rows = self.influences

@@ -105,7 +105,7 @@ class Surface:
     def joined(cls, pieces: Sequence[Surface]) -> Surface:
         """Return several surfaces as one, with vertices of the same position and weights merged."""
         offsets = np.cumsum([0, *(piece.n_vertices for piece in pieces)])
-        whole = cls(
+        return cls(
             np.concatenate([p.faces + o for p, o in zip(pieces, offsets, strict=False)]),
             int(offsets[-1]),
             np.concatenate([p.vertex + o for p, o in zip(pieces, offsets, strict=False)]),
@@ -113,8 +113,7 @@ class Surface:
                 np.concatenate([getattr(p, name) for p in pieces])
                 for name in ("joint", "weight", "points")
             ),
-        )
-        return whole._welded()
+        )._welded()
 
     def _welded(self) -> Surface:
         # Files split vertices at seams of texture and colour.

@@ -132,7 +132,8 @@ def run(
 
 def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | None) -> int:
     """Make the missing samples, close each complete shard, and return how many were made."""
-    folder.close_ready_shards()
+    for number in range(folder.plan.n_shards):
+        folder.close_shard(number)
     missing = folder.missing()
     if not missing:
         return 0
@@ -153,7 +154,7 @@ def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | No
             made, failures = made + 1, 0
         open_in[sample // size] -= 1
         if not open_in[sample // size]:
-            folder.close_shard_of(sample)
+            folder.close_shard(sample // size)
         done += 1
         if progress is not None:
             progress(done, total)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
@@ -41,12 +42,7 @@ def angles_rad(record: Mapping[str, Any]) -> np.ndarray:
 
 
 def shape_record(shape: HandShape) -> dict[str, Any]:
-    return {
-        "length_m": shape.length_m,
-        "breadth_m": shape.breadth_m,
-        "finger_lengths": list(shape.finger_lengths),
-        "girth": shape.girth,
-    }
+    return {**asdict(shape), "finger_lengths": list(shape.finger_lengths)}
 
 
 def shape_of(record: Mapping[str, Any]) -> HandShape:
@@ -57,9 +53,5 @@ def shape_row(record: Mapping[str, Any] | None) -> list[float]:
     """Return a shape as numbers, in the order of `SHAPE_COLUMNS`; NaN if there is none."""
     if record is None:
         return [float("nan")] * len(SHAPE_COLUMNS)
-    return [
-        record["length_m"],
-        record["breadth_m"],
-        *record["finger_lengths"],
-        record["girth"],
-    ]
+    length_m, breadth_m, finger_lengths, girth = (record[f.name] for f in fields(HandShape))
+    return [length_m, breadth_m, *finger_lengths, girth]

@@ -80,23 +80,21 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
     except ImportError as error:
         raise MissingPackage(
             f"open_dataset: expected xarray and dask, got {error}; {INSTALL}"
-        ) from (error)
+        ) from error
     index = read_index(folder)
     shards = _Shards(index)
     with opened(index.files[0]) as file:
         coordinates = _coordinates(file)
-        names = fields_of(file)
-        labels = [name for name in LABELS if name not in NAMES]
         variables: dict[str, Any] = {}
-        for name in names:
+        for name in fields_of(file):
             spec = FIELDS[name]
             if spec.ragged:
                 variables |= shards.ragged(name, spec)
             else:
-                place = spec.place
-                variables[name] = shards.stacked(file, place, spec.axes)
-        for name in labels:
-            variables[name] = shards.stacked(file, f"entry/labels/{name}", LABELS[name].axes)
+                variables[name] = shards.stacked(file, spec.place, spec.axes)
+        for name, label in LABELS.items():
+            if name not in NAMES:
+                variables[name] = shards.stacked(file, f"entry/labels/{name}", label.axes)
     coordinates["sample"] = ("sample", shards.whole("entry/labels/sample"))
     for name in NAMES:
         texts = shards.whole(f"entry/labels/{name}")

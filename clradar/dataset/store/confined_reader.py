@@ -107,9 +107,6 @@ def _limit(path: Path, data_bytes: int) -> int:
     return data_bytes + 8 * path.stat().st_size
 
 
-# ---- in the confined process
-
-
 class _Guarded:
     """An open shard whose groups and datasets are opened without following links to other files."""
 

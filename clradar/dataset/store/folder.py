@@ -16,7 +16,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -84,10 +84,6 @@ class ShardEntry:
     size_bytes: int | None = None
 
 
-def with_size(entry: ShardEntry, path: Path) -> ShardEntry:
-    return replace(entry, size_bytes=path.stat().st_size)
-
-
 @dataclass(slots=True)
 class Manifest:
     """The content of `manifest.json`."""
@@ -103,12 +99,11 @@ class Manifest:
 
     def record(self) -> dict[str, Any]:
         """Return it as JSON."""
-        plan = plan_record(self.plan)
         return {
             "clradar_format": FORMAT,
             "clradar_version": VERSION,
             "complete": self.complete,
-            "plan": plan,
+            "plan": plan_record(self.plan),
             "made_with": dict(self.made_with),
             "shards": [_record(self.shards[number]) for number in sorted(self.shards)],
             "set_aside": [_record(self.aside[sample]) for sample in sorted(self.aside)],
@@ -169,14 +164,7 @@ def stored_path(folder: Path, manifest: Manifest, sample: int) -> Path | None:
 
 
 class DatasetFolder:
-    """A data set that is being written. Make one with `begin`.
-
-    Attributes
-    ----------
-    path : Path
-    plan : Plan
-    manifest : Manifest
-    """
+    """A data set that is being written. Make one with `begin`."""
 
     def __init__(self, path: Path, manifest: Manifest) -> None:
         self.path, self.manifest = path, manifest
@@ -206,23 +194,9 @@ class DatasetFolder:
         """Write the note that a sample is set aside."""
         write_json(self.note(aside.sample), _record(aside), force=True)
 
-    def forget_notes(self) -> None:
-        """Queue the samples again that were set aside in open shards."""
-        for path in self.own_parts():
-            if path.suffix == ".json":
-                path.unlink(missing_ok=True)
-
     def own_parts(self) -> list[Path]:
         """Return the parts, and the notes on samples set aside."""
         return [path for path in (self.path / PARTS).iterdir() if PART_NAME.fullmatch(path.name)]
-
-    def close_ready_shards(self) -> None:
-        """Close every shard whose samples are all made or set aside."""
-        for number in range(self.plan.n_shards):
-            self.close_shard(number)
-
-    def close_shard_of(self, sample: int) -> None:
-        self.close_shard(sample // self.plan.output.shard_size)
 
     def close_shard(self, number: int) -> None:
         """Close a shard if all its samples are made or set aside."""
@@ -242,8 +216,7 @@ class DatasetFolder:
         if parts:
             target = self.shard(number)
             self._assemble(target, parts)
-            size_bytes = target.stat().st_size
-            digest = sha256_of(target)
+            digest, size_bytes = sha256_of(target), target.stat().st_size
             entry = ShardEntry(number, shard_name(number), digest, len(parts), size_bytes)
         for note in notes:
             aside = Aside(**read_json_object(note))

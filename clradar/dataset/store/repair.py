@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from clradar.dataset.store.content_check import check_note, check_part
-from clradar.dataset.store.folder import SUMMARIES, DatasetFolder, ShardEntry, with_size
+from clradar.dataset.store.folder import SUMMARIES, DatasetFolder, ShardEntry
 from clradar.dataset.store.shard_reader import made_with_of, opened, row_of, sample_of
 from clradar.dataset.store.shard_writer import write_sample
 from clradar.errors import MeasurementError
@@ -37,7 +38,7 @@ def _corrupt_shards(folder: DatasetFolder) -> Iterator[str]:
         if fault is None and entry.size_bytes is None:
             if sha256_of(path) != entry.sha256:
                 fault = f"expected SHA-256 {entry.sha256}"
-            manifest.shards[number] = with_size(entry, path)
+            manifest.shards[number] = replace(entry, size_bytes=path.stat().st_size)
         if fault is None:
             continue
         _forget(folder, number)
@@ -114,4 +115,6 @@ def queue_set_aside(folder: DatasetFolder) -> None:
                             force=True,
                         )
         _reopen(folder, number)
-    folder.forget_notes()
+    for path in folder.own_parts():
+        if path.suffix == ".json":
+            path.unlink(missing_ok=True)

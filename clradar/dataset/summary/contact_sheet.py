@@ -10,7 +10,7 @@ import numpy as np
 
 from clradar.dataset.sample import Sample
 from clradar.dataset.store.fields import axes_of
-from clradar.dataset.store.folder import CONTACT_SHEET, Manifest
+from clradar.dataset.store.folder import CONTACT_SHEET, Manifest, stored_path
 from clradar.dataset.store.shard_reader import opened, row_of, sample_of
 from clradar.files.atomic import replacing
 from clradar.hand import JOINT_NAMES
@@ -57,9 +57,8 @@ def chosen(manifest: Manifest) -> list[int]:
 
 
 def _read(folder: Path, manifest: Manifest, sample: int) -> Sample:
-    entry = manifest.shards[sample // manifest.plan.output.shard_size]
-    assert entry.file is not None  # it holds the sample
-    path = folder / entry.file
+    path = stored_path(folder, manifest, sample)
+    assert path is not None  # it holds the sample
     with opened(path) as file:
         return sample_of(file, row_of(file, path, sample))
 

@@ -26,6 +26,8 @@ from clradar.files.json_file import write_json
 IMPAIRMENTS = {"snr_db": "dB", "coupling_db": "dB", "iq_gain_db": "dB", "iq_phase_rad": "rad"}
 """Impairments that may be drawn for each sample, and their units."""
 
+COLUMNS = ("count", "min", "mean", "std", "max")
+
 BLOCK = 16
 """Samples in memory at a time."""
 
@@ -57,15 +59,12 @@ class Spread:
         self.greatest = max(self.greatest, float(known.max()))
 
     def record(self) -> dict[str, Any]:
-        if not self.count:
-            return {"count": 0, "min": None, "mean": None, "std": None, "max": None}
-        return {
-            "count": self.count,
-            "min": self.least,
-            "mean": self.mean,
-            "std": float(np.sqrt(self.squares / self.count)),
-            "max": self.greatest,
-        }
+        """Return the numbers by `COLUMNS`, None where there are no values."""
+        values: tuple[float | None, ...] = (None,) * 4
+        if self.count:
+            deviation = float(np.sqrt(self.squares / self.count))
+            values = (self.least, self.mean, deviation, self.greatest)
+        return dict(zip(COLUMNS, (self.count, *values), strict=True))
 
 
 @dataclass(slots=True)
@@ -112,7 +111,7 @@ class Summary:
         """Return the quantities as CSV."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["quantity", "unit", "count", "min", "mean", "std", "max"])
+        writer.writerow(["quantity", "unit", *COLUMNS])
         for name, spread in self.spreads.items():
             record = spread.record()
             writer.writerow([name, self.units[name], *record.values()])
