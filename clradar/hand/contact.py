@@ -26,14 +26,9 @@ _WEB = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Overlap:
-    """Penetration depth of two parts of a hand.
+    """Penetration depth of two parts of a hand, metres, by their names in `PART_NAMES`.
 
-    Parameters
-    ----------
-    parts : tuple of two str
-        Names of `PART_NAMES`.
-    depth_m : float, metres
-        Distance to move one out of the other; negative: the gap between them.
+    It is the distance to move one out of the other; negative, the gap between them.
     """
 
     parts: tuple[str, str]
@@ -45,11 +40,6 @@ def overlaps(pose: HandPose, shape: HandShape = AVERAGE) -> tuple[Overlap, ...]:
 
     Anatomically joined parts do not count: the roots of neighbouring fingers, where the webs are,
     and the first phalanges with the palm.
-
-    Parameters
-    ----------
-    pose : HandPose
-    shape : HandShape
     """
     flesh = grown_flesh(posed_skeleton(pose, shape))
     webs, rests, ends = _digit_spheres(flesh)

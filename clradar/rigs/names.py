@@ -30,15 +30,7 @@ _SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 
 @dataclass(frozen=True, slots=True)
 class FoundJoints:
-    """A hand's joints among the nodes.
-
-    Attributes
-    ----------
-    nodes : dict of int to int
-        Joint -> node.
-    side : "left", "right" or None
-        By the names.
-    """
+    """A hand's joints among the nodes, and its side, "left" or "right", if the names tell it."""
 
     nodes: Mapped
     side: str | None
@@ -56,14 +48,8 @@ def hands_by_name(path: Path, tree: NodeTree, skin: set[int]) -> list[FoundJoint
     Numbers, case and separators do not count: ``Index-Finger_Tip.R`` and ``b_r_index_finger_tip``
     are `index-finger-tip` of two hands.
 
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    tree : NodeTree
-    skin : set of int
-        Joints of skins. Other nodes count where none of these has the name: a tip often has no
-        vertices.
+    `skin` are the joints of skins. Other nodes count where none of these has the name: a tip often
+    has no vertices.
 
     Raises
     ------
@@ -116,17 +102,9 @@ def _only(path: Path, tree: NodeTree, joint: int, found: list[int]) -> int:
 def hand_by_mapping(
     path: Path, tree: NodeTree, mapping: Mapping[str, str | int], source: str
 ) -> FoundJoints:
-    """Return the joints that a mapping names.
+    """Return the joints of a mapping from WebXR names to names of nodes, or their numbers.
 
-    Parameters
-    ----------
-    path : Path
-        The rig, for messages.
-    tree : NodeTree
-    mapping : mapping of str to (str or int)
-        WebXR name -> name of a node, or its number.
-    source : str
-        Name of the mapping in messages.
+    `path` is the rig and `source` the mapping in messages.
     """
     nodes: Mapped = {}
     with reading(path, "a mapping of joints"):

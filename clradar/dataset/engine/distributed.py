@@ -27,7 +27,7 @@ from clradar.dataset.engine.cluster import DEVICE
 from clradar.dataset.engine.serial import ATTEMPTS, Outcome, PartMaker, made_with, reason_of
 from clradar.dataset.store.folder import Aside
 from clradar.errors import ClusterError, OutputError
-from clradar.files.atomic import replacing
+from clradar.files.atomic import write_file
 from clradar.files.failures import shown
 from clradar.files.json_differences import differences
 from clradar.opencl import open_device
@@ -322,8 +322,7 @@ def _contract(make: PartMaker, made_with: Mapping[str, Any]) -> Iterator[Contrac
     token_file = make.folder / f".visible.{token}.tmp"
     names = [name for rig in make.plan.hands.rigs for name in (rig.file, rig.mapping)]
     files = [str(make.plan.folder / name) for name in names if name is not None]
-    with replacing(token_file) as temporary:
-        temporary.write_text(token, encoding="ascii")
+    write_file(token_file, token.encode("ascii"))
     try:
         yield Contract(json.dumps(made_with), make.device, token_file, token, tuple(files))
     finally:

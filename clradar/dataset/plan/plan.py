@@ -104,14 +104,7 @@ class Placement:
 
 @dataclass(frozen=True, slots=True)
 class Alpha:
-    """Roughness of a hand, by part.
-
-    Attributes
-    ----------
-    parts : mapping of str to Draw
-    others : Draw
-        One value for all parts that `parts` does not have.
-    """
+    """Roughness of a hand, by part; `others` is one value for all parts without their own."""
 
     parts: Mapping[str, Draw]
     others: Draw
@@ -171,14 +164,7 @@ class Impairments:
 
 @dataclass(frozen=True, slots=True)
 class Radar:
-    """The table [radar].
-
-    Attributes
-    ----------
-    array : "qar50"
-    every : int
-        Use every n-th transmitter and receiver: 1 is all of them.
-    """
+    """The table [radar]: the array "qar50", or every n-th of its transmitters and receivers."""
 
     array: str
     every: int
@@ -203,17 +189,7 @@ class Image:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """The table [output].
-
-    Attributes
-    ----------
-    products : tuple of str
-        Of `PRODUCTS`, in that order.
-    shard_size : int
-        Consecutive samples per file.
-    compression : int
-        Level of gzip, 0 to 9.
-    """
+    """The table [output]: `PRODUCTS` to store, samples per shard, and level of gzip, 0 to 9."""
 
     products: tuple[str, ...]
     shard_size: int

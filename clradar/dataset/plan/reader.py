@@ -54,13 +54,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
 def plan_from(parsed: Mapping[str, Any], source: str, folder: Path) -> Plan:
     """Return the plan of a mapping from TOML or JSON.
 
-    Parameters
-    ----------
-    parsed : mapping
-    source : str
-        Name of the file, for messages.
-    folder : Path
-        Names of files are relative to it.
+    `source` is the name of its file, for messages; names of other files are relative to `folder`.
     """
     mistakes: list[str] = []
     top = PlanTable(source, "", dict(parsed), mistakes)

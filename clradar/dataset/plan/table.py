@@ -42,15 +42,7 @@ class PlanError(MeasurementError):
 
 
 class PlanTable(Table):
-    """One table of a plan.
-
-    Parameters
-    ----------
-    source, name, content
-        As for `Table`.
-    mistakes : list of str
-        Shared by all tables of a plan.
-    """
+    """One table of a plan; `mistakes` is shared by all of them."""
 
     def __init__(self, source: str, name: str, content: Any, mistakes: list[str]) -> None:
         self._mistakes = mistakes

@@ -14,17 +14,7 @@ from clradar.files.failures import fail
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """The closed shards of a data set.
-
-    Attributes
-    ----------
-    folder : Path
-    manifest : Manifest
-    files : tuple of Path
-    sha256 : tuple of str
-    counts : tuple of int
-        Samples in each file.
-    """
+    """The files of the closed shards of a data set, their SHA-256, and the samples in each."""
 
     folder: Path
     manifest: Manifest

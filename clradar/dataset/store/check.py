@@ -95,15 +95,7 @@ def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport
     recipes; types and shapes; and that numbers are finite, except depth maps, where NaN is no
     depth, and joints that a rig does not have.
 
-    Parameters
-    ----------
-    folder : Path
-    progress : callable, optional
-        Called with (done, total) shards.
-
-    Returns
-    -------
-    CheckReport
+    `progress` is called with (done, total) shards.
     """
     checked: list[str] = []
     problems: list[str] = []

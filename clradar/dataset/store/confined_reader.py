@@ -57,12 +57,7 @@ class ArrayContents:
 class ShardContents:
     """A shard or part without the numbers of its arrays, all of which have been read.
 
-    Attributes
-    ----------
-    labels : dict of str to ndarray
-        `LABELS` and the numbers of the samples, "sample".
-    axes : dict of str to ndarray
-    arrays : dict of str to ArrayContents
+    `labels` are `LABELS` and the numbers of the samples, "sample".
     """
 
     labels: dict[str, np.ndarray]
@@ -73,11 +68,8 @@ class ShardContents:
 def read_contents(path: Path, data_bytes: int) -> ShardContents:
     """Read all of a shard or part, which verifies its checksums.
 
-    Parameters
-    ----------
-    path : Path
-    data_bytes : int
-        Expected size of its arrays; more of it is allowed more processor time and memory.
+    `data_bytes` is the expected size of its arrays: the more, the more processor time and memory
+    the confined process may use.
 
     Raises
     ------

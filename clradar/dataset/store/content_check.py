@@ -45,14 +45,7 @@ def check_part(path: Path, plan: Plan, sample: int) -> None:
 def content_problems(path: Path, name: str, plan: Plan, samples: list[int]) -> Iterator[str]:
     """Read all of a shard or part in a confined process, and yield what differs from the plan.
 
-    Parameters
-    ----------
-    path : Path
-    name : str
-        Name of the file in problems.
-    plan : Plan
-    samples : list of int
-        Expected samples, in order.
+    The file is called `name` in problems; `samples` are the expected ones, in order.
 
     Raises
     ------

@@ -46,15 +46,7 @@ SHARD_NAME, PART_NAME = re.compile(r"shard-\d{5,}\.h5"), re.compile(r"\d{8,}\.(h
 
 @dataclass(frozen=True, slots=True)
 class Aside:
-    """A sample that was set aside, since it could not be made.
-
-    Attributes
-    ----------
-    sample : int
-    reason : str
-        On one line.
-    attempts : int
-    """
+    """A sample that was set aside, since no attempt made it, and the reason on one line."""
 
     sample: int
     reason: str
@@ -63,18 +55,10 @@ class Aside:
 
 @dataclass(frozen=True, slots=True)
 class ShardEntry:
-    """A closed shard.
+    """A closed shard: its number, its file, and how many samples are stored in it.
 
-    Attributes
-    ----------
-    number : int
-    file : str or None
-        Relative to the folder; None if all its samples were set aside.
-    sha256 : str or None
-    samples : int
-        Number of stored samples.
-    size_bytes : int or None
-        Of the file; None if there is none, and in older manifests.
+    The file is relative to the folder; it is None, and so are its SHA-256 and its size, if all
+    samples were set aside. Older manifests have no size.
     """
 
     number: int
@@ -262,14 +246,8 @@ def begin(
 ) -> Iterator[DatasetFolder]:
     """Create a data set, or resume the one in the folder, under a lock.
 
-    Parameters
-    ----------
-    path : Path
-    plan : Plan
-    made_with : mapping
-        Versions and device, for the manifest of a new data set.
-    force : bool
-        Remove the data set that is in the folder, of this plan or another; other files in it stay.
+    `made_with` are versions and device, for the manifest of a new data set. `force` removes the
+    data set that is in the folder, of this plan or another; other files in it stay.
 
     Raises
     ------

@@ -19,7 +19,8 @@ import numpy as np
 
 from clradar.dataset.sample import Sample
 from clradar.dataset.store.fields import FIELDS, FORMAT, LABELS, VERSION, Field, axes_of, labels_of
-from clradar.files.atomic import replacing
+from clradar.dataset.store.shard_reader import fields_of
+from clradar.files.atomic import replacing, write_file
 
 CHUNK_BYTES = 2**20
 SMALL_BYTES = 2**16
@@ -32,18 +33,9 @@ RAGGED_ROWS = 2**14
 def write_sample(
     path: Path, sample: Sample, made_with: Mapping[str, Any], *, compression: int, force: bool
 ) -> None:
-    """Write one sample, whole or not at all.
+    """Write one sample with its versions and device, JSON values, whole or not at all.
 
-    Parameters
-    ----------
-    path : Path
-    sample : Sample
-    made_with : mapping
-        Versions and device; JSON values.
-    compression : int
-        Level of gzip.
-    force : bool
-        Replace an existing file.
+    `compression` is the level of gzip; with `force` an existing file is replaced.
     """
     import h5py
 
@@ -52,8 +44,7 @@ def write_sample(
         _fill(file, [dict(sample.recipe)], [_text(made_with)], compression, sample.arrays, [])
         file.flush()
         content = file.id.get_file_image()
-    with replacing(path, force=force) as temporary:
-        temporary.write_bytes(content)
+    write_file(path, content, force=force)
 
 
 def assemble(path: Path, parts: Sequence[Path], *, compression: int) -> None:
@@ -88,7 +79,7 @@ def _fill(
 ) -> None:
     """Write a shard of the samples of the open parts `files`, or of one sample's `arrays`."""
     axes = axes_of(recipes[0])
-    names = [name for name in FIELDS if name in arrays or (files and _holds(files[0], name))]
+    names = fields_of(files[0]) if files else [name for name in FIELDS if name in arrays]
     file.attrs["NX_class"] = "NXroot"
     file.attrs["default"] = "entry"
     file.attrs["clradar_format"] = FORMAT
@@ -109,10 +100,6 @@ def _fill(
             store.copied(group, spec, [f[spec.place] for f in files])
         else:
             store.array(group, spec.dataset, arrays[name][None], spec.units, spec.long_name)
-
-
-def _holds(file: Any, name: str) -> bool:
-    return FIELDS[name].place in file
 
 
 def _text(value: Mapping[str, Any]) -> str:

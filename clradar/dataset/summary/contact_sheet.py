@@ -12,7 +12,7 @@ from clradar.dataset.sample import Sample
 from clradar.dataset.store.fields import axes_of
 from clradar.dataset.store.folder import CONTACT_SHEET, Manifest, stored_path
 from clradar.dataset.store.shard_reader import opened, row_of, sample_of
-from clradar.files.atomic import replacing
+from clradar.files.atomic import write_file
 from clradar.hand import JOINT_NAMES
 from clradar.plot import AMPLITUDE_BACKGROUND, png_bytes
 
@@ -38,9 +38,7 @@ def write_contact_sheet(folder: Path, manifest: Manifest) -> None:
     """Write the contact sheet of a data set, unless it has no samples."""
     samples = [_read(folder, manifest, number) for number in chosen(manifest)]
     if samples:
-        content = png_bytes(contact_sheet(samples), dpi=DPI)
-        with replacing(folder / CONTACT_SHEET, force=True) as temporary:
-            temporary.write_bytes(content)
+        write_file(folder / CONTACT_SHEET, png_bytes(contact_sheet(samples), dpi=DPI), force=True)
 
 
 def chosen(manifest: Manifest) -> list[int]:

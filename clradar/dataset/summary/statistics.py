@@ -20,7 +20,7 @@ import numpy as np
 from clradar.dataset.store.fields import FIELDS, LABELS
 from clradar.dataset.store.folder import STATISTICS, TABLE, Manifest
 from clradar.dataset.store.shard_reader import fields_of, opened
-from clradar.files.atomic import replacing
+from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
 
 IMPAIRMENTS = {"snr_db": "dB", "coupling_db": "dB", "iq_gain_db": "dB", "iq_phase_rad": "rad"}
@@ -136,8 +136,7 @@ def write_summary(folder: Path, manifest: Manifest) -> None:
     """Write the statistics into the data set's folder."""
     summary = summarize(folder, manifest)
     write_json(folder / STATISTICS, summary.record(), force=True)
-    with replacing(folder / TABLE, force=True) as temporary:
-        temporary.write_text(summary.table(), encoding="utf-8")
+    write_file(folder / TABLE, summary.table().encode("utf-8"), force=True)
 
 
 def _add_shard(summary: Summary, file: Any) -> None:
