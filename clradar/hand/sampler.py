@@ -78,7 +78,17 @@ def _mixed(shared: float, own: float, correlation: float) -> float:
 
 
 def _drawn(rng: np.random.Generator) -> HandPose:
-    angles_deg: dict[str, tuple[float, float, float]] = {}
+    joints: dict[str, JointAngles] = {}
+
+    def bend(
+        joint: str, flexion_deg: float, abduction_deg: float = 0.0, twist_deg: float = 0.0
+    ) -> None:
+        limits = LIMITS_DEG[joint].values()
+        wanted_deg = (flexion_deg, abduction_deg, twist_deg)
+        joints[joint] = JointAngles.from_degrees(
+            *(float(np.clip(a, *limit)) for a, limit in zip(wanted_deg, limits, strict=True))
+        )
+
     middle = rng.standard_normal()
     for i, finger in enumerate(FINGERS):
         if i > 0:
@@ -90,42 +100,24 @@ def _drawn(rng: np.random.Generator) -> HandPose:
         free = float(np.cos(np.deg2rad(max(knuckle_deg, 0.0))))
         spread_deg = (mean_deg + sigma_deg * rng.standard_normal()) * free
         bone = f"{finger}-finger"
-        angles_deg[f"{bone}-metacarpal"] = (
-            _HOLLOW_DEG.get(finger, 0.0) * max(knuckle_deg, 0.0) / _KNUCKLE_DEG[1],
-            0.0,
-            0.0,
-        )
-        angles_deg[f"{bone}-phalanx-proximal"] = (
-            knuckle_deg,
-            spread_deg,
-            _TWIST_SIGMA_DEG * rng.standard_normal(),
-        )
-        angles_deg[f"{bone}-phalanx-intermediate"] = (middle_deg, 0.0, 0.0)
-        angles_deg[f"{bone}-phalanx-distal"] = (last_deg, 0.0, 0.0)
+        hollow_deg = _HOLLOW_DEG.get(finger, 0.0) * max(knuckle_deg, 0.0) / _KNUCKLE_DEG[1]
+        twist_deg = _TWIST_SIGMA_DEG * rng.standard_normal()
+        bend(f"{bone}-metacarpal", hollow_deg)
+        bend(f"{bone}-phalanx-proximal", knuckle_deg, spread_deg, twist_deg)
+        bend(f"{bone}-phalanx-intermediate", middle_deg)
+        bend(f"{bone}-phalanx-distal", last_deg)
     across, front, bent = rng.standard_normal(), rng.standard_normal(), rng.standard_normal()
-    angles_deg["thumb-metacarpal"] = (
+    bend(
+        "thumb-metacarpal",
         _between(_THUMB_FLEXION_DEG, across),
         _between(_THUMB_ABDUCTION_DEG, front),
         # From beside the hand to opposite the fingers.
         _between((-25.0, 75.0), 0.5 * (across + front))
         + _THUMB_TWIST_SIGMA_DEG * rng.standard_normal(),
     )
-    angles_deg["thumb-phalanx-proximal"] = (_between(_THUMB_KNUCKLE_DEG, bent), 0.0, 0.0)
-    angles_deg["thumb-phalanx-distal"] = (
-        _between(_THUMB_LAST_DEG, _mixed(bent, rng.standard_normal(), _KNUCKLE)),
-        0.0,
-        0.0,
-    )
-    wrist = [
-        sigma_deg * float(np.clip(rng.standard_normal(), -2.0, 2.0))
-        for sigma_deg in _WRIST_SIGMA_DEG
-    ]
-    angles_deg["wrist"] = (wrist[0], wrist[1], wrist[2])
-    return HandPose("random", {name: _limited(name, a) for name, a in angles_deg.items()})
-
-
-def _limited(joint: str, angles_deg: tuple[float, float, float]) -> JointAngles:
-    limits = LIMITS_DEG[joint].values()
-    return JointAngles.from_degrees(
-        *(float(np.clip(a, *limit)) for a, limit in zip(angles_deg, limits, strict=True))
-    )
+    bend("thumb-phalanx-proximal", _between(_THUMB_KNUCKLE_DEG, bent))
+    last = _mixed(bent, rng.standard_normal(), _KNUCKLE)
+    bend("thumb-phalanx-distal", _between(_THUMB_LAST_DEG, last))
+    deviates = np.clip(rng.standard_normal(3), -2.0, 2.0).tolist()
+    bend("wrist", *(s * deviate for s, deviate in zip(_WRIST_SIGMA_DEG, deviates, strict=True)))
+    return HandPose("random", joints)

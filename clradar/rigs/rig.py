@@ -46,13 +46,10 @@ class Influences(Record):
     point_m: np.ndarray
 
     def __post_init__(self) -> None:
-        for name, dtype, shape in (
-            ("vertex", np.int64, (None,)),
-            ("joint", np.int64, (None,)),
-            ("weight", np.float64, (None,)),
-            ("point_m", np.float64, (None, 3)),
-        ):
-            self._set_array(name, dtype, shape)
+        self._set_array("vertex", np.int64, (None,))
+        self._set_array("joint", np.int64, (None,))
+        self._set_array("weight", np.float64, (None,))
+        self._set_array("point_m", np.float64, (None, 3))
 
     def summed(self, values: np.ndarray, n_vertices: int) -> np.ndarray:
         """Return the sums (n_vertices, k) of the rows (N, k) of every vertex."""

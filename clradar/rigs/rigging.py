@@ -128,11 +128,7 @@ class Surface:
         number = np.argsort(order)[number.reshape(-1)]
         first = first[order]
         faces = number[self.faces]
-        whole = (
-            (faces[:, 0] != faces[:, 1])
-            & (faces[:, 1] != faces[:, 2])
-            & (faces[:, 2] != faces[:, 0])
-        )
+        whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
         rows = np.flatnonzero(np.isin(self.vertex, first))
         return Surface(
             faces[whole], len(first), number[self.vertex[rows]],

@@ -95,13 +95,7 @@ class Engine(Protocol):
 
 
 class Serial:
-    """Makes the samples sequentially in this process.
-
-    Parameters
-    ----------
-    device : str or None
-        See `clradar.open_device`.
-    """
+    """Makes the samples sequentially in this process on a device; see `clradar.open_device`."""
 
     def __init__(self, device: str | None = None) -> None:
         self.device = device

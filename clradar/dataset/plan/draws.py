@@ -57,19 +57,10 @@ def fixed(value: float) -> Draw:
 
 
 def stream(seed: int, index: int, quantity: str) -> np.random.Generator:
-    """Return the random numbers of one quantity of one sample.
+    """Return the random numbers of one quantity, such as "placement.x_mm", of one sample.
 
-    They depend on the three arguments alone, not on other quantities of the plan, nor on the number
-    of samples or the order in which they are made.
-
-    Parameters
-    ----------
-    seed : int
-        The plan's.
-    index : int
-        The sample's.
-    quantity : str
-        Name of the quantity, such as "placement.x_mm".
+    They depend on the plan's seed, the sample's index and the quantity's name alone, not on other
+    quantities of the plan, nor on the number of samples or the order in which they are made.
 
     Notes
     -----

@@ -15,17 +15,12 @@ from clradar.files.hashing import sha256_of
 
 
 def queue_corrupt(folder: DatasetFolder) -> list[str]:
-    """Queue the samples again whose files are missing or corrupt.
+    """Queue the samples again whose files are missing or corrupt, and return a line per file.
 
     The shards of the manifest are compared by size; those of a manifest without sizes are hashed
     once. Parts and notes are read whole: they belong to a few shards at most.
-
-    Returns
-    -------
-    list of str
-        One line per file whose samples are queued.
     """
-    return list(_corrupt_shards(folder)) + list(_corrupt_parts(folder))
+    return [*_corrupt_shards(folder), *_corrupt_parts(folder)]
 
 
 def _corrupt_shards(folder: DatasetFolder) -> Iterator[str]:
