@@ -32,18 +32,9 @@ _HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_tex
 
 
 class GltfFile:
-    """A parsed glTF file with its buffers.
+    """A parsed glTF file, GLB or JSON, with its buffers, which may be in files beside it.
 
-    Parameters
-    ----------
-    path : Path
-        For messages, and for buffers in files beside it.
-    content : bytes
-        The file's content, GLB or JSON.
-
-    Attributes
-    ----------
-    document : pygltflib.GLTF2
+    Its `document` is a `pygltflib.GLTF2`.
 
     Raises
     ------
@@ -97,12 +88,7 @@ class GltfFile:
     def array(self, what: str, accessor: Any) -> np.ndarray:
         """Return the numbers (count, n) of an accessor of the file, normalised if it is flagged.
 
-        Parameters
-        ----------
-        what : str
-            What the array is, for messages.
-        accessor : int
-            Its index; checked here.
+        The accessor is given by its index, which is checked; `what` names the array in messages.
         """
         with reading(self.path, what):
             listed = self.document.accessors

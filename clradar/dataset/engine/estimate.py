@@ -19,21 +19,9 @@ from clradar.opencl import open_device
 class Estimate:
     """Cost of one sample, and of all.
 
-    Attributes
-    ----------
-    samples : int
-    device : str
-    first_s : float
-        The first sample of a process, with kernels built.
-    sample_s : float
-        A sample after the first, written.
-    sample_bytes : int
-        In a shard.
-    shard_bytes : int
-        Overhead of a shard.
-    part_bytes : int
-        Of its part, until its shard is closed.
-    shard_size : int
+    The first sample of a process, with kernels built, takes `first_s`, a later one `sample_s`, with
+    writing. A sample needs `sample_bytes` of a shard, which adds `shard_bytes` of its own; its part
+    needs `part_bytes` until its shard is closed.
     """
 
     samples: int

@@ -29,13 +29,8 @@ ATTEMPTS = 2
 class PartMaker:
     """A picklable function that makes one sample and writes its part.
 
-    Attributes
-    ----------
-    folder : Path
-        Of the data set; all processes that make parts need it under this name.
-    plan : Plan
-    device : str or None
-        See `clradar.open_device`; opened where the part is made.
+    All processes that make parts need the data set's `folder` under this name. The device (see
+    `clradar.open_device`) is opened where the part is made.
     """
 
     folder: Path

@@ -37,14 +37,8 @@ BLOCK_BYTES = 2**28
 class ArrayContents:
     """An array of `FIELDS` as it is stored.
 
-    Attributes
-    ----------
-    dtype : str
-    shape : list of int
-    first : ndarray or None
-        Row at which each sample of a ragged array begins, and the end.
-    invalid : list of int
-        Rows with numbers that are not finite; of depth maps, whose NaN is no depth, infinite.
+    `first` is the row at which each sample of a ragged array begins, and the end. `invalid` are the
+    rows with numbers that are not finite; of depth maps, whose NaN is no depth, infinite ones.
     """
 
     dtype: str
