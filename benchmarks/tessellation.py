@@ -39,7 +39,7 @@ def image(pose: str, edge_length_m: float, alpha: float, seed: int) -> tuple[np.
 def images(pose: str, edge_length_m: float, alpha: float) -> tuple[list[np.ndarray], int]:
     """Return the images of both seeds, and the number of faces."""
     made = [image(pose, edge_length_m, alpha, seed) for seed in SEEDS]
-    return [picture for picture, _ in made], made[0][1]
+    return [image for image, _ in made], made[0][1]
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> float:

@@ -222,7 +222,7 @@ def _assessed(image: MeshRendering, fit: MeshFit, options: SearchOptions) -> Loc
 
 
 def _image_quality(image: MeshRendering, fit: MeshFit) -> tuple[float, float, float]:
-    """Range rms of the inliers, metres, fraction of inliers, and correlation in decibels."""
+    """Range rms of inliers, metres, their fraction by amplitude, correlation in decibels."""
     image.update_visibility(fit.transform)
     power, range_m = image.render(fit.transform, fit.log_brightness)
     found = residuals(image, power, range_m)

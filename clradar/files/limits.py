@@ -108,4 +108,4 @@ MAX_MESH_BYTES = 2**27
 """A mesh of a recording: some two million faces."""
 
 MAX_RIG_BYTES = 2**29
-"""A hand of a million vertices needs a tenth of it; scans carry large pictures, too."""
+"""A hand of a million vertices needs a tenth of it; scans carry large textures, too."""

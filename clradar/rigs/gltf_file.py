@@ -152,7 +152,7 @@ class GltfFile:
 
 
 def _parsed(path: Path, content: bytes) -> Any:
-    """Return the document; pygltflib warns of what it cannot make sense of, which is refused."""
+    """Return the document; pygltflib warns of content that it cannot parse, which is refused."""
     from pygltflib import GLTF2
 
     with warnings.catch_warnings():

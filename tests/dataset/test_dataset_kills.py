@@ -1,4 +1,4 @@
-"""Data sets whose making is killed at random moments, again and again. All slow."""
+"""Runs of data sets that are killed at random moments and resumed. All slow."""
 
 from __future__ import annotations
 

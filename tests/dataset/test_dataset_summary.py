@@ -63,9 +63,9 @@ def test_statistics_are_those_of_the_samples(made: Path) -> None:
 def test_there_is_a_contact_sheet(made: Path) -> None:
     from PIL import Image
 
-    with Image.open(made / CONTACT_SHEET) as picture:
-        width, height = picture.size
-        colours = len(np.unique(np.asarray(picture).reshape(-1, 4), axis=0))
+    with Image.open(made / CONTACT_SHEET) as sheet:
+        width, height = sheet.size
+        colours = len(np.unique(np.asarray(sheet).reshape(-1, 4), axis=0))
     assert width > 2.5 * height  # five in a row
     assert colours > 100
 

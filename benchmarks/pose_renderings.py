@@ -1,6 +1,6 @@
 """Draw every packaged pose from the radar's side and from a slant: docs/images/poses.png.
 
-python benchmarks/pose_pictures.py -o docs/images/poses.png
+python benchmarks/pose_renderings.py -o docs/images/poses.png
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SKIN = np.array([[0.93, 0.80, 0.72], [0.95, 0.60, 0.55], [0.60, 0.80, 0.95],
                  [0.65, 0.90, 0.65], [0.95, 0.88, 0.55], [0.82, 0.70, 0.95]])  # fmt: skip
 
 
-def turn(axis: int, angle_deg: float) -> np.ndarray:
+def rotation(axis: int, angle_deg: float) -> np.ndarray:
     """Return the rotation matrix (3, 3) about a coordinate axis."""
     c, s = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
     after, last = (axis + 1) % 3, (axis + 2) % 3
@@ -35,11 +35,11 @@ def turn(axis: int, angle_deg: float) -> np.ndarray:
     return matrix
 
 
-VIEWS = (np.eye(3), turn(0, -15.0) @ turn(1, 50.0))
+VIEWS = (np.eye(3), rotation(0, -15.0) @ rotation(1, 50.0))
 
 
-def picture(mesh: HandMesh, view: np.ndarray) -> np.ndarray:
-    """Return a shaded picture (TILE_PIXELS, TILE_PIXELS, 3), uint8, seen along +z, +x to the left.
+def rendering(mesh: HandMesh, view: np.ndarray) -> np.ndarray:
+    """Return a shaded rendering (TILE_PIXELS, TILE_PIXELS, 3), uint8, along +z, +x to the left.
 
     Faces are filled with points, of which each pixel shows the nearest.
     """
@@ -64,7 +64,7 @@ def picture(mesh: HandMesh, view: np.ndarray) -> np.ndarray:
 def tile(name: str) -> np.ndarray:
     """Return all views of a pose beside each other, with its name."""
     mesh = hand_mesh(name, EDGE_M)
-    image = Image.fromarray(np.concatenate([picture(mesh, view) for view in VIEWS], axis=1))
+    image = Image.fromarray(np.concatenate([rendering(mesh, view) for view in VIEWS], axis=1))
     ImageDraw.Draw(image).text((4, 4), name, fill=(0, 0, 0))
     return np.array(image)
 
