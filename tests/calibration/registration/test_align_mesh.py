@@ -62,7 +62,7 @@ def measured(hand) -> clradar.Volume:
 
 @pytest.fixture(scope="module")
 def found(measured, hand) -> Alignment:
-    return align_mesh(measured, hand, **RADAR, correct_bias=False, search_deg=30.0)
+    return align_mesh(measured, hand, **RADAR, correct_bias=False, search_deg=15.0)
 
 
 def errors(transform, truth=TRUTH):
@@ -332,7 +332,7 @@ def test_command_writes_what_simulate_reads(measured, hand, found, tmp_path, cap
     output = tmp_path / "transform.json"
     with pytest.raises(SystemExit) as ended:
         main(["align", str(tmp_path / "measured.h5"), "--mesh", str(tmp_path / "hand.ply"),
-              "--unit", "mm", "--quick", "--search-deg", "15", "--device", "pocl",
+              "--unit", "mm", "--quick", "--search-deg", "5", "--device", "pocl",
               "-o", str(output)])  # fmt: skip
     assert ended.value.code == 0, capsys.readouterr().err
     # The mesh file has float32 millimetres, 1e-5 of them off: the fit's tolerance is more.
