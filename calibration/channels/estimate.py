@@ -294,7 +294,7 @@ def _quality(
         raise CalibrationError(
             f"estimate_channels: the {kind} does not explain the capture: {100 * share:.0f} % of "
             f"the pairs have another echo, and at most {100 * MAX_OUTLYING:.0f} % may. Another "
-            "target, or another place"
+            "target, or another position"
         )
     good &= ~outlying
     echoes = float(np.square(np.abs(pairs.mean[good])).sum())
@@ -307,7 +307,7 @@ def _quality(
         raise CalibrationError(
             f"estimate_channels: the {kind} does not explain the capture: {excess_db:.1f} dB of "
             f"the echoes' energy is left, and at most {max_residual_db:g} dB may be. Another "
-            "target, another place, or other echoes beside it (gate_m)"
+            "target, another position, or other echoes beside it (gate_m)"
         )
     return _Quality(noise, noisy, share, residual_db, noise_residual_db)
 

@@ -303,7 +303,7 @@ def fit_channels(
     else:
         raise CalibrationError(
             f"estimate_channels: expected a fit that settles within {max_iterations} steps, got "
-            f"one that still moves: another target than the {target.kind}, or another place"
+            f"one that still moves: another target than the {target.kind}, or another position"
         )
     echo = target.echo(array)
     covariance = np.zeros((nominal.size, nominal.size))
@@ -365,7 +365,7 @@ def _weights(samples: Samples, pairs: Pairs, noise: np.ndarray, seen: np.ndarray
     """Information of each pair about its phase, 1/rad^2, with Tukey's weight against outliers."""
     square = np.abs(pairs.mean - pairs.model) ** 2 * samples.count / noise
     # The squared magnitude of complex noise has the median ln 2. A larger one is model error: other
-    # echoes, or a target that is not yet in its place.
+    # echoes, or a target whose position is not yet refined.
     excess = max(1.0, float(np.median(square[seen])) / np.log(2.0))
     # Never 0: a channel all of whose pairs are outliers still needs a solution.
     tukey = np.maximum(np.maximum(1.0 - square / excess / TUKEY_CUTOFF**2, 0.0) ** 2, LEAST_WEIGHT)
@@ -531,7 +531,7 @@ def _check_explained(pairs: Pairs, seen: np.ndarray, target: Target) -> None:
     if not left <= np.square(np.abs(pairs.mean[seen])).sum():
         raise CalibrationError(
             f"estimate_channels: the {target.kind} does not explain the capture: subtracting its "
-            "echoes leaves more than there was. Another target, or another place"
+            "echoes leaves more than there was. Another target, or another position"
         )
 
 
@@ -542,7 +542,7 @@ def _check_range(target: Target, nominal: np.ndarray, tolerance: np.ndarray) -> 
         name, unit = target.parameter_names[worst].rsplit("_", 1)
         scale, unit = (1e3, "mm") if unit == "m" else (1.0, "degrees")
         raise CalibrationError(
-            f"estimate_channels: the {target.kind} is not in its nominal place, or is another: "
+            f"estimate_channels: the {target.kind} is not in its nominal position, or is another: "
             f"expected {name} {scale * nominal[worst]:.4g} {unit} within "
             f"{CAPTURE_RANGE * scale * tolerance[worst]:.3g} {unit}, the fit leads "
             f"{scale * off[worst] * tolerance[worst]:+.3g} {unit} away and on"

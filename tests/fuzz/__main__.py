@@ -1,4 +1,4 @@
-"""Run the readers on mutated files: `python -m fuzz --help`, with tests/ on PYTHONPATH."""
+"""Run the readers on mutated files: `python -m fuzz --help`; docs/fuzzing.md has the path."""
 
 from __future__ import annotations
 
