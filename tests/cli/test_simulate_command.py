@@ -84,7 +84,7 @@ def test_every_option_of_simulate_reaches_the_library(
 
 def test_alpha_by_mesh_and_by_part(made: Path) -> None:
     named = [simulate_command.split_alpha(str(made / n)) for n in ("hand.ply:0.2", "parts.glb")]
-    default, by_part = simulate_command.read_alphas(["palm=0.6", "0.9", "thumb=0"])
+    default, by_part = simulate_command.read_part_alphas(["palm=0.6", "0.9", "thumb=0"])
     assert default == 0.9
     scene = simulate_command.load_scene(named, default, by_part, "m", None)
     alpha, part = np.asarray(scene.alpha), np.asarray(scene.part)

@@ -73,7 +73,7 @@ def command(
     import clradar
 
     named = [split_alpha(text) for text in scenery.meshes]
-    default, by_part = read_alphas(scenery.alpha or [])
+    default, by_part = read_part_alphas(scenery.alpha or [])
     inputs = [*(path for path, _ in named), *scenery.files]
     check_outputs([output], force=force, inputs=inputs)
     matrix = scenery.matrix()
@@ -117,7 +117,7 @@ def split_alpha(text: str) -> tuple[Path, float | None]:
         return Path(text), None
 
 
-def read_alphas(values: Sequence[str]) -> tuple[float, dict[str, float]]:
+def read_part_alphas(values: Sequence[str]) -> tuple[float, dict[str, float]]:
     """The alpha of the parts that are not named, and that of each named part."""
     default = None
     by_part: dict[str, float] = {}
