@@ -564,7 +564,7 @@ def _recommendation(best: Hypothesis | None, left: Sequence[Hypothesis]) -> str:
         text = "Nothing to change: the capture is in clradar's convention."
     others = [h for h in left if h != best]
     if others:
-        text += f" Not told apart from it: {_listed(others)}."
+        text += f" Equally sharp within the noise: {_listed(others)}."
     return text
 
 

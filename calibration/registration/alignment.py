@@ -157,7 +157,7 @@ class Alignment:
             f"{self.inlier_share:.0%} of the {share}, {1e3 * self.rms_m:.2f} mm rms from it.",
         ]
         if self.likeness is not None:
-            lines[-1] += f" The pictures correlate by {self.likeness:.2f}."
+            lines[-1] += f" The images correlate by {self.likeness:.2f}."
         if self.overlap is not None:
             lines[-1] += f" Simulated there, the overlap is {self.overlap:.2f}."
         if self.degenerate_directions:

@@ -134,8 +134,8 @@ class AlphaEstimate:
             )
         if self.flat:
             found.append(
-                f"the curve is flat: the seeds cannot tell {int(self.alike.sum())} of "
-                f"{self.alike.size} alphas from the best"
+                f"the curve is flat: {int(self.alike.sum())} of {self.alike.size} alphas score as "
+                "well as the best within the spread of the seeds"
             )
         noise = alphas[self.self_agreement < MIN_SELF_AGREEMENT]
         if self.metric in HIGHER_IS_BETTER and noise.size:
@@ -152,7 +152,7 @@ class AlphaEstimate:
             found.append(f"{self.metric} favours small alphas where surfaces are rough")
         if self.alike.sum() > 1:
             listed = ", ".join(f"{alpha:g}" for alpha in alphas[self.alike])
-            found.append(f"not told apart by {len(self.values)} seeds: {listed}")
+            found.append(f"as good as the best within the spread of {len(self.values)} seeds: {listed}")
         return found
 
     def to_dict(self, alphas: np.ndarray) -> dict[str, Any]:
