@@ -5,3 +5,6 @@ SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
 
 DYNAMIC_RANGE_DB = 15.0
 """Images and depth maps are cut this far below their maximum, as in the paper."""
+
+PLAUSIBLE_HZ = (1e8, 1e12)
+"""Frequencies of an imaging radar; a file with others states them in another unit than hertz."""

@@ -11,9 +11,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("clradar", "measurement_io", "calibration")
 
-# The rooms of clradar. A room imports from the floors above its own line only; "clradar" is the
-# package's own public interface.
-FLOORS = (
+# The packages and modules of clradar. Each imports from the lines above its own only; "clradar" is
+# the public interface.
+LAYERS = (
     ("constants", "errors"),
     ("model", "files", "versions"),
     ("arrays", "reference", "opencl"),
@@ -26,7 +26,7 @@ FLOORS = (
     ("report", "bench", "dataset"),
     ("cli",),
 )
-RANK = {name: rank for rank, floor in enumerate(FLOORS) for name in floor}
+RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer}
 
 
 def module_name(path: Path) -> str:
@@ -60,8 +60,8 @@ def within(name: str, package: str) -> bool:
     return name == package or name.startswith(package + ".")
 
 
-def room_of(name: str) -> str:
-    """The room of clradar that a module belongs to, such as model."""
+def package_of(name: str) -> str:
+    """The package of clradar that a module belongs to, such as model."""
     return name.split(".")[1] if "." in name else name
 
 
@@ -74,8 +74,8 @@ def breaches(importers: list[str], forbidden: list[str]) -> list[str]:
     ]
 
 
-# The rooms of clradar.dataset, in the same order.
-DATASET_FLOORS = ("plan", "sample", "store", "summary", "engine", "readers")
+# The packages of clradar.dataset, in the same order.
+DATASET_LAYERS = ("plan", "sample", "store", "summary", "engine", "readers")
 
 
 def modules(*packages: str) -> list[str]:
@@ -88,17 +88,17 @@ def test_the_sources_are_found() -> None:
     assert "clradar.errors" in IMPORTS["clradar.opencl.device"]
 
 
-def test_there_are_few_rooms_and_each_has_its_floor() -> None:
-    rooms = {room_of(name) for name in modules("clradar")} - {"clradar"}
-    assert rooms == set(RANK) - {"clradar"}
-    assert len(rooms) <= 26
+def test_there_are_few_packages_and_each_has_its_layer() -> None:
+    packages = {package_of(name) for name in modules("clradar")} - {"clradar"}
+    assert packages == set(RANK) - {"clradar"}
+    assert len(packages) <= 26
 
 
 @pytest.mark.parametrize("name", modules("clradar"))
 def test_clradar_imports_downwards(name: str) -> None:
-    here = room_of(name)
+    here = package_of(name)
     for imported in IMPORTS[name]:
-        there = room_of(imported)
+        there = package_of(imported)
         if within(imported, "clradar") and there != here:
             assert RANK[there] < RANK[here], f"{name} imports {imported}, which is not below it"
 
@@ -107,20 +107,22 @@ def test_clradar_imports_downwards(name: str) -> None:
 def test_data_sets_import_downwards(name: str) -> None:
     if name == "clradar.dataset":
         return
-    rank = DATASET_FLOORS.index(name.split(".")[2])
+    rank = DATASET_LAYERS.index(name.split(".")[2])
     for imported in IMPORTS[name]:
         if within(imported, "clradar.dataset"):
             there = imported.split(".")[2]
-            assert DATASET_FLOORS.index(there) <= rank, f"{name} imports {imported}"
+            assert DATASET_LAYERS.index(there) <= rank, f"{name} imports {imported}"
 
 
-def test_rooms_of_calibration_import_nothing_from_each_other() -> None:
-    rooms = {"registration", "roughness", "channels", "conventions", "clutter"}
+def test_packages_of_calibration_import_nothing_from_each_other() -> None:
+    packages = {"registration", "roughness", "channels", "conventions", "clutter"}
     found = {name.split(".")[1] for name in modules("calibration") if "." in name}
-    assert found == rooms | {"scripts"}
+    assert found == packages | {"scripts"}
     for name in modules("calibration"):
-        if "." in name and (here := room_of(name)) in rooms:
-            others = [i for i in IMPORTS[name] if within(i, "calibration") and room_of(i) != here]
+        if "." in name and (here := package_of(name)) in packages:
+            others = [
+                i for i in IMPORTS[name] if within(i, "calibration") and package_of(i) != here
+            ]
             assert not others, f"{name} imports {others}"
 
 

@@ -559,7 +559,7 @@ def _recommendation(best: Hypothesis | None, left: Sequence[Hypothesis]) -> str:
         return "Undecidable: " + _listed(left) + " are equally sharp."
     changes = [text for name, text in CHANGES.items() if getattr(best, name)]
     if changes:
-        text = "Change what the reader takes for granted: " + "; ".join(changes) + "."
+        text = "Change the convention that the reader assumes: " + "; ".join(changes) + "."
     else:
         text = "Nothing to change: the capture is in clradar's convention."
     others = [h for h in left if h != best]

@@ -127,7 +127,7 @@ class Alignment:
         """Reasons to doubt the result, one clause each."""
         found = []
         if not self.converged:
-            found.append("the place was still moving at the end")
+            found.append("the pose still changed in the last iteration")
         if self.searched_deg is not None and self.rotation_deg > self.searched_deg:
             found.append(
                 f"it is turned by {self.rotation_deg:.0f} deg, and rotations up to "
@@ -137,7 +137,7 @@ class Alignment:
         if self.overlap is not None and self.overlap < USUAL_OVERLAP:
             found.append(
                 f"an overlap of {self.overlap:.2f} is little, right meshes have 0.91 or more in "
-                "simulations: it may be another object or place; look at a figure"
+                "simulations: the object or its pose may be another; see the figure"
             )
         return tuple(found)
 

@@ -257,7 +257,7 @@ def _simulated(
         device=device,
     )
     if capture.meta["rays"]["paths"] == 0:
-        raise not_aligned("no ray from the mesh at the place found reaches a receiver")
+        raise not_aligned("no ray from the mesh in the pose found reaches a receiver")
     return capture, backproject(capture, settings.grid, device=device)
 
 
@@ -288,7 +288,7 @@ def _check_correction(correction: np.ndarray) -> None:
     shift_m = float(np.linalg.norm(correction[3:]))
     if shift_m > LARGEST_CORRECTION_M:
         raise not_aligned(
-            "the simulation at the place found does not look like the mesh: it fits "
+            "the simulation in the pose found disagrees with the mesh: it fits "
             f"{1e3 * shift_m:.1f} mm off"
         )
 
@@ -308,8 +308,8 @@ def _checked_overlap(measured: DepthMap, simulated: Volume) -> float:
     share = overlap(one, other)
     if share < MIN_OVERLAP:
         raise not_aligned(
-            f"the mesh, simulated in its place, overlaps with the measurement by {share:.2f}, and "
-            f"{MIN_OVERLAP:.2f} is the least: it is another object, or stands elsewhere"
+            f"the mesh, simulated in the pose found, overlaps with the measurement by {share:.2f}, "
+            f"and {MIN_OVERLAP:.2f} is the least: it is another object, or stands elsewhere"
         )
     return share
 

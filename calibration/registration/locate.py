@@ -199,7 +199,7 @@ def _assessed(image: MeshRendering, fit: MeshFit, options: SearchOptions) -> Loc
         )
     if likeness < MIN_LIKENESS:
         raise not_aligned(
-            f"the measurement does not look like the mesh: its image and the rendering correlate "
+            f"the measurement disagrees with the mesh: its image and the rendering correlate "
             f"by {likeness:.2f}, and {MIN_LIKENESS:.2f} is the least"
         )
     basis = complement(free)

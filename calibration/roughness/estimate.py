@@ -141,7 +141,7 @@ class AlphaEstimate:
         if self.metric in HIGHER_IS_BETTER and noise.size:
             where = ", ".join(f"{alpha:g}" for alpha in noise)
             if noise.size == alphas.size:
-                where = "every alpha, so that the metric is taken as it is: this alpha says little"
+                where = "every alpha, so the metric is not corrected and this alpha is unreliable"
             found.append(
                 f"two seeds agree by less than {MIN_SELF_AGREEMENT:g} at {where}; more samples or "
                 "rays help"
@@ -152,7 +152,9 @@ class AlphaEstimate:
             found.append(f"{self.metric} favours small alphas where surfaces are rough")
         if self.alike.sum() > 1:
             listed = ", ".join(f"{alpha:g}" for alpha in alphas[self.alike])
-            found.append(f"as good as the best within the spread of {len(self.values)} seeds: {listed}")
+            found.append(
+                f"as good as the best within the spread of {len(self.values)} seeds: {listed}"
+            )
         return found
 
     def to_dict(self, alphas: np.ndarray) -> dict[str, Any]:

@@ -229,7 +229,7 @@ def sweep(
     checks.instance("sweep: array", radar, AntennaArray)
     checks.instance("sweep: waveform", frequencies, Waveform)
     measured_map = depth_map_of(measured, dynamic_range_db, "measured image")
-    check_place(scene, measured.grid)
+    check_within_grid(scene, measured.grid)
     images = _SweepImages(
         scene=scene,
         alphas=values,
@@ -282,7 +282,7 @@ def _alphas(alphas: Any) -> np.ndarray:
     return values
 
 
-def check_place(scene: Scene, grid: VoxelGrid) -> None:
+def check_within_grid(scene: Scene, grid: VoxelGrid) -> None:
     """Raise `CompareError` unless the mesh's box and the volume's overlap."""
     corners_m = scene.vertices_m[np.unique(scene.faces)]
     axes_m = (grid.x_m, grid.y_m, grid.z_m)

@@ -158,7 +158,7 @@ def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders)
     if image is not None:
         volume = backproject(
             capture,
-            grid_of(recipe),
+            recipe_grid(recipe),
             method=image["method"],
             window=image["window"],
             tolerance_db=image["tolerance_db"],
@@ -311,7 +311,7 @@ def _waveform(start_hz: float, stop_hz: float, steps: int) -> Waveform:
     return Waveform.sfcw(start_hz, stop_hz, steps)
 
 
-def grid_of(recipe: Mapping[str, Any]) -> VoxelGrid:
+def recipe_grid(recipe: Mapping[str, Any]) -> VoxelGrid:
     """Return the voxel grid of a recipe that has an image."""
     image = recipe["image"]
     return _grid(*(tuple(image[key]) for key in ("x_m", "y_m", "z_m", "step_m")))

@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from clradar.constants import PLAUSIBLE_HZ
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.limits import MAX_TIME_STAMPS
 from clradar.model import AntennaArray, Capture, Waveform
 from measurement_io.antenna_file import CHANNELS, IMAGING, antenna_array
 from measurement_io.maroon.folders import FrameFile, find_frame, find_radar_folder, frame_file
 from measurement_io.maroon.frame_file import read_frame_dictionary
-
-PLAUSIBLE_HZ = (1e8, 1e12)
-"""Frequencies of an imaging radar; anything else is a frame in another unit."""
 
 _OWN_KEYS = ("xr", "fvec", "number_of_measurements", "timestamp_us")
 

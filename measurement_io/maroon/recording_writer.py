@@ -33,7 +33,7 @@ from measurement_io.maroon.recording import ALIGNMENT_FILE, MESH_FOLDER, METADAT
 from measurement_io.maroon.writer import (
     RadarFolder,
     check_array,
-    check_place,
+    check_target_folder,
     frame_name,
     time_stamp,
     write_frame_file,
@@ -139,7 +139,7 @@ def save_recording(
     if emptyfiltered is not None and variant != "raw":
         checks.fail(f"{_NAME}: emptyfiltered", "captures beside raw ones", f"variant '{variant}'")
     source = None if copy_from is None else find_radar_folder(Path(copy_from))
-    target = check_place(Path(path))
+    target = check_target_folder(Path(path))
     _refuse_existing(target, force=force)
     frames = iter(captures)
     first = next(frames, None)

@@ -131,7 +131,7 @@ def save_maroon_frame(
     stamp = time_stamp("save_maroon_frame: timestamp_us", capture, timestamp_us)
     check_array(capture)
     folder = RadarFolder.of(capture.waveform)
-    radar = check_place(Path(path)) / folder.name
+    radar = check_target_folder(Path(path)) / folder.name
     _make_folders(radar, force=force)
     _write_calibration(radar / CALIBRATION_FILE, folder, number)
     target = radar / FRAMES_FOLDER / frame_name(number, variant)
@@ -149,7 +149,7 @@ def check_array(capture: Capture) -> None:
         )
 
 
-def check_place(path: Path) -> Path:
+def check_target_folder(path: Path) -> Path:
     """Return `path`, or raise if it has the name of the folder that is to be made in it."""
     if RadarFolderName.parse(path.absolute().name) is not None:
         raise OutputError(

@@ -29,7 +29,7 @@ from clradar.dataset.store.check import check_dataset
 from clradar.dataset.store.folder import (
     MANIFEST,
 )
-from clradar.dataset.store.shard_reader import opened, sample_of
+from clradar.dataset.store.shard_reader import opened_shard, sample_of
 from clradar.errors import ModelError
 from clradar.hand import POSES, HandShape, hand_mesh
 
@@ -76,7 +76,7 @@ def test_a_sample_equals_its_stages_run_one_by_one(made: Path) -> None:
     grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.25, 0.35), 0.01)
     volume = clradar.backproject(capture, grid, device=DEVICE)
 
-    with opened(made / "shards" / "shard-00001.h5") as file:
+    with opened_shard(made / "shards" / "shard-00001.h5") as file:
         sample = sample_of(file, 0)
     assert sample.recipe == wanted
     found = sample.arrays
@@ -251,7 +251,7 @@ def test_a_sample_made_again_has_the_same_bits(made: Path, tmp_path: Path) -> No
     again = replay(made, 3, device=DEVICE, output=tmp_path / "sample.h5")
     assert again.stored_in == "shards/shard-00001.h5"
     assert again.differences == ()
-    with opened(tmp_path / "sample.h5") as file:
+    with opened_shard(tmp_path / "sample.h5") as file:
         written = sample_of(file, 0)
     assert written.recipe == recipe(PLAN, 3)
     for name, array in again.sample.arrays.items():

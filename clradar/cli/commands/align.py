@@ -1,4 +1,4 @@
-"""``clradar align``."""
+"""``clradar align``: find the motion of an image or a mesh onto a measured image."""
 
 from __future__ import annotations
 

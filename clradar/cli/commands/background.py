@@ -1,4 +1,4 @@
-"""``clradar background``."""
+"""``clradar background``: subtract the empty room, average frames, gate in range."""
 
 from __future__ import annotations
 

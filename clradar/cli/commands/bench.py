@@ -1,4 +1,4 @@
-"""``clradar bench``."""
+"""``clradar bench``: time the core against other libraries on this machine."""
 
 from __future__ import annotations
 

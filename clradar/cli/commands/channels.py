@@ -1,4 +1,4 @@
-"""``clradar channels``."""
+"""``clradar channels``: estimate gain and delay of every channel from a known target."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``clradar compare``."""
+"""``clradar compare``: compare simulated images with a measured one, in numbers and in a figure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``clradar convert``."""
+"""``clradar convert``: native captures from any recording, and recordings from captures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``clradar correct``."""
+"""``clradar correct``: correct a capture for gain and delay of its channels."""
 
 from __future__ import annotations
 

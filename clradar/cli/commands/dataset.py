@@ -1,4 +1,4 @@
-"""``clradar dataset``."""
+"""``clradar dataset``: make training data after a plan: posed hands, simulated and imaged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``clradar demo``."""
+"""``clradar demo``: simulate, image and compare the embedded hand, with figure and metrics."""
 
 from __future__ import annotations
 

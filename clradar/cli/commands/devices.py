@@ -1,4 +1,4 @@
-"""``clradar devices``."""
+"""``clradar devices``: list the OpenCL devices, and which of them is used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``clradar diagnose``."""
+"""``clradar diagnose``: find the convention a capture was written in: axes, sign, mirror, order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``clradar hand``."""
+"""``clradar hand``: write the mesh of a posed hand."""
 
 from __future__ import annotations
 

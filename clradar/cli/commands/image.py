@@ -1,4 +1,4 @@
-"""``clradar image``."""
+"""``clradar image``: form the image of a capture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``clradar inspect``."""
+"""``clradar inspect``: describe what a file or a recording holds, or verify it."""
 
 from __future__ import annotations
 

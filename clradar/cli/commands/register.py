@@ -1,4 +1,4 @@
-"""``clradar register``."""
+"""``clradar register``: find the pose of a measured mesh, and simulate it there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``clradar simulate``."""
+"""``clradar simulate``: simulate what the radar would record of one or several meshes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``clradar sweep``."""
+"""``clradar sweep``: find the alpha whose simulation is most like a measurement."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def command(
     --force begins anew. Frequencies are those of MEASURED, where it is a capture. The result
     and its uncertainty: docs/sweep.md.
     """
-    from calibration.roughness.sweep import check_place
+    from calibration.roughness.sweep import check_within_grid
     from clradar import open_device
     from clradar.cli import sweep_folder
     from clradar.compare import depth_map_of
@@ -175,7 +175,7 @@ def command(
     # A sweep that is impossible should leave no folder behind.
     depth_map_of(volume, depth.dynamic_range_db, str(measured))
     if inputs.align is None:
-        check_place(inputs.placed, volume.grid)
+        check_within_grid(inputs.placed, volume.grid)
     result = sweep_folder.sweep_into(
         output, volume, inputs.placed, values,
         source=str(measured), origin=origin, force=force,
@@ -213,7 +213,7 @@ class SweepInputs:
         self.matrix = place.matrix()
         self.image = ImageInput.open(measured, frames)
         self.radar = radar_of(self.image, frequencies)
-        self.grid = grid_of(self.image, voxels, imaging)
+        self.grid = sweep_grid(self.image, voxels, imaging)
         self.files = [*self.image.files, mesh, *place.files, *regions.files]
 
     @property
@@ -277,7 +277,7 @@ def radar_of(image: ImageInput, frequencies: WaveformOptions) -> dict[str, Any]:
     return image.radar
 
 
-def grid_of(image: ImageInput, voxels: GridOptions, imaging: ImagingOptions) -> VoxelGrid:
+def sweep_grid(image: ImageInput, voxels: GridOptions, imaging: ImagingOptions) -> VoxelGrid:
     """The grid of a volume; for a capture that of the options."""
     if image.grid is None:
         return voxels.grid()

@@ -152,12 +152,12 @@ def image_of(table: PlanTable) -> Image:
         tolerance_db=tolerance,
         dynamic_range_db=table.number("dynamic_range_db", DYNAMIC_RANGE_DB, 0.0, 300.0, above=True),
     )
-    table.checked("", grid_of, found)
+    table.checked("", plan_grid, found)
     table.done(("tolerance_db",))
     return found
 
 
-def grid_of(image: Image) -> VoxelGrid:
+def plan_grid(image: Image) -> VoxelGrid:
     """Return the voxel grid of a plan."""
     x_m, y_m, z_m = ((low / 1e3, high / 1e3) for low, high in (image.x_mm, image.y_mm, image.z_mm))
     return VoxelGrid.from_extent(x_m, y_m, z_m, [step / 1e3 for step in image.step_mm])

@@ -14,7 +14,7 @@ import numpy as np
 from clradar.dataset.plan.plan import PRODUCTS
 from clradar.dataset.readers.index import read_index
 from clradar.dataset.store.fields import FIELDS, LABELS
-from clradar.dataset.store.shard_reader import opened
+from clradar.dataset.store.shard_reader import opened_shard
 from clradar.errors import ClradarError
 from clradar.model import checks
 
@@ -137,7 +137,7 @@ class TorchDataset:
             self._open.move_to_end(path)
             return self._open[path][1]
         stack = ExitStack()
-        file = stack.enter_context(opened(path))
+        file = stack.enter_context(opened_shard(path))
         self._open[path] = (stack, file)
         if len(self._open) > OPEN_FILES:
             self._open.popitem(last=False)[1][0].close()

@@ -14,7 +14,7 @@ from clradar.dataset.plan.plan_json import plan_record
 from clradar.dataset.readers.index import Index, read_index
 from clradar.dataset.store.fields import FIELDS, LABELS, Field
 from clradar.dataset.store.folder import Manifest
-from clradar.dataset.store.shard_reader import fields_of, opened
+from clradar.dataset.store.shard_reader import fields_of, opened_shard
 from clradar.errors import ClradarError
 from clradar.files.json_text import to_json
 
@@ -83,7 +83,7 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
         ) from error
     index = read_index(folder)
     shards = _Shards(index)
-    with opened(index.files[0]) as file:
+    with opened_shard(index.files[0]) as file:
         coordinates = _coordinates(file)
         variables: dict[str, Any] = {}
         for name in fields_of(file):
@@ -138,7 +138,7 @@ class _Lazy:
     ndim: int
 
     def __getitem__(self, key: Any) -> np.ndarray:
-        with opened(self.path) as file:
+        with opened_shard(self.path) as file:
             found: np.ndarray = file[self.place][key]
         if self.dtype.kind == "U":
             found = np.char.decode(found, "utf-8")
@@ -155,7 +155,7 @@ class _Shards:
         """Read a small array."""
         found = []
         for path in self._index.files:
-            with opened(path) as file:
+            with opened_shard(path) as file:
                 found.append(file[place][:])
         return np.concatenate(found)
 
@@ -173,7 +173,7 @@ class _Shards:
         """Return the type of texts with the longest length of all shards."""
         sizes = []
         for path in self._index.files:
-            with opened(path) as file:
+            with opened_shard(path) as file:
                 sizes.append(file[place].dtype.itemsize)
         return np.dtype(f"U{max(sizes)}")  # no text has more characters than bytes
 
@@ -184,7 +184,7 @@ class _Shards:
         place = spec.place
         begins, ends, rows, offset = [], [], [], 0
         for path in self._index.files:
-            with opened(path) as file:
+            with opened_shard(path) as file:
                 first = file[f"{place}_first"][:]
                 model = file[place]
                 rest, dtype, units = model.shape[1:], model.dtype, _units(model)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from clradar.dataset.plan.hand_json import SHAPE_COLUMNS, angles_rad, shape_row
-from clradar.dataset.sample import grid_of, instrument
+from clradar.dataset.sample import instrument, recipe_grid
 from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
 
 FORMAT, VERSION = "dataset-shard", 1
@@ -158,7 +158,7 @@ def axes_of(recipe: Mapping[str, Any]) -> dict[str, Axis]:
         found["tx_m"] = Axis(array.tx_m, "m")
         found["rx_m"] = Axis(array.rx_m, "m")
     if recipe["image"] is not None:
-        grid = grid_of(recipe)
+        grid = recipe_grid(recipe)
         for name in ("x_m", "y_m", "z_m"):
             found[name] = Axis(getattr(grid, name), "m")
     return found

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from clradar.dataset.store.content_check import check_note, check_part
 from clradar.dataset.store.folder import SUMMARIES, DatasetFolder, ShardEntry
-from clradar.dataset.store.shard_reader import made_with_of, opened, row_of, sample_of
+from clradar.dataset.store.shard_reader import made_with_of, opened_shard, row_of, sample_of
 from clradar.dataset.store.shard_writer import write_sample
 from clradar.errors import MeasurementError
 from clradar.files.hashing import sha256_of
@@ -98,7 +98,7 @@ def queue_set_aside(folder: DatasetFolder) -> None:
     for number in sorted({s // folder.plan.output.shard_size for s in manifest.aside}):
         if manifest.shards[number].file is not None:
             path = folder.shard(number)
-            with opened(path) as file:
+            with opened_shard(path) as file:
                 for sample in folder.plan.shard_samples(number):
                     if sample not in manifest.aside:
                         row = row_of(file, path, sample)

@@ -18,7 +18,7 @@ EXPECTED = "a shard of a data set (HDF5)"
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Any]:
+def opened_shard(path: Path) -> Iterator[Any]:
     """Open a shard for reading, in this process.
 
     The HDF5 library is not safe against damaged files: what may be damaged is read by

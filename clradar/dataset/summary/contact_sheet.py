@@ -11,7 +11,7 @@ import numpy as np
 from clradar.dataset.sample import Sample
 from clradar.dataset.store.fields import axes_of
 from clradar.dataset.store.folder import CONTACT_SHEET, Manifest, stored_path
-from clradar.dataset.store.shard_reader import opened, row_of, sample_of
+from clradar.dataset.store.shard_reader import opened_shard, row_of, sample_of
 from clradar.files.atomic import write_file
 from clradar.hand import JOINT_NAMES
 from clradar.plot import AMPLITUDE_BACKGROUND, png_bytes
@@ -57,7 +57,7 @@ def chosen(manifest: Manifest) -> list[int]:
 def _read(folder: Path, manifest: Manifest, sample: int) -> Sample:
     path = stored_path(folder, manifest, sample)
     assert path is not None  # it holds the sample
-    with opened(path) as file:
+    with opened_shard(path) as file:
         return sample_of(file, row_of(file, path, sample))
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from clradar.dataset.store.fields import FIELDS, LABELS
 from clradar.dataset.store.folder import STATISTICS, TABLE, Manifest
-from clradar.dataset.store.shard_reader import fields_of, opened
+from clradar.dataset.store.shard_reader import fields_of, opened_shard
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
 
@@ -125,7 +125,7 @@ def summarize(folder: Path, manifest: Manifest) -> Summary:
     for number in sorted(manifest.shards):
         entry = manifest.shards[number]
         if entry.file is not None:
-            with opened(folder / entry.file) as file:
+            with opened_shard(folder / entry.file) as file:
                 _add_shard(summary, file)
     if set(summary.counts["rig"]) == {""}:
         del summary.counts["rig"]

@@ -240,7 +240,7 @@ def test_alphas_whose_images_are_noise_are_excluded():
     found = estimate_alpha(one(0.0), rows, alphas, "db_correlation", 300.0)
     assert np.array_equal(found.score, found.values)
     assert np.isnan(found.uncertainty)
-    assert any("says little" in remark for remark in found.remarks(alphas))
+    assert any("this alpha is unreliable" in remark for remark in found.remarks(alphas))
 
 
 def test_one_seed_has_no_uncertainty():
