@@ -220,7 +220,7 @@ def test_a_written_pose_is_read_again(tmp_path: Path, suffix: str):
         ),
         ('name = "x"\n[joints.wrist]\n[joints.wrist]', "expected a pose"),
         ("name = ", "expected a pose"),
-        ("a." * 5000 + "b = 1", "a line of"),
+        ("a." * 10_000 + "b = 1", "a line of"),
     ],
 )  # fmt: skip
 def test_files_that_are_no_pose_are_refused_with_their_name(tmp_path: Path, text, message):
