@@ -221,7 +221,7 @@ def test_doubts_are_remarked(found):
     turned[:3, :3] = Rotation.from_rotvec([0, 0, 70], degrees=True).as_matrix()
     doubtful = replace(found, transform=turned, overlap=0.6, converged=False)
     still, beyond, other = doubtful.remarks()
-    assert "still moving" in still
+    assert "still changed in the last iteration" in still
     assert "--search-deg" in beyond
     assert "0.60" in other
     assert doubtful.report().count("Doubtful") == 2
