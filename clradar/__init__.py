@@ -6,6 +6,7 @@ from typing import Any
 from clradar import arrays
 from clradar.backproject import backproject
 from clradar.compare import Metrics, compare
+from clradar.errors import ClradarWarning
 from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.environment import Wall, room_capture
 from clradar.impairments.impair import impair
@@ -35,6 +36,7 @@ __all__ = [
     "Capture",
     "ChannelCalibration",
     "ChannelResponse",
+    "ClradarWarning",
     "DepthMap",
     "Device",
     "Metrics",

@@ -1,4 +1,9 @@
-"""Exception classes: one base, each subclass also a builtin."""
+"""Exception classes, one base, each subclass also a builtin; and the one class of warnings."""
+
+import sys
+import warnings
+
+_OWN_PACKAGES = frozenset({"clradar", "calibration", "measurement_io"})
 
 
 class ClradarError(Exception):
@@ -39,3 +44,31 @@ class OutputError(ClradarError, OSError):
 
 class ClusterError(ClradarError, RuntimeError):
     """Processes on this or other machines cannot be started, reached, or do not fit together."""
+
+
+class ClradarWarning(UserWarning):
+    """A result is probably not as intended: the text says why, and what to change.
+
+    Examples
+    --------
+    Turn the warnings of a script into exceptions:
+
+    >>> import warnings, clradar
+    >>> warnings.simplefilter("error", clradar.ClradarWarning)
+    """
+
+
+def warn(text: str) -> None:
+    """Warn by `ClradarWarning`, at the line outside of these packages that led here.
+
+    The command line prints such warnings on stderr; in Python the `warnings` module filters them.
+
+    Parameters
+    ----------
+    text : str
+        What is wrong, with its numbers, and what to change.
+    """
+    level, frame = 2, sys._getframe().f_back
+    while frame is not None and frame.f_globals.get("__name__", "").split(".")[0] in _OWN_PACKAGES:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, ClradarWarning, stacklevel=level)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TextIO
+from typing import Any, TextIO
 
+from clradar.errors import ClradarWarning
 from clradar.model.progress import Progress
 
 
@@ -25,6 +27,24 @@ def print_error(text: object) -> None:
 def print_warning(text: object) -> None:
     """Print one line about a result that is probably not as intended."""
     _print(f"clradar: warning: {one_line(text)}", sys.stderr)
+
+
+@contextmanager
+def printed_warnings() -> Iterator[None]:
+    """Print every different `ClradarWarning` of the block once, as a line on stderr."""
+    printed: set[str] = set()
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if not issubclass(category, ClradarWarning):
+            show_others(message, category, *where, **more)
+        elif str(message) not in printed:
+            printed.add(str(message))
+            print_warning(message)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ClradarWarning)
+        show_others, warnings.showwarning = warnings.showwarning, show
+        yield
 
 
 def print_line(text: object) -> None:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from clradar import __version__
-from clradar.cli.console import print_error
+from clradar.cli.console import print_error, printed_warnings
 from clradar.cli.options.groups import expanded
 from clradar.errors import ClradarError
 
@@ -57,7 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given, debug = _without_debug(sys.argv[1:] if arguments is None else arguments)
     try:
         command = typer.main.get_command(_app(_requested(given), debug))
-        command.main(args=given, prog_name="clradar")
+        with printed_warnings():
+            command.main(args=given, prog_name="clradar")
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
 
