@@ -24,7 +24,7 @@ from statistics import median
 from typing import Any
 
 from clradar.dataset import Plan, Sample, make_sample, read_plan, recipe, run
-from clradar.dataset.engine.serial import Serial, made_with
+from clradar.dataset.engine.part_making import Serial, made_with
 from clradar.dataset.engine.worker_resources import WorkerResources
 from clradar.dataset.store.shard_writer import assemble, write_sample
 from clradar.files.hashing import sha256_of

@@ -2,10 +2,9 @@
 
 from measurement_io.check import CheckReport, check_file
 from measurement_io.describe import describe
-from measurement_io.facts import Description, Fact
-from measurement_io.layouts.apply import open_with_layout
-from measurement_io.layouts.description import Layout
+from measurement_io.layouts.capture_by_layout import open_with_layout
 from measurement_io.layouts.draft import LayoutNeeded
+from measurement_io.layouts.layout import Layout
 from measurement_io.layouts.toml_reader import read_layout
 from measurement_io.maroon.alignment import SensorAlignment, read_alignment
 from measurement_io.maroon.metadata import MaskBox, RecordingMetadata, read_metadata
@@ -16,6 +15,7 @@ from measurement_io.maroon.writer import save_maroon_frame
 from measurement_io.native.captures_volumes import open_volume, save_capture, save_volume
 from measurement_io.native.channels_file import open_channels, save_channels
 from measurement_io.opening import open_capture
+from measurement_io.record_facts import Description, Fact
 from measurement_io.transform_file import read_transform
 
 __all__ = [

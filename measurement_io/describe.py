@@ -6,19 +6,19 @@ import os
 from pathlib import Path
 
 from clradar.files.failures import clean, reading, shown
-from measurement_io.facts import (
-    Description,
-    Fact,
-    capture_facts,
-    channels_facts,
-    volume_facts,
-)
 from measurement_io.layouts.containers import open_container
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.inspection import inspect_recording
 from measurement_io.native import captures_volumes as native
 from measurement_io.native import channels_file
 from measurement_io.opening import SUPPORTED, kind_of
+from measurement_io.record_facts import (
+    Description,
+    Fact,
+    capture_facts,
+    channels_facts,
+    volume_facts,
+)
 
 
 def describe(path: str | os.PathLike[str]) -> Description:

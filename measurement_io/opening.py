@@ -9,11 +9,11 @@ from typing import Literal, get_args
 from clradar.files.failures import fail, reading, regular_file_size
 from clradar.model import Capture, checks
 from measurement_io.confined import hdf5_process
-from measurement_io.layouts.apply import open_with_layout
+from measurement_io.layouts.capture_by_layout import open_with_layout
 from measurement_io.layouts.containers import is_plain_array, opener_of
-from measurement_io.layouts.description import Layout
 from measurement_io.layouts.draft import layout_needed
 from measurement_io.layouts.hdf5_container import opened_hdf5
+from measurement_io.layouts.layout import Layout
 from measurement_io.layouts.numpy_containers import opened_npy
 from measurement_io.maroon import frame as frame_reader
 from measurement_io.maroon.folders import VARIANTS

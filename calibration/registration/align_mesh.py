@@ -12,7 +12,7 @@ from calibration.registration.closed_loop import (
     Round,
     close_loop,
 )
-from calibration.registration.locate import FINE_STEP_M, density_of, depth_for_mesh, locate
+from calibration.registration.mesh_pose import FINE_STEP_M, density_of, depth_for_mesh, locate
 from calibration.registration.mesh_rendering import decimated
 from calibration.registration.radar import Radar
 from calibration.registration.search_space import SearchOptions

@@ -22,13 +22,13 @@ from calibration.registration.alpha_cue import (
     pose_invariant_features,
 )
 from calibration.registration.depth_surface import not_aligned
-from calibration.registration.locate import (
+from calibration.registration.mesh_fit import fit_mesh, initial_log_brightness
+from calibration.registration.mesh_pose import (
     COVARIANCE_RATIO,
     Located,
     depth_for_mesh,
     fine_rendering,
 )
-from calibration.registration.mesh_fit import fit_mesh, initial_log_brightness
 from calibration.registration.radar import Radar
 from calibration.registration.rigid_motion import moved, orthonormal
 from clradar.backproject import backproject

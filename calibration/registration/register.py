@@ -12,7 +12,7 @@ from calibration.registration.closed_loop import (
     Registration,
     close_loop,
 )
-from calibration.registration.locate import depth_for_mesh, locate
+from calibration.registration.mesh_pose import depth_for_mesh, locate
 from calibration.registration.radar import Radar
 from calibration.registration.search_space import SearchOptions
 from clradar.model import AntennaArray, Scene, Volume, Waveform, checks

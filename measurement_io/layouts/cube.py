@@ -10,7 +10,7 @@ import numpy as np
 from clradar.files.failures import clean, fail
 from clradar.files.limits import MAX_ARRAY_BYTES
 from measurement_io.layouts.container import Container, Key
-from measurement_io.layouts.description import DataLayout
+from measurement_io.layouts.layout import DataLayout
 
 _FIELD_NAMES = (("r", "i"), ("real", "imag"), ("re", "im"))
 _PURPOSE = "the data"

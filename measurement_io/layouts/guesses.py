@@ -15,7 +15,7 @@ from clradar.files.failures import clean, reading
 from clradar.files.toml_file import toml_string
 from measurement_io.layouts.container import Container, Key
 from measurement_io.layouts.containers import EXPECTED
-from measurement_io.layouts.description import FREQUENCY_UNITS_HZ, LENGTH_UNITS_PER_M
+from measurement_io.layouts.layout import FREQUENCY_UNITS_HZ, LENGTH_UNITS_PER_M
 
 UNKNOWN = "?"
 """Stands in a draft where nothing could be guessed; no file has a key of that name."""

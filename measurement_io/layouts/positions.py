@@ -12,7 +12,7 @@ from clradar import arrays
 from clradar.files.failures import clean, fail
 from measurement_io.antenna_file import read_position_file
 from measurement_io.layouts.container import Container
-from measurement_io.layouts.description import (
+from measurement_io.layouts.layout import (
     LENGTH_UNITS_PER_M,
     AntennaLayout,
     FrameOfReference,

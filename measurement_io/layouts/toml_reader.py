@@ -10,7 +10,7 @@ from clradar.files.failures import reading, shown
 from clradar.files.limits import MAX_CHANNELS, MAX_FREQUENCIES
 from clradar.files.table import StrictTable
 from clradar.files.toml_file import read_toml
-from measurement_io.layouts.description import (
+from measurement_io.layouts.layout import (
     FREQUENCY_UNITS_HZ,
     KNOWN_ARRAYS,
     LENGTH_UNITS_PER_M,

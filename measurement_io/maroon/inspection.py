@@ -8,7 +8,6 @@ from pathlib import Path
 
 from clradar.errors import MeasurementError
 from clradar.files.failures import clean, shown
-from measurement_io.facts import Fact, capture_facts
 from measurement_io.maroon import folders
 from measurement_io.maroon.calibration_file import (
     CALIBRATION_FILE,
@@ -19,6 +18,7 @@ from measurement_io.maroon.folders import RadarFolderName, ranges
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.placement import inspect_placement
 from measurement_io.maroon.products import PLACED, PRODUCTS, product_files
+from measurement_io.record_facts import Fact, capture_facts
 
 
 @dataclass(slots=True)

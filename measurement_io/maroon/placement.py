@@ -12,7 +12,6 @@ import numpy as np
 from clradar.errors import MeasurementError
 from clradar.files.failures import clean
 from clradar.model import Scene
-from measurement_io.facts import Fact, json_line, millimetres
 from measurement_io.maroon.alignment import (
     SensorAlignment,
     named_transforms,
@@ -28,6 +27,7 @@ from measurement_io.maroon.recording import (
     mesh_files,
     placed_mesh,
 )
+from measurement_io.record_facts import Fact, json_line, millimetres
 
 Record = TypeVar("Record")
 

@@ -20,8 +20,8 @@ from dataset_plans import digests
 
 from clradar.cli import main
 from clradar.dataset import Plan, read_plan, run
+from clradar.dataset.engine.part_making import ATTEMPTS, PartMaker, Serial
 from clradar.dataset.engine.run import STOP_AFTER
-from clradar.dataset.engine.serial import ATTEMPTS, PartMaker, Serial
 from clradar.dataset.engine.worker_resources import WorkerResources, partition
 from clradar.dataset.store.folder import CONTACT_SHEET
 from clradar.errors import DeviceError, ModelError, OutputError

@@ -18,7 +18,7 @@ from dataset_plans import (
 
 import clradar
 from clradar.dataset import TorchDataset, make_sample, open_dataset, recipe
-from clradar.dataset.store.fields import LABELS
+from clradar.dataset.store.shard_schema import LABELS
 from clradar.errors import ClradarError, MeasurementError, ModelError
 from clradar.hand import JOINT_NAMES
 

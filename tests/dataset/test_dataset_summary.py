@@ -17,13 +17,13 @@ from dataset_plans import (
 from clradar.cli import main
 from clradar.dataset import make_sample, open_dataset, recipe, run
 from clradar.dataset.engine.estimate import estimate
-from clradar.dataset.store.fields import FIELDS
 from clradar.dataset.store.folder import (
     CONTACT_SHEET,
     STATISTICS,
     SUMMARIES,
     TABLE,
 )
+from clradar.dataset.store.shard_schema import FIELDS
 from clradar.dataset.summary.contact_sheet import contact_sheet
 
 SIZE_SHARE = 0.25

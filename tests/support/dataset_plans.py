@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from clradar.dataset import Plan
-from clradar.dataset.engine.serial import Outcome, PartMaker, Serial
+from clradar.dataset.engine.part_making import Outcome, PartMaker, Serial
 from clradar.dataset.plan.reader import plan_from
 from clradar.dataset.store.folder import Aside
 

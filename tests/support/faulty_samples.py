@@ -15,13 +15,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import clradar.dataset.engine.serial as engine
+import clradar.dataset.engine.part_making as part_making
 from clradar.errors import DeviceError
 
 VARIABLE = "CLRADAR_TEST_FAULTS"
 
-_make_sample = engine.make_sample
-_write_sample = engine.write_sample
+_make_sample = part_making.make_sample
+_write_sample = part_making.write_sample
 
 
 def plan_faults(faults: Mapping[int, str]) -> None:
@@ -33,13 +33,13 @@ def plan_faults(faults: Mapping[int, str]) -> None:
 
 
 def install() -> None:
-    engine.make_sample = _faulty_make  # type: ignore[assignment]
-    engine.write_sample = _faulty_write  # type: ignore[assignment]
+    part_making.make_sample = _faulty_make  # type: ignore[assignment]
+    part_making.write_sample = _faulty_write  # type: ignore[assignment]
 
 
 def uninstall() -> None:
-    engine.make_sample = _make_sample
-    engine.write_sample = _write_sample
+    part_making.make_sample = _make_sample
+    part_making.write_sample = _write_sample
 
 
 def dask_setup(worker: Any) -> None:

@@ -19,7 +19,7 @@ from clradar.cli.outputs import check_outputs
 from clradar.errors import ClusterError
 
 if TYPE_CHECKING:
-    from clradar.dataset.engine.serial import Engine
+    from clradar.dataset.engine.part_making import Engine
     from clradar.dataset.plan.plan import Plan
 
 SHOWN_ASIDE = 20
@@ -68,7 +68,7 @@ class EngineOptions:
     @contextmanager
     def engine(self, device: str | None) -> Iterator[Engine]:
         """This process, new ones, or those of a running cluster."""
-        from clradar.dataset.engine.serial import Serial
+        from clradar.dataset.engine.part_making import Serial
 
         if self.workers is None and self.scheduler is None:
             yield Serial(device)

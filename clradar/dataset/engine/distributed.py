@@ -24,7 +24,7 @@ from distributed.comm import CommClosedError
 
 from clradar import __version__
 from clradar.dataset.engine.cluster import DEVICE
-from clradar.dataset.engine.serial import ATTEMPTS, Outcome, PartMaker, made_with, reason_of
+from clradar.dataset.engine.part_making import ATTEMPTS, Outcome, PartMaker, made_with, reason_of
 from clradar.dataset.store.folder import Aside
 from clradar.errors import ClusterError, OutputError
 from clradar.files.atomic import write_file

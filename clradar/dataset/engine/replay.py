@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from clradar.dataset.engine.serial import made_with
+from clradar.dataset.engine.part_making import made_with
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import Sample, make_sample
 from clradar.dataset.store.confined_reader import read_sample
-from clradar.dataset.store.fields import data_bytes
 from clradar.dataset.store.folder import read_manifest, stored_path
+from clradar.dataset.store.shard_schema import data_bytes
 from clradar.dataset.store.shard_writer import write_sample
 from clradar.files.json_differences import differences
 from clradar.opencl import open_device

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from clradar.dataset.engine.serial import Engine, PartMaker, Serial, absolute, is_device_fault
+from clradar.dataset.engine.part_making import Engine, PartMaker, Serial, absolute, is_device_fault
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.sample import found_rig
 from clradar.dataset.store.folder import (

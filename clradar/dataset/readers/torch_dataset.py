@@ -13,8 +13,8 @@ import numpy as np
 
 from clradar.dataset.plan.plan import PRODUCTS
 from clradar.dataset.readers.index import read_index
-from clradar.dataset.store.fields import FIELDS, LABELS
 from clradar.dataset.store.shard_reader import opened_shard
+from clradar.dataset.store.shard_schema import FIELDS, LABELS
 from clradar.errors import ClradarError
 from clradar.model import checks
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from clradar.dataset.plan.plan_json import plan_record
 from clradar.dataset.readers.index import Index, read_index
-from clradar.dataset.store.fields import FIELDS, LABELS, Field
 from clradar.dataset.store.folder import Manifest
 from clradar.dataset.store.shard_reader import fields_of, opened_shard
+from clradar.dataset.store.shard_schema import FIELDS, LABELS, Field
 from clradar.errors import ClradarError
 from clradar.files.json_text import to_json
 

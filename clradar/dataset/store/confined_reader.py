@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from clradar.dataset.sample import Sample
-from clradar.dataset.store.fields import FIELDS, LABELS
 from clradar.dataset.store.shard_reader import (
     EXPECTED,
     check_format,
@@ -23,6 +22,7 @@ from clradar.dataset.store.shard_reader import (
     row_of,
     sample_of,
 )
+from clradar.dataset.store.shard_schema import FIELDS, LABELS
 from clradar.files.failures import reading
 from clradar.files.json_text import parse_object
 from measurement_io.confined import hdf5_guard, hdf5_process

@@ -13,7 +13,8 @@ import numpy as np
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.store.confined_reader import ArrayContents, ShardContents, read_contents
-from clradar.dataset.store.fields import (
+from clradar.dataset.store.shard_reader import EXPECTED
+from clradar.dataset.store.shard_schema import (
     FIELDS,
     Field,
     axes_of,
@@ -21,7 +22,6 @@ from clradar.dataset.store.fields import (
     fields_of_products,
     labels_of,
 )
-from clradar.dataset.store.shard_reader import EXPECTED
 from clradar.errors import MeasurementError
 from clradar.files.failures import fail, reading, shown
 from clradar.files.json_file import read_json_object

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from clradar.dataset.sample import Sample
-from clradar.dataset.store.fields import FIELDS, FORMAT, VERSION
+from clradar.dataset.store.shard_schema import FIELDS, FORMAT, VERSION
 from clradar.files.failures import fail, reading, regular_file_size
 
 EXPECTED = "a shard of a data set (HDF5)"

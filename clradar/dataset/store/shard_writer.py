@@ -18,8 +18,16 @@ from typing import Any
 import numpy as np
 
 from clradar.dataset.sample import Sample
-from clradar.dataset.store.fields import FIELDS, FORMAT, LABELS, VERSION, Field, axes_of, labels_of
 from clradar.dataset.store.shard_reader import fields_of
+from clradar.dataset.store.shard_schema import (
+    FIELDS,
+    FORMAT,
+    LABELS,
+    VERSION,
+    Field,
+    axes_of,
+    labels_of,
+)
 from clradar.files.atomic import replacing, write_file
 
 CHUNK_BYTES = 2**20

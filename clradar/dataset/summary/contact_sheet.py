@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clradar.dataset.sample import Sample
-from clradar.dataset.store.fields import axes_of
 from clradar.dataset.store.folder import CONTACT_SHEET, Manifest, stored_path
 from clradar.dataset.store.shard_reader import opened_shard, row_of, sample_of
+from clradar.dataset.store.shard_schema import axes_of
 from clradar.files.atomic import write_file
 from clradar.hand import JOINT_NAMES
 from clradar.plot import AMPLITUDE_BACKGROUND, png_bytes

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from clradar.dataset.store.fields import FIELDS, LABELS
 from clradar.dataset.store.folder import STATISTICS, TABLE, Manifest
 from clradar.dataset.store.shard_reader import fields_of, opened_shard
+from clradar.dataset.store.shard_schema import FIELDS, LABELS
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
 

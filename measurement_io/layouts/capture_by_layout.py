@@ -16,8 +16,8 @@ from clradar.model import AntennaArray, Capture, Waveform, checks
 from measurement_io.layouts.container import Container
 from measurement_io.layouts.containers import EXPECTED, open_container
 from measurement_io.layouts.cube import DataShape, data_shape, read_cube
-from measurement_io.layouts.description import AntennaLayout, Layout
 from measurement_io.layouts.frequencies import read_frequencies
+from measurement_io.layouts.layout import AntennaLayout, Layout
 from measurement_io.layouts.positions import Positions, check_plausible, read_positions
 from measurement_io.layouts.real_values import meta_value
 from measurement_io.layouts.toml_reader import read_layout
