@@ -58,7 +58,7 @@ MAX_MAT5_FIELDS = 4096
 MAX_CHUNK_BYTES = 2**28
 """Of an HDF5 dataset: HDF5 holds a chunk twice, as stored and inflated."""
 
-# ---- HDF5, read in a process of its own (`measurement_io.confined`)
+# ---- HDF5, read in a process of its own (`clradar.files.confined`)
 
 CPU_LIMIT_S = 3
 """Processor time for reading a file, and as much again for every `CPU_LIMIT_BYTES` of it and

@@ -1,1 +1,1 @@
-"""Confined processes, in which HDF5 files are read with limits of memory and time."""
+"""HDF5 files in confined processes (`clradar.files.confined`)."""

@@ -3,7 +3,7 @@
 HDF5 can point outside the file (external links, external storage, virtual datasets), ask for
 memory that the file does not back (fill values, filters that inflate) and load filter plug-ins.
 Nothing of that occurs in a native file, so each is looked for before the data is touched. What the
-library itself does wrong on damaged files is why all this runs in `hdf5_process`.
+library itself does wrong on damaged files is why all this runs in a confined process.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from clradar.files.confined.process import forbid_opening
 from clradar.files.failures import clean, fail, reading, regular_file_size
 from clradar.files.limits import MAX_JSON_BYTES
 from measurement_io.confined.hdf5_heap import check_heaps
-from measurement_io.confined.hdf5_process import forbid_opening
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 SHUFFLE, FLETCHER32, DEFLATE, LZF = 2, 3, 1, 32000

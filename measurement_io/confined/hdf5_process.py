@@ -1,52 +1,21 @@
-"""Read each HDF5 file in a confined process, which a hostile file can crash but not use.
-
-The HDF5 library is not safe against damaged files: with a few bytes changed it loops for ever,
-allocates without bound, divides by zero or overwrites its own memory. So each file is read by a
-process that has just been forked for it from a small server (started at the first need, some
-tenths of a second; a fork takes milliseconds). That process has a limit of memory and of time,
-cannot write files or start programs, and once the file is open it cannot open anything else.
-"""
+"""Read each HDF5 file in a confined process: the HDF5 library is not safe on damaged files."""
 
 from __future__ import annotations
 
-import atexit
-import codecs
-import importlib
-import json
-import os
-import resource
-import signal
-import socket
-import subprocess
-import sys
-import threading
-import warnings
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from clradar.errors import ClradarError, MeasurementError
-from clradar.files.failures import clean, fail, regular_file_size, shown
+from clradar.files.confined import process
+from clradar.files.failures import regular_file_size
 from clradar.files.limits import (
     CPU_LIMIT_BYTES,
     CPU_LIMIT_INFLATED_BYTES,
     CPU_LIMIT_S,
-    MAX_REQUEST_BYTES,
     MEMORY_BYTES,
-    WALL_LIMIT_S,
 )
-from measurement_io.confined import wire
 
 EXPECTED = "a readable HDF5 file"
-
-
-_READY = b"ready"
-_START = "import sys; sys.path[:] = {path!r}; from {module} import serve; serve({link})"
-
-_lock = threading.Lock()
-_server: tuple[subprocess.Popen[bytes], socket.socket] | None = None
-_confined = False
 
 
 def run(
@@ -57,8 +26,7 @@ def run(
     Parameters
     ----------
     function : callable
-        Of a module, by its name there. It returns what `measurement_io.confined.wire` can send,
-        and opens the file with `hdf5_guard.opened`.
+        As of `clradar.files.confined.process.run`; opens the file with `hdf5_guard.opened`.
     path : Path
     *arguments
         What JSON can hold.
@@ -72,183 +40,12 @@ def run(
     """
     size = regular_file_size(path, EXPECTED)
     inflated = 0 if most_bytes is None else most_bytes
-    cpu_s = CPU_LIMIT_S * (1 + size // CPU_LIMIT_BYTES + inflated // CPU_LIMIT_INFLATED_BYTES)
-    memory_bytes = MEMORY_BYTES + 2 * (size if most_bytes is None else most_bytes)
-    request = {
-        "module": function.__module__,
-        "function": function.__qualname__,
-        "folder": os.getcwd(),
-        "path": os.fspath(path),
-        "arguments": arguments,
-        "cpu_s": cpu_s,
-        "memory_bytes": memory_bytes,
-    }
-    message = json.dumps(request).encode("ascii")
-    if len(message) > MAX_REQUEST_BYTES:
-        fail(path, "a path and keys of sane length", f"{len(message)} bytes of them")
-    try:
-        answer = _answer_of(path, message, 8 * size if most_bytes is None else most_bytes)
-    except (wire.BrokenMessage, OSError) as error:
-        limits = f"{cpu_s} s or {memory_bytes >> 20} MiB"
-        got = f"one on which the HDF5 library crashes, or takes more than {limits}"
-        fail(path, EXPECTED, got, cause=error)
-    if not isinstance(answer, dict) or ("error" in answer) == ("result" in answer):
-        fail(path, EXPECTED, "an invalid answer of the reading process")
-    if "error" in answer:
-        raise MeasurementError(clean(answer["error"]))
-    return answer["result"]
-
-
-def _answer_of(path: Path, message: bytes, most_bytes: int) -> Any:
-    """Send a request, and once more if the server itself died, which no file can cause."""
-    for last in (False, True):
-        process, link = _running_server(path)
-        ours, theirs = socket.socketpair()
-        with ours:
-            try:
-                with theirs:
-                    socket.send_fds(link, [message], [theirs.fileno()])
-                return wire.receive(ours, most_bytes)
-            except (wire.BrokenMessage, OSError):
-                if last or process.poll() is None:
-                    raise
-        _stop_server()
-    raise AssertionError
-
-
-def _running_server(path: Path) -> tuple[subprocess.Popen[bytes], socket.socket]:
-    global _server
-    with _lock:
-        if _server is None:
-            try:
-                _server = _start_server()
-            except OSError as error:
-                fail(path, "a process to read HDF5 files in", clean(error), cause=error)
-        return _server
-
-
-def _start_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    path = [os.path.abspath(entry) for entry in sys.path]
-    start = _START.format(path=path, module=__name__, link=theirs.fileno())
-    with theirs:
-        process = subprocess.Popen(
-            [sys.executable, "-c", start],
-            pass_fds=[theirs.fileno()],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
-            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-        )
-    greeting = ours.recv(MAX_REQUEST_BYTES)
-    if greeting != _READY:
-        ours.close()
-        process.kill()
-        process.wait()
-        raise OSError(f"it does not start: {greeting.decode() or sys.executable}")
-    return process, ours
-
-
-@atexit.register
-def _stop_server() -> None:
-    global _server
-    with _lock:
-        if _server is None:
-            return
-        process, link = _server
-        _server = None
-        link.close()
-        process.kill()
-        process.wait()
-
-
-def _forget_server() -> None:
-    """A forked process has a server of its own: this one answers its parent."""
-    global _server, _lock
-    if _server is not None:
-        _server[0].returncode = 0  # it is not this process's to wait for
-    _server, _lock = None, threading.Lock()
-
-
-os.register_at_fork(after_in_child=_forget_server)
-
-
-# ---- the other side
-
-
-def serve(link_number: int) -> None:
-    """Answer requests, each in a forked process, until the other end closes."""
-    warnings.simplefilter("ignore")  # of forks, which are intended here
-    with socket.socket(fileno=link_number) as link:
-        try:
-            _load()
-        except Exception as error:
-            link.send(clean(f"{type(error).__name__}: {error}").encode())
-            return
-        link.send(_READY)
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
-        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # ended processes need no wait
-        while True:
-            message, handles, _, _ = socket.recv_fds(link, MAX_REQUEST_BYTES, 1)
-            if not message:
-                return
-            # Here, so that it is imported once and not by every process.
-            with suppress(Exception):
-                importlib.import_module(json.loads(message)["module"])
-            if os.fork() == 0:
-                link.close()
-                with suppress(BaseException):
-                    _answer(json.loads(message), socket.socket(fileno=handles[0]))
-                os._exit(0)
-            for handle in handles:
-                os.close(handle)
-
-
-def _load() -> None:
-    """Load once what reading needs: later nothing more can be opened."""
-    import h5py  # noqa: F401
-
-    for encoding in ("ascii", "latin-1", "utf-8"):
-        codecs.lookup(encoding)
-
-
-def _answer(request: dict[str, Any], link: socket.socket) -> None:
-    _limit(request["cpu_s"], request["memory_bytes"])
-    path = Path(request["path"])
-    try:
-        os.chdir(request["folder"])
-        function = getattr(importlib.import_module(request["module"]), request["function"])
-        wire.send(link, {"result": function(path, *request["arguments"])})
-    except ClradarError as error:
-        wire.send(link, {"error": str(error)})
-    except Exception as error:
-        got = f"{type(error).__name__}: {clean(error)}"
-        wire.send(link, {"error": f"{shown(path)}: expected {EXPECTED}, got {got}"})
-
-
-def _limit(cpu_s: int, memory_bytes: int) -> None:
-    """Limit memory, processor time, file sizes and child processes of this process."""
-    global _confined
-    _confined = True
-    pages = int(Path("/proc/self/statm").read_bytes().split()[0])
-    memory_bytes += pages * resource.getpagesize()
-    for what, most in (
-        (resource.RLIMIT_AS, memory_bytes),
-        (resource.RLIMIT_CPU, cpu_s),
-        (resource.RLIMIT_CORE, 0),
-        (resource.RLIMIT_FSIZE, 0),
-        (resource.RLIMIT_NPROC, 0),
-    ):
-        hard = resource.getrlimit(what)[1]
-        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(what, (most, most))
-    signal.alarm(WALL_LIMIT_S)
-
-
-def forbid_opening() -> None:
-    """Let this process open nothing any more, if it is one that reads for another."""
-    if not _confined:
-        return
-    free = os.dup(0)
-    os.close(free)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (free, free))
+    reader = process.Reader(
+        expected=EXPECTED,
+        library="the HDF5 library",
+        cpu_s=CPU_LIMIT_S * (1 + size // CPU_LIMIT_BYTES + inflated // CPU_LIMIT_INFLATED_BYTES),
+        memory_bytes=MEMORY_BYTES + 2 * (size if most_bytes is None else most_bytes),
+        most_bytes=8 * size if most_bytes is None else most_bytes,
+        modules=("h5py",),
+    )
+    return process.run(reader, function, path, *arguments)

@@ -20,6 +20,7 @@ from opened_files import OpenedFiles
 
 import clradar
 from clradar.errors import MeasurementError
+from clradar.files.confined import process
 from measurement_io import check_file, describe, open_capture, save_capture
 from measurement_io.confined import hdf5_process
 
@@ -246,7 +247,7 @@ def test_filter_plugins_are_not_loaded(path, watch, capture, monkeypatch):
     content[places[0] : places[0] + 10] = struct.pack("<5H", _FOREIGN_FILTER, 0, 0, 0, 0)
     path.write_bytes(with_right_checksums(bytes(content)))
     Path("out/libfilter.so").write_bytes(b"no library")
-    hdf5_process._stop_server()  # the next one has the variable from the start
+    process._stop_server()  # the next one has the variable from the start
     monkeypatch.setenv("HDF5_PLUGIN_PATH", str(path.parent / "out"))
     watch.names()
 
@@ -255,7 +256,7 @@ def test_filter_plugins_are_not_loaded(path, watch, capture, monkeypatch):
     assert "libfilter.so" in watch.names(), "the trap does not work"
     assert all(f"filter {_FOREIGN_FILTER}" in text for text in outcomes(path))
     assert watch.names() == set()
-    hdf5_process._stop_server()
+    process._stop_server()
 
 
 def test_a_block_before_the_file(path, capture):

@@ -1,4 +1,4 @@
-"""The process that reads HDF5 files: it may die, and can do no harm."""
+"""The process that reads files: it may die, and can do no harm."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ import pytest
 import reader_probes as probes
 
 from clradar.errors import MeasurementError
-from measurement_io.confined import hdf5_process, wire
+from clradar.files.confined import process, wire
+from measurement_io.confined import hdf5_process
 
 
 @pytest.fixture
@@ -98,17 +99,17 @@ def test_the_folder_is_the_callers(path, monkeypatch):
 
 def test_another_server_takes_over(path):
     assert hdf5_process.run(probes.same, path, 1) == 1
-    assert hdf5_process._server is not None
-    process = hdf5_process._server[0]
-    process.kill()
-    process.wait()
+    assert process._server is not None
+    server = process._server[0]
+    server.kill()
+    server.wait()
     assert hdf5_process.run(probes.same, path, 2) == 2
 
 
 def test_a_server_that_does_not_start_is_not_the_files_fault(path, monkeypatch):
-    hdf5_process._stop_server()
-    monkeypatch.setattr(hdf5_process.sys, "executable", "/bin/false")
-    assert "a process to read HDF5 files in" in refused(probes.same, path, 1)
+    process._stop_server()
+    monkeypatch.setattr(process.sys, "executable", "/bin/false")
+    assert "a process to read it in" in refused(probes.same, path, 1)
     monkeypatch.undo()
     assert hdf5_process.run(probes.same, path, 2) == 2
 

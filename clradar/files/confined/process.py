@@ -1,0 +1,276 @@
+"""Read a file in a confined process, which a hostile file can crash but not use.
+
+Libraries that read files may not be safe against damaged ones: the HDF5 library, with a few bytes
+changed, loops for ever, allocates without bound, divides by zero or overwrites its own memory;
+readers of meshes believe counts. So each file is read by a process that has just been forked for
+it from a small server (started at the first need, some tenths of a second; a fork takes
+milliseconds). That process has a limit of memory and of time, cannot write files or start
+programs, and once the reader has its files open it cannot open anything else.
+"""
+
+from __future__ import annotations
+
+import atexit
+import codecs
+import importlib
+import json
+import os
+import resource
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from clradar.errors import ClradarError, MeasurementError
+from clradar.files.confined import wire
+from clradar.files.failures import clean, fail, shown
+from clradar.files.limits import MAX_REQUEST_BYTES, WALL_LIMIT_S
+
+_READY = b"ready"
+_START = "import sys; sys.path[:] = {path!r}; from {module} import serve; serve({link})"
+
+_lock = threading.Lock()
+_server: tuple[subprocess.Popen[bytes], socket.socket] | None = None
+_confined = False
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """What reads a kind of file, and how much of the machine it may take for one.
+
+    Attributes
+    ----------
+    expected : str
+        What the file should be, for messages: "a readable HDF5 file".
+    library : str
+        What may crash on it: "the HDF5 library".
+    cpu_s : int
+        Processor time in seconds.
+    memory_bytes : int
+        Memory on top of what the process has when it starts.
+    most_bytes : int
+        Most bytes of arrays that may come back.
+    modules : tuple of str
+        Modules to import before the process is forked: later it can open no file.
+    error : type
+        Class of the errors that `run` raises.
+    """
+
+    expected: str
+    library: str
+    cpu_s: int
+    memory_bytes: int
+    most_bytes: int
+    modules: tuple[str, ...] = ()
+    error: type[ClradarError] = MeasurementError
+
+
+def run(reader: Reader, function: Callable[..., Any], path: Path, *arguments: Any) -> Any:
+    """Call `function(path, *arguments)` in a confined process and return its result.
+
+    Parameters
+    ----------
+    reader : Reader
+    function : callable
+        Of a module, by its name there. It returns what `clradar.files.confined.wire` can send, and
+        calls `forbid_opening` when it has opened what it needs.
+    path : Path
+    *arguments
+        What JSON can hold.
+
+    Raises
+    ------
+    ClradarError
+        `reader.error`: what the function raises, or that the process died of the file or of
+        its limits.
+    """
+    request = {
+        "module": function.__module__,
+        "function": function.__qualname__,
+        "modules": reader.modules,
+        "folder": os.getcwd(),
+        "path": os.fspath(path),
+        "arguments": arguments,
+        "expected": reader.expected,
+        "cpu_s": reader.cpu_s,
+        "memory_bytes": reader.memory_bytes,
+    }
+    message = json.dumps(request).encode("ascii")
+    if len(message) > MAX_REQUEST_BYTES:
+        got = f"{len(message)} bytes of them"
+        fail(path, "a path and keys of sane length", got, error=reader.error)
+    try:
+        answer = _answer_of(message, reader.most_bytes)
+    except NoServer as error:
+        fail(path, "a process to read it in", clean(error), error=reader.error, cause=error)
+    except (wire.BrokenMessage, OSError) as error:
+        limits = f"{reader.cpu_s} s or {reader.memory_bytes >> 20} MiB"
+        got = f"one on which {reader.library} crashes, or takes more than {limits}"
+        fail(path, reader.expected, got, error=reader.error, cause=error)
+    if not isinstance(answer, dict) or ("error" in answer) == ("result" in answer):
+        got = "an invalid answer of the reading process"
+        fail(path, reader.expected, got, error=reader.error)
+    if "error" in answer:
+        raise reader.error(clean(answer["error"]))
+    return answer["result"]
+
+
+class NoServer(Exception):
+    """The server does not start, which no file can cause."""
+
+
+def _answer_of(message: bytes, most_bytes: int) -> Any:
+    """Send a request, and once more if the server itself died, which no file can cause."""
+    for last in (False, True):
+        process, link = _running_server()
+        ours, theirs = socket.socketpair()
+        with ours:
+            try:
+                with theirs:
+                    socket.send_fds(link, [message], [theirs.fileno()])
+                return wire.receive(ours, most_bytes)
+            except (wire.BrokenMessage, OSError):
+                if last or process.poll() is None:
+                    raise
+        _stop_server()
+    raise AssertionError
+
+
+def _running_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
+    global _server
+    with _lock:
+        if _server is None:
+            try:
+                _server = _start_server()
+            except OSError as error:
+                raise NoServer(clean(error)) from error
+        return _server
+
+
+def _start_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    path = [os.path.abspath(entry) for entry in sys.path]
+    start = _START.format(path=path, module=__name__, link=theirs.fileno())
+    with theirs:
+        process = subprocess.Popen(
+            [sys.executable, "-c", start],
+            pass_fds=[theirs.fileno()],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        )
+    greeting = ours.recv(MAX_REQUEST_BYTES)
+    if greeting != _READY:
+        ours.close()
+        process.kill()
+        process.wait()
+        raise OSError(f"it does not start: {greeting.decode() or sys.executable}")
+    return process, ours
+
+
+@atexit.register
+def _stop_server() -> None:
+    global _server
+    with _lock:
+        if _server is None:
+            return
+        process, link = _server
+        _server = None
+        link.close()
+        process.kill()
+        process.wait()
+
+
+def _forget_server() -> None:
+    """A forked process has a server of its own: this one answers its parent."""
+    global _server, _lock
+    if _server is not None:
+        _server[0].returncode = 0  # it is not this process's to wait for
+    _server, _lock = None, threading.Lock()
+
+
+os.register_at_fork(after_in_child=_forget_server)
+
+
+# ---- the other side
+
+
+def serve(link_number: int) -> None:
+    """Answer requests, each in a forked process, until the other end closes."""
+    warnings.simplefilter("ignore")  # of forks, which are intended here
+    with socket.socket(fileno=link_number) as link:
+        for encoding in ("ascii", "latin-1", "utf-8"):
+            codecs.lookup(encoding)  # loads it
+        link.send(_READY)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
+        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # ended processes need no wait
+        while True:
+            message, handles, _, _ = socket.recv_fds(link, MAX_REQUEST_BYTES, 1)
+            if not message:
+                return
+            # Here, so that they are imported once and not by every process.
+            with suppress(Exception):
+                _import_all(json.loads(message))
+            if os.fork() == 0:
+                link.close()
+                with suppress(BaseException):
+                    _answer(json.loads(message), socket.socket(fileno=handles[0]))
+                os._exit(0)
+            for handle in handles:
+                os.close(handle)
+
+
+def _import_all(request: dict[str, Any]) -> None:
+    for name in (request["module"], *request["modules"]):
+        importlib.import_module(name)
+
+
+def _answer(request: dict[str, Any], link: socket.socket) -> None:
+    _limit(request["cpu_s"], request["memory_bytes"])
+    path = Path(request["path"])
+    try:
+        os.chdir(request["folder"])
+        _import_all(request)
+        function = getattr(sys.modules[request["module"]], request["function"])
+        wire.send(link, {"result": function(path, *request["arguments"])})
+    except ClradarError as error:
+        wire.send(link, {"error": str(error)})
+    except Exception as error:
+        got = f"{type(error).__name__}: {clean(error)}"
+        wire.send(link, {"error": f"{shown(path)}: expected {request['expected']}, got {got}"})
+
+
+def _limit(cpu_s: int, memory_bytes: int) -> None:
+    """Limit memory, processor time, file sizes and child processes of this process."""
+    global _confined
+    _confined = True
+    pages = int(Path("/proc/self/statm").read_bytes().split()[0])
+    memory_bytes += pages * resource.getpagesize()
+    for what, most in (
+        (resource.RLIMIT_AS, memory_bytes),
+        (resource.RLIMIT_CPU, cpu_s),
+        (resource.RLIMIT_CORE, 0),
+        (resource.RLIMIT_FSIZE, 0),
+        (resource.RLIMIT_NPROC, 0),
+    ):
+        hard = resource.getrlimit(what)[1]
+        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(what, (most, most))
+    signal.alarm(WALL_LIMIT_S)
+
+
+def forbid_opening() -> None:
+    """Let this process open nothing any more, if it is one that reads for another."""
+    if not _confined:
+        return
+    free = os.dup(0)
+    os.close(free)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (free, free))
