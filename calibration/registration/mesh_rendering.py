@@ -219,8 +219,8 @@ class MeshRendering:
         """Derivatives of power and of power x range by each knot's logarithm."""
         points_m, from_centre_m, angle = self._geometry(transform)
         bright = self._share * np.exp(np.interp(angle, KNOTS_RAD, log_brightness))
-        shares = [np.interp(angle, KNOTS_RAD, row) for row in np.eye(len(KNOTS_RAD))]
-        return self._rendered(points_m, from_centre_m, bright * np.array(shares), mean=False)
+        knot_weights = [np.interp(angle, KNOTS_RAD, row) for row in np.eye(len(KNOTS_RAD))]
+        return self._rendered(points_m, from_centre_m, bright * np.array(knot_weights), mean=False)
 
     def _geometry(self, transform: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         points_m = self.visible_points_m(transform)

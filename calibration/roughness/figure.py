@@ -21,7 +21,7 @@ MOST_IMAGES = 6
 
 ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
 
-SHARES = (
+SIMILARITIES = (
     ("overlap", "overlap"),
     ("db_correlation", "dB correlation"),
     ("ssim", "SSIM"),
@@ -55,8 +55,8 @@ def sweep_figure(sweep: Sweep, measured_label: str = "Measurement") -> Figure:
     matplotlib.figure.Figure
         First the axes of `clradar.plot.comparison_figure`: the measurement, at most six alphas of
         the first seed (the best of the grid among them), and the best combination of the regions,
-        if there are any. Then the shares, the lengths and the score over alpha: means over the
-        seeds, and bands from the lowest to the highest seed. With regions two more: their
+        if there are any. Then the similarities, the lengths and the score over alpha: means over
+        the seeds, and bands from the lowest to the highest seed. With regions two more: their
         scores, and of two regions the score of all combinations.
     """
     checks.instance("sweep_figure: sweep", sweep, Sweep)
@@ -79,8 +79,8 @@ def sweep_figure(sweep: Sweep, measured_label: str = "Measurement") -> Figure:
     )
     rows = 1 if regions is None else 2
     _make_room_below(figure, rows * (ROW_BELOW + ROW_HEIGHT + ROW_ABOVE))
-    shares, lengths, score = _row(figure, rows - 1, 3)
-    _draw_metrics(shares, sweep, SHARES, 1.0, "")
+    similarities, lengths, score = _row(figure, rows - 1, 3)
+    _draw_metrics(similarities, sweep, SIMILARITIES, 1.0, "")
     _draw_metrics(lengths, sweep, LENGTHS, 1e3, "mm")
     _draw_scores(score, sweep, {"all": sweep.estimate})
     if regions is not None:

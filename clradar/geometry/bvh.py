@@ -271,7 +271,7 @@ def _collapsed(child: np.ndarray, area: np.ndarray) -> tuple[list[np.ndarray], i
     most : int
         How many children a traversal may have to keep at a time.
     """
-    shares = _optimal_shares(child, area)
+    columns_left = _optimal_collapse(child, area)
     parents = np.zeros(1, dtype=np.int64)
     waiting = np.zeros(1, dtype=np.int64)  # children that wait when a traversal comes to a node
     levels, most = [], 0
@@ -282,10 +282,10 @@ def _collapsed(child: np.ndarray, area: np.ndarray) -> tuple[list[np.ndarray], i
         row, column = np.arange(len(parents)), np.zeros(len(parents), dtype=np.int64)
         node, width = parents, np.full(len(parents), CHILDREN)
         while len(row):
-            left = shares[width, node]
+            left = columns_left[width, node]
             row, column, node, width, left = (a[left > 0] for a in (row, column, node, width, left))
-            for side, at, share in ((0, column, left), (1, column + left, width - left)):
-                wide[row, at], columns[row, at] = 2 * node + side, share
+            for side, at, n_left in ((0, column, left), (1, column + left, width - left)):
+                wide[row, at], columns[row, at] = 2 * node + side, n_left
             row, column = np.nonzero((columns > 1) & (child[wide] >= 0))
             node, width = child[wide[row, column]], columns[row, column]
             columns[row, column] = 0
@@ -298,7 +298,7 @@ def _collapsed(child: np.ndarray, area: np.ndarray) -> tuple[list[np.ndarray], i
     return levels, most
 
 
-def _optimal_shares(child: np.ndarray, area: np.ndarray) -> np.ndarray:
+def _optimal_collapse(child: np.ndarray, area: np.ndarray) -> np.ndarray:
     """SAH-optimal collapse into an 8-wide BVH, by dynamic programming from the leaves up [2]_.
 
     Shape (CHILDREN + 1, n_nodes): of that many columns for a binary node, how many go to its left
@@ -311,20 +311,20 @@ def _optimal_shares(child: np.ndarray, area: np.ndarray) -> np.ndarray:
     while starts[-1] < len(above):
         starts.append(starts[-1] + int((child[2 * starts[-2] : 2 * starts[-1]] >= 0).sum()))
     cost = np.tile(area, (CHILDREN + 1, 1))  # of a child by its columns; a leaf takes one
-    shares = np.zeros((CHILDREN + 1, len(above)), dtype=np.int8)
+    columns_left = np.zeros((CHILDREN + 1, len(above)), dtype=np.int8)
     for start, stop in zip(starts[-2::-1], starts[:0:-1], strict=True):
         left, right = cost[:, 2 * start : 2 * stop : 2], cost[:, 2 * start + 1 : 2 * stop : 2]
         opened = np.full((CHILDREN + 1, stop - start), np.inf, dtype=cost.dtype)
         for width in range(2, CHILDREN + 1):
-            for share in range(1, width):
-                sum_ = left[share] + right[width - share]
+            for n_left in range(1, width):
+                sum_ = left[n_left] + right[width - n_left]
                 better = sum_ < opened[width]
                 opened[width][better] = sum_[better]
-                shares[width, start:stop][better] = share
+                columns_left[width, start:stop][better] = n_left
         alone = area[above[start:stop]] + opened[CHILDREN]
-        shares[2:CHILDREN, start:stop][alone <= opened[2:CHILDREN]] = 0
+        columns_left[2:CHILDREN, start:stop][alone <= opened[2:CHILDREN]] = 0
         cost[1:, above[start:stop]] = np.minimum(alone, opened[1:])
-    return shares
+    return columns_left
 
 
 def _records(bvh: Bvh, first: np.ndarray, count: np.ndarray, triangles_m: np.ndarray) -> np.ndarray:

@@ -155,14 +155,14 @@ class FleshField:
 
     def _at_once(self, n_bytes: int) -> int:
         """Return how many pieces of `n_bytes` a launch handles; no result depends on it."""
-        room = min(self._buffers.free_bytes, self._device.max_buffer_bytes)
-        if room < n_bytes:
+        free_bytes = min(self._buffers.free_bytes, self._device.max_buffer_bytes)
+        if free_bytes < n_bytes:
             raise DeviceError(
                 f"device {self._device.info.label}: a hand's surface needs {n_bytes} bytes more "
-                f"than are left ({room}); use longer edges, or choose another device with "
+                f"than are left ({free_bytes}); use longer edges, or choose another device with "
                 f"CLRADAR_DEVICE=..."
             )
-        return room // n_bytes
+        return free_bytes // n_bytes
 
 
 def _record(cone: Cone, origin_m: np.ndarray) -> list[float]:

@@ -24,8 +24,8 @@ class ExactImager(TiledImager):
     kernel_file = "backproject_exact.cl"
 
     def tiles(self) -> Iterator[Tile]:
-        room = min(self.device.budget_bytes // 2, self.device.max_buffer_bytes)
-        yield from tiles_of(self.grid, *self.tile_size(room))
+        limit_bytes = min(self.device.budget_bytes // 2, self.device.max_buffer_bytes)
+        yield from tiles_of(self.grid, *self.tile_size(limit_bytes))
 
     def steps_per_tile(self) -> int:
         return -(-len(self.k) // FREQUENCY_CHUNK)

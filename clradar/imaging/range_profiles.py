@@ -38,10 +38,10 @@ class RangeImager(TiledImager):
 
     def tiles(self) -> Iterator[Tile]:
         array = self.capture.array
-        room = min(self.device.budget_bytes // 3, self.device.max_buffer_bytes)
-        n_z, n_y = self.tile_size(room)
+        limit_bytes = min(self.device.budget_bytes // 3, self.device.max_buffer_bytes)
+        n_z, n_y = self.tile_size(limit_bytes)
         # A smaller tile has shorter profiles; one transmitter's have to fit, more are better.
-        n_bins = room // (8 * min(RX_CHUNK, array.n_rx) * array.n_tx)
+        n_bins = limit_bytes // (8 * min(RX_CHUNK, array.n_rx) * array.n_tx)
         while n_z > 1 or n_y > 1:
             bins = map(self.bins, tiles_of(self.grid, n_z, n_y))
             if max(stop - first for first, stop in bins) <= n_bins:
@@ -75,8 +75,8 @@ class RangeImager(TiledImager):
         table = buffers.upload(self._table(first, stop))
         n_rx = min(RX_CHUNK, array.n_rx)
         per_tx = 8 * n_rx * (n_bins + n_freq)
-        room = min(buffers.free_bytes // 2, self.device.max_buffer_bytes)
-        n_tx = int(max(1, min(array.n_tx, room // per_tx)))
+        limit_bytes = min(buffers.free_bytes // 2, self.device.max_buffer_bytes)
+        n_tx = int(max(1, min(array.n_tx, limit_bytes // per_tx)))
         cube = buffers.empty(8 * n_tx * n_rx * n_freq)
         profiles = buffers.empty(8 * n_tx * n_rx * n_bins)
         parts = [

@@ -92,9 +92,9 @@ def check_joints(label: str, joints: np.ndarray) -> None:
     if not np.linalg.norm(normal) > 1e-2 * reach(joints) ** 2:
         raise RigError(f"{label}: expected knuckles side by side, got all in line with the wrist")
     across = _axes(joints)[:, 0]
-    places = [float(joints[chain[1]] @ across) for chain in CHAINS[1:]]
-    if not all(a < b for a, b in pairwise(places)):
-        order = ", ".join(FINGERS[i] for i in np.argsort(places))
+    across_m = [float(joints[chain[1]] @ across) for chain in CHAINS[1:]]
+    if not all(a < b for a, b in pairwise(across_m)):
+        order = ", ".join(FINGERS[i] for i in np.argsort(across_m))
         raise RigError(
             f"{label}: expected the knuckles in the order {', '.join(FINGERS)}, got {order}: "
             "are the joints named correctly?"

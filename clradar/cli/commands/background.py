@@ -107,7 +107,7 @@ class AverageOptions:
 def command(
     capture: CaptureArgument,
     output: CaptureOutput,
-    room: EmptyOptions,
+    background: EmptyOptions,
     gate: GateOptions,
     mean: AverageOptions,
     frames: FrameOptions,
@@ -121,7 +121,7 @@ def command(
     """
     from calibration import range_gate, subtract_background
 
-    window, empty = gate.settings(), room.empty
+    window, empty = gate.settings(), background.empty
     sources = [path for path in (capture, empty) if path is not None]
     if empty is None and window is None and not mean.average:
         raise wrong_usage("--empty", "expected --empty, --gate-mm or --average: nothing to do")
@@ -135,13 +135,13 @@ def command(
             print_warning(f"{capture}: emptyfiltered, so an empty room is subtracted already")
         without, files, words = mean.read(empty, FrameOptions())
         inputs = [*inputs, *files]
-        scaling = room.scaling
+        scaling = background.scaling
         done = subtract_background(done, without, scaling=scaling)
         steps.append(f"minus {empty} (scaling {scaling}{', ' if words else ''}{words})")
     if window is not None:
         done = range_gate(done, **window)
         steps.append(gate_text(done.meta["range_gate"]))
-    options = recorded(room, gate, mean, frames, capture=capture)
+    options = recorded(background, gate, mean, frames, capture=capture)
     save(output, done, provenance("background", options, inputs), force=force)
     print_line(f"{output}: {'; '.join(steps)}")
     after = rms_amplitude(done)
