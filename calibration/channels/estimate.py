@@ -12,7 +12,7 @@ from calibration.channels.fit import (
     ChannelFit,
     Prior,
     Samples,
-    Side,
+    SideResponse,
     by_channel,
     fit_channels,
     pairs_of,
@@ -181,7 +181,8 @@ def estimate_channels(
     _check_coverage(target.echo(array))
     part = replace(samples, data=samples.data[np.ix_(*live)])
     tx, rx = (
-        Side(s.log_gain[a], s.phase_rad[a], s.delay_s[a]) for s, a in zip(sides, live, strict=True)
+        SideResponse(s.log_gain[a], s.phase_rad[a], s.delay_s[a])
+        for s, a in zip(sides, live, strict=True)
     )
     found = fit_channels(part, array, target, tx, rx, prior, max_iterations)
     quality = _quality(found, samples.count, noisy_db, max_residual_db)
@@ -248,7 +249,9 @@ def _samples(capture: Capture, gate_m: float | None, search_s: float) -> Samples
     return Samples(capture.data, frequencies_hz, weight, basis)
 
 
-def _gain_stds(samples: Samples, echo: Echo, tx: Side, rx: Side) -> tuple[np.ndarray, np.ndarray]:
+def _gain_stds(
+    samples: Samples, echo: Echo, tx: SideResponse, rx: SideResponse
+) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviation of the gain of each channel due to noise."""
     pairs = pairs_of(samples, echo, tx, rx)
     noise = by_channel(pairs.scatter, echo.seen)
@@ -259,7 +262,7 @@ def _gain_stds(samples: Samples, echo: Echo, tx: Side, rx: Side) -> tuple[np.nda
     return stds[0], stds[1]
 
 
-def _live(side: Side, std: np.ndarray, dead_db: float) -> np.ndarray:
+def _live(side: SideResponse, std: np.ndarray, dead_db: float) -> np.ndarray:
     gain = np.exp(side.log_gain)
     least = float(np.median(gain)) * 10 ** (-dead_db / 20)
     # The first term is for a channel that is zero everywhere: it has no noise, either.

@@ -117,7 +117,7 @@ def _energy(spectra: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Side:
+class SideResponse:
     """The channels of one side: logarithm of the gain, phase, delay, each of shape (n,)."""
 
     log_gain: np.ndarray
@@ -165,8 +165,8 @@ class ChannelFit:
     pose parameters, in their units, 0 if the pose is fixed.
     """
 
-    tx: Side
-    rx: Side
+    tx: SideResponse
+    rx: SideResponse
     target: Target
     echo: Echo
     pairs: Pairs
@@ -176,7 +176,7 @@ class ChannelFit:
     covariance: np.ndarray
 
 
-def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
+def start(samples: Samples, echo: Echo, search_s: float) -> tuple[SideResponse, SideResponse]:
     """Initial estimate of all channels, dead ones too, for a target in its nominal pose.
 
     The delay of a channel is the maximum of the delay profiles of its pairs, summed in power; gains
@@ -215,8 +215,8 @@ def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
     tx, rx = _rank_one(mean, np.where(echo.seen, echo.amplitude, 0.0))
     with np.errstate(divide="ignore"):
         return (
-            Side(np.log(np.abs(tx)), np.angle(tx), tx_delay),
-            Side(np.log(np.abs(rx)), np.angle(rx), rx_delay),
+            SideResponse(np.log(np.abs(tx)), np.angle(tx), tx_delay),
+            SideResponse(np.log(np.abs(rx)), np.angle(rx), rx_delay),
         )
 
 
@@ -259,8 +259,8 @@ def fit_channels(
     samples: Samples,
     array: AntennaArray,
     target: Target,
-    tx: Side,
-    rx: Side,
+    tx: SideResponse,
+    rx: SideResponse,
     prior: Prior,
     max_iterations: int,
 ) -> ChannelFit:
@@ -315,7 +315,7 @@ def fit_channels(
     return ChannelFit(tx, rx, target, echo, pairs, noise, std[:n_tx], std[n_tx:], covariance)
 
 
-def pairs_of(samples: Samples, echo: Echo, tx: Side, rx: Side) -> Pairs:
+def pairs_of(samples: Samples, echo: Echo, tx: SideResponse, rx: SideResponse) -> Pairs:
     """Sufficient statistics of each pair, given a trial."""
     slope = samples.offset_rad_per_s / samples.spread_rad_per_s
     shapes = np.stack([np.ones_like(slope), slope])
@@ -432,7 +432,7 @@ def _solved(
     weight: np.ndarray,
     gradient: np.ndarray,
     moved: np.ndarray,
-    sides: tuple[Side, Side],
+    sides: tuple[SideResponse, SideResponse],
     zero_mean: bool,
 ) -> _Step:
     """Gauss-Newton step of phases, delays and pose, and the covariance of the pose.
@@ -498,8 +498,10 @@ def _delay_precision(delay: np.ndarray, n_tx: int, spread: float, zero_mean: boo
     return precision
 
 
-def _stepped(old: Side, step: _Step, gain_step: np.ndarray, part: slice, spread: float) -> Side:
-    return Side(
+def _stepped(
+    old: SideResponse, step: _Step, gain_step: np.ndarray, part: slice, spread: float
+) -> SideResponse:
+    return SideResponse(
         old.log_gain + gain_step[part],
         old.phase_rad + step.phase[part],
         old.delay_s + step.delay[part] / spread,

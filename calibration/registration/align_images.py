@@ -33,7 +33,7 @@ from calibration.registration.rigid_motion import (
     plane_jacobian,
     rotation_about,
 )
-from calibration.registration.search_space import SearchOptions, start_rotations
+from calibration.registration.search_space import PoseSearch, start_rotations
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
@@ -125,7 +125,7 @@ def align(
     >>> np.abs(1e3 * found.shift_m).round(1), round(found.rotation_deg)
     (array([2., 0., 5.]), 0)
     """
-    SearchOptions("align", search_deg, min_inlier_share, max_iterations)
+    PoseSearch("align", search_deg, min_inlier_share, max_iterations)
     dynamic_range_db = checks.positive("align: dynamic_range_db", dynamic_range_db)
     max_rms_m = checks.positive("align: max_rms_m", max_rms_m)
 

@@ -15,7 +15,7 @@ from calibration.registration.closed_loop import (
 from calibration.registration.mesh_pose import FINE_STEP_M, density_of, depth_for_mesh, locate
 from calibration.registration.mesh_rendering import decimated
 from calibration.registration.radar import Radar
-from calibration.registration.search_space import SearchOptions
+from calibration.registration.search_space import PoseSearch
 from clradar.model import AntennaArray, DepthMap, Scene, Volume, VoxelGrid, Waveform, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
@@ -120,7 +120,7 @@ def align_mesh(
     """
     seed = checks.whole("align_mesh: seed", seed, 0)
     radar = Radar.of("align_mesh", array, waveform)
-    options = SearchOptions("align_mesh", search_deg, min_inlier_share, max_iterations)
+    options = PoseSearch("align_mesh", search_deg, min_inlier_share, max_iterations)
     opened = open_device(device)
     depth = depth_for_mesh(measured, dynamic_range_db)
     located = locate(depth, mesh, radar.aperture, options, opened, progress)

@@ -29,7 +29,7 @@ from calibration.registration.observability import (
     without_unobservable_motion,
 )
 from calibration.registration.rigid_motion import moved, moved_back
-from calibration.registration.search_space import SearchOptions
+from calibration.registration.search_space import PoseSearch
 from clradar.model import DepthMap, Scene, Volume, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Device
@@ -79,7 +79,7 @@ def locate(
     depth: DepthMap,
     mesh: Scene,
     aperture: Aperture,
-    options: SearchOptions,
+    options: PoseSearch,
     device: Device,
     progress: Progress | None = None,
 ) -> Located:
@@ -176,7 +176,7 @@ def _differ(fit: MeshFit, other: MeshFit) -> bool:
     return bool(rotation.magnitude() > _SAME_ROTATION_RAD or shift_m > _SAME_PLACE_M)
 
 
-def _assessed(image: MeshRendering, fit: MeshFit, options: SearchOptions) -> Located:
+def _assessed(image: MeshRendering, fit: MeshFit, options: PoseSearch) -> Located:
     """Undo unobservable motion and assess the fit; raise if it is insufficient."""
     distance_m = np.linalg.norm(image.visible_points_m(fit.transform) - fit.centre_m, axis=1)
     scale = TwistScale(fit.centre_m, float(np.median(distance_m)))

@@ -14,7 +14,7 @@ from calibration.registration.closed_loop import (
 )
 from calibration.registration.mesh_pose import depth_for_mesh, locate
 from calibration.registration.radar import Radar
-from calibration.registration.search_space import SearchOptions
+from calibration.registration.search_space import PoseSearch
 from clradar.model import AntennaArray, Scene, Volume, Waveform, checks
 from clradar.opencl import Device, open_device
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
@@ -103,7 +103,7 @@ def register(
     """
     checks.instance("register: measured", measured, Volume)
     radar = Radar.of("register", array, waveform)
-    options = SearchOptions("register", search_deg, min_inlier_share, max_iterations)
+    options = PoseSearch("register", search_deg, min_inlier_share, max_iterations)
     loop_settings = LoopSettings(
         radar=radar,
         grid=measured.grid,

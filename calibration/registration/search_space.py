@@ -28,7 +28,7 @@ def start_rotations(search_deg: float) -> list[Rotation]:
 
 
 @dataclass(frozen=True, slots=True)
-class SearchOptions:
+class PoseSearch:
     """Checked options of a registration: see `align` and `align_mesh`."""
 
     function: str

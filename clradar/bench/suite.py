@@ -41,7 +41,7 @@ SUITE: dict[str, Callable[[clradar.Device, int, bool], list[Row]]] = {
 }
 
 
-def run(device: clradar.Device, names: Sequence[str], effort: Effort) -> Iterator[Row]:
+def run_suite(device: clradar.Device, names: Sequence[str], effort: Effort) -> Iterator[Row]:
     """Yield the rows of some benchmarks, each as it is done."""
     for name in names:
         yield from SUITE[name](device, effort.repeats, effort.quick)

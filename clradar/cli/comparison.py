@@ -26,7 +26,7 @@ METRIC_COLUMNS = {
 """Title of a column: field of `Metrics`, factor to the unit of the column, decimals."""
 
 
-def alpha_of(meta: Mapping[str, Any]) -> float | None:
+def simulated_alpha(meta: Mapping[str, Any]) -> float | None:
     """The alpha that a capture or volume was simulated with; None if unknown or not one number."""
     capture = meta.get("capture")
     scene = (capture if isinstance(capture, Mapping) else meta).get("scene")
@@ -38,9 +38,9 @@ def alpha_of(meta: Mapping[str, Any]) -> float | None:
     return float(low)
 
 
-def labels_of(paths: Sequence[Path], metas: Sequence[Mapping[str, Any]]) -> list[str]:
+def figure_labels(paths: Sequence[Path], metas: Sequence[Mapping[str, Any]]) -> list[str]:
     """A short label for each image: its alpha if no other image has it, else its name."""
-    alphas = [alpha_of(meta) for meta in metas]
+    alphas = [simulated_alpha(meta) for meta in metas]
     labels = []
     for path, alpha in zip(paths, alphas, strict=True):
         if alpha is None or alphas.count(alpha) > 1:

@@ -15,7 +15,7 @@ from time import perf_counter
 import numpy as np
 
 from clradar import Capture, Device, Scene, VoxelGrid, Waveform, arrays, simulate
-from clradar.cli.comparison import Comparison, labels_of
+from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.hand_mesh import save_hand, turned
 from clradar.cli.inputs import form_image
@@ -167,7 +167,7 @@ def run_demo(folder: Path, settings: DemoSettings, device: Device) -> None:
 
     with stages.stage("metrics and figure"):
         paths = [_volume_file(folder, name) for name in captures]
-        compared = Comparison.of(volumes, labels_of(paths, [v.meta for v in volumes[1:]]))
+        compared = Comparison.of(volumes, figure_labels(paths, [v.meta for v in volumes[1:]]))
         label = "Synthetic measurement"
         compared.save_figure(folder / FIGURE, force=True, measured_label=label)
         record = {

@@ -86,7 +86,7 @@ def sweep_into(
     from calibration import sweep
 
     with held(folder):
-        begin(folder, {**origin["options"], "clradar": origin["clradar"]}, force=force)
+        begin_sweep(folder, {**origin["options"], "clradar": origin["clradar"]}, force=force)
         finished = is_finished(folder)
         if not finished:
             if align is not None:
@@ -200,7 +200,7 @@ class FolderStore(MutableMapping[str, dict[str, np.ndarray]]):
         return sum(1 for _ in self)
 
 
-def begin(folder: Path, settings: Mapping[str, Any], *, force: bool) -> None:
+def begin_sweep(folder: Path, settings: Mapping[str, Any], *, force: bool) -> None:
     """Check that the content of the folder was made with these settings.
 
     An empty folder takes them on. With `force` one that was begun with others is cleared: of the

@@ -152,7 +152,7 @@ def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders)
     image = recipe.get("image")
     if image is None and "capture" not in products:
         return Sample(recipe, arrays)
-    capture = recorded(recipe, scene_of(mesh, recipe["alpha"]), device)
+    capture = recorded_capture(recipe, scene_of(mesh, recipe["alpha"]), device)
     if "capture" in products:
         arrays["capture"] = capture.data
     if image is not None:
@@ -271,9 +271,11 @@ def scene_of(mesh: HandMesh, alpha: Mapping[str, float]) -> Scene:
     return Scene(mesh.vertices_m, mesh.faces, values, mesh.part, mesh.part_names, mesh.normals)
 
 
-def recorded(recipe: Mapping[str, Any], scene: Scene, device: Device | str | None) -> Capture:
+def recorded_capture(
+    recipe: Mapping[str, Any], scene: Scene, device: Device | str | None
+) -> Capture:
     """Return the simulated capture of a scene, with the impairments of the recipe."""
-    array, waveform = instrument(recipe)
+    array, waveform = recipe_radar(recipe)
     capture = simulate(scene, array, waveform, device=device, **recipe["simulation"])
     impairments = recipe.get("impairments")
     if not impairments:
@@ -288,7 +290,7 @@ def recorded(recipe: Mapping[str, Any], scene: Scene, device: Device | str | Non
     return impair(capture, **settings)
 
 
-def instrument(recipe: Mapping[str, Any]) -> tuple[AntennaArray, Waveform]:
+def recipe_radar(recipe: Mapping[str, Any]) -> tuple[AntennaArray, Waveform]:
     """Return antennas and frequencies of a recipe.
 
     Equal radars give the same objects, and so do equal grids below: image formation then reuses its

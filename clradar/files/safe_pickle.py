@@ -126,7 +126,7 @@ class PickledArray(Stateful):
             refuse("an array that is filled twice")
         if not isinstance(dtype, PickledDtype):
             refuse("an array without a data type")
-        self.shape = shape_of(shape)
+        self.shape = array_shape(shape)
         self.description = f"{dtype.description} {self.shape}"
         count = math.prod(self.shape)
         if isinstance(raw, list):
@@ -142,7 +142,7 @@ class PickledArray(Stateful):
             refuse(f"an array {self.description} of {need} bytes with {have} bytes of data")
         flat = np.frombuffer(raw, dtype.dtype) if need else np.empty(0, dtype.dtype)
         if order == "K" and axes is not None:
-            value = flat.reshape(self.shape).transpose(shape_of(axes))
+            value = flat.reshape(self.shape).transpose(array_shape(axes))
             self.shape = value.shape
         else:
             value = flat.reshape(self.shape, order="F" if order == "F" else "C")
@@ -150,7 +150,7 @@ class PickledArray(Stateful):
         self.value = value
 
 
-def shape_of(shape: Any) -> tuple[int, ...]:
+def array_shape(shape: Any) -> tuple[int, ...]:
     """Return a tuple of sizes, or refuse."""
     sizes = (shape,) if type(shape) is int else shape
     if (

@@ -17,9 +17,9 @@ from clradar.files.safe_pickle import (
     Makers,
     PickledArray,
     Stateful,
+    array_shape,
     load,
     refuse,
-    shape_of,
 )
 
 _MAX_NESTING = 6
@@ -68,7 +68,7 @@ class Sparse(_Object):
         if not isinstance(shape, tuple) or not all(isinstance(p, PickledArray) for p in parts):
             refuse("a sparse matrix without data, indices, indptr and shape")
         data, indices, starts = (as_array(part) for part in parts)
-        shape = shape_of(shape)
+        shape = array_shape(shape)
         if len(shape) != 2 or indices.dtype.kind not in "iu" or starts.dtype.kind not in "iu":
             refuse("a sparse matrix whose parts do not fit together")
         major, minor = shape[::-1] if self.columns else shape
@@ -117,7 +117,7 @@ def as_array(value: Any, depth: int = 0) -> np.ndarray:
             refuse("a chumpy.reordering.Select whose elements do not exist")
         chosen = source.reshape(-1)[at]
         shape = value.get("preferred_shape")
-        return chosen if shape is None else chosen.reshape(shape_of(_sizes(shape)))
+        return chosen if shape is None else chosen.reshape(array_shape(_sizes(shape)))
     if isinstance(value, int | float | np.number) and not isinstance(value, bool):
         return np.asarray(value)
     refuse(f"{type(value).__name__} where an array is needed")

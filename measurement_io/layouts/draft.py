@@ -15,9 +15,9 @@ from measurement_io.layouts.guesses import (
     GUESS,
     SIDES,
     UNKNOWN,
+    AntennaGuess,
     Frequencies,
     Line,
-    Side,
     guess_antennas,
     guess_frequencies,
     guess_length_unit,
@@ -108,7 +108,7 @@ def _head(container: Container) -> list[str]:
     ]
 
 
-def _completed(side: Side, channels: int | None) -> Side:
+def _completed(side: AntennaGuess, channels: int | None) -> AntennaGuess:
     """Return a side with what was found, with the known array that fits, or with "?"."""
     if side.lines:
         if (channels, side.count) != (96, 94):
@@ -133,7 +133,7 @@ def _axes_lines(axes: GuessedAxes) -> list[str]:
     return [*lines, str(Line("phase_sign = -1", remark))]
 
 
-def _frame_of_reference(sides: dict[str, Side]) -> list[list[str]]:
+def _frame_of_reference(sides: dict[str, AntennaGuess]) -> list[list[str]]:
     """Return the table of units, if there are positions in the file."""
     if all(any("array" in line.text for line in side.lines) for side in sides.values()):
         return []

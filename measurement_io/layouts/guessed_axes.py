@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from measurement_io.layouts.guesses import UNKNOWN, Side
+from measurement_io.layouts.guesses import UNKNOWN, AntennaGuess
 
 _QAR50_CHANNELS = (94, 96)
 
@@ -33,7 +33,7 @@ class GuessedAxes:
 
 
 def guess_axes(
-    shape: tuple[int, ...], part: int | None, points: int | None, sides: Mapping[str, Side]
+    shape: tuple[int, ...], part: int | None, points: int | None, sides: Mapping[str, AntennaGuess]
 ) -> GuessedAxes:
     """Return names for the axes of a shape.
 
@@ -44,7 +44,7 @@ def guess_axes(
         The axis of the real and imaginary parts.
     points : int or None
         Number of frequencies that was found.
-    sides : mapping of str to Side
+    sides : mapping of str to AntennaGuess
         The antennas that were found.
     """
     names = [UNKNOWN] * len(shape)

@@ -51,7 +51,7 @@ class Signal:
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class AntennaGuess:
     """The probable antennas of one side: `count` of them, None if unknown."""
 
     count: int | None
@@ -161,7 +161,7 @@ def _frequency_unit(name: str, values: np.ndarray) -> tuple[str | None, bool]:
     return (fitting[-1], fitting == ["Hz"]) if fitting else (None, False)
 
 
-def guess_antennas(container: Container, keys: Sequence[Key], side: str) -> Side:
+def guess_antennas(container: Container, keys: Sequence[Key], side: str) -> AntennaGuess:
     named = [key for key in keys if _names_side(key.name, side)]
     for key in sorted(named, key=lambda key: -len(key.shape)):
         if len(key.shape) != 2 or not {2, 3} & set(key.shape):
@@ -179,7 +179,7 @@ def guess_antennas(container: Container, keys: Sequence[Key], side: str) -> Side
         if len(columns) == 2:
             lines.append(Line("z = 0.0", f"{GUESS}in one plane"))
         extent = float(np.ptp(values, axis=1 - across).max())
-        return Side(key.shape[1 - across], tuple(lines), columns, extent, (key.name,))
+        return AntennaGuess(key.shape[1 - across], tuple(lines), columns, extent, (key.name,))
     found: dict[str, tuple[Key, np.ndarray]] = {}
     for axis in "xyz":
         for key in named:
@@ -193,8 +193,8 @@ def guess_antennas(container: Container, keys: Sequence[Key], side: str) -> Side
             lines.append(Line("z = 0.0", f"{GUESS}in one plane"))
         extent = max(float(np.ptp(values)) for _, values in found.values())
         names = tuple(key.name for key, _ in found.values())
-        return Side(found["x"][1].size, tuple(lines), None, extent, names)
-    return Side(None, (), None, None, ())
+        return AntennaGuess(found["x"][1].size, tuple(lines), None, extent, names)
+    return AntennaGuess(None, (), None, None, ())
 
 
 def _names_side(name: str, side: str) -> bool:

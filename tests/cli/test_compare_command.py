@@ -74,15 +74,15 @@ def test_labels() -> None:
     alpha = "\N{GREEK SMALL LETTER ALPHA}"
     paths = [Path("a/one.h5"), Path("b/two.h5")]
     metas = [simulated(0.0, 0.0), simulated(0.3, 0.3)]
-    assert comparison.labels_of(paths, metas) == [f"{alpha} = 0", f"{alpha} = 0.3"]
+    assert comparison.figure_labels(paths, metas) == [f"{alpha} = 0", f"{alpha} = 0.3"]
     metas = [simulated(0.3, 0.3), simulated(0.3, 0.3)]
-    assert comparison.labels_of(paths, metas) == ["one", "two"]
+    assert comparison.figure_labels(paths, metas) == ["one", "two"]
     metas = [simulated(0.0, 1.0), {}]
-    assert comparison.labels_of(paths, metas) == ["one", "two"]
+    assert comparison.figure_labels(paths, metas) == ["one", "two"]
     same = [Path("a/x.h5"), Path("b/x.h5")]
-    assert comparison.labels_of(same, metas) == ["a/x.h5", "b/x.h5"]
+    assert comparison.figure_labels(same, metas) == ["a/x.h5", "b/x.h5"]
 
 
 def test_alpha_of_a_foreign_file_is_unknown() -> None:
     for meta in ({}, {"scene": 3}, {"scene": {}}, {"capture": [], "scene": {"alpha_min": "x"}}):
-        assert comparison.alpha_of(meta) is None
+        assert comparison.simulated_alpha(meta) is None

@@ -49,7 +49,7 @@ def command(
     check_outputs([json_file], force=force)
     opened = [open_device(name) for name in device] if device else [open_device()]
     try:
-        from clradar.bench.suite import SUITE, Effort, run
+        from clradar.bench.suite import SUITE, Effort, run_suite
     except ModuleNotFoundError as error:
         raise ClradarError(
             f"the peer {error.name} is not installed; install all of them with: "
@@ -64,7 +64,7 @@ def command(
             f"{effort.repeats}"
         )
         rows = []
-        for row in run(one, names, effort):
+        for row in run_suite(one, names, effort):
             print_row(row)
             rows.append(asdict(row))
         results.append({"device": dict(one.describe()), "cores": os.cpu_count(), "rows": rows})

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from clradar.cli.comparison import Comparison, labels_of
+from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line
 from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.options.common import (
@@ -67,7 +67,7 @@ def command(
         )
     grid = common_grid(voxels, *images)
     volumes = [image.volume(grid, imaging, device) for image in images]
-    labels = labels_of(simulated, [volume.meta for volume in volumes[1:]])
+    labels = figure_labels(simulated, [volume.meta for volume in volumes[1:]])
     compared = Comparison.of(volumes, labels, depth.dynamic_range_db)
     compared.print()
     if files.output is not None:

@@ -95,7 +95,7 @@ def command(
     with new_folder(output) as temporary:
         made = temporary / "made"
         made.mkdir()
-        write_results(made, volume, result, str(measured), origin)
+        write_registration(made, volume, result, str(measured), origin)
         # Another process may have made it meanwhile.
         check_folder(output, force=force, replaced=FILES)
         swap_folder(made, output, temporary / "replaced")
@@ -141,7 +141,7 @@ def round_text(number: int, step: Round) -> str:
     return f"round {number}: {alpha}moved by {1e3 * step.moved_m:.2f} mm"
 
 
-def write_results(
+def write_registration(
     folder: Path, measured: Volume, result: Registration, source: str, origin: dict[str, Any]
 ) -> None:
     """Write all files of a registration into `folder`."""

@@ -212,7 +212,7 @@ class SweepInputs:
         self.labels = regions.read(self.scene, place.unit)
         self.matrix = place.matrix()
         self.image = ImageInput.open(measured, frames)
-        self.radar = radar_of(self.image, frequencies)
+        self.radar = radar_record(self.image, frequencies)
         self.grid = sweep_grid(self.image, voxels, imaging)
         self.files = [*self.image.files, mesh, *place.files, *regions.files]
 
@@ -264,7 +264,7 @@ def read_alphas(text: str) -> np.ndarray:
     return np.array(values)
 
 
-def radar_of(image: ImageInput, frequencies: WaveformOptions) -> dict[str, Any]:
+def radar_record(image: ImageInput, frequencies: WaveformOptions) -> dict[str, Any]:
     """Antennas and frequencies of a capture; for a volume those of the imager and the options."""
     from clradar import arrays
 

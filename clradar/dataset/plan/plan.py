@@ -163,7 +163,7 @@ class Impairments:
 
 
 @dataclass(frozen=True, slots=True)
-class Radar:
+class RadarPlan:
     """The table [radar]: the array "qar50", or every n-th of its transmitters and receivers."""
 
     array: str
@@ -227,7 +227,7 @@ class Plan:
     placement: Placement
     alpha: Alpha
     impairments: Impairments
-    radar: Radar
+    radar: RadarPlan
     simulation: SimulationSettings
     image: Image
     output: Output

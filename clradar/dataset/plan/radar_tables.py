@@ -7,7 +7,7 @@ from typing import Any
 from clradar.backproject import METHODS, WINDOWS
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.dataset.plan.draws import fixed
-from clradar.dataset.plan.plan import ChannelErrors, Image, Impairments, Radar, WallPlan
+from clradar.dataset.plan.plan import ChannelErrors, Image, Impairments, RadarPlan, WallPlan
 from clradar.dataset.plan.table import PlanTable
 from clradar.files.table import is_number
 from clradar.geometry.normals import CREASE_DEG
@@ -74,7 +74,7 @@ def _walls(table: PlanTable) -> tuple[WallPlan, ...]:
     return tuple(found)
 
 
-def radar_of(table: PlanTable) -> Radar:
+def radar_of(table: PlanTable) -> RadarPlan:
     array = table.one_of("array", "qar50", ("qar50",))
     every = table.whole("every", 1, 1, 47)
     start = table.number("start_ghz", 72.0, 0.1, 1000.0)
@@ -87,7 +87,7 @@ def radar_of(table: PlanTable) -> Radar:
             f"{start:g}, {stop:g}",
         )
     table.done()
-    return Radar(array, every, start, stop, steps)
+    return RadarPlan(array, every, start, stop, steps)
 
 
 def simulation_of(table: PlanTable) -> SimulationSettings:

@@ -20,7 +20,7 @@ from clradar.dataset.store.shard_schema import (
     axes_of,
     data_bytes,
     fields_of_products,
-    labels_of,
+    label_values,
 )
 from clradar.errors import MeasurementError
 from clradar.files.failures import fail, reading, shown
@@ -71,7 +71,7 @@ def _problems(
     if other:
         yield f"expected the plan's recipes, got others for the samples {listed(other)}"
         return
-    for label, wanted in labels_of(recipes).items():
+    for label, wanted in label_values(recipes).items():
         if not _same(contents.labels[label], wanted):
             yield f"labels/{label}: expected the value of the recipes, got another"
     axes = axes_of(recipes[0])

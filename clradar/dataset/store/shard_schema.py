@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from clradar.dataset.plan.hand_json import SHAPE_COLUMNS, angles_rad, shape_row
-from clradar.dataset.sample import instrument, recipe_grid
+from clradar.dataset.sample import recipe_grid, recipe_radar
 from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
 
 FORMAT, VERSION = "dataset-shard", 1
@@ -119,7 +119,7 @@ LABELS: Mapping[str, Label] = {
 }
 
 
-def labels_of(recipes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def label_values(recipes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return all `LABELS` but the last two: lists of text, or arrays."""
     return {
         "pose": [r["pose"]["name"] for r in recipes],
@@ -151,7 +151,7 @@ def axes_of(recipe: Mapping[str, Any]) -> dict[str, Axis]:
         "shape_parameter": Axis(SHAPE_COLUMNS, None),
     }
     if "capture" in recipe["products"]:
-        array, waveform = instrument(recipe)
+        array, waveform = recipe_radar(recipe)
         found["tx"] = Axis(np.arange(array.n_tx, dtype=np.int32), None)
         found["rx"] = Axis(np.arange(array.n_rx, dtype=np.int32), None)
         found["frequency_hz"] = Axis(waveform.frequencies_hz, "Hz")

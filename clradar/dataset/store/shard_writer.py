@@ -26,7 +26,7 @@ from clradar.dataset.store.shard_schema import (
     VERSION,
     Field,
     axes_of,
-    labels_of,
+    label_values,
 )
 from clradar.files.atomic import replacing, write_file
 
@@ -133,7 +133,7 @@ class _Store:
         index = np.array([recipe["sample"] for recipe in recipes], dtype=np.int64)
         self.array(group, "sample", index, None, "number of the sample in the plan")
         found = {
-            **labels_of(recipes),
+            **label_values(recipes),
             "recipe": [_text(recipe) for recipe in recipes],
             "made_with": made_with,
         }

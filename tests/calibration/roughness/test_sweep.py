@@ -538,17 +538,17 @@ def test_the_mesh_is_placed_by_transform_or_alignment(files, monkeypatch, capsys
 def test_a_folder_takes_one_kind_of_settings(tmp_path):
     at = tmp_path / "deep" / "out"
     with folder.held(at):
-        folder.begin(at, {"a": {"b": 1, "c": 2}}, force=False)
-        folder.begin(at, {"a": {"b": 1, "c": 2}}, force=False)
+        folder.begin_sweep(at, {"a": {"b": 1, "c": 2}}, force=False)
+        folder.begin_sweep(at, {"a": {"b": 1, "c": 2}}, force=False)
         with pytest.raises(OutputError, match=r"a\.b 1, now 3"):
-            folder.begin(at, {"a": {"b": 3, "c": 2}}, force=False)
+            folder.begin_sweep(at, {"a": {"b": 3, "c": 2}}, force=False)
         (at / "thesis.tex").touch()
         (at / folder.RESULT).touch()
         store = folder.FolderStore(at / folder.WORK)
         store["one"] = {"x": np.arange(3)}
         assert np.array_equal(store["one"]["x"], [0, 1, 2])
         assert (list(store), "one" in store, "two" in store) == (["one"], True, False)
-        folder.begin(at, {"a": {"b": 3, "c": 2}}, force=True)
+        folder.begin_sweep(at, {"a": {"b": 3, "c": 2}}, force=True)
         assert {p.name for p in at.iterdir()} == {folder.SETTINGS, folder.LOCK, "thesis.tex"}
         with pytest.raises(OutputError, match="another sweep"), folder.held(at):
             pass
@@ -557,7 +557,7 @@ def test_a_folder_takes_one_kind_of_settings(tmp_path):
 def test_a_folder_of_somebody_else_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").touch()
     with folder.held(tmp_path), pytest.raises(OutputError, match="no sweep"):
-        folder.begin(tmp_path, {}, force=False)
+        folder.begin_sweep(tmp_path, {}, force=False)
     with pytest.raises(OutputError, match="got a file"), folder.held(tmp_path / "thesis.tex"):
         pass
 
@@ -566,8 +566,8 @@ def test_damaged_settings_are_an_error_and_can_be_replaced(tmp_path):
     (tmp_path / folder.SETTINGS).write_text("[1")
     with folder.held(tmp_path):
         with pytest.raises(ValueError, match="settings of a sweep"):
-            folder.begin(tmp_path, {"a": 1}, force=False)
-        folder.begin(tmp_path, {"a": 1}, force=True)
+            folder.begin_sweep(tmp_path, {"a": 1}, force=False)
+        folder.begin_sweep(tmp_path, {"a": 1}, force=True)
         assert json.loads((tmp_path / folder.SETTINGS).read_text()) == {"a": 1}
 
 
