@@ -50,3 +50,7 @@ __all__ = [
     "subtract_background",
     "sweep",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -7,6 +7,7 @@ from clradar import arrays
 from clradar.backproject import backproject
 from clradar.compare import Metrics, compare
 from clradar.errors import ClradarWarning
+from clradar.files.own_packages import require_own
 from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.environment import Wall, room_capture
 from clradar.impairments.impair import impair
@@ -65,7 +66,15 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # Imported on first use: it imports this package, and xarray.
+    # Imported on first use: they import this package, and xarray.
     if name == "open_dataset":
         return import_module("clradar.dataset").open_dataset
+    if name in ("calibration", "measurement_io"):
+        # The same modules as by `import calibration`, for scripts beside a file of that name.
+        require_own(name)
+        return import_module(name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -40,3 +40,7 @@ def qar50() -> AntennaArray:
         x[[0, -1]] = side * 0.072
         tx_columns.append(np.stack([x, steps_m, zeros], axis=1))
     return AntennaArray(np.concatenate(tx_columns), np.concatenate(rx_rows), name="qar50")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -46,6 +46,10 @@ class ClusterError(ClradarError, RuntimeError):
     """Processes on this or other machines cannot be started, reached, or do not fit together."""
 
 
+class PackageError(ClradarError, ImportError):
+    """A file of the user has the name of one of our packages and hides it."""
+
+
 class ClradarWarning(UserWarning):
     """A result is probably not as intended: the text says why, and what to change.
 

@@ -46,3 +46,7 @@ __all__ = [
     "save_volume",
     "write_products",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

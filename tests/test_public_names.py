@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+from test_doctests import PACKAGES
 
 PROGRAM = """
 import importlib, json, pkgutil, sys, types
@@ -53,3 +57,9 @@ def test_no_module_shadows_a_public_name() -> None:
     modules = {name for name, what in names.items() if what.startswith("module")}
     assert modules == {"clradar.arrays"}
     assert names["calibration.align"] == "function calibration.registration.align_images.align"
+
+
+@pytest.mark.parametrize("name", [*PACKAGES, "clradar.plot", "clradar.model"])
+def test_dir_shows_the_public_names_alone(name: str) -> None:
+    package = importlib.import_module(name)
+    assert dir(package) == sorted(package.__all__)

@@ -1,5 +1,6 @@
 """The command line by ``python -m clradar.cli``."""
 
-from clradar.cli import main
+from clradar.__main__ import run
 
-main()
+if __name__ == "__main__":
+    run()

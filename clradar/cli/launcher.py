@@ -15,6 +15,7 @@ from clradar import __version__
 from clradar.cli.console import print_error, printed_warnings
 from clradar.cli.options.groups import expanded
 from clradar.errors import ClradarError
+from clradar.files.own_packages import require_own
 
 COMMANDS = {
     "devices": "List the OpenCL devices, and which of them is used.",
@@ -132,6 +133,7 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
     @functools.wraps(function)
     def run(*args: Any, **kwargs: Any) -> Any:
         try:
+            require_own("calibration", "measurement_io")
             return function(*args, **kwargs)
         except (typer.Exit, typer.Abort, typer.BadParameter, BrokenPipeError):
             raise

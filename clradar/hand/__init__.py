@@ -38,3 +38,7 @@ __all__ = [
     "read_pose",
     "write_pose",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

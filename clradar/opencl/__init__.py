@@ -25,3 +25,7 @@ __all__ = [
     "list_devices",
     "open_device",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -21,3 +21,7 @@ __all__ = [
     "printable",
     "save_figure",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -19,3 +19,7 @@ __all__ = [
     "theta_of_components",
     "theta_of_rotations",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

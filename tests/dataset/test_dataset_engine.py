@@ -260,6 +260,19 @@ def test_two_workers_make_the_same_bytes(
     assert digests(tmp_path) == undisturbed
 
 
+@pytest.mark.parametrize("served", [False, True])
+def test_a_dashboard_is_named_where_one_is_served(
+    cluster: Any, served: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from clradar.dataset.engine import cluster as module
+
+    monkeypatch.setattr(module, "find_spec", lambda _: object() if served else None)
+    count = len(cluster.nthreads())
+    words = f"{count} worker{'s' if count > 1 else ''}"
+    dashboard = f", dashboard: {cluster.dashboard_link}" if served else ""
+    assert module.cluster_text(cluster) == words + dashboard
+
+
 def test_workers_set_aside_what_one_process_does(
     plan: Plan, cluster: Any, faults: Any, tmp_path: Path
 ) -> None:

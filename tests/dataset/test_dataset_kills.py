@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 MANY = 150
 KILLS = int(os.environ.get("CLRADAR_TEST_KILLS", "25"))
 SEED = int(os.environ.get("CLRADAR_TEST_KILLS_SEED", "1"))
-STARTED = "dashboard:"
+STARTED = " worker"
 LIMIT_S = 600.0
 """Of waits for events that always come, on a machine however busy."""
 

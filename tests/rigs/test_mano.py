@@ -308,7 +308,7 @@ def test_the_command_poses_a_model(
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, "hand", "L", "--rig", path, "--betas", "1,-0.5", "-o", "a.ply")
     assert code == 0, err
-    assert "right hand, unit 1000 mm, 16 of 25 joints, 'L'" in out
+    assert "right hand, unit m, 16 of 25 joints, 'L'" in out
     expected = read_rig(path, betas=[1.0, -0.5]).posed("L")
     mesh = trimesh.load_mesh("a.ply", process=False)
     np.testing.assert_allclose(mesh.vertices, expected.vertices_m, atol=1e-7)

@@ -759,7 +759,7 @@ def test_the_command_poses_a_rig(
     options = ("--rig", "hand.glb", "--mapping", "m.toml", "-o")
     code, out, _ = run(capsys, "hand", "L", *options, "hand.ply", "--joints", "j.json")
     assert code == 0
-    assert "left hand, unit 10 mm, 20 of 25 joints, 'L'" in out
+    assert "left hand, unit cm, 20 of 25 joints, 'L'" in out
     mesh = trimesh.load_mesh("hand.ply", process=False)
     expected = read_rig("hand.glb", mapping="m.toml").posed("L")
     np.testing.assert_allclose(mesh.vertices, expected.vertices_m, atol=1e-7)  # float32 in the file

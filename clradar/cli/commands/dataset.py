@@ -75,7 +75,7 @@ class EngineOptions:
             return
         try:
             from clradar.dataset.engine.cluster import (
-                dashboard_text,
+                cluster_text,
                 local_cluster,
                 running_cluster,
             )
@@ -87,14 +87,14 @@ class EngineOptions:
         _silence_dask()
         if self.scheduler is not None:
             with running_cluster(self.scheduler) as client:
-                print_line(dashboard_text(client))
+                print_line(cluster_text(client))
                 yield Distributed(client, device)
             return
         from clradar.dataset.engine.worker_resources import worker_resources
 
         assert self.workers is not None
         with local_cluster(worker_resources(self.workers, device)) as (client, end):
-            print_line(dashboard_text(client))
+            print_line(cluster_text(client))
             # Each worker has its device in CLRADAR_DEVICE.
             yield Distributed(client, end_workers=end)
 

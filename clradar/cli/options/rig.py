@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,8 +75,8 @@ class RigOptions:
             rotations = rotations_of_theta(rig, read_theta(self.theta))
             mesh, shown = rig.turned(rotations, center_m), f"theta of {self.theta}"
         joints = f"{int(rig.known.sum())} of {len(rig.known)} joints"
-        unit = f"unit {1e3 * rig.unit_m:.6g} mm"
-        return mesh, f"{self.rig}: {rig.handedness} hand, {unit}, {joints}, {shown}"
+        hand = f"{rig.handedness} hand, unit {unit_text(rig.unit_m)}"
+        return mesh, f"{self.rig}: {hand}, {joints}, {shown}"
 
     def _read(self) -> Rig:
         from clradar.rigs import read_rig
@@ -107,6 +108,14 @@ def read_theta(path: Path) -> list[float]:
     if len(values) != 48:
         fail(path, expected, f"{len(values)}")
     return values
+
+
+def unit_text(unit_m: float) -> str:
+    """The name of a unit of length; millimetres where it has none."""
+    from clradar.rigs import UNITS_M
+
+    named = (name for name, value_m in UNITS_M.items() if math.isclose(unit_m, value_m))
+    return next(named, f"{1e3 * unit_m:.6g} mm")
 
 
 def _unit(text: str) -> str | float:

@@ -98,11 +98,12 @@ def local_cluster(
             end()
 
 
-def dashboard_text(client: Client) -> str:
-    """Return the address of the dashboard, and the missing dependency of a local one."""
-    own = client.cluster is not None
-    hint = " (needs: pip install bokeh)" if own and find_spec("bokeh") is None else ""
-    return f"dashboard: {client.dashboard_link}{hint}"
+def cluster_text(client: Client) -> str:
+    """Return how many workers there are, and the address of the dashboard if one is served."""
+    workers = len(client.nthreads())
+    served = client.cluster is None or find_spec("bokeh") is not None  # by this process
+    dashboard = f", dashboard: {client.dashboard_link}" if served else ""
+    return f"{workers} worker{'' if workers == 1 else 's'}{dashboard}"
 
 
 @contextmanager

@@ -1,0 +1,14 @@
+"""The command line by ``python -m clradar``."""
+
+from clradar.cli.launcher import main
+from clradar.files.own_packages import leave_current_folder
+
+
+def run() -> None:
+    """Run the command line, whatever files lie in the current folder."""
+    leave_current_folder()
+    main()
+
+
+if __name__ == "__main__":
+    run()

@@ -1,0 +1,99 @@
+"""A lab's own files that have the names of our packages, and ``python -m clradar``."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import calibration
+import clradar
+import measurement_io
+
+ROOT = Path(clradar.__file__).resolve().parents[1]
+CORRECT = ("correct", "none.h5", "--channels", "none.h5", "-o", "x.h5")
+"""A command that imports both packages before it reads a file."""
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Path:
+    """A folder whose files have the names of ours, and must not run."""
+    for name in ("calibration.py", "measurement_io.py", "kernels/__init__.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("raise SystemExit('the file of the lab ran')\n")
+    return tmp_path
+
+
+def output_of(lab: Path, *arguments: str, path: str = str(ROOT)) -> tuple[int, str]:
+    """Exit status and stderr of a run of Python in the folder."""
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=lab,
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize("module", ["clradar", "clradar.cli"])
+def test_a_command_runs_beside_files_of_the_names_of_ours(lab: Path, module: str) -> None:
+    status, err = output_of(lab, "-m", module, *CORRECT)
+    assert (status, len(err.splitlines())) == (1, 1), err
+    assert err.startswith("clradar: error: none.h5: expected a native file of channels")
+
+
+def test_the_installed_program_runs_there(lab: Path, tmp_path_factory) -> None:
+    program = tmp_path_factory.mktemp("bin") / "clradar"
+    program.write_text("from clradar.cli import main\nmain()\n")
+    _, err = output_of(lab, str(program), *CORRECT)
+    assert err.startswith("clradar: error: none.h5: expected a native file of channels")
+
+
+@pytest.mark.parametrize(
+    ("code", "name"),
+    [
+        ("from clradar.cli import main; main(['correct', 'a', '--channels', 'b', '-o', 'c'])",
+         "calibration.py"),
+        ("import clradar; clradar.calibration.align_mesh", "calibration.py"),
+        ("from clradar import measurement_io", "measurement_io.py"),
+        ("from clradar.dataset import read_plan", "measurement_io.py"),
+        ("import clradar; clradar.open_dataset", "measurement_io.py"),
+    ],
+)  # fmt: skip
+def test_the_file_that_hides_a_package_is_named(lab: Path, code: str, name: str) -> None:
+    # The folder of a script is first on Python's path, as that of `-c` is.
+    status, err = output_of(lab, "-c", code)
+    last = err.splitlines()[-1]
+    assert status == 1
+    assert last.split(": ", 1)[1].removeprefix("error: ").startswith(f"{lab / name}: hides ")
+    assert "rename it" in last
+    assert "the file of the lab ran" not in err
+
+
+def test_a_script_that_needs_no_package_of_that_name_runs(lab: Path) -> None:
+    code = "import clradar; clradar.simulate; clradar.arrays.qar50()"
+    assert output_of(lab, "-c", code) == (0, "")
+
+
+def test_a_path_that_was_set_on_purpose_is_named(lab: Path) -> None:
+    _, err = output_of(lab, "-m", "clradar", *CORRECT, path=f"{lab}{os.pathsep}{ROOT}")
+    assert err.startswith(f"clradar: error: {lab / 'calibration.py'}: hides ")
+    assert len(err.splitlines()) == 1
+
+
+def test_the_command_of_a_checkout_that_is_not_installed() -> None:
+    # `python -m` finds clradar in the current folder only; that folder has to stay on the path.
+    status, err = output_of(ROOT, "-m", "clradar", *CORRECT, path="")
+    assert (status, err.split(": ")[2]) == (1, "none.h5")
+
+
+def test_the_packages_are_attributes_too() -> None:
+    assert clradar.calibration is calibration
+    assert clradar.measurement_io is measurement_io
+    with pytest.raises(AttributeError, match="no attribute 'calibrations'"):
+        clradar.calibrations  # noqa: B018
