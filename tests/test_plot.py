@@ -15,7 +15,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from clradar.compare import Metrics, compare
-from clradar.errors import CompareError, OutputError
+from clradar.errors import CompareError, ModelError, OutputError
 from clradar.model import DepthMap, Volume, VoxelGrid
 from clradar.plot import (
     AMPLITUDE_BACKGROUND,
@@ -359,3 +359,133 @@ def test_panels_are_in_rows_with_their_own_axes() -> None:
     figure.draw_without_rendering()
     with pytest.raises(CompareError, match="not zero"):
         panels_figure([[("a", None), ("b", zero)]])
+
+
+def slab(x_mm: Any, y_mm: Any, z_mm: Any, step_mm: float = 4.0) -> Volume:
+    """A point at (20, 30, 300) mm, or (0.2, 0.3, 3) m where z is in metres, on a grid."""
+    grid = VoxelGrid.from_extent(*(1e-3 * np.array(a) for a in (x_mm, y_mm, z_mm)), step_mm * 1e-3)
+    place = (20.0, 30.0, 300.0) if grid.z_m[0] < 1 else (200.0, 300.0, 3000.0)
+    x, y, z = (
+        (axis * 1e3 - centre) / (4 * step_mm)
+        for axis, centre in zip((grid.x_m, grid.y_m, grid.z_m), place, strict=True)
+    )
+    power = z[:, None, None] ** 2 + y[:, None] ** 2 + x**2
+    return Volume(np.exp(-power).astype(np.complex64), grid)
+
+
+def labels_of(figure: Figure) -> list[str]:
+    return [figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()]
+
+
+def brightest_at(figure: Figure) -> tuple[float, float]:
+    """The coordinates in which the first picture is brightest, as labelled."""
+    axes = figure.axes[0]
+    row, column = np.unravel_index(drawn(axes).argmax(), drawn(axes).shape)
+    mesh: Any = axes.collections[0]
+    corners = mesh.get_coordinates()[row : row + 2, column : column + 2].reshape(-1, 2)
+    x, y = corners.mean(axis=0)
+    return round(float(x), 6), round(float(y), 6)
+
+
+WIDE, DEEP = (-100, 100), (240, 360)
+
+
+@pytest.mark.parametrize(
+    ("extents", "labels", "at", "panel"),
+    [
+        ((WIDE, (30, 30), DEEP), ["x (mm)", "z (mm)"], (20, 300), "Amplitude at y = 30 mm"),
+        ((WIDE, (26, 34), DEEP), ["x (mm)", "z (mm)"], (20, 300), "Amplitude, maximum over y"),
+        (((20, 20), WIDE, DEEP), ["z (mm)", "y (mm)"], (300, 30), "Amplitude at x = 20 mm"),
+        ((WIDE, WIDE, (300, 300)), ["x (mm)", "y (mm)"], (20, 30), "Amplitude, maximum over depth"),
+        ((WIDE, WIDE, DEEP), ["x (mm)", "y (mm)"], (20, 30), "Amplitude, maximum over depth"),
+        ((WIDE, (14, 46), DEEP), ["x (mm)", "y (mm)"], (20, 30), "Amplitude, maximum over depth"),
+    ],
+)
+def test_pictures_are_projected_along_the_thin_axis(
+    extents: Any, labels: list[str], at: tuple[float, float], panel: str
+) -> None:
+    figure = image_figure(slab(*extents, step_mm=2.0), "a slice")
+    assert labels_of(figure) == labels
+    assert brightest_at(figure) == at
+    assert figure.axes[0].get_title() == panel
+    # x increases to the left in every view, z to the right and upwards.
+    assert figure.axes[0].xaxis_inverted() == (labels[0] == "x (mm)")
+    assert not figure.axes[0].yaxis_inverted()
+    # A slice is no strip of one pixel: the drawn picture is at least an eighth as high as wide.
+    figure.draw_without_rendering()
+    box = figure.axes[0].get_window_extent()
+    assert min(box.height / box.width, box.width / box.height) > 1 / 8
+    assert_legible(figure)
+
+
+@pytest.mark.parametrize(
+    ("view", "labels", "at", "depth"),
+    [
+        ("xy", ["x (mm)", "y (mm)"], (20, 30), "depth z (mm)"),
+        ("xz", ["x (mm)", "z (mm)"], (20, 300), "y (mm)"),
+        ("yz", ["z (mm)", "y (mm)"], (300, 30), "x (mm)"),
+    ],
+)
+def test_the_view_can_be_chosen(view: str, labels: list[str], at: Any, depth: str) -> None:
+    figure = image_figure(slab(WIDE, WIDE, DEEP, 10.0), view=view)
+    assert labels_of(figure) == labels
+    assert brightest_at(figure) == at
+    assert figure.axes[3].get_ylabel() == depth
+    # The colour is the coordinate of the maximum along the third axis.
+    third = {"xy": 300.0, "xz": 30.0, "yz": 20.0}[view]
+    np.testing.assert_allclose(drawn(figure.axes[1]).mean(), third, atol=0.1)
+    assert_legible(figure)
+
+
+def test_large_lengths_are_in_metres() -> None:
+    far = slab((-1000, 1000), (-800, 800), (2500, 3500), 50.0)
+    for view, labels, at in (
+        ("xy", ["x (m)", "y (m)"], (0.2, 0.3)),
+        ("xz", ["x (m)", "z (m)"], (0.2, 3.0)),
+    ):
+        figure = image_figure(far, view=view)
+        assert labels_of(figure) == labels
+        assert brightest_at(figure) == at
+        assert_legible(figure)
+    figure = image_figure(far)
+    assert figure.axes[3].get_ylabel() == "depth z (m)"
+    figure.draw_without_rendering()
+    shown = [float(t.get_text()) for t in figure.axes[3].get_yticklabels() if t.get_text()]
+    low, high = figure.axes[1].collections[0].get_clim()
+    assert shown
+    assert all(low <= 1e3 * label <= high for label in shown)
+    assert_legible(comparison_figure(far, [("a", far)]))
+    assert comparison_figure(far, [("a", far)]).axes[2].get_xlabel() == "x (m)"
+
+
+@pytest.mark.parametrize("origin_mm", [0.0, 12_345.0])
+def test_labels_of_neighbouring_ticks_do_not_touch(origin_mm: float) -> None:
+    for width_mm in (2.0, 3100.0):
+        x_m = (origin_mm + np.linspace(0, width_mm, 12)) * 1e-3
+        image = DepthMap(np.full((12, 12), 1.5), np.ones((12, 12)), x_m, x_m)
+        assert_legible(image_figure(image))
+        assert_legible(comparison_figure(image, [(str(i), image) for i in range(6)]))
+
+
+def test_a_line_of_voxels_is_a_curve() -> None:
+    figure = image_figure(slab((20, 20), (30, 30), DEEP, 2.0), "a line", dynamic_range_db=20.0)
+    (axes,) = figure.axes
+    (curve,) = axes.lines
+    assert labels_of(figure) == ["z (mm)", "amplitude (dB)"]
+    assert axes.get_title() == "Amplitude at x = 20, y = 30 mm"
+    assert curve.get_xdata()[np.argmax(curve.get_ydata())] == pytest.approx(300.0)
+    assert axes.get_ylim()[0] == -20.0
+    assert_legible(figure)
+    across = image_figure(slab(WIDE, (30, 30), (300, 300), 2.0))
+    assert across.axes[0].xaxis_inverted()
+
+
+def test_what_has_no_picture_or_no_such_view_is_refused() -> None:
+    with pytest.raises(
+        CompareError, match=r"more than one voxel.* x = 20, y = 30, z = 300 mm.* 1$"
+    ):
+        image_figure(slab((20, 20), (30, 30), (300, 300)))
+    with pytest.raises(ModelError, match="view: expected one of 'xy', 'xz', 'yz', got 'zx'"):
+        image_figure(blob(), view="zx")
+    with pytest.raises(CompareError, match="view: expected 'xy'"):
+        image_figure(blob().depth_map(), view="xz")

@@ -34,8 +34,10 @@ from clradar.plot.layout import (
     panel_size,
     text_height,
     typeset,
+    unit_for,
     wrapped,
 )
+from clradar.plot.lines import line_figure
 from clradar.plot.panels import (
     amplitude_bar,
     depth_bar,
@@ -44,6 +46,7 @@ from clradar.plot.panels import (
     draw_depth,
     draw_frame,
 )
+from clradar.plot.views import FRONT, projected, view_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,6 +67,7 @@ def image_figure(
     title: str | None = None,
     *,
     dynamic_range_db: float = DYNAMIC_RANGE_DB,
+    view: str | None = None,
 ) -> Figure:
     """Draw the amplitude and the depth of one image side by side.
 
@@ -74,43 +78,67 @@ def image_figure(
         Plain text above both panels.
     dynamic_range_db : float, decibel
         Pixels further below the maximum are background.
+    view : "xy", "xz" or "yz", optional
+        The axes of the picture; the volume is projected along the third. Default: along the axis
+        that is thin, an eighth of either other extent at most; else "xy", the radar's view.
 
     Returns
     -------
     matplotlib.figure.Figure
         Axes in this order: amplitude, depth, colour bar of the amplitude, colour bar of the depth.
+        A single slice that is not seen along z has no depth: amplitude and its colour bar. A volume
+        of a single line has one curve of amplitude over position, whatever the view.
 
     Raises
     ------
     CompareError
-        Not an image, zero everywhere, without any depth, or a depth map that was cut at a smaller
-        dynamic range.
+        Not an image, zero everywhere, without any depth, a single voxel, a depth map that was cut
+        at a smaller dynamic range, or one with a view other than "xy".
+    ModelError
+        An unknown view.
     """
-    shown = depth_map_of(image, dynamic_range_db, "image")
+    seen = view_of(image, view)
+    shown = projected(image, seen, dynamic_range_db, "image")
+    if isinstance(image, Volume) and sum(count > 1 for count in image.grid.counts) < 2:
+        return line_figure(image, title, dynamic_range_db)
+    slice_m = None
+    if isinstance(image, Volume) and seen is not FRONT:
+        axis_m = getattr(image.grid, f"{seen.along}_m")
+        slice_m = float(axis_m[0]) if len(axis_m) == 1 else None
+    panels = ["Amplitude, maximum over depth", "Depth"]
+    if slice_m is not None:
+        unit = unit_for(slice_m)
+        panels = [f"Amplitude at {seen.along} = {typeset(f'{unit.per_m * slice_m:g}')} {unit.name}"]
+    elif seen is not FRONT:
+        panels = [f"Amplitude, maximum over {seen.along}", f"{seen.along} of the maximum"]
     extent = Extent.around([shown])
     panel_w, panel_h = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
-    lines = wrapped(title or "", 2 * panel_w, TITLE_PT)
     bar = BAR_GAP + BAR_WIDTH + BAR_LABELS
-    width = LEFT + panel_w + bar + LEFT + panel_w + bar
+    width = len(panels) * (LEFT + panel_w + bar)
+    lines = wrapped(title or "", width - LEFT - bar, TITLE_PT)
     titles_h = text_height(1, LABEL_PT) + text_height(len(lines), TITLE_PT)
     height = BOTTOM + panel_h + titles_h + 2 * TOP
     figure = new_figure(width, height)
 
-    lefts = (LEFT, LEFT + panel_w + bar + LEFT)
+    lefts = [LEFT + i * (LEFT + panel_w + bar) for i in range(len(panels))]
     axes = [add_axes(figure, left, BOTTOM, panel_w, panel_h) for left in lefts]
-    amplitude = draw_amplitude(axes[0], shown)
-    limits_mm = depth_limits_mm([shown])
-    depth = draw_depth(axes[1], shown, limits_mm)
-    for panel, name in zip(axes, ("Amplitude, maximum over depth", "Depth"), strict=True):
-        draw_frame(panel, extent, panel_w, panel_h, x_labels=True, y_labels=True, margin=0.0)
+    for panel, name in zip(axes, panels, strict=True):
+        draw_frame(
+            panel, extent, panel_w, panel_h, x_labels=True, y_labels=True, margin=0.0, view=seen
+        )
         panel.set_title(name, fontsize=LABEL_PT, pad=4)
     bars = [add_axes(figure, at + panel_w + BAR_GAP, BOTTOM, BAR_WIDTH, panel_h) for at in lefts]
-    amplitude_bar(bars[0], amplitude, dynamic_range_db)
-    depth_bar(bars[1], depth, limits_mm, [shown])
-    middle = (lefts[0] + lefts[1] + panel_w) / 2
+    amplitude_bar(bars[0], draw_amplitude(axes[0], shown, extent.unit), dynamic_range_db)
+    if slice_m is None:
+        limits_mm = depth_limits_mm([shown])
+        depth = draw_depth(axes[1], shown, extent.unit, limits_mm)
+        depth_bar(bars[1], depth, limits_mm, [shown], seen)
     for row, line in enumerate(lines):
         top = height - TOP - text_height(row, TITLE_PT)
-        add_text(figure, middle, top, line, size=TITLE_PT, ha="center", bold=True)
+        add_text(
+            figure, (lefts[0] + lefts[-1] + panel_w) / 2, top, line,
+            size=TITLE_PT, ha="center", bold=True,
+        )  # fmt: skip
     return figure
 
 
@@ -178,8 +206,8 @@ def comparison_figure(
     below = [add_axes(figure, left, lower, panel_w, panel_h) for left in lefts]
     limits_mm = depth_limits_mm(shown)
     for i, image in enumerate(shown):
-        amplitude = draw_amplitude(above[i], image)
-        depth = draw_depth(below[i], image, limits_mm)
+        amplitude = draw_amplitude(above[i], image, extent.unit)
+        depth = draw_depth(below[i], image, extent.unit, limits_mm)
         draw_frame(above[i], extent, panel_w, panel_h, x_labels=False, y_labels=i == 0, margin=0.12)
         draw_frame(below[i], extent, panel_w, panel_h, x_labels=True, y_labels=i == 0, margin=0.12)
         # parse_math: a label can be a file's name with a literal dollar sign.
@@ -254,11 +282,9 @@ def panels_figure(
                 axes.set_yticks([])
                 continue
             one = depth_map_of(image, dynamic_range_db, f"image '{label}'")
-            drawn = draw_amplitude(axes, one)
-            draw_frame(
-                axes, Extent.around([one]), width, width,
-                x_labels=True, y_labels=True, margin=0.05,
-            )  # fmt: skip
+            extent = Extent.around([one])
+            drawn = draw_amplitude(axes, one, extent.unit)
+            draw_frame(axes, extent, width, width, x_labels=True, y_labels=True, margin=0.05)
     bar_height = min(2 * row_h, len(panels) * row_h) - BOTTOM - line_h
     bar = add_axes(figure, bar_left, BOTTOM, BAR_WIDTH, bar_height)
     amplitude_bar(bar, drawn, dynamic_range_db)

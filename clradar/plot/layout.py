@@ -23,6 +23,9 @@ TITLE_PT, LABEL_PT, TICK_PT, CAPTION_PT = 9.0, 8.0, 7.0, 7.0
 LINE_SPACING = 1.5
 POINTS_PER_INCH = 72.0
 
+LETTER_EM = 0.66
+"""A generous mean width for the letters of a sans-serif font, in em."""
+
 # Inches.
 LEFT, GAP, TOP, BOTTOM = 0.62, 0.11, 0.10, 0.44
 BAR_GAP, BAR_WIDTH, BAR_LABELS = 0.12, 0.11, 0.58
@@ -34,35 +37,59 @@ TICK_DISTANCE = 0.32
 
 
 @dataclass(frozen=True, slots=True)
-class Extent:
-    """The region that all panels of a figure show, millimetres."""
+class LengthUnit:
+    """The unit that lengths are drawn and labelled in."""
 
-    x_mm: tuple[float, float]
-    y_mm: tuple[float, float]
+    name: str
+    per_m: float
+
+
+MILLIMETRES, METRES = LengthUnit("mm", 1e3), LengthUnit("m", 1.0)
+
+METRES_FROM_M = 1.0
+"""Lengths from here on are labelled in metres: millimetres would have four digits and more, and
+neighbouring labels run together."""
+
+
+def unit_for(*lengths_m: float) -> LengthUnit:
+    """The unit in which these lengths are labelled together."""
+    return METRES if max(map(abs, lengths_m)) >= METRES_FROM_M else MILLIMETRES
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """The region that all panels of a figure show, in the unit that it is labelled in."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    unit: LengthUnit
 
     @classmethod
     def around(cls, images: Sequence[DepthMap]) -> Extent:
-        x, y = zip(*(edges_mm(image) for image in images), strict=True)
+        centres_m = [float(axis[i]) for m in images for axis in (m.x_m, m.y_m) for i in (0, -1)]
+        unit = unit_for(*centres_m)
+        x, y = zip(*(pixel_edges(image, unit) for image in images), strict=True)
         return cls(
             (min(float(e[0]) for e in x), max(float(e[-1]) for e in x)),
             (min(float(e[0]) for e in y), max(float(e[-1]) for e in y)),
+            unit,
         )
 
     @property
     def aspect(self) -> float:
         """Height over width of a panel; limited, so that a thin image does not fill its panel."""
-        ratio = (self.y_mm[1] - self.y_mm[0]) / (self.x_mm[1] - self.x_mm[0])
+        ratio = (self.y[1] - self.y[0]) / (self.x[1] - self.x[0])
         return float(np.clip(ratio, *PANEL_ASPECTS))
 
 
-def edges_mm(image: DepthMap) -> tuple[np.ndarray, np.ndarray]:
-    """Return the borders between pixels along x and y, one more than pixels, millimetres."""
-    axes_mm = (1e3 * image.x_m, 1e3 * image.y_m)
-    steps = [float(np.diff(a).min()) for a in axes_mm if len(a) > 1]
+def pixel_edges(image: DepthMap, unit: LengthUnit) -> tuple[np.ndarray, np.ndarray]:
+    """Return the borders between pixels along x and y, one more than pixels."""
+    axes = (unit.per_m * image.x_m, unit.per_m * image.y_m)
+    steps = [float(np.diff(a).min()) for a in axes if len(a) > 1]
     # A single row or column has no spacing of its own: as wide as the other axis' pixels, or 1 mm.
-    step = min(steps, default=1.0)
+    step = min(steps, default=1e-3 * unit.per_m)
     edges = []
-    for axis in axes_mm:
+    for axis in axes:
         if len(axis) == 1:
             edges.append(axis[0] + step * np.array([-0.5, 0.5]))
             continue
@@ -117,8 +144,7 @@ def text_height(lines: int, size_pt: float) -> float:
 
 def wrapped(text: str, width: float, size_pt: float) -> list[str]:
     """Break text into at most three lines of a width in inches; more ends in an ellipsis."""
-    # 0.66 em is a generous mean width for the letters of a sans-serif font.
-    letters = max(8, int(width * POINTS_PER_INCH / (0.66 * size_pt)))
+    letters = max(8, int(width * POINTS_PER_INCH / (LETTER_EM * size_pt)))
     return textwrap.wrap(printable(text), letters, max_lines=3, placeholder="…")
 
 
@@ -149,6 +175,18 @@ def round_ticks(low: float, high: float, most: float, margin: float = 0.0) -> li
             if first <= last <= first + most - 1:
                 return [round(i * step, 9) for i in range(first, last + 1)]
     return [round((low + high) / 2, 6)]
+
+
+def axis_ticks(low: float, high: float, inches: float, margin: float) -> list[float]:
+    """Return round numbers whose labels fit side by side along an axis of a length in inches."""
+    ticks = round_ticks(low, high, inches / TICK_DISTANCE, margin)
+    while len(ticks) > 1:
+        letters = 1 + max(len(f"{tick:g}") for tick in ticks)
+        widest = max(TICK_DISTANCE, letters * LETTER_EM * TICK_PT / POINTS_PER_INCH)
+        if (ticks[1] - ticks[0]) / (high - low) * inches >= widest:
+            break
+        ticks = round_ticks(low, high, len(ticks) - 1, margin)
+    return ticks
 
 
 def typeset(number: str) -> str:

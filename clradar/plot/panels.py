@@ -15,10 +15,14 @@ from clradar.plot.layout import (
     TICK_DISTANCE,
     TICK_PT,
     Extent,
-    edges_mm,
+    LengthUnit,
+    axis_ticks,
+    pixel_edges,
     round_ticks,
     typeset,
+    unit_for,
 )
+from clradar.plot.views import FRONT, View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +37,7 @@ DEPTH_PERCENTILES = (1.0, 99.0)
 """Depths that the colour scale spans, so that a few outliers do not stretch it."""
 
 
-def draw_amplitude(axes: Axes, image: DepthMap) -> Any:
+def draw_amplitude(axes: Axes, image: DepthMap, unit: LengthUnit) -> Any:
     import matplotlib
     from matplotlib.colors import ListedColormap
 
@@ -45,31 +49,34 @@ def draw_amplitude(axes: Axes, image: DepthMap) -> Any:
     level_db = clipped_db(image)
     level_db[level_db <= -image.dynamic_range_db] = np.nan
     limits = (-image.dynamic_range_db, 0.0)
-    return _draw_mesh(axes, image, level_db, scale, limits, AMPLITUDE_BACKGROUND)
+    return _draw_mesh(axes, image, unit, level_db, scale, limits, AMPLITUDE_BACKGROUND)
 
 
-def draw_depth(axes: Axes, image: DepthMap, limits_mm: tuple[float, float]) -> Any:
+def draw_depth(
+    axes: Axes, image: DepthMap, unit: LengthUnit, limits_mm: tuple[float, float]
+) -> Any:
     import matplotlib
 
     scale = matplotlib.colormaps["viridis_r"].with_extremes(bad=DEPTH_BACKGROUND)
-    return _draw_mesh(axes, image, 1e3 * image.depth_m, scale, limits_mm, DEPTH_BACKGROUND)
+    return _draw_mesh(axes, image, unit, 1e3 * image.depth_m, scale, limits_mm, DEPTH_BACKGROUND)
 
 
 def _draw_mesh(
     axes: Axes,
     image: DepthMap,
+    unit: LengthUnit,
     values: np.ndarray,
     scale: Any,
     limits: tuple[float, float],
     background: str,
 ) -> Any:
     axes.set_facecolor(background)
-    x_mm, y_mm = edges_mm(image)
+    x, y = pixel_edges(image, unit)
     # A mesh, not an image: it takes uneven steps and smooths nothing. Rasterised, because one path
     # per pixel makes PDF and SVG files enormous.
     return axes.pcolormesh(
-        x_mm,
-        y_mm,
+        x,
+        y,
         np.ma.masked_invalid(values),
         cmap=scale,
         vmin=limits[0],
@@ -88,27 +95,32 @@ def draw_frame(
     x_labels: bool,
     y_labels: bool,
     margin: float,
+    view: View = FRONT,
 ) -> None:
-    """Set limits, ticks and labels; x increases to the left, in the radar's view."""
-    x_low, x_high = extent.x_mm
-    y_low, y_high = extent.y_mm
-    axes.set_xlim(x_high, x_low)
+    """Set limits, ticks and labels; x increases to the left, in the radar's view and from above."""
+    x_low, x_high = extent.x
+    y_low, y_high = extent.y
+    axes.set_xlim(*((x_high, x_low) if view.horizontal == "x" else (x_low, x_high)))
     axes.set_ylim(y_low, y_high)
-    axes.set_aspect("equal", adjustable="box", anchor="C")
+    # A low image is at the lower edge, so that the labels of its x axis are below the colour bar.
+    axes.set_aspect("equal", adjustable="box", anchor="S")
     axes.grid(visible=False)
     # An image much thinner than its panel has space for fewer ticks than the panel.
-    inches_per_mm = min(width / (x_high - x_low), height / (y_high - y_low))
-    x_ticks = round_ticks(x_low, x_high, (x_high - x_low) * inches_per_mm / TICK_DISTANCE, margin)
-    y_ticks = round_ticks(y_low, y_high, (y_high - y_low) * inches_per_mm / TICK_DISTANCE, margin)
+    inches = min(width / (x_high - x_low), height / (y_high - y_low))
+    x_ticks = axis_ticks(x_low, x_high, (x_high - x_low) * inches, margin)
+    most = (y_high - y_low) * inches / TICK_DISTANCE
+    y_ticks = round_ticks(y_low, y_high, most, margin)
+    if len(y_ticks) == 1:  # no scale to read; labels above each other take less than beside
+        y_ticks = round_ticks(y_low, y_high, 2 * most, margin)
     axes.set_xticks(x_ticks, [typeset(f"{t:g}") if x_labels else "" for t in x_ticks])
     axes.set_yticks(y_ticks, [typeset(f"{t:g}") if y_labels else "" for t in y_ticks])
     axes.tick_params(labelsize=TICK_PT, length=2.5, width=0.6, pad=2)
     for spine in axes.spines.values():
         spine.set_linewidth(0.6)
     if x_labels:
-        axes.set_xlabel("x (mm)", fontsize=LABEL_PT, labelpad=2)
+        axes.set_xlabel(f"{view.horizontal} ({extent.unit.name})", fontsize=LABEL_PT, labelpad=2)
     if y_labels:
-        axes.set_ylabel("y (mm)", fontsize=LABEL_PT, labelpad=1)
+        axes.set_ylabel(f"{view.vertical} ({extent.unit.name})", fontsize=LABEL_PT, labelpad=1)
 
 
 def depth_limits_mm(images: Sequence[DepthMap]) -> tuple[float, float]:
@@ -128,18 +140,25 @@ def amplitude_bar(axes: Axes, drawn: Any, dynamic_range_db: float) -> None:
 
 
 def depth_bar(
-    axes: Axes, drawn: Any, limits_mm: tuple[float, float], images: Sequence[DepthMap]
+    axes: Axes,
+    drawn: Any,
+    limits_mm: tuple[float, float],
+    images: Sequence[DepthMap],
+    view: View = FRONT,
 ) -> None:
     low = min(1e3 * float(np.nanmin(image.depth_m)) for image in images) < limits_mm[0] - 1e-6
     high = max(1e3 * float(np.nanmax(image.depth_m)) for image in images) > limits_mm[1] + 1e-6
     extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[(low, high)]
     bar = axes.figure.colorbar(drawn, cax=axes, extend=extend, extendfrac=0.06)
-    _bar_labels(bar, limits_mm, "depth z (mm)")
+    unit = unit_for(*(1e-3 * limit for limit in limits_mm))
+    name = "depth z" if view is FRONT else view.along
+    _bar_labels(bar, limits_mm, f"{name} ({unit.name})", 1e3 / unit.per_m)
 
 
-def _bar_labels(bar: Any, limits: tuple[float, float], name: str) -> None:
-    ticks = round_ticks(*limits, 5)
-    bar.set_ticks(ticks, labels=[typeset(f"{t:g}") for t in ticks])
+def _bar_labels(bar: Any, limits: tuple[float, float], name: str, scale: float = 1.0) -> None:
+    """Label a bar with round numbers of a unit that is `scale` times that of the limits."""
+    ticks = round_ticks(limits[0] / scale, limits[1] / scale, 5)
+    bar.set_ticks([scale * t for t in ticks], labels=[typeset(f"{t:g}") for t in ticks])
     bar.ax.minorticks_off()
     bar.ax.tick_params(labelsize=TICK_PT, length=2.5, width=0.6, pad=2)
     bar.outline.set_linewidth(0.6)

@@ -11,6 +11,7 @@ import typer
 from command_line import GRID, Run, one_error_line
 
 import clradar
+import clradar.plot
 from clradar.cli.options.imaging import GridOptions, axis_mm
 from clradar.files.hashing import sha256_of
 from measurement_io import open_capture, open_volume, save_capture
@@ -120,3 +121,33 @@ def test_a_capture_without_receptions_is_warned_of(run: Run, made: Path, tmp_pat
     assert outcome.status == 0
     assert "zero everywhere" in outcome.err
     assert not figure.exists()
+
+
+def test_a_slice_is_drawn_from_above_and_a_voxel_not_at_all(
+    run: Run, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = []
+    save = clradar.plot.save_figure
+    monkeypatch.setattr(
+        "clradar.plot.save_figure",
+        lambda figure, *a, **k: drawn.append(figure) or save(figure, *a, **k),
+    )
+    across = ["--x-mm=-60:60:6", "--z-mm", "280:320:5"]
+    for axes, view, labels in (
+        (["--y-mm", "0", *across], [], ("x (mm)", "z (mm)")),
+        (["--y-mm=-60:60:6", *across], ["--view", "yz"], ("z (mm)", "y (mm)")),
+        (["--y-mm", "0", *across], ["--view", "xy"], ("x (mm)", "y (mm)")),
+        (["--y-mm", "0", "--x-mm", "0", "--z-mm", "280:320:5"], [], ("z (mm)", "amplitude (dB)")),
+    ):
+        outcome = run("image", made / "sim.h5", "-o", tmp_path / "v.h5", "--png",
+                      tmp_path / "v.png", "--force", *axes, *view)  # fmt: skip
+        assert outcome.status == 0, outcome.err
+        first = drawn[-1].axes[0]
+        assert (first.get_xlabel(), first.get_ylabel()) == labels
+    one = ["--x-mm", "0", "--y-mm", "0", "--z-mm", "300"]
+    outcome = run("image", made / "sim.h5", "-o", tmp_path / "one.h5", "--png",
+                  tmp_path / "one.png", *one)  # fmt: skip
+    assert outcome.status == 0
+    assert "one.png: not drawn, since the image is one voxel, of amplitude" in outcome.err
+    assert not (tmp_path / "one.png").exists()
+    assert open_volume(tmp_path / "one.h5").data.size == 1

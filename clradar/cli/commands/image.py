@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from time import perf_counter
+from typing import Literal
 
 from clradar.cli.console import print_line, print_warning
 from clradar.cli.inputs import form_image
@@ -24,6 +25,9 @@ def command(
     *,
     output: Path = output_option(REQUIRED, "Volume to write (HDF5)."),
     png: Path | None = option(None, "Also draw amplitude and depth: .png, .pdf or .svg."),
+    view: Literal["xy", "xz", "yz"] | None = option(
+        None, "Axes of the picture. [default: xy, or across the axis that is thin]"
+    ),
     voxels: GridOptions,
     imaging: ImagingOptions,
     tolerance_db: float | None = option(
@@ -52,7 +56,14 @@ def command(
     print_line(f"{output}: {grid_text(grid)}, {took_s:.1f} s on {opened.info.label}")
     if png is not None and not volume.data.any():
         print_warning(f"{png}: not drawn, since the image is zero everywhere")
+    elif png is not None and volume.data.size == 1:
+        amplitude = abs(volume.data.item())
+        print_warning(
+            f"{png}: not drawn, since the image is one voxel, of amplitude {amplitude:.4g}"
+        )
     elif png is not None:
-        figure = image_figure(volume, capture.name, dynamic_range_db=depth.dynamic_range_db)
+        figure = image_figure(
+            volume, capture.name, dynamic_range_db=depth.dynamic_range_db, view=view
+        )
         save_figure(figure, png, force=force)
         print_line(f"{png}: amplitude and depth, {depth.dynamic_range_db:g} dB")

@@ -1,0 +1,70 @@
+"""Views of a volume: the axis that it is projected along, and what is drawn of the other two."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from clradar.compare import depth_map_of
+from clradar.errors import CompareError
+from clradar.model import DepthMap, Volume, VoxelGrid, checks
+
+THIN = 1 / 8
+"""An axis is thin where its extent is at most this share of either other axis' extent. Along the
+paper's z it is 2 / 5; a picture along an axis that is not thin is at least an eighth as high as
+wide."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """The axes drawn to the left and upwards, and the axis of the projection."""
+
+    horizontal: str
+    vertical: str
+    along: str
+
+
+VIEWS = {"xy": View("x", "y", "z"), "xz": View("x", "z", "y"), "yz": View("z", "y", "x")}
+"""As the radar sees the scene; from above, with the radar below; from the side, with the radar to
+the left. x increases to the left, as in all pictures, z away from the radar."""
+
+FRONT = VIEWS["xy"]
+
+
+def view_of(image: Volume | DepthMap, name: str | None) -> View:
+    """The view of a name; None: along the thin axis of a volume, along z if there is none."""
+    if name is not None:
+        checks.one_of("view", name, tuple(VIEWS))
+        if name != "xy" and isinstance(image, DepthMap):
+            raise CompareError(f"view: expected 'xy', which a depth map is, got {name!r}")
+        return VIEWS[name]
+    return VIEWS[thin_view(image.grid)] if isinstance(image, Volume) else FRONT
+
+
+def thin_view(grid: VoxelGrid) -> str:
+    """The view along the thin axis of a grid; "xy" if none is thin, or z is."""
+    extents = grid.spacing_m * (np.array(grid.counts) - 1)
+    for name, axis, others in (("xy", 2, (0, 1)), ("xz", 1, (0, 2)), ("yz", 0, (1, 2))):
+        if extents[axis] <= THIN * min(extents[other] for other in others):
+            return name
+    return "xy"
+
+
+def projected(
+    image: Volume | DepthMap, view: View, dynamic_range_db: float, label: str
+) -> DepthMap:
+    """The maximum along the view's axis, with that axis' coordinate as depth.
+
+    `x_m` and `y_m` of the result are the axes drawn to the side and upwards. Errors are those of
+    `clradar.compare.depth_map_of`.
+    """
+    if view is FRONT or not isinstance(image, Volume):
+        return depth_map_of(image, dynamic_range_db, label)
+    axes = ["xyz".index(name) for name in (view.horizontal, view.vertical, view.along)]
+    grid = image.grid
+    counts = cast("tuple[int, int, int]", tuple(grid.counts[axis] for axis in axes))
+    turned = VoxelGrid(grid.origin_m[axes], grid.spacing_m[axes], counts)
+    data = image.data.transpose([2 - axis for axis in reversed(axes)])
+    return depth_map_of(Volume(data, turned), dynamic_range_db, label)
