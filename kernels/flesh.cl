@@ -9,6 +9,10 @@
 #if !defined(CLR_PALM) || !defined(CLR_ROOT) || !defined(CLR_END) || !defined(CLR_NODES)
 #error "CLR_PALM, CLR_ROOT, CLR_END (cones) and CLR_NODES (nodes along an edge of a cell) are missing"
 #endif
+#if !defined(CLR_PALM_BLEND_M) || !defined(CLR_ROOT_BLEND_M) || !defined(CLR_DIGIT_BLEND_M) || \
+    !defined(CLR_CONTACT_BLEND_M) || !defined(CLR_CUT_BLEND_M)
+#error "CLR_PALM_BLEND_M, CLR_ROOT_BLEND_M, CLR_DIGIT_BLEND_M, CLR_CONTACT_BLEND_M or CLR_CUT_BLEND_M is missing"
+#endif
 
 #include "common/width.h"
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from clradar.imaging.tiled import RX_CHUNK, TX_BLOCK, Tile, TiledImager, tiles_of
+from clradar.imaging.tiled import RX_CHUNK, KernelSizes, Tile, TiledImager, tiles_of
 from clradar.opencl import Buffers
 from clradar.opencl.double_single import antenna_rows, hi_lo
+
+TX_BLOCK = 4
+"""Transmitters that the kernel goes through side by side."""
 
 TX_CHUNK = 512
 """Transmitters per call; a multiple of `TX_BLOCK`."""
@@ -18,10 +22,18 @@ FREQUENCY_CHUNK = 8
 """Frequencies per call, so that their part of the cube stays in the cache."""
 
 
+@dataclass(frozen=True, slots=True)
+class ExactSizes(KernelSizes):
+    """Compile-time constants of the brute-force sum."""
+
+    tx_block: int = TX_BLOCK
+
+
 class ExactImager(TiledImager):
     """The brute-force sum, a block of frequencies and antennas per call."""
 
     kernel_file = "backproject_exact.cl"
+    kernel_sizes = ExactSizes
 
     def tiles(self) -> Iterator[Tile]:
         limit_bytes = min(self.device.budget_bytes // 2, self.device.max_buffer_bytes)

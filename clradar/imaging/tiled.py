@@ -17,17 +17,13 @@ from clradar.opencl.double_single import hi_lo
 RX_CHUNK = 96
 """Receivers per call, whose path lengths are in private memory. Part of the summation order."""
 
-TX_BLOCK = 4
-"""Transmitters that the exact sum goes through side by side."""
-
 
 @dataclass(frozen=True, slots=True)
 class KernelSizes:
-    """Compile-time constants of the kernels."""
+    """Compile-time constants of both kernels."""
 
     width: int
     rx_chunk: int
-    tx_block: int = TX_BLOCK
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +46,7 @@ class TiledImager:
     """Axes on the device and the loop over tiles; a subclass forms the image of one tile."""
 
     kernel_file = ""
+    kernel_sizes = KernelSizes
 
     def __init__(
         self, capture: Capture, grid: VoxelGrid, weights: np.ndarray, device: Device
@@ -59,7 +56,7 @@ class TiledImager:
         self.width = device.width
         self.n_x = -(-grid.counts[0] // self.width) * self.width
         self.k = capture.waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
-        sizes = KernelSizes(self.width, min(RX_CHUNK, capture.array.n_rx))
+        sizes = self.kernel_sizes(self.width, min(RX_CHUNK, capture.array.n_rx))
         self.program = build(device, self.kernel_file, sizes)
 
     def run(self, progress: Progress | None) -> np.ndarray:

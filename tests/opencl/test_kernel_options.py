@@ -8,7 +8,9 @@ from dataclasses import fields
 import pytest
 
 from clradar.geometry.bvh import BuildOptions, TraversalOptions
+from clradar.hand import flesh_field
 from clradar.imaging import fast
+from clradar.imaging.exact import ExactSizes
 from clradar.imaging.tiled import KernelSizes
 from clradar.opencl.sources import source
 from clradar.phasors.phasor_sum import SynthesizeOptions
@@ -25,8 +27,10 @@ KERNELS = {
     "trace.cl": TraceOptions,
     "expected.cl": ExpectedOptions,
     "synthesize.cl": SynthesizeOptions,
-    "backproject_exact.cl": KernelSizes,
+    "backproject_exact.cl": ExactSizes,
+    "backproject_range.cl": KernelSizes,
     "backproject_fast.cl": fast._KernelSizes,
+    "flesh.cl": flesh_field._FleshOptions,
 }
 
 
