@@ -20,10 +20,11 @@ import numpy as np
 
 import clradar
 from clradar.bench import meshes
+from clradar.bench.images import noise
 from clradar.bench.nearest import NearestHits
+from clradar.bench.phasor_sums import PathSums
 from clradar.bench.rays import bounces_of, our_tree, surface_of
-from clradar.bench.rows import ARRAY, WAVEFORM, PathSums, interleaved_s
-from clradar.bench.suite import noise
+from clradar.bench.timing import ARRAY, WAVEFORM, interleaved_s
 from clradar.hand import hand_mesh
 
 REPEATS = 3

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import clradar
-from clradar.bench.rows import ExactImage, PaperVolume, relative_rms_db
-from clradar.bench.suite import noise
+from clradar.bench.images import ExactImage, PaperVolume, noise
+from clradar.bench.timing import relative_rms_db
 
 Measured = Callable[[Callable[[], Any]], Any]
 

@@ -13,7 +13,7 @@ import clradar
 from clradar.bench import meshes
 from clradar.bench.nearest import NearestHits
 from clradar.bench.rays import bounces_of, embree_tree, our_tree, peers_of, rays_of, surface_of
-from clradar.bench.rows import ARRAY
+from clradar.bench.timing import ARRAY
 
 Measured = Callable[[Callable[[], Any]], Any]
 Query = tuple[Callable[[], np.ndarray], Callable[[], Any]]

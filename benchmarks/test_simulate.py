@@ -12,7 +12,7 @@ import trimesh
 
 import clradar
 from clradar import reference
-from clradar.bench.rows import ARRAY, WAVEFORM, relative_rms_db
+from clradar.bench.timing import ARRAY, WAVEFORM, relative_rms_db
 from clradar.hand import hand_mesh
 from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M
 

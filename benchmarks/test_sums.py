@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import clradar
-from clradar.bench.rows import WAVEFORM, PathSums
+from clradar.bench.phasor_sums import PathSums
+from clradar.bench.timing import WAVEFORM
 
 Measured = Callable[[Callable[[], Any]], Any]
 N_PATHS = 1_000_000

@@ -13,7 +13,7 @@ import clradar
 from clradar.bench import meshes
 from clradar.bench.nearest import NearestHits
 from clradar.bench.peers import EmbreeRays, MitsubaRays
-from clradar.bench.rows import ARRAY, Row, interleaved_s
+from clradar.bench.timing import ARRAY, Row, interleaved_s
 from clradar.geometry.bvh import build_bvh, face_normals, flatten
 from clradar.tracing.visible_surface import VisibleSurface
 

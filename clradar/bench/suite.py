@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 import clradar
-from clradar.bench import rays, rows
-from clradar.bench.rows import ARRAY, WAVEFORM, Row
+from clradar.bench import commands, images, phasor_sums, rays
+from clradar.bench.timing import Row
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,13 +18,6 @@ class Effort:
     repeats: int
 
 
-def noise() -> clradar.Capture:
-    """A capture of noise: all voxels of its images have the same expected power."""
-    rng = np.random.default_rng(1)
-    re, im = rng.normal(size=(2, ARRAY.n_tx, ARRAY.n_rx, WAVEFORM.n_freq)).astype(np.float32)
-    return clradar.Capture(re + 1j * im, ARRAY, WAVEFORM)
-
-
 SUITE: dict[str, Callable[[clradar.Device, int, bool], list[Row]]] = {
     "visibility": lambda device, n, quick: rays.visibility(device, n, 8192 if quick else 65536),
     "bounces": lambda device, n, quick: rays.bounces(device, n, 200_000 if quick else 2_000_000),
@@ -34,10 +25,12 @@ SUITE: dict[str, Callable[[clradar.Device, int, bool], list[Row]]] = {
     "growth": lambda device, n, quick: rays.growth(
         device, n, (50, 158) if quick else (158, 500, 1581)
     ),
-    "phasors": lambda device, n, quick: rows.phasor_sum(device, n, 500_000 if quick else 5_000_000),
-    "images": lambda device, n, quick: rows.images(device, n, noise(), 5 if quick else 81),
-    "exact": lambda device, n, quick: [rows.exact_image(device, n, noise())],
-    "commands": lambda device, n, quick: [] if quick else rows.commands(device),
+    "phasors": lambda device, n, quick: phasor_sums.phasor_sum(
+        device, n, 500_000 if quick else 5_000_000
+    ),
+    "images": lambda device, n, quick: images.images(device, n, images.noise(), 5 if quick else 81),
+    "exact": lambda device, n, quick: [images.exact_image(device, n, images.noise())],
+    "commands": lambda device, n, quick: [] if quick else commands.commands(device),
 }
 
 

@@ -15,7 +15,7 @@ from clradar.errors import ClradarError
 from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
-    from clradar.bench.rows import Row
+    from clradar.bench.timing import Row
 
 
 def command(
