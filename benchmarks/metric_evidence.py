@@ -20,7 +20,7 @@ from metric_figure import draw
 from metric_images import HANDS, SHIFTS_MM, Hand, Shot, Store, along
 
 import clradar
-from clradar.compare import HEADLINE_METRIC, HIGHER_IS_BETTER, Metrics, compare
+from clradar.compare import HEADLINE_METRIC, HIGHER_IS_BETTER, METRICS, compare
 from clradar.files.atomic import replacing
 from clradar.plot import save_figure
 
@@ -33,7 +33,7 @@ MORE_RAYS, MORE_RAYS_HANDS, MORE_RAYS_SWEPT = 16, HANDS[::2], (0.4, 0.5, 0.6, 0.
 MEASURED_SEEDS = (0, 1)
 SIMULATED_SEEDS = (10, 11, 12)
 MOVES = tuple(along(axis, mm) for axis in "xz" for mm in SHIFTS_MM)
-NAMES = tuple(f for f in Metrics.__dataclass_fields__ if f != "dynamic_range_db")
+NAMES = METRICS
 
 Values = dict[str, np.ndarray]
 """Of every metric: shape (hands, measured seeds, simulated seeds), lengths in millimetres."""

@@ -36,6 +36,7 @@ import clradar
 import clradar.dataset
 import clradar.hand
 import measurement_io
+from clradar.compare import METRICS
 
 EXACT = 1e-9
 """Numbers that the host computes in float64 without a decision that rounding could turn. Another
@@ -533,7 +534,7 @@ def of_depth(depth: clradar.DepthMap) -> dict[str, Any]:
 
 
 def of_metrics(metrics: clradar.Metrics) -> np.ndarray:
-    return np.array([np.nan if v is None else v for v in metrics.to_dict().values()])
+    return np.array([getattr(metrics, name) for name in (*METRICS, "dynamic_range_db")])
 
 
 def of_paths(paths: clradar.Paths) -> dict[str, Any]:

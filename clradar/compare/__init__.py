@@ -1,0 +1,25 @@
+"""Comparison of images: metrics, and where two images disagree (``docs/metrics.md``)."""
+
+from clradar.compare.comparison import compare, compare_by
+from clradar.compare.disagreement import disagreement
+from clradar.compare.images import clipped_db, depth_map_of
+from clradar.compare.metrics import HEADLINE_METRIC, HIGHER_IS_BETTER, UNDEFINED, Metrics
+from clradar.compare.similarity import METRICS, SSIM_SIGMA, SSIM_WINDOW
+from clradar.compare.unmatched import Disagreement, UnmatchedObject
+
+__all__ = [
+    "HEADLINE_METRIC",
+    "HIGHER_IS_BETTER",
+    "METRICS",
+    "SSIM_SIGMA",
+    "SSIM_WINDOW",
+    "UNDEFINED",
+    "Disagreement",
+    "Metrics",
+    "UnmatchedObject",
+    "clipped_db",
+    "compare",
+    "compare_by",
+    "depth_map_of",
+    "disagreement",
+]

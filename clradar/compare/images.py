@@ -1,0 +1,92 @@
+"""Images that are compared: depth maps of one dynamic range on the same pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clradar.errors import CompareError
+from clradar.model import DepthMap, Volume
+
+SAME_PIXEL_TOLERANCE_M = 1e-7
+"""Pixel centres closer than this are the same, as in `VoxelGrid.same_voxels`."""
+
+
+def depth_map_of(image: Volume | DepthMap, dynamic_range_db: float, label: str) -> DepthMap:
+    """Return the depth map of an image, cut at `dynamic_range_db`.
+
+    Parameters
+    ----------
+    image : Volume or DepthMap
+        A depth map that was cut at a larger dynamic range is cut again.
+    dynamic_range_db : float, decibel
+    label : str
+        Name of the image in errors.
+
+    Raises
+    ------
+    CompareError
+        Not an image, zero everywhere, without any depth, or a depth map that was cut at a smaller
+        dynamic range.
+    """
+    if isinstance(image, Volume):
+        image = image.depth_map(dynamic_range_db)
+    elif not isinstance(image, DepthMap):
+        raise CompareError(f"{label}: expected a Volume or a DepthMap, got {type(image).__name__}")
+    peak = image.amplitude.max()
+    if peak <= 0:
+        raise CompareError(f"{label}: expected an amplitude above 0 somewhere, got 0 everywhere")
+    if image.dynamic_range_db < dynamic_range_db:
+        raise CompareError(
+            f"{label}: expected depths down to {dynamic_range_db:g} dB below the maximum, got a "
+            f"depth map that was cut at {image.dynamic_range_db:g} dB"
+        )
+    # The same expression as in Volume.depth_map, so that both cuts agree to the pixel.
+    threshold = peak * 10.0 ** (-dynamic_range_db / 20.0)
+    kept = image.mask & (image.amplitude >= threshold) & (image.amplitude > 0)
+    if not kept.any():
+        raise CompareError(
+            f"{label}: expected a depth somewhere within {dynamic_range_db:g} dB of the maximum, "
+            "got none"
+        )
+    depth_m = np.where(kept, image.depth_m, np.nan)
+    return DepthMap(depth_m, image.amplitude, image.x_m, image.y_m, dynamic_range_db)
+
+
+def clipped_db(image: DepthMap) -> np.ndarray:
+    """Return the amplitude in decibel relative to its maximum, clipped at the dynamic range.
+
+    Parameters
+    ----------
+    image : DepthMap
+        With an amplitude above 0 somewhere.
+
+    Returns
+    -------
+    ndarray, shape (n_y, n_x), float64, decibel
+        In [-dynamic_range_db, 0]; an amplitude of 0 gives the lower end.
+    """
+    amplitude = image.amplitude.astype(np.float64)
+    floor = 10.0 ** (-image.dynamic_range_db / 20.0)
+    # Clipped before the logarithm, which has no value at 0, and after it, because of its rounding.
+    level_db = 20.0 * np.log10(np.maximum(amplitude / amplitude.max(), floor))
+    return np.clip(level_db, -image.dynamic_range_db, 0.0)
+
+
+def check_same_pixels(measured: DepthMap, simulated: DepthMap) -> None:
+    pairs = ((measured.x_m, simulated.x_m), (measured.y_m, simulated.y_m))
+    if all(len(a) == len(b) and np.abs(a - b).max() <= SAME_PIXEL_TOLERANCE_M for a, b in pairs):
+        return
+    raise CompareError(
+        f"compare: expected both images on the same pixels along x and y, got "
+        f"{_pixels_text(measured)} measured and {_pixels_text(simulated)} simulated; form both "
+        "on one grid"
+    )
+
+
+def _pixels_text(image: DepthMap) -> str:
+    def axis_text(name: str, axis_m: np.ndarray) -> str:
+        # Nine digits show any difference beyond the tolerance.
+        ends = f"{1e3 * axis_m[0]:.9g} to {1e3 * axis_m[-1]:.9g} mm"
+        return f"{name} = {ends} in {len(axis_m)}"
+
+    return f"({axis_text('x', image.x_m)}, {axis_text('y', image.y_m)})"

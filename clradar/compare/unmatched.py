@@ -1,0 +1,274 @@
+"""Where two images disagree, and the bright objects of the one that the other lacks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.model import DepthMap
+
+NEAR_M = 6e-3
+"""Distance across boresight within which an object of the other image is the same one, metres.
+
+Simulated hands that were moved by up to 5 mm are displaced, not missing.
+"""
+
+NEAR_DEPTH_M = 10e-3
+"""The same along z: objects closer than the resolution of 13.5 mm share a maximum."""
+
+WEAKER_DB = 12.0
+"""A bright pixel is unmatched where the other image is this much weaker everywhere near it.
+
+Over four hands, another seed, noise of 20 dB, alpha from 0 to 0.8 and shifts of up to 5 mm reach
+8 dB in the worst hundredth of an image's energy; a missing ball leaves 17 dB and more
+(docs/metrics.md).
+"""
+
+LEAST_SHARE = 0.01
+"""Unmatched pixels with less of their image's energy than this are no object."""
+
+BACKGROUND_DB = 8.0
+"""An object is this much stronger than the median amplitude of its image's maximum projection.
+
+The median is background or noise unless objects fill half of the frame. Noise alone is not an
+object: of the maxima of 81 layers no pixel in a million reaches 8 dB above their median, and of
+a single layer of Rayleigh amplitudes one in 80.
+"""
+
+MOST_DB = 60.0
+"""Differences are cut here: an amplitude of 0 has no level."""
+
+RINGS = 6
+"""Pixels are tried at up to this many distances to each side, however fine the pixels are."""
+
+
+@dataclass(frozen=True, slots=True)
+class UnmatchedObject:
+    """A bright part of one image that is missing from another.
+
+    Attributes
+    ----------
+    position_m : (float, float, float), metres
+        x, y, z of its brightest point.
+    share : float
+        Its part of the energy of its image: the sum of amplitude^2 within the dynamic range.
+    level_db : float, decibel
+        Its maximum relative to that of its image; 0 is the brightest object.
+    weaker_db : float, decibel
+        How much weaker the other image is near the brightest point; at most 60.
+
+    Examples
+    --------
+    >>> from clradar.compare import UnmatchedObject
+    >>> print(UnmatchedObject((-0.045, -0.03, 0.28), 0.62, 0.0, 43.2))
+    the brightest object, at (-45, -30, 280) mm with 62 % of the energy
+    """
+
+    position_m: tuple[float, float, float]
+    share: float
+    level_db: float
+    weaker_db: float
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{round(1e3 * value)}" for value in self.position_m)
+        kind = "the brightest object" if self.level_db == 0 else "an object"
+        return f"{kind}, at ({place}) mm with {100 * self.share:.0f} % of the energy"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields in types of JSON."""
+        return {
+            "position_m": list(self.position_m),
+            "share": self.share,
+            "level_db": self.level_db,
+            "weaker_db": self.weaker_db,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Disagreement:
+    """Where a measured and a simulated image disagree.
+
+    Attributes
+    ----------
+    level_db : ndarray, shape (n_y, n_x), float64, decibel
+        Above 0 where the measurement is stronger than all of the simulation near the pixel, below 0
+        where the simulation is stronger than all of the measurement near it, in [-60, 60]; NaN
+        where neither is within the dynamic range.
+    depth_m : ndarray, shape (n_y, n_x), float64, metres
+        Simulated minus measured depth; NaN where one of them has none.
+    x_m, y_m : ndarray, shape (n_x,) and (n_y,), metres
+        Pixel centres.
+    gain_db : float, decibel
+        What the simulation is raised by before its level is compared, each image being relative to
+        its own maximum.
+    missing : tuple of UnmatchedObject
+        Bright objects of the measurement that the simulation lacks, the largest share first.
+    surplus : tuple of UnmatchedObject
+        Bright objects of the simulation that the measurement lacks.
+    dynamic_range_db : float, decibel
+    """
+
+    level_db: np.ndarray
+    depth_m: np.ndarray
+    x_m: np.ndarray
+    y_m: np.ndarray
+    gain_db: float
+    missing: tuple[UnmatchedObject, ...]
+    surplus: tuple[UnmatchedObject, ...]
+    dynamic_range_db: float
+
+
+def disagreement_of(measured: DepthMap, simulated: DepthMap) -> Disagreement:
+    """Return where two depth maps on the same pixels disagree; see `clradar.compare.disagreement`.
+
+    Parameters
+    ----------
+    measured, simulated : DepthMap
+        Each with a depth and an amplitude above 0 at one pixel at least.
+
+    Notes
+    -----
+    Near a pixel are those within 6 mm of it across boresight whose depth differs by at most 10 mm
+    or is unknown. With A the amplitude of a pixel and B the largest of the other image near it, the
+    difference is 20 log10(A / B), not below 0.
+
+    Both images are relative to their own maximum, so the level of the simulation is off by that of
+    its brightest object, which the measurement may lack. The gain that corrects it is the median of
+    M / B over the measured pixels, weighted with B^2: M and B are the largest amplitudes near the
+    pixel in the measurement and in the simulation, B within the simulation's dynamic range. An
+    object that is missing has no weight there, and one that is surplus is not a measured pixel.
+    """
+    first, second = _relative(measured), _relative(simulated)
+    seen = np.where(simulated.mask, second, 0.0)
+    near, seen_near, simulated_near = _strongest_near(
+        measured, [(first, measured), (seen, simulated), (second, simulated)]
+    )
+    gain = _gain(near, seen_near)
+    ours = _excess_db(first[measured.mask], gain * simulated_near)
+    (measured_near,) = _strongest_near(simulated, [(first, measured)])
+    theirs = _excess_db(gain * second[simulated.mask], measured_near)
+    level_db = np.full(first.shape, np.nan)
+    level_db[measured.mask | simulated.mask] = 0.0
+    level_db[measured.mask] += ours
+    level_db[simulated.mask] -= theirs
+    return Disagreement(
+        level_db=level_db,
+        depth_m=simulated.depth_m - measured.depth_m,
+        x_m=measured.x_m,
+        y_m=measured.y_m,
+        gain_db=20.0 * math.log10(gain),
+        missing=_objects(measured, first, ours),
+        surplus=_objects(simulated, second, theirs),
+        dynamic_range_db=measured.dynamic_range_db,
+    )
+
+
+def _relative(image: DepthMap) -> np.ndarray:
+    amplitude = image.amplitude.astype(np.float64)
+    return amplitude / amplitude.max()
+
+
+def _gain(measured: np.ndarray, simulated: np.ndarray) -> float:
+    """Return the median of the ratio, weighted with the square of `simulated`; 1 without any."""
+    common = simulated > 0
+    if not common.any():
+        return 1.0
+    ratio = measured[common] / simulated[common]
+    order = np.argsort(ratio)
+    weight = np.cumsum(simulated[common][order] ** 2)
+    return float(ratio[order][np.searchsorted(weight, 0.5 * weight[-1])])
+
+
+def _excess_db(own: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return 20 log10(own / other) in [0, MOST_DB]; `own` is above 0."""
+    floor = own * 10.0 ** (-MOST_DB / 20.0)
+    return np.maximum(20.0 * np.log10(own / np.maximum(other, floor)), 0.0)
+
+
+def _strongest_near(
+    at: DepthMap, others: Sequence[tuple[np.ndarray, DepthMap]]
+) -> list[np.ndarray]:
+    """Return the largest amplitude of each image near every pixel of `at` that has a depth.
+
+    Parameters
+    ----------
+    at : DepthMap
+    others : sequence of (ndarray of shape (n_y, n_x), DepthMap)
+        An amplitude, and the depths that belong to it, on the pixels of `at`.
+
+    Returns
+    -------
+    list of ndarray, shape (n,)
+        In the order of `at.depth_m[at.mask]`.
+    """
+    z_m = at.depth_m[at.mask]
+    largest = [np.zeros(len(z_m)) for _ in others]
+    for inside, row, column in _neighbours(at, at.mask, NEAR_M):
+        for best, (amplitude, image) in zip(largest, others, strict=True):
+            away_m = np.abs(image.depth_m[row, column] - z_m[inside])
+            # An unknown depth is not far away: NaN compares as False.
+            value = np.where(away_m > NEAR_DEPTH_M, 0.0, amplitude[row, column])
+            best[inside] = np.maximum(best[inside], value)
+    return largest
+
+
+def _neighbours(
+    image: DepthMap, mask: np.ndarray, reach_m: float
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield (which of the pixels of `mask`, row, column) for every offset to pixels near them."""
+    rows, columns = np.nonzero(mask)
+    n_y, n_x = mask.shape
+    for down in _offsets(image.y_m, reach_m):
+        for right in _offsets(image.x_m, reach_m):
+            row, column = rows + down, columns + right
+            inside = np.flatnonzero((row >= 0) & (row < n_y) & (column >= 0) & (column < n_x))
+            row, column = row[inside], column[inside]
+            y_m = image.y_m[row] - image.y_m[rows[inside]]
+            x_m = image.x_m[column] - image.x_m[columns[inside]]
+            near = x_m**2 + y_m**2 <= (reach_m + 1e-9) ** 2
+            yield inside[near], row[near], column[near]
+
+
+def _offsets(axis_m: np.ndarray, reach_m: float) -> list[int]:
+    """Return the steps along an axis, by index, that stay within `reach_m` somewhere."""
+    last = np.searchsorted(axis_m, axis_m + reach_m + 1e-9, side="right") - 1
+    most = int((last - np.arange(len(axis_m))).max())
+    tried = np.linspace(-most, most, 2 * min(most, RINGS) + 1)
+    return [int(step) for step in np.unique(np.round(tried))]
+
+
+def _objects(
+    image: DepthMap, amplitude: np.ndarray, excess_db: np.ndarray
+) -> tuple[UnmatchedObject, ...]:
+    """Return the objects among the pixels of an image whose excess is `WEAKER_DB` or more."""
+    from scipy import ndimage
+
+    unmatched = np.zeros(image.mask.shape, dtype=bool)
+    unmatched[image.mask] = excess_db >= WEAKER_DB
+    unmatched &= amplitude >= 10.0 ** (BACKGROUND_DB / 20.0) * np.median(amplitude)
+    joined = unmatched.copy()
+    for _, row, column in _neighbours(image, unmatched, NEAR_M / 2):
+        joined[row, column] = True
+    labels, _ = ndimage.label(joined, structure=np.ones((3, 3)))
+    excess = np.zeros(image.mask.shape)
+    excess[image.mask] = excess_db
+    energy = np.where(image.mask, amplitude**2, 0.0)
+    shares = np.bincount(labels[unmatched], weights=energy[unmatched]) / energy.sum()
+    found = []
+    for label in np.flatnonzero(shares >= LEAST_SHARE):
+        own = np.where(unmatched & (labels == label), amplitude, -1.0)
+        row, column = divmod(int(np.argmax(own)), own.shape[1])
+        place_m = (image.x_m[column], image.y_m[row], image.depth_m[row, column])
+        found.append(
+            UnmatchedObject(
+                position_m=(float(place_m[0]), float(place_m[1]), float(place_m[2])),
+                share=float(shares[label]),
+                level_db=20.0 * math.log10(amplitude[row, column]),
+                weaker_db=float(excess[row, column]),
+            )
+        )
+    return tuple(sorted(found, key=lambda one: -one.share))
