@@ -307,7 +307,8 @@ def check_within_grid(scene: Scene, grid: VoxelGrid) -> None:
 
 def _metrics(measured: DepthMap, image: DepthMap | None, dynamic_range_db: float) -> Metrics:
     if image is None:
-        return Metrics(**dict.fromkeys(METRICS, math.nan), dynamic_range_db=dynamic_range_db)
+        unknown: dict[str, Any] = dict.fromkeys(METRICS, math.nan)
+        return Metrics(**unknown, dynamic_range_db=dynamic_range_db)
     return compare(measured, image, dynamic_range_db=dynamic_range_db)
 
 
