@@ -118,7 +118,8 @@ def _root(
     """Simulate, read, image and compare captures of near-field imaging radars.
 
     Lengths are in millimetres and frequencies in gigahertz, as the options' names say. Nothing is
-    overwritten without --force. Exit status: 0 done, 1 an error (one line on stderr), 2 wrong
+    overwritten without --force. The folder that an output goes into has to exist; a folder that is
+    the output itself is made. Exit status: 0 done, 1 an error (one line on stderr), 2 wrong
     usage.
     """
 

@@ -1,15 +1,21 @@
-"""Checks of the names of outputs, before the long work starts, and the files that are written."""
+"""Checks of the names of outputs, before the long work starts, and the files that are written.
+
+One rule for all commands: the folder that an output goes into exists. A command whose output is a
+folder makes that one, and none above it. Nothing is written over an input, nor into a data set or
+a recording.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from clradar.errors import OutputError
+from clradar.files.atomic import refuse_special
 
 if TYPE_CHECKING:
     from clradar import Capture, ChannelCalibration, Volume
@@ -46,40 +52,49 @@ def check_outputs(
     ------
     OutputError
         A file exists and `force` is False, its folder does not exist or cannot be written to, it is
-        a folder, one name is given twice, or it is also an input.
+        a folder or a device, one file is named twice, it is also an input, or it is a file of a
+        data set or of a recording.
     """
-    taken: dict[str, str] = {}
-    for path in inputs:
-        taken[os.path.realpath(path)] = "is also an input"
+    taken = [(path, "is also an input") for path in inputs]
     for output in outputs:
         if output is None:
             continue
         with _system_errors(output, "cannot be written"):
-            place = os.path.realpath(output)
-            if place in taken:
-                raise OutputError(f"{output}: {taken[place]}; choose another name")
+            for path, what in taken:
+                if _same(output, path):
+                    raise OutputError(f"{output}: {what}; choose another name")
             if output.is_dir():
                 raise OutputError(f"{output}: expected a file's name, got a folder")
-            if not output.parent.is_dir():
-                raise OutputError(f"{output}: expected an existing folder, got '{output.parent}'")
+            _check_place(output)
+            refuse_special(output)
             if not force and os.path.lexists(output):
                 raise OutputError(f"{output}: exists already; --force replaces it")
-            if not os.access(output.parent, os.W_OK | os.X_OK):
-                raise OutputError(f"{output}: the folder '{output.parent}' cannot be written to")
-        taken[place] = "is named twice as an output"
+        taken.append((output, "is named twice as an output"))
 
 
-def check_folder(folder: Path, *, force: bool, replaced: Collection[str] | None = None) -> None:
+def _same(one: Path, other: Path) -> bool:
+    """Whether two names are of one file, by links too, or would be where case does not count."""
+    places = [os.path.realpath(path).casefold() for path in (one, other)]
+    if places[0] == places[1]:
+        return True
+    return one.exists() and other.exists() and one.samefile(other)
+
+
+def check_folder(
+    folder: Path,
+    *,
+    force: bool,
+    replaced: Collection[str] | None = None,
+    inputs: Iterable[Path] = (),
+) -> None:
     """Raise unless a folder is missing or empty, or may be written into with `force`.
 
-    `replaced` names the only files that `force` may replace; None: any.
+    `replaced` names the only files that `force` may replace; None: any. None of them is one of
+    the `inputs`.
     """
+    check_place_of_folder(folder, replaced or (), inputs)
     with _system_errors(folder, "cannot be written"):
-        if not os.path.lexists(folder):
-            return
-        if not folder.is_dir():
-            raise OutputError(f"{folder}: expected a folder's name, got a file")
-        there = sorted(path.name for path in folder.iterdir())
+        there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
     if there and not force:
         raise OutputError(
             f"{folder}: holds files already; choose another folder, or replace an earlier result "
@@ -92,10 +107,77 @@ def check_folder(folder: Path, *, force: bool, replaced: Collection[str] | None 
             )
 
 
-def make_folder(folder: Path) -> None:
-    """Make a folder, with those above it, where missing."""
+def check_place_of_folder(
+    folder: Path, replaced: Collection[str] = (), inputs: Iterable[Path] = ()
+) -> None:
+    """Raise unless there is or may be such a folder, with none of the inputs where it is written.
+
+    `replaced` names what the command writes in it.
+    """
+    with _system_errors(folder, "cannot be written"):
+        if os.path.lexists(folder) and not folder.is_dir():
+            raise OutputError(f"{folder}: expected a folder's name, got a file")
+        _check_place(folder)
+        for path in inputs:
+            for name in replaced:
+                if Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder / name)):
+                    raise OutputError(
+                        f"{folder}: holds the input '{path}', which would be replaced; choose "
+                        "another folder"
+                    )
+
+
+def _check_place(output: Path) -> None:
+    """Raise unless an output's folder exists, can be written to, and is nobody else's."""
+    if not output.parent.is_dir():
+        raise OutputError(f"{output}: expected an existing folder, got '{output.parent}'")
+    if not output.is_dir() and not os.access(output.parent, os.W_OK | os.X_OK):
+        raise OutputError(f"{output}: the folder '{output.parent}' cannot be written to")
+    for place in {
+        os.path.realpath(output),
+        os.path.join(os.path.realpath(output.parent), output.name),
+    }:
+        for folder in tuple(Path(place).parents)[:OWNED_DEPTH]:
+            owner = _owner_of(folder, Path(place).relative_to(folder).parts[0])
+            if owner is not None:
+                raise OutputError(
+                    f"{output}: belongs to the {owner} '{folder}'; choose another name"
+                )
+
+
+OWNED_DEPTH = 3
+"""Folders above a file that may own it: a recording is three above its frames."""
+
+
+def _owner_of(folder: Path, name: str) -> str | None:
+    """What a folder is, if what has this name in it is its own; None if anybody may write it."""
+    # The files first: these imports take half a second.
+    if (folder / "manifest.json").is_file():
+        from clradar.dataset.store.folder import OWN_NAMES, is_dataset
+
+        if name in OWN_NAMES and is_dataset(folder):
+            return "data set"
+    if name.startswith("radar_") or any(folder.glob("radar_*")):
+        from measurement_io.maroon.folders import is_own_name
+
+        if is_own_name(folder, name):
+            return "recording"
+    return None
+
+
+@contextmanager
+def made_folder(folder: Path) -> Iterator[None]:
+    """Make a folder where there is none; a failure that leaves it empty removes it again."""
+    missing = not folder.is_dir()
     with _system_errors(folder, "cannot be made"):
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        if missing:
+            with suppress(OSError):  # it holds something
+                folder.rmdir()
+        raise
 
 
 def check_suffix(path: Path | None, suffixes: Sequence[str]) -> None:

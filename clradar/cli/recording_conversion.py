@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, Any
 from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.options.recording import AntennaOptions, recording_files
 from clradar.cli.options.values import wrong_usage
-from clradar.cli.outputs import check_folder, check_outputs, make_folder, save
+from clradar.cli.outputs import (
+    check_folder,
+    check_outputs,
+    check_place_of_folder,
+    made_folder,
+    save,
+)
 from clradar.cli.provenance import provenance
 from clradar.errors import MeasurementError, ModelError, OutputError
 
@@ -33,7 +39,7 @@ def write_captures(
     source : Path
         A radar folder, or the folder that holds one.
     output : Path
-        Folder; made, with those above it, where missing. Every file in it is whole or not there.
+        Folder; made where missing. Every file in it is whole or not there.
     variant : {"raw", "emptyfiltered"} or None
         None: all variants of the recording.
     antennas : AntennaOptions
@@ -45,6 +51,7 @@ def write_captures(
     MeasurementError
         Some frames cannot be read. A warning names each of them; all others are written.
     """
+    check_place_of_folder(output)
     recording = open_source(source, variant, antennas)
     check_apart(output, recording.path)
     variants = recording.variants if variant is None else (variant,)
@@ -54,8 +61,24 @@ def write_captures(
         for view in views
         for i, number in enumerate(view.frame_numbers)
     ]
-    make_folder(output)
-    check_outputs([path for _, _, path in frames], force=force, inputs=[source, *antennas.files])
+    if output.is_dir():
+        inputs = [source, *antennas.files]
+        check_outputs([path for _, _, path in frames], force=force, inputs=inputs)
+    with made_folder(output):
+        written = _write_each(frames, source, antennas, force=force)
+        if len(written) < len(frames):
+            raise MeasurementError(f"{source}: {len(written)} of {len(frames)} frames converted")
+    print_line(f"{output}: {_counts(views)} frames, {written[0]} to {written[-1]}")
+
+
+def _write_each(
+    frames: Sequence[tuple[Recording, int, Path]],
+    source: Path,
+    antennas: AntennaOptions,
+    *,
+    force: bool,
+) -> list[str]:
+    """Write each frame that can be read; return the names of their files."""
     written: list[str] = []
     with progress_bar("converting") as progress:
         for tried, (view, i, path) in enumerate(frames, start=1):
@@ -72,9 +95,7 @@ def write_captures(
             del capture  # before the next one is read
             if progress is not None:
                 progress(tried, len(frames))
-    if len(written) < len(frames):
-        raise MeasurementError(f"{source}: {len(written)} of {len(frames)} frames converted")
-    print_line(f"{output}: {_counts(views)} frames, {written[0]} to {written[-1]}")
+    return written
 
 
 def _file_name(number: int, variant: str) -> str:
@@ -135,7 +156,11 @@ class RecordingOutput:
         `sources` is one folder, with a recording or with nothing but captures (.h5); or captures
         and frames, one for each frame to write.
         """
+        from measurement_io.maroon.folders import BESIDE
+
         check_folder(self.output, force=self.force)
+        replaced = [*BESIDE, *(path.name for path in self.output.glob("radar_*"))]
+        check_place_of_folder(self.output, replaced, [*sources, *self.antennas.files])
         folders = [path for path in sources if path.is_dir()]
         if folders and len(sources) > 1:
             raise wrong_usage("SOURCE", "expected one folder, or several captures; got both")

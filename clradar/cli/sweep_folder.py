@@ -7,6 +7,7 @@ import io
 import json
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, MutableMapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +36,9 @@ WORK = "work"
 RESULTS = (FIGURE, TABLE, RESULT)
 # The settings first: the rest of a removal that is cut short then belongs to no sweep.
 FILES = (SETTINGS, TRANSFORM, RESULT, TABLE, REGION_TABLE, FIGURE)
+
+OWN_NAMES = (*FILES, WORK)
+"""Names in the folder of a sweep that are its own; --force replaces no others."""
 
 MOST_DIFFERENCES = 5
 
@@ -89,20 +93,33 @@ def sweep_into(
         begin_sweep(folder, {**origin["options"], "clradar": origin["clradar"]}, force=force)
         finished = is_finished(folder)
         if not finished:
-            if align is not None:
-                place = _aligned(folder / TRANSFORM, measured, scene, device, origin, align)
-                scene = scene.transformed(place)
-            store = FolderStore(folder / WORK)
-            if len(store):
-                print_line(f"{folder}: resumes with {len(store)} images that are done")
-            with progress_bar("sweeping") as progress:
-                result = sweep(
-                    measured, scene, alphas, device=device, store=store, progress=progress,
-                    **options,
-                )  # fmt: skip
-            write_results(folder, result, origin, source)
+            with _removed_if_nothing_is_done(folder):
+                if align is not None:
+                    place = _aligned(folder / TRANSFORM, measured, scene, device, origin, align)
+                    scene = scene.transformed(place)
+                store = FolderStore(folder / WORK)
+                if len(store):
+                    print_line(f"{folder}: resumes with {len(store)} images that are done")
+                with progress_bar("sweeping") as progress:
+                    result = sweep(
+                        measured, scene, alphas, device=device, store=store, progress=progress,
+                        **options,
+                    )  # fmt: skip
+                write_results(folder, result, origin, source)
         shutil.rmtree(folder / WORK, ignore_errors=True)
     return None if finished else result
+
+
+@contextmanager
+def _removed_if_nothing_is_done(folder: Path) -> Iterator[None]:
+    """Leave no settings of a sweep that fails before there is anything to resume with."""
+    try:
+        yield
+    except Exception:  # an interruption is to be resumed
+        done = [folder / TRANSFORM, *(folder / WORK).glob("*.npz")]
+        if not any(path.is_file() for path in done):
+            _clear(folder)
+        raise
 
 
 def _aligned(

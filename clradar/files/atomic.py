@@ -37,7 +37,7 @@ def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[
     """
     target = Path(path)
     refuse_existing(target, force=force)
-    temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.tmp")
+    temporary = target.with_name(f".{target.name[:40]}.{secrets.token_hex(6)}.tmp")
     try:
         yield temporary
         _sync(temporary)
@@ -71,12 +71,21 @@ def refuse_existing(target: Path, *, force: bool) -> None:
             )
         if target.is_dir():
             raise OutputError(f"{shown(target)}: expected a file's name, got a folder")
+        refuse_special(target)
         if os.path.lexists(target) and not force:
             raise OutputError(f"{shown(target)}: exists already; not overwritten without force")
     except OutputError:
         raise
     except (OSError, ValueError) as error:
         raise OutputError(f"{shown(target)}: cannot be written: {_reason(error)}") from error
+
+
+def refuse_special(target: Path) -> None:
+    """Raise `OutputError` for a device, a pipe or a socket, which a file must not replace."""
+    if target.exists() and not target.is_file():
+        raise OutputError(
+            f"{shown(target)}: expected a file's name, got something that is no regular file"
+        )
 
 
 def _reason(error: BaseException) -> str:
@@ -106,7 +115,7 @@ def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         The system refuses.
     """
     target = Path(path).absolute()
-    temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.tmp")
+    temporary = target.with_name(f".{target.name[:40]}.{secrets.token_hex(6)}.tmp")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         temporary.mkdir()

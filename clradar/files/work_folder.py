@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import IO
 
 from clradar.errors import OutputError
 from clradar.files.failures import shown
@@ -27,6 +28,8 @@ def remove_temporaries(folder: Path) -> None:
 def held(folder: Path, work: str) -> Iterator[None]:
     """Make the folder, and keep other processes from working in it while the block runs.
 
+    The lock is there only meanwhile; a folder that was made and stays empty is removed again.
+
     Parameters
     ----------
     folder : Path
@@ -38,21 +41,42 @@ def held(folder: Path, work: str) -> Iterator[None]:
     OutputError
         Another process holds it, it is a file, or it cannot be written.
     """
-    import fcntl
-
     try:
         if os.path.lexists(folder) and not folder.is_dir():
             raise OutputError(f"{shown(folder)}: expected a folder's name, got a file")
+        missing = not folder.is_dir()
         folder.mkdir(parents=True, exist_ok=True)
-        lock = open(folder / LOCK, "ab")  # noqa: SIM115 - the block below closes it
+        lock = _locked(folder / LOCK)
     except OutputError:
         raise
     except (OSError, ValueError) as error:
         raise OutputError(f"{shown(folder)}: cannot be written: {error}") from error
-    with lock:
+    if lock is None:
+        raise OutputError(f"{shown(folder)}: another {work} is writing into it")
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            (folder / LOCK).unlink()
+        lock.close()
+        if missing:
+            with suppress(OSError):  # it holds something
+                folder.rmdir()
+
+
+def _locked(path: Path) -> IO[bytes] | None:
+    """Open the file and lock it; None if another process has it."""
+    import fcntl
+
+    while True:
+        lock = open(path, "ab")  # noqa: SIM115 - closed by the caller
         try:
             # The system lets go of it when the process ends, however it ends.
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise OutputError(f"{shown(folder)}: another {work} is writing into it") from error
-        yield
+        except OSError:
+            lock.close()
+            return None
+        # The one who had it removes it: then the name is free, or of another file.
+        if path.exists() and os.path.samestat(os.fstat(lock.fileno()), path.stat()):
+            return lock
+        lock.close()

@@ -15,6 +15,10 @@ from clradar.files.failures import clean, fail, reading
 
 VARIANTS = ("raw", "emptyfiltered")
 FRAMES_FOLDER = "calibrated_data"
+METADATA_FILE, ALIGNMENT_FILE, MESH_FOLDER = "metadata.json", "alignment.json", "photogrammetry"
+BESIDE = (METADATA_FILE, ALIGNMENT_FILE, MESH_FOLDER)
+"""What lies beside a radar folder and belongs to its recording."""
+
 _NUMBER = r"([0-9]+(?:\.[0-9]+)?(?:e-?[0-9]+)?)"
 _RADAR = re.compile(rf"radar_{_NUMBER}_{_NUMBER}_([0-9]{{1,9}})\Z")
 _FRAME = re.compile(r"([0-9]{6})(_emptyfiltered)?\.npy\Z")
@@ -159,6 +163,12 @@ def ranges(numbers: Iterable[int]) -> str:
         else:
             runs.append([n, n])
     return _listed([str(a) if a == b else f"{a}-{b}" for a, b in runs])
+
+
+def is_own_name(folder: Path, name: str) -> bool:
+    """Whether what has this name in a folder belongs to the recordings that the folder holds."""
+    radar = RadarFolderName.parse(name) is not None and (folder / name / FRAMES_FOLDER).is_dir()
+    return radar or (name in BESIDE and any(RadarFolderName.parse(p.name) for p in entries(folder)))
 
 
 def _entries_or_none(folder: Path) -> list[Path]:

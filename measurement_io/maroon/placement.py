@@ -18,15 +18,9 @@ from measurement_io.maroon.alignment import (
     read_alignment,
     stretches,
 )
+from measurement_io.maroon.folders import ALIGNMENT_FILE, MESH_FOLDER, METADATA_FILE
 from measurement_io.maroon.metadata import MaskBox, RecordingMetadata, read_metadata
-from measurement_io.maroon.recording import (
-    ALIGNMENT_FILE,
-    MESH_FOLDER,
-    MESH_SOURCE,
-    METADATA_FILE,
-    mesh_files,
-    placed_mesh,
-)
+from measurement_io.maroon.recording import MESH_SOURCE, mesh_files, placed_mesh
 from measurement_io.record_facts import Fact, json_line, millimetres
 
 Record = TypeVar("Record")

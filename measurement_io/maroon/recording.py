@@ -18,15 +18,13 @@ from clradar.model import AntennaArray, Capture, DepthMap, Scene, Waveform, chec
 from measurement_io.antenna_file import antenna_array
 from measurement_io.maroon import folders
 from measurement_io.maroon.alignment import SensorAlignment, read_alignment
+from measurement_io.maroon.folders import ALIGNMENT_FILE, MESH_FOLDER, METADATA_FILE
 from measurement_io.maroon.frame import read_frame_file, read_time_stamp
 from measurement_io.maroon.metadata import RecordingMetadata, read_metadata
 
 if TYPE_CHECKING:
     from measurement_io.maroon.products import AmplitudeImage, AmplitudeVolume, PointCloud
 
-ALIGNMENT_FILE = "alignment.json"
-METADATA_FILE = "metadata.json"
-MESH_FOLDER = "photogrammetry"
 MESH_SOURCE = "photogrammetry"
 """The frame of reference of the meshes, as `alignment.json` calls it."""
 

@@ -20,7 +20,10 @@ from measurement_io.maroon.calibration_file import (
     write_calibration_file,
 )
 from measurement_io.maroon.folders import (
+    ALIGNMENT_FILE,
     FRAMES_FOLDER,
+    MESH_FOLDER,
+    METADATA_FILE,
     VARIANTS,
     entries,
     find_radar_folder,
@@ -29,7 +32,6 @@ from measurement_io.maroon.folders import (
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.product_writer import grid_entry, write_products
 from measurement_io.maroon.products import PRODUCTS, product_files
-from measurement_io.maroon.recording import ALIGNMENT_FILE, MESH_FOLDER, METADATA_FILE
 from measurement_io.maroon.writer import (
     RadarFolder,
     check_array,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from clradar.dataset.store.folder import (
     DatasetFolder,
     read_manifest,
 )
-from clradar.errors import OutputError
+from clradar.errors import ModelError, OutputError
 
 pytestmark = pytest.mark.usefixtures("no_contact_sheet")
 
@@ -79,6 +80,46 @@ def test_a_data_set_is_complete_without_samples_that_fail(tmp_path: Path) -> Non
     assert "set aside, with their reasons in the manifest: 0, 1, 2, 4" in report.checked
     assert open_dataset(tmp_path).sample.values.tolist() == [3, 5, 6]
     assert run(LIGHT, tmp_path, device=DEVICE).aside == result.aside
+
+
+class FullDisk(Engine):
+    """The disk is full after some samples."""
+
+    def __init__(self, samples: int) -> None:
+        super().__init__()
+        self.samples = samples
+
+    def outcomes(self, samples: Sequence[int], make: Any) -> Iterator[Any]:
+        yield from super().outcomes(samples[: self.samples], make)
+        raise OutputError("the disk is full")
+
+
+def test_a_run_that_fails_leaves_what_it_can_resume_with(light: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    with pytest.raises(OutputError, match="disk is full"):
+        run(LIGHT, folder, engine=FullDisk(4))
+    assert ".lock" not in {path.name for path in folder.iterdir()}
+    run(LIGHT, folder, engine=Engine())
+    assert digests(folder) == digests(light)
+
+
+def test_a_run_that_makes_nothing_leaves_nothing(light_copy: Path, tmp_path: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in light_copy.rglob("*")}
+    engine = FullDisk(0)
+    with pytest.raises(OutputError, match="disk is full"):
+        run(LIGHT, tmp_path / "new" / "set", engine=engine)
+    assert not (tmp_path / "new" / "set").exists()
+    with pytest.raises(OutputError, match="another plan"):
+        run(light_plan(seed=4), light_copy, engine=engine)
+    rig = {"file": "none.glb", "handedness": "left", "sha256": 64 * "0"}
+    with pytest.raises(ModelError, match=r"none\.glb"):
+        run(
+            light_plan(hands={"shape": "default", "rigs": [rig]}),
+            light_copy,
+            engine=engine,
+            force=True,
+        )
+    assert {path: path.stat().st_mtime_ns for path in light_copy.rglob("*")} == before
 
 
 def test_another_plan_is_one_error_unless_forced(light_copy: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 from pathlib import Path
+from typing import IO
 
 import pytest
 
@@ -21,10 +23,37 @@ def test_one_holder_at_a_time(tmp_path: Path) -> None:
     ):
         pass
     with held(folder, "sweep"):
-        pass
+        (folder / "image").touch()
+    assert [path.name for path in folder.iterdir()] == ["image"]
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="got a file"), held(tmp_path / "file", "sweep"):
         pass
+
+
+def test_a_refusal_leaves_no_folder_and_no_lock(tmp_path: Path) -> None:
+    for folder in (tmp_path / "new", tmp_path):
+        with pytest.raises(OutputError, match="refused"), held(folder, "sweep"):
+            raise OutputError("refused")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_lock_that_its_holder_removes_locks_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between opening the file and locking it the other process may have ended."""
+    real, opened = fcntl.flock, []
+
+    def late(lock: IO[bytes], how: int) -> None:
+        if not opened:
+            (tmp_path / ".lock").unlink()
+        opened.append(lock)
+        real(lock, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with held(tmp_path, "sweep"):
+        assert len(opened) == 2
+        with pytest.raises(OutputError, match="another sweep"), held(tmp_path, "sweep"):
+            pass
 
 
 def test_remains_are_removed_and_nothing_else(tmp_path: Path) -> None:

@@ -108,6 +108,7 @@ def convert_one(
     inputs = [*recording_files(source, capture.meta), *antennas.files]
     if layout is not None:
         inputs += [layout, *antenna_files_of(capture.meta)]
+        check_outputs([output], force=force, inputs=inputs)  # they are known only now
     save(output, capture, provenance("convert", options, inputs), force=force)
     low, high = capture.waveform.frequencies_hz[[0, -1]] / 1e9
     shape = " x ".join(str(n) for n in capture.data.shape)

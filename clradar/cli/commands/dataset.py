@@ -15,7 +15,7 @@ from clradar.cli.console import counted, print_error, print_line, print_warning,
 from clradar.cli.options.common import DeviceOption
 from clradar.cli.options.groups import argument, option, output_option
 from clradar.cli.options.values import wrong_usage
-from clradar.cli.outputs import check_outputs
+from clradar.cli.outputs import check_outputs, check_place_of_folder
 from clradar.errors import ClusterError
 
 if TYPE_CHECKING:
@@ -139,6 +139,7 @@ def command(
         return
     if output is None:
         raise wrong_usage("-o", "expected the folder of the data set, or --dry-run")
+    check_place_of_folder(output)
     with processes.engine(device) as engine:
         make(wanted, output, engine, force=force, retry=retry)
 

@@ -8,11 +8,11 @@ from clradar.cli.console import print_line
 from clradar.cli.options.common import DeviceOption
 from clradar.cli.options.groups import option, output_option
 from clradar.cli.options.imaging import grid_text
-from clradar.cli.outputs import check_folder, make_folder
+from clradar.cli.outputs import check_folder, made_folder
 
 
 def command(
-    output: Path = output_option(Path("demo"), "Folder; made if missing.", metavar="DIR"),
+    output: Path = output_option(Path("demo"), "Folder to make, or an empty one.", metavar="DIR"),
     full: bool = option(False, "The paper's volume: 201 x 201 x 81 voxels of 1 mm."),
     device: DeviceOption = None,
     force: bool = option(False, "Write into a folder that holds files already."),
@@ -33,9 +33,8 @@ def command(
     from clradar.cli import demonstration
 
     settings = demonstration.FULL if full else demonstration.DEFAULT
-    opened = open_device(device)
     check_folder(output, force=force)
-    make_folder(output)
+    opened = open_device(device)
     print_line(f"device: {opened.info.label}")
     print_line(
         f"{settings.samples} samples x {settings.rays_per_sample} rays x 94 Tx per capture, "
@@ -43,4 +42,5 @@ def command(
     )
     if not full:
         print_line("voxels of 2 mm where the paper's experiment has 1 mm: --full forms those")
-    demonstration.run_demo(output, settings, opened)
+    with made_folder(output):
+        demonstration.run_demo(output, settings, opened)

@@ -85,11 +85,16 @@ class PoseOptions:
         """The name of the pose, or of its file."""
         return "F" if self.pose is None else self.pose
 
+    @property
+    def files(self) -> list[Path]:
+        """The pose file. A name without a suffix is none, even if there is one of that name."""
+        return [Path(self.name)] if Path(self.name).suffix else []
+
     def read(self) -> HandPose:
-        """The pose. A name without a suffix is no file, even if there is one of that name."""
+        """The pose of that name, or of the file."""
         from clradar.hand import pose_by_name, read_pose
 
-        return read_pose(self.name) if Path(self.name).suffix else pose_by_name(self.name)
+        return read_pose(self.name) if self.files else pose_by_name(self.name)
 
 
 def command(
@@ -131,7 +136,7 @@ def command(
         raise wrong_usage("--theta", f"expected instead of a pose, got '{pose.pose}', too")
     if not np.isfinite(pose.turn_deg):
         raise wrong_usage("--turn-deg", f"expected an angle in degrees, got {pose.turn_deg:g}")
-    check_outputs([output, joints], force=force, inputs=rigged.files)
+    check_outputs([output, joints], force=force, inputs=[*pose.files, *rigged.files])
     joint_angles, center_m = pose.read(), [value / 1e3 for value in pose.center_mm]
     if rigged.rig is None:
         mesh = embedded.posed(joint_angles, center_m, device)

@@ -24,7 +24,8 @@ def command(
     as_json: bool = option(False, "Print JSON for programs.", names=("--json",)),
 ) -> None:
     """Reads and changes nothing."""
-    from clradar.dataset.store.check import check_dataset, describe_dataset, is_dataset
+    from clradar.dataset.store.check import check_dataset, describe_dataset
+    from clradar.dataset.store.folder import is_dataset
     from measurement_io import check_file, describe
 
     dataset = is_dataset(file)

@@ -81,7 +81,7 @@ def command(
     from clradar.files.atomic import new_folder, swap_folder
 
     alpha = registration.alpha_value()
-    check_folder(output, force=force, replaced=FILES)
+    check_folder(output, force=force, replaced=FILES, inputs=[measured, mesh])
     scene = Scene.from_mesh(mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit)
     grid = voxels.grid()
     recorded_image = ImageInput.open(measured, frames)

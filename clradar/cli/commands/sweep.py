@@ -24,6 +24,7 @@ from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOpt
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.simulation import PlacementOptions, SimulationOptions, WaveformOptions
 from clradar.cli.options.values import RANGE_RULE, finite, numbers, whole_steps, wrong_usage
+from clradar.cli.outputs import check_place_of_folder
 from clradar.cli.provenance import package_versions, provenance
 from clradar.compare import METRICS
 
@@ -152,6 +153,8 @@ def command(
     from clradar.cli import sweep_folder
     from clradar.compare import depth_map_of
 
+    read = [measured, mesh, *place.files, *regions.files]
+    check_place_of_folder(output, replaced=sweep_folder.OWN_NAMES, inputs=read)
     values = read_alphas(alphas.alpha)
     alphas.check()
     regions.check(simulation.max_bounces)

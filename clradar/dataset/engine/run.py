@@ -12,6 +12,7 @@ from clradar.dataset.plan.plan import Plan
 from clradar.dataset.sample import found_rig
 from clradar.dataset.store.folder import (
     CONTACT_SHEET,
+    MANIFEST,
     STATISTICS,
     TABLE,
     Aside,
@@ -101,11 +102,13 @@ def run(
     >>> result = run(read_plan("plan.toml"), Path("letters"))
     >>> result.made, result.samples, result.aside
     (2, 2, ())
-    >>> sorted(path.name for path in Path("letters").iterdir() if path.is_file())[1:]
+    >>> sorted(path.name for path in Path("letters").iterdir() if path.is_file())
     ['contact-sheet.png', 'manifest.json', 'statistics.csv', 'statistics.json']
     """
     engine = Serial(device) if engine is None else engine
     made_with = engine.made_with()
+    if force or not (path / MANIFEST).exists():
+        _check_rigs(plan)  # before a data set is removed, or a folder made
     with begin(path, plan, made_with, force=force) as folder:
         if warn is not None:
             for line in differences(folder.manifest.made_with, made_with):
@@ -137,8 +140,7 @@ def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | No
     missing = folder.missing()
     if not missing:
         return 0
-    for rig in folder.plan.hands.rigs:
-        found_rig(asdict(rig), (folder.plan.folder,))
+    _check_rigs(folder.plan)
     size, total = folder.plan.output.shard_size, folder.plan.samples
     open_in = Counter(sample // size for sample in missing)
     done = total - len(missing)
@@ -164,6 +166,12 @@ def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | No
                 "repair the device, then resume with --retry"
             )
     return made
+
+
+def _check_rigs(plan: Plan) -> None:
+    """Raise `ModelError` unless the files of the rigs are those of the plan."""
+    for rig in plan.hands.rigs:
+        found_rig(asdict(rig), (plan.folder,))
 
 
 def finish(folder: DatasetFolder) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from clradar.dataset.store.content_check import content_problems, listed
 from clradar.dataset.store.folder import (
-    MANIFEST,
     PART_NAME,
     PARTS,
     SHARDS,
@@ -26,11 +25,6 @@ from measurement_io import CheckReport, Description, Fact
 
 LEFT_OVER = "left over; the same command removes it"
 FOREIGN = "is not of this data set; it can be removed by hand"
-
-
-def is_dataset(path: Path) -> bool:
-    """Return whether a folder is that of a data set."""
-    return (path / MANIFEST).is_file() and (path / SHARDS).is_dir()
 
 
 def describe_dataset(folder: Path) -> Description:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,9 @@ MANIFEST, SHARDS, PARTS = "manifest.json", "shards", "parts"
 STATISTICS, TABLE, CONTACT_SHEET = "statistics.json", "statistics.csv", "contact-sheet.png"
 SUMMARIES = (STATISTICS, TABLE, CONTACT_SHEET)
 """Files that summarise a complete data set."""
+
+OWN_NAMES = (MANIFEST, SHARDS, PARTS, *SUMMARIES)
+"""Names in the folder of a data set that are its own; others are left alone."""
 
 MOST_DIFFERENCES = 5
 
@@ -96,6 +99,11 @@ class Manifest:
 
 def _record(entry: Any) -> dict[str, Any]:
     return {name: getattr(entry, name) for name in entry.__slots__}
+
+
+def is_dataset(path: Path) -> bool:
+    """Return whether a folder is that of a data set."""
+    return (path / MANIFEST).is_file() and (path / SHARDS).is_dir()
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -180,7 +188,7 @@ class DatasetFolder:
 
     def own_parts(self) -> list[Path]:
         """Return the parts, and the notes on samples set aside."""
-        return [path for path in (self.path / PARTS).iterdir() if PART_NAME.fullmatch(path.name)]
+        return [path for path in (self.path / PARTS).glob("*") if PART_NAME.fullmatch(path.name)]
 
     def close_shard(self, number: int) -> None:
         """Close a shard if all its samples are made or set aside."""
@@ -247,7 +255,8 @@ def begin(
     """Create a data set, or resume the one in the folder, under a lock.
 
     `made_with` are versions and device, for the manifest of a new data set. `force` removes the
-    data set that is in the folder, of this plan or another; other files in it stay.
+    data set that is in the folder, of this plan or another; other files in it stay. A failure
+    before there is a sample leaves no data set.
 
     Raises
     ------
@@ -258,10 +267,18 @@ def begin(
         folder = DatasetFolder(path, _manifest(path, plan, made_with, force))
         # The manifest first: a folder with other files and without a manifest is left alone.
         folder.write_manifest()
-        for name in (SHARDS, PARTS):
-            (path / name).mkdir(exist_ok=True)
-        folder.tidy()
-        yield folder
+        try:
+            for name in (SHARDS, PARTS):
+                (path / name).mkdir(exist_ok=True)
+            folder.tidy()
+            yield folder
+        except Exception:  # an interruption is to be resumed
+            if not folder.manifest.shards and not folder.own_parts():
+                _clear(path)  # nothing to resume with
+                for name in (SHARDS, PARTS):
+                    with suppress(OSError):  # it holds files of others
+                        (path / name).rmdir()
+            raise
 
 
 def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any], force: bool) -> Manifest:

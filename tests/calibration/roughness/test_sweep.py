@@ -439,7 +439,7 @@ def test_a_killed_command_resumes_to_the_same_files(files, capsys):
     assert run(*COMMAND, "-o", "whole") == 0
     assert contents(files / "killed") == contents(files / "whole")
     assert set(contents(files / "whole")) == {
-        folder.SETTINGS, folder.FIGURE, folder.TABLE, folder.RESULT, folder.LOCK,
+        folder.SETTINGS, folder.FIGURE, folder.TABLE, folder.RESULT,
     }  # fmt: skip
     assert not (files / "killed" / folder.WORK).exists()
     capsys.readouterr()
@@ -560,6 +560,17 @@ def test_a_folder_of_somebody_else_is_left_alone(tmp_path):
         folder.begin_sweep(tmp_path, {}, force=False)
     with pytest.raises(OutputError, match="got a file"), folder.held(tmp_path / "thesis.tex"):
         pass
+
+
+def test_a_sweep_that_fails_before_an_image_leaves_nothing(files, monkeypatch, capsys):
+    def refused(*_, **__):
+        raise CompareError("refused")
+
+    monkeypatch.setattr("calibration.sweep", refused)
+    before = contents(files)
+    assert run(*COMMAND, "-o", "new") == 1
+    assert contents(files) == before
+    assert not (files / "new").exists()
 
 
 def test_damaged_settings_are_an_error_and_can_be_replaced(tmp_path):

@@ -1,0 +1,204 @@
+"""Where commands write: one rule for the outputs of all of them, and nothing left of a refusal."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+from command_line import Run, one_error_line
+
+from clradar.cli.launcher import COMMANDS
+from clradar.cli.options.groups import expanded
+
+FILE_OUTPUTS = (
+    "hand in.json -o {}.ply --force",
+    "hand in.json -o x.ply --joints {} --force",
+    "simulate in.ply --transform in.json -o {} --force",
+    "image in.h5 -o {} --force",
+    "image in.h5 -o x.h5 --png {}.png --force",
+    "convert in.h5 -o {} --force",
+    "background in.h5 --empty in.json -o {} --force",
+    "align in.h5 in.json -o {} --force",
+    "channels in.h5 --target plate --distance-mm 300 -o {} --force",
+    "channels in.h5 --target plate --distance-mm 300 -o x.h5 --plot {}.png --force",
+    "correct in.h5 --channels in.json -o {} --force",
+    "diagnose in.h5 -o {}.png --force",
+    "diagnose in.h5 --json {} --force",
+    "diagnose in.h5 --fix-to {} --force",
+    "dataset --replay in.h5 0 -o {} --force",
+    "compare in.h5 in.json -o {}.png --force",
+    "compare in.h5 in.json --json {} --force",
+    "compare in.h5 in.json --report {}.html --force",
+    "bench --device abacus --json {} --force",
+)
+FOLDER_OUTPUTS = (
+    "demo --device abacus -o {} --force",
+    "convert in.h5 --all-frames -o {} --force",
+    "convert in.h5 --to maroon -o {} --force",
+    "register in.h5 in.ply -o {} --force",
+    "sweep in.h5 in.ply -o {} --force",
+    "dataset plan.toml --device abacus -o {} --force",
+)
+OUTPUTS = {"output", "png", "joints", "plot", "json", "json_file", "fix_to", "report"}
+INPUTS = {
+    "rig", "mapping", "theta", "transform", "capture", "sources", "layout", "rx_file", "tx_file",
+    "empty", "file", "measured", "simulated", "mesh", "channels", "plan", "replay", "rigs",
+}  # fmt: skip
+"""Parameters of commands that are paths; `joints` of a sweep is read."""
+
+
+def is_path(hint: Any) -> bool:
+    return hint is Path or any(is_path(part) for part in get_args(hint))
+
+
+def path_parameters(name: str) -> dict[str, Any]:
+    """The parameters of a command that are paths: name -> typer's declaration."""
+    command = expanded(import_module(f"clradar.cli.commands.{name}").command)
+    found = {}
+    for parameter in inspect.signature(command).parameters.values():
+        hint, declared = get_args(parameter.annotation)
+        if is_path(hint):
+            found[parameter.name] = declared
+    return found
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_output_of_every_command_is_tried_here(name: str) -> None:
+    lines = [line.split() for line in FILE_OUTPUTS + FOLDER_OUTPUTS]
+    for parameter, declared in path_parameters(name).items():
+        assert parameter in OUTPUTS | INPUTS, f"clradar {name}: is {parameter} read or written?"
+        if parameter not in OUTPUTS or (name, parameter) == ("sweep", "joints"):
+            continue
+        options = {declared.default, *declared.param_decls}  # as typer keeps those of Annotated
+        assert any(
+            line[0] == name and option in options and "{}" in value
+            for line in lines
+            for option, value in pairwise(line)
+        ), f"clradar {name}: no line above writes to {sorted(options)}"
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with inputs that cannot be read, a data set, and a recording."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("in.h5", "in.ply", "in.json", "ds/manifest.json", "ds/shards/shard-00000.h5",
+                 "hand/30/radar_72.0_82.0_2/calibrated_data/000000.npy",
+                 "hand/30/photogrammetry/mesh.obj", "hand/30/alignment.json"):  # fmt: skip
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True, parents=True)
+        path.write_text("as it was")
+    plan = 'samples = 1\nposes.names = ["A"]\noutput.products = ["joints"]'
+    (tmp_path / "plan.toml").write_text(plan)
+    return tmp_path
+
+
+def tree(folder: Path) -> dict[str, Any]:
+    """What is in a folder: the bytes of its files, the kind of all else."""
+    return {
+        str(path): path.read_bytes() if path.is_file() else path.lstat().st_mode
+        for path in folder.rglob("*")
+    }
+
+
+@pytest.mark.parametrize("line", FILE_OUTPUTS + FOLDER_OUTPUTS)
+def test_the_folder_of_an_output_has_to_exist(run: Run, place: Path, line: str) -> None:
+    before = tree(place)
+    for missing in ("no/such/folder", "in.h5"):
+        outcome = run(*line.format(f"{missing}/x").split())
+        one_error_line(outcome, f"expected an existing folder, got '{missing}'")
+    assert tree(place) == before
+
+
+@pytest.mark.parametrize("line", FILE_OUTPUTS + FOLDER_OUTPUTS)
+def test_a_command_that_fails_leaves_nothing(run: Run, place: Path, line: str) -> None:
+    before = tree(place)
+    one_error_line(run(*line.format("new").split()))
+    assert tree(place) == before
+
+
+@pytest.mark.parametrize("line", FILE_OUTPUTS + FOLDER_OUTPUTS)
+def test_nothing_is_written_into_data_sets_and_recordings(run: Run, place: Path, line: str) -> None:
+    before = tree(place)
+    for where, owner in (
+        ("ds/shards/shard-00000.h5", "data set"),
+        ("ds/shards/new", "data set"),
+        ("ds/manifest.json", "data set"),
+        ("ds/contact-sheet", "data set"),
+        ("hand/30/radar_72.0_82.0_2/calibrated_data/000000.npy", "recording"),
+        ("hand/30/radar_72.0_82.0_2/calibrated_data/000001", "recording"),
+        ("hand/30/radar_72.0_82.0_2/new", "recording"),
+        ("hand/30/photogrammetry/mesh.obj", "recording"),
+        ("hand/30/alignment.json", "recording"),
+    ):
+        text = line.format(where)
+        if where in ("ds/manifest.json", "ds/contact-sheet", "hand/30/alignment.json"):
+            suffix = line.split("{}")[1].split()[0] if "{}." in line else ""
+            if suffix != (".png" if where == "ds/contact-sheet" else ""):
+                continue  # the name is another one then
+        outcome = run(*text.split())
+        assert outcome.status == 1
+        assert len(outcome.err.splitlines()) == 1
+        assert f"belongs to the {owner}" in outcome.err or "got a file" in outcome.err
+    assert tree(place) == before
+
+
+@pytest.mark.parametrize("line", FILE_OUTPUTS)
+def test_an_output_is_no_input_by_whatever_name(run: Run, place: Path, line: str) -> None:
+    suffix = line.split("{}")[1].split()[0] if "{}." in line else ""
+    os.link("in.json", "hard" + suffix)
+    os.symlink("in.json", "soft" + suffix)
+    before = tree(place)
+    reads = "in.json" in line
+    for name in ("hard", "soft") if suffix else ("hard", "soft", "in.json", "./IN.json"):
+        if name == "./IN.json" and not os.path.exists("IN.json"):
+            name = "hard"  # case counts on this disk
+        if reads:
+            one_error_line(run(*line.format(name).split()), "is also an input")
+    assert tree(place) == before
+
+
+@pytest.mark.parametrize("line", FILE_OUTPUTS + FOLDER_OUTPUTS)
+def test_a_device_or_a_pipe_is_not_replaced(run: Run, place: Path, line: str) -> None:
+    suffix = line.split("{}")[1].split()[0] if "{}." in line else ""
+    os.mkfifo("pipe" + suffix)
+    os.symlink("pipe" + suffix, "link" + suffix)
+    before = tree(place)
+    for name in ("pipe", "link"):
+        one_error_line(run(*line.format(name).split()), f"{name}{suffix}: expected a f")
+    assert tree(place) == before
+
+
+def test_an_input_is_not_replaced_with_its_folder(run: Run, place: Path) -> None:
+    (place / "old").mkdir()
+    for name in ("placed.ply", "transform.json", "metadata.json"):
+        (place / "old" / name).write_text("as it was")
+    before = tree(place)
+    for line in (
+        "register in.h5 old/placed.ply -o old --force",
+        "sweep in.h5 in.ply --transform old/transform.json -o old --force",
+        "convert in.h5 --to maroon --rx-file old/metadata.json -o old --force",
+    ):
+        one_error_line(run(*line.split()), "old: holds the input 'old/")
+    assert tree(place) == before
+
+
+def test_the_file_that_a_layout_names_is_an_input_too(run: Run, place: Path) -> None:
+    import numpy as np
+
+    np.savez("lab.npz", s=np.ones((2, 2, 3), np.complex64))
+    for side in ("tx", "rx"):
+        (place / f"{side}.csv").write_text("x,y,z\n0,0,0\n0.1,0,0\n")
+    (place / "lab.toml").write_text(
+        'data = {key = "s", axes = ["tx", "rx", "freq"]}\n'
+        'frequency = {start = 72, stop = 82, points = 3, unit = "GHz"}\n'
+        'tx = {file = "tx.csv"}\nrx = {file = "rx.csv"}\nantennas = {unit = "m"}\n'
+    )
+    before = tree(place)
+    line = "convert lab.npz --layout lab.toml -o tx.csv --force"
+    one_error_line(run(*line.split()), "tx.csv: is also an input")
+    assert tree(place) == before
