@@ -21,6 +21,7 @@ from clradar.plot import (
     AMPLITUDE_BACKGROUND,
     DEPTH_BACKGROUND,
     comparison_figure,
+    disagreement_figure,
     image_figure,
     panels_figure,
     save_figure,
@@ -183,9 +184,11 @@ def test_no_text_over_another_or_off_the_page(shape: tuple[int, int], count: int
     image = DepthMap(rng.uniform(0.26, 0.34, (n_y, n_x)), rng.uniform(0.2, 1, (n_y, n_x)), x_m, y_m)
     metrics = [Metrics(0.5, -0.123, 0.987, 0.5, float("nan"), 0.1234, 0.2)] * count
     labels = [LONG, *(f"{ALPHA} = {i}" for i in range(count - 1))]
-    figure = comparison_figure(image, [(label, image) for label in labels], metrics=metrics)
-    assert_legible(figure)
+    columns = [(label, image) for label in labels]
+    for differences in (False, True):
+        assert_legible(comparison_figure(image, columns, metrics=metrics, differences=differences))
     assert_legible(image_figure(image, LONG))
+    assert_legible(disagreement_figure(image, image, title=LONG))
 
 
 def assert_legible(figure: Figure) -> None:
@@ -489,3 +492,34 @@ def test_what_has_no_picture_or_no_such_view_is_refused() -> None:
         image_figure(blob(), view="zx")
     with pytest.raises(CompareError, match="view: expected 'xy'"):
         image_figure(blob().depth_map(), view="xz")
+
+
+@pytest.mark.filterwarnings("ignore:compare. an overlap of:clradar.ClradarWarning")
+def test_disagreement_is_drawn_with_rings_around_unmatched_objects() -> None:
+    two = Volume(blob().data + 0.8 * blob(-60.0, -60.0).data, blob().grid)
+    figure = comparison_figure(two, [("one", blob()), ("two", two)], differences=True)
+    one, both = figure.axes[6:8]
+    mesh, ring = one.collections
+    assert ring.get_offsets().tolist() == [pytest.approx([-60.0, -60.0])]
+    assert len(both.collections) == 1
+    level = mesh.get_array()
+    assert level[10, 10] > 12.0  # [row, column] of (-60, -60) mm
+    assert level[32, 30] == pytest.approx(0.0, abs=0.1)
+    assert level.mask[0, 0]
+    assert one.xaxis_inverted()
+    assert figure.axes[-1].get_ylabel() == "level difference (dB)"
+    # The other way round it is surplus: the same place, the other sign, another ring.
+    turned = disagreement_figure(blob(), two)
+    mesh, other = turned.axes[0].collections
+    assert mesh.get_array()[10, 10] < -12.0
+    assert other.get_linestyles() != ring.get_linestyles()
+    assert turned.axes[1].get_title() == "Depth, simulated minus measured"
+
+
+def test_disagreement_after_a_motion() -> None:
+    back = np.eye(4)
+    back[0, 3] = 20e-3
+    figure = disagreement_figure(blob(), blob(0.0, 30.0), back)
+    (mesh,) = figure.axes[0].collections
+    assert np.abs(mesh.get_array().compressed()).max() < 1.0
+    assert len(disagreement_figure(blob(), blob(0.0, 30.0, 320.0), back).axes[0].collections) == 3

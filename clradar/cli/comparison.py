@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from clradar.cli.console import print_table
+from clradar.cli.console import print_line, print_table
 from clradar.constants import DYNAMIC_RANGE_DB
 
 if TYPE_CHECKING:
@@ -78,12 +78,15 @@ class Comparison:
         return cls(maps, labels, metrics, dynamic_range_db)
 
     def print(self) -> None:
-        """Print one row of metrics per simulated image."""
+        """Print one row of metrics per simulated image, and what they do not show."""
         rows = []
         for label, found in zip(self.labels, self.metrics, strict=True):
             values = [(f * getattr(found, name), n) for name, f, n in METRIC_COLUMNS.values()]
             rows.append([label, *("n/a" if math.isnan(v) else f"{v:.{n}f}" for v, n in values)])
         print_table(("simulated", *METRIC_COLUMNS), rows, right=tuple(METRIC_COLUMNS))
+        for label, found in zip(self.labels, self.metrics, strict=True):
+            for remark in found.remarks:
+                print_line(f"{label}: {remark}")
 
     def save_figure(self, path: Path, *, force: bool, **options: Any) -> None:
         """Draw all images side by side; `options` as in `clradar.plot.comparison_figure`."""

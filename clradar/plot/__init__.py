@@ -4,7 +4,8 @@ Everything is built on `matplotlib.figure.Figure`: no pyplot, no open windows, n
 calls.
 """
 
-from clradar.plot.figures import comparison_figure, image_figure, panels_figure
+from clradar.plot.comparison import comparison_figure, disagreement_figure
+from clradar.plot.figures import image_figure, panels_figure
 from clradar.plot.layout import printable
 from clradar.plot.panels import AMPLITUDE_BACKGROUND, DEPTH_BACKGROUND, depth_limits_mm
 from clradar.plot.saving import SUFFIXES, png_bytes, save_figure
@@ -15,6 +16,7 @@ __all__ = [
     "SUFFIXES",
     "comparison_figure",
     "depth_limits_mm",
+    "disagreement_figure",
     "image_figure",
     "panels_figure",
     "png_bytes",

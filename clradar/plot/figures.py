@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from clradar.compare import Metrics, compare, depth_map_of
+from clradar.compare import depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume
@@ -15,12 +14,9 @@ from clradar.plot.layout import (
     BAR_LABELS,
     BAR_WIDTH,
     BOTTOM,
-    CAPTION_PT,
     DPI,
-    GAP,
     LABEL_PT,
     LEFT,
-    MULTIPLE_PANEL_WIDTH,
     PANEL_WIDTH,
     ROW_WIDTH,
     SINGLE_PANEL_WIDTH,
@@ -50,16 +46,6 @@ from clradar.plot.views import FRONT, projected, view_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-CAPTION = (
-    ("overlap", "overlap", 1.0, 2),
-    ("dB correlation", "db_correlation", 1.0, 2),
-    ("SSIM", "ssim", 1.0, 2),
-    ("mask IoU", "mask_iou", 1.0, 2),
-    ("depth RMSE (mm)", "depth_rmse_m", 1e3, 1),
-    ("Chamfer sim. to meas. (mm)", "chamfer_simulated_to_measured_m", 1e3, 1),
-)
-"""Metrics below an image: name, field of `Metrics`, scale and digits."""
 
 
 def image_figure(
@@ -142,90 +128,6 @@ def image_figure(
     return figure
 
 
-def comparison_figure(
-    measured: Volume | DepthMap,
-    simulated: Sequence[tuple[str, Volume | DepthMap]],
-    *,
-    metrics: Sequence[Metrics] | None = None,
-    measured_label: str = "Measurement",
-    dynamic_range_db: float = DYNAMIC_RANGE_DB,
-) -> Figure:
-    """Draw a measured image and simulated ones in a row, amplitude above depth.
-
-    Parameters
-    ----------
-    measured : Volume or DepthMap
-    simulated : sequence of (label, Volume or DepthMap)
-        One column each, in this order. Labels are plain text; long ones are wrapped.
-    metrics : sequence of Metrics, optional
-        One for each simulated image, printed below it. None computes them with
-        `clradar.compare`; an empty sequence omits them.
-    measured_label : str
-        Title of the first column.
-    dynamic_range_db : float, decibel
-        Pixels further below an image's own maximum are background.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Axes in this order: the amplitudes from left to right, the depths, the colour bar of all
-        amplitudes, the colour bar of all depths.
-
-    Raises
-    ------
-    CompareError
-        No simulated image; another number of metrics, or metrics at another dynamic range; the
-        errors of `clradar.compare`.
-    """
-    if not simulated:
-        raise CompareError("comparison_figure: expected at least one simulated image, got none")
-    shown = [depth_map_of(measured, dynamic_range_db, "measured image")]
-    for label, image in simulated:
-        shown.append(depth_map_of(image, dynamic_range_db, f"simulated image '{label}'"))
-    if metrics is None:
-        metrics = [compare(shown[0], s, dynamic_range_db=dynamic_range_db) for s in shown[1:]]
-    _check_metrics(metrics, len(simulated), dynamic_range_db)
-
-    extent = Extent.around(shown)
-    columns = len(shown)
-    panel_w, panel_h = panel_size(
-        min(ROW_WIDTH / columns - GAP, MULTIPLE_PANEL_WIDTH), extent.aspect
-    )
-    titles = [wrapped(t, panel_w, TITLE_PT) for t in (measured_label, *(s[0] for s in simulated))]
-    title_h = text_height(max(map(len, titles)), TITLE_PT)
-    caption_h = text_height(len(CAPTION), CAPTION_PT) + TOP if metrics else 0.0
-    bar_left = LEFT + columns * (panel_w + GAP) - GAP + BAR_GAP
-    width = bar_left + BAR_WIDTH + BAR_LABELS
-    lower = caption_h + BOTTOM
-    upper = lower + panel_h + GAP
-    height = upper + panel_h + title_h + 2 * TOP
-    figure = new_figure(width, height)
-
-    lefts = [LEFT + i * (panel_w + GAP) for i in range(columns)]
-    above = [add_axes(figure, left, upper, panel_w, panel_h) for left in lefts]
-    below = [add_axes(figure, left, lower, panel_w, panel_h) for left in lefts]
-    limits_mm = depth_limits_mm(shown)
-    for i, image in enumerate(shown):
-        amplitude = draw_amplitude(above[i], image, extent.unit)
-        depth = draw_depth(below[i], image, extent.unit, limits_mm)
-        draw_frame(above[i], extent, panel_w, panel_h, x_labels=False, y_labels=i == 0, margin=0.12)
-        draw_frame(below[i], extent, panel_w, panel_h, x_labels=True, y_labels=i == 0, margin=0.12)
-        # parse_math: a label can be a file's name with a literal dollar sign.
-        above[i].set_title("\n".join(titles[i]), fontsize=TITLE_PT, pad=4, parse_math=False)
-    bars = [add_axes(figure, bar_left, bottom, BAR_WIDTH, panel_h) for bottom in (upper, lower)]
-    amplitude_bar(bars[0], amplitude, dynamic_range_db)
-    depth_bar(bars[1], depth, limits_mm, shown)
-    # Row by row: lines of one multi-line text are not evenly spaced and would not align.
-    for row, (name, field, scale, digits) in enumerate(CAPTION if metrics else ()):
-        top = caption_h - text_height(row, CAPTION_PT)
-        add_text(figure, lefts[0] + panel_w, top, name, size=CAPTION_PT, ha="right")
-        for left, values in zip(lefts[1:], metrics, strict=True):
-            value = scale * getattr(values, field)
-            text = "n/a" if math.isnan(value) else typeset(f"{value:.{digits}f}")
-            add_text(figure, left + panel_w / 2, top, text, size=CAPTION_PT, ha="center")
-    return figure
-
-
 def panels_figure(
     panels: Sequence[Sequence[tuple[str, DepthMap | None]]],
     title: str | None = None,
@@ -292,16 +194,3 @@ def panels_figure(
         top = height - TOP / 2 - text_height(at, TITLE_PT)
         add_text(figure, bar_left / 2, top, line, size=TITLE_PT, ha="center", bold=True)
     return figure
-
-
-def _check_metrics(metrics: Sequence[Metrics], count: int, dynamic_range_db: float) -> None:
-    if metrics and len(metrics) != count:
-        raise CompareError(
-            f"comparison_figure: expected metrics for {count} simulated images, got {len(metrics)}"
-        )
-    for values in metrics:
-        if values.dynamic_range_db != dynamic_range_db:
-            raise CompareError(
-                f"comparison_figure: expected metrics at {dynamic_range_db:g} dB, got metrics at "
-                f"{values.dynamic_range_db:g} dB"
-            )

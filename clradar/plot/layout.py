@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from clradar.compare import Disagreement
 from clradar.model import DepthMap
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ class Extent:
     unit: LengthUnit
 
     @classmethod
-    def around(cls, images: Sequence[DepthMap]) -> Extent:
+    def around(cls, images: Sequence[DepthMap | Disagreement]) -> Extent:
         centres_m = [float(axis[i]) for m in images for axis in (m.x_m, m.y_m) for i in (0, -1)]
         unit = unit_for(*centres_m)
         x, y = zip(*(pixel_edges(image, unit) for image in images), strict=True)
@@ -82,7 +83,7 @@ class Extent:
         return float(np.clip(ratio, *PANEL_ASPECTS))
 
 
-def pixel_edges(image: DepthMap, unit: LengthUnit) -> tuple[np.ndarray, np.ndarray]:
+def pixel_edges(image: DepthMap | Disagreement, unit: LengthUnit) -> tuple[np.ndarray, np.ndarray]:
     """Return the borders between pixels along x and y, one more than pixels."""
     axes = (unit.per_m * image.x_m, unit.per_m * image.y_m)
     steps = [float(np.diff(a).min()) for a in axes if len(a) > 1]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.compare import clipped_db
+from clradar.compare import Disagreement, clipped_db
 from clradar.model import DepthMap
 from clradar.plot.layout import (
     LABEL_PT,
@@ -49,7 +49,7 @@ def draw_amplitude(axes: Axes, image: DepthMap, unit: LengthUnit) -> Any:
     level_db = clipped_db(image)
     level_db[level_db <= -image.dynamic_range_db] = np.nan
     limits = (-image.dynamic_range_db, 0.0)
-    return _draw_mesh(axes, image, unit, level_db, scale, limits, AMPLITUDE_BACKGROUND)
+    return draw_mesh(axes, image, unit, level_db, scale, limits, AMPLITUDE_BACKGROUND)
 
 
 def draw_depth(
@@ -58,12 +58,12 @@ def draw_depth(
     import matplotlib
 
     scale = matplotlib.colormaps["viridis_r"].with_extremes(bad=DEPTH_BACKGROUND)
-    return _draw_mesh(axes, image, unit, 1e3 * image.depth_m, scale, limits_mm, DEPTH_BACKGROUND)
+    return draw_mesh(axes, image, unit, 1e3 * image.depth_m, scale, limits_mm, DEPTH_BACKGROUND)
 
 
-def _draw_mesh(
+def draw_mesh(
     axes: Axes,
-    image: DepthMap,
+    image: DepthMap | Disagreement,
     unit: LengthUnit,
     values: np.ndarray,
     scale: Any,
@@ -136,7 +136,7 @@ def depth_limits_mm(images: Sequence[DepthMap]) -> tuple[float, float]:
 
 def amplitude_bar(axes: Axes, drawn: Any, dynamic_range_db: float) -> None:
     bar = axes.figure.colorbar(drawn, cax=axes, extend="min", extendfrac=0.06)
-    _bar_labels(bar, (-dynamic_range_db, 0.0), "amplitude (dB)")
+    label_bar(bar, (-dynamic_range_db, 0.0), "amplitude (dB)")
 
 
 def depth_bar(
@@ -152,10 +152,10 @@ def depth_bar(
     bar = axes.figure.colorbar(drawn, cax=axes, extend=extend, extendfrac=0.06)
     unit = unit_for(*(1e-3 * limit for limit in limits_mm))
     name = "depth z" if view is FRONT else view.along
-    _bar_labels(bar, limits_mm, f"{name} ({unit.name})", 1e3 / unit.per_m)
+    label_bar(bar, limits_mm, f"{name} ({unit.name})", 1e3 / unit.per_m)
 
 
-def _bar_labels(bar: Any, limits: tuple[float, float], name: str, scale: float = 1.0) -> None:
+def label_bar(bar: Any, limits: tuple[float, float], name: str, scale: float = 1.0) -> None:
     """Label a bar with round numbers of a unit that is `scale` times that of the limits."""
     ticks = round_ticks(limits[0] / scale, limits[1] / scale, 5)
     bar.set_ticks([scale * t for t in ticks], labels=[typeset(f"{t:g}") for t in ticks])

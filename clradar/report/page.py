@@ -140,6 +140,7 @@ def html_report(
         metrics=metrics,
         measured_label=measured.label,
         dynamic_range_db=dynamic_range_db,
+        differences=True,
     )
     drawn = clouds(maps)
     script = _part("viewer.js")

@@ -71,7 +71,7 @@ def command(
     compared = Comparison.of(volumes, labels, depth.dynamic_range_db)
     compared.print()
     if files.output is not None:
-        compared.save_figure(files.output, force=force)
+        compared.save_figure(files.output, force=force, differences=True)
         print_line(f"{files.output}: the measurement and {len(simulated)} simulated")
     if files.json is None and files.report is None:
         return
