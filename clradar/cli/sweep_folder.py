@@ -20,7 +20,7 @@ from clradar.errors import OutputError
 from clradar.files import work_folder
 from clradar.files.atomic import replacing, write_file
 from clradar.files.failures import fail, reading
-from clradar.files.json_differences import differences
+from clradar.files.json_differences import differences, listed_differences
 from clradar.files.json_file import read_json, write_json
 from clradar.files.limits import MAX_SMALL_JSON_BYTES
 from clradar.files.work_folder import LOCK, remove_temporaries
@@ -39,8 +39,6 @@ FILES = (SETTINGS, TRANSFORM, RESULT, TABLE, REGION_TABLE, FIGURE)
 
 OWN_NAMES = (*FILES, WORK)
 """Names in the folder of a sweep that are its own; --force replaces no others."""
-
-MOST_DIFFERENCES = 5
 
 held = partial(work_folder.held, work="sweep")
 """Make the folder, and keep other sweeps out of it while the block runs."""
@@ -235,13 +233,9 @@ def begin_sweep(folder: Path, settings: Mapping[str, Any], *, force: bool) -> No
         if not different:
             return
         if not force:
-            more = len(different) - MOST_DIFFERENCES
-            listed = "; ".join(different[:MOST_DIFFERENCES]) + (
-                f"; {more} more" if more > 0 else ""
-            )
             raise OutputError(
-                f"{folder}: was begun with other settings: {listed}. Repeat them to resume, choose "
-                "another folder, or begin anew with --force"
+                f"{folder}: was begun with other settings: {listed_differences(different)}. Repeat "
+                "them to resume, choose another folder, or begin anew with --force"
             )
     elif not force and any(entry.name != LOCK for entry in folder.iterdir()):
         raise OutputError(

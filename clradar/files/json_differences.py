@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
+
+MOST = 5
+"""Differences that an error lists."""
 
 SHOWN = 60
 """Characters of a setting's value in an error."""
@@ -36,6 +40,12 @@ def differences(before: Any, now: Any, name: str = "") -> list[str]:
     common = next((i for i, (one, other) in pairs if one != other), min(map(len, texts)))
     start = common - LEAD if common > SHOWN - LEAD else 0
     return [f"{name} {_cut(texts[0], start)}, now {_cut(texts[1], start)}"]
+
+
+def listed_differences(found: Sequence[str]) -> str:
+    """Return differences in one line: the first `MOST` of them, and how many more there are."""
+    more = len(found) - MOST
+    return "; ".join(found[:MOST]) + (f"; {more} more" if more > 0 else "")
 
 
 def _cut(text: str, start: int) -> str:

@@ -5,26 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from clradar.errors import ClradarError, MeasurementError
 from clradar.files.atomic import write_file
 from clradar.files.failures import read_bytes, reading
 from clradar.files.json_text import indented, parse_json, parse_object
 from clradar.files.limits import MAX_JSON_BYTES
 
 
-def read_json(
-    path: Path, expected: str, limit: int, *, error: type[ClradarError] = MeasurementError
-) -> Any:
+def read_json(path: Path, expected: str, limit: int) -> Any:
     """Return the value that a file of at most `limit` bytes holds, UTF-8, with or without a BOM.
 
     Raises
     ------
-    error
+    MeasurementError
         Missing, too large, or nothing that `parse_json` takes. `expected` names in the message what
         the file should be.
     """
-    content = read_bytes(path, expected, limit, error=error)
-    with reading(path, expected, error=error):
+    content = read_bytes(path, expected, limit)
+    with reading(path, expected):
         return parse_json(content.decode("utf-8-sig"))
 
 

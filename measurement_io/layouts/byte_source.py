@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +13,6 @@ from clradar.files.failures import clean, fail
 from clradar.files.limits import MAX_ARRAY_BYTES
 
 _BLOCK_BYTES = 2**22
-
-
-class Stream(Protocol):
-    def read(self, size: int, /) -> bytes: ...
 
 
 class ByteSource:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +26,7 @@ from clradar.cli.options.values import RANGE_RULE, finite, numbers, whole_steps,
 from clradar.cli.outputs import check_place_of_folder
 from clradar.cli.provenance import package_versions, provenance
 from clradar.compare import METRICS
+from clradar.files.hashing import sha256_of_arrays
 
 if TYPE_CHECKING:
     from calibration import Regions, Sweep
@@ -231,7 +231,7 @@ class SweepInputs:
             "measured_sha256": digest(self.image.content),
             "mesh_sha256": self.scene.digest(),
             "regions": None if self.labels is None else list(self.labels.names),
-            "regions_sha256": None if self.labels is None else sha256(self.labels.face),
+            "regions_sha256": None if self.labels is None else sha256_of_arrays(self.labels.face),
             "transform": None if self.matrix is None else self.matrix.tolist(),
             "align": self.align,
             "frequencies_ghz": [float(band_hz[0] / 1e9), float(band_hz[-1] / 1e9), len(band_hz)],
@@ -300,18 +300,9 @@ def digest(image: Volume | Capture) -> str:
     from clradar import Volume
 
     if isinstance(image, Volume):
-        return sha256(image.data, image.grid.x_m, image.grid.y_m, image.grid.z_m)
+        return sha256_of_arrays(image.data, image.grid.x_m, image.grid.y_m, image.grid.z_m)
     antennas_m = image.array.tx_m, image.array.rx_m
-    return sha256(image.data, *antennas_m, image.waveform.frequencies_hz)
-
-
-def sha256(*arrays: np.ndarray) -> str:
-    """The SHA-256 of shapes, types and bytes of arrays."""
-    state = hashlib.sha256()
-    for array in arrays:
-        state.update(str((array.shape, array.dtype)).encode())
-        state.update(array.tobytes())
-    return state.hexdigest()
+    return sha256_of_arrays(image.data, *antennas_m, image.waveform.frequencies_hz)
 
 
 def print_result(result: Sweep) -> None:

@@ -28,7 +28,7 @@ from clradar.dataset.store.shard_writer import assemble
 from clradar.errors import OutputError
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.hashing import sha256_of
-from clradar.files.json_differences import differences
+from clradar.files.json_differences import differences, listed_differences
 from clradar.files.json_file import read_json_object, write_json
 from clradar.files.work_folder import LOCK, TEMPORARY, held, remove_temporaries
 
@@ -40,8 +40,6 @@ SUMMARIES = (STATISTICS, TABLE, CONTACT_SHEET)
 
 OWN_NAMES = (MANIFEST, SHARDS, PARTS, *SUMMARIES)
 """Names in the folder of a data set that are its own; others are left alone."""
-
-MOST_DIFFERENCES = 5
 
 SHARD_NAME, PART_NAME = re.compile(r"shard-\d{5,}\.h5"), re.compile(r"\d{8,}\.(h5|json)")
 """Names of a data set's files; others in its folders are left alone."""
@@ -298,11 +296,9 @@ def _manifest(path: Path, plan: Plan, made_with: Mapping[str, Any], force: bool)
     plain = [json.loads(json.dumps(plan_record(p))) for p in (manifest.plan, plan)]
     different = differences(plain[0], plain[1])
     if different:
-        more = len(different) - MOST_DIFFERENCES
-        listed = "; ".join(different[:MOST_DIFFERENCES]) + (f"; {more} more" if more > 0 else "")
         raise OutputError(
-            f"{shown(path)}: is a data set of another plan: {listed}. Resume with that plan, "
-            "choose another folder, or replace the data set with --force"
+            f"{shown(path)}: is a data set of another plan: {listed_differences(different)}. "
+            "Resume with that plan, choose another folder, or replace the data set with --force"
         )
     manifest.plan = plan  # equal, with the folder of its rigs
     return manifest
