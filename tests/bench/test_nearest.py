@@ -202,7 +202,7 @@ def test_the_order_of_the_rays_changes_no_result(n_rays, device, monkeypatch):
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("n_tx", [1, 9, 19])
+@pytest.mark.parametrize("n_tx", [1, 7, 8, 9, 19])
 def test_any_hit(name, n_tx, device):
     rng = np.random.default_rng(9)
     vertices, faces = MESHES[name]

@@ -169,7 +169,7 @@ def paper_capture(kind: str) -> Capture:
     return noise(QAR50, SWEEP) if kind == "noise" else scatterers(QAR50, SWEEP, PAPER_COARSE)
 
 
-@pytest.mark.parametrize("tolerance_db", [-30.0, -40.0, -50.0, -65.0, -80.0])
+@pytest.mark.parametrize("tolerance_db", [-30.0, -40.0, -50.0, -60.0, -65.0, -70.0, -80.0])
 @pytest.mark.parametrize("kind", ["scatterers", "noise"])
 def test_the_error_keeps_the_tolerance(
     device: clradar.Device, kind: str, tolerance_db: float
@@ -278,7 +278,7 @@ def test_large_arrays_are_imaged_in_parts(device: clradar.Device) -> None:
     assert [len(a.tx_m) for _, _, a in fast.array_parts(array)] == [544, 545]
     grid = extent((-0.02, 0.02), (-0.03, 0.03), (0.2, 0.21), 2e-3)
     capture = scatterers(array, Waveform.sfcw(72e9, 82e9, 5), grid)
-    assert error_db(capture, grid, device, tolerance_db=-30.0) <= -30.0
+    assert error_db(capture, grid, device) <= -50.0
 
 
 def test_parts_of_both_sides_make_up_the_whole(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from shapes import bowl
+from shapes import bowl, plate
 
 import clradar
 from clradar.bench import meshes
@@ -63,6 +63,7 @@ def test_a_column_of_the_imager_makes_a_bundle():
 SCENES = {
     "hand": clradar.Scene.from_mesh(hand_mesh("F", edge_length_m=3e-3)),
     "bowl": clradar.Scene(*bowl(40, 80)),
+    "waves": clradar.Scene(*plate(0.2, 0.3, 60, wavy_m=0.03)),
     # Fine enough that groups and rays are traced apart from their bundle.
     "fine ball": meshes.ball(303, 302),
 }

@@ -58,7 +58,10 @@ half of 256 nodes, with either sign; measured below 5e-4."""
     [
         (0.1, 35.0),
         (0.2, 0.0),
+        (0.2, 70.0),
+        (0.35, 35.0),
         (0.49, 70.0),
+        (0.5, 35.0),
         (0.51, 0.0),
         (0.7, 70.0),
         (1.0, 35.0),
@@ -141,7 +144,7 @@ def shares(scene: Scene, device, **arguments) -> np.ndarray:
     return found
 
 
-ALPHAS = [0.0, 1e-4, 0.05, 0.2, 0.45, 0.4999, 0.5, 1.0]
+ALPHAS = [0.0, 1e-4, 0.02, 0.05, 0.1, 0.2, 0.3, 0.45, 0.4999, 0.5, 0.5001, 0.7, 1.0]
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)
@@ -203,7 +206,7 @@ def check_mean(scene: Scene, device, rays: int = 1500, **arguments) -> None:
     assert abs(found.sum() - mean.sum()) <= 4 * np.sqrt(variance.sum())
 
 
-@pytest.mark.parametrize("alpha", [0.02, 0.2, 0.5, 1.0])
+@pytest.mark.parametrize("alpha", [0.02, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0])
 def test_the_mean_is_that_of_the_stochastic_estimator(alpha: float, device) -> None:
     check_mean(Scene(*MESHES["waves"], alpha), device)
 
@@ -331,7 +334,7 @@ def test_tiles_change_no_bit(tile: int, batch: int, device, monkeypatch) -> None
     assert len(seen) == -(-838 // tile)
 
 
-@pytest.mark.parametrize("limit_kib", [60, 200])
+@pytest.mark.parametrize("limit_kib", [60, 200, 1000])
 def test_little_memory_changes_no_bit(limit_kib: int, device) -> None:
     small = clradar.open_device(device.info.selector, memory_limit_bytes=limit_kib * 1024)
     np.testing.assert_array_equal(tracks(small), tracks(device))
@@ -342,7 +345,7 @@ LANES_TOLERANCE = 1e-4
 decide where a horizon cuts a disc and are magnified by up to a disc's 1/0.03 there."""
 
 
-@pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 1), (2, 23)])
+@pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 1), (3, 8), (2, 23)])
 def test_one_lane_gives_the_same(n_tx: int, n_rx: int, device) -> None:
     rng = np.random.default_rng(n_rx)
     low, high = [-0.07, -0.07, 0.0], [0.07, 0.07, 0.01]

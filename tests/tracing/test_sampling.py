@@ -76,7 +76,7 @@ MESHES = {
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("seed", [7, 2**64 - 1])
+@pytest.mark.parametrize("seed", [0, 7, 2**32 + 7, 2**64 - 1])
 def test_samples_are_those_of_the_reference(name, seed, device):
     scene = scene_of(MESHES[name])
     arguments = {"samples_per_mm2": 0.05, "seed": seed}
@@ -112,7 +112,7 @@ def test_all_points_are_in_their_triangles(name, device):
     assert (weight.min(axis=1) >= -np.sqrt(3) * POINT_TOLERANCE_M / height).all()
 
 
-@pytest.mark.parametrize("count", [1, 8, 1000])
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 1000])
 def test_every_face_gets_rays_per_face_samples(count, device):
     scene = scene_of(MESHES["bowl"])
     face = sampled(scene, device, rays_per_face=count)[3]
@@ -127,7 +127,7 @@ def cells_of_triangle(weight: np.ndarray, rows: int) -> np.ndarray:
     return (a * rows + b) * 2 + downwards
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_single_sample_is_uniform_on_its_face(seed, device):
     """One sample on each of 20 000 equal faces: nothing is stratified, so counts are binomial."""
     mesh = plate(0.2, 0.3, 100)

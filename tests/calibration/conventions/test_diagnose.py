@@ -320,7 +320,7 @@ def test_no_echo_is_undecidable(array: AntennaArray, device: clradar.Device) -> 
     captures = {
         "zero": zero,
         "coupling in noise": with_data(one, coupling(one) + noise(one)),
-        **{f"noise {seed}": with_data(zero, noise(zero, seed)) for seed in range(3)},
+        **{f"noise {seed}": with_data(zero, noise(zero, seed)) for seed in range(6)},
     }
     for name, capture in captures.items():
         result = diagnose(capture, device=device)

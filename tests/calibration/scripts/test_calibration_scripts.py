@@ -130,12 +130,12 @@ def test_sweep(start, plate_files, tmp_path):
     (tmp_path / "transform.json").write_text(json.dumps(place))
     arguments = (
         "sweep", tmp_path / "capture.h5", tmp_path / "plate.ply", "-o", tmp_path / "sweep.png",
-        "--transform", tmp_path / "transform.json", "--step", 1, "--samples-per-mm2", 0.5,
+        "--transform", tmp_path / "transform.json", "--step", 0.5, "--samples-per-mm2", 0.5,
         "--seeds", 1,
     )  # fmt: skip
     done = start(*arguments)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("best alpha ")
+    assert done.stdout.startswith("best alpha 0.")
     assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
     done = start(*arguments)
     assert done.returncode == 1

@@ -273,7 +273,7 @@ MOST_BYTES = 2**30 + 2**28
 """`hdf5_process.MEMORY_BYTES`, and a quarter for what the limit does not count."""
 
 
-@pytest.mark.parametrize("length", [2**32 - 1, 2**31])
+@pytest.mark.parametrize("length", [2**32 - 1, 2**31, 10**9, 2**24])
 @pytest.mark.parametrize("name", [b"provenance", b"NX_class", b"axes"])
 def test_text_that_claims_gigabytes(path, name, length):
     # HDF5 allocates and clears as many bytes as the attribute claims, before it reads the text.

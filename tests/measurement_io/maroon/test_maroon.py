@@ -497,11 +497,7 @@ def test_peak_memory_of_an_honest_frame(tmp_path):
 def test_truncated_everywhere(tmp_path):
     whole = files.npy(files.pickled(files.random_frame(1)))
     path = tmp_path / "000000.npy"
-    cuts = {
-        *range(0, 400, 3),
-        *range(400, len(whole), 9999),
-        *range(len(whole) - 200, len(whole), 3),
-    }
+    cuts = {*range(400), *range(400, len(whole), 1499), *range(len(whole) - 200, len(whole))}
     for cut in sorted(cuts):
         path.write_bytes(whole[:cut])
         refused(path)

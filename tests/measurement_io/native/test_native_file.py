@@ -427,7 +427,7 @@ def test_antenna_files_do_not_apply(path):
 
 def test_truncated_everywhere(path):
     whole = path.read_bytes()
-    for cut in {*range(0, 64, 9), *range(64, len(whole), 301), len(whole) - 1}:
+    for cut in {*range(0, 64), *range(64, len(whole), 41), len(whole) - 1}:
         path.write_bytes(whole[:cut])
         refused(path)
 
@@ -437,7 +437,7 @@ def test_flipped_bits_are_found_or_do_not_matter(path):
     capture = open_capture(path)
     rng = random.Random(0)
     found = 0
-    for _ in range(80):
+    for _ in range(300):
         damaged = bytearray(whole)
         damaged[rng.randrange(len(whole))] ^= 1 << rng.randrange(8)
         path.write_bytes(damaged)
@@ -448,7 +448,7 @@ def test_flipped_bits_are_found_or_do_not_matter(path):
         else:
             # Free space of the file may change; nothing that is read may.
             assert same_capture(read, capture)
-    assert found > 16
+    assert found > 60
 
 
 def test_every_bit_of_the_data_counts(path):
@@ -457,7 +457,7 @@ def test_every_bit_of_the_data_counts(path):
         ids = [file["entry/data"][name].id for name in ("data", "tx_m", "rx_m", "frequency_hz")]
         chunks = [i.get_chunk_info(0) for i in ids]
     for chunk in chunks:
-        for at in range(chunk.byte_offset, chunk.byte_offset + chunk.size, 29):
+        for at in range(chunk.byte_offset, chunk.byte_offset + chunk.size, 7):
             damaged = bytearray(whole)
             damaged[at] ^= 1
             path.write_bytes(damaged)
