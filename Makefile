@@ -46,7 +46,7 @@ figures: $(VENV)/.installed
 	$(BIN)/clradar demo --full --force -o demo-full
 	cp demo-full/comparison.png docs/images/comparison.png
 
-# Against peers, each with its check: first interleaved, for ratios, then by pytest-benchmark.
+# Against peers, interleaved, for ratios; then ours alone by pytest-benchmark, results checked.
 bench: $(VENV)/.installed-bench
 	$(BIN)/clradar bench
 	$(BIN)/python -m pytest benchmarks
