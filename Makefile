@@ -30,7 +30,7 @@ fuzz: $(VENV)/.installed-fuzz
 
 # Oclgrind shows up as a device where it is installed, so it has an environment of its own.
 memcheck: $(VENV)-memcheck/.installed
-	$(VENV)-memcheck/bin/python -m pytest -m memcheck --timeout 1200
+	$(VENV)-memcheck/bin/python -m pytest -m memcheck --timeout 3600
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

@@ -24,7 +24,6 @@ def in_process(code: str, *arguments: str, **kwargs: Any) -> subprocess.Complete
         [sys.executable, "-W", "error", "-c", code, *arguments],
         capture_output=True,
         text=True,
-        timeout=600,
         check=False,
         **kwargs,
     )

@@ -382,7 +382,7 @@ def cli(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
     return call
 
 
-def wait_for(condition: Callable[[], bool], limit_s: float = 600.0) -> None:
+def wait_for(condition: Callable[[], bool], limit_s: float = 1800.0) -> None:
     end_s = time.monotonic() + limit_s
     while not condition():
         assert time.monotonic() < end_s, "waited in vain"

@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 
 from fuzz.worker import Progress, find_target, shared_progress
 
-_WAIT_LIMIT_S = 900.0
+_WAIT_LIMIT_S = 1800.0
 """Longest time without progress. What is at fault uses processor time, which is limited."""
 
 _MOST_FAULTS = 20

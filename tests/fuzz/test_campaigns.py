@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fuzz import campaign
-from fuzz.broken_readers import FATAL, MILD
+from fuzz.broken_readers import ENDLESS, FATAL, MILD
 from fuzz.mutate_hdf5 import lookup3, with_right_checksums
 from fuzz.targets import TARGETS
 
@@ -63,7 +63,9 @@ def test_guided_run(name, tmp_path):
 # ---- the harness itself
 
 
-@pytest.mark.parametrize(("name", "faults"), [("mild", MILD), ("fatal", FATAL)])
+@pytest.mark.parametrize(
+    ("name", "faults"), [("mild", MILD), ("fatal", FATAL), ("endless", ENDLESS)]
+)
 def test_faults_of_readers_are_detected(name, faults, tmp_path):
     count = 2 * len(faults) + 1
     outcome = campaign.run(f"fuzz.broken_readers:{name}", count, keep=tmp_path / "kept")

@@ -38,7 +38,6 @@ def run_checked(tmp_path: Path, *arguments: str) -> tuple[str, str]:
         env=environment,
         capture_output=True,
         text=True,
-        timeout=1000,
         check=False,
     )
     assert done.returncode == 0, done.stderr

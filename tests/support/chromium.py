@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-DEADLINE_S = 600.0
+DEADLINE_S = 1800.0
 """Limit of one answer, which no working browser reaches: a start takes seconds."""
 
 

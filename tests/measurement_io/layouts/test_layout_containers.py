@@ -477,7 +477,6 @@ def peak_bytes(program: str, *arguments: object) -> int:
         [sys.executable, "-c", measured, *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=300,
         check=False,
     )
     assert done.returncode == 0, done.stderr
