@@ -28,7 +28,7 @@ def write_recording(folder: Path) -> None:
 def main(source: str = "ball/300mm", frame: int = 0) -> None:
     # A .npy frame, a radar_... folder, or the folder that holds it.
     if not Path(source).exists():
-        Path(source).parent.mkdir(parents=True)
+        Path(source).parent.mkdir(parents=True, exist_ok=True)
         write_recording(Path(source))
     print(describe(source))
     capture = open_capture(source, frame=frame)

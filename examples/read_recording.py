@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import trimesh
@@ -20,7 +21,6 @@ def write_recording(folder: Path) -> None:
     # the radar sees it, the ball's centre is at x = -20 mm.
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.01)
     to_radar = trimesh.transformations.translation_matrix([-0.02, -0.01, 0.3])
-    ball.export("mesh.obj", include_texture=False)
     scene = clradar.Scene.from_mesh(ball, alpha=0.0, transform=np.diag([-1, 1, 1, 1]) @ to_radar)
     array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 32)
     still = clradar.simulate(scene, array, waveform, samples_per_mm2=20)
@@ -30,13 +30,15 @@ def write_recording(folder: Path) -> None:
         noise = 0.1 * (rng.standard_normal((*still.data.shape, 2)) @ [1, 1j])
         stamp = {"timestamp_us": 125_000 * (number + 1)}
         frames.append(clradar.Capture(still.data + noise, array, waveform, stamp))
-    save_recording(
-        folder,
-        frames,
-        metadata={"distance_meters": 0.3},
-        alignment={"photogrammetry2radar": to_radar.tolist()},
-        meshes=["mesh.obj"],
-    )
+    with TemporaryDirectory() as place:
+        ball.export(f"{place}/mesh.obj", include_texture=False)
+        save_recording(
+            folder,
+            frames,
+            metadata={"distance_meters": 0.3},
+            alignment={"photogrammetry2radar": to_radar.tolist()},
+            meshes=[f"{place}/mesh.obj"],
+        )
 
 
 def main(source: str = "ball/30") -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import trimesh
 
@@ -16,7 +17,7 @@ from measurement_io import open_recording, save_recording
 GRID = clradar.VoxelGrid.from_extent((-0.08, 0.08), (-0.1, 0.1), (0.27, 0.33), 2e-3)
 
 
-def make_recording(folder: Path) -> Path:
+def make_recording(folder: Path) -> None:
     """Write a recording of a noisy hand, and its mesh."""
     hand = hand_mesh("F", edge_length_m=3e-3)
     scene = clradar.Scene.from_mesh(hand, alpha=0.2)
@@ -24,14 +25,18 @@ def make_recording(folder: Path) -> Path:
     clean = clradar.simulate(scene, array, waveform, samples_per_mm2=1, seed=1)
     frame = clradar.impair(clean, snr_db=20, seed=1)
     # A recording's own space is mirrored, and its mesh is never quite where the hand was.
-    trimesh.Trimesh(hand.vertices_m * (-1, 1, 1), hand.faces[:, ::-1]).export("mesh.obj")
+    mirrored = trimesh.Trimesh(hand.vertices_m * (-1, 1, 1), hand.faces[:, ::-1])
     place = [[1, 0, 0, -0.004], [0, 1, 0, 0.003], [0, 0, 1, 0], [0, 0, 0, 1]]
     alignment = {"photogrammetry2radar": place}
-    return save_recording(folder, [frame], alignment=alignment, meshes=["mesh.obj"], force=True)
+    with TemporaryDirectory() as made:
+        mirrored.export(mesh := f"{made}/mesh.obj")
+        save_recording(folder, [frame], alignment=alignment, meshes=[mesh])
 
 
 def main(recording: Path | None, mesh: Path | None, alpha: float, page: Path) -> None:
-    frames = open_recording(recording or make_recording(Path("hand/30")))
+    if recording is None and not (recording := Path("noisy_hand/30")).exists():
+        make_recording(recording)
+    frames = open_recording(recording)
     # A mesh of one's own is in the antenna frame, metres; the recording's is brought there.
     scene = (clradar.Scene.from_mesh(mesh) if mesh else frames.scene()).with_alpha(alpha)
 

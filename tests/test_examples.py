@@ -1,4 +1,4 @@
-"""Every example runs in an empty folder, and prints the expected results."""
+"""Every example runs beside what the others wrote, and prints the expected results."""
 
 from __future__ import annotations
 
@@ -16,24 +16,33 @@ from dataset_plans import tiny
 from clradar.dataset import run
 from clradar.dataset.plan.reader import plan_from
 
+OWNERS: dict[str, str] = {}
+"""File: the example that wrote it."""
+
 OutputOf = Callable[..., list[str]]
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One folder for all examples, one after the other."""
+    return tmp_path_factory.mktemp("examples")
+
+
 @pytest.fixture
 def output_of(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> OutputOf:
-    """Run an example in the test's folder; lines of its output.
+    """Run an example in the folder of all, where it writes to no file of another; its output.
 
     With `sizes` its function `main` is called, without it runs as a script with `arguments`.
     """
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.chdir(folder)
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
 
     def run(name: str, *arguments: str, **sizes: float) -> list[str]:
-        path = str(EXAMPLES / name)
+        path, before = str(EXAMPLES / name), written()
         monkeypatch.setattr(sys, "argv", [path, *arguments])
         capsys.readouterr()
         with warnings.catch_warnings():
@@ -42,7 +51,12 @@ def output_of(
                 runpy.run_path(path)["main"](**sizes)
             else:
                 runpy.run_path(path, run_name="__main__")
+        for file in written().items() - before.items():
+            assert OWNERS.setdefault(file[0], name) == name, f"{file[0]} is of both"
         return capsys.readouterr().out.splitlines()
+
+    def written() -> dict[str, int]:
+        return {str(p): p.stat().st_mtime_ns for p in folder.rglob("*") if p.is_file()}
 
     return run
 
@@ -68,7 +82,7 @@ def test_they_are_short(path: Path) -> None:
     assert len(path.read_text().splitlines()) < 70
 
 
-def test_simulate_hand(tmp_path: Path, output_of: OutputOf) -> None:
+def test_simulate_hand(folder: Path, output_of: OutputOf) -> None:
     paths, pixels, depth_mm = (
         numbers(line)[-1] for line in output_of("simulate_hand.py", samples_per_mm2=0.5)
     )
@@ -76,10 +90,10 @@ def test_simulate_hand(tmp_path: Path, output_of: OutputOf) -> None:
     # 2 mm pixels of 4 mm^2: the hand's outline has about 10 000 mm^2, of which a part is visible.
     assert 500 < pixels < 2500
     assert 280 < depth_mm < 320
-    assert (tmp_path / "hand.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "hand.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_point_target(tmp_path: Path, output_of: OutputOf) -> None:
+def test_point_target(output_of: OutputOf) -> None:
     for line, at_mm in zip(output_of("point_target.py"), (0, 0, 300), strict=True):
         peak_mm, width_mm, theory_mm = numbers(line)
         assert peak_mm == at_mm
@@ -87,25 +101,16 @@ def test_point_target(tmp_path: Path, output_of: OutputOf) -> None:
         assert theory_mm <= width_mm < 1.05 * theory_mm
 
 
-def test_compare_alpha(tmp_path: Path, output_of: OutputOf) -> None:
+def test_compare_alpha(folder: Path, output_of: OutputOf) -> None:
     lines = output_of("compare_alpha.py", samples_per_mm2=0.3)
     assert lines[-1] == "best: alpha = 0.3"
     assert all(-1 <= numbers(line)[1] <= 1 for line in lines[:-1])
-    assert (tmp_path / "compare_alpha.png").is_file()
+    assert (folder / "compare_alpha.png").is_file()
 
 
-def test_read_maroon_frame(tmp_path: Path, output_of: OutputOf) -> None:
-    lines = output_of("read_maroon_frame.py")
-    # The ball's centre is at (20, -10, 300) mm; it glints 10 mm before that. Pixels are 2 mm.
-    for value, expected in zip(numbers(lines[-1]), (19.3, -9.7, 290.0), strict=True):
-        assert abs(value - expected) <= 2
-    assert {"ball", "frame.h5", "frame.png"} == {p.name for p in tmp_path.iterdir()}
-    again = output_of("read_maroon_frame.py")
-    assert again == lines
-
-
-def test_read_recording(tmp_path: Path, output_of: OutputOf) -> None:
+def test_read_recording(folder: Path, output_of: OutputOf) -> None:
     mesh, *frames = output_of("read_recording.py")
+    assert output_of("read_recording.py") == [mesh, *frames]
     assert numbers(mesh) == [20.0, -10.0, 300.0]
     assert len(frames) == 3
     for number, line in enumerate(frames):
@@ -116,18 +121,28 @@ def test_read_recording(tmp_path: Path, output_of: OutputOf) -> None:
             assert abs(value - expected) <= 2
 
 
-def test_sim_vs_measurement(tmp_path: Path, output_of: OutputOf) -> None:
+def test_read_maroon_frame(folder: Path, output_of: OutputOf) -> None:
+    lines = output_of("read_maroon_frame.py")
+    # The ball's centre is at (20, -10, 300) mm; it glints 10 mm before that. Pixels are 2 mm.
+    for value, expected in zip(numbers(lines[-1]), (19.3, -9.7, 290.0), strict=True):
+        assert abs(value - expected) <= 2
+    assert {"ball", "frame.h5", "frame.png"} <= {p.name for p in folder.iterdir()}
+    again = output_of("read_maroon_frame.py")
+    assert again == lines
+
+
+def test_sim_vs_measurement(folder: Path, output_of: OutputOf) -> None:
     shift, given, aligned = output_of("sim_vs_measurement.py")
     # The mesh lies at +4 and +3 mm (x, y); mesh against measurement is good to 1.5 mm.
     for value, expected in zip(numbers(shift), (-4, -3, 0), strict=True):
         assert abs(value - expected) <= 1.5
     assert numbers(aligned)[0] > numbers(given)[0] + 0.1
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = (folder / "report.html").read_text(encoding="utf-8")
     for part in ("Measurement", "As given", "Registered", "The mesh is shifted by"):
         assert part in page
 
 
-def test_own_array(tmp_path: Path, output_of: OutputOf) -> None:
+def test_own_array(folder: Path, output_of: OutputOf) -> None:
     lines = output_of("own_array.py", samples_per_mm2=0.5)
     # Where the line from the array's centre to the ball's meets the ball. Half a voxel is 2.5 mm,
     # and c / 2B is 75 mm: a tenth of that for what the array's size does to the glint.
@@ -138,16 +153,17 @@ def test_own_array(tmp_path: Path, output_of: OutputOf) -> None:
             assert abs(value - expected) <= 10
 
 
-def test_convert_lab_file(tmp_path: Path, output_of: OutputOf) -> None:
+def test_convert_lab_file(folder: Path, output_of: OutputOf) -> None:
     lines = output_of("convert_lab_file.py")
     assert 'real = "s_real"' in lines
     # A single point on a voxel: the image is strongest there and nowhere else.
     assert lines[-1] == "strongest: 20, -10, 250 mm"
-    assert {"lab.npz", "lab.h5"} == {p.name for p in tmp_path.iterdir()}
+    assert {"lab.npz", "lab.h5"} <= {p.name for p in folder.iterdir()}
+    assert output_of("convert_lab_file.py") == lines
 
 
 def test_train_letters(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output_of: OutputOf
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output_of: OutputOf
 ) -> None:
     """A fist and a flat hand are distinguished from a few samples of each."""
     plan = plan_from(
@@ -162,8 +178,8 @@ def test_train_letters(
         "plan",
         tmp_path,
     )
-    run(plan, tmp_path / "letters")
-    run(replace(plan, samples=3), tmp_path / "few")
+    run(plan, folder / "letters")
+    run(replace(plan, samples=3), folder / "few")
     with pytest.raises(SystemExit, match="expected at least two poses and four samples of each"):
         output_of("train_letters.py", "few")
     with monkeypatch.context() as patch:
@@ -174,4 +190,4 @@ def test_train_letters(
     # 5 of 6: guessing is right as often once in nine times, and the seed is fixed.
     assert numbers(right)[0] == 6
     assert numbers(right)[1] >= 0.8
-    assert (tmp_path / "confusion.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "confusion.png").read_bytes().startswith(b"\x89PNG")
