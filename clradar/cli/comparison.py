@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_table
+from clradar.cli.titles import title_of
 from clradar.constants import DYNAMIC_RANGE_DB
 
 if TYPE_CHECKING:
@@ -42,9 +43,9 @@ def figure_labels(paths: Sequence[Path], metas: Sequence[Mapping[str, Any]]) -> 
     """A short label for each image: its alpha if no other image has it, else its name."""
     alphas = [simulated_alpha(meta) for meta in metas]
     labels = []
-    for path, alpha in zip(paths, alphas, strict=True):
+    for path, alpha, meta in zip(paths, alphas, metas, strict=True):
         if alpha is None or alphas.count(alpha) > 1:
-            labels.append(path.stem or path.name or str(path))
+            labels.append(title_of(path, meta) if path.is_dir() else path.stem or str(path))
         else:
             labels.append(f"\N{GREEK SMALL LETTER ALPHA} = {alpha:.3g}")
     # Files of the same name in different folders: the whole path tells them apart.

@@ -1,8 +1,8 @@
-"""A self-contained HTML page that compares simulated images with a measured one."""
+"""Self-contained HTML pages: simulated images against a measured one, and one image."""
 
-from clradar.report.page import ReportImage, html_report
+from clradar.report.page import ReportImage, html_report, image_report
 
-__all__ = ["ReportImage", "html_report"]
+__all__ = ["ReportImage", "html_report", "image_report"]
 
 
 def __dir__() -> list[str]:

@@ -8,22 +8,34 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from string import Template
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from clradar.compare import Metrics, compare, depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
-from clradar.plot import comparison_figure, png_bytes
+from clradar.plot import comparison_figure, image_figure, png_bytes
 from clradar.report.clouds import Cloud, clouds, view_data
 from clradar.report.tables import image_facts, metrics_notes, metrics_table, settings_table
 from clradar.report.text import escaped, script_json
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FIGURE_DPI = 200
 """Resolution of the figure: sharp at twice the width that it has on a wide screen."""
 
 PANEL_PX = 150
 """Least width of a panel of the figure; on a narrower screen the figure scrolls in its frame."""
+
+COMPARISON_HINT = """Amplitude above depth, in the radar's view: x increases to the left. Each
+image is relative to its own maximum; the background is more than {dynamic_range}&nbsp;dB below it.
+The lowest row shows where measurement and simulation disagree: orange is stronger in the
+measurement than all of the simulation nearby, blue the other way round; a ring surrounds an object
+that is missing from the simulation, a dotted ring one in the simulation alone."""
+
+IMAGE_HINT = """Amplitude and depth; x increases to the left, as the radar sees it. The background
+is more than {dynamic_range}&nbsp;dB below the maximum."""
 
 SHOWN_FIRST = 2
 """Clouds in the 3-D view when the page opens: the measurement and the first simulation."""
@@ -142,9 +154,102 @@ def html_report(
         dynamic_range_db=dynamic_range_db,
         differences=True,
     )
+    return _page(
+        title,
+        inputs,
+        maps,
+        figure,
+        figure_text=f"Amplitude above depth, in a row: {measured.label}; {'; '.join(labels)}",
+        hint=COMPARISON_HINT,
+        result=_metrics_section(labels, metrics, dynamic_range_db),
+        notes=notes,
+        settings=settings,
+        settings_of="This comparison",
+    )
+
+
+def image_report(
+    image: ReportImage,
+    *,
+    title: str | None = None,
+    notes: Sequence[str] = (),
+    settings: Mapping[str, Any] | None = None,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+    view: str | None = None,
+) -> str:
+    """Return a self-contained HTML page of one image.
+
+    Parameters
+    ----------
+    image : ReportImage
+    title : str, optional
+        Plain text; the image's label if not given.
+    notes, settings
+        As in `html_report`.
+    dynamic_range_db : float, decibel
+        Pixels further below the maximum are background.
+    view : "xy", "xz" or "yz", optional
+        Axes of the figure, as in `clradar.plot.image_figure`.
+
+    Returns
+    -------
+    str
+        As `html_report` returns it, with figure, 3-D view, facts, settings and provenance.
+
+    Raises
+    ------
+    CompareError
+        The image is zero everywhere, without any depth, a single voxel, or a depth map that was cut
+        at a smaller dynamic range.
+    ModelError
+        `dynamic_range_db` is not a positive number, or the view is unknown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from clradar.report import ReportImage, image_report
+    >>> x_m = np.arange(-10, 11) * 1e-3
+    >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
+    >>> page = image_report(ReportImage("spot", clradar.DepthMap(0 * spot + 0.3, spot, x_m, x_m)))
+    >>> "at x = 0.0, y = 0.0, z = 300.0 mm" in page
+    True
+    """
+    dynamic_range_db = checks.positive("image_report: dynamic_range_db", dynamic_range_db)
+    shown = depth_map_of(image.image, dynamic_range_db, f"image '{image.label}'")
+    figure = image_figure(image.image, dynamic_range_db=dynamic_range_db, view=view)
+    facts = settings_table(image_facts(image.image, shown, image.source))
+    return _page(
+        image.label if title is None else title,
+        [image],
+        [shown],
+        figure,
+        figure_text=f"Amplitude and depth: {image.label}",
+        hint=IMAGE_HINT,
+        result=f"<section><h2>Facts</h2>{facts}</section>",
+        notes=notes,
+        settings=settings,
+        settings_of="This page",
+    )
+
+
+def _page(
+    title: str,
+    inputs: Sequence[ReportImage],
+    maps: Sequence[DepthMap],
+    figure: Figure,
+    *,
+    figure_text: str,
+    hint: str,
+    result: str,
+    notes: Sequence[str],
+    settings: Mapping[str, Any] | None,
+    settings_of: str,
+) -> str:
+    """Return the page of some images; `hint` and `result` are HTML, all else is text."""
     drawn = clouds(maps)
     script = _part("viewer.js")
-    style = _part("page.css") + _own_style(drawn)
+    style = _part("page.css") + _own_style(drawn, max(len(inputs), 2))
     return Template(_part("page.html")).substitute(
         title=escaped(title),
         style=style,
@@ -152,15 +257,31 @@ def html_report(
         script=script,
         script_hash=_policy_hash(script),
         notes="".join(f'<p class="note">{_paragraph(note)}</p>' for note in notes),
-        dynamic_range=f"{dynamic_range_db:g}",
+        figure_heading="Images" if len(inputs) > 1 else "Image",
         figure=base64.b64encode(png_bytes(figure, dpi=FIGURE_DPI)).decode("ascii"),
-        figure_text=escaped(f"{measured.label}; {'; '.join(labels)}"),
+        figure_text=escaped(figure_text),
+        figure_hint=hint.format(dynamic_range=f"{maps[0].dynamic_range_db:g}"),
         clouds="".join(_cloud_toggle(i, inputs[i].label, c) for i, c in enumerate(drawn)),
         view_data=script_json(view_data(maps, drawn)),
-        metrics=metrics_table(labels, metrics),
-        meanings=metrics_notes(metrics),
+        result=result,
         inputs="".join(_input_details(i, m) for i, m in zip(inputs, maps, strict=True)),
-        settings=_details("This comparison", settings_table(settings)) if settings else "",
+        settings=_details(settings_of, settings_table(settings)) if settings else "",
+    )
+
+
+def _metrics_section(
+    labels: Sequence[str], metrics: Sequence[Metrics], dynamic_range_db: float
+) -> str:
+    remarks = "".join(
+        f'<li><span class="name">{escaped(label)}</span>: {escaped(remark)}.</li>'
+        for label, found in zip(labels, metrics, strict=True)
+        for remark in found.remarks
+    )
+    return (
+        f"<section><h2>Metrics</h2>{metrics_table(labels, metrics)}"
+        + (f'<ul class="remarks">{remarks}</ul>' if remarks else "")
+        + f'<p class="hint">Both images cut {dynamic_range_db:g}&nbsp;dB below their maximum; bold '
+        f"is the best of several.</p>{metrics_notes(metrics)}</section>"
     )
 
 
@@ -174,10 +295,10 @@ def _policy_hash(content: str) -> str:
     return f"sha256-{base64.b64encode(digest).decode('ascii')}"
 
 
-def _own_style(drawn: Sequence[Cloud]) -> str:
+def _own_style(drawn: Sequence[Cloud], panels: int) -> str:
     """Return the style that depends on the images: the policy forbids style attributes."""
     swatches = "".join(f".cloud-{i}{{background:{c.colour}}}\n" for i, c in enumerate(drawn))
-    return f"@media screen{{.figure img{{min-width:{PANEL_PX * len(drawn)}px}}}}\n{swatches}"
+    return f"@media screen{{.figure img{{min-width:{PANEL_PX * panels}px}}}}\n{swatches}"
 
 
 def _paragraph(note: str) -> str:

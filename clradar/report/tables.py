@@ -156,7 +156,14 @@ def image_facts(image: Volume | DepthMap, shown: DepthMap, source: str) -> dict[
         f"{len(depths_mm)} within {shown.dynamic_range_db:g} dB of the maximum, "
         f"{depths_mm.min():.1f} to {depths_mm.max():.1f} mm deep"
     )
-    facts["maximum of the amplitude"] = f"{shown.amplitude.max():.4g}"
+    row, column = divmod(int(np.argmax(shown.amplitude)), len(shown.x_m))
+    place_m = {"x": shown.x_m[column], "y": shown.y_m[row], "z": shown.depth_m[row, column]}
+    where = ", ".join(
+        f"{name} = {np.round(1e3 * value, 1) + 0.0:.1f}"  # no minus sign before 0
+        for name, value in place_m.items()
+        if np.isfinite(value)
+    )
+    facts["maximum of the amplitude"] = f"{shown.amplitude.max():.4g}, at {where} mm"
     return facts
 
 

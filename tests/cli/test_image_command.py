@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 import typer
 from command_line import GRID, Run, one_error_line
+from matplotlib.figure import Figure
 
 import clradar
 import clradar.plot
 from clradar.cli.options.imaging import GridOptions, axis_mm
+from clradar.cli.titles import recording_words, title_of
 from clradar.files.hashing import sha256_of
-from measurement_io import open_capture, open_volume, save_capture
+from measurement_io import open_capture, open_volume, save_capture, save_maroon_frame
 
 
 def test_axis_in_millimetres() -> None:
@@ -59,6 +61,67 @@ def test_image_of_a_recording_and_its_figure(run: Run, made: Path, tmp_path: Pat
     assert np.array_equal(volume.data, expected.data)
     assert png.read_bytes().startswith(b"\x89PNG")
     assert [i["file"] for i in volume.meta["inputs"]] == ["000000.npy"]
+
+
+def test_figures_of_recordings_are_titled_with_object_distance_variant_and_frame(
+    run: Run, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = open_capture(made / "sim.h5")
+    recording = tmp_path / "hand" / "30"
+    recording.mkdir(parents=True)
+    for frame in (0, 1):
+        save_maroon_frame(recording, capture, frame=frame, variant="emptyfiltered", force=True)
+    titles = []
+    monkeypatch.setattr(
+        "clradar.plot.image_figure", lambda *given, **_: titles.append(given[1]) or Figure()
+    )
+    words = "hand, 30 cm, emptyfiltered, frame 1"
+    chosen = ("--variant", "emptyfiltered", "--frame", "1")
+    png = ("--png", tmp_path / "v.png", "--force")
+    outcome = run("image", recording, *png, *chosen, *GRID, "-o", tmp_path / "v.h5")
+    assert outcome.status == 0, outcome.err
+    monkeypatch.chdir(recording)
+    assert run("image", ".", *png, *chosen, *GRID).status == 0
+    (frame_file,) = recording.glob("*/*/000001_*.npy")
+    assert run("image", frame_file, *png, *GRID).status == 0
+    assert run("image", tmp_path / "v.h5", *png).status == 0
+    assert run("image", made / "volume.h5", *png).status == 0
+    assert titles == [words, words, words, f"v.h5: {words}", "volume.h5"]
+    volume = open_volume(tmp_path / "v.h5")
+    assert recording_words(volume.meta) == words
+    assert recording_words({"capture": {"format": "maroon", "source": 3}}) == ""
+    assert title_of(Path("lab.mat"), {"format": "layout", "frame": 2}) == "lab.mat, frame 2"
+
+
+def test_report_of_one_image(run: Run, made: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    outcome = run("image", made / "recording", "--report", page, *GRID)
+    assert outcome.status == 0, outcome.err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["page.html"]
+    text = page.read_text(encoding="utf-8")
+    assert "<h1>recording, raw, frame 0</h1>" in text
+    assert "000000.npy" in text
+    assert "Metrics" not in text
+    saved = tmp_path / "saved.html"
+    outcome = run("image", made / "volume.h5", "--report", saved)
+    assert outcome.status == 0, outcome.err
+    row = "maximum of the amplitude"
+    assert text.split(row)[1][:60] == saved.read_text(encoding="utf-8").split(row)[1][:60]
+
+
+def test_image_of_a_volume_and_without_outputs_is_wrong_usage(
+    run: Run, made: Path, tmp_path: Path
+) -> None:
+    png = ("--png", tmp_path / "v.png")
+    for options in (("-o", tmp_path / "v.h5"), (*png, "--x-mm", "0"), (*png, "--method", "exact"),
+                    (*png, "--device", "pocl"), (*png, "--tolerance-db", "-60")):  # fmt: skip
+        outcome = run("image", made / "volume.h5", *options)
+        assert outcome.status == 2
+        assert "the input is a volume, which is an image already" in " ".join(outcome.err.split())
+    outcome = run("image", made / "sim.h5", *GRID)
+    assert outcome.status == 2
+    assert "expected a volume to write" in outcome.err
+    one_error_line(run("image", made / "sim.h5", "--report", tmp_path / "v.png"), ".html")
 
 
 def test_convert_keeps_every_bit(run: Run, made: Path, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import numbers, wrong_usage
 from clradar.cli.outputs import check_figure, check_outputs, save
 from clradar.cli.provenance import provenance
+from clradar.cli.titles import title_of
 
 if TYPE_CHECKING:
     from calibration import Target
@@ -131,7 +132,7 @@ def command(
     save(output, channels, origin, force=force)
     print_summary(output, channels)
     if plot is not None:
-        save_figure(channels_figure(channels, capture.name), plot, force=force)
+        save_figure(channels_figure(channels, title_of(capture, loaded.meta)), plot, force=force)
         print_line(f"{plot}: gains, phases and delays")
 
 

@@ -19,6 +19,7 @@ from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_figure, check_outputs, check_suffix
 from clradar.cli.provenance import provenance
+from clradar.cli.titles import recording_words
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
 
@@ -70,8 +71,12 @@ def command(
     labels = figure_labels(simulated, [volume.meta for volume in volumes[1:]])
     compared = Comparison.of(volumes, labels, depth.dynamic_range_db)
     compared.print()
+    recording = recording_words(volumes[0].meta)
+    measured_label = f"Measurement: {recording}" if recording else "Measurement"
     if files.output is not None:
-        compared.save_figure(files.output, force=force, differences=True)
+        compared.save_figure(
+            files.output, force=force, differences=True, measured_label=measured_label
+        )
         print_line(f"{files.output}: the measurement and {len(simulated)} simulated")
     if files.json is None and files.report is None:
         return
@@ -82,7 +87,7 @@ def command(
         write_json(files.json, record, force=force)
         print_line(f"{files.json}: the metrics, in metres")
     if files.report is not None:
-        named = zip(("Measurement", *labels), volumes, (measured, *simulated), strict=True)
+        named = zip((measured_label, *labels), volumes, (measured, *simulated), strict=True)
         shown = [ReportImage(label, volume, str(path)) for label, volume, path in named]
         page = html_report(
             shown[0], shown[1:], metrics=compared.metrics, settings=origin,

@@ -15,6 +15,7 @@ from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import finite, numbers, wrong_usage
 from clradar.cli.outputs import check_figure, check_outputs, save
 from clradar.cli.provenance import provenance
+from clradar.cli.titles import title_of
 from clradar.errors import ModelError
 from clradar.files.json_file import write_json
 
@@ -79,7 +80,7 @@ def command(
         write_json(files.json, record, force=force)
         print_line(f"{files.json}: the result, in metres")
     if files.output is not None and any(score.image is not None for score in result.scores):
-        save_figure(figure_of(result, capture.name), files.output, force=force)
+        save_figure(figure_of(result, title_of(capture, loaded.meta)), files.output, force=force)
         print_line(f"{files.output}: the image under each hypothesis")
     elif files.output is not None:
         print_warning(f"{files.output}: not drawn, since there is no image")

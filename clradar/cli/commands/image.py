@@ -1,33 +1,92 @@
-"""``clradar image``: form the image of a capture."""
+"""``clradar image``: form the image of a capture, and draw it or a saved one."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli.console import print_line, print_warning
-from clradar.cli.inputs import form_image
-from clradar.cli.options.common import (
-    CaptureArgument,
-    DeviceOption,
-    ForceOption,
-)
-from clradar.cli.options.groups import REQUIRED, option, output_option, recorded
+from clradar.cli.inputs import ImageInput, form_image
+from clradar.cli.options.common import DeviceOption, ForceOption
+from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
-from clradar.cli.outputs import check_figure, check_outputs, save
+from clradar.cli.options.values import wrong_usage
+from clradar.cli.outputs import check_figure, check_outputs, check_suffix, save
 from clradar.cli.provenance import provenance
+from clradar.cli.titles import title_of
+from clradar.files.atomic import write_file
+
+if TYPE_CHECKING:
+    from clradar import Volume
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageFiles:
+    """Files of an image, one of which has to be written."""
+
+    output: Path | None = output_option(None, "Volume to write (HDF5).")
+    png: Path | None = option(None, "Draw amplitude and depth: .png, .pdf or .svg.")
+    report: Path | None = option(
+        None, "Page to write: figure, 3-D view, facts and settings in one .html file."
+    )
+    view: Literal["xy", "xz", "yz"] | None = option(
+        None, "Axes of the picture. [default: xy, or across the axis that is thin]"
+    )
+
+    def check(self, *, force: bool, inputs: list[Path]) -> None:
+        """Raise unless all of them may be written, and there is one."""
+        files = [self.output, self.png, self.report]
+        if not any(files):
+            raise wrong_usage("-o", "expected a volume to write, or --png, or --report; got none")
+        check_figure(self.png)
+        check_suffix(self.report, (".html", ".htm"))
+        check_outputs(files, force=force, inputs=inputs)
+
+    def draw(
+        self,
+        volume: Volume,
+        title: str,
+        source: str,
+        origin: Mapping[str, Any],
+        range_db: float,
+        *,
+        force: bool,
+    ) -> None:
+        """Write figure and page, as far as they were asked for and there is something to see."""
+        from clradar.plot import image_figure, save_figure
+        from clradar.report import ReportImage, image_report
+
+        reason = _nothing_to_draw(volume)
+        for path in (self.png, self.report):
+            if path is not None and reason is not None:
+                print_warning(f"{path}: not drawn, since the image is {reason}")
+        if reason is not None:
+            return
+        if self.png is not None:
+            figure = image_figure(volume, title, dynamic_range_db=range_db, view=self.view)
+            save_figure(figure, self.png, force=force)
+            print_line(f"{self.png}: amplitude and depth, {range_db:g} dB")
+        if self.report is not None:
+            page = image_report(
+                ReportImage(title, volume, source), settings=origin, dynamic_range_db=range_db,
+                view=self.view,
+            )  # fmt: skip
+            write_file(self.report, page.encode("utf-8"), force=force)
+            print_line(f"{self.report}: the image as a page, to be opened in a browser")
 
 
 def command(
-    capture: CaptureArgument,
-    *,
-    output: Path = output_option(REQUIRED, "Volume to write (HDF5)."),
-    png: Path | None = option(None, "Also draw amplitude and depth: .png, .pdf or .svg."),
-    view: Literal["xy", "xz", "yz"] | None = option(
-        None, "Axes of the picture. [default: xy, or across the axis that is thin]"
+    capture: Path = argument(
+        REQUIRED,
+        "Native capture, recorded .npy frame, or radar folder; or a volume, to be drawn.",
+        metavar="CAPTURE",
     ),
+    *,
+    files: ImageFiles,
     voxels: GridOptions,
     imaging: ImagingOptions,
     tolerance_db: float | None = option(
@@ -38,32 +97,46 @@ def command(
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Without options the grid is that of the paper: 201 x 201 x 81 voxels of 1 mm."""
-    from clradar import open_device
-    from clradar.plot import image_figure, save_figure
+    """Without options the grid is that of the paper: 201 x 201 x 81 voxels of 1 mm. Of a volume,
+    which is an image already, --png and --report are drawn.
+    """
+    from clradar import Volume, open_device
 
     grid = voxels.grid()
-    check_figure(png)
-    check_outputs([output, png], force=force, inputs=[capture])
-    loaded, files = frames.open(capture)
-    opened = open_device(device)
-    start_s = perf_counter()
-    volume = form_image(loaded, grid, imaging, opened, "imaging", tolerance_db)
-    took_s = perf_counter() - start_s
-    options = recorded(imaging, frames, grid=grid_text(grid))
-    origin = provenance("image", options, files)
-    save(output, volume, origin, force=force)
-    print_line(f"{output}: {grid_text(grid)}, {took_s:.1f} s on {opened.info.label}")
-    if png is not None and not volume.data.any():
-        print_warning(f"{png}: not drawn, since the image is zero everywhere")
-    elif png is not None and volume.data.size == 1:
-        amplitude = abs(volume.data.item())
-        print_warning(
-            f"{png}: not drawn, since the image is one voxel, of amplitude {amplitude:.4g}"
-        )
-    elif png is not None:
-        figure = image_figure(
-            volume, capture.name, dynamic_range_db=depth.dynamic_range_db, view=view
-        )
-        save_figure(figure, png, force=force)
-        print_line(f"{png}: amplitude and depth, {depth.dynamic_range_db:g} dB")
+    files.check(force=force, inputs=[capture])
+    loaded = ImageInput.open(capture, frames)
+    if isinstance(loaded.content, Volume):
+        _check_no_imaging(files, {**given(voxels), **given(imaging)}, tolerance_db, device)
+        volume, origin = loaded.content, provenance("image", {}, loaded.files)
+    else:
+        opened = open_device(device)
+        start_s = perf_counter()
+        volume = form_image(loaded.content, grid, imaging, opened, "imaging", tolerance_db)
+        took_s = perf_counter() - start_s
+        options = recorded(imaging, frames, grid=grid_text(grid))
+        origin = provenance("image", options, loaded.files)
+        if files.output is not None:
+            save(files.output, volume, origin, force=force)
+            print_line(f"{files.output}: {grid_text(grid)}, {took_s:.1f} s on {opened.info.label}")
+    title = title_of(capture, volume.meta)
+    files.draw(volume, title, str(capture), origin, depth.dynamic_range_db, force=force)
+
+
+def _check_no_imaging(
+    files: ImageFiles,
+    options: Mapping[str, Any],
+    tolerance_db: float | None,
+    device: str | None,
+) -> None:
+    """Raise where an option of image formation comes with a volume."""
+    others = {"-o": files.output, "--tolerance-db": tolerance_db, "--device": device}
+    for name in (*options, *(name for name, value in others.items() if value is not None)):
+        raise wrong_usage(name, "the input is a volume, which is an image already")
+
+
+def _nothing_to_draw(volume: Volume) -> str | None:
+    if not volume.data.any():
+        return "zero everywhere"
+    if volume.data.size == 1:
+        return f"one voxel, of amplitude {abs(volume.data.item()):.4g}"
+    return None
