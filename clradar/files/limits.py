@@ -104,8 +104,33 @@ MAX_PLY_TEXT_BYTES = 2**28
 MAX_PLY_VOXELS = 2**26
 """Of an amplitude volume, whose voxels are points."""
 
-MAX_MESH_BYTES = 2**27
-"""A mesh of a recording: some two million faces."""
+MAX_MESH_BYTES = 2**29
+"""Of a file of a mesh or rig, and of what it inflates to. A hand of a million vertices needs a
+tenth of it; scans carry large textures, too."""
 
-MAX_RIG_BYTES = 2**29
-"""A hand of a million vertices needs a tenth of it; scans carry large textures, too."""
+MAX_MESH_BUFFERS_BYTES = 2**28
+"""Of all files beside a `.gltf`."""
+
+MAX_MESH_FACES = 2**23
+"""Triangles of a mesh, with all instances."""
+
+MAX_MESH_VERTICES = 2**24
+MAX_MESH_PARTS = 2**16
+"""Objects, groups, primitives, with all instances."""
+
+MAX_MESH_NODES = 2**17
+"""Nodes of a glTF scene."""
+
+MAX_GLTF_NUMBERS = 2**26
+"""Numbers that are taken from a glTF file, as often as they are used: some need no bytes of it."""
+
+MESH_CPU_S = 20
+"""Processor time for reading a mesh or rig, and a second more for every `MESH_CPU_BYTES`."""
+
+MESH_CPU_BYTES = 2**19
+MESH_MEMORY_BYTES = 2**31
+"""Memory that reading a mesh or rig may take, and `MESH_MEMORY_FACTOR` times the file."""
+
+MESH_MEMORY_FACTOR = 12
+MAX_RIG_ANSWER_BYTES = 2**32
+"""A rig as it comes back: of a million vertices, influences of 0.4 GB and pose blends of 3.2 GB."""

@@ -6,11 +6,15 @@ import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from clradar.errors import MeshError, ModelError
+from clradar.files.meshes.parts import Parts
+from clradar.files.meshes.reading import read_mesh_file
+from clradar.files.meshes.trimesh_parts import parts_of
 from clradar.model import checks
 from clradar.model.record import Record
 
@@ -108,8 +112,9 @@ class Scene(Record):
         Parameters
         ----------
         mesh : path, trimesh.Trimesh, trimesh.Scene, (vertices, faces), or an object that has
-            ``to_trimesh()``, and may have `normals`, shape (n_vertices, 3). Files are of any format
-            that trimesh reads; every named geometry becomes a part, and normals are ignored.
+            ``to_trimesh()``, and may have `normals`, shape (n_vertices, 3). Files are those of
+            `clradar.files.meshes.reading.FORMATS`; every object, group, material and instance
+            becomes a part, and normals are ignored.
         alpha : float, array_like of shape (n_faces,), or mapping part name -> float
             0 specular ... 1 diffuse. An array goes part by part, in the order of `part_names`.
         unit : "m", "cm" or "mm"
@@ -120,8 +125,8 @@ class Scene(Record):
         Raises
         ------
         MeshError
-            The file is missing or unreadable; there is no triangle, a NaN coordinate, or a size
-            that is implausible for the unit.
+            The file is missing, unreadable or beyond the limits of docs/untrusted-files.md; there
+            is no triangle, a NaN coordinate, or a size that is implausible for the unit.
         ModelError
             `alpha`, `unit` or `transform` is invalid.
         """
@@ -129,14 +134,11 @@ class Scene(Record):
         matrix = np.eye(4)
         if transform is not None:
             matrix = checks.transform("Scene.from_mesh: transform", transform)
-        label, pieces = _pieces(mesh)
+        label, parts = _parts(mesh)
         try:
-            scene = cls.combine(
-                cls(np.asarray(vertices, np.float64) * UNITS_M[unit], faces, part_names=(name,))
-                for name, vertices, faces in pieces
-            )
-            vertices_m = scene.vertices_m @ matrix[:3, :3].T + matrix[:3, 3]
-            scene = replace(scene, vertices_m=vertices_m)
+            with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is refused below
+                vertices_m = parts.vertices * UNITS_M[unit] @ matrix[:3, :3].T + matrix[:3, 3]
+            scene = cls(vertices_m, parts.faces, part=parts.part, part_names=_unique(parts.names))
         except ModelError as error:
             raise MeshError(f"{label}: {error}") from error
         _check_plausible_size(label, vertices_m[np.unique(scene.faces)], unit)
@@ -160,8 +162,7 @@ class Scene(Record):
             part.append(scene.part + len(names))
             unknown = np.zeros_like(scene.vertices_m)
             normals.append(unknown if scene.normals is None else scene.normals)
-            for name in scene.part_names:
-                names.append(_unused(name, names))
+            names += scene.part_names
             offset += len(scene.vertices_m)
         if not faces:
             checks.fail("Scene.combine: scenes", "at least one scene", "none")
@@ -170,7 +171,7 @@ class Scene(Record):
             np.concatenate(faces),
             np.concatenate(alpha),
             np.concatenate(part),
-            tuple(names),
+            _unique(names),
             np.concatenate(normals) if any(n.any() for n in normals) else None,
         )
 
@@ -239,72 +240,38 @@ def _transformed_normals(normals: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     return moved / np.where(length > 0, length, 1.0)
 
 
-def _unused(name: str, taken: list[str]) -> str:
-    if name not in taken:
-        return name
-    number = 2
-    while f"{name}-{number}" in taken:
-        number += 1
-    return f"{name}-{number}"
+def _unique(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names with a number behind those that occurred before: skin, skin-2, ..."""
+    taken: dict[str, int] = {}
+    for name in names:
+        found, number = name, taken.get(name, 1)
+        while found in taken:
+            number += 1
+            found = f"{name}-{number}"
+        taken[name] = number
+        taken.setdefault(found, 1)
+    return tuple(taken)
 
 
-def _pieces(mesh: Any) -> tuple[str, list[tuple[str, np.ndarray, np.ndarray]]]:
-    """Return a label for messages and (name, vertices, faces) of every geometry."""
+def _parts(mesh: Any) -> tuple[str, Parts]:
+    """Return a label for messages, and the parts of a mesh."""
+    if isinstance(mesh, str | PathLike):
+        path = Path(mesh)
+        return str(path), read_mesh_file(path)
+    if isinstance(mesh, tuple) and len(mesh) == 2:
+        vertices = checks.read_only("mesh vertices", mesh[0], np.float64, (None, 3), finite=False)
+        faces = checks.read_only("mesh faces", mesh[1], np.int32, (None, 3))
+        return "mesh", Parts(vertices, faces, np.zeros(len(faces), np.int32), ("mesh",))
     import trimesh
 
     if hasattr(mesh, "to_trimesh"):
         mesh = mesh.to_trimesh()
-    if isinstance(mesh, tuple) and len(mesh) == 2:
-        vertices = checks.read_only("mesh vertices", mesh[0], np.float64, (None, 3), finite=False)
-        faces = checks.read_only("mesh faces", mesh[1], np.int32, (None, 3))
-        return "mesh", [("mesh", vertices, faces)]
-    label = "mesh"
-    if isinstance(mesh, str | PathLike):
-        mesh, label = _load_mesh_file(mesh)
-    if isinstance(mesh, trimesh.Trimesh):
-        mesh = trimesh.Scene({"mesh": mesh})
-    if not isinstance(mesh, trimesh.Scene):
+    if not isinstance(mesh, trimesh.Trimesh | trimesh.Scene):
         raise MeshError(
-            f"{label}: expected a mesh file, a trimesh.Trimesh, a trimesh.Scene or "
+            "mesh: expected a mesh file, a trimesh.Trimesh, a trimesh.Scene or "
             f"(vertices, faces), got {type(mesh).__name__}"
         )
-    pieces = []
-    for node in mesh.graph.nodes_geometry:
-        matrix, name = mesh.graph[node]
-        geometry = mesh.geometry[name]
-        if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
-            vertices = trimesh.transform_points(geometry.vertices, matrix)
-            pieces.append((str(name), vertices, np.asarray(geometry.faces)))
-    if label.lower().endswith(".obj"):
-        pieces.reverse()  # trimesh reads the groups of an OBJ from the last to the first
-    if not pieces:
-        raise MeshError(f"{label}: expected a mesh with at least one triangle, got none")
-    return label, pieces
-
-
-def _load_mesh_file(path: str | PathLike[str]) -> tuple[Any, str]:
-    from pathlib import Path
-
-    import trimesh
-
-    file = Path(path)
-    label = str(file)
-    if not file.is_file():
-        raise MeshError(f"{label}: expected a mesh file, got nothing there")
-    # By default an OBJ file's objects and groups are merged under the first one's name.
-    parts = {"split_objects": True, "split_groups": True} if file.suffix.lower() == ".obj" else {}
-    try:
-        # process=False keeps the file's faces in the file's order, which alpha per face relies on.
-        return trimesh.load_scene(file, process=False, **parts), label
-    except Exception as error:  # trimesh's readers raise whatever their parsers raise
-        known = ", ".join(sorted(trimesh.available_formats()))
-        reason = f"{type(error).__name__}: {error}"
-        if isinstance(error, ModuleNotFoundError) and error.name == "charset_normalizer":
-            # trimesh reads a file of no binary format as text, and guesses its encoding.
-            reason = "bytes that are neither of such a format nor UTF-8 text"
-        raise MeshError(
-            f"{label}: expected a mesh file that trimesh reads ({known}), got {reason}"
-        ) from error
+    return "mesh", parts_of("mesh", mesh)
 
 
 def _check_plausible_size(label: str, vertices_m: np.ndarray, unit: str) -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from clradar.errors import RigError
 from clradar.files import failures
 from clradar.files.failures import clean
-from clradar.files.limits import MAX_RIG_BYTES
+from clradar.files.limits import MAX_MESH_BYTES
 
 
 def fail(path: Path, expected: str, got: object) -> NoReturn:
@@ -23,12 +23,5 @@ def reading(path: Path, expected: str) -> AbstractContextManager[None]:
 
 
 def file_bytes(path: Path, expected: str) -> bytes:
-    """Return the content of a regular file of at most `MAX_RIG_BYTES`."""
-    return failures.read_bytes(path, expected, MAX_RIG_BYTES, error=RigError)
-
-
-def index(path: Path, what: str, value: Any, count: int) -> int:
-    """Return `value` if it is a whole number in [0, count)."""
-    if type(value) is not int or not 0 <= value < count:
-        fail(path, f"{what}: a whole number in [0, {count})", repr(value))
-    return value
+    """Return the content of a regular file of at most `MAX_MESH_BYTES`."""
+    return failures.read_bytes(path, expected, MAX_MESH_BYTES, error=RigError)

@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from clradar.errors import RigError
+from clradar.files.meshes.gltf_file import EXPECTED, GltfFile
+from clradar.files.meshes.gltf_nodes import NodeTree, node_tree
+from clradar.files.meshes.gltf_triangles import attributes_of, triangles
 from clradar.hand import JOINT_NAMES
 from clradar.rigs.anatomy import CHAINS, WRIST, check_joints, side_of
-from clradar.rigs.failures import fail, index, reading
-from clradar.rigs.gltf_file import EXPECTED, GltfFile
+from clradar.rigs.failures import fail, reading
 from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
-from clradar.rigs.nodes import NodeTree, node_tree
 from clradar.rigs.rig import Rig
-from clradar.rigs.rigging import Surface, rig_of
+from clradar.rigs.rigging import MAX_FILE_VERTICES, Surface, rig_of
 
-_TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MAX_SETS = 16
 
 
@@ -34,20 +35,20 @@ def gltf_rig(
     The rest pose is that of the file's nodes, as viewers show it; the skin is that of the bind pose
     of the inverse bind matrices, which may differ.
     """
-    file = GltfFile(path, content)
+    file = GltfFile(path, content, RigError)
     # Overflows are checked for where the numbers are used.
     with reading(path, EXPECTED), np.errstate(over="ignore", invalid="ignore"):
-        document = file.document
-        tree = node_tree(path, document.nodes)
-        if not document.meshes:
+        tree = node_tree(file)
+        if not file.listed("meshes"):
             fail(path, "a mesh with a skin", "no mesh")
-        skinned = [i for i, n in enumerate(document.nodes) if None not in (n.mesh, n.skin)]
-        if not skinned or not document.skins:
+        skins = file.listed("skins")
+        skinned = [n for n in file.listed("nodes") if None not in (n.get("mesh"), n.get("skin"))]
+        if not skinned or not skins:
             fail(path, "a mesh with a skin", "a mesh that no joint moves (not skinned)")
         if mapping is not None:
             hands = [hand_by_mapping(path, tree, mapping, mapping_name)]
         else:
-            hands = hands_by_name(path, tree, _joints_of(path, tree, document.skins))
+            hands = hands_by_name(path, tree, _joints_of(file, tree))
         hand, joints, side = _chosen(path, tree, hands, handedness)
         surface, ignored = _surface(file, tree, hand)
         local = np.full((len(JOINT_NAMES), 3, 3), np.nan)
@@ -56,10 +57,14 @@ def gltf_rig(
         return rig_of(str(path), joints, local, surface, side, unit, ignored=ignored)
 
 
-def _joints_of(path: Path, tree: NodeTree, skins: list[Any]) -> set[int]:
+def _joints_of(file: GltfFile, tree: NodeTree) -> set[int]:
     """Return the joints of all skins."""
-    count = len(tree.names)
-    return {index(path, "joints of a skin", j, count) for skin in skins for j in skin.joints}
+    return {joint for skin in file.listed("skins") for joint in _joints(file, tree, skin)}
+
+
+def _joints(file: GltfFile, tree: NodeTree, skin: dict[str, Any]) -> list[int]:
+    what, count = "joints of a skin", len(tree.names)
+    return [file.index(what, j, count) for j in file.numbers_of(what, skin.get("joints"))]
 
 
 def _chosen(
@@ -106,133 +111,106 @@ def _surface(file: GltfFile, tree: NodeTree, hand: FoundJoints) -> tuple[Surface
     nearest = tree.nearest_of({node: last.get(joint, joint) for joint, node in hand.nodes.items()})
     moved_by = [WRIST if joint is None else joint for joint in nearest]
     pieces, ignored = [], []
-    document, path = file.document, file.path
-    for at, node in enumerate(document.nodes):
-        if node.mesh is None:
+    meshes = file.listed("meshes")
+    for at, node in enumerate(file.listed("nodes")):
+        if node.get("mesh") is None:
             continue
-        mesh = document.meshes[index(path, f"mesh of node {at}", node.mesh, len(document.meshes))]
-        name = str(mesh.name or tree.names[at])
-        if node.skin is None:
+        mesh = meshes[file.index(f"mesh of node {at}", node["mesh"], len(meshes))]
+        name, skinned = str(mesh.get("name") or tree.names[at]), node.get("skin") is not None
+        if not skinned:
             if nearest[at] is None:
                 ignored.append(name)
                 continue
             bones, matrices = np.array([at]), tree.world[[at]]
         else:
-            bones, matrices = _skin(file, tree, node.skin)
+            bones, matrices = _skin(file, tree, node["skin"])
             if all(nearest[bone] is None for bone in bones):
                 ignored.append(name)
                 continue
         joints = np.array([moved_by[bone] for bone in bones])
-        for number, primitive in enumerate(mesh.primitives):
+        primitives = file.objects(f"primitives of mesh '{name}'", mesh.get("primitives"))
+        for number, primitive in enumerate(primitives):
             what = f"mesh '{name}', primitive {number}"
-            piece = _piece(file, what, primitive, joints, matrices, node.skin is not None)
+            piece = _piece(file, what, primitive, joints, matrices, skinned)
             if piece is not None:
                 pieces.append(piece)
     if not pieces:
-        fail(path, "a mesh with triangles that the hand's joints move", "none")
-    return Surface.joined(pieces), tuple(ignored)
+        file.fail("a mesh with triangles that the hand's joints move", "none")
+    return Surface.joined(file.path, pieces), tuple(ignored)
 
 
 def _skin(file: GltfFile, tree: NodeTree, skin: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return a skin's nodes, and for each the matrix from the mesh to the scene at rest."""
-    skins, path = file.document.skins, file.path
-    entry = skins[index(path, "skin of a node", skin, len(skins))]
-    bones = np.array([index(path, "joints of a skin", j, len(tree.names)) for j in entry.joints])
+    skins = file.listed("skins")
+    entry = skins[file.index("skin of a node", skin, len(skins))]
+    bones = np.array(_joints(file, tree, entry), np.int64)
     if not len(bones):
-        fail(path, "a skin with joints", "none")
+        file.fail("a skin with joints", "none")
     world = tree.world[bones]
-    if entry.inverseBindMatrices is None:
+    if entry.get("inverseBindMatrices") is None:
         return bones, world
-    columns = file.array("inverseBindMatrices", entry.inverseBindMatrices)
+    columns = file.array("inverseBindMatrices", entry["inverseBindMatrices"])
     if columns.shape[1] != 16 or len(columns) < len(bones) or columns.dtype.kind != "f":
-        fail(path, f"{len(bones)} inverse bind matrices of floats", f"shape {columns.shape}")
+        file.fail(f"{len(bones)} inverse bind matrices of floats", f"shape {columns.shape}")
     inverse = columns[: len(bones)].reshape(-1, 4, 4).swapaxes(1, 2).astype(np.float64)
     if not np.isfinite(inverse).all():
-        fail(path, "finite inverse bind matrices", "NaN or infinite ones")
+        file.fail("finite inverse bind matrices", "NaN or infinite ones")
     return bones, world @ inverse
 
 
 def _piece(
     file: GltfFile,
     what: str,
-    primitive: Any,
+    primitive: dict[str, Any],
     joint_of_bone: np.ndarray,
     matrices: np.ndarray,
     skinned: bool,
 ) -> Surface | None:
     """Return one primitive's triangles with their influences; None for points and lines."""
-    mode = _TRIANGLES if primitive.mode is None else primitive.mode
-    if mode not in (_TRIANGLES, _STRIP, _FAN):
+    read = triangles(file, what, primitive)
+    if read is None:
         return None
-    attributes, path = vars(primitive.attributes), file.path
-    if attributes.get("POSITION") is None:
-        fail(path, f"{what}: positions", "none")
-    positions = file.array(f"{what}: POSITION", attributes["POSITION"]).astype(np.float64)
-    if positions.shape[1] != 3 or not np.isfinite(positions).all():
-        fail(path, f"{what}: finite positions with 3 coordinates", "NaN, infinite or other ones")
-    if primitive.indices is None:
-        corners = np.arange(len(positions))
-    else:
-        raw = file.array(f"{what}: indices", primitive.indices)
-        if raw.dtype.kind != "u" or raw.shape[1] != 1:
-            fail(path, f"{what}: indices that are unsigned integers", raw.dtype)
-        corners = raw[:, 0].astype(np.int64)
-    if len(corners) and int(corners.max()) >= len(positions):
-        fail(path, f"{what}: indices below {len(positions)}", int(corners.max()))
-    faces = _triangles(path, what, corners, mode)
-    if not len(faces):
-        return None
+    positions, faces = read
+    if len(positions) > MAX_FILE_VERTICES:
+        file.fail(f"{what}: at most {MAX_FILE_VERTICES} vertices", len(positions))
     if skinned:
-        bones, weights = _weights(file, what, attributes, len(positions))
+        bones, weights = _weights(file, what, primitive, len(positions))
     else:
         bones, weights = np.zeros((len(positions), 1), np.int64), np.ones((len(positions), 1))
     moving = weights != 0
     if int(bones[moving].max(initial=0)) >= len(matrices):
-        fail(path, f"{what}: JOINTS below {len(matrices)}", int(bones[moving].max()))
+        file.fail(f"{what}: JOINTS below {len(matrices)}", int(bones[moving].max()))
     vertex, column = np.nonzero(moving)
     bone, weight = bones[vertex, column], weights[vertex, column]
     at = np.einsum("nij,nj->ni", matrices[bone][:, :3, :3], positions[vertex])
     points = at + matrices[bone][:, :3, 3]
     return Surface.grouped(
-        path, what, faces, len(positions), vertex, joint_of_bone[bone], weight, points
+        file.path, what, faces, len(positions), vertex, joint_of_bone[bone], weight, points
     )
 
 
 def _weights(
-    file: GltfFile, what: str, attributes: dict[str, Any], n_vertices: int
+    file: GltfFile, what: str, primitive: dict[str, Any], n_vertices: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return bones and weights (V, 4 k) of all k sets of a primitive."""
-    bones, weights = [], []
+    attributes, bones, weights = attributes_of(file, what, primitive), [], []
     for number in range(_MAX_SETS):
         names = (f"JOINTS_{number}", f"WEIGHTS_{number}")
         given = [attributes.get(name) is not None for name in names]
         if not any(given):
             break
         if not all(given):
-            fail(file.path, f"{what}: {names[0]} and {names[1]}", "one of the two")
+            file.fail(f"{what}: {names[0]} and {names[1]}", "one of the two")
         bone, weight = (file.array(f"{what}: {name}", attributes[name]) for name in names)
         shape = (n_vertices, 4)
         if bone.shape != shape or weight.shape != shape or bone.dtype.kind != "u":
             found = f"{bone.dtype} {bone.shape} and {weight.shape}"
-            fail(file.path, f"{what}: 4 joints and weights per vertex, shape {shape}", found)
+            file.fail(f"{what}: 4 joints and weights per vertex, shape {shape}", found)
         bones.append(bone.astype(np.int64))
         weights.append(weight.astype(np.float64))
     if not bones:
-        fail(file.path, f"{what}: JOINTS_0 and WEIGHTS_0", "none, though its node has a skin")
+        file.fail(f"{what}: JOINTS_0 and WEIGHTS_0", "none, though its node has a skin")
     return np.concatenate(bones, axis=1), np.concatenate(weights, axis=1)
-
-
-def _triangles(path: Path, what: str, corners: np.ndarray, mode: int) -> np.ndarray:
-    if mode == _TRIANGLES:
-        if len(corners) % 3:
-            fail(path, f"{what}: three indices per triangle", f"{len(corners)}")
-        return corners.reshape(-1, 3)
-    n = max(len(corners) - 2, 0)
-    at = np.arange(n)
-    if mode == _FAN:
-        return np.stack([corners[np.zeros(n, np.int64)], corners[at + 1], corners[at + 2]], axis=1)
-    odd = at % 2  # every second triangle of a strip is turned over
-    return np.stack([corners[at], corners[at + 1 + odd], corners[at + 2 - odd]], axis=1)
 
 
 def _rotation_of(matrix: np.ndarray) -> np.ndarray:

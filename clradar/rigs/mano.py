@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.files.limits import MAX_RIG_BYTES
+from clradar.files.limits import MAX_MESH_BYTES
 from clradar.files.safe_pickle import UnsafePickle
 from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
 from clradar.model import checks
@@ -126,8 +126,8 @@ def _pickled(path: Path, content: bytes) -> dict[str, np.ndarray]:
 def _npz(path: Path, content: bytes) -> dict[str, np.ndarray]:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         sizes = [entry.file_size for entry in archive.infolist()]
-        if sum(sizes) > MAX_RIG_BYTES:
-            fail(path, f"an archive of at most {MAX_RIG_BYTES} bytes", f"{sum(sizes)}")
+        if sum(sizes) > MAX_MESH_BYTES:
+            fail(path, f"an archive of at most {MAX_MESH_BYTES} bytes", f"{sum(sizes)}")
     model = {}
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         for name in (*_SHAPES, *_OPTIONAL):

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from clradar.errors import RigError
+from clradar.files.meshes.gltf_nodes import NodeTree
 from clradar.files.toml_file import read_toml
 from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
 from clradar.rigs.anatomy import OPTIONAL
 from clradar.rigs.failures import fail, reading
-from clradar.rigs.nodes import NodeTree
 
 REQUIRED = tuple(name for name in JOINT_NAMES if JOINT_INDEX[name] not in OPTIONAL)
 
@@ -160,9 +160,14 @@ def read_mapping(path: Path) -> dict[str, str | int]:
     joints = table.pop("joints", None)
     if table or not isinstance(joints, dict):
         fail(path, expected, f"{', '.join(map(repr, table)) or 'no such table'}")
+    return checked_mapping(path, joints)
+
+
+def checked_mapping(path: Path, joints: Mapping[str, str | int]) -> dict[str, str | int]:
+    """Return a mapping of WebXR names to names or numbers of nodes; `path` is for messages."""
     for name, node in joints.items():
         if name not in JOINT_INDEX:
             fail(path, "WebXR joint names", repr(name))
         if type(node) not in (str, int):
             fail(path, f"the name or number of a node for '{name}'", repr(node))
-    return joints
+    return dict(joints)

@@ -1,4 +1,4 @@
-"""Read a rigged hand; the content of its file decides the format."""
+"""Read a rigged hand in a confined process; the content of its file decides the format."""
 
 from __future__ import annotations
 
@@ -6,10 +6,19 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from clradar.errors import RigError
+from clradar.files.confined import process
+from clradar.files.failures import regular_file_size
+from clradar.files.limits import MAX_RIG_ANSWER_BYTES
+from clradar.files.meshes.gltf_file import GLB_MAGIC
+from clradar.files.meshes.reading import confined_reader
 from clradar.model import checks
 from clradar.rigs.anatomy import UNITS_M
-from clradar.rigs.failures import fail, file_bytes
-from clradar.rigs.gltf_file import GLB_MAGIC
+from clradar.rigs.failures import fail, reading
+from clradar.rigs.names import checked_mapping, read_mapping
+from clradar.rigs.plain import plain_gltf, plain_mano, rig_of_plain
 from clradar.rigs.rig import Rig
 
 # White space of JSON, and the mark that some editors put before a text in UTF-8.
@@ -80,25 +89,29 @@ def read_rig(
         checks.one_of("unit", unit, tuple(UNITS_M))
     elif unit is not None:
         unit = checks.positive("unit", unit)
-    content = file_bytes(file, EXPECTED)
-    if content.startswith(b"PK\x03\x04") or _is_pickle(file, content):
-        from clradar.rigs.mano import mano_rig
-
+    size = regular_file_size(file, EXPECTED, error=RigError)
+    with reading(file, EXPECTED), open(file, "rb") as opened:
+        start = opened.read(64)
+    reader = confined_reader(EXPECTED, size, MAX_RIG_ANSWER_BYTES, RigError)
+    if start.startswith(b"PK\x03\x04") or _is_pickle(file, start):
         if mapping is not None:
             checks.fail("mapping", "none for a MANO model, whose joints are known", "one")
-        return mano_rig(file, content, betas, unit, handedness)
+        given = [] if betas is None else betas
+        amounts = checks.read_only("betas", given, np.float64, (None,), allow_empty=True).tolist()
+        found = process.run(reader, plain_mano, file, amounts, unit, handedness)
+        return rig_of_plain(found)
     if betas is not None:
         checks.fail("betas", "a MANO model (.pkl, .npz) for them", f"{file.name}")
-    if not content.startswith(GLB_MAGIC) and content[:64].lstrip(_BLANKS)[:1] != b"{":
+    if not start.startswith(GLB_MAGIC) and start.lstrip(_BLANKS)[:1] != b"{":
         fail(file, EXPECTED, "something else")
-    from clradar.rigs.gltf_rig import gltf_rig
-    from clradar.rigs.names import read_mapping
-
     name = "the mapping"
     if mapping is not None and not isinstance(mapping, Mapping):
         name = Path(mapping).name
         mapping = read_mapping(Path(mapping))
-    return gltf_rig(file, content, mapping, name, unit, handedness)
+    if mapping is not None:
+        mapping = checked_mapping(file, mapping)
+    found = process.run(reader, plain_gltf, file, mapping, name, unit, handedness)
+    return rig_of_plain(found)
 
 
 def _is_pickle(file: Path, content: bytes) -> bool:

@@ -18,6 +18,10 @@ WEIGHT_SUM = (0.9, 1.1)
 tools drop the fifth and further weights."""
 
 MAX_VERTICES = 1_000_000
+"""Of a hand, where vertices at the same place count as one."""
+
+MAX_FILE_VERTICES = 2 * MAX_VERTICES
+"""Of a hand as in the file, which splits vertices at seams."""
 
 # A hand with the whole forearm has about 2.5 times the reach; a whole body has ten times.
 _MAX_EXTENT = 6.0
@@ -102,9 +106,11 @@ class Surface:
         return cls(number[faces], int(used.sum()), vertex, joint, summed[:, 0], summed[:, 1:])
 
     @classmethod
-    def joined(cls, pieces: Sequence[Surface]) -> Surface:
+    def joined(cls, path: Path, pieces: Sequence[Surface]) -> Surface:
         """Return several surfaces as one, with vertices of the same position and weights merged."""
         offsets = np.cumsum([0, *(piece.n_vertices for piece in pieces)])
+        if offsets[-1] > MAX_FILE_VERTICES:
+            fail(path, f"at most {MAX_FILE_VERTICES} vertices", int(offsets[-1]))
         return cls(
             np.concatenate([p.faces + o for p, o in zip(pieces, offsets, strict=False)]),
             int(offsets[-1]),

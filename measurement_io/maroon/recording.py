@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from clradar.errors import MeasurementError
-from clradar.files.failures import clean, fail, read_bytes, reading, shown
-from clradar.files.limits import MAX_MESH_BYTES
+from clradar.errors import MeasurementError, MeshError
+from clradar.files.failures import clean, fail, reading, shown
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Waveform, checks
 from measurement_io.antenna_file import antenna_array
 from measurement_io.maroon import folders
@@ -379,21 +378,8 @@ def placed_mesh(distance: Path, name: str, alignment: SensorAlignment) -> Scene:
 
 
 def _read_mesh(path: Path, matrix: np.ndarray) -> Scene:
-    import io
-
-    import trimesh
-
-    content = read_bytes(path, "a mesh (.obj)", MAX_MESH_BYTES)
-    with reading(path, "a mesh (.obj)"):
-        # From memory and without materials: an OBJ file names files with them, which could be any.
-        # A text of another encoding can only be in comments and names.
-        loaded = trimesh.load_scene(
-            io.StringIO(content.decode("utf-8-sig", "replace")),
-            file_type="obj",
-            process=False,
-            skip_materials=True,
-            split_objects=True,
-            split_groups=True,
-        )
-        scene = Scene.from_mesh(loaded, transform=matrix)
+    try:
+        scene = Scene.from_mesh(path, transform=matrix)
+    except MeshError as error:
+        raise MeasurementError(str(error)) from error
     return scene if len(scene.part_names) > 1 else replace(scene, part_names=(path.stem,))

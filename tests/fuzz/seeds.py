@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 from pathlib import Path
@@ -11,7 +12,9 @@ from typing import Any
 import h5py
 import layout_files
 import maroon_files
+import mesh_files
 import numpy as np
+import trimesh
 
 import clradar
 from measurement_io import save_capture, save_channels, save_volume, write_products
@@ -236,9 +239,9 @@ def layouts() -> list[bytes]:
     return [LAYOUT, *(path.read_bytes() for path in sorted(shipped.glob("*.toml")))]
 
 
-def hand_models() -> list[bytes]:
-    """MANO models of 48 vertices, three at each joint: pickled by Python 2 and 3."""
-    from mano_files import ORDER, PARENTS, TURN, mano_pickle
+def _hand_model() -> dict[str, Any]:
+    """A MANO model of 48 vertices, three at each joint."""
+    from mano_files import ORDER, PARENTS, TURN
     from scipy.sparse import csc_matrix
 
     from clradar.hand import JOINT_NAMES, posed_skeleton
@@ -248,7 +251,7 @@ def hand_models() -> list[bytes]:
     joints = bones[[JOINT_NAMES.index(name) for name in ORDER]] @ TURN.T
     corners = np.array([[0, 0, 0], [-8e-3, 0, 0], [-8e-3, 4e-3, 0]])
     n = 3 * len(joints)
-    model = {
+    return {
         "v_template": (joints[:, None] + corners).reshape(n, 3),
         "shapedirs": np.zeros((n, 3, 2)),
         "posedirs": np.zeros((n, 3, 135), np.float32),
@@ -258,6 +261,13 @@ def hand_models() -> list[bytes]:
         "f": np.arange(n, dtype=np.uint32).reshape(-1, 3),
         "bs_style": "lbs",
     }
+
+
+def hand_models() -> list[bytes]:
+    """`_hand_model` pickled by Python 2 and 3."""
+    from mano_files import mano_pickle
+
+    model = _hand_model()
     kinds = ((2, True), (0, True), (2, False), (5, False))
     return [mano_pickle(model, protocol, python_2) for protocol, python_2 in kinds]
 
@@ -268,6 +278,60 @@ def meshes() -> list[bytes]:
     lines += [f"v {x} {y} {z}" for z in (0.0, 0.1) for y in (0.0, 0.2) for x in (0.0, 0.3)]
     lines += ["f 1/1/1 2/1/1 3/1/1", "f 2/1 4/1 3/1", "g b", "f 5//1 6//1 8//1 7//1", "f -1 -2 -3"]
     return ["\n".join(lines).encode(), "\n".join([*lines[6:14], "f 1 2 4"]).encode()]
+
+
+def named_meshes(ending: str) -> list[bytes]:
+    """A small mesh in the ways that a format has to hold one."""
+    if ending in ("glb", "gltf"):
+        primitive = {"attributes": {"POSITION": 1}, "indices": 0}
+        document = mesh_files.tetrahedron(
+            nodes=[
+                {"children": [1, 2], "scale": [1, 2, 1]},
+                {"mesh": 0, "translation": [0.1, 0, 0], "rotation": [0, 0, 0, 1]},
+                {"mesh": 1, "matrix": np.eye(4).reshape(-1).tolist()},
+            ],
+            meshes=[
+                {"name": "a", "primitives": [primitive]},
+                {"primitives": [primitive | {"mode": 5}, primitive | {"mode": 6}]},
+            ],
+        )
+        if ending == "gltf":
+            uri = "data:application/octet-stream;base64," + base64.b64encode(
+                mesh_files.binary()
+            ).decode("ascii")
+            document["buffers"][0]["uri"] = uri
+            return [json.dumps(document, indent=1).encode()]
+        sparse = {
+            "count": 1, "indices": {"bufferView": 0, "componentType": 5123},
+            "values": {"bufferView": 1},
+        }  # fmt: skip
+        changed = json.loads(json.dumps(document))
+        changed["accessors"][1]["sparse"] = sparse
+        return [mesh_files.glb(document), mesh_files.glb(changed)]
+    ball = trimesh.creation.icosphere(subdivisions=0, radius=0.1)
+    kinds = {"stl": ({}, {"file_type": "stl_ascii"}), "ply": ({}, {"encoding": "ascii"})}
+    found = []
+    for options in kinds.get(ending, ({},)):
+        content = ball.export(**{"file_type": ending} | options)
+        found.append(content.encode() if isinstance(content, str) else content)
+    return found
+
+
+def rigs() -> list[bytes]:
+    """The hand of this package as a rig, in one primitive and in two."""
+    from rig_files import RigMaker
+
+    with TemporaryDirectory() as folder:
+        return [RigMaker(primitives=n).save(Path(folder) / "hand.glb").read_bytes() for n in (1, 2)]
+
+
+def hand_archives() -> list[bytes]:
+    """The models of `hand_models` as a `numpy` archive."""
+    stream = io.BytesIO()
+    model = _hand_model()
+    model["J_regressor"] = model["J_regressor"].toarray()
+    np.savez(stream, **{name: value for name, value in model.items() if name != "bs_style"})
+    return [stream.getvalue()]
 
 
 def mesh_folder(folder: Path) -> None:

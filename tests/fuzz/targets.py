@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from clradar.errors import MeasurementError, RigError
+from clradar.errors import MeasurementError, MeshError, RigError
 from clradar.model import Capture, ChannelCalibration, DepthMap, Scene, Volume
 from clradar.rigs import Rig, read_rig
 from fuzz import (
     mutate_bytes,
+    mutate_gltf,
     mutate_hdf5,
     mutate_json,
     mutate_pickle,
@@ -53,6 +54,10 @@ from measurement_io.maroon.recording import placed_mesh
 
 HDF5_SHORT_RUN = 80
 """Each input of HDF5 costs three processes: to open it, to check it, to describe it."""
+
+_PLY_TOKENS = (
+    b"element vertex 99999999999", b"property list uchar int x", b"end_header", b"ascii",
+)  # fmt: skip
 
 Mutator = Callable[[bytes, random.Random], bytes]
 
@@ -191,9 +196,27 @@ def _ply(name: str, read: Callable[[Path, int], object], result: type) -> Target
         _product(read),
         (result,),
         (mutate_text.mutate_lines,),
-        (b"element vertex 99999999999", b"property list uchar int x", b"end_header", b"ascii"),
+        _PLY_TOKENS,
         file_name=f"radar_72.0_82.0_2/{file}",
         around=seeds.products_folder,
+    )
+
+
+def _mesh(
+    name: str, *structured: Mutator, dictionary: tuple[bytes, ...] = (), short_run: int = 250
+) -> Target:
+    """A mesh that is named; each input costs a process."""
+    ending = name.removeprefix("mesh_")
+    return Target(
+        name,
+        lambda: seeds.named_meshes(ending),
+        Scene.from_mesh,
+        (Scene,),
+        structured,
+        dictionary,
+        file_name=f"mesh.{ending}",
+        errors=(MeshError,),
+        short_run=short_run,
     )
 
 
@@ -340,6 +363,31 @@ TARGETS = {
             ),
             file_name="photogrammetry/mesh.obj",
             around=seeds.mesh_folder,
+        ),
+        _mesh("mesh_glb", mutate_gltf.mutate_json_chunk, dictionary=mutate_gltf.DICTIONARY),
+        _mesh("mesh_gltf", mutate_json.mutate, dictionary=mutate_gltf.DICTIONARY),
+        _mesh("mesh_ply", mutate_text.mutate_lines, dictionary=_PLY_TOKENS),
+        _mesh("mesh_stl", mutate_text.mutate_lines, dictionary=(b"facet normal", b"endsolid")),
+        _mesh("mesh_off", mutate_text.mutate_lines, dictionary=mutate_text.DICTIONARY),
+        Target(
+            "rig_glb",
+            seeds.rigs,
+            _rig,
+            (Rig,),
+            (mutate_gltf.mutate_json_chunk,),
+            mutate_gltf.DICTIONARY,
+            file_name="hand.glb",
+            errors=(RigError,),
+        ),
+        Target(
+            "mano_npz",
+            seeds.hand_archives,
+            _rig,
+            (Rig,),
+            (mutate_zip.mutate_members,),
+            mutate_zip.DICTIONARY,
+            file_name="model.npz",
+            errors=(RigError,),
         ),
         Target(
             "mano_pickle",

@@ -26,6 +26,7 @@ from pathlib import Path
 
 import reader_probes
 
+from clradar.errors import ClradarWarning
 from fuzz.oracle import Watch, judge, resident_peak_bytes
 from fuzz.targets import Target
 from measurement_io.confined import hdf5_process
@@ -84,8 +85,9 @@ def find_target(name: str) -> Target:
 
 def run(target: Target, seed: int, start: int, stop: int, folder: Path) -> int:
     faulthandler.enable()
-    # Warnings may be shown to a user; here they would only fill the pipe.
-    warnings.simplefilter("ignore")
+    # Ours are meant for users; one that leaks from a library is a fault.
+    warnings.simplefilter("error")
+    warnings.simplefilter("ignore", ClradarWarning)
     place = folder / "files"
     place.mkdir(exist_ok=True)
     path = target.place(place)

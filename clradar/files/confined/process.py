@@ -34,6 +34,9 @@ from clradar.files.failures import clean, fail, shown
 from clradar.files.limits import MAX_REQUEST_BYTES, WALL_LIMIT_S
 
 _READY = b"ready"
+_ENCODINGS = ("ascii", "latin-1", "utf-8", "utf-8-sig", "raw-unicode-escape", "cp437")
+"""Of what is read; the last one is that of names in ZIP archives."""
+
 _START = "import sys; sys.path[:] = {path!r}; from {module} import serve; serve({link})"
 
 _lock = threading.Lock()
@@ -207,7 +210,7 @@ def serve(link_number: int) -> None:
     """Answer requests, each in a forked process, until the other end closes."""
     warnings.simplefilter("ignore")  # of forks, which are intended here
     with socket.socket(fileno=link_number) as link:
-        for encoding in ("ascii", "latin-1", "utf-8"):
+        for encoding in _ENCODINGS:
             codecs.lookup(encoding)  # loads it
         link.send(_READY)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's

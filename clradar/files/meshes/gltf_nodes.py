@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from clradar.rigs.failures import fail, index
+from clradar.files.limits import MAX_MESH_NODES
+from clradar.files.meshes.gltf_file import GltfFile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,60 +55,68 @@ def _from_roots(parents: Sequence[int]) -> list[int]:
     return order
 
 
-def node_tree(path: Path, nodes: list[Any]) -> NodeTree:
-    """Return the hierarchy of the nodes of a document.
+def node_tree(file: GltfFile) -> NodeTree:
+    """Return the hierarchy of the nodes of a file.
 
     Raises
     ------
-    RigError
-        Cycles, two parents, transforms that are no numbers.
+    MeshError, RigError
+        Cycles, two parents, transforms that are no numbers, too many nodes.
     """
-    names = tuple(f"node {i}" if n.name is None else str(n.name) for i, n in enumerate(nodes))
+    nodes = file.listed("nodes")
+    if len(nodes) > MAX_MESH_NODES:
+        file.fail(f"at most {MAX_MESH_NODES} nodes", len(nodes))
+    names = tuple(
+        f"node {i}" if n.get("name") is None else str(n["name"]) for i, n in enumerate(nodes)
+    )
     parents = [-1] * len(nodes)
     for i, node in enumerate(nodes):
-        for child in node.children or []:
-            child = index(path, f"children of node {i}", child, len(nodes))
+        for child in file.numbers_of(f"children of node {i}", node.get("children")):
+            child = file.index(f"children of node {i}", child, len(nodes))
             if parents[child] >= 0:
-                fail(path, f"one parent of node {child}", f"{parents[child]} and {i}")
+                file.fail(f"one parent of node {child}", f"{parents[child]} and {i}")
             parents[child] = i
     order = _from_roots(parents)
     if len(order) < len(nodes):
         caught = min(set(range(len(nodes))) - set(order))
-        fail(
-            path, "nodes that form a tree", f"a cycle that holds '{names[caught]}' (node {caught})"
-        )
+        found = f"a cycle that holds '{names[caught]}' (node {caught})"
+        file.fail("nodes that form a tree", found)
     world = np.empty((len(nodes), 4, 4))
     for i in order:
-        own = _matrix(path, i, nodes[i])
+        own = _matrix(file, i, nodes[i])
         world[i] = own if parents[i] < 0 else world[parents[i]] @ own
     return NodeTree(names, tuple(parents), world)
 
 
-def _matrix(path: Path, at: int, node: Any) -> np.ndarray:
-    if node.matrix is not None:
+def _matrix(file: GltfFile, at: int, node: dict[str, Any]) -> np.ndarray:
+    if node.get("matrix") is not None:
         # glTF stores matrices column by column.
-        return _numbers(path, f"matrix of node {at}", node.matrix, 16).reshape(4, 4).T
+        return _numbers(file, f"matrix of node {at}", node["matrix"], 16).reshape(4, 4).T
     matrix = np.eye(4)
-    if node.rotation is not None:
-        quaternion = _numbers(path, f"rotation of node {at}", node.rotation, 4)
+    if node.get("rotation") is not None:
+        quaternion = _numbers(file, f"rotation of node {at}", node["rotation"], 4)
         norm = float(np.linalg.norm(quaternion))
-        if not norm > 0.0:
-            fail(path, f"rotation of node {at}: a quaternion", "zeros")
+        if not 0.0 < norm < np.inf:
+            file.fail(
+                f"rotation of node {at}: a quaternion", "zeros" if norm == 0 else "an overflow"
+            )
         matrix[:3, :3] = _rotation(quaternion / norm)
-    if node.scale is not None:
-        matrix[:3, :3] *= _numbers(path, f"scale of node {at}", node.scale, 3)
-    if node.translation is not None:
-        matrix[:3, 3] = _numbers(path, f"translation of node {at}", node.translation, 3)
+    if node.get("scale") is not None:
+        matrix[:3, :3] *= _numbers(file, f"scale of node {at}", node["scale"], 3)
+    if node.get("translation") is not None:
+        matrix[:3, 3] = _numbers(file, f"translation of node {at}", node["translation"], 3)
     return matrix
 
 
-def _numbers(path: Path, what: str, values: Any, count: int) -> np.ndarray:
-    numbers = np.asarray(values)
-    if numbers.shape != (count,) or numbers.dtype.kind not in "iuf":
-        fail(path, f"{what}: {count} numbers", repr(values))
+def _numbers(file: GltfFile, what: str, values: Any, count: int) -> np.ndarray:
+    listed = values if isinstance(values, list) and len(values) == count else []
+    if not listed or any(type(value) not in (int, float) for value in listed):
+        file.fail(f"{what}: {count} numbers", repr(values))
+    with np.errstate(over="ignore"):
+        numbers = np.array([float(value) for value in listed])
     if not np.isfinite(numbers).all():
-        fail(path, f"{what}: finite numbers", repr(values))
-    return numbers.astype(np.float64)
+        file.fail(f"{what}: finite numbers", repr(values))
+    return numbers
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:

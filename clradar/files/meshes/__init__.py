@@ -1,0 +1,1 @@
+"""Files of triangle meshes, read in a confined process; glTF also for rigs."""

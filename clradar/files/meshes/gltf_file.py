@@ -1,0 +1,242 @@
+"""A glTF 2.0 file, its buffers, and its accessors as arrays.
+
+Khronos Group, glTF 2.0 Specification, sections 3.6 (binary data storage) and 4 (GLB file format).
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NoReturn
+from urllib.parse import unquote
+
+import numpy as np
+
+from clradar.errors import ClradarError
+from clradar.files import failures
+from clradar.files.confined.process import forbid_opening
+from clradar.files.failures import clean, read_bytes
+from clradar.files.json_text import parse_object
+from clradar.files.limits import MAX_GLTF_NUMBERS, MAX_MESH_BUFFERS_BYTES
+
+EXPECTED = "a glTF 2.0 file"
+
+GLB_MAGIC = b"glTF"
+_GLB_HEADER = 12
+
+_COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+
+# Extensions that do not change the geometry, or are read here.
+_HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_light")
+
+
+class GltfFile:
+    """A parsed glTF file, GLB or JSON, with its buffers, which may be in files beside it.
+
+    Once they are read, the confined process that this runs in can open nothing any more.
+
+    Parameters
+    ----------
+    path : Path
+    content : bytes
+    error : type
+        Class of the errors that are raised: truncated, damaged, of another version, or with a
+        required extension that is not supported.
+
+    Attributes
+    ----------
+    path : Path
+    document : dict
+        The JSON of the file. Nothing of it is known to be of the right type.
+    """
+
+    def __init__(self, path: Path, content: bytes, error: type[ClradarError]) -> None:
+        self.path, self._error = path, error
+        self._lists: dict[str, list[dict[str, Any]]] = {}
+        self._numbers_left = MAX_GLTF_NUMBERS
+        self._bytes_left = MAX_MESH_BUFFERS_BYTES
+        with self.reading(EXPECTED):
+            text, self._binary = content, None
+            if content.startswith(GLB_MAGIC):
+                text, self._binary = self._chunks(content)
+            self.document = parse_object(text.decode("utf-8-sig"))
+            asset = self.document.get("asset")
+            version = str(asset.get("version")) if isinstance(asset, dict) else "of nothing"
+            if not version.startswith("2."):
+                self.fail(EXPECTED, f"version {version}")
+            for name in self.document.get("extensionsRequired") or []:
+                if not str(name).startswith(_HARMLESS):
+                    self.fail("a glTF file that needs no extension for its geometry", name)
+            self._buffers = [self._buffer(i, b) for i, b in enumerate(self.listed("buffers"))]
+        forbid_opening()
+
+    def fail(self, expected: str, got: object) -> NoReturn:
+        """Raise the error that names the file, what was expected and what was found."""
+        failures.fail(self.path, expected, clean(got), error=self._error)
+
+    @contextmanager
+    def reading(self, expected: str) -> Iterator[None]:
+        """Turn whatever a damaged file makes a parser raise into one error."""
+        with failures.reading(self.path, expected, error=self._error):
+            yield
+
+    def index(self, what: str, value: Any, count: int) -> int:
+        """Return `value` if it is a whole number in [0, count)."""
+        if type(value) is not int or not 0 <= value < count:
+            self.fail(f"{what}: a whole number in [0, {count})", repr(value))
+        return value
+
+    def listed(self, name: str) -> list[dict[str, Any]]:
+        """Return the objects that the document lists under a name, such as "nodes"."""
+        if name not in self._lists:
+            self._lists[name] = self.objects(name, self.document.get(name))
+        return self._lists[name]
+
+    def objects(self, what: str, values: Any) -> list[dict[str, Any]]:
+        """Return `values` if it is a list of objects; nothing given is an empty one."""
+        values = [] if values is None else values
+        if not isinstance(values, list) or not all(isinstance(v, dict) for v in values):
+            self.fail(f"{what}: a list of objects", type(values).__name__)
+        return values
+
+    def numbers_of(self, what: str, values: Any) -> list[Any]:
+        """Return `values` if it is a list; nothing given is an empty one."""
+        values = [] if values is None else values
+        if not isinstance(values, list):
+            self.fail(f"{what}: a list", type(values).__name__)
+        return values
+
+    def _chunks(self, content: bytes) -> tuple[bytes, bytes | None]:
+        """Return the JSON of a GLB file, and its binary chunk if there is one."""
+        version, length = np.frombuffer(content[4:_GLB_HEADER].ljust(8, b"\0"), "<u4").tolist()
+        if version != 2:
+            self.fail("a GLB file of version 2", f"version {version}")
+        if len(content) < max(length, _GLB_HEADER):
+            self.fail(f"a GLB file of {length} bytes", f"{len(content)}: it is cut short")
+        found: list[tuple[bytes, bytes]] = []
+        at = _GLB_HEADER
+        while at < length:
+            if at + 8 > length:
+                self.fail("a GLB file of whole chunks", f"{length - at} bytes at its end")
+            size, kind = int.from_bytes(content[at : at + 4], "little"), content[at + 4 : at + 8]
+            at += 8
+            if at + size > length:
+                self.fail(f"a GLB chunk of {size} bytes", f"{length - at}: cut short")
+            if not found and kind != b"JSON":
+                self.fail("a GLB file whose first chunk is JSON", kind)
+            if len(found) < 2:  # those behind are extensions, to be skipped
+                found.append((kind, content[at : at + size]))
+            at += size
+        if not found:
+            self.fail("a GLB file with a JSON chunk", "none")
+        second = found[1:] and found[1][0] == b"BIN\0"
+        return found[0][1], found[1][1] if second else None
+
+    def _buffer(self, at: int, buffer: dict[str, Any]) -> bytes:
+        what, uri = f"buffer {at}", buffer.get("uri")
+        if uri is None:
+            if at > 0 or self._binary is None:
+                self.fail(f"{what} with data", "neither a uri nor a binary chunk")
+            data = self._binary
+        elif not isinstance(uri, str):
+            self.fail(f"{what}: a uri", repr(uri))
+        elif uri.startswith("data:"):
+            header, _, body = uri.partition(",")
+            if not header.endswith(";base64"):
+                self.fail(f"{what} in base64", header)
+            try:
+                data = base64.b64decode(unquote(body), validate=True)
+            except (binascii.Error, ValueError) as error:
+                self.fail(f"{what} in base64", error)
+        else:
+            data = self._beside(what, unquote(uri))
+        length = self.index(f"byteLength of {what}", buffer.get("byteLength"), 2**40)
+        if len(data) < length:
+            self.fail(f"{what} of {length} bytes", f"{len(data)}: the file is cut short")
+        return data[:length]
+
+    def _beside(self, what: str, name: str) -> bytes:
+        folder = self.path.parent.resolve()
+        file = (folder / name).resolve()
+        if "://" in name or not file.is_relative_to(folder):
+            self.fail(f"{what} in a file beside it or below", repr(name))
+        label = f"{what} of {self.path.name}"
+        data = read_bytes(file, label, self._bytes_left, error=self._error)
+        self._bytes_left -= len(data)
+        return data
+
+    def array(self, what: str, accessor: Any) -> np.ndarray:
+        """Return the numbers (count, n) of an accessor of the file, normalised if it is flagged.
+
+        The accessor is given by its index, which is checked; `what` names the array in messages.
+        """
+        with self.reading(what):
+            listed = self.listed("accessors")
+            entry = listed[self.index(f"accessor of {what}", accessor, len(listed))]
+            component, kind = entry.get("componentType"), entry.get("type")
+            if component not in _COMPONENTS or kind not in _NUMBERS:
+                found = f"type {kind} of component type {component}"
+                self.fail(f"{what}: numbers of a known type", found)
+            dtype, n = np.dtype(_COMPONENTS[component]), _NUMBERS[kind]
+            count = self.index(f"count of {what}", entry.get("count"), 2**40)
+            self._numbers_left -= count * n
+            if self._numbers_left < 0:
+                most = f"a mesh of at most {MAX_GLTF_NUMBERS} numbers, with all uses of them"
+                self.fail(most, f"{count} elements more for {what}")
+            if entry.get("bufferView") is None:
+                values = np.zeros((count, n), dtype)
+            else:
+                view, offset = entry["bufferView"], entry.get("byteOffset")
+                values = self._strided(what, view, offset, dtype, count, n)
+            if entry.get("sparse") is not None:
+                values = self._replaced(what, values, entry["sparse"])
+            if dtype.kind == "f" or not entry.get("normalized"):
+                return values
+            # glTF 2.0, 3.6.2.2: the most negative signed value means -1, too.
+            return np.maximum(values / np.iinfo(dtype).max, -1.0)
+
+    def _strided(
+        self, what: str, view: Any, offset: Any, dtype: np.dtype[Any], count: int, n: int
+    ) -> np.ndarray:
+        views = self.listed("bufferViews")
+        entry = views[self.index(f"bufferView of {what}", view, len(views))]
+        at = self.index(f"buffer of {what}", entry.get("buffer"), len(self._buffers))
+        size = n * dtype.itemsize
+        stride = self.index(f"byteStride of {what}", entry.get("byteStride") or size, 253)
+        begin = self.index(f"byteOffset of {what}", entry.get("byteOffset") or 0, 2**40)
+        end = begin + self.index(f"byteLength of {what}", entry.get("byteLength"), 2**40)
+        first = begin + self.index(f"byteOffset of {what}", offset or 0, 2**40)
+        last = first + (count - 1) * stride + size
+        have = min(end, len(self._buffers[at]))
+        if stride < size or (count and last > have):
+            self.fail(f"{what}: {count} elements up to byte {last} of buffer {at}", f"{have}")
+        if count == 0:
+            return np.zeros((0, n), dtype)
+        return np.ndarray(
+            (count, n), dtype, self._buffers[at], first, strides=(stride, dtype.itemsize)
+        )
+
+    def _replaced(self, what: str, values: np.ndarray, sparse: Any) -> np.ndarray:
+        """Return `values` with the elements that a sparse accessor lists put in their place."""
+        count = self.index(f"sparse count of {what}", sparse.get("count"), len(values) + 1)
+        indices, given = sparse.get("indices"), sparse.get("values")
+        kind = indices.get("componentType")
+        if kind not in (5121, 5123, 5125):
+            self.fail(f"sparse indices of {what}: unsigned integers", f"type {kind}")
+        place = self._strided(
+            what, indices.get("bufferView"), indices.get("byteOffset"),
+            np.dtype(_COMPONENTS[kind]), count, 1,
+        )[:, 0]  # fmt: skip
+        if count and int(place.max()) >= len(values):
+            self.fail(f"sparse indices of {what} below {len(values)}", int(place.max()))
+        replacing = self._strided(
+            what, given.get("bufferView"), given.get("byteOffset"),
+            values.dtype, count, values.shape[1],
+        )  # fmt: skip
+        replaced = values.copy()
+        replaced[place] = replacing
+        return replaced

@@ -1,0 +1,147 @@
+"""Triangles of a mesh in named parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.errors import MeshError
+from clradar.files.failures import clean, fail
+from clradar.files.limits import MAX_MESH_FACES, MAX_MESH_PARTS, MAX_MESH_VERTICES
+
+_IDENTITY_TOLERANCE = 1e-8
+"""As in trimesh: transforms so close to the identity leave the vertices as they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A part of a mesh: (n, 3) vertices, and (m, 3) faces that index them."""
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """A mesh of parts.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (n_vertices, 3), float64
+        In the unit of the mesh.
+    faces : ndarray, shape (n_faces, 3), int32
+    part : ndarray, shape (n_faces,), int32
+        Index into `names` of each face.
+    names : tuple of str
+        Not unique.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    part: np.ndarray
+    names: tuple[str, ...]
+
+    @classmethod
+    def joined(cls, label: str, pieces: Iterable[Piece]) -> Parts:
+        """Return the parts of a mesh; those without faces are left out.
+
+        Raises
+        ------
+        MeshError
+            No face, indices outside the vertices, arrays of another shape.
+        """
+        kept = [piece for piece in pieces if len(piece.faces)]
+        if not kept:
+            fail(label, "a mesh with at least one triangle", "none", error=MeshError)
+        offset = 0
+        faces = []
+        for piece in kept:
+            _check(label, piece)
+            faces.append(piece.faces.astype(np.int64) + offset)
+            offset += len(piece.vertices)
+        counts = [len(piece.faces) for piece in kept]
+        return cls(
+            np.concatenate([piece.vertices for piece in kept]).astype(np.float64, copy=False),
+            np.concatenate(faces).astype(np.int32),
+            np.repeat(np.arange(len(kept), dtype=np.int32), counts),
+            tuple(piece.name for piece in kept),
+        )
+
+
+def _check(label: str, piece: Piece) -> None:
+    what = f"part '{clean(piece.name)}'"
+    for name, array in (("vertices", piece.vertices), ("faces", piece.faces)):
+        if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iuf":
+            got = f"shape {array.shape} of {array.dtype}"
+            fail(label, f"a mesh with {name} of three numbers in {what}", got, error=MeshError)
+    low, high = int(piece.faces.min()), int(piece.faces.max())
+    if low < 0 or high >= len(piece.vertices):
+        wanted = f"a mesh with vertex indices in [0, {len(piece.vertices)}) in {what}"
+        fail(label, wanted, f"[{low}, {high}]", error=MeshError)
+
+
+def check_counts(label: str, *, parts: int = 0, vertices: int = 0, faces: int = 0) -> None:
+    """Raise `MeshError` if a file has more of them than its limits allow."""
+    for name, count, most in (
+        ("parts", parts, MAX_MESH_PARTS),
+        ("vertices", vertices, MAX_MESH_VERTICES),
+        ("triangles", faces, MAX_MESH_FACES),
+    ):
+        if count > most:
+            wanted = f"a mesh of at most {most} {name}: simplify or join them"
+            fail(label, wanted, f"{count}", error=MeshError)
+
+
+def placed(label: str, vertices: np.ndarray, matrix: Any) -> np.ndarray:
+    """Return vertices (n, 3) transformed by a 4 x 4 matrix.
+
+    Raises
+    ------
+    MeshError
+        The matrix is of another shape, or has NaN.
+    """
+    given = np.asarray(matrix)
+    if given.shape != (4, 4) or given.dtype.kind not in "iuf":
+        got = f"shape {given.shape} of {given.dtype}"
+        fail(label, "a mesh whose transforms are 4 x 4 numbers", got, error=MeshError)
+    if not np.isfinite(given).all():
+        fail(label, "a mesh with finite transforms", "NaN or infinite ones", error=MeshError)
+    if np.abs(given - np.eye(4)).max() < _IDENTITY_TOLERANCE:
+        return vertices
+    stack = np.column_stack((vertices, np.ones(len(vertices))))
+    moved: np.ndarray = np.dot(given, stack.T).T[:, :3]
+    return moved
+
+
+class UniqueNames:
+    """Names as trimesh numbers those that occur twice: skin, skin_1, skin_2, ..."""
+
+    def __init__(self) -> None:
+        self._taken: set[str] = set()
+        self._counts: dict[str, int] = {}
+
+    def of(self, name: str) -> str:
+        """Return the name, or if it is taken the next one that is free."""
+        start, number = name, self._counts.get(name, 0)
+        if name in self._taken:
+            stem, _, last = name.rpartition("_")
+            if number == 0 and stem and last.isdecimal() and len(last) < 10:
+                number = int(last)
+            else:
+                stem = name
+            while name in self._taken:
+                number += 1
+                name = f"{stem}_{number}"
+            self._counts[start] = number
+        self._taken.add(name)
+        return name
+
+
+def reversed_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Return unique names given out from the last to the first, as trimesh names parts of OBJ."""
+    unique = UniqueNames()
+    return tuple([unique.of(name) for name in reversed(names)][::-1])

@@ -1,0 +1,90 @@
+"""Read a mesh file in a confined process; the ending of its name decides the format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from clradar.errors import ClradarError, MeshError
+from clradar.files.confined import process
+from clradar.files.confined.process import forbid_opening
+from clradar.files.failures import fail, read_bytes, reading, regular_file_size
+from clradar.files.limits import (
+    MAX_MESH_BYTES,
+    MAX_MESH_FACES,
+    MAX_MESH_VERTICES,
+    MESH_CPU_BYTES,
+    MESH_CPU_S,
+    MESH_MEMORY_BYTES,
+    MESH_MEMORY_FACTOR,
+)
+from clradar.files.meshes.gltf_mesh import read_gltf
+from clradar.files.meshes.obj_file import read_obj
+from clradar.files.meshes.parts import Parts
+from clradar.files.meshes.trimesh_parts import read_with_trimesh
+
+FORMATS = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl", ".3mf", ".dae")
+"""Endings of the names of files that are read; trimesh reads the last two with packages of
+their own."""
+
+EXPECTED = f"a mesh file ({', '.join(FORMATS)})"
+
+_MOST_BYTES = 24 * MAX_MESH_VERTICES + 16 * MAX_MESH_FACES
+
+
+def read_mesh_file(path: Path) -> Parts:
+    """Return the parts of a mesh file.
+
+    Raises
+    ------
+    MeshError
+        Missing, damaged, of another format, or beyond the limits of `clradar.files.limits`.
+    """
+    size = regular_file_size(path, EXPECTED, error=MeshError)
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        fail(path, EXPECTED, f"a name that ends in '{suffix}'", error=MeshError)
+    modules = () if suffix in (".glb", ".gltf", ".obj") else ("trimesh",)
+    reader = confined_reader(EXPECTED, size, _MOST_BYTES, MeshError, modules)
+    found = process.run(reader, _contents, path)
+    names = tuple(found.pop("names"))
+    return Parts(**found, names=names)
+
+
+def confined_reader(
+    expected: str,
+    size: int,
+    most_bytes: int,
+    error: type[ClradarError],
+    modules: tuple[str, ...] = (),
+) -> process.Reader:
+    """Return the limits of processor time and memory for reading a mesh or rig of `size` bytes."""
+    return process.Reader(
+        expected=expected,
+        library="its reader",
+        cpu_s=MESH_CPU_S + size // MESH_CPU_BYTES,
+        memory_bytes=MESH_MEMORY_BYTES + MESH_MEMORY_FACTOR * size,
+        most_bytes=most_bytes,
+        modules=("numpy.ma", *modules),  # that one numpy imports late
+        error=error,
+    )
+
+
+def _contents(path: Path) -> dict[str, Any]:
+    """Read a mesh file, in the confined process."""
+    content = read_bytes(path, EXPECTED, MAX_MESH_BYTES, error=MeshError)
+    suffix = path.suffix.lower()
+    with reading(path, EXPECTED, error=MeshError):
+        if suffix in (".glb", ".gltf"):
+            parts = read_gltf(path, content)
+        elif suffix == ".obj":
+            forbid_opening()
+            parts = read_obj(path, content)
+        else:
+            parts = read_with_trimesh(path, content, suffix[1:])
+    return {
+        "vertices": parts.vertices,
+        "faces": parts.faces,
+        "part": parts.part,
+        "names": list(parts.names),
+    }

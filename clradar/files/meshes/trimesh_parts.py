@@ -1,0 +1,116 @@
+"""Parts of what trimesh holds or reads: the formats that have no reader here."""
+
+from __future__ import annotations
+
+import io
+import sys
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.errors import MeshError
+from clradar.files.confined.process import forbid_opening
+from clradar.files.failures import clean, fail, reading
+from clradar.files.limits import MAX_MESH_BYTES
+from clradar.files.meshes.parts import Parts, Piece, check_counts, placed
+
+_OTHER_PACKAGES = {"3mf": "lxml networkx", "dae": "pycollada"}
+
+
+def parts_of(label: str, mesh: Any, *, limited: bool = False) -> Parts:
+    """Return the parts of a `trimesh.Trimesh` or `trimesh.Scene`.
+
+    Parameters
+    ----------
+    label : str
+        What it is called in messages.
+    mesh : trimesh.Trimesh or trimesh.Scene
+    limited : bool
+        Whether the limits of files hold.
+
+    Raises
+    ------
+    MeshError
+        A transform that is no affine one, no triangle, indices outside the vertices.
+    """
+    import trimesh
+
+    if isinstance(mesh, trimesh.Trimesh):
+        piece = Piece("mesh", np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        return Parts.joined(label, [piece])
+    instances = []
+    # trimesh computes with what it finds; what comes of NaN and overflows is checked here.
+    with reading(label, "a mesh with a scene graph", error=MeshError), np.errstate(all="ignore"):
+        for node in mesh.graph.nodes_geometry:
+            matrix, name = mesh.graph[node]
+            geometry = mesh.geometry[name]
+            if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
+                instances.append((str(name), geometry, matrix))
+        if limited:
+            check_counts(
+                label,
+                parts=len(instances),
+                vertices=sum(len(geometry.vertices) for _, geometry, _ in instances),
+                faces=sum(len(geometry.faces) for _, geometry, _ in instances),
+            )
+        return Parts.joined(
+            label,
+            (
+                Piece(name, placed(label, geometry.vertices, matrix), np.asarray(geometry.faces))
+                for name, geometry, matrix in instances
+            ),
+        )
+
+
+def read_with_trimesh(path: Path, content: bytes, kind: str) -> Parts:
+    """Return the parts of a mesh file's content; no file is opened for it.
+
+    Raises
+    ------
+    MeshError
+        Damaged, or more than the limits of `clradar.files.limits`.
+    """
+    import trimesh
+
+    forbid_opening()
+    if kind not in trimesh.available_formats():
+        wanted = (
+            f"the packages that trimesh reads .{kind} with: pip install {_OTHER_PACKAGES[kind]}"
+        )
+        fail(path, wanted, "none installed", error=MeshError)
+    if kind == "3mf":
+        _check_archive(path, content)
+    # trimesh would guess the encoding of a text that is no UTF-8, if that package were there.
+    sys.modules["charset_normalizer"] = None  # type: ignore[assignment]
+    try:
+        # process=False keeps the file's faces in the file's order, which alpha per face relies on.
+        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)
+    except Exception as error:  # trimesh's readers raise whatever their parsers raise
+        got = f"{type(error).__name__}: {clean(error)}"
+        if isinstance(error, ModuleNotFoundError):
+            got = "bytes that are neither of such a format nor UTF-8 text"
+        fail(path, f"a mesh file (.{kind})", got, error=MeshError, cause=error)
+    parts = parts_of(str(path), scene, limited=True)
+    if len(parts.names) == 1 and parts.names[0].startswith("geometry_"):  # trimesh's for none
+        return replace(parts, names=(path.name,))
+    return parts
+
+
+def _check_archive(path: Path, content: bytes) -> None:
+    """Raise `MeshError` if a ZIP archive would inflate beyond the limit of files."""
+    with (
+        reading(path, "a mesh file (.3mf)", error=MeshError),
+        zipfile.ZipFile(io.BytesIO(content)) as archive,
+    ):
+        # What is read of a member never exceeds the size that the archive states for it.
+        size = sum(member.file_size for member in archive.infolist())
+    if size > MAX_MESH_BYTES:
+        fail(
+            path,
+            f"a mesh file that inflates to at most {MAX_MESH_BYTES} bytes",
+            f"{size} bytes",
+            error=MeshError,
+        )

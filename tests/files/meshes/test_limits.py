@@ -1,0 +1,237 @@
+"""Mesh files that lie or overwhelm: one error in the time and memory that their limits state."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import mesh_files
+import numpy as np
+import pytest
+import trimesh
+from mesh_files import OBJ_START, binary, glb, tetrahedron
+
+from clradar import Scene
+from clradar.errors import MeshError
+from clradar.files.confined import process
+from clradar.files.meshes import reading
+
+
+def refused(path: Path, *texts: str) -> None:
+    with pytest.raises(MeshError) as caught:
+        Scene.from_mesh(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: expected ")
+    assert "\n" not in message
+    for text in texts:
+        assert text in message
+
+
+def turned(**node: Any) -> bytes:
+    return glb(tetrahedron(nodes=[{"mesh": 0} | node]))
+
+
+@pytest.mark.parametrize(
+    ("node", "text"),
+    [
+        ({"matrix": [float("nan")] * 16}, "finite numbers"),
+        ({"matrix": [1.0] * 9}, "matrix of node 0: 16 numbers"),
+        ({"matrix": [[1.0] * 4] * 4}, "matrix of node 0: 16 numbers"),
+        ({"translation": [0.0, float("inf"), 0.0]}, "finite numbers"),
+        ({"translation": [0.0, 10**400, 0.0]}, ""),
+        ({"rotation": [0.0, 0.0, 0.0, float("nan")]}, "finite numbers"),
+        ({"rotation": "turned"}, "4 numbers"),
+        ({"scale": [1e308] * 3, "translation": [1e308] * 3}, ""),
+        ({"children": [0]}, "one"),
+        ({"children": 1}, "a list"),
+        ({"mesh": 1}, "in [0, 1)"),
+    ],
+)
+def test_transforms_that_are_none_are_refused(tmp_path: Path, node: Any, text: str) -> None:
+    path = tmp_path / "mesh.glb"
+    path.write_bytes(turned(**node))
+    if node.get("scale"):
+        path.write_bytes(glb(tetrahedron(nodes=[{"children": [1]} | node, {"mesh": 0} | node])))
+    refused(path, text)
+
+
+@pytest.mark.parametrize("matrix", [np.full((4, 4), np.nan), np.diag([1e200, 1, 1, 1])])
+def test_transforms_of_scenes_in_memory_are_checked(matrix: np.ndarray) -> None:
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.box(), geom_name="box")
+    scene.graph.update("box", matrix=matrix, geometry="box")
+    scene.graph.update("again", frame_from="box", matrix=matrix, geometry="box")
+    with pytest.raises(MeshError, match=r"^mesh: .*expected"):
+        Scene.from_mesh(scene)
+
+
+def test_overflows_of_vertices_in_memory_are_errors_not_warnings() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    big = trimesh.Trimesh(ball.vertices * 1e300, ball.faces, process=False)
+    with pytest.raises(MeshError, match="finite numbers"):
+        Scene.from_mesh(big, transform=np.diag([1e300, 1e300, 1e300, 1.0]))
+
+
+@pytest.mark.parametrize(
+    ("name", "most", "texts"),
+    [
+        ("MAX_MESH_FACES", 39, ("at most 39 triangles", "simplify or join", "got 40")),
+        ("MAX_MESH_VERTICES", 39, ("at most 39 vertices", "got 40")),
+        ("MAX_MESH_PARTS", 9, ("at most 9 parts", "got 10")),
+    ],
+)
+def test_instances_are_counted_before_they_are_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, most: int, texts: tuple[str, ...]
+) -> None:
+    path = tmp_path / "mesh.glb"
+    nodes: list[dict[str, Any]] = [{"children": list(range(1, 11))}]
+    path.write_bytes(glb(tetrahedron(nodes=nodes + [{"mesh": 0}] * 10)))
+    content = path.read_bytes()
+    made = []
+    monkeypatch.setattr("clradar.files.meshes.gltf_mesh.placed", lambda *a: made.append(a))
+    monkeypatch.setattr(f"clradar.files.meshes.parts.{name}", most)
+    with pytest.raises(MeshError) as caught:
+        reading.read_gltf(path, content)
+    for text in texts:
+        assert text in str(caught.value)
+    assert not made
+
+
+def test_twelve_million_instanced_faces_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.glb"
+    faces = np.zeros((30_000, 3), "<u2").tobytes()
+    document = tetrahedron(nodes=[{"children": list(range(1, 401))}] + [{"mesh": 0}] * 400)
+    document["bufferViews"][0]["byteLength"] = len(faces)
+    document["bufferViews"][1]["byteOffset"] = len(faces)
+    document["buffers"][0]["byteLength"] = len(faces) + 48
+    document["accessors"][0]["count"] = 90_000
+    path.write_bytes(glb(document, faces + mesh_files.CORNERS.tobytes()))
+    refused(path, "at most 8388608 triangles", "got 12000000")
+
+
+def test_counts_that_no_byte_backs_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.glb"
+    for count in (30_000_000, 2**62):
+        document = tetrahedron()
+        document["accessors"][1] = {"componentType": 5126, "count": count, "type": "VEC3"}
+        path.write_bytes(glb(document))
+        refused(path, "POSITION")
+
+
+@pytest.mark.parametrize("name", ["mesh.zip", "mesh.tar.gz", "mesh.bz2", "mesh.dxf", "mesh"])
+def test_archives_and_other_formats_are_refused_unread(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"PK\x03\x04")
+    refused(path, ".obj", path.suffix)
+
+
+def test_archives_are_measured_before_they_are_inflated(tmp_path: Path) -> None:
+    pytest.importorskip("lxml", reason="trimesh reads 3MF with lxml")
+    path = tmp_path / "mesh.3mf"
+    stream = io.BytesIO()
+    with (
+        zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("3D/3dmodel.model", "w") as member,
+    ):
+        for _ in range(600):
+            member.write(bytes(2**20))
+    path.write_bytes(stream.getvalue())
+    refused(path, "inflates to at most 536870912 bytes", "629145600")
+
+
+def test_pipes_do_not_block(tmp_path: Path) -> None:
+    for name in ("pipe.mtl", "pipe.png", "pipe.bin", "pipe.obj"):
+        os.mkfifo(tmp_path / name)
+    obj = tmp_path / "mesh.obj"
+    obj.write_text(f"mtllib pipe.mtl\n{OBJ_START}usemtl skin\nf 1 2 3\n")
+    assert Scene.from_mesh(obj).n_faces == 1
+    path = tmp_path / "mesh.gltf"
+    document = tetrahedron(images=[{"uri": "pipe.png"}], textures=[{"source": 0}])
+    document["buffers"][0]["uri"] = "data.bin"
+    (tmp_path / "data.bin").write_bytes(binary())
+    path.write_text(json.dumps(document))
+    assert Scene.from_mesh(path).n_faces == 4
+    document["buffers"][0]["uri"] = "pipe.bin"
+    path.write_text(json.dumps(document))
+    with pytest.raises(MeshError, match="no regular file"):
+        Scene.from_mesh(path)
+    refused(tmp_path / "pipe.obj", "no regular file")
+
+
+@pytest.mark.parametrize("uri", ["../data.bin", "http://localhost/data.bin", "sub/link.bin"])
+def test_buffers_elsewhere_are_not_opened(tmp_path: Path, uri: str) -> None:
+    folder = tmp_path / "mesh"
+    (folder / "sub").mkdir(parents=True)
+    (tmp_path / "data.bin").write_bytes(binary())
+    (folder / "sub" / "link.bin").symlink_to(tmp_path / "data.bin")
+    document = tetrahedron()
+    document["buffers"][0]["uri"] = uri
+    path = folder / "mesh.gltf"
+    path.write_text(json.dumps(document))
+    refused(path, "beside it or below")
+
+
+def test_meshes_are_read_by_another_process_with_limits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+    run = process.run
+    monkeypatch.setattr(process, "run", lambda *a: seen.append(a) or run(*a))
+    for kind in ("glb", "obj", "ply", "stl", "off"):
+        path = tmp_path / f"mesh.{kind}"
+        trimesh.creation.box().export(path)
+        assert Scene.from_mesh(path).n_faces == 12
+    assert [path.suffix for _, _, path in seen] == [".glb", ".obj", ".ply", ".stl", ".off"]
+    for reader, _, path in seen:
+        assert reader.error is MeshError
+        assert reader.cpu_s == 20
+        assert reader.memory_bytes == 2**31 + 12 * path.stat().st_size
+
+
+def test_a_count_in_a_header_does_not_take_the_machine(tmp_path: Path) -> None:
+    ply = tmp_path / "mesh.ply"
+    trimesh.creation.box().export(ply)
+    ply.write_bytes(ply.read_bytes().replace(b"vertex 8\n", b"vertex 99999999999\n"))
+    refused(ply, "mesh file (.ply)")
+    off = tmp_path / "mesh.off"
+    off.write_text("OFF\n999999999999 1 0\n0 0 0\n3 0 0 0\n")
+    refused(off, "mesh file (.off)")
+
+
+# ---- work that grows with the square of the parts
+
+
+class Counted(str):
+    """A text that counts how often a name is made of it."""
+
+    made = 0
+
+    def __format__(self, how: str) -> str:
+        Counted.made += 1
+        return super().__format__(how)
+
+
+def test_names_are_made_unique_in_one_pass() -> None:
+    from clradar.model.scene import _unique
+
+    Counted.made = 0
+    names = _unique([Counted("ball")] * 2000 + [Counted("ball-7"), Counted("x")])
+    assert names[:3] == ("ball", "ball-2", "ball-3")
+    assert names[-2:] == ("ball-7-2", "x")
+    assert len(set(names)) == 2002
+    assert Counted.made <= 2002
+
+
+def test_one_scene_is_made_of_all_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    check = Scene.__post_init__
+    monkeypatch.setattr(Scene, "__post_init__", lambda scene: made.append(1) or check(scene))
+    path = tmp_path / "mesh.obj"
+    groups = "".join(f"g part{i}\nusemtl m{i}\nf 1 2 {3 + i % 2}\n" for i in range(2000))
+    path.write_text(OBJ_START + groups)
+    assert len(Scene.from_mesh(path).part_names) == 2000
+    assert len(made) <= 2
