@@ -37,6 +37,36 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
         assert f"  {name}" in listed
 
 
+HELP = {
+    "devices": "CLRADAR_DEVICE",
+    "demo": "--full --force --device SNR",
+    "hand": "--edge-mm --left --list --joints --length-mm --device metres",
+    "simulate": "--alpha --unit --transform --samples-per-mm2 --rays-per-sample --rays-per-face "
+    "--reception-radius-mm --max-bounces --normals --crease-deg --amplitude --start-ghz --stop-ghz "
+    "--steps --seed --device --force MESH[:ALPHA] PART=ALPHA",
+    "image": "--x-mm --y-mm --z-mm -100:100:1 260:340:1 --method exact --tolerance-db --window "
+    "taylor --png --dynamic-range-db",
+    "convert": "--frame --variant emptyfiltered --to --all-frames --timestamp-us",
+    "background": "--empty --scaling --gate-mm --edge-mm --clutter-db --average --align-phase "
+    "--frame --variant NEAR:FAR",
+    "channels": "--target plate --distance-mm --tilt-deg --size-mm --position-mm --radius-mm "
+    "--tolerance-mm --hold --common-delay --level --gate-mm --plot --frame",
+    "correct": "--channels --keep-noisy --frame --variant",
+    "diagnose": "--expect-mm --json --output --frame --variant --device",
+    "inspect": "--check --json",
+    "dataset": "[PLAN.toml] --output --dry-run --replay",
+    "bench": "--device --only --quick --repeats --json clradar[bench]",
+    "compare": "MEASURED SIMULATED --json --dynamic-range-db docs/metrics.md --frame --variant "
+    "--report",
+    "align": "MEASURED [SIMULATED] --mesh --unit -o --search-deg",
+    "register": "MEASURED MESH -o --alpha fit --max-rounds --force",
+    "sweep": "MEASURED MESH --alpha FIRST:LAST:STEP --seeds --metric --regions "
+    "parts|fingers|FILE --joints --transform --align --samples-per-mm2 --max-bounces --x-mm "
+    "--device --force docs/sweep.md",
+}
+"""What the help of each command has to name."""
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_of_each_command(run: Run, name: str) -> None:
     outcome = run(name, "--help")
@@ -44,6 +74,7 @@ def test_help_of_each_command(run: Run, name: str) -> None:
     text = " ".join(outcome.out.split())
     assert text.startswith(f"Usage: clradar {name}")
     assert COMMANDS[name] in text
+    assert not [word for word in HELP[name].split() if word not in text]
 
 
 def test_bench_names_the_missing_peer(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
