@@ -1,8 +1,9 @@
-"""Checksums of files and of arrays."""
+"""SHA-256 of files and of arrays."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -10,19 +11,22 @@ import numpy as np
 HASH_BLOCK_BYTES = 2**20
 
 
+def sha256_of_blocks(blocks: Iterable[bytes]) -> str:
+    """Return the SHA-256 of bytes behind one another."""
+    state = hashlib.sha256()
+    for block in blocks:
+        state.update(block)
+    return state.hexdigest()
+
+
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file's content."""
-    state = hashlib.sha256()
     with open(path, "rb") as file:
-        while block := file.read(HASH_BLOCK_BYTES):
-            state.update(block)
-    return state.hexdigest()
+        return sha256_of_blocks(iter(lambda: file.read(HASH_BLOCK_BYTES), b""))
 
 
 def sha256_of_arrays(*arrays: np.ndarray) -> str:
     """Return the SHA-256 of shapes, types and bytes of arrays."""
-    state = hashlib.sha256()
-    for array in arrays:
-        state.update(str((array.shape, array.dtype)).encode())
-        state.update(array.tobytes())
-    return state.hexdigest()
+    forms = (str((array.shape, array.dtype)).encode() for array in arrays)
+    contents = (array.tobytes() for array in arrays)
+    return sha256_of_blocks(block for pair in zip(forms, contents, strict=True) for block in pair)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from clradar.errors import MeshError, ModelError
+from clradar.files.hashing import sha256_of_blocks
 from clradar.files.meshes.parts import Parts
 from clradar.files.meshes.reading import read_mesh_file
 from clradar.files.meshes.trimesh_parts import parts_of
@@ -207,11 +207,9 @@ class Scene(Record):
 
     def digest(self) -> str:
         """Return a SHA-256 of the triangles, alpha and given normals, for provenance."""
-        state = hashlib.sha256()
         normals = [] if self.normals is None else [self.normals[self.faces]]
-        for array in (self.triangles_m, np.asarray(self.alpha), *normals):
-            state.update(np.ascontiguousarray(array).tobytes())
-        return state.hexdigest()
+        arrays = (self.triangles_m, np.asarray(self.alpha), *normals)
+        return sha256_of_blocks(array.tobytes() for array in arrays)
 
 
 def _alpha_of_faces(alpha: Any, n_faces: int) -> np.ndarray:
