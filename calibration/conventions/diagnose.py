@@ -50,13 +50,12 @@ NOISE_SPREADS = 5.0
 GAUSSIAN_FOURTH_MOMENT_SPREAD = float(np.sqrt(20.0) / 2.0)
 """Standard deviation over mean of |V|^4, V circular Gaussian: E|V|^8 = 24, (E|V|^4)^2 = 4."""
 
-METHOD = "range"
-"""Of image formation. The fast one has a cost per block of 8 mm, which so coarse a grid does not
-fill: 1.5 times as slow with 94 x 94 antennas, 10 to 25 times with a few."""
+FAST_FROM_TERMS = 2e8
+"""Pairs times voxels of an image from which on the fast one is formed. It takes some tenths of a
+second whatever the size of so coarse a grid; below, range profiles take less."""
 
 MOST_TERMS = 8e9
-"""Pairs times voxels of all images; beyond that a subset of the antennas is used. Some 10 s on two
-cores by range profiles."""
+"""Pairs times voxels of all images; beyond that a subset of the antennas is used."""
 
 BRIGHT_DB = 15.0
 MOST_POINTS = 200
@@ -356,15 +355,19 @@ class _Search:
             corrected = apply_convention(imaged, h)
             best = -1.0
             for grid in grids:
-                volume = backproject(
-                    corrected, grid, method=METHOD, window=self.window, device=self.device
-                )
+                volume = self._image(corrected, grid)
                 sharpness = _sharpness(volume)
                 if sharpness > best:
                     out[h], best = volume, sharpness
             if self.progress is not None:
                 self.progress(i + 1, len(wanted))
         return out
+
+    def _image(self, capture: Capture, grid: VoxelGrid) -> Volume:
+        array = capture.array
+        terms = array.n_tx * array.n_rx * float(np.prod(grid.counts))
+        method = "fast" if terms >= FAST_FROM_TERMS else "range"
+        return backproject(capture, grid, method=method, window=self.window, device=self.device)
 
     def _score(
         self, h: Hypothesis, relative: dict[Hypothesis, float], volumes: dict[Hypothesis, Volume]
@@ -469,7 +472,7 @@ class _Search:
         steps = np.array([*step_m, min(cell_m / 2, EXPECTED_BOX_M)])
         half = np.ceil(EXPECTED_BOX_M / steps).astype(int)
         grid = VoxelGrid(at - half * steps, steps, tuple(int(n) for n in 2 * half + 1))  # type: ignore[arg-type]
-        volume = backproject(capture, grid, method=METHOD, window=self.window, device=self.device)
+        volume = self._image(capture, grid)
         z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij", sparse=True)
         away2 = (x - at[0]) ** 2 + (y - at[1]) ** 2 + (z - at[2]) ** 2
         return float((np.abs(volume.data) * np.exp(-away2 / (2 * EXPECTED_WITHIN_M**2))).max())

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from clradar.cli.console import print_line, print_table, print_warning, progress_bar
 from clradar.cli.options.common import CaptureArgument, DeviceOption, ForceOption
 from clradar.cli.options.groups import given, option, output_option, recorded
-from clradar.cli.options.imaging import GridOptions, grid_text
+from clradar.cli.options.imaging import GridOptions, axis_option, grid_text
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import finite, numbers, wrong_usage
 from clradar.cli.outputs import check_figure, check_outputs, save
@@ -26,6 +26,19 @@ if TYPE_CHECKING:
 COLUMNS = ("axes", "phase", "frequencies", "x", "sharpness (dB)", "brightest at x, y, z (mm)", "")
 
 COARSE_GRID_MM = ("-100:100:4", "-100:100:4", "260:340:10")
+
+
+def _default(axis: int) -> str:
+    return f"around the echo; {COARSE_GRID_MM[axis]} if another axis is given"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchGridOptions(GridOptions):
+    """The voxel grid, in millimetres: that of the options if one of them is given."""
+
+    x_mm: str | None = axis_option("x", _default(0))
+    y_mm: str | None = axis_option("y", _default(1))
+    z_mm: str | None = axis_option("z", _default(2))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +59,7 @@ def command(
         "Rough position (20 mm) of a known target: separates the image from its mirror image.",
         metavar="X,Y,Z",
     ),
-    voxels: GridOptions,
+    voxels: SearchGridOptions,
     frames: FrameOptions,
     device: DeviceOption = None,
     force: ForceOption = False,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from clradar.cli.options.groups import option
 from clradar.cli.options.values import RANGE_RULE, finite, numbers, whole_steps, wrong_usage
@@ -16,17 +16,20 @@ PAPER_GRID_MM = ("-100:100:1", "-100:100:1", "260:340:1")
 GRID_RULE = f"{RANGE_RULE}, or one number for a single slice"
 
 
+
+def axis_option(axis: str, default: str) -> Any:
+    """The option of an axis; `default` says what holds without it."""
+    rule = GRID_RULE if axis == "x" else f"The same along {axis}"
+    return option(None, f"{rule}. [default: {default}]", metavar="RANGE")
+
+
 @dataclass(frozen=True, kw_only=True)
 class GridOptions:
     """The voxel grid, in millimetres."""
 
-    x_mm: str | None = option(None, f"{GRID_RULE}. [default: {PAPER_GRID_MM[0]}]", metavar="RANGE")
-    y_mm: str | None = option(
-        None, f"The same along y. [default: {PAPER_GRID_MM[1]}]", metavar="RANGE"
-    )
-    z_mm: str | None = option(
-        None, f"The same along z. [default: {PAPER_GRID_MM[2]}]", metavar="RANGE"
-    )
+    x_mm: str | None = axis_option("x", PAPER_GRID_MM[0])
+    y_mm: str | None = axis_option("y", PAPER_GRID_MM[1])
+    z_mm: str | None = axis_option("z", PAPER_GRID_MM[2])
 
     def grid(self, defaults_mm: tuple[str, str, str] = PAPER_GRID_MM) -> VoxelGrid:
         """The grid, with default ranges for the axes that were not given."""

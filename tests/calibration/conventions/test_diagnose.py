@@ -25,6 +25,7 @@ from calibration.conventions.tx_rx_symmetry import swap_isometry
 from calibration.conventions.wavefront_curvature import curvature_sigma
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, reference
 from clradar.cli import main
+from clradar.cli.commands.diagnose import COARSE_GRID_MM, SearchGridOptions
 from clradar.errors import ModelError
 from clradar.hand import hand_mesh
 from measurement_io import open_capture, save_capture
@@ -299,6 +300,24 @@ def test_antennas_are_left_out_where_a_grid_is_large(
     assert result.best == h
 
 
+def test_large_images_are_formed_by_the_fast_method(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours = sys.modules[diagnose.__module__]
+    methods: list[str] = []
+
+    def noted(*_: Any, method: str, **__: Any) -> None:
+        methods.append(method)
+
+    monkeypatch.setattr(ours, "backproject", noted)
+    grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (2.5e-3, 2.5e-3, 16e-3))
+    for array in (QAR50, THIN):  # 3.5e8 and 2.7e7 pairs times voxels
+        tone = Waveform([77e9])
+        silent = Capture(np.zeros((array.n_tx, array.n_rx, 1)), array, tone)
+        ours._Search(silent, device, None)._image(silent, grid)
+    assert methods == ["fast", "range"]
+
+
 def test_the_sign_of_range_holds_where_its_rivals_show_in_the_same_grid(
     device: clradar.Device,
 ) -> None:
@@ -484,6 +503,19 @@ def test_command(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert right.meta["conventions_applied"] == ["swapped, conjugated, mirrored"]
     assert right.meta["command"] == "diagnose"
     assert run("diagnose", wrong, "--fix-to", fixed) == 1  # exists
+
+
+def test_help_states_the_grid_that_is_used(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    assert run("diagnose", "--help") == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    for axis, text in zip("xyz", COARSE_GRID_MM, strict=True):
+        options = shown[shown.index(f"--{axis}-mm RANGE") :]
+        stated = options[: options.index("]")].split("default: ")[1]
+        assert stated == f"around the echo; {text} if another axis is given"
+    assert SearchGridOptions().x_mm is None  # nothing given: the grid is around the echo
 
 
 def test_command_warns_of_indistinguishable_hypotheses(
