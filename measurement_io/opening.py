@@ -97,6 +97,13 @@ def open_capture(
             fail(source, "a layout alone, which has the positions", "other settings with it")
         return open_with_layout(source, layout, frame=frame)
     with reading(source, SUPPORTED):
+        settings = (frame, variant, rx_file, tx_file)
+        if all(setting is None for setting in settings) and _is_hdf5(source):
+            # Kind and content in one go: each process costs as much as reading a small file.
+            found = native.read_capture_if_native(source)
+            if found is None:
+                raise layout_needed(source)
+            return found[1]
         kind = kind_of(source)
         if kind == "container":
             raise layout_needed(source)
@@ -115,6 +122,10 @@ def open_capture(
         if rx_file is not None or tx_file is not None:
             fail(source, "a recorded frame, for antenna files to apply to", "a native file")
         return native.read_capture(source)[1]
+
+
+def _is_hdf5(path: Path) -> bool:
+    return not path.is_dir() and opener_of(path) is opened_hdf5
 
 
 def kind_of(path: Path) -> Kind:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from clradar.files.failures import clean, fail
+from clradar.errors import MeasurementError
+from clradar.files.failures import clean, fail, reading
 from clradar.files.limits import MAX_KEYS
 
 _SHOWN_KEYS = 30
@@ -111,6 +113,14 @@ class Container(ABC):
         if key.content != "numbers":
             fail(self.path, f"'{clean(key.name)[:80]}' ({purpose}) to hold numbers", key.kind)
         return self._read(key, {} if pick is None else pick)
+
+    def read_several(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Return the numbers of some small keys; what cannot be read is left out."""
+        found = {}
+        for name in names:
+            with suppress(MeasurementError), reading(self.path, "readable numbers"):
+                found[name] = self.read(name, "a guess")
+        return found
 
     def text(self, name: str, purpose: str) -> str:
         """Return the text of one key."""

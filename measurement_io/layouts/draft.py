@@ -7,24 +7,21 @@ from dataclasses import replace
 from pathlib import Path
 
 from clradar.errors import MeasurementError
-from clradar.files.failures import shown
+from clradar.files.failures import clean, shown
 from measurement_io.layouts.container import Container, Key
 from measurement_io.layouts.containers import open_container
+from measurement_io.layouts.draft_lines import GUESS, UNKNOWN, Line
+from measurement_io.layouts.guessed_antennas import AntennaGuess, guess_length_unit, guess_sides
 from measurement_io.layouts.guessed_axes import GuessedAxes, guess_axes
 from measurement_io.layouts.guesses import (
-    GUESS,
-    SIDES,
-    UNKNOWN,
-    AntennaGuess,
     Frequencies,
-    Line,
-    guess_antennas,
     guess_frequencies,
-    guess_length_unit,
     guess_signal,
+    small_values,
 )
 
 _LISTED = 200
+_RIVALS = 10
 _IMAGING = 'select = "1:95"'
 _IMAGING_REMARK = f"{GUESS}the imaging ones of 96"
 
@@ -77,15 +74,16 @@ def layout_draft(container: Container) -> str:
     keys = [key for key in container.keys.values() if _usable(key)]
     signal = guess_signal(keys)
     others = [key for key in keys if key.name not in signal.names]
-    frequencies = guess_frequencies(container, others)
-    found = {name: guess_antennas(container, others, name) for name in SIDES}
+    values = small_values(container, others)
+    frequencies = guess_frequencies(others, values)
+    found = guess_sides(others, values, signal.shape)
     axes = guess_axes(signal.shape, signal.part_axis, frequencies.count, found)
     sides = {name: _completed(side, axes.channels[name]) for name, side in found.items()}
     blocks = [
         _head(container),
         ["[data]", *map(str, signal.lines), *_axes_lines(axes)],
         *(["[" + name + "]", *map(str, side.lines)] for name, side in sides.items()),
-        *_frame_of_reference(sides),
+        *_frame_of_reference(sides, frequencies.center_hz),
         ["[frequency]", *map(str, _with_points(frequencies, axes.points))],
     ]
     return "\n\n".join("\n".join(block) for block in blocks) + "\n"
@@ -114,6 +112,10 @@ def _completed(side: AntennaGuess, channels: int | None) -> AntennaGuess:
         if (channels, side.count) != (96, 94):
             return side
         return replace(side, lines=(Line(_IMAGING, _IMAGING_REMARK), *side.lines))
+    if side.names:
+        rivals = ", ".join(clean(name) for name in side.names[:_RIVALS])
+        remark = f"positions: one of {rivals}?"
+        return replace(side, lines=(Line(f'key = "{UNKNOWN}"', remark),))
     array = Line('array = "qar50"', f"{GUESS}{channels} channels and no positions in the file")
     if channels == 94:
         return replace(side, lines=(array,))
@@ -133,19 +135,11 @@ def _axes_lines(axes: GuessedAxes) -> list[str]:
     return [*lines, str(Line("phase_sign = -1", remark))]
 
 
-def _frame_of_reference(sides: dict[str, AntennaGuess]) -> list[list[str]]:
+def _frame_of_reference(sides: dict[str, AntennaGuess], center_hz: float | None) -> list[list[str]]:
     """Return the table of units, if there are positions in the file."""
-    if all(any("array" in line.text for line in side.lines) for side in sides.values()):
+    if all(any(line.text.startswith("array =") for line in s.lines) for s in sides.values()):
         return []
-    lines = []
-    extents = [side.extent for side in sides.values() if side.extent is not None]
-    names = [name for side in sides.values() for name in side.names]
-    unit, sure = guess_length_unit(names, max(extents, default=0.0))
-    if unit is None:
-        lines.append(Line(f'unit = "{UNKNOWN}"', "of the positions: m, cm, mm, um"))
-    else:
-        remark = "" if sure else f"{GUESS}the antennas span {max(extents):g}"
-        lines.append(Line(f'unit = "{unit}"', remark))
+    lines = [guess_length_unit(list(sides.values()), center_hz)]
     columns = next((side.columns for side in sides.values() if side.columns is not None), None)
     if columns is not None and len(columns) == 2:
         lines.append(Line('columns = ["x", "y"]', f"{GUESS}or others"))

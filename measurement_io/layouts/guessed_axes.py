@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from measurement_io.layouts.guesses import UNKNOWN, AntennaGuess
+from measurement_io.layouts.draft_lines import UNKNOWN
+from measurement_io.layouts.guessed_antennas import AntennaGuess
 
 _QAR50_CHANNELS = (94, 96)
 

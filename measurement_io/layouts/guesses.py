@@ -4,40 +4,26 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from clradar.constants import PLAUSIBLE_HZ
-from clradar.errors import MeasurementError
-from clradar.files.failures import clean, reading
-from clradar.files.toml_file import toml_string
 from measurement_io.layouts.container import Container, Key
-from measurement_io.layouts.containers import EXPECTED
-from measurement_io.layouts.layout import FREQUENCY_UNITS_HZ, LENGTH_UNITS_PER_M
-
-UNKNOWN = "?"
-"""Stands in a draft where nothing could be guessed; no file has a key of that name."""
-
-GUESS = "guess: "
-SIDES = {"tx": r"tx|transmit|sender", "rx": r"rx|receiv"}
+from measurement_io.layouts.draft_lines import GUESS, UNKNOWN, Line, quoted
+from measurement_io.layouts.guessed_antennas import SIDES, names_side
+from measurement_io.layouts.layout import FREQUENCY_UNITS_HZ
 
 _MOST_FREQUENCIES = 1_000_000
 _MOST_POSITION_NUMBERS = 300_000
-_PLAUSIBLE_M = (0.01, 2.0)
+_MOST_NUMBERS = 2**23
+_MOST_KEYS = 5000
+"""What is read to guess from, in all: 64 MiB."""
+
+_FREQUENCY = re.compile(r"freq|hz", re.IGNORECASE)
+_HINT = re.compile(r"freq|hz|(?<![a-z])f|pos|ant|coord|xyz|[tr]x|send|trans|rec", re.IGNORECASE)
 _PARTS = ((r"re(al)?", "im(ag(inary)?)?"), ("i", "q"))
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """One setting and the remark beside it."""
-
-    text: str
-    remark: str = ""
-
-    def __str__(self) -> str:
-        return f"{self.text}  # {self.remark}" if self.remark else self.text
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,22 +37,12 @@ class Signal:
 
 
 @dataclass(frozen=True, slots=True)
-class AntennaGuess:
-    """The probable antennas of one side: `count` of them, None if unknown."""
-
-    count: int | None
-    lines: tuple[Line, ...]
-    columns: tuple[str, ...] | None
-    extent: float | None
-    names: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Frequencies:
     """The probable frequencies, `count` of them; None and no lines if none were found."""
 
     count: int | None
     lines: tuple[Line, ...]
+    center_hz: float | None
 
 
 def guess_signal(keys: Sequence[Key]) -> Signal:
@@ -110,20 +86,32 @@ def _is_pair(real: Key, imag: Key) -> bool:
     return False
 
 
-def _numbers(container: Container, key: Key, most: int) -> np.ndarray | None:
-    """Return the finite real numbers of a key that is not large; None for any other."""
-    if math.prod(key.shape) > most or key.kind.startswith(("complex", "[")):
-        return None
-    try:
-        with reading(container.path, EXPECTED):
-            value = container.read(key.name, "a guess").astype(np.float64)
-    except MeasurementError:
-        return None
-    return value if np.isfinite(value).all() else None
+def small_values(container: Container, keys: Sequence[Key]) -> dict[str, np.ndarray]:
+    """Return the finite real numbers of the keys that may be frequencies or positions.
+
+    All are read at once, the most promising ones first: opening a file costs more than a list.
+    """
+    wanted, left = [], _MOST_NUMBERS
+    for key in sorted(keys, key=lambda key: (_HINT.search(key.name) is None, math.prod(key.shape))):
+        count = math.prod(key.shape)
+        vector = count == max(key.shape, default=1) and count <= _MOST_FREQUENCIES
+        table = len(key.shape) == 2 and {2, 3} & set(key.shape) and count <= _MOST_POSITION_NUMBERS
+        if key.kind.startswith(("complex", "[")) or not (vector or table) or count > left:
+            continue
+        left -= count
+        wanted.append(key.name)
+    found = container.read_several(wanted[:_MOST_KEYS])
+    numbers = {name: value.astype(np.float64) for name, value in found.items()}
+    return {name: value for name, value in numbers.items() if np.isfinite(value).all()}
 
 
-def guess_frequencies(container: Container, keys: Sequence[Key]) -> Frequencies:
-    keys = [key for key in keys if not any(_names_side(key.name, side) for side in SIDES)]
+def guess_frequencies(keys: Sequence[Key], values: Mapping[str, np.ndarray]) -> Frequencies:
+    keys = [
+        key
+        for key in keys
+        if key.name in values
+        and (_FREQUENCY.search(key.name) or not any(names_side(key.name, side) for side in SIDES))
+    ]
 
     def rank(key: Key) -> bool:
         return not re.search(r"f|hz", key.name.rsplit("/", 1)[-1], re.IGNORECASE)
@@ -131,20 +119,18 @@ def guess_frequencies(container: Container, keys: Sequence[Key]) -> Frequencies:
     for key in sorted(keys, key=rank):
         if math.prod(key.shape) < 2 or max(key.shape) != math.prod(key.shape):
             continue
-        values = _numbers(container, key, _MOST_FREQUENCIES)
-        if values is None:
-            continue
-        values = values.ravel()
-        steps = np.diff(values)
+        numbers = values[key.name].ravel()
+        steps = np.diff(numbers)
         if not ((steps > 0).all() or (steps < 0).all()):
             continue
-        unit, sure = _frequency_unit(key.name, values)
+        unit, sure = _frequency_unit(key.name, numbers)
         if unit is None:
             continue
-        remark = "" if sure and not rank(key) else f"{GUESS}{values[0]:g} to {values[-1]:g}"
+        remark = "" if sure and not rank(key) else f"{GUESS}{numbers[0]:g} to {numbers[-1]:g}"
         lines = (Line(f"key = {quoted(key.name)}"), Line(f'unit = "{unit}"', remark))
-        return Frequencies(values.size, lines)
-    return Frequencies(None, ())
+        center_hz = float(numbers[0] + numbers[-1]) / 2 * FREQUENCY_UNITS_HZ[unit]
+        return Frequencies(numbers.size, lines, center_hz)
+    return Frequencies(None, (), None)
 
 
 def _frequency_unit(name: str, values: np.ndarray) -> tuple[str | None, bool]:
@@ -159,64 +145,3 @@ def _frequency_unit(name: str, values: np.ndarray) -> tuple[str | None, bool]:
             return unit, True
     # 72e9 can only be Hz, but 72 000 is 72 MHz in kHz and 72 GHz in MHz: the highest is likely.
     return (fitting[-1], fitting == ["Hz"]) if fitting else (None, False)
-
-
-def guess_antennas(container: Container, keys: Sequence[Key], side: str) -> AntennaGuess:
-    named = [key for key in keys if _names_side(key.name, side)]
-    for key in sorted(named, key=lambda key: -len(key.shape)):
-        if len(key.shape) != 2 or not {2, 3} & set(key.shape):
-            continue
-        values = _numbers(container, key, _MOST_POSITION_NUMBERS)
-        if values is None:
-            continue
-        across = 1 if key.shape[1] in (2, 3) else 0
-        columns = ("x", "y", "z")[: key.shape[across]]
-        lines = [Line(f"key = {quoted(key.name)}")]
-        if across == 0:
-            lines.append(Line('orientation = "columns"'))
-        elif key.shape[0] in (2, 3):
-            lines.append(Line('orientation = "rows"', f"{GUESS}or columns"))
-        if len(columns) == 2:
-            lines.append(Line("z = 0.0", f"{GUESS}in one plane"))
-        extent = float(np.ptp(values, axis=1 - across).max())
-        return AntennaGuess(key.shape[1 - across], tuple(lines), columns, extent, (key.name,))
-    found: dict[str, tuple[Key, np.ndarray]] = {}
-    for axis in "xyz":
-        for key in named:
-            values = _numbers(container, key, _MOST_POSITION_NUMBERS)
-            last = re.sub(SIDES[side], "", key.name.rsplit("/", 1)[-1], flags=re.IGNORECASE)
-            if values is not None and re.search(rf"(?<![a-z]){axis}(?![a-z])", last, re.I):
-                found.setdefault(axis, (key, values))
-    if {"x", "y"} <= set(found) and len({v.size for _, v in found.values()}) == 1:
-        lines = [Line(f"{axis} = {quoted(key.name)}") for axis, (key, _) in found.items()]
-        if "z" not in found:
-            lines.append(Line("z = 0.0", f"{GUESS}in one plane"))
-        extent = max(float(np.ptp(values)) for _, values in found.values())
-        names = tuple(key.name for key, _ in found.values())
-        return AntennaGuess(found["x"][1].size, tuple(lines), None, extent, names)
-    return AntennaGuess(None, (), None, None, ())
-
-
-def _names_side(name: str, side: str) -> bool:
-    if re.search(rf"(?<![a-z])({SIDES[side]})", name, re.IGNORECASE):
-        return True
-    return re.search(rf"{side.capitalize()}|{side.upper()}", name) is not None  # positionsTx
-
-
-def guess_length_unit(names: Sequence[str], extent: float) -> tuple[str | None, bool]:
-    fitting = [
-        unit
-        for unit, per_m in LENGTH_UNITS_PER_M.items()
-        if _PLAUSIBLE_M[0] <= extent / per_m <= _PLAUSIBLE_M[1]
-    ]
-    for unit in fitting:
-        if names and all(name.lower().endswith(f"_{unit}") for name in names):
-            return unit, True
-    # Centimetres are rare: 14.1 could be them, 141 hardly.
-    ordered = sorted(fitting, key=["m", "mm", "um", "cm"].index)
-    return (ordered[0], False) if ordered else (None, False)
-
-
-def quoted(name: str) -> str:
-    """Return a name as a TOML string; a long one is cut."""
-    return toml_string(clean(name) if len(name) > 1000 else name)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 
+from clradar.errors import MeasurementError
 from clradar.files.limits import MAX_ARRAY_BYTES
 from measurement_io.confined import hdf5_process
 from measurement_io.layouts import hdf5_contents
@@ -37,6 +38,22 @@ class Hdf5Container(Container):
         return hdf5_process.run(
             hdf5_contents.read_key, self.path, key.name, chosen, most_bytes=most
         )
+
+    def read_several(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Return the numbers of some small keys, all read by one process.
+
+        What cannot be read is left out; all of it, if the process dies.
+        """
+        places = {name: place for place, name in enumerate(self.keys)}
+        numbers = sum(math.prod(self.keys[name].shape) for name in names)
+        with suppress(MeasurementError):
+            return hdf5_process.run(
+                hdf5_contents.read_small_keys,
+                self.path,
+                [places[name] for name in names],
+                most_bytes=numbers * _LARGEST_NUMBER_BYTES,
+            )
+        return {}
 
     def _text(self, key: Key) -> str:
         return hdf5_process.run(hdf5_contents.read_text, self.path, key.name)

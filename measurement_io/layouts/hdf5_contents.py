@@ -9,14 +9,15 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from clradar.files.failures import clean, fail
+from clradar.errors import MeasurementError
+from clradar.files.failures import clean, fail, reading
 from clradar.files.limits import MAX_CHUNK_BYTES, MAX_KEYS, MAX_NESTING, MAX_TEXT_CHARACTERS
 from measurement_io.confined import hdf5_guard
 from measurement_io.confined.hdf5_guard import DEFLATE, FLETCHER32, LZF, SHUFFLE
@@ -43,13 +44,21 @@ class Hdf5Contents:
     """
 
     def __init__(self, path: Path, file: Any, raw: BinaryIO) -> None:
-        import h5py
-
         self.path, self._file, self._raw = path, file, raw
         self.matlab = is_matlab(raw.read(8))
         self.keys: dict[str, Key] = {}
         self._size = path.stat().st_size
-        self._walk(file, "", 0, {h5py.h5o.get_info(file.id).addr})
+
+    def list_keys(self) -> dict[str, Key]:
+        """Return all keys of the file."""
+        import h5py
+
+        self._walk(self._file, "", 0, {h5py.h5o.get_info(self._file.id).addr})
+        return self.keys
+
+    def key(self, name: str) -> Key:
+        """Return one key without a walk through the others."""
+        return self._key(name, self._dataset(name))
 
     def _walk(self, group: Any, prefix: str, depth: int, seen: set[Any]) -> None:
         import h5py
@@ -265,20 +274,32 @@ def is_matlab(start: bytes) -> bool:
 def list_keys(path: Path) -> dict[str, Any]:
     """Return whether the file is MATLAB's, and of each key its name, shape, kind and content."""
     with _opened(path) as found:
-        keys = [[key.name, list(key.shape), key.kind, key.content] for key in found.keys.values()]
-        return {"matlab": found.matlab, "keys": keys}
+        keys = found.list_keys().values()
+        rows = [[key.name, list(key.shape), key.kind, key.content] for key in keys]
+        return {"matlab": found.matlab, "keys": rows}
 
 
 def read_key(path: Path, name: str, pick: list[tuple[int, int]]) -> np.ndarray:
     """Return the numbers of one key; `pick` has axes and the index that is kept of each."""
     with _opened(path) as found:
-        return found.numbers(found.keys[name], dict(pick))
+        return found.numbers(found.key(name), dict(pick))
+
+
+def read_small_keys(path: Path, places: list[int]) -> dict[str, np.ndarray]:
+    """Return the numbers of the keys at some places of the list; what is damaged is left out."""
+    result = {}
+    with _opened(path) as found:
+        keys = list(found.list_keys().values())
+        for place in places:
+            with suppress(MeasurementError), reading(path, EXPECTED):
+                result[keys[place].name] = found.numbers(keys[place], {})
+    return result
 
 
 def read_text(path: Path, name: str) -> str:
     """Return the text of one key."""
     with _opened(path) as found:
-        return found.words(found.keys[name])
+        return found.words(found.key(name))
 
 
 @contextmanager

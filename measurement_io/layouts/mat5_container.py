@@ -9,15 +9,16 @@ from __future__ import annotations
 import io
 import math
 import zlib
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
-from clradar.files.failures import clean, fail
+from clradar.errors import MeasurementError
+from clradar.files.failures import clean, fail, reading
 from clradar.files.limits import (
     MAX_DIMENSIONS,
     MAX_INFLATED_BYTES,
@@ -98,7 +99,7 @@ class Mat5Container(Container):
         position = HEADER_BYTES
         budget = MAX_INFLATED_BYTES
         while position < self._size:
-            walk = _Walk(self, position, budget, None)
+            walk = _Walk(self, position, budget, {})
             for key in walk.keys:
                 self.add(key)
                 self._places[key.name] = position
@@ -115,10 +116,25 @@ class Mat5Container(Container):
         return found
 
     def _found(self, key: Key, pick: Mapping[int, int]) -> np.ndarray | str:
-        wanted = _Wanted(key, pick)
+        wanted = {key.name: _Wanted(key, pick)}
         found = _Walk(self, self._places[key.name], MAX_INFLATED_BYTES, wanted).found
-        if found is None:
+        if key.name not in found:
             fail(self.path, f"'{clean(key.name)[:80]}' where it was", "another variable")
+        return found[key.name]
+
+    def read_several(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Return the numbers of some small keys, each variable read once for all its fields.
+
+        What cannot be read is left out, with the other fields of its variable.
+        """
+        by_place: dict[int, dict[str, _Wanted]] = {}
+        for name in names:
+            wanted = by_place.setdefault(self._places[name], {})
+            wanted[name] = _Wanted(self.keys[name], {})
+        found: dict[str, Any] = {}
+        for position, wanted in by_place.items():
+            with suppress(MeasurementError), reading(self.path, "readable numbers"):
+                found |= _Walk(self, position, MAX_INFLATED_BYTES, wanted).found
         return found
 
     # What a walk needs to know of the file.
@@ -136,15 +152,19 @@ class Mat5Container(Container):
 
 
 class _Walk:
-    """One pass through one variable of the file: lists its keys, and reads the requested one."""
+    """One pass through one variable of the file: lists its keys, and reads the requested ones."""
 
     def __init__(
-        self, container: Mat5Container, position: int, budget: int, wanted: _Wanted | None
+        self,
+        container: Mat5Container,
+        position: int,
+        budget: int,
+        wanted: Mapping[str, _Wanted],
     ) -> None:
         self._path, self._order = container.path, container.order
         self._wanted = wanted
         self.keys: list[Key] = []
-        self.found: np.ndarray | str | None = None
+        self.found: dict[str, Any] = {}
         self.budget = budget
         file = container.file
         file.seek(position)
@@ -178,7 +198,7 @@ class _Walk:
             )
         inner = ByteSource(self._path, place, stream, inner_size)
         plain = self._matrix(inner, inner_size, "", 0)
-        if self._wanted is not None or not plain:
+        if self._wanted or not plain:
             inner.skip(inner.left)
             # To the very end, where zlib compares its checksum.
             if stream.read(1) or not raw.complete:
@@ -248,14 +268,15 @@ class _Walk:
             kind = str(np.result_type(dtype, "c8") if is_complex else np.dtype(dtype))
             key = Key(name, shape, kind, "numbers")
         self._list(key)
-        if self._wanted is None or self._wanted.key.name != name:
+        wanted = self._wanted.get(name)
+        if wanted is None:
             return depth > 0
-        if self._wanted.key != key:
-            fail(self._path, f"{self._wanted.key}", f"{key}")
+        if wanted.key != key:
+            fail(self._path, f"{wanted.key}", f"{key}")
         if key.content == "text":
-            self.found = self._characters(source, shape)
+            self.found[name] = self._characters(source, shape)
         else:
-            self.found = self._numbers(source, key, array_class, is_complex, self._wanted.pick)
+            self.found[name] = self._numbers(source, key, array_class, is_complex, wanted.pick)
         return True
 
     def _numbers(

@@ -105,9 +105,19 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
 def read_capture(path: Path) -> tuple[NativeHeader, Capture]:
     """Return header and capture of a native file; every failure is a `MeasurementError`."""
     with reading(path, EXPECTED):
-        header, found = contents(native_contents.read_capture, path)
-        array, waveform = instrument(found)
-        return header, Capture(_read_only(found["data"]), array, waveform, header.meta)
+        return _capture(*contents(native_contents.read_capture, path))
+
+
+def read_capture_if_native(path: Path) -> tuple[NativeHeader, Capture] | None:
+    """Return what `read_capture` does, None for an HDF5 file of another program."""
+    with reading(path, EXPECTED):
+        found = hdf5_process.run(native_contents.read_capture_if_native, path)
+        return None if found is None else _capture(*_split(found))
+
+
+def _capture(header: NativeHeader, found: native_contents.Contents) -> tuple[NativeHeader, Capture]:
+    array, waveform = instrument(found)
+    return header, Capture(_read_only(found["data"]), array, waveform, header.meta)
 
 
 def read_volume(path: Path) -> tuple[NativeHeader, Volume]:
@@ -139,7 +149,10 @@ def contents(
     function: Callable[[Path], native_contents.Contents], path: Path
 ) -> tuple[NativeHeader, native_contents.Contents]:
     """Return the header of a native file, and what a function of `native_contents` takes out."""
-    found = hdf5_process.run(function, path)
+    return _split(hdf5_process.run(function, path))
+
+
+def _split(found: native_contents.Contents) -> tuple[NativeHeader, native_contents.Contents]:
     header = found.pop("header")
     return _header(header), {**header["texts"], **found}
 

@@ -17,6 +17,7 @@ from measurement_io.confined import hdf5_guard
 from measurement_io.native.scheme import EXPECTED, NX_CLASSES, SCHEMES, VERSION, text_crc32
 
 Contents = dict[str, Any]
+_FORMAT = "clradar_format"
 CHANNEL_FIELDS = ("gain", "delay_s", "noise", "phase_std_rad", "delay_std_s")
 CHANNEL_NUMBERS = ("target_amplitude", "reference_hz", "residual_db", "noise_residual_db")
 
@@ -24,17 +25,27 @@ CHANNEL_NUMBERS = ("target_amplitude", "reference_hz", "residual_db", "noise_res
 def is_native(path: Path) -> bool:
     """Whether the root of an HDF5 file has our format attribute."""
     with hdf5_guard.opened(path, "a readable HDF5 file") as file:
-        return "clradar_format" in file.attrs
+        return _FORMAT in file.attrs
 
 
 def read_capture(path: Path) -> Contents:
     """Return the header of a native capture, and its arrays by the names of its datasets."""
     with hdf5_guard.opened(path, EXPECTED) as file:
-        header, data = _header(path, file, "capture")
-        found = _instrument(path, data)
-        shape = tuple(len(found[name]) for name in ("tx_m", "rx_m", "frequency_hz"))
-        found["data"] = hdf5_guard.array(path, data, "data", np.complex64, shape)
-        return {"header": header, **found}
+        return _capture(path, file)
+
+
+def read_capture_if_native(path: Path) -> Contents | None:
+    """Return what `read_capture` does, None if the root has no format attribute of ours."""
+    with hdf5_guard.opened(path, EXPECTED) as file:
+        return _capture(path, file) if _FORMAT in file.attrs else None
+
+
+def _capture(path: Path, file: Any) -> Contents:
+    header, data = _header(path, file, "capture")
+    found = _instrument(path, data)
+    shape = tuple(len(found[name]) for name in ("tx_m", "rx_m", "frequency_hz"))
+    found["data"] = hdf5_guard.array(path, data, "data", np.complex64, shape)
+    return {"header": header, **found}
 
 
 def read_volume(path: Path) -> Contents:
@@ -129,13 +140,13 @@ def _instrument(path: Path, data: Any) -> Contents:
 
 def _header(path: Path, file: Any, wanted: str | None) -> tuple[Contents, Any]:
     """Return the checked root attributes and the group of the data."""
-    if "clradar_format" not in file.attrs:
+    if _FORMAT not in file.attrs:
         fail(
             path,
             "a native capture or volume",
             "an HDF5 file without the attribute clradar_format, so of another program",
         )
-    kind = hdf5_guard.text(path, file, "clradar_format")
+    kind = hdf5_guard.text(path, file, _FORMAT)
     version = hdf5_guard.whole_number(path, file, "clradar_version")
     if version > VERSION:
         fail(

@@ -16,7 +16,6 @@ PAPER_GRID_MM = ("-100:100:1", "-100:100:1", "260:340:1")
 GRID_RULE = f"{RANGE_RULE}, or one number for a single slice"
 
 
-
 def axis_option(axis: str, default: str) -> Any:
     """The option of an axis; `default` says what holds without it."""
     rule = GRID_RULE if axis == "x" else f"The same along {axis}"

@@ -23,6 +23,7 @@ from measurement_io import (
     save_capture,
     save_volume,
 )
+from measurement_io.confined import hdf5_process
 
 META = {
     "seed": 7,
@@ -42,6 +43,25 @@ def refused(path: Path, opener: Callable[[Path], Any] = open_capture) -> str:
     assert path.name in message
     assert "\n" not in message
     return message
+
+
+def test_a_capture_is_opened_by_one_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started = []
+    run = hdf5_process.run
+
+    def counted(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        started.append(function.__name__)
+        return run(function, *arguments, **options)
+
+    array = clradar.AntennaArray([[0.0, 0, 0]], [[0.01, 0, 0]])
+    capture = clradar.Capture([[[1 + 2j]]], array, clradar.Waveform([77e9]))
+    save_capture(tmp_path / "capture.h5", capture)
+    monkeypatch.setattr(hdf5_process, "run", counted)
+    for _ in range(3):
+        assert same_bits(open_capture(tmp_path / "capture.h5").data, capture.data)
+    assert len(started) == 3
 
 
 def same_bits(a: np.ndarray, b: np.ndarray) -> bool:
