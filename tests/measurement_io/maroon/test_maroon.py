@@ -423,11 +423,11 @@ def tuples(levels: int) -> bytes:
         b"\x96\0\0\0\0\0\x01\0\0abc",
         # keys that take for ever to hash, or overflow the stack
         b"}" + tuples(60) + b"K\x01s",
-        b"}K\x01" + b"\x85" * 20_000 + b"K\x01s",
-        b"(" * 20_000 + b"l" * 20_000,
-        b"]" * 20_000 + b"a" * 19_999,
+        b"}K\x01" + b"\x85" * 200_000 + b"K\x01s",
+        b"(" * 100_000 + b"l" * 100_000,
+        b"]" * 100_000 + b"a" * 99_999,
         # keys that are slow to hash, again and again
-        b"}(" + tuples(8) + b"K\x01" + b"h\x07K\x01" * 10_000 + b"u",
+        b"}(" + tuples(8) + b"K\x01" + b"h\x07K\x01" * 100_000 + b"u",
         b"}(\x8b" + struct.pack("<i", 10**6) + b"x" * 10**6 + b"q\0K\x01" + b"h\0K\x01" * 9 + b"u",
         # pickle frames that end inside an operation, inside another, or behind the end: there the
         # C unpickler goes its own way
