@@ -152,6 +152,8 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
 def _message(error: Exception) -> str:
     if isinstance(error, ClradarError) and str(error):
         return str(error)
+    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
     kind = type(error).__name__
     text = f"{kind}: {error}" if str(error) else kind
     return f"unexpected {text} (--debug shows where)"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import shutil
@@ -52,6 +53,25 @@ def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def require_space(temporary: Path, size_bytes: int) -> None:
+    """Raise `OSError` unless a file of this size can be written under a name that is free.
+
+    For HDF5, which cannot close a file that the disk has no space for, and says so in many lines.
+    """
+    if not hasattr(os, "posix_fallocate"):
+        if size_bytes > shutil.disk_usage(temporary.parent).free:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return
+    try:
+        with open(temporary, "xb") as file:
+            os.posix_fallocate(file.fileno(), 0, size_bytes)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):  # the system cannot tell
+            raise
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def write_file(path: str | os.PathLike[str], content: bytes, *, force: bool = False) -> None:

@@ -39,5 +39,8 @@ def read_json_object(path: Path) -> dict[str, Any]:
 
 
 def write_json(path: Path, value: object, *, force: bool) -> None:
-    """Write strict JSON (no NaN), indented, whole or not at all."""
-    write_file(path, indented(value).encode("utf-8"), force=force)
+    """Write strict JSON (no NaN), indented, whole or not at all.
+
+    Names of files that are no UTF-8 are written with JSON's escapes.
+    """
+    write_file(path, indented(value).encode("utf-8", "backslashreplace"), force=force)

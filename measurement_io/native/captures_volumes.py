@@ -19,6 +19,7 @@ from measurement_io.native.scheme import (
     NativeHeader,
     check_hdf5,
     plain_text,
+    stored_bytes,
     write,
     write_dataset,
     write_instrument,
@@ -67,7 +68,10 @@ def save_capture(path: str | os.PathLike[str], capture: Capture, *, force: bool 
         write_instrument(data, capture.array, capture.waveform)
 
     text = json_text.to_json("Capture.meta", capture.meta)
-    write(Path(path), "capture", text, texts, fill, force=force)
+    positions_m = capture.array.tx_m, capture.array.rx_m
+    # An index, 4 bytes, goes with each position of 24.
+    size = stored_bytes(capture.data, capture.waveform.frequencies_hz, *positions_m, *positions_m)
+    write(Path(path), "capture", text, texts, fill, size_bytes=size, force=force)
 
 
 def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = False) -> None:
@@ -99,7 +103,8 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
         write_dataset(data, "spacing_m", grid.spacing_m, "voxel spacing x, y, z", "m")
 
     text = json_text.to_json("Volume.meta", volume.meta)
-    write(Path(path), "volume", text, {}, fill, force=force)
+    size = stored_bytes(volume.data, grid.x_m, grid.y_m, grid.z_m)
+    write(Path(path), "volume", text, {}, fill, size_bytes=size, force=force)
 
 
 def read_capture(path: Path) -> tuple[NativeHeader, Capture]:

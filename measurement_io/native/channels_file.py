@@ -19,6 +19,7 @@ from measurement_io.native.scheme import (
     NativeHeader,
     check_hdf5,
     plain_text,
+    stored_bytes,
     write,
     write_dataset,
     write_instrument,
@@ -34,6 +35,9 @@ _BY_CHANNEL = (
     ("phase_std_rad", "standard deviation of the phase", "rad"),
     ("delay_std_s", "standard deviation of the delay", "s"),
 )
+_CHANNEL_BYTES = 80
+"""Of its number, its position, the complex gain, four numbers and its state."""
+
 _NUMBERS = (
     ("target_amplitude", "amplitude of the echo relative to the target's model", None),
     ("residual_db", "energy that is left of the echoes", "dB"),
@@ -117,7 +121,9 @@ def save_channels(
             write_dataset(data, name, np.array([getattr(channels, name)]), long_name, unit)
 
     text = json_text.to_json("ChannelCalibration.meta", channels.meta)
-    write(Path(path), "channels", text, texts, fill, force=force)
+    count = channels.array.n_tx + channels.array.n_rx
+    size = stored_bytes(channels.waveform.frequencies_hz) + count * _CHANNEL_BYTES
+    write(Path(path), "channels", text, texts, fill, size_bytes=size, force=force)
 
 
 def open_channels(path: str | os.PathLike[str]) -> ChannelCalibration:

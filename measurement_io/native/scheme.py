@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -17,13 +18,16 @@ from typing import Any
 import numpy as np
 
 from clradar.errors import ModelError
-from clradar.files.atomic import refuse_existing, replacing
+from clradar.files.atomic import refuse_existing, replacing, require_space
 from clradar.files.failures import fail, reading, regular_file_size
 from measurement_io.confined import hdf5_guard
 
 VERSION = 1
 NX_CLASSES = {"/": "NXroot", "/entry": "NXentry", "/entry/data": "NXdata"}
 _CHUNK_BYTES = 2**20
+_STRUCTURE_BYTES = 2**16
+"""Of a file beside its arrays and its provenance; 16 kB in a capture of the 94 x 94 imager."""
+
 EXPECTED = "a readable native HDF5 file"
 
 
@@ -138,6 +142,7 @@ def write(
     texts: dict[str, str],
     fill: Callable[[Any], None],
     *,
+    size_bytes: int,
     force: bool,
 ) -> None:
     """Write a native file whole or not at all.
@@ -153,6 +158,8 @@ def write(
         The string attributes that its scheme names.
     fill : callable
         Called with the group `/entry/data` to write its datasets.
+    size_bytes : int
+        What its arrays take, by `stored_bytes`.
     force : bool
         Replace an existing file.
     """
@@ -162,10 +169,10 @@ def write(
     scheme = SCHEMES[kind]
     created = datetime.now(timezone.utc).isoformat(timespec="seconds")
     # From version 1.10 on HDF5 keeps checksums of its own structures, and long attributes.
-    with (
-        replacing(path, force=force) as temporary,
-        h5py.File(temporary, "x", libver=("v110", "v110")) as file,
-    ):
+    with ExitStack() as stack:
+        temporary = stack.enter_context(replacing(path, force=force))
+        require_space(temporary, size_bytes + len(text) + _STRUCTURE_BYTES)
+        file = stack.enter_context(h5py.File(temporary, "x", libver=("v110", "v110")))
         file.attrs["NX_class"] = NX_CLASSES["/"]
         file.attrs["default"] = "entry"
         file.attrs["clradar_format"] = kind
@@ -191,15 +198,26 @@ def write_dataset(
     group: Any, name: str, value: np.ndarray, long_name: str, unit: str | None
 ) -> None:
     """Write a dataset with checksums and the names that viewers show."""
-    # About 1 MiB per chunk, cut along the first axis, so that one pair or slice is read quickly.
-    row_bytes = max(1, value.nbytes // len(value))
-    rows = min(len(value), max(1, _CHUNK_BYTES // row_bytes))
-    made = group.create_dataset(
-        name, data=value, chunks=(rows, *value.shape[1:]), shuffle=True, fletcher32=True
-    )
+    chunks = (_rows_per_chunk(value), *value.shape[1:])
+    made = group.create_dataset(name, data=value, chunks=chunks, shuffle=True, fletcher32=True)
     made.attrs["long_name"] = long_name
     if unit is not None:
         made.attrs["units"] = unit
+
+
+def _rows_per_chunk(value: np.ndarray) -> int:
+    # About 1 MiB per chunk, cut along the first axis, so that one pair or slice is read quickly.
+    row_bytes = max(1, value.nbytes // len(value))
+    return min(len(value), max(1, _CHUNK_BYTES // row_bytes))
+
+
+def stored_bytes(*values: np.ndarray) -> int:
+    """Return what arrays take in a file, whose last chunks are as long as the others."""
+    total = 0
+    for value in values:
+        rows = _rows_per_chunk(value)
+        total += -(-len(value) // rows) * rows * (value.nbytes // len(value))
+    return total
 
 
 def write_instrument(group: Any, array: Any, waveform: Any) -> None:

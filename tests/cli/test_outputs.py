@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pty
 import subprocess
@@ -136,3 +137,55 @@ def test_devices_without_opencl(run: Run, monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr("clradar.opencl.device.list_devices", none)
     one_error_line(run("devices"), "no OpenCL platform")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("convert", "sim.h5", "-o", "{}/x.h5"),
+        ("convert", "recording", "--all-frames", "-o", "{}/frames"),
+        ("convert", "sim.h5", "--to", "maroon", "-o", "{}/30"),
+        ("compare", "volume.h5", "volume.h5", "-o", "{}/x.png"),
+    ],
+)
+def test_a_full_disk_is_one_error_line_and_leaves_nothing(
+    made: Path, tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    """A limit of the files' size, which a process meets as it does a full disk."""
+    code = (
+        "import resource, signal, sys\n"
+        "from clradar.cli import main\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, resource.RLIM_INFINITY))\n"
+        "main(sys.argv[1:])"
+    )
+    arguments = [part.format(tmp_path) for part in command]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=made,
+    )
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert "cannot be written: File too large" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_names_that_are_no_text(run: Run, made: Path, tmp_path: Path) -> None:
+    name = tmp_path / os.fsdecode(b"n\xff\xfe.h5")
+    name.write_bytes((made / "volume.h5").read_bytes())
+    outcome = run("compare", name, name, "--json", tmp_path / "x.json")
+    assert outcome.status == 0, outcome.err
+    assert json.loads((tmp_path / "x.json").read_text("utf-8"))["measured"] == str(name)
+
+
+@pytest.mark.parametrize("command", ["inspect", "background --average -o x.h5"])
+def test_names_that_are_too_long(run: Run, command: str) -> None:
+    first, *options = command.split()
+    outcome = run(first, "n" * 300, *options)
+    assert outcome.status == 1
+    assert outcome.err.count("\n") == 1
+    assert outcome.err.endswith("File name too long\n")
+    assert "unexpected" not in outcome.err

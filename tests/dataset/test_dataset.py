@@ -30,7 +30,7 @@ from clradar.dataset.store.folder import (
     MANIFEST,
 )
 from clradar.dataset.store.shard_reader import opened_shard, sample_of
-from clradar.errors import ModelError
+from clradar.errors import ModelError, OutputError
 from clradar.hand import POSES, HandShape, hand_mesh
 
 POINT_ERROR_M = 1e-9
@@ -256,6 +256,15 @@ def test_a_sample_made_again_has_the_same_bits(made: Path, tmp_path: Path) -> No
     assert written.recipe == recipe(PLAN, 3)
     for name, array in again.sample.arrays.items():
         assert written.arrays[name].tobytes() == array.tobytes()
+
+
+def test_a_sample_is_not_written_over_the_data_set(copy: Path) -> None:
+    before = digests(copy)
+    for name in ("shards/shard-00000.h5", "shards/new.h5", "manifest.json", "../set/parts/x.h5"):
+        output = copy / name.replace("set", copy.name)
+        with pytest.raises(OutputError, match="belongs to the data set"):
+            replay(copy, 0, device=DEVICE, output=output, force=True)
+    assert digests(copy) == before
 
 
 def test_a_bit_that_differs_is_found(copy: Path) -> None:

@@ -11,7 +11,7 @@ from clradar.dataset.engine.part_making import made_with
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import Sample, make_sample
 from clradar.dataset.store.confined_reader import read_sample
-from clradar.dataset.store.folder import read_manifest, stored_path
+from clradar.dataset.store.folder import read_manifest, refuse_own, stored_path
 from clradar.dataset.store.shard_schema import data_bytes
 from clradar.dataset.store.shard_writer import write_sample
 from clradar.files.json_differences import differences
@@ -57,7 +57,7 @@ def replay(
     device : str or None
         See `clradar.open_device`.
     output : Path, optional
-        File to write the sample to, as a shard of one sample.
+        File to write the sample to, as a shard of one sample; none of the data set's own.
     force : bool
         Replace an existing file.
     rigs : Path, optional
@@ -70,6 +70,8 @@ def replay(
         The plan has no such sample, or the file of its rig is not that of the plan.
     MeasurementError
         The folder is no data set, or damaged.
+    OutputError
+        The output is a file of the data set, exists already, or cannot be written.
 
     Examples
     --------
@@ -84,6 +86,8 @@ def replay(
     ('shards/shard-00000.h5', ())
     """
     manifest = read_manifest(folder)
+    if output is not None:
+        refuse_own(folder, output)
     wanted = recipe(manifest.plan, index)
     opened_device = open_device(device)
     now = made_with(opened_device)

@@ -13,6 +13,7 @@ removed only then. A run that is killed at any moment resumes from the same part
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -102,6 +103,13 @@ def _record(entry: Any) -> dict[str, Any]:
 def is_dataset(path: Path) -> bool:
     """Return whether a folder is that of a data set."""
     return (path / MANIFEST).is_file() and (path / SHARDS).is_dir()
+
+
+def refuse_own(folder: Path, output: Path) -> None:
+    """Raise `OutputError` if an output would be a file of the data set's own."""
+    place, owner = (Path(os.path.realpath(path)) for path in (output, folder))
+    if place.is_relative_to(owner) and {*place.relative_to(owner).parts[:1]} & {*OWN_NAMES}:
+        raise OutputError(f"{shown(output)}: belongs to the data set; choose another name")
 
 
 def read_manifest(folder: Path) -> Manifest:

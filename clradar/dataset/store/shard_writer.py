@@ -6,10 +6,7 @@ of writing is fixed, and compressed chunks are copied as they are.
 
 from __future__ import annotations
 
-import errno
 import json
-import os
-import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -28,7 +25,7 @@ from clradar.dataset.store.shard_schema import (
     axes_of,
     label_values,
 )
-from clradar.files.atomic import replacing, write_file
+from clradar.files.atomic import replacing, require_space, write_file
 
 CHUNK_BYTES = 2**20
 SMALL_BYTES = 2**16
@@ -60,21 +57,12 @@ def assemble(path: Path, parts: Sequence[Path], *, compression: int) -> None:
     import h5py
 
     with ExitStack() as stack, replacing(path, force=True) as temporary:
-        _check_free_space(path, sum(part.stat().st_size for part in parts))
+        require_space(temporary, sum(part.stat().st_size for part in parts))  # take more
         files = [stack.enter_context(h5py.File(part, "r")) for part in parts]
         recipes = [json.loads(file["entry/labels/recipe"][0]) for file in files]
         made_with = [file["entry/labels/made_with"][0].decode() for file in files]
         with h5py.File(temporary, "x", libver=LIBRARY) as file:
             _fill(file, recipes, made_with, compression, {}, files)
-
-
-def _check_free_space(path: Path, size: int) -> None:
-    """Raise `OSError` unless the parts would fit, which take more than their shard."""
-    free = shutil.disk_usage(path.parent).free
-    if size > free:
-        raise OSError(
-            errno.ENOSPC, f"{os.strerror(errno.ENOSPC)}, {size} bytes are needed, {free} are free"
-        )
 
 
 def _fill(
