@@ -340,6 +340,7 @@ def bomb(width: int, height: int, kind: int = 0, size: int = 10**8) -> bytes:
         (2**31 - 1, 2**31 - 1, "pixels"),
         (0, 5, "pixels"),
         (60_000, 60_000, "pixels"),
+        (9, 9, "9 rows of 9"),
     ],
 )
 def test_images_that_would_grow_are_not_decompressed(radar, width, height, found):
