@@ -69,6 +69,10 @@ CPU_LIMIT_INFLATED_BYTES = 2**28
 WALL_LIMIT_S = 3600
 """Wall time, generous for slow disks; damaged files are stopped by the limit of processor time."""
 
+START_LIMIT_S = 60
+"""Wall time to start a process for one file, where that has to be done; then twice the limit of
+processor time, which Windows has none of."""
+
 MEMORY_BYTES = 2**30
 """Memory that reading may take on top of twice the content."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 from collections.abc import Callable
 from itertools import pairwise
@@ -20,6 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from clradar import Scene
 from clradar.errors import ModelError, RigError
+from clradar.files.confined import process
 from clradar.hand import (
     JOINT_NAMES,
     HandPose,
@@ -702,6 +704,74 @@ def test_missing_joints_are_named(tmp_path: Path) -> None:
         tmp_path / "hand.glb"
     )
     with pytest.raises(RigError, match=r"one joint 'wrist' .*got 'wrist' \(node 1\) and 'Wrist_2'"):
+        read_rig(path)
+
+
+def uncounted(attribute: str, count: int) -> Callable[[GLTF2], None]:
+    """An accessor that takes nothing of the file but says that there is much."""
+
+    def change(document: GLTF2) -> None:
+        primitive = document.meshes[0].primitives[0]
+        at = primitive.indices if attribute == "indices" else vars(primitive.attributes)[attribute]
+        document.accessors[at].bufferView = None
+        document.accessors[at].count = count
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (uncounted("POSITION", 3_999_999), "at most 2000000 vertices, got 3999999"),
+        (uncounted("POSITION", 2**35), "at most 67108864 numbers, with all uses of them"),
+        (uncounted("WEIGHTS_0", 2**35), "at most 67108864 numbers, with all uses of them"),
+        (uncounted("JOINTS_0", 2**30), "at most 67108864 numbers, with all uses of them"),
+        (uncounted("indices", 30_000_000), "at most 8388608 triangles"),
+    ],
+)
+def test_counts_that_no_byte_backs_are_refused(
+    tmp_path: Path, change: Callable[[GLTF2], None], message: str
+) -> None:
+    maker = RigMaker()
+    document = maker.build()
+    change(document)
+    path = rewritten(document, maker, tmp_path / "hand.glb")
+    with pytest.raises(RigError, match=message) as caught:
+        read_rig(path)
+    assert str(caught.value).startswith(f"{path}: expected ")
+
+
+def test_a_mesh_that_many_nodes_use_counts_each_time(tmp_path: Path) -> None:
+    maker = RigMaker()
+    document = maker.build()
+    skinned = document.nodes[-1]
+    assert skinned.skin is not None
+    document.nodes += [skinned] * 3000
+    path = rewritten(document, maker, tmp_path / "hand.glb")
+    with pytest.raises(RigError, match="at most 67108864 numbers, with all uses of them"):
+        read_rig(path)
+
+
+def test_rigs_are_read_by_another_process_with_limits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = make(tmp_path)
+    seen = []
+    read = process.run
+    monkeypatch.setattr(process, "run", lambda *a: seen.append(a) or read(*a))
+    read_rig(path)
+    reader = seen[0][0]
+    assert (reader.error, reader.cpu_s) == (RigError, 20 + path.stat().st_size // 2**19)
+    assert reader.memory_bytes == 2**31 + 12 * path.stat().st_size
+
+
+def test_a_pipe_for_a_buffer_does_not_block(tmp_path: Path) -> None:
+    document = RigMaker().build()
+    document.buffers[0].uri = "hand.bin"
+    os.mkfifo(tmp_path / "hand.bin")
+    path = tmp_path / "hand.gltf"
+    path.write_text(document.to_json())
+    with pytest.raises(RigError, match="no regular file"):
         read_rig(path)
 
 

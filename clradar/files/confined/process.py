@@ -6,6 +6,9 @@ readers of meshes believe counts. So each file is read by a process that has jus
 it from a small server (started at the first need, some tenths of a second; a fork takes
 milliseconds). That process has a limit of memory and of time, cannot write files or start
 programs, and once the reader has its files open it cannot open anything else.
+
+Systems other than Linux cannot do that: there a process is started for each file, which takes a
+second or two. macOS does not limit its memory; Windows limits nothing but the time.
 """
 
 from __future__ import annotations
@@ -13,9 +16,9 @@ from __future__ import annotations
 import atexit
 import codecs
 import importlib
+import io
 import json
 import os
-import resource
 import signal
 import socket
 import subprocess
@@ -26,18 +29,26 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.confined import wire
 from clradar.files.failures import clean, fail, shown
-from clradar.files.limits import MAX_REQUEST_BYTES, WALL_LIMIT_S
+from clradar.files.limits import MAX_REQUEST_BYTES, START_LIMIT_S, WALL_LIMIT_S
+
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
 
 _READY = b"ready"
 _ENCODINGS = ("ascii", "latin-1", "utf-8", "utf-8-sig", "raw-unicode-escape", "cp437")
 """Of what is read; the last one is that of names in ZIP archives."""
 
-_START = "import sys; sys.path[:] = {path!r}; from {module} import serve; serve({link})"
+_START = "import sys; sys.path[:] = {path!r}; from {module} import {call}"
+_FORKS = sys.platform == "linux"
+"""Whether the server works: it passes on sockets, and reads /proc."""
 
 _lock = threading.Lock()
 _server: tuple[subprocess.Popen[bytes], socket.socket] | None = None
@@ -110,7 +121,10 @@ def run(reader: Reader, function: Callable[..., Any], path: Path, *arguments: An
         got = f"{len(message)} bytes of them"
         fail(path, "a path and keys of sane length", got, error=reader.error)
     try:
-        answer = _answer_of(message, reader.most_bytes)
+        if _FORKS:
+            answer = _answer_of(message, reader.most_bytes)
+        else:
+            answer = _answer_of_one(message, reader.most_bytes, reader.cpu_s)
     except NoServer as error:
         fail(path, "a process to read it in", clean(error), error=reader.error, cause=error)
     except (wire.BrokenMessage, OSError) as error:
@@ -159,16 +173,12 @@ def _running_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
 
 def _start_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    path = [os.path.abspath(entry) for entry in sys.path]
-    start = _START.format(path=path, module=__name__, link=theirs.fileno())
     with theirs:
-        process = subprocess.Popen(
-            [sys.executable, "-c", start],
+        process = _started(
+            f"serve; serve({theirs.fileno()})",
             pass_fds=[theirs.fileno()],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
-            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
         )
     greeting = ours.recv(MAX_REQUEST_BYTES)
     if greeting != _READY:
@@ -177,6 +187,41 @@ def _start_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
         process.wait()
         raise OSError(f"it does not start: {greeting.decode() or sys.executable}")
     return process, ours
+
+
+def _started(call: str, **options: Any) -> subprocess.Popen[bytes]:
+    """Start Python with a function of this module."""
+    path = [os.path.abspath(entry) for entry in sys.path]
+    return subprocess.Popen(
+        [sys.executable, "-c", _START.format(path=path, module=__name__, call=call)],
+        stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        **options,
+    )
+
+
+def _answer_of_one(message: bytes, most_bytes: int, cpu_s: int) -> Any:
+    """Send a request to a process that is started for it."""
+    pipe = subprocess.PIPE
+    try:
+        process = _started("serve_one; serve_one()", stdin=pipe, stdout=pipe)
+    except OSError as error:
+        raise NoServer(clean(error)) from error
+    assert process.stdin is not None
+    answer = cast(io.BufferedReader, process.stdout)
+    timer = threading.Timer(START_LIMIT_S + 2 * cpu_s, process.kill)
+    timer.start()
+    try:
+        with process, process.stdin as requests:
+            requests.write(message)
+            requests.close()
+            link = SimpleNamespace(recv_into=answer.readinto, sendall=None)
+            try:
+                return wire.receive(link, most_bytes)
+            finally:
+                process.kill()
+    finally:
+        timer.cancel()
 
 
 @atexit.register
@@ -200,7 +245,8 @@ def _forget_server() -> None:
     _server, _lock = None, threading.Lock()
 
 
-os.register_at_fork(after_in_child=_forget_server)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_server)
 
 
 # ---- the other side
@@ -231,12 +277,25 @@ def serve(link_number: int) -> None:
                 os.close(handle)
 
 
+def serve_one() -> None:
+    """Answer the request on standard input on standard output."""
+    warnings.simplefilter("ignore")
+    request = json.loads(sys.stdin.buffer.read())
+    with os.fdopen(os.dup(1), "wb") as answer:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what libraries print is no answer
+        for encoding in _ENCODINGS:
+            codecs.lookup(encoding)
+        with suppress(Exception):
+            _import_all(request)
+        _answer(request, SimpleNamespace(sendall=answer.write, recv_into=None))
+
+
 def _import_all(request: dict[str, Any]) -> None:
     for name in (request["module"], *request["modules"]):
         importlib.import_module(name)
 
 
-def _answer(request: dict[str, Any], link: socket.socket) -> None:
+def _answer(request: dict[str, Any], link: wire.Link) -> None:
     _limit(request["cpu_s"], request["memory_bytes"])
     path = Path(request["path"])
     try:
@@ -252,18 +311,24 @@ def _answer(request: dict[str, Any], link: socket.socket) -> None:
 
 
 def _limit(cpu_s: int, memory_bytes: int) -> None:
-    """Limit memory, processor time, file sizes and child processes of this process."""
+    """Limit memory, processor time, file sizes and child processes of this process.
+
+    Only Linux says how much memory a process has, and holds it to its limit.
+    """
     global _confined
+    if resource is None:
+        return
     _confined = True
-    pages = int(Path("/proc/self/statm").read_bytes().split()[0])
-    memory_bytes += pages * resource.getpagesize()
-    for what, most in (
-        (resource.RLIMIT_AS, memory_bytes),
+    limits = [
         (resource.RLIMIT_CPU, cpu_s),
         (resource.RLIMIT_CORE, 0),
         (resource.RLIMIT_FSIZE, 0),
         (resource.RLIMIT_NPROC, 0),
-    ):
+    ]
+    if sys.platform == "linux":
+        pages = int(Path("/proc/self/statm").read_bytes().split()[0])
+        limits.append((resource.RLIMIT_AS, memory_bytes + pages * resource.getpagesize()))
+    for what, most in limits:
         hard = resource.getrlimit(what)[1]
         most = most if hard == resource.RLIM_INFINITY else min(most, hard)
         resource.setrlimit(what, (most, most))

@@ -10,9 +10,8 @@ from __future__ import annotations
 import json
 import math
 import re
-import socket
 import struct
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -26,7 +25,15 @@ class BrokenMessage(Exception):
     """The message ends early, or is none."""
 
 
-def send(link: socket.socket, value: Any) -> None:
+class Link(Protocol):
+    """What a message goes through: a socket, or pipes with a socket's two methods."""
+
+    def sendall(self, data: Any, /) -> Any: ...
+
+    def recv_into(self, buffer: memoryview, /) -> int: ...
+
+
+def send(link: Link, value: Any) -> None:
     """Send `value`; raises TypeError for what a message cannot hold."""
     arrays: list[np.ndarray] = []
     header = json.dumps(_plain(value, arrays)).encode("ascii")
@@ -36,7 +43,7 @@ def send(link: socket.socket, value: Any) -> None:
             link.sendall(array.reshape(-1).view(np.uint8).data)
 
 
-def receive(link: socket.socket, most_bytes: int) -> Any:
+def receive(link: Link, most_bytes: int) -> Any:
     """Return the next value, whose arrays may have `most_bytes` in all.
 
     Raises
@@ -75,7 +82,7 @@ def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
     raise TypeError(f"{type(value).__name__} cannot be sent")
 
 
-def _value(plain: Any, link: socket.socket, left: list[int]) -> Any:
+def _value(plain: Any, link: Link, left: list[int]) -> Any:
     if not isinstance(plain, list):
         return plain
     tag, *content = plain
@@ -96,7 +103,7 @@ def _dtype(code: Any) -> np.dtype[Any]:
     return np.dtype(code)
 
 
-def _array(dtype: np.dtype[Any], shape: Any, link: socket.socket, left: list[int]) -> np.ndarray:
+def _array(dtype: np.dtype[Any], shape: Any, link: Link, left: list[int]) -> np.ndarray:
     if not all(type(n) is int and n >= 0 for n in shape):
         raise ValueError(f"shape {shape!r:.40}")
     nbytes = math.prod(shape) * dtype.itemsize
@@ -109,13 +116,13 @@ def _array(dtype: np.dtype[Any], shape: Any, link: socket.socket, left: list[int
     return array
 
 
-def _exactly(link: socket.socket, count: int) -> bytearray:
+def _exactly(link: Link, count: int) -> bytearray:
     content = bytearray(count)
     _fill(link, memoryview(content))
     return content
 
 
-def _fill(link: socket.socket, target: memoryview) -> None:
+def _fill(link: Link, target: memoryview) -> None:
     while len(target):
         count = link.recv_into(target)
         if count == 0:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from clradar.files.limits import MAX_MESH_FACES
 from clradar.files.meshes.gltf_file import GltfFile
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
@@ -31,6 +32,8 @@ def triangles(
         if raw.dtype.kind != "u" or raw.shape[1] != 1:
             file.fail(f"{what}: indices that are unsigned integers", raw.dtype)
         corners = raw[:, 0].astype(np.int64)
+    if len(corners) // (3 if mode == _TRIANGLES else 1) > MAX_MESH_FACES:
+        file.fail(f"{what}: at most {MAX_MESH_FACES} triangles", f"{len(corners)} indices")
     if len(corners) and int(corners.max()) >= len(positions):
         file.fail(f"{what}: indices below {len(positions)}", int(corners.max()))
     faces = _faces(file, what, corners, mode)

@@ -145,7 +145,10 @@ def _triangles(path: Path, lines: _Lines, n_vertices: int) -> tuple[np.ndarray, 
             at = int(rows[np.flatnonzero(wrong.any(axis=1))[0]])
             _fail_face(path, lines, at, f"of vertices among {n_vertices}")
         count = given.shape[1]
-        fan = [[0, 1, 2], [2, 3, 0]] if count == 4 else [[0, i, i + 1] for i in range(1, count - 1)]
+        corner = np.arange(1, count - 1)
+        fan = np.stack([np.zeros_like(corner), corner, corner + 1], axis=1)
+        if count == 4:
+            fan[1] = 2, 3, 0  # as trimesh begins it
         triangles.append(index[:, fan].reshape(-1, 3))
         line.append(np.repeat(rows, count - 2))
         half.append(np.tile(np.arange(count - 2), len(rows)))

@@ -147,6 +147,41 @@ def test_forked_processes(path):
     assert hdf5_process.run(probes.same, path, 1) == 1
 
 
+@pytest.mark.parametrize("probe", ["same", "arrays", "refuse", "crash", "write", "take"])
+def test_systems_that_do_not_fork(path, tmp_path, monkeypatch, probe):
+    monkeypatch.setattr(process, "_FORKS", False)
+    monkeypatch.setattr(process, "_running_server", None)  # it is not asked
+    if probe == "same":
+        monkeypatch.chdir(path.parent)
+        assert hdf5_process.run(probes.same, Path("file.h5"), [1, "a"]) == [1, "a"]
+    elif probe == "arrays":
+        have = hdf5_process.run(probes.arrays, path, most_bytes=1000)
+        assert have["complex"].tolist() == probes.arrays(path)["complex"].tolist()
+    elif probe == "refuse":
+        assert refused(probes.refuse, path).endswith("file.h5: expected this, got that")
+    elif probe == "crash":
+        assert "crashes" in refused(probes.crash, path)
+    elif probe == "write":
+        refused(probes.write, path, str(tmp_path / "other"))
+        assert (tmp_path / "other").read_text() == ""
+    else:
+        limit = hdf5_process.MEMORY_BYTES
+        assert "MemoryError" in refused(probes.take, path, limit + 2**24)
+
+
+def test_a_process_that_hangs_where_systems_do_not_fork_is_ended(path, monkeypatch):
+    monkeypatch.setattr(process, "_FORKS", False)
+    monkeypatch.setattr(process, "START_LIMIT_S", -5)  # before it can answer
+    assert "or takes more than 3 s" in refused(probes.loop, path)
+
+
+def test_systems_without_limits_of_processes(monkeypatch):
+    monkeypatch.setattr(process, "resource", None)
+    process._limit(1, 1)
+    process.forbid_opening()
+    assert not process._confined
+
+
 # ---- messages of a process that is not to be trusted
 
 
