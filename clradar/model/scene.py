@@ -144,7 +144,8 @@ class Scene(Record):
         _check_plausible_size(label, vertices_m[np.unique(scene.faces)], unit)
         normals = getattr(mesh, "normals", None) if hasattr(mesh, "to_trimesh") else None
         if normals is not None:
-            scene = replace(scene, normals=_transformed_normals(np.asarray(normals), matrix))
+            normals = checks.read_only("normals", normals, np.float64, (len(vertices_m), 3))
+            scene = replace(scene, normals=_transformed_normals(normals, matrix))
         return scene.with_alpha(alpha)
 
     @classmethod
@@ -233,9 +234,10 @@ def _unit_normals(normals: Any, n_vertices: int) -> np.ndarray:
 
 def _transformed_normals(normals: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """Transform normals of a surface by the inverse transpose of an affine transform."""
-    moved = normals @ np.linalg.inv(matrix[:3, :3])
-    length = np.linalg.norm(moved, axis=1, keepdims=True)
-    return moved / np.where(length > 0, length, 1.0)
+    with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is refused by the scene
+        moved = normals @ np.linalg.inv(matrix[:3, :3])
+        length = np.linalg.norm(moved, axis=1, keepdims=True)
+        return moved / np.where(length > 0, length, 1.0)
 
 
 def _unique(names: Iterable[str]) -> tuple[str, ...]:
@@ -273,7 +275,8 @@ def _parts(mesh: Any) -> tuple[str, Parts]:
 
 
 def _check_plausible_size(label: str, vertices_m: np.ndarray, unit: str) -> None:
-    size_m = float(np.ptp(vertices_m, axis=0).max())
+    with np.errstate(over="ignore"):  # an infinite size is implausible
+        size_m = float(np.ptp(vertices_m, axis=0).max())
     low, high = PLAUSIBLE_SIZE_M
     if low <= size_m <= high:
         return

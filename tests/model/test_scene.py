@@ -216,6 +216,31 @@ def test_vertices_that_are_no_numbers_are_refused(tmp_path: Path, value: float) 
         Scene.from_mesh(path)
 
 
+@pytest.mark.parametrize("kind", ["arrays", "mesh", "obj"])
+def test_sizes_beyond_all_numbers_are_implausible(tmp_path: Path, kind: str) -> None:
+    vertices, faces = np.diag([1.7e308, 1.0, 1.0]) - np.diag([0.0, 0.0, 1.7e308]), [[0, 1, 2]]
+    vertices[2, 0] = -1.7e308
+    path = tmp_path / "far.obj"
+    path.write_text(
+        "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in vertices.tolist()) + "f 1 2 3\n"
+    )
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    with pytest.raises(MeshError, match="got inf m"):
+        Scene.from_mesh({"arrays": (vertices, faces), "mesh": mesh, "obj": path}[kind])
+
+
+@pytest.mark.parametrize("normals", ["x", np.eye(2), np.full((8, 3), np.nan), np.zeros((3, 3))])
+def test_normals_of_meshes_that_are_none_are_refused(normals: Any) -> None:
+    class Smooth:
+        def to_trimesh(self) -> trimesh.Trimesh:
+            return box()
+
+    mesh = Smooth()
+    mesh.normals = normals  # type: ignore[attr-defined]
+    with pytest.raises(ModelError, match="^normals: expected"):
+        Scene.from_mesh(mesh)
+
+
 def test_several_meshes_with_their_own_alpha() -> None:
     one = Scene.from_mesh(box(), alpha=0.1)
     two = Scene.from_mesh(box(0.2), alpha=np.linspace(0, 1, 12))
