@@ -237,7 +237,7 @@ def test_normals_of_meshes_that_are_none_are_refused(normals: Any) -> None:
 
     mesh = Smooth()
     mesh.normals = normals  # type: ignore[attr-defined]
-    with pytest.raises(ModelError, match="^normals: expected"):
+    with pytest.raises(ModelError, match=r"^normals: expected"):
         Scene.from_mesh(mesh)
 
 

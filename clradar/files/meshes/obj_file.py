@@ -23,12 +23,14 @@ _Names = tuple[str | None, str | None, str | None]  # object, group, material
 
 @dataclass(slots=True)
 class _Lines:
-    """What a file's lines say, before numbers are parsed."""
+    """What a file's lines say, before numbers are parsed.
+
+    `runs` has for faces behind one another: number of the first, vertices before it, part.
+    """
 
     vertices: list[str] = field(default_factory=list)
     faces: list[str] = field(default_factory=list)
-    vertices_before: list[int] = field(default_factory=list)
-    part: list[int] = field(default_factory=list)
+    runs: list[tuple[int, int, int]] = field(default_factory=list)
     names: list[_Names] = field(default_factory=list)
     materials: set[str] = field(default_factory=set)
 
@@ -64,25 +66,28 @@ def _sorted_lines(path: Path, text: str) -> _Lines:
     found = _Lines()
     names: _Names = (None, None, None)
     at: dict[_Names, int] = {}
-    vertices, faces, part = found.vertices, found.faces, -1
+    vertices, faces, running = found.vertices, found.faces, False
     for line in text.replace("\r\n", "\n").replace("\\\n", " ").split("\n"):
         start = line[:2]
+        if start == "f " and running:
+            faces.append(line[2:])
+            continue
         if start == "v ":
             vertices.append(line[2:])
+            running = False
             continue
         if start in ("vn", "vt", "# ", ""):
             continue
         word, rest = (*line.split(None, 1), "", "")[:2]
         if word == "f":
-            if part < 0:
-                part = at.setdefault(names, len(at))
+            found.runs.append((len(faces), len(vertices), at.setdefault(names, len(at))))
             faces.append(rest)
-            found.vertices_before.append(len(vertices))
-            found.part.append(part)
+            running = True
         elif word == "v":  # indented, or followed by a tab
             vertices.append(rest)
+            running = False
         elif word in ("o", "g", "usemtl") and rest:
-            place, part = ("o", "g", "usemtl").index(word), -1
+            place, running = ("o", "g", "usemtl").index(word), False
             names = (*names[:place], rest.strip(), *names[place + 1 :])  # type: ignore[assignment]
             if word == "usemtl":
                 found.materials.add(rest.strip())
@@ -134,7 +139,9 @@ def _triangles(path: Path, lines: _Lines, n_vertices: int) -> tuple[np.ndarray, 
     if corners.min() < 3:
         _fail_face(path, lines, int(np.argmin(corners)), "with three corners or more")
     check_counts(str(path), faces=int((corners - 2).sum()))
-    before, part = np.array(lines.vertices_before), np.array(lines.part)
+    first, before_run, part_of_run = np.array(lines.runs).T
+    length = np.diff(first, append=len(lines.faces))
+    before, part = np.repeat(before_run, length), np.repeat(part_of_run, length)
     quads = np.ones(len(lines.names), dtype=bool)
     quads[part[corners != 4]] = False
     triangles, line, half = [], [], []
