@@ -55,27 +55,28 @@ def check_outputs(
         a folder or a device, one file is named twice, it is also an input, or it is a file of a
         data set or of a recording.
     """
-    taken = [(path, "is also an input") for path in inputs]
+    read, written = list(inputs), set()
     for output in outputs:
         if output is None:
             continue
         with _system_errors(output, "cannot be written"):
-            for path, what in taken:
-                if _same(output, path):
-                    raise OutputError(f"{output}: {what}; choose another name")
+            if any(_same(output, path) for path in read):
+                raise OutputError(f"{output}: is also an input; choose another name")
+            place = os.path.realpath(output).casefold()  # case may not count on this disk
+            if place in written:
+                raise OutputError(f"{output}: is named twice as an output; choose another name")
+            written.add(place)
             if output.is_dir():
                 raise OutputError(f"{output}: expected a file's name, got a folder")
             _check_place(output)
             refuse_special(output)
             if not force and os.path.lexists(output):
                 raise OutputError(f"{output}: exists already; --force replaces it")
-        taken.append((output, "is named twice as an output"))
 
 
 def _same(one: Path, other: Path) -> bool:
-    """Whether two names are of one file, by links too, or would be where case does not count."""
-    places = [os.path.realpath(path).casefold() for path in (one, other)]
-    if places[0] == places[1]:
+    """Whether two names are of one file, by links too."""
+    if os.path.realpath(one) == os.path.realpath(other):
         return True
     return one.exists() and other.exists() and one.samefile(other)
 
@@ -133,10 +134,8 @@ def _check_place(output: Path) -> None:
         raise OutputError(f"{output}: expected an existing folder, got '{output.parent}'")
     if not output.is_dir() and not os.access(output.parent, os.W_OK | os.X_OK):
         raise OutputError(f"{output}: the folder '{output.parent}' cannot be written to")
-    for place in {
-        os.path.realpath(output),
-        os.path.join(os.path.realpath(output.parent), output.name),
-    }:
+    # A link is followed, and is a file where it lies.
+    for place in (os.path.realpath(output), os.path.realpath(output.parent) + f"/{output.name}"):
         for folder in tuple(Path(place).parents)[:OWNED_DEPTH]:
             owner = _owner_of(folder, Path(place).relative_to(folder).parts[0])
             if owner is not None:

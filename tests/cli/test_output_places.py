@@ -21,6 +21,7 @@ FILE_OUTPUTS = (
     "simulate in.ply --transform in.json -o {} --force",
     "image in.h5 -o {} --force",
     "image in.h5 -o x.h5 --png {}.png --force",
+    "image in.h5 -o x.h5 --report {}.html --force",
     "convert in.h5 -o {} --force",
     "background in.h5 --empty in.json -o {} --force",
     "align in.h5 in.json -o {} --force",

@@ -73,6 +73,10 @@ def test_check_outputs_resolves_links(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="cannot be written"):
         outputs.check_outputs([tmp_path / ("x" * 5000)], force=False)
     outputs.check_outputs([None, tmp_path / "new.h5"], force=False)
+    with pytest.raises(OutputError, match="named twice"):
+        outputs.check_outputs([tmp_path / "new.h5", tmp_path / "NEW.h5"], force=False)
+    if not (tmp_path / "IN.h5").exists():  # where case counts
+        outputs.check_outputs([tmp_path / "IN.h5"], force=False, inputs=[tmp_path / "in.h5"])
 
 
 def test_progress_goes_to_terminals_only(made: Path, tmp_path: Path) -> None:
