@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from clradar.errors import CompareError
 from clradar.model import DepthMap
 
 OVERLAP_BLUR_M = 2e-3
@@ -15,6 +16,9 @@ OVERLAP_BLUR_M = 2e-3
 The image of a point 0.3 m away falls to -3 dB at 1.9 mm from its centre, as a Gaussian of 2.3 mm
 does: a blur much below that compares speckle, one much above it has less resolution than the radar.
 """
+
+MAX_SPAN_M = 20.0
+"""Depths of both images together; the number of cosines grows with their span: 6400 here."""
 
 REACH = 8.0
 """Distance in units of the blur at which the kernel is truncated: exp(-(8 / 2)^2) = 1e-7."""
@@ -33,6 +37,11 @@ def overlap(first: DepthMap, second: DepthMap, blur_m: float = OVERLAP_BLUR_M) -
     -------
     float
         1 where they are equal but for a factor, 0 where nothing of the one is near the other.
+
+    Raises
+    ------
+    CompareError
+        The depths of both extend over more than 20 m.
 
     Notes
     -----
@@ -60,6 +69,11 @@ def overlap(first: DepthMap, second: DepthMap, blur_m: float = OVERLAP_BLUR_M) -
     depths_m = [z_m[weight > 0] for weight, z_m in clouds]
     nearest_m = min(z_m.min() for z_m in depths_m)
     span_m = max(z_m.max() for z_m in depths_m) - nearest_m
+    if span_m > MAX_SPAN_M:
+        raise CompareError(
+            f"overlap: expected depths within {MAX_SPAN_M:g} m of each other, got them over "
+            f"{span_m:g} m; form both images around the object"
+        )
     along_x, along_y = (
         np.exp(-(((axis_m[:, None] - axis_m) / (2.0 * blur_m)) ** 2))
         for axis_m in (first.x_m[used[1]], first.y_m[used[0]])

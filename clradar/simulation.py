@@ -13,6 +13,7 @@ from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 from clradar.phasors.phasor_sum import PhasorSum
 from clradar.tracing.expected import Expectations, ExpectedTracer
+from clradar.tracing.facets import warn_of_coarse_facets
 from clradar.tracing.settings import (
     SimulationSettings,
     resolve_settings,
@@ -69,6 +70,12 @@ def simulate(
     DeviceError
         The device is missing, out of memory or fails.
 
+    Warns
+    -----
+    ClradarWarning
+        Faces of a curved surface are so coarse that the two-way phase is off by more than a quarter
+        of a wavelength on 5 % of the area.
+
     Examples
     --------
     A ball of 4 cm, and a part of the imager.
@@ -88,6 +95,7 @@ def simulate(
     checks.instance("simulate: waveform", waveform, Waveform)
     resolved = resolve_settings(settings, **fields)
     opened = open_device(device)
+    warn_of_coarse_facets("simulate", scene, resolved, float(waveform.frequencies_hz.max()))
     statistics = TraceStatistics(0, 0, 0, 0)
     n_paths = 0
     tracer_type = ExpectedTracer if resolved.estimator == "expected" else Tracer
@@ -177,6 +185,8 @@ def simulate_alphas(
             checks.fail(
                 "simulate_alphas: max_bounces", "1 where there are regions", resolved.max_bounces
             )
+    highest_hz = float(waveform.frequencies_hz.max())
+    warn_of_coarse_facets("simulate_alphas", scene, resolved, highest_hz)
     return _in_batches(scenes, array, waveform, region, resolved, open_device(device), progress)
 
 

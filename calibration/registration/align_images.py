@@ -126,7 +126,7 @@ def align(
     (array([2., 0., 5.]), 0)
     """
     PoseSearch("align", search_deg, min_inlier_share, max_iterations)
-    dynamic_range_db = checks.positive("align: dynamic_range_db", dynamic_range_db)
+    dynamic_range_db = checks.dynamic_range("align: dynamic_range_db", dynamic_range_db)
     max_rms_m = checks.positive("align: max_rms_m", max_rms_m)
 
     surface = DepthSurface.of(measured, dynamic_range_db, "measured image")

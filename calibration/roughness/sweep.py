@@ -202,7 +202,7 @@ def sweep(
     A simulation with the sweep's seed in place of a measurement: at its alpha the images are equal.
 
     >>> import calibration, clradar, trimesh
-    >>> mesh = trimesh.creation.icosphere(2, 0.04)
+    >>> mesh = trimesh.creation.icosphere(3, 0.04)
     >>> scene = clradar.Scene(mesh.vertices + [0, 0, 0.3], mesh.faces)
     >>> q = clradar.arrays.qar50()
     >>> radar = {"array": clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12]),

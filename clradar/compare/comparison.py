@@ -105,7 +105,7 @@ def compare_by(
 def _prepared(
     measured: Volume | DepthMap, simulated: Volume | DepthMap, dynamic_range_db: float
 ) -> tuple[DepthMap, DepthMap, float]:
-    dynamic_range_db = checks.positive("compare: dynamic_range_db", dynamic_range_db)
+    dynamic_range_db = checks.dynamic_range("compare: dynamic_range_db", dynamic_range_db)
     first = depth_map_of(measured, dynamic_range_db, "measured image")
     second = depth_map_of(simulated, dynamic_range_db, "simulated image")
     check_same_pixels(first, second)

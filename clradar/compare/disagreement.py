@@ -66,7 +66,7 @@ def disagreement(
     ...     print(missing)
     the brightest object, at (-20, 0, 300) mm with 74 % of the energy
     """
-    dynamic_range_db = checks.positive("disagreement: dynamic_range_db", dynamic_range_db)
+    dynamic_range_db = checks.dynamic_range("disagreement: dynamic_range_db", dynamic_range_db)
     first = depth_map_of(measured, dynamic_range_db, "measured image")
     if transform is not None:
         matrix = checks.transform("disagreement: transform", transform)

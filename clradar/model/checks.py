@@ -13,6 +13,12 @@ import numpy as np
 
 from clradar.errors import ModelError
 
+MAX_DYNAMIC_RANGE_DB = 300.0
+"""Fifteen decades of amplitude, twice what a float32 resolves."""
+
+MAX_COORDINATE_M = 1e6
+"""Coordinates of images: squares of what is beyond it lose the wavelength, and overflow at last."""
+
 
 def fail(field: str, expected: str, got: object) -> NoReturn:
     raise ModelError(f"{field}: expected {expected}, got {got}")
@@ -96,8 +102,9 @@ def is_single(value: Any) -> bool:
 def one_axis(field: str, value: Any) -> np.ndarray:
     """Return a strictly ascending, finite, non-empty 1-D float64 array."""
     axis = read_only(field, value, np.float64, (None,))
-    if axis.size > 1 and not (np.diff(axis) > 0).all():
-        at = int(np.argmin(np.diff(axis) > 0))
+    ascending = axis[1:] > axis[:-1]
+    if not ascending.all():
+        at = int(np.argmin(ascending))
         kind = "repeated" if axis[at + 1] == axis[at] else "descending"
         fail(
             field,
@@ -112,6 +119,22 @@ def positive(field: str, value: Any) -> float:
     if number <= 0:
         fail(field, "a positive number", repr(value))
     return number
+
+
+def dynamic_range(field: str, value: Any) -> float:
+    """Return a positive level in decibel of at most `MAX_DYNAMIC_RANGE_DB`."""
+    level_db = positive(field, value)
+    if level_db > MAX_DYNAMIC_RANGE_DB:
+        fail(field, f"at most {MAX_DYNAMIC_RANGE_DB:g} dB", f"{level_db:g}")
+    return level_db
+
+
+def within_reach(field: str, *coordinates_m: np.ndarray) -> None:
+    """Raise where a coordinate, NaN aside, is farther than `MAX_COORDINATE_M` from the origin."""
+    for values in coordinates_m:
+        farthest = float(np.fmax.reduce(np.abs(values), axis=None))
+        if farthest > MAX_COORDINATE_M:
+            fail(field, f"coordinates within {MAX_COORDINATE_M:g} m", f"{farthest:g} m")
 
 
 def real(field: str, value: Any) -> float:

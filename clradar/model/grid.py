@@ -31,7 +31,8 @@ class VoxelGrid(Record):
     Raises
     ------
     ModelError
-        Wrong shapes, spacing that is not positive, no voxel, or more than 2^31 - 1.
+        Wrong shapes, spacing that is not positive, no voxel, or more than 2^31 - 1; a voxel farther
+        than 1000 km.
 
     Examples
     --------
@@ -60,6 +61,9 @@ class VoxelGrid(Record):
         nx, ny, nz = (checks.whole("VoxelGrid.counts", n, 1) for n in self.counts)
         if nx * ny * nz > MAX_VOXELS:
             checks.fail("VoxelGrid.counts", f"at most {MAX_VOXELS} voxels", f"{nx} x {ny} x {nz}")
+        with np.errstate(over="ignore"):
+            last = self.origin_m + spacing * (np.array([nx, ny, nz]) - 1)
+        checks.within_reach("VoxelGrid", self.origin_m, last)
         self._set(counts=(nx, ny, nz))
 
     @classmethod

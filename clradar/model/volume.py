@@ -32,7 +32,8 @@ class DepthMap(Record):
     Raises
     ------
     ModelError
-        Shapes that do not fit, axes that do not ascend, infinite depths, a negative amplitude.
+        Shapes that do not fit, axes that do not ascend, infinite depths, a negative amplitude, a
+        coordinate farther than 1000 km, a dynamic range that is not above 0 and at most 300 dB.
 
     Examples
     --------
@@ -60,10 +61,11 @@ class DepthMap(Record):
         depth = self._set_array("depth_m", np.float64, shape, " (y, x)", finite=False)
         if np.isinf(depth).any():
             checks.fail("DepthMap.depth_m", "finite depths or NaN", "infinite values")
+        checks.within_reach("DepthMap.x_m, y_m, depth_m", x_m, y_m, depth)
         amplitude = self._set_array("amplitude", np.float32, shape, " (y, x)")
         if amplitude.min() < 0:
             checks.fail("DepthMap.amplitude", "amplitudes >= 0", f"{amplitude.min():g}")
-        level_db = checks.positive("DepthMap.dynamic_range_db", self.dynamic_range_db)
+        level_db = checks.dynamic_range("DepthMap.dynamic_range_db", self.dynamic_range_db)
         self._set(x_m=x_m, y_m=y_m, dynamic_range_db=level_db)
 
     @property
@@ -116,8 +118,21 @@ class Volume(Record):
         self._set(meta=checks.frozen_mapping("Volume.meta", self.meta))
 
     def max_projection(self) -> np.ndarray:
-        """Return the maximum of the amplitude over z, shape (n_y, n_x), float32, linear."""
-        return np.abs(self.data).max(axis=0)
+        """Return the maximum of the amplitude over z, shape (n_y, n_x), float32, linear.
+
+        Raises
+        ------
+        ModelError
+            An amplitude is beyond the range of float32, although both its parts are within it.
+        """
+        return self._amplitude().max(axis=0)
+
+    def _amplitude(self) -> np.ndarray:
+        with np.errstate(over="ignore"):
+            amplitude = np.abs(self.data)
+        if not np.isfinite(amplitude.max()):
+            checks.fail("Volume.data", "amplitudes within the range of float32", "an overflow")
+        return amplitude
 
     def depth_map(self, dynamic_range_db: float = DYNAMIC_RANGE_DB) -> DepthMap:
         """Return the depth of the maximum along z where it is within the dynamic range.
@@ -133,16 +148,23 @@ class Volume(Record):
             The depth of the strongest voxel, refined by the parabola through the amplitudes of
             that voxel and its two neighbours along z, clamped to the voxel (half a spacing to
             either side). At the ends of the grid there is no refinement.
+
+        Raises
+        ------
+        ModelError
+            `dynamic_range_db` is not above 0 and at most 300; or an amplitude is beyond the range
+            of float32, although both its parts are within it.
         """
-        dynamic_range_db = checks.positive("depth_map: dynamic_range_db", dynamic_range_db)
-        amplitude = np.abs(self.data)
+        dynamic_range_db = checks.dynamic_range("depth_map: dynamic_range_db", dynamic_range_db)
+        amplitude = self._amplitude()
         n_z = amplitude.shape[0]
         top = amplitude.argmax(axis=0)
         rows, columns = np.indices(top.shape, sparse=True)
         peak = amplitude[top, rows, columns]
         before = amplitude[np.maximum(top - 1, 0), rows, columns].astype(np.float64)
         after = amplitude[np.minimum(top + 1, n_z - 1), rows, columns].astype(np.float64)
-        curvature = before - 2.0 * peak + after
+        # In float64 like its neighbours: twice a float32 can be beyond its range.
+        curvature = before - 2.0 * peak.astype(np.float64) + after
         inside = (top > 0) & (top < n_z - 1) & (curvature < 0)
         shift = np.where(inside, 0.5 * (before - after) / np.where(inside, curvature, -1.0), 0.0)
         spacing_m = self.grid.spacing_m[2]

@@ -133,7 +133,7 @@ def html_report(
     (True, True)
     >>> _ = Path("report.html").write_text(page, encoding="utf-8")
     """
-    dynamic_range_db = checks.positive("html_report: dynamic_range_db", dynamic_range_db)
+    dynamic_range_db = checks.dynamic_range("html_report: dynamic_range_db", dynamic_range_db)
     if not simulated:
         raise CompareError("html_report: expected at least one simulated image, got none")
     inputs = [measured, *simulated]
@@ -215,7 +215,7 @@ def image_report(
     >>> "at x = 0.0, y = 0.0, z = 300.0 mm" in page
     True
     """
-    dynamic_range_db = checks.positive("image_report: dynamic_range_db", dynamic_range_db)
+    dynamic_range_db = checks.dynamic_range("image_report: dynamic_range_db", dynamic_range_db)
     shown = depth_map_of(image.image, dynamic_range_db, f"image '{image.label}'")
     figure = image_figure(image.image, dynamic_range_db=dynamic_range_db, view=view)
     facts = settings_table(image_facts(image.image, shown, image.source))

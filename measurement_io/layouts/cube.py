@@ -114,17 +114,18 @@ def read_cube(
     for i, tx in enumerate(chosen[0]):
         # In double precision one Tx at a time: the whole would take several times the memory.
         row = np.empty(result.shape[1:], np.complex128)
-        for part, target in ((0, row.real), (1, row.imag)):
-            if len(cubes) == 2:
-                target[...] = cubes[part][tx][chosen[1], ::step]
-        if len(cubes) == 1:
-            row[...] = cubes[0][tx][chosen[1], ::step]
-        if layout.phase_sign > 0:
-            np.conjugate(row, out=row)
-        if layout.scale != 1.0:
-            row *= layout.scale
-        bad += int(row.size - np.count_nonzero(np.isfinite(row)))
-        with np.errstate(over="ignore"):
+        # A file can hold any bits as its numbers; what is not finite is counted below.
+        with np.errstate(all="ignore"):
+            for part, target in ((0, row.real), (1, row.imag)):
+                if len(cubes) == 2:
+                    target[...] = cubes[part][tx][chosen[1], ::step]
+            if len(cubes) == 1:
+                row[...] = cubes[0][tx][chosen[1], ::step]
+            if layout.phase_sign > 0:
+                np.conjugate(row, out=row)
+            if layout.scale != 1.0:
+                row *= layout.scale
+            bad += int(row.size - np.count_nonzero(np.isfinite(row)))
             result[i] = row
     if bad:
         fail(path, "finite values in the data", f"{bad} of {count} that are NaN or infinite")

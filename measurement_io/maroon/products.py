@@ -261,7 +261,7 @@ def read_amplitude_volume(radar: str | os.PathLike[str], number: int) -> Amplitu
     with reading(path, "an amplitude volume"):
         grid = _voxel_grid(part.box)
         turned = red.reshape(n_y, n_x, n_z)[::-1, ::-1].transpose(2, 0, 1)
-        with np.errstate(over="ignore"):  # infinite ones are the record's to refuse
+        with np.errstate(over="ignore", invalid="ignore"):  # the record refuses infinite ones
             levels = (part.min_amplitude + span * np.arange(256) / 255).astype(np.float32)
         amplitude = levels[turned]
         amplitude.flags.writeable = False
@@ -376,19 +376,22 @@ def _axes_of_matrix(
     """
     where = f"'{number:06d}: depth: intrinsics'"
     matrix = np.array(intrinsics)
-    with reading(calibration, f"an invertible matrix as {where}"):
+    with (
+        reading(calibration, f"an invertible matrix as {where}"),
+        np.errstate(all="ignore"),  # any numbers, of which those below are wanted
+    ):
         if abs(matrix[2, 2]) < 1.0:
             matrix = np.linalg.inv(matrix)
-    scale_x, scale_y = matrix[0, 0], matrix[1, 1]
-    expected = np.array(
-        [
-            [scale_x, 0, 0, matrix[0, 3]],
-            [0, scale_y, 0, matrix[1, 3]],
-            [0, 0, MM_PER_M, 0],
-            [0, 0, 0, 1],
-        ]
-    )
-    error = np.abs(matrix - expected).max()
+        scale_x, scale_y = matrix[0, 0], matrix[1, 1]
+        expected = np.array(
+            [
+                [scale_x, 0, 0, matrix[0, 3]],
+                [0, scale_y, 0, matrix[1, 3]],
+                [0, 0, MM_PER_M, 0],
+                [0, 0, 0, 1],
+            ]
+        )
+        error = np.abs(matrix - expected).max()
     if not (scale_x > 0 > scale_y and error <= _MATRIX_TOLERANCE * MM_PER_M):
         fail(
             calibration,
@@ -396,7 +399,7 @@ def _axes_of_matrix(
             "+x and rows along -y",
             "another matrix",
         )
-    with np.errstate(over="ignore"):  # infinite ones are the record's to refuse
+    with np.errstate(over="ignore", invalid="ignore"):  # the record refuses infinite ones
         x_radar_m = (np.arange(columns) - matrix[0, 3]) / scale_x
         y_m = (np.arange(rows) - matrix[1, 3]) / scale_y
     return -x_radar_m[::-1], y_m[::-1]

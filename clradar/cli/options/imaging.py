@@ -64,7 +64,7 @@ class DepthMapOptions:
     )
 
     def __post_init__(self) -> None:
-        checks.positive("--dynamic-range-db", self.dynamic_range_db)
+        checks.dynamic_range("--dynamic-range-db", self.dynamic_range_db)
 
 
 def axis_mm(option: str, text: str) -> tuple[float, float, float]:

@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     from clradar.hand import HandMesh, HandPose
     from clradar.rigs import Rig
 
+HAND_CREASE_DEG = 90.0
+"""Up to here faces of a hand stand for a curve: a finger of six sides has edges of 60 degrees."""
+
+HIGHEST_HZ = 82e9
+"""Of the imager that the command line simulates."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RigOptions:
@@ -66,7 +72,9 @@ class RigOptions:
 
     def posed(self, pose: HandPose, name: str, center_m: Sequence[float]) -> tuple[HandMesh, str]:
         """The rig's surface in a pose, or at a theta of MANO; and both in words."""
+        from clradar import Scene, SimulationSettings
         from clradar.rigs import rotations_of_theta
+        from clradar.tracing.facets import warn_of_coarse_facets
 
         rig = self._read()
         if self.theta is None:
@@ -74,6 +82,10 @@ class RigOptions:
         else:
             rotations = rotations_of_theta(rig, read_theta(self.theta))
             mesh, shown = rig.turned(rotations, center_m), f"theta of {self.theta}"
+        # A hand has no sharp edges, however coarse its mesh is; at the imager's highest frequency.
+        smooth = SimulationSettings(crease_deg=HAND_CREASE_DEG).resolved()
+        scene = Scene(mesh.vertices_m, mesh.faces, 0.5)
+        warn_of_coarse_facets(str(self.rig), scene, smooth, HIGHEST_HZ)
         joints = f"{int(rig.known.sum())} of {len(rig.known)} joints"
         hand = f"{rig.handedness} hand, unit {unit_text(rig.unit_m)}"
         return mesh, f"{self.rig}: {hand}, {joints}, {shown}"

@@ -272,6 +272,26 @@ def test_whole_numbers_and_scale(tmp_path: Path, container: str) -> None:
     assert np.array_equal(read.data, -0.25 * (re + 1j * im))
 
 
+@pytest.mark.parametrize(
+    ("bad", "scale"),
+    [
+        (np.uint32(0x7FA00000).view(np.float32), 1.0),  # a signalling NaN, which a cast reports
+        (np.float64(1.7e308), 1e10),  # finite, but not with the scale
+        (np.float64(1e300), 1.0),  # nothing that complex64 holds
+    ],
+)
+def test_any_bits_as_numbers_are_refused_without_a_warning(
+    tmp_path: Path, bad: Any, scale: float
+) -> None:
+    capture = random_capture()
+    parts = [np.array(part, dtype=bad.dtype) for part in (capture.data.real, capture.data.imag)]
+    parts[1].flat[7] = bad
+    path = write("npz", tmp_path / "c", tree_of(capture, re=parts[0], im=parts[1]))
+    text = PLAIN.replace('key = "data"', f'real = "re"\nimag = "im"\nscale = {scale!r}')
+    message = refused(path, layout(tmp_path, text))
+    assert "NaN or infinite" in message or "an overflow" in message
+
+
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_sign_of_the_phase(tmp_path: Path, sign: int) -> None:
     capture = random_capture()

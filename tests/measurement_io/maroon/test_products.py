@@ -173,6 +173,13 @@ def test_threshold_of_a_depth_map(radar, threshold, expected):
     assert read_depth_map(radar, 0).dynamic_range_db == expected
 
 
+@pytest.mark.parametrize("keys", [("max_amplitude",), ("min_amplitude", "max_amplitude")])
+@pytest.mark.parametrize("value", [1e39, 1.7e308])
+def test_amplitudes_that_float32_cannot_hold(radar, keys, value):
+    change_entry(radar, lambda entry: entry["volume"].update(dict.fromkeys(keys, value)))
+    assert "float32" in refused(radar, "volume")
+
+
 @pytest.mark.parametrize("where", ["depth box", "depth box in 3-D", "intrinsics", "its inverse"])
 def test_pixels_are_placed_by_what_there_is(radar, where):
     expected = read_depth_map(radar, 0)
@@ -264,6 +271,9 @@ def test_invalid_entries(radar, key, value, found):
         np.diag([100, 100, 1000, 1]),
         [[1, 2]] * 4,
         [1] * 5,
+        1e308 * (np.diag([1, -1, 1e-305, 0]) + np.eye(4)[::-1]),
+        1e-200 * np.diag([1, -1, 1000, 1]),
+        np.diag([1e-300, -1e-300, 1000, 1]) + 1e308 * np.eye(4)[3] * np.eye(4)[:, :1],
         "no matrix",
     ],
 )
