@@ -13,8 +13,8 @@ import numpy as np
 
 from clradar.errors import ModelError
 
-MAX_DYNAMIC_RANGE_DB = 300.0
-"""Fifteen decades of amplitude, twice what a float32 resolves."""
+MAX_DYNAMIC_RANGE_DB = 1000.0
+"""Fifty decades of amplitude; float32 has 77, at its ends with few digits."""
 
 MAX_COORDINATE_M = 1e6
 """Coordinates of images: squares of what is beyond it lose the wavelength, and overflow at last."""

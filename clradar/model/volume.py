@@ -33,7 +33,7 @@ class DepthMap(Record):
     ------
     ModelError
         Shapes that do not fit, axes that do not ascend, infinite depths, a negative amplitude, a
-        coordinate farther than 1000 km, a dynamic range that is not above 0 and at most 300 dB.
+        coordinate farther than 1000 km, a dynamic range that is not above 0 and at most 1000 dB.
 
     Examples
     --------
@@ -152,7 +152,7 @@ class Volume(Record):
         Raises
         ------
         ModelError
-            `dynamic_range_db` is not above 0 and at most 300; or an amplitude is beyond the range
+            `dynamic_range_db` is not above 0 and at most 1000; or an amplitude is beyond the range
             of float32, although both its parts are within it.
         """
         dynamic_range_db = checks.dynamic_range("depth_map: dynamic_range_db", dynamic_range_db)
