@@ -15,7 +15,7 @@ from calibration.roughness.region_sweep import RegionImages, RegionSweep, sweep_
 from calibration.roughness.regions import Regions
 from clradar import arrays
 from clradar.backproject import backproject
-from clradar.compare import METRICS, Metrics, compare, depth_map_of
+from clradar.compare import METRICS, Metrics, depth_map_of, metrics_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import (
@@ -309,7 +309,7 @@ def _metrics(measured: DepthMap, image: DepthMap | None, dynamic_range_db: float
     if image is None:
         unknown: dict[str, Any] = dict.fromkeys(METRICS, math.nan)
         return Metrics(**unknown, dynamic_range_db=dynamic_range_db)
-    return compare(measured, image, dynamic_range_db=dynamic_range_db)
+    return metrics_of(measured, image, dynamic_range_db)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,6 +1,6 @@
 """Comparison of images: metrics, and where two images disagree (``docs/metrics.md``)."""
 
-from clradar.compare.comparison import compare, compare_by
+from clradar.compare.comparison import compare, compare_by, metrics_of
 from clradar.compare.disagreement import disagreement
 from clradar.compare.images import clipped_db, depth_map_of
 from clradar.compare.metrics import HEADLINE_METRIC, HIGHER_IS_BETTER, UNDEFINED, Metrics
@@ -22,4 +22,5 @@ __all__ = [
     "compare_by",
     "depth_map_of",
     "disagreement",
+    "metrics_of",
 ]

@@ -63,15 +63,7 @@ def compare(
     >>> print(f"{metrics.overlap:.3f} {metrics.ssim:.3f} {1e3 * metrics.depth_rmse_m:.1f} mm")
     0.779 1.000 2.0 mm
     """
-    first, second, dynamic_range_db = _prepared(measured, simulated, dynamic_range_db)
-    values = {name: value_of(first, second) for name, value_of in VALUES.items()}
-    found = disagreement_of(first, second)
-    metrics = Metrics(
-        **values,
-        dynamic_range_db=dynamic_range_db,
-        missing=found.missing,
-        surplus=found.surplus,
-    )
+    metrics = metrics_of(measured, simulated, dynamic_range_db)
     if metrics.misleading:
         warn(
             f"compare: an overlap of {metrics.overlap:.2f} is misleading here: "
@@ -79,6 +71,21 @@ def compare(
             "simulation"
         )
     return metrics
+
+
+def metrics_of(
+    measured: Volume | DepthMap, simulated: Volume | DepthMap, dynamic_range_db: float
+) -> Metrics:
+    """Return what `compare` returns, without its warning: of simulations that are to differ."""
+    first, second, dynamic_range_db = _prepared(measured, simulated, dynamic_range_db)
+    values = {name: value_of(first, second) for name, value_of in VALUES.items()}
+    found = disagreement_of(first, second)
+    return Metrics(
+        **values,
+        dynamic_range_db=dynamic_range_db,
+        missing=found.missing,
+        surplus=found.surplus,
+    )
 
 
 def compare_by(

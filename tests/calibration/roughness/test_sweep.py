@@ -21,8 +21,8 @@ from clradar.cli import sweep_folder as folder
 from clradar.cli.commands import sweep as command
 from clradar.cli.commands.sweep import RegionOptions
 from clradar.cli.options.groups import expanded
-from clradar.compare import METRICS, compare, compare_by
-from clradar.errors import CompareError, ModelError, OutputError
+from clradar.compare import METRICS, Metrics, compare, compare_by
+from clradar.errors import ClradarWarning, CompareError, ModelError, OutputError
 from clradar.hand import hand_mesh
 from clradar.simulation import simulate_alphas
 from clradar.tracing.stochastic import Tracer
@@ -212,6 +212,14 @@ def test_speckle_that_grows_with_alpha_biases_the_metric_and_not_the_score():
     assert found.metric_peak < 0.6
     assert abs(found.alpha - 0.7) <= TWO_SIGMA * found.uncertainty
     assert abs(peak(alphas, found.score.mean(axis=0))[0] - 0.7) < 0.06
+
+
+def test_simulations_that_are_to_differ_are_no_reason_to_warn(monkeypatch):
+    monkeypatch.setattr(Metrics, "misleading", True)
+    measured = image_of(SCENE, 0, **FEW)
+    with pytest.warns(ClradarWarning, match="misleading"):
+        compare(measured, measured)
+    assert len(sweep(measured, SCENE, [0.0, 1.0], seeds=1, **FEW, **RADAR).metrics[0]) == 2
 
 
 def test_a_flat_curve_has_a_large_uncertainty():
