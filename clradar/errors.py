@@ -6,6 +6,18 @@ import warnings
 _OWN_PACKAGES = frozenset({"clradar", "calibration", "measurement_io"})
 
 
+MAX_QUOTED_CHARACTERS = 200
+"""Of a value, a key or a name that a message quotes; a file can hold one of any length."""
+
+
+def quoted(text: object, most: int = MAX_QUOTED_CHARACTERS) -> str:
+    """Return `text` on one printable line of at most `most` characters; "..." marks a cut."""
+    line = " ".join(str(text).split())
+    line = line.encode("utf-8", "backslashreplace").decode("utf-8")
+    line = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in line[: most + 1])
+    return line if len(line) <= most else line[:most] + "..."
+
+
 class ClradarError(Exception):
     """Base of every error that clradar, measurement_io and calibration raise on purpose."""
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
-from clradar.errors import ClradarError, MeasurementError
+from clradar.errors import ClradarError, MeasurementError, quoted
 from clradar.files.limits import MAX_MESSAGE_CHARACTERS
 
 
@@ -31,14 +31,11 @@ def shown(path: str | os.PathLike[str]) -> str:
 
 
 def clean(text: object) -> str:
-    """Return `text` on one printable line of bounded length."""
-    line = " ".join(str(text).split())
-    line = line.encode("utf-8", "backslashreplace").decode("utf-8")
-    cut = line[: MAX_MESSAGE_CHARACTERS + 1]
-    line = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in cut)
-    if len(line) <= MAX_MESSAGE_CHARACTERS:
-        return line
-    return line[:MAX_MESSAGE_CHARACTERS] + "..."
+    """Return a message of another program on one printable line of bounded length.
+
+    Single values, keys and names are quoted shorter, by `clradar.errors.quoted`.
+    """
+    return quoted(text, MAX_MESSAGE_CHARACTERS)
 
 
 @contextmanager

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import Any, NoReturn, TypeVar
 
-from clradar.errors import MeasurementError
+from clradar.errors import MeasurementError, quoted
 from clradar.files.failures import clean
 from clradar.files.toml_file import toml_brief
 
 Default = TypeVar("Default")
+
+_KEY_CHARACTERS = 80
 
 LONGEST = 1e15
 """Decimal numbers below this are shown as the whole number to write instead."""
@@ -42,7 +44,7 @@ class Table:
     def mistake(self, key: str, expected: str, words: str) -> None:
         """Report that a key is invalid; `words` describe what was found."""
         self.note(
-            f"{clean(self._source)}: {self.place(key)}: expected {expected}, got {clean(words)}"
+            f"{clean(self._source)}: {self.place(key)}: expected {expected}, got {quoted(words)}"
         )
 
     def refuse(self, key: str, expected: str, value: object) -> None:
@@ -56,7 +58,7 @@ class Table:
         raise AssertionError
 
     def place(self, key: str) -> str:
-        return ".".join(clean(part) for part in (self._name, key) if part)
+        return ".".join(quoted(part, _KEY_CHARACTERS) for part in (self._name, key) if part)
 
     def has(self, key: str) -> bool:
         return key in self._content
@@ -94,7 +96,7 @@ class Table:
         for key in self._content:
             if key not in names:
                 remark = f"unknown key; expected one of {', '.join(names)}{nearest(key, names)}"
-                self.note(f"{clean(self._source)}: {clean(self.place(key))}: {remark}")
+                self.note(f"{clean(self._source)}: {self.place(key)}: {remark}")
 
 
 class StrictTable(Table):

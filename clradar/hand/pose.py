@@ -57,11 +57,10 @@ class JointAngles:
 
     def degrees(self) -> tuple[float, float, float]:
         """Return flexion, abduction and twist in degrees."""
-        return (
-            float(np.rad2deg(self.flexion_rad)),
-            float(np.rad2deg(self.abduction_rad)),
-            float(np.rad2deg(self.twist_rad)),
-        )
+        angles_rad = (self.flexion_rad, self.abduction_rad, self.twist_rad)
+        with np.errstate(over="ignore"):  # to infinity, which no joint reaches
+            flexion, abduction, twist = (float(np.rad2deg(angle)) for angle in angles_rad)
+        return flexion, abduction, twist
 
 
 STRAIGHT = JointAngles()

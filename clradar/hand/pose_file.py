@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.errors import MeasurementError, ModelError, OutputError
+from clradar.errors import MeasurementError, ModelError, OutputError, quoted
 from clradar.files.atomic import write_file
 from clradar.files.failures import fail, read_bytes, reading, shown
 from clradar.files.json_text import indented, parse_json
@@ -92,20 +92,16 @@ def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = Fa
     write_file(target, text.encode("utf-8"), force=force)
 
 
-def _brief(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 80 else text[:77] + "..."
-
-
 def _table(
     path: Path, place: str, value: Any, keys: tuple[str, ...] | None = None
 ) -> dict[str, Any]:
     if not isinstance(value, dict):
-        fail(path, f"{place} to be a table", _brief(value))
+        fail(path, f"{place} to be a table", quoted(repr(value)))
     for key in value:
         if keys is not None and key not in keys:
+            got = quoted(repr(key))
             raise MeasurementError(
-                f"{shown(path)}: {place}: expected one of {', '.join(keys)}, got {_brief(key)}"
+                f"{shown(path)}: {place}: expected one of {', '.join(keys)}, got {got}"
             )
     return value
 
@@ -115,20 +111,20 @@ def _pose(path: Path, parsed: Any) -> HandPose:
     texts = {key: top.get(key, "") for key in _KEYS[:3]}
     for key, text in texts.items():
         if not isinstance(text, str):
-            fail(path, f"{key} to be a string", _brief(text))
+            fail(path, f"{key} to be a string", quoted(repr(text)))
     if not texts["name"].strip():
-        fail(path, "a name", "none" if "name" not in top else repr(texts["name"]))
+        fail(path, "a name", "none" if "name" not in top else quoted(repr(texts["name"])))
     if "joints" not in top:
         fail(path, "a table joints, with the angles of each joint", "none")
     angle_keys = tuple(f"{name}_deg" for name in ANGLES)
     joints = {}
     for joint, table in _table(path, "joints", top["joints"]).items():
-        given = _table(path, f"joints.{joint}", table, angle_keys)
+        given = _table(path, f"joints.{quoted(joint)}", table, angle_keys)
         try:
             angles = JointAngles.from_degrees(**given)
             check_angles(joint, angles)
         except ModelError as error:
-            place = "" if str(error).startswith("joint") else f"joint {joint}: "
+            place = "" if str(error).startswith("joint") else f"joint {quoted(joint)}: "
             raise MeasurementError(f"{shown(path)}: {place}{error}") from error
         joints[joint] = angles
     return HandPose(texts["name"], joints, texts["description"], texts["source"])

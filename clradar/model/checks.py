@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from clradar.errors import ModelError
+from clradar.errors import ModelError, quoted
 
 MAX_DYNAMIC_RANGE_DB = 1000.0
 """Fifty decades of amplitude; float32 has 77, at its ends with few digits."""
@@ -21,7 +21,7 @@ MAX_COORDINATE_M = 1e6
 
 
 def fail(field: str, expected: str, got: object) -> NoReturn:
-    raise ModelError(f"{field}: expected {expected}, got {got}")
+    raise ModelError(f"{quoted(field)}: expected {expected}, got {quoted(got)}")
 
 
 def shape_text(shape: tuple[int | None, ...]) -> str:

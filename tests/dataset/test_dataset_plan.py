@@ -217,7 +217,8 @@ def test_the_command_prints_every_mistake_and_makes_nothing(tmp_path: Path) -> N
         [sys.executable, "-m", "clradar.cli", *arguments], capture_output=True, text=True
     )
     assert done.returncode == 1
-    first, second = done.stderr.splitlines()
+    count, first, second = done.stderr.splitlines()
+    assert count == "clradar: error: 2 mistakes, one per line:"
     assert first.startswith(f"clradar: error: {path}: samples: ")
     assert second.startswith(f"clradar: error: {path}: radar.evry: unknown key")
     assert not (tmp_path / "out").exists()

@@ -145,15 +145,15 @@ def command(
 
 
 def checked_plan(path: Path) -> Plan:
-    """The plan of a file; each of its mistakes is printed on its line."""
+    """The plan of a file; of several mistakes each is printed on its line, below their number."""
     from clradar.dataset.plan.reader import read_plan
     from clradar.dataset.plan.table import PlanError
 
     try:
         return read_plan(path)
     except PlanError as error:
-        for mistake in error.mistakes:
-            print_error(mistake)
+        for line in str(error).splitlines():
+            print_error(line)
         raise typer.Exit(1) from None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from clradar.dataset.plan.table import PlanTable
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import clean
 from clradar.files.hashing import sha256_of
-from clradar.files.table import choice_text
+from clradar.files.table import choice_text, is_number
 from clradar.hand import (
     DIGITS,
     LETTERS,
@@ -114,18 +115,34 @@ def _rigs(table: PlanTable, folder: Path) -> list[RigFile]:
     return found
 
 
-RIG_KEYS = ("file", "sha256", "handedness", "mapping", "mapping_sha256", "unit", "betas")
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and value != ""
+
+
+_RIG_VALUES: dict[str, tuple[str, Callable[[Any], bool]]] = {
+    "file": ("the name of a file", _is_text),
+    "sha256": ("a SHA-256", _is_text),
+    "handedness": ('"right" or "left"', lambda value: value in ("right", "left")),
+    "mapping": ("the name of a file", _is_text),
+    "mapping_sha256": ("a SHA-256", _is_text),
+    "unit": ("a unit or a number", lambda value: _is_text(value) or is_number(value)),
+    "betas": ("a list of numbers", lambda v: isinstance(v, list) and all(map(is_number, v))),
+}
+RIG_KEYS = tuple(_RIG_VALUES)
 
 
 def _resolved_rig(table: PlanTable) -> RigFile | None:
     """Return a rig as in manifests; its file is verified where it is used."""
     found = {key: table.raw(key) for key in RIG_KEYS if table.has(key)}
     table.done()
-    try:
-        return RigFile(**{**found, "betas": tuple(found.get("betas", ()))})
-    except TypeError as error:
-        table.mistake("", f"the keys {', '.join(RIG_KEYS)}", clean(error))
+    if not {"file", "sha256", "handedness"} <= set(found):
+        table.mistake("", f"the keys {', '.join(RIG_KEYS)}", ", ".join(found))
         return None
+    for key, (expected, good) in _RIG_VALUES.items():
+        if found.get(key) is not None and not good(found[key]):
+            table.refuse(key, expected, found[key])
+            return None
+    return RigFile(**{**found, "betas": tuple(found.get("betas") or ())})
 
 
 def _rig(table: PlanTable, folder: Path) -> RigFile | None:

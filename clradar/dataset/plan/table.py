@@ -13,9 +13,12 @@ from clradar.files.toml_file import toml_brief
 
 Value = TypeVar("Value")
 
+MOST_MISTAKES = 20
+"""That the text of an error lists; its `mistakes` has all."""
+
 
 class PlanError(MeasurementError):
-    """A plan has mistakes.
+    """A plan has mistakes; of several the text has their number and one line for each.
 
     Attributes
     ----------
@@ -38,7 +41,15 @@ class PlanError(MeasurementError):
 
     def __init__(self, mistakes: Sequence[str]) -> None:
         self.mistakes = tuple(mistakes)
-        super().__init__("\n".join(mistakes))
+        lines = list(self.mistakes[:MOST_MISTAKES])
+        if len(self.mistakes) > len(lines):
+            lines.append(f"and {len(self.mistakes) - len(lines)} more")
+        if len(self.mistakes) > 1:
+            lines.insert(0, f"{len(self.mistakes)} mistakes, one per line:")
+        super().__init__("\n".join(lines))
+
+    def __reduce__(self) -> tuple[type[PlanError], tuple[tuple[str, ...]]]:
+        return PlanError, (self.mistakes,)
 
 
 class PlanTable(Table):

@@ -24,13 +24,15 @@ from typing import Any
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.plan_json import plan_record
 from clradar.dataset.plan.reader import plan_from
+from clradar.dataset.plan.table import PlanError
 from clradar.dataset.store.content_check import check_part
 from clradar.dataset.store.shard_writer import assemble
-from clradar.errors import OutputError
-from clradar.files.failures import clean, fail, reading, shown
+from clradar.errors import MeasurementError, OutputError, quoted
+from clradar.files.failures import fail, reading, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.json_differences import differences, listed_differences
 from clradar.files.json_file import read_json_object, write_json
+from clradar.files.table import is_whole
 from clradar.files.work_folder import LOCK, TEMPORARY, held, remove_temporaries
 
 FORMAT, VERSION = "dataset", 1
@@ -41,6 +43,9 @@ SUMMARIES = (STATISTICS, TABLE, CONTACT_SHEET)
 
 OWN_NAMES = (MANIFEST, SHARDS, PARTS, *SUMMARIES)
 """Names in the folder of a data set that are its own; others are left alone."""
+
+_CONTENT = {"plan": dict, "made_with": dict, "shards": list, "set_aside": list}
+"""Types of a manifest's entries."""
 
 SHARD_NAME, PART_NAME = re.compile(r"shard-\d{5,}\.h5"), re.compile(r"\d{8,}\.(h5|json)")
 """Names of a data set's files; others in its folders are left alone."""
@@ -126,18 +131,53 @@ def read_manifest(folder: Path) -> Manifest:
     with reading(path, expected):
         if record.get("clradar_format") != FORMAT:
             fail(path, expected, "another JSON file")
-        if record["clradar_version"] > VERSION:
-            fail(
-                path, f"version {VERSION} or older", f"{record['clradar_version']}; update clradar"
-            )
-        manifest = Manifest(plan_from(record["plan"], shown(path), folder), record["made_with"])
-        for entry in (ShardEntry(**entry) for entry in record["shards"]):
-            if entry.file not in (None, shard_name(entry.number)) or type(entry.samples) is not int:
-                fail(path, f"an entry of {shard_name(entry.number)}", clean(entry))
-            manifest.shards[entry.number] = entry
-        for aside in record["set_aside"]:
-            manifest.aside[aside["sample"]] = Aside(**aside)
+        version = record["clradar_version"]
+        if not is_whole(version) or version > VERSION:
+            fail(path, f"version {VERSION} or older", f"{quoted(version)}; update clradar")
+        for key, kind in _CONTENT.items():
+            if not isinstance(record[key], kind):
+                fail(path, f"{key} to be a {kind.__name__}", quoted(record[key]))
+        manifest = Manifest(_plan(path, record["plan"], folder), record["made_with"])
+        for content in record["shards"]:
+            shard = ShardEntry(**content)
+            if not _is_sound(shard, manifest.plan):
+                fail(path, "an entry with number, file, sha256, samples, size", quoted(content))
+            manifest.shards[shard.number] = shard
+        for content in record["set_aside"]:
+            aside = Aside(**content)
+            if not (_is_index(aside.sample, manifest.plan.samples) and is_whole(aside.attempts)):
+                fail(path, "an entry with sample, reason, attempts", quoted(content))
+            manifest.aside[aside.sample] = Aside(aside.sample, str(aside.reason), aside.attempts)
         return manifest
+
+
+def _plan(path: Path, content: Mapping[str, Any], folder: Path) -> Plan:
+    """Return the plan of a manifest; its mistakes are damage, of which the first is shown."""
+    try:
+        return plan_from(content, shown(path), folder)
+    except PlanError as error:
+        count = len(error.mistakes)
+        more = f" (the first of {count} mistakes)" if count > 1 else ""
+        raise MeasurementError(f"{error.mistakes[0]}{more}") from error
+
+
+def _is_sound(shard: ShardEntry, plan: Plan) -> bool:
+    """Whether the entry of a shard has the types and numbers of one of this plan."""
+    return (
+        _is_index(shard.number, plan.n_shards)
+        and shard.file in (None, shard_name(shard.number))
+        and (shard.sha256 is None if shard.file is None else _is_sha256(shard.sha256))
+        and is_whole(shard.samples)
+        and (shard.size_bytes is None or is_whole(shard.size_bytes))
+    )
+
+
+def _is_sha256(value: object) -> bool:
+    return isinstance(value, str) and re.fullmatch("[0-9a-f]{64}", value) is not None
+
+
+def _is_index(value: Any, count: int) -> bool:
+    return is_whole(value) and 0 <= value < count
 
 
 def shard_name(number: int) -> str:
