@@ -114,9 +114,11 @@ class Scene(Record):
         mesh : path, trimesh.Trimesh, trimesh.Scene, (vertices, faces), or an object that has
             ``to_trimesh()``, and may have `normals`, shape (n_vertices, 3). Files are those of
             `clradar.files.meshes.reading.FORMATS`; every object, group, material and instance
-            becomes a part, and normals are ignored.
+            becomes a part, of a PLY file every number of the property "part" of its faces, and
+            normals are ignored.
         alpha : float, array_like of shape (n_faces,), or mapping part name -> float
-            0 specular ... 1 diffuse. An array goes part by part, in the order of `part_names`.
+            0 specular ... 1 diffuse. An array goes part by part, in the order of
+            `part_names`; of a PLY file, in the order of its faces.
         unit : "m", "cm" or "mm"
             Unit of the mesh's coordinates.
         transform : array_like, shape (4, 4), optional

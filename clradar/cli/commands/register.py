@@ -145,11 +145,11 @@ def write_registration(
     folder: Path, measured: Volume, result: Registration, source: str, origin: dict[str, Any]
 ) -> None:
     """Write all files of a registration into `folder`."""
-    import trimesh
+    from clradar.files.meshes.ply_parts import ply_of_parts
 
     scene = result.scene
-    placed = trimesh.Trimesh(scene.vertices_m, scene.faces, process=False)
-    write_file(folder / PLACED, placed.export(file_type="ply"), force=False)
+    placed = ply_of_parts(scene.vertices_m, scene.faces, scene.part, scene.part_names)
+    write_file(folder / PLACED, placed, force=False)
     rounds = [
         {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}
         for r in result.rounds

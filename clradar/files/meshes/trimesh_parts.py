@@ -16,6 +16,7 @@ from clradar.files.confined.process import forbid_opening
 from clradar.files.failures import clean, fail, reading
 from clradar.files.limits import MAX_MESH_BYTES
 from clradar.files.meshes.parts import Parts, Piece, check_counts, placed
+from clradar.files.meshes.ply_parts import with_parts
 
 _OTHER_PACKAGES = {"3mf": "lxml networkx", "dae": "pycollada"}
 
@@ -95,8 +96,8 @@ def read_with_trimesh(path: Path, content: bytes, kind: str) -> Parts:
         fail(path, f"a mesh file (.{kind})", got, error=MeshError, cause=error)
     parts = parts_of(str(path), scene, limited=True)
     if len(parts.names) == 1 and parts.names[0].startswith("geometry_"):  # trimesh's for none
-        return replace(parts, names=(path.name,))
-    return parts
+        parts = replace(parts, names=(path.name,))
+    return with_parts(parts, scene, content) if kind == "ply" else parts
 
 
 def _check_archive(path: Path, content: bytes) -> None:

@@ -17,6 +17,7 @@ from clradar.cli.commands.register import FILES
 from clradar.cli.outputs import check_folder
 from clradar.errors import ModelError, OutputError
 from clradar.hand import hand_mesh
+from clradar.files.meshes.ply_parts import ply_of_parts
 from measurement_io import open_capture, open_volume, read_transform, save_volume
 
 ARRAY = clradar.arrays.qar50()
@@ -41,7 +42,8 @@ def truth():
 
 @pytest.fixture(scope="module")
 def hand() -> clradar.Scene:
-    return clradar.Scene.from_mesh(hand_mesh("flat", 3e-3), alpha=0.3)
+    mesh = hand_mesh("flat", 3e-3)
+    return clradar.Scene(mesh.vertices_m, mesh.faces, 0.3, mesh.part, mesh.part_names, mesh.normals)
 
 
 @pytest.fixture(scope="module")
@@ -94,8 +96,8 @@ def test_options_are_checked(measured, hand, option):
 @pytest.fixture
 def files(measured, hand, tmp_path):
     save_volume(tmp_path / "measured.h5", measured)
-    mesh = trimesh.Trimesh(1e3 * hand.vertices_m, hand.faces, process=False)
-    mesh.export(tmp_path / "hand.ply")
+    content = ply_of_parts(1e3 * hand.vertices_m, hand.faces, hand.part, hand.part_names)
+    (tmp_path / "hand.ply").write_bytes(content)
     return tmp_path
 
 
@@ -131,6 +133,14 @@ def test_command_writes_all(files, hand, capsys):
     metrics = json.loads((folder / "metrics.json").read_text())
     assert -1.0 <= metrics["simulated"][0]["metrics"]["db_correlation"] <= 1.0
     assert (folder / "comparison.png").read_bytes().startswith(b"\x89PNG")
+    # Its parts are those of the mesh: `sweep --regions` works on the placed mesh.
+    with pytest.raises(SystemExit) as ended:
+        main(["sweep", str(files / "measured.h5"), str(folder / "placed.ply"), "--regions",
+              "fingers", "--alpha", "0.2,0.4", "--seeds", "1", "--samples-per-mm2", "0.5",
+              "--rays-per-sample", "1", "-o", str(files / "swept"), "--device", "pocl"])  # fmt: skip
+    assert ended.value.code == 0
+    swept = json.loads((files / "swept" / "sweep.json").read_text())
+    assert list(swept["regions"]["best"]) == ["palm", "fingers"]
     # A second time into the same folder is refused before any work.
     assert run(files, "--unit", "mm") == 1
     assert "--force" in capsys.readouterr().err
