@@ -74,7 +74,8 @@ class AlphaEstimate:
     deficit, deficit_error : ndarray, shape (A,)
         Score below that of `grid_best`, seed by seed: mean and standard error.
     alike : ndarray, shape (A,), bool
-        Alphas that the paired test does not distinguish from `grid_best`.
+        The interval of the grid, around `grid_best`, from the lowest to the highest alpha that the
+        paired test does not find worse.
     grid_best : int
         Index of the alpha with the highest mean score.
 
@@ -111,7 +112,10 @@ class AlphaEstimate:
     @property
     def flat(self) -> bool:
         """Whether the paired test distinguishes few alphas from the best."""
-        return bool(np.count_nonzero(self.alike) >= max(3, FLAT_SHARE * self.alike.size))
+        if len(self.values) == 1:
+            return False
+        good = _insignificant(self.deficit, self.deficit_error, len(self.values))
+        return bool(np.count_nonzero(good) >= max(3, FLAT_SHARE * good.size))
 
     @property
     def corrected(self) -> bool:
@@ -125,17 +129,19 @@ class AlphaEstimate:
         return f"{self.alpha:.3f} \N{PLUS-MINUS SIGN} {self.uncertainty:.3f}"
 
     def remarks(self, alphas: np.ndarray) -> list[str]:
-        """Caveats of the estimate, one clause each."""
+        """Reasons to doubt the estimate, one clause each: `sweep` warns of them."""
         found = []
-        if self.on_edge:
+        # Beyond 0 and 1 there is nothing.
+        ends = [end for end in alphas[[0, -1]] if 0.0 < end < 1.0 and (self.per_seed == end).any()]
+        if ends:
             found.append(
-                "the best score is at an end of the range of alphas for some seed; the truth may "
-                "lie beyond"
+                f"the best score is at {ends[0]:g}, an end of the range of alphas, for some seed; "
+                "the truth may lie beyond: take a wider range"
             )
         if self.flat:
             found.append(
                 f"the curve is flat: {int(self.alike.sum())} of {self.alike.size} alphas score as "
-                "well as the best within the spread of the seeds"
+                "well as the best within the spread of the seeds; more seeds, samples or rays help"
             )
         noise = alphas[self.self_agreement < MIN_SELF_AGREEMENT]
         if self.metric in HIGHER_IS_BETTER and noise.size:
@@ -146,14 +152,20 @@ class AlphaEstimate:
                 f"two seeds agree by less than {MIN_SELF_AGREEMENT:g} at {where}; more samples or "
                 "rays help"
             )
+        return found
+
+    def notes(self, alphas: np.ndarray) -> list[str]:
+        """What the choice of seeds, metric and grid means for the estimate, one clause each."""
+        found = []
         if len(self.values) == 1:
             found.append("one seed: no uncertainty, and rough surfaces come out too smooth")
         if self.metric not in HIGHER_IS_BETTER:
             found.append(f"{self.metric} favours small alphas where surfaces are rough")
         if self.alike.sum() > 1:
-            listed = ", ".join(f"{alpha:g}" for alpha in alphas[self.alike])
+            low, high = alphas[self.alike][[0, -1]]
             found.append(
-                f"as good as the best within the spread of {len(self.values)} seeds: {listed}"
+                f"as good as the best within the spread of {len(self.values)} seeds: {low:g} to "
+                f"{high:g}"
             )
         return found
 
@@ -330,7 +342,7 @@ def peak(alphas: np.ndarray, score: np.ndarray) -> tuple[float, bool]:
 
 
 def _paired(score: np.ndarray, best: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean and standard error of each alpha's deficit, and whether it is insignificant."""
+    """Mean and standard error of each alpha's deficit, and the interval of those like `best`."""
     lacking = score[:, best : best + 1] - score
     n = len(score)
     deficit = lacking.mean(axis=0)
@@ -338,7 +350,15 @@ def _paired(score: np.ndarray, best: int) -> tuple[np.ndarray, np.ndarray, np.nd
         nothing = np.full(deficit.shape, math.nan)
         return deficit, nothing, np.arange(deficit.size) == best
     error = lacking.std(axis=0, ddof=1) / math.sqrt(n)
-    return deficit, error, deficit <= stats.t.ppf(PAIRED_CONFIDENCE, n - 1) * error
+    # The score has one maximum: what is between two that could be the best could be it, too.
+    first, last = np.flatnonzero(_insignificant(deficit, error, n))[[0, -1]]
+    index = np.arange(deficit.size)
+    return deficit, error, (index >= first) & (index <= last) & np.isfinite(deficit)
+
+
+def _insignificant(deficit: np.ndarray, error: np.ndarray, n_seeds: int) -> np.ndarray:
+    """Where a deficit passes the one-sided paired test: always at the best."""
+    return deficit <= stats.t.ppf(PAIRED_CONFIDENCE, n_seeds - 1) * error
 
 
 def _uncertainty(scatter: float, n_seeds: int, self_check: float, grid: float) -> float:

@@ -69,7 +69,7 @@ class RegionSweep:
     >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.25, 0.3), 5e-3)
     >>> image = clradar.backproject(capture, grid, device="pocl")
     >>> found = calibration.sweep(
-    ...     image, scene, [0.1, 0.5, 0.9], seeds=1, regions=regions, **radar, **rays)
+    ...     image, scene, [0.0, 0.1, 0.5, 1.0], seeds=1, regions=regions, **radar, **rays)
     >>> dict(zip(found.regions.names, found.alphas[list(found.regions.best)].tolist()))
     {'left': 0.1, 'right': 0.5}
     """

@@ -17,7 +17,7 @@ from clradar import arrays
 from clradar.backproject import backproject
 from clradar.compare import METRICS, Metrics, depth_map_of, metrics_of
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.errors import CompareError
+from clradar.errors import CompareError, warn
 from clradar.model import (
     AntennaArray,
     Capture,
@@ -91,6 +91,16 @@ class Sweep:
         """One metric of all simulations, shape (K, A)."""
         return np.array([[getattr(m, metric) for m in row] for row in self.metrics])
 
+    def remarks(self) -> tuple[str, ...]:
+        """Reasons to doubt the estimates, one clause each."""
+        found = self.estimate.remarks(self.alphas)
+        if self.regions is not None:
+            for name, one in zip(self.regions.names, self.regions.estimates, strict=True):
+                found += [f"{name}: {remark}" for remark in one.remarks(self.alphas)]
+            if not self.regions.converged:
+                found.append("the search over the regions did not come to rest")
+        return tuple(found)
+
     def report(self) -> str:
         """The estimates and their caveats as text."""
         found = self.estimate
@@ -99,12 +109,13 @@ class Sweep:
             f"best alpha {found.text()} by {found.metric}"
             + (", speckle taken out" if found.corrected else ""),
             f"  per seed {seeds}; the metric itself peaks at {found.metric_peak:.3f}",
-            *(f"  {remark}" for remark in found.remarks(self.alphas)),
+            *(f"  {line}" for line in found.remarks(self.alphas) + found.notes(self.alphas)),
         ]
         if self.regions is not None:
             for name, one in zip(self.regions.names, self.regions.estimates, strict=True):
                 lines.append(f"best alpha of {name} {one.text()}, in its own pixels")
-                lines += [f"  {remark}" for remark in one.remarks(self.alphas)]
+                said = one.remarks(self.alphas) + one.notes(self.alphas)
+                lines += [f"  {line}" for line in said]
             lines.append(
                 f"mean score of the regions {self.regions.score:.4f} with an alpha for each, "
                 f"{self.regions.uniform_score:.4f} with one for all"
@@ -193,6 +204,11 @@ def sweep(
     MeshError, DeviceError
         As `clradar.simulate`.
 
+    Warns
+    -----
+    ClradarWarning
+        Every remark of the result: `Sweep.remarks`.
+
     Notes
     -----
     `docs/sweep.md` has the equations. All alphas of a seed share rays and random numbers.
@@ -250,7 +266,7 @@ def sweep(
     images.simulate_missing(progress)
     whole = images.whole()
     estimate = estimate_alpha(measured_map, whole, values, metric, dynamic_range_db)
-    return Sweep(
+    result = Sweep(
         alphas=values,
         seeds=images.seeds,
         metrics=tuple(
@@ -263,6 +279,9 @@ def sweep(
         if pixels is None
         else sweep_regions(images.of_regions(measured, pixels, metric), values, estimate.grid_best),
     )
+    for remark in result.remarks():
+        warn(f"sweep: {remark}")
+    return result
 
 
 def _check_regions(regions: Regions, scene: Scene, settings: SimulationSettings) -> None:

@@ -10,11 +10,18 @@ import sys
 
 import numpy as np
 import pytest
+from scipy import stats
 from shapes import plate
 
 import clradar
 from calibration import Regions, Sweep, align_mesh, sweep
-from calibration.roughness.estimate import MIN_SELF_AGREEMENT, estimate_alpha, peak, scored
+from calibration.roughness.estimate import (
+    MIN_SELF_AGREEMENT,
+    _paired,
+    estimate_alpha,
+    peak,
+    scored,
+)
 from calibration.roughness.figure import MOST_IMAGES, shown_alphas, sweep_figure
 from clradar.cli import main
 from clradar.cli import sweep_folder as folder
@@ -38,6 +45,10 @@ def edge_array(n: int) -> clradar.AntennaArray:
         np.stack([across, along, zero], axis=1), np.stack([along, across, zero], axis=1)
     )
 
+
+# Two alphas in one measurement, few rays and short ranges of alpha give reasons for doubt, here on
+# purpose; `test_doubts_are_warnings` expects them.
+pytestmark = pytest.mark.filterwarnings("ignore:sweep. :clradar.ClradarWarning")
 
 ARRAY = edge_array(20)
 WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 16)
@@ -147,6 +158,28 @@ def test_regions_have_their_own_alphas(regional):
     a, b = regional.regions.best
     assert regional.regions.grid[a, b] == np.nanmax(regional.regions.grid)
     assert regional.regions.converged
+
+
+def test_doubts_are_warnings(measured, in_halves):
+    """Two alphas in one measurement: the curve of the whole is flat."""
+    with pytest.warns(clradar.ClradarWarning, match="^sweep: the curve is flat: .* more seeds"):
+        result = halves_sweep(measured, in_halves)
+    assert result.remarks()[0] in result.report()
+
+
+@pytest.mark.parametrize(
+    ("alphas", "doubtful"), [([0.0, 0.5, 1.0], False), ([0.1, 0.5, 1.0], True)]
+)
+def test_an_end_of_the_range_is_doubtful_unless_there_is_nothing_beyond(alphas, doubtful):
+    rng = np.random.default_rng(6)
+    rough_db, smooth_db = rng.standard_normal((2, 40, 40))
+    alphas = np.array(alphas)
+    rows, one = _images(
+        rng, lambda a: (1 - a) * smooth_db + a * rough_db - 100.0, lambda a: 0.1, alphas, 3
+    )
+    found = estimate_alpha(one(0.0), rows, alphas, "db_correlation", 300.0)
+    assert found.on_edge
+    assert ("take a wider range" in " ".join(found.remarks(alphas))) == doubtful
 
 
 def test_the_uncertainty_of_one_region_is_part_of_the_others(in_thirds):
@@ -289,6 +322,31 @@ def test_the_score_is_spearmans_correction_or_the_energy_score():
 def test_one_metric_alone_is_that_of_compare(regional, metric):
     images = regional.images[1:3]
     assert compare_by(metric, *images) == getattr(compare(*images), metric)
+
+
+@pytest.mark.parametrize("n_seeds", [2, 3, 5])
+def test_alphas_alike_are_an_interval_that_contains_the_best(n_seeds):
+    """Single tests with three seeds left holes in 36 of 100 sweeps over simulated hands."""
+    rng = np.random.default_rng(n_seeds)
+    alphas, trials = np.linspace(0, 1, 11), 400
+    covered = []
+    for _ in range(trials):
+        truth = rng.integers(11)
+        # The seeds' scores share a wave over alpha and have noise of their own.
+        wave = 0.02 * np.sin(6 * alphas + rng.uniform(0, 6.3, (n_seeds, 1)))
+        noise = 0.02 * rng.standard_normal((n_seeds, 11))
+        score = 0.9 - 0.5 * (alphas - alphas[truth]) ** 2 + wave + noise
+        best = int(score.mean(axis=0).argmax())
+        deficit, error, alike = _paired(score, best)
+        first, last = np.flatnonzero(alike)[[0, -1]]
+        assert alike[first : last + 1].all()
+        assert alike[best]
+        # Nothing is alike that the test finds worse, but for what is in between.
+        level = stats.t.ppf(0.95, n_seeds - 1) * error
+        assert all(deficit[i] <= level[i] for i in (first, last))
+        covered.append(alike[truth])
+    # At least 95 %; four standard deviations of the share of so many trials are 4.4 %.
+    assert np.mean(covered) > 0.95 - 4 * np.sqrt(0.95 * 0.05 / trials)
 
 
 # --- rays and random numbers are shared
