@@ -11,6 +11,7 @@ from calibration.conventions.hypotheses import HYPOTHESES, Hypothesis, apply_con
 from calibration.registration.align_images import align
 from calibration.registration.align_mesh import align_mesh
 from calibration.registration.alignment import Alignment
+from calibration.registration.beyond_noise import Place
 from calibration.registration.closed_loop import Registration, Round
 from calibration.registration.register import register
 from calibration.roughness.estimate import AlphaEstimate
@@ -28,6 +29,7 @@ __all__ = [
     "FlatPlate",
     "Gate",
     "Hypothesis",
+    "Place",
     "RegionSweep",
     "Regions",
     "Registration",

@@ -21,8 +21,9 @@ from calibration.channels.fit import (
 from calibration.channels.slepian_taper import MIN_CELLS, delay_taper
 from calibration.channels.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.errors import CalibrationError
+from clradar.errors import CalibrationError, warn
 from clradar.model import AntennaArray, Capture, ChannelCalibration, ChannelResponse, checks
+from clradar.model.progress import Progress
 
 COMMON_DELAYS = ("zero", "free")
 LEVELS = ("mean", "target")
@@ -45,6 +46,9 @@ DETECTABLE = 5.0
 MAX_OUTLYING = 0.15
 """Largest fraction of outlying pairs. For wrong targets it is a third and more."""
 
+UNEXPLAINED_DB = 10.0
+"""A residual this far above that of noise alone is worth a warning."""
+
 QUIET = 1e-3
 """Channels with noise below -60 dB of the echo are never noisy, whatever the others have."""
 
@@ -64,6 +68,7 @@ def estimate_channels(
     noisy_db: float = 6.0,
     max_residual_db: float = -10.0,
     max_iterations: int = 60,
+    progress: Progress | None = None,
 ) -> ChannelCalibration:
     """Estimate gain and delay of every channel, and the pose of the target.
 
@@ -101,6 +106,9 @@ def estimate_channels(
         Largest residual energy relative to the echoes', after summation over the frequencies of
         each pair.
     max_iterations : int
+    progress : callable, optional
+        Called with (done, total) before every step of the fit, and at its end with the total: at
+        most `max_iterations`, usually far fewer.
 
     Returns
     -------
@@ -117,6 +125,11 @@ def estimate_channels(
         channels, or a fit that does not converge.
     ModelError
         An invalid argument.
+
+    Warns
+    -----
+    ClradarWarning
+        More of the echoes is left than by noise, by 10 dB.
 
     Notes
     -----
@@ -184,7 +197,7 @@ def estimate_channels(
         SideResponse(s.log_gain[a], s.phase_rad[a], s.delay_s[a])
         for s, a in zip(sides, live, strict=True)
     )
-    found = fit_channels(part, array, target, tx, rx, prior, max_iterations)
+    found = fit_channels(part, array, target, tx, rx, prior, max_iterations, progress)
     quality = _quality(found, samples.count, noisy_db, max_residual_db)
     return _calibration(capture, samples, found, live, quality, level)
 
@@ -311,6 +324,11 @@ def _quality(
             f"estimate_channels: the {kind} does not explain the capture: {excess_db:.1f} dB of "
             f"the echoes' energy is left, and at most {max_residual_db:g} dB may be. Another "
             "target, another position, or other echoes beside it (gate_m)"
+        )
+    if residual_db > noise_residual_db + UNEXPLAINED_DB:
+        warn(
+            f"estimate_channels: {residual_db - noise_residual_db:.0f} dB more is left than by "
+            "noise: other echoes (gate_m, --gate-mm), or a target that differs from its description"
         )
     return _Quality(noise, noisy, share, residual_db, noise_residual_db)
 

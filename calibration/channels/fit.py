@@ -20,6 +20,7 @@ from calibration.channels.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError, ModelError
 from clradar.model import AntennaArray
+from clradar.model.progress import Progress
 
 TUKEY_CUTOFF = 4.685 / np.sqrt(2.0)
 """Of Tukey's biweight on the magnitude of complex residuals with mean square 1."""
@@ -263,6 +264,7 @@ def fit_channels(
     rx: SideResponse,
     prior: Prior,
     max_iterations: int,
+    progress: Progress | None = None,
 ) -> ChannelFit:
     """Refine a start by weighted, robust Gauss-Newton steps on channels and pose together.
 
@@ -273,7 +275,9 @@ def fit_channels(
     """
     nominal = target.parameters
     tolerance = prior.tolerance if prior.refine else prior.tolerance[:0]
-    for _ in range(max_iterations):
+    for iteration in range(max_iterations):
+        if progress is not None:
+            progress(iteration, max_iterations)
         echo = target.echo(array)
         pairs = pairs_of(samples, echo, tx, rx)
         _check_explained(pairs, echo.seen, target)
@@ -305,6 +309,8 @@ def fit_channels(
             f"estimate_channels: expected a fit that settles within {max_iterations} steps, got "
             f"one that still moves: another target than the {target.kind}, or another position"
         )
+    if progress is not None:
+        progress(max_iterations, max_iterations)
     echo = target.echo(array)
     covariance = np.zeros((nominal.size, nominal.size))
     covariance[: tolerance.size, : tolerance.size] = step.covariance * np.outer(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.registration.alignment import UNKNOWN_STD_M, Alignment
+from calibration.registration.alignment import UNKNOWN_STD_M, Alignment, warned
 from calibration.registration.depth_surface import (
     MIN_POINTS,
     DepthSurface,
@@ -96,6 +96,11 @@ def align(
     ModelError
         An option is out of its range.
 
+    Warns
+    -----
+    ClradarWarning
+        Every remark of the result: `Alignment.remarks`.
+
     Notes
     -----
     A coarse search, refined by trimmed point-to-point ICP (Besl and McKay [1]_), then ICP from the
@@ -134,7 +139,7 @@ def align(
     starts = _coarse(surface, cloud, search_deg)
     fit = _best_fit(surface, cloud, starts, max_iterations)
     fit, free = _without_unobservable(surface, cloud, fit, max_iterations)
-    return _alignment(surface, cloud, fit, free, min_inlier_share, max_rms_m)
+    return warned("align", _alignment(surface, cloud, fit, free, min_inlier_share, max_rms_m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

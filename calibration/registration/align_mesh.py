@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.registration.alignment import Alignment
+from calibration.registration.alignment import Alignment, warned
 from calibration.registration.closed_loop import (
     MAX_ROUNDS,
+    SEARCH_SHARE,
     TOLERANCE_M,
     LoopSettings,
-    Round,
     close_loop,
 )
 from calibration.registration.mesh_pose import FINE_STEP_M, density_of, depth_for_mesh, locate
@@ -17,7 +17,7 @@ from calibration.registration.mesh_rendering import decimated
 from calibration.registration.radar import Radar
 from calibration.registration.search_space import PoseSearch
 from clradar.model import AntennaArray, DepthMap, Scene, Volume, VoxelGrid, Waveform, checks
-from clradar.model.progress import Progress
+from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, open_device
 from clradar.tracing.settings import SimulationSettings
 
@@ -77,7 +77,8 @@ def align_mesh(
     device : Device, str or None
         See `clradar.open_device`.
     progress : callable, optional
-        Called with (done, total): first the rotations of the search, then the simulations.
+        Called with (done, total) from 0 to the total, once: the search is the first fifth, the
+        simulations are the rest.
 
     Returns
     -------
@@ -93,6 +94,11 @@ def align_mesh(
         of the mesh in its pose that does not look like the measurement.
     ModelError
         An option is out of its range.
+
+    Warns
+    -----
+    ClradarWarning
+        Every remark of the result: `Alignment.remarks`.
 
     Notes
     -----
@@ -123,9 +129,11 @@ def align_mesh(
     options = PoseSearch("align_mesh", search_deg, min_inlier_share, max_iterations)
     opened = open_device(device)
     depth = depth_for_mesh(measured, dynamic_range_db)
-    located = locate(depth, mesh, radar.aperture, options, opened, progress)
+    search_share = SEARCH_SHARE if correct_bias else 1.0
+    searching = part_of(progress, 0.0, search_share)
+    located = locate(depth, mesh, radar.aperture, options, opened, searching)
     if not correct_bias:
-        return located.alignment
+        return warned("align_mesh", located.alignment)
     coarse = decimated(depth, FINE_STEP_M)
     settings = LoopSettings(
         radar=radar,
@@ -140,14 +148,9 @@ def align_mesh(
         tolerance_m=TOLERANCE_M,
         max_rounds=MAX_ROUNDS,
     )
-    done: list[Round] = []
-
-    def count(finished: Round) -> None:
-        done.append(finished)
-        if progress is not None:
-            progress(len(done), MAX_ROUNDS)
-
-    return close_loop(coarse, mesh, located, settings, opened, count).alignment
+    simulating = part_of(progress, search_share, 1.0)
+    found = close_loop(coarse, mesh, located, settings, opened, progress=simulating)
+    return warned("align_mesh", found.alignment)
 
 
 def _coarse_grid(measured: Volume | DepthMap, depth: DepthMap) -> VoxelGrid:

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from calibration.registration.beyond_noise import Place
 from calibration.registration.rigid_motion import moved_back
+from clradar.errors import warn
 from clradar.model import checks
 
 UNKNOWN_STD_M = 1.0
@@ -17,6 +19,15 @@ UNKNOWN_STD_M = 1.0
 USUAL_OVERLAP = 0.85
 """On simulated measurements right meshes had 0.91 or more, wrong ones up to 0.94, most of them less
 (docs/calibration.md)."""
+
+USUAL_RATIO = 2.0
+"""Of the residuals to the noise: the right mesh had 0.6 to 1.5 in eight simulated measurements, one
+with three fingers bent otherwise by 15 degrees 1.5 in one and 2.3 to 6 in nine
+(docs/calibration.md)."""
+
+LARGEST = 1e9
+"""Of the numbers of a matrix, in metres and radians and their squares: far beyond what stands in
+front of a radar, and far from an overflow."""
 
 IMAGE, MESH = "simulated image", "mesh"
 
@@ -58,6 +69,18 @@ class Alignment:
         0 to 1.
     searched_deg : float or None, degrees
         Of a mesh: the largest rotation about boresight of the search.
+    residual_ratio : float or None
+        Of a mesh simulated in the pose found: root mean square of the residuals of the measurement,
+        relative to the noise, which is the scatter of the simulations. 1 where only noise is left;
+        larger ones widen `covariance`. None if too few simulations were in nearly one pose.
+    places : tuple of Place
+        Where they are largest, worst first.
+
+    Raises
+    ------
+    ModelError
+        A matrix that is not finite, or implausibly large, a transform that is not rigid, or a
+        negative variance.
 
     Examples
     --------
@@ -83,11 +106,23 @@ class Alignment:
     likeness: float | None = None
     overlap: float | None = None
     searched_deg: float | None = None
+    residual_ratio: float | None = None
+    places: tuple[Place, ...] = ()
 
     def __post_init__(self) -> None:
         for name, shape in (("transform", (4, 4)), ("covariance", (6, 6)), ("centre_m", (3,))):
-            array = checks.read_only(f"Alignment.{name}", getattr(self, name), np.float64, shape)
+            field = f"Alignment.{name}"
+            array = checks.read_only(field, getattr(self, name), np.float64, shape)
+            largest = float(np.abs(array).max())
+            if largest > LARGEST:
+                checks.fail(field, f"numbers up to {LARGEST:g}", f"{largest:g}")
             object.__setattr__(self, name, array)
+        _check_rigid("Alignment.transform", self.transform)
+        least = float(np.diag(self.covariance).min())
+        if least < 0.0:
+            checks.fail("Alignment.covariance", "variances of 0 or more", f"{least:g}")
+        for name in ("rms_m", "inlier_share"):
+            checks.real(f"Alignment.{name}", getattr(self, name))
         checks.one_of("Alignment.moved", self.moved, (IMAGE, MESH))
 
     @property
@@ -114,6 +149,8 @@ class Alignment:
             "inlier_share": self.inlier_share,
             "likeness": self.likeness,
             "overlap": self.overlap,
+            "residual_ratio": self.residual_ratio,
+            "places": [place.to_dict() for place in self.places],
             "remarks": list(self.remarks()),
             "iterations": self.iterations,
             "converged": self.converged,
@@ -127,7 +164,10 @@ class Alignment:
         """Reasons to doubt the result, one clause each."""
         found = []
         if not self.converged:
-            found.append("the pose still changed in the last iteration")
+            found.append(
+                f"the pose still changed in the last iteration, number {self.iterations}, and may "
+                "go on: more are needed (max_iterations; max_rounds of register, --max-rounds)"
+            )
         if self.searched_deg is not None and self.rotation_deg > self.searched_deg:
             found.append(
                 f"it is turned by {self.rotation_deg:.0f} deg, and rotations up to "
@@ -138,6 +178,13 @@ class Alignment:
             found.append(
                 f"an overlap of {self.overlap:.2f} is little, right meshes have 0.91 or more in "
                 "simulations: the object or its pose may be another; see the figure"
+            )
+        if self.residual_ratio is not None and self.residual_ratio > USUAL_RATIO:
+            worst = "; ".join(place.text() for place in self.places) or "no place in particular"
+            found.append(
+                f"the residuals are {self.residual_ratio:.1f} times what the noise explains: the "
+                "mesh may be posed or shaped differently, or other things are in the image, and "
+                f"the standard deviation is widened. Worst at {worst}"
             )
         return tuple(found)
 
@@ -160,6 +207,11 @@ class Alignment:
             lines[-1] += f" The images correlate by {self.likeness:.2f}."
         if self.overlap is not None:
             lines[-1] += f" Simulated there, the overlap is {self.overlap:.2f}."
+        if self.residual_ratio is not None:
+            lines.append(f"The residuals are {self.residual_ratio:.1f} times what noise explains.")
+            of += " and the residuals"
+        if self.moved == MESH and not self.converged:
+            of += " and the motion between the iterations"
         if self.degenerate_directions:
             lines.append(
                 "Unobservable in these images, and constrained to no motion: "
@@ -175,3 +227,19 @@ class Alignment:
         doubts = replace(self, converged=True).remarks()
         lines += [f"Doubtful: {doubt}." for doubt in doubts]
         return "\n".join(lines)
+
+
+def _check_rigid(field: str, transform: np.ndarray) -> None:
+    """Raise `ModelError` unless a finite matrix, shape (4, 4), is a rotation and a shift."""
+    rotation = transform[:3, :3]
+    off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if off > 1e-6 or np.linalg.det(rotation) < 0.0 or not (transform[3] == (0, 0, 0, 1)).all():
+        got = np.array2string(transform, precision=3, separator=", ").replace("\n", "")
+        checks.fail(field, "a rotation and a shift, with last row [0, 0, 0, 1]", got)
+
+
+def warned(function: str, found: Alignment) -> Alignment:
+    """Warn by every remark of a result that `function` is about to return."""
+    for remark in found.remarks():
+        warn(f"{function}: {remark}")
+    return found

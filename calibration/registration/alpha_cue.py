@@ -10,6 +10,10 @@ from calibration.registration.mesh_rendering import KNOTS_RAD, MeshRendering
 ALPHA_STARTS = (0.3, 0.0, 0.6, 0.1)
 """Simulated first. Most of the change is between 0 and 0.1, from a mirror to a rough surface."""
 
+FEWEST_ROUNDS = len(ALPHA_STARTS) + 3
+"""Of a registration that has to find alpha: the starts, and three that come to rest. It took 5 to
+12 in simulations (docs/calibration.md)."""
+
 ALPHA_TOLERANCE = 0.03
 MERGED_ALPHA = 0.04
 """Simulations whose alphas differ by less are averaged: they differ by speckle."""

@@ -21,6 +21,7 @@ from calibration.registration.alpha_cue import (
     next_alpha,
     pose_invariant_features,
 )
+from calibration.registration.beyond_noise import ResidualImage, beyond_noise
 from calibration.registration.depth_surface import not_aligned
 from calibration.registration.mesh_fit import fit_mesh, initial_log_brightness
 from calibration.registration.mesh_pose import (
@@ -36,6 +37,7 @@ from clradar.compare import depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import Capture, DepthMap, Scene, Volume, VoxelGrid
+from clradar.model.progress import Progress
 from clradar.opencl import Device
 from clradar.overlap import overlap
 from clradar.simulation import simulate
@@ -45,6 +47,9 @@ TOLERANCE_M = 1e-4
 """Converged when a round moves no visible point of the mesh by more than about this."""
 
 MAX_ROUNDS = 12
+
+SEARCH_SHARE = 0.2
+"""Share of the search for the first pose in the time of all, for the progress bar."""
 
 SAME_ALPHA, SAME_PLACE_M = 0.05, 2e-3
 """Widths of the Gaussian weight of a round's correction, by its distance from the last round."""
@@ -141,9 +146,10 @@ Callback = Callable[[Round], None]
 
 @dataclass(slots=True)
 class _History:
-    """Corrections, alphas, features and relative poses of the rounds that count."""
+    """Corrections, alphas, features, relative poses and residuals of the rounds that count."""
 
     corrections: list[np.ndarray] = field(default_factory=list)
+    residuals: list[ResidualImage] = field(default_factory=list)
     alphas: list[float] = field(default_factory=list)
     features: list[np.ndarray] = field(default_factory=list)
     places_m: list[np.ndarray] = field(default_factory=list)
@@ -154,9 +160,11 @@ class _History:
         place_m: np.ndarray,
         alpha: float | None,
         features: np.ndarray,
+        residuals: ResidualImage,
     ) -> None:
         self.corrections.append(correction)
         self.places_m.append(place_m)
+        self.residuals.append(residuals)
         if alpha is not None:
             self.alphas.append(alpha)
             self.features.append(features)
@@ -164,12 +172,16 @@ class _History:
     def next_alpha(self, wanted: np.ndarray) -> float:
         return next_alpha(self.alphas, self.features, wanted)
 
-    def correction(self) -> np.ndarray:
-        """Mean correction, weighted by the similarity of alpha and place to the last round's."""
+    def weights(self) -> np.ndarray:
+        """Similarity of alpha and place to the last round's, shape (n,), at most 1."""
         away = np.linalg.norm(np.array(self.places_m) - self.places_m[-1], axis=1) / SAME_PLACE_M
         if self.alphas:
             away = np.hypot(away, (np.array(self.alphas) - self.alphas[-1]) / SAME_ALPHA)
-        weights = np.exp(-0.5 * away**2)
+        return np.exp(-0.5 * away**2)
+
+    def correction(self) -> np.ndarray:
+        """Mean correction by these weights."""
+        weights = self.weights()
         return weights @ np.array(self.corrections) / weights.sum()
 
 
@@ -180,10 +192,12 @@ def close_loop(
     settings: LoopSettings,
     device: Device,
     callback: Callback | None = None,
+    progress: Progress | None = None,
 ) -> Registration:
     """Correct the `located` pose of `mesh` until a round moves it by less than the tolerance.
 
-    `measured` is the depth map of `located`, on the pixels of the grid.
+    `measured` is the depth map of `located`, on the pixels of the grid. `progress` is called with
+    the number of rounds and that of all, which it reaches when the loop has converged earlier, too.
 
     Raises
     ------
@@ -204,7 +218,7 @@ def close_loop(
             scene = scene.with_alpha(alpha)
         try:
             capture, volume = _simulated(scene, settings, number, device)
-            found, features = _fitted_to_simulation(
+            found, features, residuals = _fitted_to_simulation(
                 volume, mesh, transform, located, settings, device
             )
             correction = _relative_motion(found, transform, centre_m)
@@ -215,25 +229,42 @@ def close_loop(
                 continue
             raise
         place_m = _relative_motion(transform, fitted, centre_m)[3:]
-        history.add(correction, place_m, alpha, features)
+        history.add(correction, place_m, alpha, features, residuals)
         following = _corrected(fitted, history.correction(), centre_m)
         step = _relative_motion(following, transform, centre_m)
         moved_m = float(max(np.linalg.norm(step[3:]), radius_m * np.linalg.norm(step[:3])))
         rounds.append(Round(transform, alpha, moved_m))
         if callback is not None:
             callback(rounds[-1])
+        if progress is not None:
+            progress(number + 1, settings.max_rounds)
         transform = following
         if alpha is not None and alpha_settled:
             alpha_settled = abs(history.next_alpha(located.features) - alpha) < ALPHA_TOLERANCE
-        converged = moved_m < settings.tolerance_m and alpha_settled
+        # A single simulation says nothing of its scatter.
+        converged = number > 0 and moved_m < settings.tolerance_m and alpha_settled
         if converged:
             break
+    if progress is not None:
+        progress(settings.max_rounds, settings.max_rounds)
     share = _checked_overlap(measured, volume)
+    left = beyond_noise(
+        located.residuals,
+        history.residuals,
+        history.weights(),
+        history.alphas,
+        settings.radar.aperture.centre_m,
+    )
+    poses = [step.transform for step in rounds[:-1]] + [following]
     alignment = replace(
         located.alignment,
         transform=rounds[-1].transform,
         overlap=share,
-        covariance=_corrected_covariance(located),
+        covariance=_stated_covariance(
+            located, rounds[-1].transform, poses, left.widening, converged
+        ),
+        residual_ratio=left.ratio,
+        places=left.places,
         converged=converged,
         iterations=len(rounds),
     )
@@ -268,13 +299,13 @@ def _fitted_to_simulation(
     located: Located,
     settings: LoopSettings,
     device: Device,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Pose of the mesh fitted to its own simulation, (4, 4), and the simulation's features."""
+) -> tuple[np.ndarray, np.ndarray, ResidualImage]:
+    """Pose of the mesh fitted to its own simulation, (4, 4); features and residuals of that."""
     depth = depth_for_mesh(volume, settings.dynamic_range_db)
     constrained = located.constrained if located.constrained.shape[1] else None
     with fine_rendering(mesh, depth, settings.radar.aperture, device) as image:
         fit = fit_mesh(image, transform, initial_log_brightness(), _FIT_STEPS, constrained)
-        return fit.transform, pose_invariant_features(image, fit)
+        return fit.transform, pose_invariant_features(image, fit), ResidualImage.of(image, fit)
 
 
 def _relative_motion(there: np.ndarray, here: np.ndarray, at_m: np.ndarray) -> np.ndarray:
@@ -314,9 +345,24 @@ def _checked_overlap(measured: DepthMap, simulated: Volume) -> float:
     return share
 
 
-def _corrected_covariance(located: Located) -> np.ndarray:
-    """Covariance after the correction; unobservable directions stay unknown."""
-    covariance = located.alignment.covariance
-    if located.constrained.shape[1]:
-        return covariance
-    return covariance * (REGISTERED_RATIO / COVARIANCE_RATIO) ** 2
+def _stated_covariance(
+    located: Located,
+    transform: np.ndarray,
+    others: list[np.ndarray],
+    widening: float,
+    converged: bool,
+) -> np.ndarray:
+    """Covariance after the correction; unobservable directions stay unknown.
+
+    Widened by the residuals relative to the noise (Birge's ratio, docs/calibration.md). Without
+    convergence it is that of the uncorrected fit and the scatter of the `others`, the poses before
+    and the next.
+    """
+    corrected = converged and not located.constrained.shape[1]
+    factor = widening * (REGISTERED_RATIO / COVARIANCE_RATIO if corrected else 1.0)
+    covariance = located.unknown + factor**2 * (located.alignment.covariance - located.unknown)
+    if not converged:
+        centre_m = located.alignment.centre_m
+        away = np.array([_relative_motion(pose, transform, centre_m) for pose in others])
+        covariance = covariance + away.T @ away / len(away)
+    return covariance

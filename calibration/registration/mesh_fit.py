@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.registration.depth_surface import not_aligned
 from calibration.registration.mesh_rendering import KNOTS_RAD, MeshRendering
 from calibration.registration.rigid_motion import exp_twist, orthonormal
 
@@ -153,7 +154,10 @@ def fit_mesh(
         information += SMOOTH * fall.T @ fall
         score -= SMOOTH * fall.T @ (np.diff(log_brightness) + FALL_PER_KNOT)
         basis = np.eye(n) if constrained is None else _unconstrained(constrained, n)
-        step = basis @ np.linalg.solve(basis.T @ information @ basis, basis.T @ score)
+        try:
+            step = basis @ np.linalg.solve(basis.T @ information @ basis, basis.T @ score)
+        except np.linalg.LinAlgError as error:
+            raise not_aligned("the fit of the mesh to the image has no unique step") from error
         angle_rad, shift_m = np.linalg.norm(step[:3]), np.linalg.norm(step[3:6])
         longest = max(angle_rad / _MOST_ROTATION_RAD, shift_m / _MOST_SHIFT_M)
         step = step / max(1.0, longest, np.abs(step[6:]).max() / _MOST_LOG)

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.registration.alignment import MESH, UNKNOWN_STD_M, Alignment
 from calibration.registration.alpha_cue import pose_invariant_features
+from calibration.registration.beyond_noise import ResidualImage
 from calibration.registration.depth_surface import checked_depth_map, not_aligned
 from calibration.registration.mesh_fit import (
     POWER_FLOOR,
@@ -31,7 +32,7 @@ from calibration.registration.observability import (
 from calibration.registration.rigid_motion import moved, moved_back
 from calibration.registration.search_space import PoseSearch
 from clradar.model import DepthMap, Scene, Volume, checks
-from clradar.model.progress import Progress
+from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device
 from clradar.tracing.visible_surface import VisibleSurface
 
@@ -67,12 +68,18 @@ _SAME_PLACE_M, _SAME_ROTATION_RAD = 2e-3, 0.04
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Located:
-    """An alignment, its fit, the constrained twists, shape (6, k), and the measured features."""
+    """An alignment, its fit, and what the fit says of the measured image.
+
+    `constrained`, shape (6, k), twists without motion; `unknown`, shape (6, 6), their part of the
+    covariance; `features` and `residuals` of the measured image.
+    """
 
     alignment: Alignment
     fit: MeshFit
     constrained: np.ndarray
+    unknown: np.ndarray
     features: np.ndarray
+    residuals: ResidualImage
 
 
 def locate(
@@ -89,7 +96,8 @@ def locate(
     coarse = MeasuredImage.of(depth, COARSE_STEP_M, aperture.centre_m)
     density = density_of(mesh, COARSE_SAMPLES_PER_MM2)
     with VisibleSurface(mesh, density, _reach_m(mesh), device) as surface:
-        starts = _distinct(search(surface, coarse, aperture, options.search_deg, progress))
+        searching = part_of(progress, 0.0, 0.6)
+        starts = _distinct(search(surface, coarse, aperture, options.search_deg, searching))
     with fine_rendering(mesh, depth, aperture, device) as image:
         fits = [
             fit_mesh(image, start.transform, initial_log_brightness(), options.max_iterations)
@@ -99,6 +107,8 @@ def locate(
             raise not_aligned("no part of the mesh is visible in any pose of the search")
         best = min(fits, key=lambda fit: fit.loss)
         located = _assessed(image, best, options)
+    if progress is not None:
+        progress(1, 1)
     alignment = replace(located.alignment, searched_deg=options.search_deg)
     return replace(located, alignment=alignment)
 
@@ -205,20 +215,22 @@ def _assessed(image: MeshRendering, fit: MeshFit, options: PoseSearch) -> Locate
     basis = complement(free)
     values, vectors = np.linalg.eigh(basis.T @ information @ basis)
     inverse = (vectors / np.maximum(values, least)) @ vectors.T
-    scaled = COVARIANCE_RATIO**2 * basis @ inverse @ basis.T + UNKNOWN_STD_M**2 * free @ free.T
+    scales = np.outer(scale.unit, scale.unit)
+    unknown = UNKNOWN_STD_M**2 * free @ free.T / scales
     alignment = Alignment(
         transform=fit.transform,
         rms_m=rms_m,
         inlier_share=share,
         iterations=iterations,
         converged=fit.converged,
-        covariance=scaled / np.outer(scale.unit, scale.unit),
+        covariance=COVARIANCE_RATIO**2 * basis @ inverse @ basis.T / scales + unknown,
         degenerate_directions=direction_names(free, scale),
         centre_m=scale.centre_m,
         moved=MESH,
         likeness=likeness,
     )
-    return Located(alignment, fit, constrained, pose_invariant_features(image, fit))
+    features = pose_invariant_features(image, fit)
+    return Located(alignment, fit, constrained, unknown, features, ResidualImage.of(image, fit))
 
 
 def _image_quality(image: MeshRendering, fit: MeshFit) -> tuple[float, float, float]:

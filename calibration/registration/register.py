@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from calibration.registration.alignment import warned
+from calibration.registration.alpha_cue import ALPHA_STARTS, FEWEST_ROUNDS
 from calibration.registration.closed_loop import (
     MAX_ROUNDS,
+    SEARCH_SHARE,
     TOLERANCE_M,
     Callback,
     LoopSettings,
@@ -15,7 +18,9 @@ from calibration.registration.closed_loop import (
 from calibration.registration.mesh_pose import depth_for_mesh, locate
 from calibration.registration.radar import Radar
 from calibration.registration.search_space import PoseSearch
+from clradar.errors import warn
 from clradar.model import AntennaArray, Scene, Volume, Waveform, checks
+from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, open_device
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
 
@@ -36,6 +41,7 @@ def register(
     max_rounds: int = MAX_ROUNDS,
     device: Device | str | None = None,
     callback: Callback | None = None,
+    progress: Progress | None = None,
     settings: SimulationSettings | None = None,
     **fields: Any,
 ) -> Registration:
@@ -56,10 +62,13 @@ def register(
         As in `align_mesh`.
     tolerance_m : float, metres
     max_rounds : int
-        Rounds before it stops unconverged.
+        Rounds before it stops unconverged, at least two to converge. With `fit_alpha` at least 7:
+        the first four try fixed alphas, the others come to rest.
     device : Device, str or None
     callback : callable, optional
         Called with every `Round`.
+    progress : callable, optional
+        Called with (done, total) from 0 to the total, once, as in `align_mesh`.
     settings : SimulationSettings, optional
         Of the simulations, the defaults if not given; rounds use seeds from `seed` upwards.
     **fields
@@ -77,6 +86,11 @@ def register(
     ModelError
         An option is out of its range.
 
+    Warns
+    -----
+    ClradarWarning
+        Every remark of the alignment (`Alignment.remarks`), or too few rounds to find alpha.
+
     Notes
     -----
     docs/calibration.md has the equations.
@@ -91,13 +105,14 @@ def register(
     >>> q = clradar.arrays.qar50()
     >>> radar = {"array": clradar.AntennaArray(q.tx_m[::2], q.rx_m[::2]),
     ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
-    >>> rays = {"samples_per_mm2": 1.0, "rays_per_sample": 2}
+    >>> rays = {"samples_per_mm2": 6.0, "rays_per_sample": 4}
     >>> there = np.eye(4)
     >>> there[0, 3] = 0.004
     >>> capture = clradar.simulate(plate.transformed(there), seed=9, **rays, **radar)
     >>> grid = clradar.VoxelGrid.from_extent((-0.036, 0.036), (-0.036, 0.036), (0.28, 0.32), 2e-3)
     >>> image = clradar.backproject(capture, grid, device="pocl")
-    >>> found = calibration.register(image, plate, search_deg=5.0, max_rounds=1, **rays, **radar)
+    >>> found = calibration.register(
+    ...     image, plate, search_deg=5.0, tolerance_m=1e-3, max_rounds=4, **rays, **radar)
     >>> print(np.linalg.norm(found.alignment.shift_m - [0.004, 0, 0]) < 0.003)
     True
     """
@@ -113,7 +128,16 @@ def register(
         tolerance_m=checks.positive("register: tolerance_m", tolerance_m),
         max_rounds=checks.whole("register: max_rounds", max_rounds, 1),
     )
+    if fit_alpha and loop_settings.max_rounds < FEWEST_ROUNDS:
+        warn(
+            f"register: max_rounds is {loop_settings.max_rounds}, and alpha is found in "
+            f"{FEWEST_ROUNDS} or more, since the first {len(ALPHA_STARTS)} try fixed ones: take "
+            "more, or give alpha (fit_alpha=False, --alpha)"
+        )
     opened = open_device(device)
     depth = depth_for_mesh(measured, dynamic_range_db)
-    located = locate(depth, mesh, radar.aperture, options, opened)
-    return close_loop(depth, mesh, located, loop_settings, opened, callback)
+    searching, simulating = part_of(progress, 0.0, SEARCH_SHARE), part_of(progress, SEARCH_SHARE, 1)
+    located = locate(depth, mesh, radar.aperture, options, opened, searching)
+    found = close_loop(depth, mesh, located, loop_settings, opened, callback, simulating)
+    warned("register", found.alignment)
+    return found

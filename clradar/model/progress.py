@@ -6,3 +6,25 @@ from collections.abc import Callable
 
 Progress = Callable[[int, int], None]
 """Called with (done, total) units of work, such as samples."""
+
+_STEPS = 1000  # of a computation that consists of parts
+
+
+def part_of(progress: Progress | None, begin: float, end: float) -> Progress | None:
+    """The callback for a part of a longer computation, from its share `begin` to `end`.
+
+    Examples
+    --------
+    >>> search, fit = part_of(print, 0.0, 0.2), part_of(print, 0.2, 1.0)
+    >>> search(3, 3)
+    200 1000
+    >>> fit(1, 2)
+    600 1000
+    """
+    if progress is None:
+        return None
+
+    def show(done: int, total: int) -> None:
+        progress(round(_STEPS * (begin + (end - begin) * done / total)), _STEPS)
+
+    return show

@@ -104,7 +104,9 @@ def test_parts_of_a_ply_file_keep_names_and_the_order_of_faces(tmp_path: Path) -
     """As `clradar register` writes them; another program may have left out the names."""
     mesh = trimesh.creation.icosphere(1, 0.05)
     part = np.arange(len(mesh.faces)) % 3
-    content = ply_of_parts(mesh.vertices, mesh.faces, part, ("palm", "left thumb", "\u03b1", "unused"))
+    content = ply_of_parts(
+        mesh.vertices, mesh.faces, part, ("palm", "left thumb", "\u03b1", "unused")
+    )
     (tmp_path / "named.ply").write_bytes(content)
     scene = Scene.from_mesh(tmp_path / "named.ply")
     assert scene.part_names == ("palm", "left thumb", "\u03b1")
@@ -112,7 +114,9 @@ def test_parts_of_a_ply_file_keep_names_and_the_order_of_faces(tmp_path: Path) -
     assert np.array_equal(scene.faces, mesh.faces)
     np.testing.assert_allclose(scene.vertices_m, mesh.vertices, atol=FLOAT32_M)
     # The same triangles for a reader that knows of no parts.
-    assert np.array_equal(trimesh.load_mesh(tmp_path / "named.ply", process=False).faces, mesh.faces)
+    assert np.array_equal(
+        trimesh.load_mesh(tmp_path / "named.ply", process=False).faces, mesh.faces
+    )
 
     mesh.face_attributes["part"] = 7 + part.astype(np.int32)
     for encoding in ("ascii", "binary"):
@@ -122,23 +126,13 @@ def test_parts_of_a_ply_file_keep_names_and_the_order_of_faces(tmp_path: Path) -
         assert np.array_equal(scene.part, part)
 
 
-@pytest.mark.parametrize("values", [np.linspace(0, 1, 80), np.arange(80)])
-def test_a_property_part_that_names_no_parts_is_ignored(
-    tmp_path: Path, values: np.ndarray, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Fractions, or a number of its own for every face of a large mesh."""
-    monkeypatch.setattr("clradar.files.meshes.ply_parts.MOST_PARTS", 79)
-    mesh = trimesh.creation.icosphere(1, 0.05)
+@pytest.mark.parametrize("values", [np.linspace(0, 1, 1280), np.arange(1280)])
+def test_a_property_part_that_names_no_parts_is_ignored(tmp_path: Path, values: np.ndarray) -> None:
+    """Fractions, or a number of its own for every face."""
+    mesh = trimesh.creation.icosphere(3, 0.05)
     mesh.face_attributes["part"] = values
     mesh.export(tmp_path / "mesh.ply")
     assert len(Scene.from_mesh(tmp_path / "mesh.ply").part_names) == 1
-
-
-def test_two_parts_of_one_name_in_a_ply_file_keep_their_numbers(tmp_path: Path) -> None:
-    mesh = trimesh.creation.icosphere(1, 0.05)
-    part = np.arange(len(mesh.faces)) % 2
-    (tmp_path / "twice.ply").write_bytes(ply_of_parts(mesh.vertices, mesh.faces, part, "aa"))
-    assert Scene.from_mesh(tmp_path / "twice.ply").part_names == ("0", "1")
 
 
 def test_parts_of_a_glb_file_keep_their_names(tmp_path: Path) -> None:

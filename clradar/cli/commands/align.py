@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from clradar.cli.console import print_line, print_text, print_warning, progress_bar
+from clradar.cli.console import print_line, print_text, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.options.common import (
     DeviceOption,
@@ -109,6 +109,4 @@ def command(
     origin = provenance("align", options, [*images[0].files, path])
     write_json(output, {**result.to_dict(), **origin}, force=force)
     print_text(result.report())
-    for remark in result.remarks():
-        print_warning(remark)
     print_line(f"{output}: the transform, its covariance and this report")

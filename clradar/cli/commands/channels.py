@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from clradar.cli.console import print_line, print_table, print_warning
+from clradar.cli.console import print_line, print_table, progress_bar
 from clradar.cli.options.common import Amplitude, ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.recording import FrameOptions
@@ -18,9 +18,6 @@ from clradar.cli.titles import title_of
 if TYPE_CHECKING:
     from calibration import Target
     from clradar import ChannelCalibration
-
-UNEXPLAINED_DB = 10.0
-"""A residual this far above that of noise alone is worth a warning."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +123,8 @@ def command(
     check_figure(plot)
     check_outputs([output, plot], force=force, inputs=[capture])
     loaded, files = frames.open(capture)
-    channels = estimate_channels(loaded, known, **estimate.settings())
+    with progress_bar("fitting channels") as progress:
+        channels = estimate_channels(loaded, known, progress=progress, **estimate.settings())
     options = recorded(target, estimate, frames)
     origin = provenance("channels", options, files)
     save(output, channels, origin, force=force)
@@ -179,8 +177,3 @@ def print_summary(output: Path, channels: ChannelCalibration) -> None:
         f"{output}: {channels.residual_db:.1f} dB of the echoes is left, "
         f"{channels.noise_residual_db:.1f} dB by noise"
     )
-    if channels.residual_db > channels.noise_residual_db + UNEXPLAINED_DB:
-        print_warning(
-            f"{channels.residual_db - channels.noise_residual_db:.0f} dB more is left than by "
-            "noise: other echoes, or a target that differs from its description"
-        )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.comparison import Comparison
-from clradar.cli.console import print_line, print_text, print_warning, progress_bar
+from clradar.cli.console import print_line, print_text, progress_bar
 from clradar.cli.inputs import ImageInput
 from clradar.cli.options.common import (
     DeviceOption,
@@ -48,7 +48,12 @@ class RegistrationOptions(UnitOptions, SamplingOptions, SearchOptions):
         metavar="ALPHA|fit",
     )
     seed: int = option(0, "Of the first round; counts up from there.", metavar="N")
-    max_rounds: int = option(10, "Simulations at most.", metavar="N")
+    max_rounds: int = option(
+        10,
+        "Simulations at most. With --alpha fit at least 7: the first 4 try fixed alphas, and "
+        "fewer than 3 more do not find it. At least 2 otherwise.",
+        metavar="N",
+    )
 
     def alpha_value(self) -> float | None:
         """The number, or None for `fit`."""
@@ -100,10 +105,6 @@ def command(
         check_folder(output, force=force, replaced=FILES)
         swap_folder(made, output, temporary / "replaced")
     print_text(result.alignment.report())
-    if not result.converged:
-        print_warning(f"still moving after {len(result.rounds)} rounds; see {TRANSFORM}")
-    for remark in replace(result.alignment, converged=True).remarks():
-        print_warning(remark)
     print_line(f"{output}: {', '.join(FILES)}")
 
 
@@ -120,18 +121,15 @@ def registered(
     settings = recorded(registration)
     del settings["unit"], settings["alpha"]
     done: list[Round] = []
+
+    def show(step: Round) -> None:
+        done.append(step)
+        print_line(round_text(len(done), step))
+
     with progress_bar("registering") as progress:
-
-        def show(step: Round) -> None:
-            done.append(step)
-            if progress is not None:
-                progress(len(done), registration.max_rounds)
-            else:
-                print_line(round_text(len(done), step))
-
         return register(
-            volume, scene, fit_alpha=registration.alpha == FIT, device=device, callback=show,
-            **settings, **radar,
+            volume, scene, fit_alpha=registration.alpha == FIT, device=device, progress=progress,
+            callback=show if progress is None else None, **settings, **radar,
         )  # fmt: skip
 
 
@@ -145,10 +143,12 @@ def write_registration(
     folder: Path, measured: Volume, result: Registration, source: str, origin: dict[str, Any]
 ) -> None:
     """Write all files of a registration into `folder`."""
+    import numpy as np
+
     from clradar.files.meshes.ply_parts import ply_of_parts
 
     scene = result.scene
-    placed = ply_of_parts(scene.vertices_m, scene.faces, scene.part, scene.part_names)
+    placed = ply_of_parts(scene.vertices_m, scene.faces, np.asarray(scene.part), scene.part_names)
     write_file(folder / PLACED, placed, force=False)
     rounds = [
         {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}
@@ -163,7 +163,7 @@ def write_registration(
     if alpha is not None:
         label += f", \N{GREEK SMALL LETTER ALPHA} = {alpha:.2f}"
     compared = Comparison.of([measured, result.volume], [label])
-    compared.save_figure(folder / FIGURE, force=False)
+    compared.save_figure(folder / FIGURE, force=False, differences=True)
     simulated = compared.records([Path(VOLUME)])
     metrics = {"measured": source, "alpha": alpha, "simulated": simulated, **origin}
     write_json(folder / METRICS, metrics, force=False)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from clradar import AntennaArray, Capture, ChannelCalibration, VoxelGrid, Wavefo
 from clradar.cli import main
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError, MeasurementError, ModelError, OutputError
+from clradar.model.progress import Progress
 from measurement_io import (
     check_file,
     describe,
@@ -355,6 +357,15 @@ def test_gate_shuts_out_coupling_and_wall() -> None:
     # 2 : 1 and 30 to 46 cells away, of which the first side lobes of the band have percents.
     assert worst[1] < 0.005
     assert worst[1] < worst[0] / 5
+
+
+def test_echoes_beyond_noise_are_a_warning() -> None:
+    """A faint ball beside the plate, far above the noise."""
+    truth = instrument(seed=14, array=SMALL, n_freq=32)
+    both = response(TRUE["plate"], truth.array, truth.waveform)
+    both = both + 0.05 * response(Sphere([0.03, 0.0, 0.32], 0.02), truth.array, truth.waveform)
+    with pytest.warns(clradar.ClradarWarning, match=r"\d+ dB more is left than by noise: .*gate_m"):
+        estimate_channels(truth.record(both, snr_db=60.0), SAID["plate"])
 
 
 @pytest.mark.parametrize("cells", [1.5, 4.0, 50.0])
@@ -725,6 +736,24 @@ def test_commands(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     np.testing.assert_array_equal(corrected.data, want.data)
     assert [item["file"] for item in corrected.meta["inputs"]] == ["corner.h5", "channels.h5"]
     assert run(capsys, "inspect", "channels.h5", "--check")[0] == 0
+
+
+def test_the_command_shows_progress_once(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[float] = []
+
+    @contextmanager
+    def bar(label: str) -> Iterator[Progress]:
+        assert "channels" in label
+        yield lambda done, total: shown.append(done / total)
+
+    monkeypatch.setattr("clradar.cli.commands.channels.progress_bar", bar)
+    assert run(capsys, *PLATE, "-o", "channels.h5")[0] == 0
+    assert shown == sorted(shown)
+    assert len(shown) > 2
+    assert (shown[0], shown[-1]) == (0.0, 1.0)
+    assert shown.count(1.0) == 1
 
 
 @pytest.mark.parametrize(

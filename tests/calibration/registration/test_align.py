@@ -296,7 +296,8 @@ def test_report_has_shift_rotation_and_quality(original):
 
 
 def test_an_unfinished_fit_is_reported(original):
-    result = align(depth_map(potato, MOTIONS[4]), original, max_iterations=1)
+    with pytest.warns(clradar.ClradarWarning, match="align: the pose still changed in the last"):
+        result = align(depth_map(potato, MOTIONS[4]), original, max_iterations=1)
     assert not result.converged
     assert "NOT converged" in result.report()
     assert result.iterations == 1
@@ -444,3 +445,31 @@ def test_simulated_hands():
     ):
         assert_near(result, expected, VOLUME_TOLERANCE_M, VOLUME_TOLERANCE_DEG)
         assert result.degenerate_directions == ()
+
+
+# Records of arrays that something else has written
+
+
+@pytest.mark.parametrize("name", ["transform", "covariance", "centre_m"])
+@pytest.mark.parametrize(
+    "value", [np.nan, np.inf, -np.inf, 1e308, -1e300, 1e160, -1.0, 1e20, 5e-324, -0.0, 1e-300]
+)
+def test_an_alignment_of_any_numbers_is_refused_or_reported_without_warnings(name, value):
+    """Warnings are errors here: a root of a negative variance, an overflow of a shift."""
+    rng = np.random.default_rng(0)
+    fields = {"transform": np.eye(4), "covariance": np.eye(6), "centre_m": CENTRE_M}
+    refused = 0
+    for _ in range(20):
+        array = np.array(fields[name])
+        array.flat[rng.choice(array.size, rng.integers(1, array.size + 1), replace=False)] = value
+        try:
+            found = Alignment(
+                **{**fields, name: array}, rms_m=1e-3, inlier_share=0.9, iterations=5,
+                converged=False, degenerate_directions=(), moved="mesh", overlap=0.5,
+            )  # fmt: skip
+        except ModelError:
+            refused += 1
+        else:
+            assert found.report().startswith("The mesh is shifted by")
+            assert len(found.to_dict()["remarks"]) == 2
+    assert refused == 20 or np.abs(value) <= 1e9
