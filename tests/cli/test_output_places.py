@@ -101,7 +101,9 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def tree(folder: Path) -> dict[str, Any]:
     """What is in a folder: the bytes of its files, the kind of all else."""
     return {
-        str(path): path.read_bytes() if path.is_file() else path.lstat().st_mode
+        str(path): path.lstat().st_mode
+        if path.is_symlink() or not path.is_file()
+        else path.read_bytes()
         for path in folder.rglob("*")
     }
 
@@ -115,11 +117,31 @@ def test_the_folder_of_an_output_has_to_exist(run: Run, place: Path, line: str) 
     assert tree(place) == before
 
 
+WRONG_INPUTS = {
+    "text": lambda path: path.write_text("as it was"),
+    "empty": lambda path: path.touch(),
+    "folder": lambda path: path.mkdir(),
+    "pipe": os.mkfifo,
+    "loop": lambda path: path.symlink_to(path.name),
+    "nothing": lambda path: None,
+}
+
+
 @pytest.mark.parametrize("line", FILE_OUTPUTS + FOLDER_OUTPUTS)
 def test_a_command_that_fails_leaves_nothing(run: Run, place: Path, line: str) -> None:
-    before = tree(place)
-    one_error_line(run(*line.format("new").split()))
-    assert tree(place) == before
+    for kind, made in WRONG_INPUTS.items():
+        for name in ("in.h5", "in.ply", "in.json"):
+            path = place / name
+            if path.is_dir():
+                path.rmdir()
+            else:
+                path.unlink(missing_ok=True)
+            made(path)
+        before = tree(place)
+        outcome = run(*line.format("new").split())
+        one_error_line(outcome)
+        assert "unexpected" not in outcome.err, kind
+        assert tree(place) == before, kind
 
 
 @pytest.mark.parametrize("line", FILE_OUTPUTS + FOLDER_OUTPUTS)
