@@ -137,6 +137,8 @@ def _npz(path: Path, content: bytes) -> dict[str, np.ndarray]:
                 model[name] = arrays[name]
             except ValueError as error:
                 fail(path, f"an array '{name}' of numbers", error)
+            if not isinstance(model[name], np.ndarray):
+                fail(path, f"an array '{name}' of numbers", type(model[name]).__name__)
     return model
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import dataset_plans
 import h5py
 import layout_files
 import maroon_files
@@ -17,6 +18,7 @@ import numpy as np
 import trimesh
 
 import clradar
+from clradar.dataset.store.folder import Aside, Manifest, ShardEntry
 from measurement_io import save_capture, save_channels, save_volume, write_products
 
 
@@ -332,6 +334,17 @@ def hand_archives() -> list[bytes]:
     model["J_regressor"] = model["J_regressor"].toarray()
     np.savez(stream, **{name: value for name, value in model.items() if name != "bs_style"})
     return [stream.getvalue()]
+
+
+def manifests() -> list[bytes]:
+    """A data set with a shard that is closed, and a sample that was set aside."""
+    manifest = Manifest(
+        dataset_plans.plan_of(),
+        {"clradar": "0.0", "device": {"name": "none"}},
+        {0: ShardEntry(0, "shards/shard-00000.h5", 64 * "0", 1, 1000)},
+        {1: Aside(1, "no hand", 2)},
+    )
+    return [json.dumps(manifest.record(), indent=1).encode()]
 
 
 def mesh_folder(folder: Path) -> None:

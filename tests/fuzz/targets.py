@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from clradar.dataset.plan.table import PlanError
+from clradar.dataset.store.folder import Manifest, read_manifest
 from clradar.errors import MeasurementError, MeshError, RigError
 from clradar.model import Capture, ChannelCalibration, DepthMap, Scene, Volume
 from clradar.rigs import Rig, read_rig
@@ -54,6 +56,9 @@ from measurement_io.maroon.recording import placed_mesh
 
 HDF5_SHORT_RUN = 80
 """Each input of HDF5 costs three processes: to open it, to check it, to describe it."""
+
+MESH_SHORT_RUN = 150
+"""Each mesh or rig costs a process."""
 
 _PLY_TOKENS = (
     b"element vertex 99999999999", b"property list uchar int x", b"end_header", b"ascii",
@@ -173,6 +178,14 @@ def _rig(path: Path) -> object:
     return read_rig(path, handedness="right", unit="m")
 
 
+def _manifest(path: Path) -> object:
+    try:
+        return read_manifest(path.parent)
+    except PlanError as error:  # has a line for each mistake, and each names the file
+        worst = next((line for line in error.mistakes if path.name not in line), error.mistakes[0])
+        raise MeasurementError(worst) from error
+
+
 def _png(name: str, read: Callable[[Path, int], object], result: type) -> Target:
     file = f"{name}/000000.png"
     return Target(
@@ -202,10 +215,7 @@ def _ply(name: str, read: Callable[[Path, int], object], result: type) -> Target
     )
 
 
-def _mesh(
-    name: str, *structured: Mutator, dictionary: tuple[bytes, ...] = (), short_run: int = 250
-) -> Target:
-    """A mesh that is named; each input costs a process."""
+def _mesh(name: str, *structured: Mutator, dictionary: tuple[bytes, ...] = ()) -> Target:
     ending = name.removeprefix("mesh_")
     return Target(
         name,
@@ -216,7 +226,7 @@ def _mesh(
         dictionary,
         file_name=f"mesh.{ending}",
         errors=(MeshError,),
-        short_run=short_run,
+        short_run=MESH_SHORT_RUN,
     )
 
 
@@ -363,6 +373,7 @@ TARGETS = {
             ),
             file_name="photogrammetry/mesh.obj",
             around=seeds.mesh_folder,
+            short_run=MESH_SHORT_RUN,
         ),
         _mesh("mesh_glb", mutate_gltf.mutate_json_chunk, dictionary=mutate_gltf.DICTIONARY),
         _mesh("mesh_gltf", mutate_json.mutate, dictionary=mutate_gltf.DICTIONARY),
@@ -378,6 +389,7 @@ TARGETS = {
             mutate_gltf.DICTIONARY,
             file_name="hand.glb",
             errors=(RigError,),
+            short_run=MESH_SHORT_RUN,
         ),
         Target(
             "mano_npz",
@@ -388,6 +400,7 @@ TARGETS = {
             mutate_zip.DICTIONARY,
             file_name="model.npz",
             errors=(RigError,),
+            short_run=MESH_SHORT_RUN,
         ),
         Target(
             "mano_pickle",
@@ -398,6 +411,16 @@ TARGETS = {
             mutate_pickle.DICTIONARY,
             file_name="model.pkl",
             errors=(RigError,),
+            short_run=MESH_SHORT_RUN,
+        ),
+        Target(
+            "manifest",
+            seeds.manifests,
+            _manifest,
+            (Manifest,),
+            (mutate_json.mutate,),
+            mutate_json.DICTIONARY,
+            file_name="manifest.json",
         ),
         Target(
             "layout_toml",

@@ -27,7 +27,9 @@ EXPECTED = "a glTF 2.0 file"
 GLB_MAGIC = b"glTF"
 _GLB_HEADER = 12
 
-_COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_COMPONENTS = {
+    "5120": "<i1", "5121": "<u1", "5122": "<i2", "5123": "<u2", "5125": "<u4", "5126": "<f4",
+}  # fmt: skip
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 # Extensions that do not change the geometry, or are read here.
@@ -178,10 +180,12 @@ class GltfFile:
             listed = self.listed("accessors")
             entry = listed[self.index(f"accessor of {what}", accessor, len(listed))]
             component, kind = entry.get("componentType"), entry.get("type")
-            if component not in _COMPONENTS or kind not in _NUMBERS:
+            # As text, since what is no number may not even be a key.
+            code, n = _COMPONENTS.get(str(component)), _NUMBERS.get(str(kind))
+            if code is None or n is None:
                 found = f"type {kind} of component type {component}"
                 self.fail(f"{what}: numbers of a known type", found)
-            dtype, n = np.dtype(_COMPONENTS[component]), _NUMBERS[kind]
+            dtype = np.dtype(code)
             count = self.index(f"count of {what}", entry.get("count"), 2**40)
             self._numbers_left -= count * n
             if self._numbers_left < 0:
@@ -222,10 +226,15 @@ class GltfFile:
 
     def _replaced(self, what: str, values: np.ndarray, sparse: Any) -> np.ndarray:
         """Return `values` with the elements that a sparse accessor lists put in their place."""
+        sparse, indices, given = self.objects(
+            f"sparse {what}, its indices and values",
+            [sparse, *(sparse.get(name) for name in ("indices", "values"))]
+            if isinstance(sparse, dict)
+            else [sparse],
+        )
         count = self.index(f"sparse count of {what}", sparse.get("count"), len(values) + 1)
-        indices, given = sparse.get("indices"), sparse.get("values")
-        kind = indices.get("componentType")
-        if kind not in (5121, 5123, 5125):
+        kind = str(indices.get("componentType"))
+        if kind not in ("5121", "5123", "5125"):
             self.fail(f"sparse indices of {what}: unsigned integers", f"type {kind}")
         place = self._strided(
             what, indices.get("bufferView"), indices.get("byteOffset"),

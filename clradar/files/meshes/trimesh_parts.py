@@ -77,13 +77,13 @@ def read_with_trimesh(path: Path, content: bytes, kind: str) -> Parts:
     import trimesh
 
     forbid_opening()
+    if kind == "3mf":
+        _check_archive(path, content)
     if kind not in trimesh.available_formats():
         wanted = (
             f"the packages that trimesh reads .{kind} with: pip install {_OTHER_PACKAGES[kind]}"
         )
         fail(path, wanted, "none installed", error=MeshError)
-    if kind == "3mf":
-        _check_archive(path, content)
     # trimesh would guess the encoding of a text that is no UTF-8, if that package were there.
     sys.modules["charset_normalizer"] = None  # type: ignore[assignment]
     try:

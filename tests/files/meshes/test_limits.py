@@ -130,7 +130,6 @@ def test_archives_and_other_formats_are_refused_unread(tmp_path: Path, name: str
 
 
 def test_archives_are_measured_before_they_are_inflated(tmp_path: Path) -> None:
-    pytest.importorskip("lxml", reason="trimesh reads 3MF with lxml")
     path = tmp_path / "mesh.3mf"
     stream = io.BytesIO()
     with (
