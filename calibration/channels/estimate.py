@@ -46,11 +46,17 @@ DETECTABLE = 5.0
 MAX_OUTLYING = 0.15
 """Largest fraction of outlying pairs. For wrong targets it is a third and more."""
 
-UNEXPLAINED_DB = 10.0
-"""A residual this far above that of noise alone is worth a warning."""
-
 QUIET = 1e-3
 """Channels with noise below -60 dB of the echo are never noisy, whatever the others have."""
+
+MOST_DB = 300.0
+"""Of a threshold: twice what the float32 of captures spans between two samples of a channel."""
+
+UNEXPLAINED_DB = 10.0
+"""A residual this far above that of noise alone is warned of..."""
+
+NEGLIGIBLE_DB = -60.0
+"""... unless it is so small, which shifts a gain by a thousandth at most."""
 
 
 def estimate_channels(
@@ -129,7 +135,7 @@ def estimate_channels(
     Warns
     -----
     ClradarWarning
-        More of the echoes is left than by noise, by 10 dB.
+        More of the echoes is left than by noise, by 10 dB, and more than -60 dB.
 
     Notes
     -----
@@ -163,8 +169,8 @@ def estimate_channels(
     max_delay_s = checks.positive(f"{name}: max_delay_s", max_delay_s)
     checks.one_of(f"{name}: common_delay", common_delay, COMMON_DELAYS)
     checks.one_of(f"{name}: level", level, LEVELS)
-    dead_db = checks.positive(f"{name}: dead_db", dead_db)
-    noisy_db = checks.positive(f"{name}: noisy_db", noisy_db)
+    dead_db = _decibel(f"{name}: dead_db", dead_db)
+    noisy_db = _decibel(f"{name}: noisy_db", noisy_db)
     max_residual_db = checks.real(f"{name}: max_residual_db", max_residual_db)
     max_iterations = checks.whole(f"{name}: max_iterations", max_iterations, 1)
     # A displaced target changes the delay by twice the displacement over c.
@@ -200,6 +206,13 @@ def estimate_channels(
     found = fit_channels(part, array, target, tx, rx, prior, max_iterations, progress)
     quality = _quality(found, samples.count, noisy_db, max_residual_db)
     return _calibration(capture, samples, found, live, quality, level)
+
+
+def _decibel(field: str, value: float) -> float:
+    decibel = checks.positive(field, value)
+    if decibel > MOST_DB:
+        checks.fail(field, f"at most {MOST_DB:g} dB", f"{decibel:g} dB")
+    return decibel
 
 
 def _check_waveform(capture: Capture, search_s: float) -> None:
@@ -325,7 +338,7 @@ def _quality(
             f"the echoes' energy is left, and at most {max_residual_db:g} dB may be. Another "
             "target, another position, or other echoes beside it (gate_m)"
         )
-    if residual_db > noise_residual_db + UNEXPLAINED_DB:
+    if residual_db > max(noise_residual_db + UNEXPLAINED_DB, NEGLIGIBLE_DB):
         warn(
             f"estimate_channels: {residual_db - noise_residual_db:.0f} dB more is left than by "
             "noise: other echoes (gate_m, --gate-mm), or a target that differs from its description"

@@ -8,11 +8,15 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.constants import PLAUSIBLE_RANGE_M, SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Waveform, checks
+from clradar.model.plausible import check_plausible, place
 
 AMPLITUDES = ("unit", "spreading")
 MAX_TILT_DEG = 60.0
+
+RADIUS_M = (1e-4, 5.0)
+"""Plausible radius of a sphere: a third of the shortest wavelength, to the largest aperture."""
 
 _NEWTON_STEPS = 60
 _NEWTON_TOLERANCE = 1e-14
@@ -166,6 +170,7 @@ class Sphere:
         position = _position("Sphere.position_m", self.position_m)
         object.__setattr__(self, "position_m", position)
         radius = checks.positive("Sphere.radius_m", self.radius_m)
+        check_plausible("Sphere.radius_m", "a radius", radius, RADIUS_M)
         object.__setattr__(self, "radius_m", radius)
         checks.one_of("Sphere.amplitude", self.amplitude, AMPLITUDES)
 
@@ -233,6 +238,7 @@ class FlatPlate:
 
     def __post_init__(self) -> None:
         distance = checks.positive("FlatPlate.distance_m", self.distance_m)
+        check_plausible("FlatPlate.distance_m", "a distance", distance, PLAUSIBLE_RANGE_M)
         object.__setattr__(self, "distance_m", distance)
         for name in ("tilt_x_deg", "tilt_y_deg"):
             tilt = checks.real(f"FlatPlate.{name}", getattr(self, name))
@@ -246,6 +252,8 @@ class FlatPlate:
                 checks.fail("FlatPlate.size_m", "positive lengths", f"{size.tolist()}")
             object.__setattr__(self, "size_m", (float(size[0]), float(size[1])))
         centre = checks.read_only("FlatPlate.centre_m", self.centre_m, np.float64, (2,))
+        aside, within = np.abs(centre).max(), (0.0, PLAUSIBLE_RANGE_M[1])
+        check_plausible("FlatPlate.centre_m", "a distance from the axis", aside, within)
         object.__setattr__(self, "centre_m", (float(centre[0]), float(centre[1])))
         checks.one_of("FlatPlate.amplitude", self.amplitude, AMPLITUDES)
 
@@ -319,7 +327,7 @@ def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndar
 
 
 def _position(name: str, value: Sequence[float] | np.ndarray) -> np.ndarray:
-    position = checks.read_only(name, value, np.float64, (3,))
+    position = place(name, value)
     if position[2] <= 0:
         checks.fail(name, "a place in front of the antennas (z > 0)", f"z = {position[2]:g} m")
     return position

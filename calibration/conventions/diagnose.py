@@ -29,6 +29,7 @@ from clradar.backproject import backproject
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import ModelError
 from clradar.model import Capture, DepthMap, Volume, VoxelGrid, checks
+from clradar.model.plausible import place
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 
@@ -249,7 +250,7 @@ def diagnose(
             )
     expected = None
     if expected_m is not None:
-        expected = checks.read_only("diagnose: expected_m", expected_m, np.float64, (3,))
+        expected = place("diagnose: expected_m", expected_m)
         if expected[2] <= 0:
             checks.fail("diagnose: expected_m", "a position with z > 0", expected.tolist())
     if not capture.data.any():

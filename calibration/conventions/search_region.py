@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.backproject import frequency_weights
-from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.constants import PLAUSIBLE_RANGE_M, SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform
 
 MIN_STEPS = 8
@@ -121,6 +121,9 @@ def scene_paths_m(capture: Capture, profile: RangeProfile) -> np.ndarray:
     gate_m, period_m = coupling_path_m(capture), ambiguous_path_m(capture.waveform)
     # Under a wrong sign coupling is at negative lengths, which is the end of the period.
     stop_m = period_m - gate_m if period_m > NEAR_PATH_M + 2 * gate_m else gate_m + period_m
+    # What is farther away than any voxel can be is not looked for.
+    cell_m = SPEED_OF_LIGHT_M_PER_S / capture.waveform.span_hz
+    stop_m = min(stop_m, 2 * PLAUSIBLE_RANGE_M[1] - cell_m)
     step_m = profile.path_m[1]
     bins = np.arange(int(np.ceil(gate_m / step_m)), int(stop_m / step_m))
     if len(bins) < 3:

@@ -22,6 +22,7 @@ from clradar.hand.pose import HandPose
 from clradar.hand.shape import AVERAGE, HandShape
 from clradar.hand.skeleton import posed_skeleton
 from clradar.model import checks
+from clradar.model.plausible import place
 from clradar.model.record import Record
 from clradar.opencl import Buffers, Device, open_device
 
@@ -223,7 +224,7 @@ def hand_mesh(
     if not low_m <= spacing_m <= high_m:
         checks.fail("edge_length_m", f"a length in [{low_m:g}, {high_m:g}] m", f"{spacing_m:g} m")
     checks.one_of("handedness", handedness, _HANDEDNESS)
-    centre_m = checks.read_only("center_m", center_m, np.float64, (3,))
+    centre_m = place("center_m", center_m)
     checks.instance("shape", shape, HandShape)
 
     right = _right_hand(posed, spacing_m, shape, open_device(device))

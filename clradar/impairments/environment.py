@@ -10,6 +10,7 @@ import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Capture, Waveform, checks
+from clradar.model.plausible import place
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +44,7 @@ class Wall:
     amplitude: float = 1.0
 
     def __post_init__(self) -> None:
-        point = checks.read_only("Wall.point_m", self.point_m, np.float64, (3,))
+        point = place("Wall.point_m", self.point_m)
         normal = checks.read_only("Wall.normal", self.normal, np.float64, (3,))
         length = float(np.linalg.norm(normal))
         if not length > 0:

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clradar.constants import PLAUSIBLE_APERTURE_M
 from clradar.model import checks
+from clradar.model.plausible import check_plausible
 from clradar.model.record import Record
 
 
@@ -26,7 +28,8 @@ class AntennaArray(Record):
     Raises
     ------
     ModelError
-        Wrong shape, empty, NaN or infinite.
+        Wrong shape, empty, NaN or infinite; an aperture of more than 5 m or, with more than two
+        antennas, less than 1 mm; an antenna more than 5 m away from the origin.
 
     Examples
     --------
@@ -49,6 +52,15 @@ class AntennaArray(Record):
         self._set_array("tx_m", np.float64, (None, 3))
         self._set_array("rx_m", np.float64, (None, 3))
         checks.text("AntennaArray.name", self.name)
+        both_m = np.concatenate([self.tx_m, self.rx_m])
+        with np.errstate(over="ignore"):
+            extent_m = np.ptp(both_m, axis=0).max()
+        if len(both_m) > 2 and extent_m > 0:
+            # Two antennas, and all in one place, may be as close together as they like.
+            check_plausible("AntennaArray", "an aperture", extent_m, PLAUSIBLE_APERTURE_M)
+        away_m = np.abs(both_m).max()
+        within = (0.0, PLAUSIBLE_APERTURE_M[1])
+        check_plausible("AntennaArray", "a distance from the origin", away_m, within)
 
     @property
     def n_tx(self) -> int:

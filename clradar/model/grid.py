@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from clradar.constants import FINEST_SPACING_M, PLAUSIBLE_RANGE_M
 from clradar.model import checks
+from clradar.model.plausible import check_plausible
 from clradar.model.record import Record
 
 MAX_VOXELS = 2**31 - 1
@@ -31,8 +33,8 @@ class VoxelGrid(Record):
     Raises
     ------
     ModelError
-        Wrong shapes, spacing that is not positive, no voxel, or more than 2^31 - 1; a voxel farther
-        than 1000 km.
+        Wrong shapes, spacing that is not positive or, between two voxels, below 10 um; no voxel, or
+        more than 2^31 - 1; coordinates beyond 100 m, or all of several voxels within 1 mm.
 
     Examples
     --------
@@ -62,8 +64,8 @@ class VoxelGrid(Record):
         if nx * ny * nz > MAX_VOXELS:
             checks.fail("VoxelGrid.counts", f"at most {MAX_VOXELS} voxels", f"{nx} x {ny} x {nz}")
         with np.errstate(over="ignore"):
-            last = self.origin_m + spacing * (np.array([nx, ny, nz]) - 1)
-        checks.within_reach("VoxelGrid", self.origin_m, last)
+            last_m = self.origin_m + spacing * (np.array([nx, ny, nz]) - 1)
+        _check_units("VoxelGrid", self.origin_m, last_m, spacing)
         self._set(counts=(nx, ny, nz))
 
     @classmethod
@@ -89,15 +91,18 @@ class VoxelGrid(Record):
             checks.positive("VoxelGrid.from_extent: spacing_m", s)
             for s in np.broadcast_to(spacing_in, 3)
         ]
+        fields = [f"VoxelGrid.from_extent: {name}_m" for name in "xyz"]
+        ends = [
+            checks.read_only(field, pair, np.float64, (2,))
+            for field, pair in zip(fields, (x_m, y_m, z_m), strict=True)
+        ]
+        firsts, lasts = np.transpose(ends)
+        _check_units("VoxelGrid.from_extent", firsts, lasts, np.array(steps))
         origin, counts = [], []
-        for name, pair, step in zip("xyz", (x_m, y_m, z_m), steps, strict=True):
-            field = f"VoxelGrid.from_extent: {name}_m"
-            first, last = checks.read_only(field, pair, np.float64, (2,))
+        for field, (first, last), step in zip(fields, ends, steps, strict=True):
             if last < first:
                 checks.fail(field, "first <= last", f"({first:g}, {last:g})")
             intervals = float(last - first) / step
-            if intervals > MAX_VOXELS:
-                checks.fail(field, f"at most {MAX_VOXELS} voxels", f"steps of {step:g} m")
             count = round(intervals)
             if abs(intervals - count) > 1e-6 * max(1.0, intervals):
                 fits = first + np.floor(intervals) * step
@@ -143,3 +148,15 @@ class VoxelGrid(Record):
             for g in (self, other)
         ]
         return bool(np.abs(ends[0] - ends[1]).max() <= tolerance_m)
+
+
+def _check_units(
+    field: str, first_m: np.ndarray, last_m: np.ndarray, spacing_m: np.ndarray
+) -> None:
+    """Raise if first and last voxels along x, y, z, or the steps, are in another unit."""
+    several = last_m > first_m
+    farthest_m = np.maximum(np.abs(first_m), np.abs(last_m)).max()
+    low_m, high_m = PLAUSIBLE_RANGE_M
+    bounds_m = (low_m if several.any() else 0.0, high_m)
+    check_plausible(field, "a distance of the farthest voxel", farthest_m, bounds_m)
+    check_plausible(field, "a spacing", spacing_m[several], (FINEST_SPACING_M, high_m))

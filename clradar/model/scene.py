@@ -16,10 +16,8 @@ from clradar.files.meshes.parts import Parts
 from clradar.files.meshes.reading import read_mesh_file
 from clradar.files.meshes.trimesh_parts import parts_of
 from clradar.model import checks
+from clradar.model.plausible import UNITS_M
 from clradar.model.record import Record
-
-UNITS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-"""Units in which a mesh file may be written, in metres."""
 
 PLAUSIBLE_SIZE_M = (1e-3, 20.0)
 """Plausible length of the longest side of a mesh's bounding box for a near-field radar, metres."""

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clradar.constants import MAX_FREQUENCIES, PLAUSIBLE_HZ
 from clradar.model import checks
+from clradar.model.plausible import check_plausible
 from clradar.model.record import Record
 
 
@@ -17,12 +19,12 @@ class Waveform(Record):
     Parameters
     ----------
     frequencies_hz : array_like, shape (n_freq,), float64, hertz
-        Positive and strictly ascending; the steps need not be equal.
+        Strictly ascending, from 0.1 GHz to 1 THz; the steps need not be equal.
 
     Raises
     ------
     ModelError
-        Empty, NaN, not positive, descending or repeated.
+        Empty, NaN, descending, repeated, or of a unit other than hertz.
 
     Examples
     --------
@@ -44,6 +46,7 @@ class Waveform(Record):
         axis = checks.one_axis("Waveform.frequencies_hz", self.frequencies_hz)
         if axis[0] <= 0:
             checks.fail("Waveform.frequencies_hz", "positive frequencies", f"{axis[0]:g} Hz")
+        check_plausible("Waveform.frequencies_hz", "frequencies", axis, PLAUSIBLE_HZ, "Hz")
         self._set(frequencies_hz=axis)
 
     @classmethod
@@ -51,7 +54,8 @@ class Waveform(Record):
         """Return `steps` equally spaced frequencies from `start_hz` to `stop_hz`, both included."""
         start = checks.positive("Waveform.sfcw: start_hz", start_hz)
         stop = checks.positive("Waveform.sfcw: stop_hz", stop_hz)
-        count = checks.whole("Waveform.sfcw: steps", steps, 1)
+        count = checks.whole("Waveform.sfcw: steps", steps, 1, MAX_FREQUENCIES)
+        check_plausible("Waveform.sfcw", "frequencies", [start, stop], PLAUSIBLE_HZ, "Hz")
         if (count == 1) != (start == stop) or stop < start:
             checks.fail(
                 "Waveform.sfcw",

@@ -17,6 +17,7 @@ from clradar.hand.flesh import PART_NAMES
 from clradar.hand.mesh import DEFAULT_CENTER_M
 from clradar.hand.skeleton import posed_skeleton
 from clradar.model import checks
+from clradar.model.plausible import place
 from clradar.model.record import Record
 from clradar.rigs.anatomy import CHAINS, WRIST, parents_of
 
@@ -200,7 +201,7 @@ class Rig(Record):
         x' = sum_j w_j (q_j + R_j (x - p_j)), where p_j is the joint at rest and q_j its position by
         forward kinematics, q_j = q_parent + R_parent (p_j - p_parent).
         """
-        centre_m = checks.read_only("center_m", center_m, np.float64, (3,))
+        centre_m = place("center_m", center_m)
         known, parents = self.known, parents_of(self.known)
         places_m = np.full_like(self.joints_m, np.nan)
         places_m[WRIST] = self.joints_m[WRIST]

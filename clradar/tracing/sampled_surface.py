@@ -27,6 +27,10 @@ class SampleOptions:
     width: int = 1
 
 
+MOST_SAMPLES = 2**31
+"""Of a scene: their ordinals are signed numbers of 32 bits on the device."""
+
+
 def samples_per_face(scene: Scene, settings: SimulationSettings) -> np.ndarray:
     """How many samples each face gets, shape (n_faces,), int64.
 
@@ -39,12 +43,21 @@ def samples_per_face(scene: Scene, settings: SimulationSettings) -> np.ndarray:
     if settings.rays_per_face is not None:
         return np.where(area_mm2 > 0, settings.rays_per_face, 0).astype(np.int64)
     assert settings.samples_per_mm2 is not None, "settings are resolved"
+    _check_samples(float(area_mm2.sum()) * settings.samples_per_mm2)
     # The offset of one half keeps a scene smaller than one sample from getting none at random.
     running = np.floor(np.cumsum(area_mm2) * settings.samples_per_mm2 + 0.5)
     counts = np.diff(running, prepend=0.0).astype(np.int64)
     if counts.sum() == 0:
         counts[int(area_mm2.argmax())] = 1
     return counts
+
+
+def _check_samples(count: float) -> None:
+    if count >= MOST_SAMPLES:
+        raise MeshError(
+            f"scene: expected fewer than 2^31 samples, got {count:.10g}; lower samples_per_mm2 or "
+            "rays_per_face, or check the unit of the mesh"
+        )
 
 
 class SampledSurface(OnDevice):
@@ -68,11 +81,7 @@ class SampledSurface(OnDevice):
         self.settings = settings
         counts = samples_per_face(scene, settings)
         self.n_samples = int(counts.sum())
-        if self.n_samples >= 2**31:
-            raise MeshError(
-                f"scene: expected fewer than 2^31 samples, got {self.n_samples}; lower "
-                f"samples_per_mm2 or rays_per_face, or check the unit of the mesh"
-            )
+        _check_samples(self.n_samples)
         self._scene = scene
         self._face_start = np.concatenate([[0], np.cumsum(counts)]).astype(np.uint32)
 

@@ -9,8 +9,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.geometry.normals import CREASE_DEG
 from clradar.model import Scene, TraceStatistics, checks
+from clradar.model.plausible import check_plausible
 from clradar.opencl import Device
 
 RECEPTION_RADIUS_M = 0.010
@@ -19,6 +21,9 @@ RAYS_PER_SAMPLE = 4
 
 EXPECTED_SAMPLES_PER_MM2 = 1.0
 """For ``estimator="expected"``, which needs fewer; each then has as many more rays."""
+
+MOST_EXPONENT = 1e4
+"""Of an antenna's pattern: it halves the power 0.5 degrees off boresight."""
 
 DENSITIES = ("samples_per_mm2", "rays_per_face", "rays_per_sample")
 """Fields that `SimulationSettings.resolved` fills in where they are None."""
@@ -56,7 +61,7 @@ class SimulationSettings:
     rays_per_sample : int, 1 to 2^16, optional
         Outgoing rays per sample and Tx. None: 4 with a density, 1 with `rays_per_face`; with the
         expected estimator and no density, ten times as many, which keeps the scale.
-    reception_radius_m : float, metres
+    reception_radius_m : float, metres, 0.1 mm to 1 m
         A ray is received by every Rx whose sphere of this radius it enters before it hits anything.
     max_bounces : int, 1 to 255
         Reflections per path at most; 1 with the expected estimator.
@@ -67,7 +72,7 @@ class SimulationSettings:
     amplitude : "unit" or "spreading"
         1 per path as in the paper, or 1 / (R1 R2): R1 the length up to the last reflection, R2 from
         there on, metres.
-    pattern_exponent : float
+    pattern_exponent : float, 0 to 10 000
         With "spreading": both antennas have the field pattern cos(angle to +z)^exponent.
     seed : int, 0 to 2^64 - 1
     estimator : "stochastic" or "expected"
@@ -118,10 +123,15 @@ class SimulationSettings:
             value = getattr(self, name)
             if value is not None or name not in DENSITIES:
                 object.__setattr__(self, name, check(name, value, *limits))
+        check_plausible(
+            "reception_radius_m", "a radius", self.reception_radius_m, PLAUSIBLE_RADIUS_M
+        )
         exponent = self.pattern_exponent
-        if exponent < 0 or (exponent > 0 and self.amplitude != "spreading"):
+        if not 0 <= exponent <= MOST_EXPONENT or (exponent > 0 and self.amplitude != "spreading"):
             checks.fail(
-                "pattern_exponent", "0, or a positive number with amplitude='spreading'", exponent
+                "pattern_exponent",
+                f"0, or a positive number with amplitude='spreading', at most {MOST_EXPONENT:g}",
+                exponent,
             )
         if self.estimator == "expected" and self.max_bounces > 1:
             checks.fail("max_bounces", "1 with estimator='expected'", self.max_bounces)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from clradar.constants import PLAUSIBLE_HZ
+from clradar.constants import MAX_FREQUENCIES, PLAUSIBLE_HZ
 from clradar.files.failures import clean, fail
-from clradar.files.limits import MAX_FREQUENCIES
 from measurement_io.layouts.container import Container
 from measurement_io.layouts.layout import FREQUENCY_UNITS_HZ, FrequencyLayout
 from measurement_io.layouts.real_values import real_list, real_number

@@ -9,6 +9,7 @@ from typing import NoReturn
 import numpy as np
 
 from clradar import arrays
+from clradar.constants import PLAUSIBLE_APERTURE_M
 from clradar.files.failures import clean, fail
 from measurement_io.antenna_file import read_position_file
 from measurement_io.layouts.container import Container
@@ -18,9 +19,6 @@ from measurement_io.layouts.layout import (
     FrameOfReference,
 )
 from measurement_io.layouts.real_values import real_array, real_list
-
-PLAUSIBLE_APERTURE_M = (1e-3, 5.0)
-"""Largest extent of a near-field array along an axis; others are in another unit."""
 
 _COORDINATES = ("x", "y", "z")
 

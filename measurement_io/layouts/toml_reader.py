@@ -6,8 +6,9 @@ import os
 import re
 from pathlib import Path
 
+from clradar.constants import MAX_FREQUENCIES
 from clradar.files.failures import reading, shown
-from clradar.files.limits import MAX_CHANNELS, MAX_FREQUENCIES
+from clradar.files.limits import MAX_CHANNELS
 from clradar.files.table import StrictTable
 from clradar.files.toml_file import read_toml
 from measurement_io.layouts.layout import (

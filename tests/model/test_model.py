@@ -159,10 +159,12 @@ WRONG = [
      {"start_hz": 1e9, "stop_hz": 2e9, "steps": 1}),
     ("Waveform.sfcw", "or equal, for one step", "in 4 steps", Waveform.sfcw,
      {"start_hz": 1e9, "stop_hz": 1e9, "steps": 4}),
-    ("Waveform.sfcw: steps", "a whole number >= 1", "2.5", Waveform.sfcw,
+    ("Waveform.sfcw: steps", "a whole number in [1, 10000000]", "2.5", Waveform.sfcw,
      {"start_hz": 1e9, "stop_hz": 2e9, "steps": 2.5}),
-    ("Waveform.sfcw: steps", "a whole number >= 1", "0", Waveform.sfcw,
+    ("Waveform.sfcw: steps", "a whole number in [1, 10000000]", "0", Waveform.sfcw,
      {"start_hz": 1e9, "stop_hz": 2e9, "steps": 0}),
+    ("Waveform.sfcw: steps", "a whole number in [1, 10000000]", "1" + 20 * "0", Waveform.sfcw,
+     {"start_hz": 1e9, "stop_hz": 2e9, "steps": 10**20}),
     ("Waveform.sfcw: start_hz", "a number", "'1e9'", Waveform.sfcw,
      {"start_hz": "1e9", "stop_hz": 2e9, "steps": 2}),
     ("Waveform.sfcw: stop_hz", "finite", "inf", Waveform.sfcw,
@@ -454,10 +456,10 @@ def test_grid_from_extent_refuses(name: str, value: Any, expected: str, got: str
 
 def test_grid_from_extent_refuses_more_voxels_than_can_be_counted() -> None:
     refuse(
-        lambda: VoxelGrid.from_extent(**{**EXTENTS, "spacing_m": 1e-300}),
-        "VoxelGrid.from_extent: x_m",
+        lambda: VoxelGrid.from_extent((-5, 5), (-5, 5), (0, 5), 1e-3),
+        "VoxelGrid.counts",
         "at most 2147483647 voxels",
-        "steps of 1e-300 m",
+        "10001 x 10001 x 5001",
     )
 
 

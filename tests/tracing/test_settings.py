@@ -29,6 +29,7 @@ def test_signatures_show_every_field(function):
     assert shown["settings"].default is None
 
 
+@pytest.mark.filterwarnings("ignore:no ray reached a receiver")
 def test_a_keyword_goes_before_the_record(device):
     settings = SimulationSettings(rays_per_face=5, seed=3)
     capture = clradar.simulate(SCENE, ARRAY, WAVEFORM, settings=settings, seed=4, device=device)
@@ -83,6 +84,9 @@ def test_only_simulate_takes_the_expected_estimator(device):
         ({"rays_per_face": 1.5}, "rays_per_face"),
         ({"rays_per_sample": 0}, "rays_per_sample"),
         ({"reception_radius_m": -1.0}, "reception_radius_m"),
+        ({"reception_radius_m": 10}, r"a radius from 0.0001 to 1 m, got 10 m; .*10 mm \(0.01 m\)"),
+        ({"reception_radius_m": 1e-320}, "a radius from 0.0001 to 1 m"),
+        ({"amplitude": "spreading", "pattern_exponent": 1e308}, "at most 10000"),
         ({"max_bounces": 0}, "max_bounces"),
         ({"max_bounces": 256}, "max_bounces"),
         ({"max_bounces": 2, "estimator": "expected"}, "max_bounces"),

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from clradar.cli.console import print_line, print_table
 from clradar.cli.hand_mesh import SUFFIXES, save_hand, turned
 from clradar.cli.options.common import DeviceOption, ForceOption
@@ -134,8 +132,10 @@ def command(
             raise wrong_usage("--device", "a rig's mesh is posed without one")
     if rigged.theta is not None and pose.pose is not None:
         raise wrong_usage("--theta", f"expected instead of a pose, got '{pose.pose}', too")
-    if not np.isfinite(pose.turn_deg):
-        raise wrong_usage("--turn-deg", f"expected an angle in degrees, got {pose.turn_deg:g}")
+    if not abs(pose.turn_deg) <= 360.0:
+        raise wrong_usage(
+            "--turn-deg", f"expected an angle from -360 to 360 degrees, got {pose.turn_deg:g}"
+        )
     check_outputs([output, joints], force=force, inputs=[*pose.files, *rigged.files])
     joint_angles, center_m = pose.read(), [value / 1e3 for value in pose.center_mm]
     if rigged.rig is None:

@@ -102,7 +102,7 @@ class RegionOptions:
         """The regions of a mesh as it is in its file, whose unit is that of the joints."""
         from calibration import Regions
         from clradar.cli.region_files import read_joints, read_regions
-        from clradar.model.scene import UNITS_M
+        from clradar.model.plausible import UNITS_M
 
         if self.regions is None:
             return None

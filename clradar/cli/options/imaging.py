@@ -6,8 +6,15 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from clradar.cli.options.groups import option
-from clradar.cli.options.values import RANGE_RULE, finite, numbers, whole_steps, wrong_usage
-from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.cli.options.values import (
+    RANGE_RULE,
+    check_unit,
+    finite,
+    numbers,
+    whole_steps,
+    wrong_usage,
+)
+from clradar.constants import DYNAMIC_RANGE_DB, FINEST_SPACING_M, PLAUSIBLE_RANGE_M
 from clradar.model import VoxelGrid, checks
 
 PAPER_GRID_MM = ("-100:100:1", "-100:100:1", "260:340:1")
@@ -75,11 +82,15 @@ def axis_mm(option: str, text: str) -> tuple[float, float, float]:
     values = numbers(text, ":")
     if len(values) not in (1, 3) or not finite(values):
         raise wrong_usage(option, f"expected {GRID_RULE}, in millimetres; got '{text}'")
+    farthest = max(map(abs, values[:2]))
+    check_unit(option, "coordinates", farthest, (0.0, PLAUSIBLE_RANGE_M[1]), "mm")
     if len(values) == 1:
         return values[0], values[0], 1.0
     first, last, step = values
     if step <= 0 or last < first:
         raise wrong_usage(option, f"expected FIRST <= LAST and STEP > 0, got '{text}'")
+    if last > first:
+        check_unit(option, "a step", step, (FINEST_SPACING_M, PLAUSIBLE_RANGE_M[1]), "mm")
     whole_steps(option, text, first, last, step)
     return first, last, step
 

@@ -9,7 +9,9 @@ from typing import Any, Literal
 import numpy as np
 
 from clradar.cli.options.common import Amplitude, UnitOptions
-from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.groups import option, option_name, recorded
+from clradar.cli.options.values import check_unit
+from clradar.constants import PLAUSIBLE_HZ, PLAUSIBLE_RADIUS_M
 from clradar.geometry.normals import CREASE_DEG
 from clradar.model import Waveform
 from clradar.tracing.settings import (
@@ -59,8 +61,9 @@ class SimulationOptions(SamplingOptions):
     def settings(self, **more: Any) -> SimulationSettings:
         """The settings of the simulation; `more` are seed and estimator."""
         fields = recorded(self)
-        radius_m = fields.pop("reception_radius_mm") / 1e3
-        return SimulationSettings(**fields, reception_radius_m=radius_m, **more)
+        radius_mm = fields.pop("reception_radius_mm")
+        check_unit("--reception-radius-mm", "a radius", radius_mm, PLAUSIBLE_RADIUS_M, "mm")
+        return SimulationSettings(**fields, reception_radius_m=radius_mm / 1e3, **more)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +88,8 @@ class WaveformOptions:
     def waveform(self) -> Waveform:
         """The frequencies, those of the paper where an option is missing."""
         start_ghz, stop_ghz, steps = self.band_ghz
+        for name, value in (("start_ghz", start_ghz), ("stop_ghz", stop_ghz)):
+            check_unit(option_name(name), "a frequency", value, PLAUSIBLE_HZ, "GHz")
         return Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
 
 

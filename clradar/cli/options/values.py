@@ -6,8 +6,13 @@ import math
 
 import typer
 
+from clradar.model.plausible import implausible
+
 WHOLE_STEPS = 1e-6
 """How far a range may be from a whole number of steps: allows for rounded decimals."""
+
+MOST_STEPS = 2**31
+"""Of a range; beyond it neighbours could not be told apart."""
 
 RANGE_RULE = "FIRST:LAST:STEP, both ends included"
 
@@ -15,6 +20,15 @@ RANGE_RULE = "FIRST:LAST:STEP, both ends included"
 def wrong_usage(option: str, text: str) -> typer.BadParameter:
     """The error that names the option and ends in exit status 2."""
     return typer.BadParameter(text, param_hint=option)
+
+
+def check_unit(
+    option: str, what: str, value: float, bounds: tuple[float, float], unit: str
+) -> None:
+    """Raise where a value of an option is in another unit; see `clradar.model.plausible`."""
+    fault = implausible(what, value, bounds, unit)
+    if fault is not None:
+        raise wrong_usage(option, "expected {}, got {}".format(*fault))
 
 
 def numbers(text: str, separator: str = ",") -> list[float]:
@@ -33,6 +47,8 @@ def finite(values: list[float]) -> bool:
 def whole_steps(option: str, text: str, first: float, last: float, step: float) -> int:
     """The number of steps of a range; raises if they do not end at `last`."""
     steps = (last - first) / step
+    if not steps <= MOST_STEPS:
+        raise wrong_usage(option, f"expected at most {MOST_STEPS} steps, got '{text}'")
     if abs(steps - round(steps)) > WHOLE_STEPS * max(1.0, steps):
         fits = first + math.floor(steps) * step
         raise wrong_usage(

@@ -1,0 +1,87 @@
+"""Values in another unit than the interface's are refused, and the message names the unit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clradar import AntennaArray, VoxelGrid, Waveform
+from clradar.arrays import qar50
+from clradar.constants import PLAUSIBLE_HZ, PLAUSIBLE_RANGE_M
+from clradar.errors import ModelError
+from clradar.model.plausible import implausible
+
+GRID = VoxelGrid.from_extent
+SIDE, FRONT = (-100, 100), (260, 340)
+
+
+def scaled(tx: float, rx: float | None = None) -> AntennaArray:
+    imager = qar50()
+    return AntennaArray(tx * imager.tx_m, (tx if rx is None else rx) * imager.rx_m)
+
+
+WRONG: dict[str, tuple[Callable[[], Any], str]] = {
+    "GHz": (lambda: Waveform.sfcw(72, 82, 128), "72 to 82 GHz (7.2e+10 to 8.2e+10 Hz)?"),
+    "one in GHz": (lambda: Waveform.sfcw(72, 82e9, 128), "got 72 Hz; did you mean 72 GHz"),
+    "MHz": (lambda: Waveform.sfcw(72e3, 82e3, 128), "72000 to 82000 MHz"),
+    "list in GHz": (lambda: Waveform([24, 24.25]), "24 to 24.25 GHz (2.4e+10 to 2.425e+10 Hz)?"),
+    "converted twice": (lambda: Waveform.sfcw(72e18, 82e18, 128), "7.2e+19 to 8.2e+19 Hz"),
+    "denormal Hz": (lambda: Waveform.sfcw(1e-320, 82e9, 128), "from 1e+08 to 1e+12 Hz"),
+    "overflowing Hz": (lambda: Waveform.sfcw(72e9, 1e308, 128), "got 1e+308 Hz"),
+    "array in mm": (lambda: scaled(1e3), "144 m; did you mean 144 mm (0.144 m) or 144 cm"),
+    "array in cm": (lambda: scaled(1e2), "or 14.4 cm (0.144 m)?"),
+    "Rx in mm": (lambda: scaled(1.0, 1e3), "an aperture from 0.001 to 5 m, got 141 m"),
+    "array / 1000": (lambda: scaled(1e-3), "got 0.000144 m; did you mean 0.144 m?"),
+    "two in mm": (lambda: AntennaArray([[70, 0, 0]], [[70, 2, 0]]), "did you mean 70 mm"),
+    "overflowing array": (lambda: AntennaArray([[1e308] * 3] * 2, [[-1e308] * 3]), "got inf m"),
+    "grid in mm": (lambda: GRID(SIDE, SIDE, FRONT, 1), "340 m; did you mean 340 mm (0.34 m)"),
+    "ends in mm": (lambda: GRID(SIDE, SIDE, FRONT, 1e-3), "did you mean 340 mm (0.34 m)"),
+    "a slice in mm": (lambda: GRID(SIDE, SIDE, (300, 300), 1), "did you mean 300 mm (0.3 m)"),
+    "fields in mm": (lambda: VoxelGrid([-100, 0, 260], [1] * 3, (201, 1, 81)), "340 mm (0.34 m)"),
+    "grid / 1000": (lambda: GRID((-1e-4, 1e-4), (0, 0), (0, 3e-4), 1e-6), "did you mean 0.3 m?"),
+    "step / 1000": (lambda: GRID((-0.1, 0.1), (0, 0), (0.3, 0.3), 1e-6), "did you mean 0.001 m?"),
+    "denormal step": (lambda: GRID((0, 0.1), (0, 0), (0.3, 0.3), 1e-320), "a spacing from"),
+    "overflowing grid": (lambda: VoxelGrid([0] * 3, [1e308] * 3, (9, 9, 9)), "got inf m"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_another_unit_is_refused_and_named(name: str) -> None:
+    make, part = WRONG[name]
+    with pytest.raises(ModelError) as caught:
+        make()
+    assert part in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+RIGHT: dict[str, Callable[[], Any]] = {
+    "ends of the band": lambda: Waveform([*PLAUSIBLE_HZ]),
+    "60 GHz": lambda: Waveform.sfcw(57e9, 64e9, 1024),
+    "one frequency": lambda: Waveform([24.125e9]),
+    "body scanner": lambda: AntennaArray(*np.random.default_rng(0).uniform(-1, 1, (2, 500, 3))),
+    "chip": lambda: AntennaArray([[0, 0, 0], [4e-3, 0, 0]], [[0, 1e-3, 0], [0, 3e-3, 0]]),
+    "one pair": lambda: AntennaArray([[0, 0, 0]], [[1e-4, 0, 0]]),
+    "one place": lambda: AntennaArray(np.zeros((3, 3)), np.zeros((3, 3))),
+    "hand": lambda: GRID((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3),
+    "person at 2 m": lambda: GRID((-1, 1), (-1, 1), (1.5, 2.5), 5e-3),
+    "car at 7 m": lambda: GRID((-3, 3), (-1, 1), (5, 9), 0.02),
+    "yard": lambda: GRID((-40, 40), (0, 0), (1, 99), 0.5),
+    "fine": lambda: GRID((-1e-3, 1e-3), (0, 0), (0.299, 0.301), 1e-5),
+    "one voxel": lambda: VoxelGrid([0, 0, 0], [1, 1, 1], (1, 1, 1)),
+}
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_what_radars_have_is_accepted(name: str) -> None:
+    RIGHT[name]()
+
+
+def test_other_units_are_named_for_any_interface() -> None:
+    assert implausible("a step", 1.0, PLAUSIBLE_RANGE_M, "mm") is None
+    expected, got = implausible("a step", 0.1, PLAUSIBLE_RANGE_M, "mm") or ("", "")
+    assert expected == "a step from 1 to 100000 mm"
+    assert got == "0.1 mm; did you mean 0.1 cm (1 mm) or 0.1 m (100 mm)?"
+    assert implausible("a frequency", np.nan, PLAUSIBLE_HZ, "GHz") is not None
