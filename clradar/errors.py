@@ -2,6 +2,9 @@
 
 import sys
 import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 _OWN_PACKAGES = frozenset({"clradar", "calibration", "measurement_io"})
 
@@ -88,3 +91,22 @@ def warn(text: str) -> None:
     while frame is not None and frame.f_globals.get("__name__", "").split(".")[0] in _OWN_PACKAGES:
         level, frame = level + 1, frame.f_back
     warnings.warn(text, ClradarWarning, stacklevel=level)
+
+
+@contextmanager
+def handled_warnings(handle: Callable[[str], object]) -> Iterator[None]:
+    """Call a function with the text of every different `ClradarWarning` of the block, once."""
+    handled: set[str] = set()
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        text = str(message)
+        if not issubclass(category, ClradarWarning):
+            show_others(message, category, *where, **more)
+        elif text not in handled:
+            handled.add(text)
+            handle(text)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ClradarWarning)
+        show_others, warnings.showwarning = warnings.showwarning, show
+        yield

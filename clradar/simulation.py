@@ -14,12 +14,14 @@ from clradar.opencl import Device, open_device
 from clradar.phasors.phasor_sum import PhasorSum
 from clradar.tracing.expected import Expectations, ExpectedTracer
 from clradar.tracing.facets import warn_of_coarse_facets
+from clradar.tracing.placement import check_placement
 from clradar.tracing.settings import (
     SimulationSettings,
     resolve_settings,
     simulated_meta,
     takes_settings,
 )
+from clradar.tracing.starvation import warn_if_starved
 from clradar.tracing.stochastic import Tracer
 
 SUMS_AT_ONCE = 12
@@ -74,7 +76,8 @@ def simulate(
     -----
     ClradarWarning
         Faces of a curved surface are so coarse that the two-way phase is off by more than a quarter
-        of a wavelength on 5 % of the area.
+        of a wavelength on 5 % of the area; the scene reaches behind the antennas; no ray arrives,
+        or so few that a tenth of the pairs has none by chance.
 
     Examples
     --------
@@ -86,18 +89,19 @@ def simulate(
     >>> imager = clradar.arrays.qar50()
     >>> array = clradar.AntennaArray(imager.tx_m[::12], imager.rx_m[::12])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
-    >>> capture = clradar.simulate(scene, array, waveform, samples_per_mm2=0.1)
+    >>> capture = clradar.simulate(scene, array, waveform, samples_per_mm2=5)
     >>> capture.data.shape, capture.meta["settings"]["samples_per_mm2"]
-    ((8, 8, 16), 0.1)
+    ((8, 8, 16), 5.0)
     """
     checks.instance("simulate: scene", scene, Scene)
     checks.instance("simulate: array", array, AntennaArray)
     checks.instance("simulate: waveform", waveform, Waveform)
+    check_placement("simulate", scene, array)
     resolved = resolve_settings(settings, **fields)
     opened = open_device(device)
     warn_of_coarse_facets("simulate", scene, resolved, float(waveform.frequencies_hz.max()))
     statistics = TraceStatistics(0, 0, 0, 0)
-    n_paths = 0
+    paths = np.zeros(array.n_tx * array.n_rx, np.int64)
     tracer_type = ExpectedTracer if resolved.estimator == "expected" else Tracer
     with (
         # The sum, which may be using the tracer's memory, ends first.
@@ -107,13 +111,14 @@ def simulate(
         for tile in tracer.tiles(progress):
             if isinstance(tile, Expectations):
                 total.add_on_device(tile.start, tile.length, tile.amplitude, tile.longest_m)
-                n_paths += int(tile.start[-1])
+                paths += np.diff(tile.start)
             else:
                 total.add(tile.pair, tile.length_m, tile.amplitude)
-                n_paths += len(tile.pair)
+                paths += np.bincount(tile.pair, minlength=len(paths))
             statistics = statistics + tile.statistics
         data = total.result()
-    meta = simulated_meta(scene, resolved, statistics, n_paths, opened)
+    warn_if_starved(paths, scene, array, resolved)
+    meta = simulated_meta(scene, resolved, statistics, int(paths.sum()), opened)
     return Capture(data, array, waveform, meta)
 
 
@@ -167,10 +172,16 @@ def simulate_alphas(
         the expected estimator.
     MeshError, DeviceError
         As `clradar.simulate`.
+
+    Warns
+    -----
+    ClradarWarning
+        As `clradar.simulate`, of the alpha with the most pairs without a path.
     """
     checks.instance("simulate_alphas: scene", scene, Scene)
     checks.instance("simulate_alphas: array", array, AntennaArray)
     checks.instance("simulate_alphas: waveform", waveform, Waveform)
+    check_placement("simulate_alphas", scene, array)
     resolved = resolve_settings(settings, **fields)
     checks.one_of("simulate_alphas: estimator", resolved.estimator, ("stochastic",))
     if len(alphas) == 0:
@@ -225,7 +236,7 @@ def _batch(
     progress: Progress,
 ) -> list[tuple[Capture, ...]]:
     statistics = [TraceStatistics(0, 0, 0, 0) for _ in scenes]
-    paths = np.zeros((len(scenes), n_regions), dtype=np.int64)
+    paths = np.zeros((len(scenes), n_regions, array.n_tx * array.n_rx), dtype=np.int64)
     with ExitStack() as stack:
         sums = [
             [stack.enter_context(PhasorSum(array, waveform, device)) for _ in range(n_regions)]
@@ -239,14 +250,19 @@ def _batch(
                 chosen = slice(None) if region is None else region[tile.face] == r
                 pair = tile.pair[chosen]
                 total.add(pair, tile.length_m[chosen], tile.amplitude[chosen])
-                paths[i, r] += len(pair)
+                paths[i, r] += np.bincount(pair, minlength=paths.shape[2])
         data = [[total.result() for total in row] for row in sums]
+    of_pairs = paths.sum(axis=1)
+    emptiest = int((of_pairs == 0).sum(axis=1).argmax())
+    warn_if_starved(of_pairs[emptiest], scenes[emptiest], array, settings, only_stochastic=True)
     made = []
     for i, (scene, row) in enumerate(zip(scenes, data, strict=True)):
         meta = simulated_meta(scene, settings, statistics[i], int(paths[i].sum()), device)
         captures = []
         for r, samples in enumerate(row):
-            own = {} if region is None else {"region": {"number": r, "paths": int(paths[i, r])}}
+            own = (
+                {} if region is None else {"region": {"number": r, "paths": int(paths[i, r].sum())}}
+            )
             captures.append(Capture(samples, array, waveform, {**meta, **own}))
         made.append(tuple(captures))
     return made

@@ -9,6 +9,7 @@ import numpy as np
 from clradar.model import AntennaArray, Paths, Scene, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
+from clradar.tracing.placement import check_placement
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
 from clradar.tracing.stochastic import Receptions, Tracer
 
@@ -52,6 +53,11 @@ def trace(
     DeviceError
         The device is missing, out of memory or fails.
 
+    Warns
+    -----
+    ClradarWarning
+        The scene reaches behind the antennas.
+
     References
     ----------
     .. [1] J. Braeunig et al., "A Realistic Radar Ray Tracing Simulator for Hand Pose Imaging",
@@ -71,6 +77,7 @@ def trace(
     """
     checks.instance("trace: scene", scene, Scene)
     checks.instance("trace: array", array, AntennaArray)
+    check_placement("trace", scene, array)
     resolved = resolve_settings(settings, **fields)
     checks.one_of("trace: estimator", resolved.estimator, ("stochastic",))
     with Tracer(scene, array, resolved, open_device(device)) as tracer:

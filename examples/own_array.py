@@ -19,7 +19,7 @@ def cross(n: int = 24, spacing_m: float = 6e-3) -> clradar.AntennaArray:
     )
 
 
-def main(samples_per_mm2: float = 2.0) -> None:
+def main(samples_per_mm2: float = 10.0) -> None:
     balls = []
     for centre_m in ((-0.10, 0.05, 0.45), (0.12, -0.04, 0.55)):
         ball = trimesh.creation.icosphere(subdivisions=4, radius=0.03)

@@ -143,7 +143,7 @@ def test_sim_vs_measurement(folder: Path, output_of: OutputOf) -> None:
 
 
 def test_own_array(folder: Path, output_of: OutputOf) -> None:
-    lines = output_of("own_array.py", samples_per_mm2=0.5)
+    lines = output_of("own_array.py", samples_per_mm2=4.0)
     # Where the line from the array's centre to the ball's meets the ball. Half a voxel is 2.5 mm,
     # and c / 2B is 75 mm: a tenth of that for what the array's size does to the glint.
     glints = {"left": (-93.5, 46.8, 420.9), "right": (113.6, -37.9, 520.8)}

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.errors import warn
 from clradar.model import Capture, checks
 from clradar.model.capture import check_same_radar
 
@@ -109,6 +110,11 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
         Other antennas or frequencies, an unknown scaling, or an empty capture that is zero where it
         has to be scaled.
 
+    Warns
+    -----
+    ClradarWarning
+        An empty room is subtracted from `capture` already, by its metadata.
+
     Notes
     -----
     The factors minimise sum_q w_q |Y_q - u_tx v_rx E_q|^2 over the delay bins q of both (Hann
@@ -139,6 +145,11 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
     checks.instance("subtract_background: empty", empty, Capture)
     check_same_radar("subtract_background: empty", empty, capture)
     scaling = checks.one_of("subtract_background: scaling", scaling, SCALINGS)
+    if capture.meta.get("variant") == "emptyfiltered" or "background" in capture.meta:
+        warn(
+            "an empty room is subtracted already from the capture (its variant is emptyfiltered, "
+            "or it has a background); take the raw one"
+        )
     record: dict[str, Any] = {"scaling": scaling, "empty": dict(empty.meta)}
     tx_factor = np.ones(capture.array.n_tx, np.complex128)
     rx_factor = np.ones(capture.array.n_rx, np.complex128)

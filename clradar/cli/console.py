@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import sys
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import Any, TextIO
+from contextlib import AbstractContextManager, contextmanager
+from typing import TextIO
 
-from clradar.errors import ClradarWarning
+from clradar.errors import handled_warnings
 from clradar.model.progress import Progress
 
 
@@ -29,22 +28,9 @@ def print_warning(text: object) -> None:
     _print(f"clradar: warning: {one_line(text)}", sys.stderr)
 
 
-@contextmanager
-def printed_warnings() -> Iterator[None]:
+def printed_warnings() -> AbstractContextManager[None]:
     """Print every different `ClradarWarning` of the block once, as a line on stderr."""
-    printed: set[str] = set()
-
-    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
-        if not issubclass(category, ClradarWarning):
-            show_others(message, category, *where, **more)
-        elif str(message) not in printed:
-            printed.add(str(message))
-            print_warning(message)
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", ClradarWarning)
-        show_others, warnings.showwarning = warnings.showwarning, show
-        yield
+    return handled_warnings(print_warning)
 
 
 def print_line(text: object) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from clradar.errors import RigError
+from clradar.errors import RigError, warn
 from clradar.files.confined import process
 from clradar.files.failures import regular_file_size
 from clradar.files.limits import MAX_RIG_ANSWER_BYTES
@@ -63,6 +63,11 @@ def read_rig(
     ModelError
         An argument is invalid.
 
+    Warns
+    -----
+    ClradarWarning
+        Meshes of the file are left out.
+
     Examples
     --------
     A hand of three triangles in the format of MANO: every vertex is a joint.
@@ -111,7 +116,11 @@ def read_rig(
     if mapping is not None:
         mapping = checked_mapping(file, mapping)
     found = process.run(reader, plain_gltf, file, mapping, name, unit, handedness)
-    return rig_of_plain(found)
+    rig = rig_of_plain(found)
+    if rig.ignored:
+        names = ", ".join(f"'{name}'" for name in rig.ignored)
+        warn(f"{file}: the hand does not move these meshes, which are left out: {names}")
+    return rig
 
 
 def _is_pickle(file: Path, content: bytes) -> bool:

@@ -57,7 +57,11 @@ shard_size = 3
 """Three shards, the last not full; a sample takes a fifth of a second."""
 
 
-pytestmark = pytest.mark.usefixtures("no_contact_sheet")
+pytestmark = [
+    pytest.mark.usefixtures("no_contact_sheet"),
+    # What is set aside is compared by the results.
+    pytest.mark.filterwarnings("ignore:sample . was set aside"),
+]
 
 
 @pytest.fixture(scope="module")

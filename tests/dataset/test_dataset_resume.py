@@ -14,6 +14,7 @@ from dataset_plans import (
     Engine,
     digests,
     light_plan,
+    plan_of,
 )
 
 from clradar.dataset import open_dataset, run
@@ -25,7 +26,7 @@ from clradar.dataset.store.folder import (
     DatasetFolder,
     read_manifest,
 )
-from clradar.errors import ModelError, OutputError
+from clradar.errors import ClradarWarning, ModelError, OutputError
 
 pytestmark = pytest.mark.usefixtures("no_contact_sheet")
 
@@ -72,14 +73,32 @@ def test_a_kill_while_a_shard_is_closed_loses_nothing(
 
 def test_a_data_set_is_complete_without_samples_that_fail(tmp_path: Path) -> None:
     # A whole shard, and one of another.
-    result = run(LIGHT, tmp_path, engine=Engine(aside=(0, 1, 2, 4)))
+    with pytest.warns(ClradarWarning, match="was set aside after 2 attempts: poisoned") as caught:
+        result = run(LIGHT, tmp_path, engine=Engine(aside=(0, 1, 2, 4)))
+    assert [str(w.message).split()[1] for w in caught] == ["0", "1", "2", "4"]
     assert [aside.sample for aside in result.aside] == [0, 1, 2, 4]
     assert read_manifest(tmp_path).aside[4] == Aside(4, "poisoned", 2)
     report = check_dataset(tmp_path)
     assert report.ok
     assert "set aside, with their reasons in the manifest: 0, 1, 2, 4" in report.checked
     assert open_dataset(tmp_path).sample.values.tolist() == [3, 5, 6]
-    assert run(LIGHT, tmp_path, device=DEVICE).aside == result.aside
+    with pytest.warns(ClradarWarning, match="was set aside"):
+        assert run(LIGHT, tmp_path, device=DEVICE).aside == result.aside
+
+
+def test_a_starved_sample_is_warned_of_once_the_data_set_is_there(tmp_path: Path) -> None:
+    starved = plan_of(
+        samples=2,
+        simulation={"samples_per_mm2": 1e-6},
+        impairments=None,
+        image=None,
+        output={"products": ["capture"]},
+    )
+    text = r"2 of 2 samples are probably not as intended, as sample 0: .*no ray"
+    with pytest.warns(ClradarWarning, match=text) as caught:
+        assert run(starved, tmp_path, device=DEVICE).made == 2
+    assert len(caught) == 1
+    assert read_manifest(tmp_path).complete
 
 
 class FullDisk(Engine):

@@ -20,7 +20,7 @@ from rig_files import TIPS, RigMaker, run
 from scipy.spatial.transform import Rotation
 
 from clradar import Scene
-from clradar.errors import ModelError, RigError
+from clradar.errors import ClradarWarning, ModelError, RigError
 from clradar.files.confined import process
 from clradar.hand import (
     JOINT_NAMES,
@@ -385,7 +385,8 @@ def test_a_rigid_mesh_below_a_joint_moves_with_it(tmp_path: Path) -> None:
     primitive = document.meshes[0].primitives[0].__class__()
     primitive.attributes.POSITION = maker.accessor(small, "<f4")
     document.meshes.append(document.meshes[0].__class__(name="gem", primitives=[primitive]))
-    rig = read_rig(rewritten(document, maker, tmp_path / "ring.glb"))
+    with pytest.warns(ClradarWarning, match=r"ring\.glb: .* does not move .*: 'gem'$"):
+        rig = read_rig(rewritten(document, maker, tmp_path / "ring.glb"))
     assert rig.ignored == ("gem",)  # the one that stands beside the hand
     skeleton = posed_skeleton(pose_by_name("A"))
     at = JOINT_NAMES.index("ring-finger-phalanx-proximal")
@@ -423,7 +424,8 @@ def test_one_of_two_hands_in_a_file_is_chosen(tmp_path: Path) -> None:
     with pytest.raises(RigError, match="one hand, or one of each side and --rig-hand, got 2 hands"):
         read_rig(path)
     for side in ("right", "left"):
-        rig = read_rig(path, handedness=side)
+        with pytest.warns(ClradarWarning, match="'skin'$"):
+            rig = read_rig(path, handedness=side)
         alone = read_rig(make(tmp_path, turn=MIRROR if side == "left" else np.eye(3)))
         assert rig.handedness == side
         assert rig.ignored == ("skin",)

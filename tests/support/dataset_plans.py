@@ -98,8 +98,8 @@ class Engine(Serial):
             if sample in self.aside:
                 yield Aside(sample, "poisoned", 2)
             else:
-                self.made.append(make(sample))
-                yield sample
+                self.made.append(sample)
+                yield make(sample)
 
 
 def digests(folder: Path) -> dict[str, str]:

@@ -171,6 +171,7 @@ def test_spreading_and_antenna_patterns(exponent, device):
     )
 
 
+@pytest.mark.filterwarnings("ignore:the scene lies behind")
 def test_patterns_are_zero_behind_the_antennas(device):
     """The scene is behind the radar: nothing leaves towards it and nothing arrives from it."""
     scene = Scene(*plate(0.2, -0.3, 3), 0.5)
@@ -392,6 +393,7 @@ def test_nothing_leaves_a_closed_box(device):
     np.testing.assert_array_equal(both.pair, alone.pair)
 
 
+@pytest.mark.filterwarnings("ignore:the scene reaches behind")
 def test_antennas_in_a_closed_box_receive_only_from_its_inside(device):
     """Both path segments and all bounces stay in: no path is longer than bounces + 1 diagonals."""
     size_m = 0.3

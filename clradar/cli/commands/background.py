@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from clradar.cli.console import print_line, print_warning
+from clradar.cli.console import print_line
 from clradar.cli.inputs import mean_capture
 from clradar.cli.options.common import CaptureArgument, CaptureOutput, ForceOption
 from clradar.cli.options.groups import option, recorded
@@ -131,8 +131,6 @@ def command(
     steps = [words] if words else []
     before = rms_amplitude(done)
     if empty is not None:
-        if done.meta.get("variant") == "emptyfiltered":
-            print_warning(f"{capture}: emptyfiltered, so an empty room is subtracted already")
         without, files, words = mean.read(empty, FrameOptions())
         inputs = [*inputs, *files]
         scaling = background.scaling

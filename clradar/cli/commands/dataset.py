@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from clradar.dataset.engine.part_making import Engine
     from clradar.dataset.plan.plan import Plan
 
-SHOWN_ASIDE = 20
-"""Samples set aside that are named at the end; the manifest has all."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayOptions:
@@ -172,19 +169,10 @@ def make(plan: Plan, output: Path, engine: Engine, *, force: bool, retry: bool) 
 
     try:
         with progress_bar("samples") as progress:
-            result = run(
-                plan, output, engine=engine, force=force, retry=retry, progress=progress,
-                warn=print_warning,
-            )  # fmt: skip
+            result = run(plan, output, engine=engine, force=force, retry=retry, progress=progress)
     except KeyboardInterrupt:
         print_error(f"interrupted; the same command resumes {output}")
         raise
-    for aside in result.aside[:SHOWN_ASIDE]:
-        print_warning(
-            f"sample {aside.sample} was set aside after {aside.attempts} attempts: {aside.reason}"
-        )
-    if len(result.aside) > SHOWN_ASIDE:
-        print_warning(f"{len(result.aside) - SHOWN_ASIDE} more were set aside; see manifest.json")
     there = result.samples - len(result.aside)
     print_line(f"{output}: {there} of {result.samples} samples, {result.made} of them made now")
     if result.aside:

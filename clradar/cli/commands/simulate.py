@@ -9,7 +9,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
-from clradar.cli.console import print_line, print_warning, progress_bar
+from clradar.cli.console import print_line, progress_bar
 from clradar.cli.options.common import CaptureOutput, DeviceOption, ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, option, recorded
 from clradar.cli.options.simulation import PlacementOptions, SimulationOptions, WaveformOptions
@@ -80,11 +80,6 @@ def command(
     scene = load_scene(named, default, by_part, scenery.unit, matrix)
     settings = simulation.settings(**recorded(estimator))
     waveform = frequencies.waveform()
-    if scene.vertices_m[:, 2].min() <= 0.0:
-        print_warning(
-            "the scene reaches behind the aperture (z <= 0); is it in the antenna frame? Place it "
-            "with --transform"
-        )
     opened = clradar.open_device(device)
     start_s = perf_counter()
     with progress_bar("tracing") as progress:
@@ -92,8 +87,6 @@ def command(
             scene, clradar.arrays.qar50(), waveform,
             settings=settings, device=opened, progress=progress,
         )  # fmt: skip
-    if capture.meta["rays"]["paths"] == 0:
-        print_warning("no ray reached a receiver: the capture is zero everywhere")
     options = recorded(
         meshes=[{"file": p.name, "alpha": default if a is None else a} for p, a in named],
         alpha_of_parts=by_part,

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from clradar.cli.console import print_warning
 from clradar.cli.options.groups import given, option
 from clradar.cli.options.values import numbers, wrong_usage
 from clradar.files.failures import fail
@@ -99,16 +98,13 @@ class RigOptions:
         betas = None if self.betas is None else numbers(self.betas)
         if betas == []:
             raise wrong_usage("--betas", f"expected numbers, got '{self.betas}'")
-        rig = read_rig(
+        return read_rig(
             self.rig,
             mapping=self.mapping,
             unit=None if self.rig_unit is None else _unit(self.rig_unit),
             handedness=self.rig_hand,
             betas=betas,
         )
-        for name in rig.ignored:
-            print_warning(f"{self.rig}: mesh '{name}' is not moved by the hand and is left out")
-        return rig
 
 
 def read_theta(path: Path) -> list[float]:

@@ -24,7 +24,14 @@ from distributed.comm import CommClosedError
 
 from clradar import __version__
 from clradar.dataset.engine.cluster import DEVICE
-from clradar.dataset.engine.part_making import ATTEMPTS, Outcome, PartMaker, made_with, reason_of
+from clradar.dataset.engine.part_making import (
+    ATTEMPTS,
+    Made,
+    Outcome,
+    PartMaker,
+    made_with,
+    reason_of,
+)
 from clradar.dataset.store.folder import Aside
 from clradar.errors import ClusterError, OutputError
 from clradar.files.atomic import write_file
@@ -109,7 +116,7 @@ def _breach(contract: Contract) -> str | None:
     return contract.breach()
 
 
-def make_part(sample: int, make: PartMaker, contract: Contract) -> int | Refusal:
+def make_part(sample: int, make: PartMaker, contract: Contract) -> Made | Refusal:
     """Make a sample: the task that Dask runs.
 
     Raises

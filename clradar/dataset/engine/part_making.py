@@ -16,13 +16,21 @@ from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import make_sample
 from clradar.dataset.store.folder import Aside, part_path
 from clradar.dataset.store.shard_writer import write_sample
-from clradar.errors import DeviceError, OutputError
+from clradar.errors import DeviceError, OutputError, handled_warnings
 from clradar.files.failures import clean
 from clradar.opencl import Device, forget_devices, open_device
 from clradar.versions import package_versions
 
 ATTEMPTS = 2
 """Attempts at a sample before it is set aside."""
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """A sample whose part is written, and the texts of its `ClradarWarning`s."""
+
+    sample: int
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +45,8 @@ class PartMaker:
     plan: Plan
     device: str | None = None
 
-    def __call__(self, sample: int) -> int:
-        """Make a sample, write its part whole or not at all, and return its number.
+    def __call__(self, sample: int) -> Made:
+        """Make a sample, and write its part whole or not at all.
 
         Raises
         ------
@@ -48,20 +56,22 @@ class PartMaker:
             The next sample of this process opens the device again, since a context may stay
             unusable after a failed launch.
         """
+        texts: list[str] = []
         try:
             device = open_device(self.device)
-            made = make_sample(recipe(self.plan, sample), device, rigs=self.plan.folder)
+            with handled_warnings(texts.append):  # for the process that shows them
+                made = make_sample(recipe(self.plan, sample), device, rigs=self.plan.folder)
         except DeviceError:
             forget_devices()
             raise
         target = part_path(self.folder, sample)
         output = self.plan.output
         write_sample(target, made, made_with(device), compression=output.compression, force=True)
-        return sample
+        return Made(sample, tuple(texts))
 
 
-Outcome = int | Aside
-"""The number of a sample that was made, or why it is set aside."""
+Outcome = Made | Aside
+"""What was made of a sample."""
 
 
 class Engine(Protocol):

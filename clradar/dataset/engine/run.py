@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from clradar.dataset.engine.part_making import Engine, PartMaker, Serial, absolute, is_device_fault
+from clradar.dataset.engine.part_making import (
+    Engine,
+    Made,
+    PartMaker,
+    Serial,
+    absolute,
+    is_device_fault,
+)
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.sample import found_rig
 from clradar.dataset.store.folder import (
@@ -22,9 +29,12 @@ from clradar.dataset.store.folder import (
 from clradar.dataset.store.repair import queue_corrupt, queue_set_aside
 from clradar.dataset.summary.contact_sheet import write_contact_sheet
 from clradar.dataset.summary.statistics import write_summary
-from clradar.errors import DeviceError, OutputError
+from clradar.errors import DeviceError, OutputError, warn
 from clradar.files.json_differences import differences
 from clradar.model.progress import Progress
+
+SHOWN_ASIDE = 20
+"""Samples that were set aside and are named in warnings."""
 
 STOP_AFTER = 10
 """Consecutive samples that fail in the device before the run ends."""
@@ -58,7 +68,6 @@ def run(
     force: bool = False,
     retry: bool = False,
     progress: Progress | None = None,
-    warn: Callable[[str], None] | None = None,
 ) -> RunResult:
     """Make a data set, or its missing samples.
 
@@ -77,8 +86,6 @@ def run(
         Queue the samples again that earlier runs set aside.
     progress : callable, optional
         Called with (done, total) samples.
-    warn : callable, optional
-        Called with a line for each warning.
 
     Raises
     ------
@@ -91,6 +98,12 @@ def run(
         There is no such device, or it failed for `STOP_AFTER` samples in a row.
     ClusterError
         The engine's workers differ, or the connection is lost.
+
+    Warns
+    -----
+    ClradarWarning
+        Earlier samples were made with other versions or on another device, files of the folder are
+        damaged and made again, or samples are probably not as intended or were set aside.
 
     Examples
     --------
@@ -110,12 +123,10 @@ def run(
     if force or not (path / MANIFEST).exists():
         _check_rigs(plan)  # before a data set is removed, or a folder made
     with begin(path, plan, made_with, force=force) as folder:
-        if warn is not None:
-            for line in differences(folder.manifest.made_with, made_with):
-                warn(f"{path}: has samples made with {line}; their bits depend on it")
+        for line in differences(folder.manifest.made_with, made_with):
+            warn(f"{path}: has samples made with {line}; their bits depend on it")
         for line in queue_corrupt(folder):
-            if warn is not None:
-                warn(line)
+            warn(line)
         if retry:
             queue_set_aside(folder)
         try:
@@ -130,21 +141,26 @@ def run(
         folder.tidy()  # parts of workers that Dask took for dead
         finish(folder)
         aside = folder.manifest.aside
-        return RunResult(made, plan.samples, tuple(aside[sample] for sample in sorted(aside)))
+        result = RunResult(
+            len(made), plan.samples, tuple(aside[sample] for sample in sorted(aside))
+        )
+    _warn(path, made, result.aside)
+    return result
 
 
-def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | None) -> int:
-    """Make the missing samples, close each complete shard, and return how many were made."""
+def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | None) -> list[Made]:
+    """Make the missing samples, close each complete shard, and return what was made."""
     for number in range(folder.plan.n_shards):
         folder.close_shard(number)
     missing = folder.missing()
     if not missing:
-        return 0
+        return []
     _check_rigs(folder.plan)
     size, total = folder.plan.output.shard_size, folder.plan.samples
     open_in = Counter(sample // size for sample in missing)
     done = total - len(missing)
-    made = failures = 0
+    made: list[Made] = []
+    failures = 0
     maker = PartMaker(absolute(folder.path), folder.plan, engine.device)
     for outcome in engine.outcomes(missing, maker):
         if isinstance(outcome, Aside):
@@ -152,8 +168,9 @@ def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | No
             sample = outcome.sample
             failures = failures + 1 if is_device_fault(outcome) else 0
         else:
-            sample = outcome
-            made, failures = made + 1, 0
+            sample = outcome.sample
+            made.append(outcome)
+            failures = 0
         open_in[sample // size] -= 1
         if not open_in[sample // size]:
             folder.close_shard(sample // size)
@@ -172,6 +189,20 @@ def _check_rigs(plan: Plan) -> None:
     """Raise `ModelError` unless the files of the rigs are those of the plan."""
     for rig in plan.hands.rigs:
         found_rig(asdict(rig), (plan.folder,))
+
+
+def _warn(path: Path, made: Sequence[Made], aside: Sequence[Aside]) -> None:
+    """Warn of samples that are not as intended, or that are missing."""
+    doubtful = sorted((one for one in made if one.warnings), key=lambda one: one.sample)
+    if doubtful:
+        warn(
+            f"{path}: {len(doubtful)} of {len(made)} samples are probably not as intended, as "
+            f"sample {doubtful[0].sample}: {'; '.join(doubtful[0].warnings)}"
+        )
+    for one in aside[:SHOWN_ASIDE]:
+        warn(f"sample {one.sample} was set aside after {one.attempts} attempts: {one.reason}")
+    if len(aside) > SHOWN_ASIDE:
+        warn(f"{len(aside) - SHOWN_ASIDE} more were set aside; see manifest.json")
 
 
 def finish(folder: DatasetFolder) -> None:

@@ -1,0 +1,179 @@
+"""Simulations that are probably not as intended say so, with what to change, and no others."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+import clradar
+from clradar import AntennaArray, ClradarWarning, Scene, Waveform
+from clradar.arrays import qar50
+from clradar.errors import MeshError, ModelError
+from clradar.simulation import simulate_alphas
+
+IMAGER = qar50()
+ARRAY = AntennaArray(IMAGER.tx_m[::12], IMAGER.rx_m[::12])
+WAVEFORM = Waveform([5e9])
+"""For which the faces of the balls are fine enough."""
+
+
+def ball(radius_m: float, away_m: float, alpha: float) -> Scene:
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=radius_m)
+    return Scene.from_mesh(mesh.apply_translation([0, 0, away_m]), alpha=alpha)
+
+
+def simulated(scene: Scene, device: Any, **settings: Any) -> np.ndarray:
+    return clradar.simulate(scene, ARRAY, WAVEFORM, device=device, **settings).data
+
+
+def front_of_ball(radius_m: float, away_m: float) -> Scene:
+    """What the antennas see of it."""
+    whole = ball(radius_m, away_m, 0.3)
+    seen = whole.triangles_m[:, :, 2].max(axis=1) < away_m
+    return Scene(whole.vertices_m, whole.faces[seen], 0.3)
+
+
+FAR = front_of_ball(0.9, 7.9)
+"""About as large and as far away as a car at 7 m."""
+
+SPARSE = {"samples_per_mm2": 0.02}
+
+
+@pytest.fixture(scope="module")
+def starved(device: clradar.Device) -> tuple[np.ndarray, str]:
+    """A starved capture, and what the warning says."""
+    with pytest.warns(ClradarWarning) as caught:
+        data = simulated(FAR, device, **SPARSE)
+    assert caught[0].filename == __file__
+    assert len(caught) == 1
+    return data, str(caught[0].message)
+
+
+def test_a_starved_simulation_says_how_much_of_it_is_zero(starved: tuple[np.ndarray, str]) -> None:
+    data, text = starved
+    zeros = float(np.mean(data == 0))
+    assert 0.7 < zeros < 0.95
+    assert text.startswith(f"{100 * zeros:.0f} % of the {data.size} pairs of antennas received no")
+    assert "samples_per_mm2=" in text
+    assert "estimator='expected'" in text
+    assert "reception_radius_m=0.05 (now 0.01), which at 7.4 m has the phase error of" in text
+
+
+def advised(text: str) -> list[dict[str, float]]:
+    """The settings of each alternative in a warning."""
+    found = [dict(re.findall(r"(\w+)=([\d.e+]+)", part)) for part in text.split(", or ")]
+    return [{field: float(value) for field, value in one.items()} for one in found if one]
+
+
+def test_a_larger_radius_or_the_expected_estimator_ends_it(
+    starved: tuple[np.ndarray, str], device: clradar.Device
+) -> None:
+    denser, larger = advised(starved[1])
+    assert larger["samples_per_mm2"] < 0.1 * denser["samples_per_mm2"]
+    for changed in (larger, {"estimator": "expected"}):
+        assert np.mean(simulated(FAR, device, **{**SPARSE, **changed}) == 0) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("field", "few"), [("samples_per_mm2", 0.1), ("rays_per_face", 1)], ids=["density", "faces"]
+)
+def test_more_samples_end_it(field: str, few: float, device: clradar.Device) -> None:
+    scene = ball(0.02, 0.3, 0.3)
+    with pytest.warns(ClradarWarning) as caught:
+        simulated(scene, device, **{field: few})
+    text = str(caught[0].message)
+    assert "reception_radius_m" not in text  # at this range the default is as it should be
+    (more,) = advised(text)
+    assert list(more) == [field]
+    assert np.mean(simulated(scene, device, **more) == 0) < 1e-3
+
+
+def test_few_samples_of_a_mirror_are_few_however_many_rays_they_have(
+    device: clradar.Device,
+) -> None:
+    with pytest.warns(ClradarWarning, match="received no ray") as caught:
+        simulated(ball(0.02, 0.3, 0.0), device, samples_per_mm2=0.5, rays_per_sample=64)
+    assert "expected" not in str(caught[0].message)  # there is nothing random in its directions
+
+
+@pytest.mark.parametrize("estimator", ["stochastic", "expected"])
+def test_receivers_that_a_small_mirror_does_not_reach_are_no_shortage(
+    estimator: str, device: clradar.Device
+) -> None:
+    mesh = trimesh.creation.box(extents=(0.02, 0.02, 0.001)).apply_translation([0, 0, 0.3])
+    data = simulated(Scene.from_mesh(mesh, alpha=0.0), device, estimator=estimator)
+    assert np.mean(data == 0) > 0.5
+
+
+def test_the_emptiest_of_several_alphas_is_warned_of(device: clradar.Device) -> None:
+    scene = ball(0.02, 0.3, 0.5)
+    with pytest.warns(ClradarWarning, match="received no ray") as caught:
+        list(
+            simulate_alphas(scene, ARRAY, WAVEFORM, [1.0, 0.3], device=device, samples_per_mm2=0.1)
+        )
+    assert len(caught) == 1
+    assert "expected" not in str(caught[0].message)  # which it does not offer
+
+
+def test_a_capture_without_any_path_says_so(device: clradar.Device) -> None:
+    with pytest.warns(ClradarWarning, match="no ray reached a receiver"):
+        data = simulated(ball(0.02, 0.3, 0.5), device, samples_per_mm2=1e-308)
+    assert not data.any()
+
+
+@pytest.mark.parametrize("density", [1e308, 1e6])
+def test_more_samples_than_can_be_counted_are_an_error(
+    density: float, device: clradar.Device
+) -> None:
+    with pytest.raises(MeshError, match=r"fewer than 2\^31 samples, got .*; lower samples_per_mm2"):
+        simulated(FAR, device, samples_per_mm2=density)
+
+
+@pytest.mark.parametrize(("away_m", "word"), [(-0.3, "lies"), (0.0, "reaches")])
+def test_a_scene_behind_the_antennas_is_warned_of(
+    away_m: float, word: str, device: clradar.Device
+) -> None:
+    scene = ball(0.02, away_m, 1.0)
+    for function in (clradar.trace, clradar.simulate):
+        arguments = (scene, ARRAY) if function is clradar.trace else (scene, ARRAY, WAVEFORM)
+        with pytest.warns(ClradarWarning, match=f"the scene {word} behind the aperture"):
+            function(*arguments, samples_per_mm2=5, device=device)  # type: ignore[operator]
+    with pytest.warns(ClradarWarning, match=f"the scene {word} behind the aperture"):
+        simulate_alphas(scene, ARRAY, WAVEFORM, [1.0], device=device)
+
+
+def test_antennas_around_a_scene_have_no_side_behind_them(device: clradar.Device) -> None:
+    around = AntennaArray([[0, 0, -0.3], [0, 0, 0.3]], [[0, 0.01, -0.3], [0, 0.01, 0.3]])
+    clradar.trace(ball(0.02, 0.0, 1.0), around, samples_per_mm2=1, device=device)
+
+
+@pytest.mark.parametrize(
+    ("scale", "away_m", "text"),
+    [
+        (1e3, 300.0, r"a size of at most 20 m, got 40 m; did you mean 40 mm \(0.04 m\)"),
+        (1.0, 300.0, r"farthest point .* 300.02 m; did you mean 300.02 mm"),
+        (1e-3, 3e-4, r"did you mean 0.32 m\?"),
+        (1e300, 0.3, "a size of at most 20 m"),
+    ],
+)
+def test_a_scene_in_millimetres_is_refused(
+    scale: float, away_m: float, text: str, device: clradar.Device
+) -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=1, radius=0.02)
+    scene = Scene(mesh.vertices * scale + [0, 0, away_m], mesh.faces)
+    with pytest.raises(ModelError, match=text):
+        simulated(scene, device)
+    with pytest.raises(ModelError, match=text):
+        clradar.trace(scene, ARRAY, device=device)
+    with pytest.raises(ModelError, match=text):
+        simulate_alphas(scene, ARRAY, WAVEFORM, [0.5], device=device)
+
+
+def test_vertices_without_a_face_are_nowhere(device: clradar.Device) -> None:
+    scene = ball(0.02, 0.3, 1.0)
+    with_stray = np.concatenate([scene.vertices_m, [[1e308, 0, -1e308]]])
+    clradar.trace(Scene(with_stray, scene.faces, 1.0), ARRAY, samples_per_mm2=1, device=device)
