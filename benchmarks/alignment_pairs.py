@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from hand_poses import poses
 from scipy.spatial.transform import Rotation
 
 import clradar
-from clradar.hand import hand_mesh
+from calibration.registration.rigid_motion import kabsch
+from clradar.hand import JOINT_NAMES, hand_mesh
 
 ARRAY = clradar.arrays.qar50()
 WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 128)
@@ -18,6 +19,8 @@ MOST_SHIFT_M, MOST_TURN_DEG = 20e-3, 15.0
 ALPHAS = (0.0, 0.15, 0.3, 0.45, 0.6)
 SAMPLES_PER_MM2 = 6.0
 RIGHT_M = 0.3
+BENT_DEG = 15.0
+FINGERS = ("index", "middle", "ring", "pinky")
 
 
 def mesh(name: str) -> clradar.Scene:
@@ -40,6 +43,28 @@ def mesh(name: str) -> clradar.Scene:
         raise ValueError(f"no object is called {name!r}")
     shape.apply_translation([0.0, 0.0, RIGHT_M])
     return clradar.Scene.from_mesh(shape)
+
+
+def bent_otherwise(name: str, rng: np.random.Generator) -> tuple[clradar.Scene, np.ndarray]:
+    """Return a hand with three fingers bent otherwise by 15 degrees, and the motion of its palm.
+
+    The motion, shape (4, 4), starts at the palm of `mesh(name)`: boxes are centred, palms are not.
+    """
+    pose = poses()[name]
+    bones = [f"{finger}-finger-phalanx-proximal" for finger in FINGERS]
+    chosen = rng.choice(bones, 3, replace=False)
+    by_rad = np.radians(BENT_DEG) * rng.choice([-1, 1])
+    # Where a knuckle cannot bend further, the other way.
+    if any(pose.joints[bone].flexion_rad + by_rad > np.radians(95.0) for bone in chosen):
+        by_rad = -by_rad
+    joints = {
+        bone: replace(angles, flexion_rad=angles.flexion_rad + by_rad * (bone in chosen))
+        for bone, angles in pose.joints.items()
+    }
+    before, after = hand_mesh(pose), hand_mesh(replace(pose, joints=joints))
+    palm = [JOINT_NAMES.index(joint) for joint in ("wrist", *bones)]
+    motion = kabsch(before.joints_m[palm], after.joints_m[palm], np.ones(len(palm)))
+    return clradar.Scene.from_mesh(after), motion
 
 
 def turn_about(rotation_deg: list[float] | np.ndarray, centre_m: np.ndarray) -> np.ndarray:

@@ -319,6 +319,18 @@ def test_options_are_checked(measured, hand, option):
         align_mesh(measured, hand, device="pocl", **option)
 
 
+def test_a_mesh_that_reaches_to_the_radar_is_refused():
+    """Its samples there have no direction, and the fit no unique step."""
+    axis_m = np.arange(-15, 16) * 3e-3
+    x, y = np.meshgrid(axis_m, axis_m)
+    lit = np.maximum(np.abs(x - 0.004), np.abs(y)) < 0.0205
+    depth = clradar.DepthMap(np.where(lit, 0.305, np.nan), 1.0 * lit, axis_m, axis_m, 20.0)
+    corners = [[0, 0, 0], [0.02, -0.02, 0.3], [0.02, 0.02, 0.3], [-0.02, 0.02, 0.3]]
+    mesh = clradar.Scene(corners, [[0, 1, 2], [0, 2, 3]])
+    with pytest.raises(CompareError, match="could not align, because"):
+        align_mesh(depth, mesh, correct_bias=False, search_deg=5.0, max_iterations=4, device="pocl")
+
+
 # The command
 
 
