@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from clradar.errors import ModelError
 from clradar.imaging import fast
 from clradar.imaging.exact import ExactImager
 from clradar.imaging.range_profiles import RangeImager
@@ -78,7 +79,8 @@ def backproject(
     Raises
     ------
     ModelError
-        Unknown method or window; a tolerance out of range, or with a method other than "fast".
+        Unknown method or window; a tolerance out of range, or with a method other than "fast"; an
+        image that complex64 cannot hold.
     DeviceError
         The device is missing, out of memory or fails. A volume larger than its memory is tiled.
 
@@ -122,7 +124,15 @@ def backproject(
         "device": dict(opened.describe()),
         "capture": dict(capture.meta),
     }
-    return Volume(data, grid, meta)
+    try:
+        return Volume(data, grid, meta)
+    except ModelError as error:
+        # Finite samples, each of which complex64 holds, but not their sum.
+        largest = float(np.abs(capture.data.view(np.float32)).max())
+        raise ModelError(
+            "backproject: expected samples whose sum complex64 holds, got an overflow with parts "
+            f"of up to {largest:.3g}; scale the capture's data down"
+        ) from error
 
 
 def _tolerance_db(method: str, given: float | None) -> float:

@@ -395,3 +395,13 @@ def test_point_target_has_its_peak_width_and_side_lobes(
         want = point_response(target_m, target_m + at[::4, None] * np.eye(3)[axis])
         assert np.abs(image[::4] - want).max() <= 10 ** (EXACT_DB / 20)
         assert abs(np.abs(want).max() - 1) <= 1e-12  # every term of the sum is 1 at the target
+
+
+@pytest.mark.parametrize("method", ["exact", "range", "fast"])
+def test_samples_whose_sum_overflows_are_refused(method: str, device: clradar.Device) -> None:
+    array = AntennaArray(QAR50.tx_m[::20], QAR50.rx_m[::20])
+    waveform = Waveform.sfcw(72e9, 82e9, 4)
+    data = np.full((array.n_tx, array.n_rx, 4), 3e38 - 3e38j)
+    grid = VoxelGrid.from_extent((-0.01, 0.01), (-0.01, 0.01), (0.29, 0.31), 5e-3)
+    with pytest.raises(ModelError, match=r"sum complex64 holds, got .* up to 3e\+38; scale"):
+        clradar.backproject(Capture(data, array, waveform), grid, method=method, device=device)
