@@ -19,6 +19,7 @@ import trimesh
 
 import clradar
 from clradar.dataset.store.folder import Aside, Manifest, ShardEntry
+from clradar.files.meshes.ply_parts import ply_of_parts
 from measurement_io import save_capture, save_channels, save_volume, write_products
 
 
@@ -316,6 +317,8 @@ def named_meshes(ending: str) -> list[bytes]:
     for options in kinds.get(ending, ({},)):
         content = ball.export(**{"file_type": ending} | options)
         found.append(content.encode() if isinstance(content, str) else content)
+    if ending == "ply":
+        found.append(ply_of_parts(ball.vertices, ball.faces, np.arange(20) // 10, ("a", "b c")))
     return found
 
 
