@@ -893,3 +893,18 @@ def test_rigs_go_to_other_processes(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.posed("A").vertices_m, rig.posed("A").vertices_m)
     assert not again.influences.weight.flags.writeable
     assert len(repr(rig)) < 1000
+
+
+def test_a_coarse_rig_is_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same faces are too coarse at five times the frequency: a fifth of the wavelength."""
+    path = RigMaker().save(tmp_path / "hand.glb")
+    code, _, err = run(capsys, "hand", "F", "--rig", path, "-o", tmp_path / "fine.ply")
+    assert (code, err) == (0, "")
+    monkeypatch.setattr("clradar.cli.options.rig.HIGHEST_HZ", 410e9)
+    code, _, err = run(capsys, "hand", "F", "--rig", path, "-o", tmp_path / "coarse.ply")
+    assert code == 0
+    assert err.count("clradar: warning: ") == 1
+    assert "hand.glb: " in err
+    assert "of the surface are faces too coarse for the curve" in err
