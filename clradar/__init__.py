@@ -8,6 +8,7 @@ from clradar.backproject import backproject
 from clradar.compare import Metrics, compare
 from clradar.errors import ClradarWarning
 from clradar.files.own_packages import require_own
+from clradar.imaging.placement import place_grid
 from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.environment import Wall, room_capture
 from clradar.impairments.impair import impair
@@ -58,6 +59,7 @@ __all__ = [
     "list_devices",
     "open_dataset",
     "open_device",
+    "place_grid",
     "room_capture",
     "simulate",
     "synthesize",

@@ -7,6 +7,7 @@ import numpy as np
 from clradar.errors import ModelError
 from clradar.imaging import fast
 from clradar.imaging.exact import ExactImager
+from clradar.imaging.grid_check import warn_of_grid
 from clradar.imaging.range_profiles import RangeImager
 from clradar.model import Capture, Volume, VoxelGrid, checks
 from clradar.model.progress import Progress
@@ -44,6 +45,7 @@ def backproject(
     method: str = DEFAULT_METHOD,
     window: str | np.ndarray = "rect",
     tolerance_db: float | None = None,
+    check_grid: bool = True,
     device: Device | str | None = None,
     progress: Progress | None = None,
 ) -> Volume:
@@ -56,6 +58,7 @@ def backproject(
     ----------
     capture : Capture
     grid : VoxelGrid
+        `clradar.place_grid` finds one that shows the object.
     method : "fast", "range" or "exact"
         All take any antennas, frequencies and grid. "exact": the brute-force sum, with an RMS error
         of -80 dB relative to the image's RMS or better. "range": one range profile per pair, read
@@ -66,6 +69,9 @@ def backproject(
         Weights w_n over frequency; see `frequency_weights`.
     tolerance_db : float, optional
         For "fast": RMS error relative to the RMS of the whole image, -80 to -30; default -50.
+    check_grid : bool
+        Warn where the grid does not fit the capture. Turn it off for many images of one capture, or
+        for a grid that is beside the object on purpose.
     device : Device, str or None
         See `clradar.open_device`.
     progress : callable, optional
@@ -83,6 +89,13 @@ def backproject(
         image that complex64 cannot hold.
     DeviceError
         The device is missing, out of memory or fails. A volume larger than its memory is tiled.
+
+    Warns
+    -----
+    ClradarWarning
+        The strongest echo lies outside the grid, 15 dB above all that is in it. The object goes on
+        beyond a face of the grid. The grid reaches beyond the unambiguous range c / (2 df), and no
+        focus tells the echoes in it from their aliases.
 
     Examples
     --------
@@ -116,6 +129,8 @@ def backproject(
     data = imager.run(progress)
     data.view(np.float32)[...] /= capture.data.size
     data.flags.writeable = False
+    if check_grid:
+        warn_of_grid(capture, grid, data, weights, opened)
     meta = {
         "kind": "image",
         "method": method,

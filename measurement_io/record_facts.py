@@ -12,6 +12,8 @@ import numpy as np
 
 from clradar.files.failures import clean
 from clradar.model import AntennaArray, Capture, ChannelCalibration, Volume, Waveform
+from clradar.model.range_profile import MIN_STEPS, echo_profile
+from clradar.model.resolution import lateral_resolution_m
 
 _META_LINES = 40
 
@@ -122,8 +124,36 @@ def capture_facts(capture: Capture) -> list[Fact]:
             },
         ),
         _amplitude_fact(np.abs(capture.data)),
+        *_range_facts(capture),
         *_meta_facts(dict(capture.meta)),
     ]
+
+
+def _range_facts(capture: Capture) -> list[Fact]:
+    waveform = capture.waveform
+    if waveform.n_freq == 1:
+        return [Fact("range", "none, of a single frequency", None)]
+    cell_m, period_m = waveform.range_resolution_m, waveform.unambiguous_range_m
+    words = f"resolution {_length(cell_m)}, unambiguous to {_length(period_m)}"
+    facts = [Fact("range", words, {"resolution_m": cell_m, "unambiguous_m": period_m})]
+    if waveform.n_freq < MIN_STEPS:
+        return facts
+    profile = echo_profile(capture)
+    if profile is None:
+        words = "none above the noise beyond the direct coupling"
+        return [*facts, Fact("strongest echo", words, None)]
+    range_m = float(profile.path_m[0]) / 2
+    across_m = [lateral_resolution_m(capture, axis, range_m) for axis in (0, 1)]
+    lateral = " x ".join(_length(a) if np.isfinite(a) else "none" for a in across_m)
+    words = (
+        f"at {_length(range_m)} (half path length, mean over pairs); resolution across {lateral}"
+    )
+    value = {"range_m": range_m, "lateral_resolution_m": across_m}
+    return [*facts, Fact("strongest echo", words, value)]
+
+
+def _length(length_m: float) -> str:
+    return f"{length_m:.4g} m" if length_m >= 1 else f"{1e3 * length_m:.3g} mm"
 
 
 def channels_facts(channels: ChannelCalibration) -> list[Fact]:

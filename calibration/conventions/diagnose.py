@@ -14,15 +14,7 @@ from typing import Any
 import numpy as np
 
 from calibration.conventions.hypotheses import HYPOTHESES, MIRROR_X, Hypothesis, apply_convention
-from calibration.conventions.search_region import (
-    MIN_STEPS,
-    antenna_subset,
-    lateral_resolution_m,
-    range_profile,
-    scene_paths_m,
-    search_grids,
-    window_of,
-)
+from calibration.conventions.search_region import scene_paths_m, search_grids, window_of
 from calibration.conventions.tx_rx_symmetry import SwapIsometry, swap_isometry, swap_sigma
 from calibration.conventions.wavefront_curvature import curvature_sigma
 from clradar.backproject import backproject
@@ -31,6 +23,8 @@ from clradar.errors import ModelError
 from clradar.model import Capture, DepthMap, Volume, VoxelGrid, checks
 from clradar.model.plausible import place
 from clradar.model.progress import Progress
+from clradar.model.range_profile import MIN_STEPS, antenna_subset, range_profile
+from clradar.model.resolution import lateral_resolution_m
 from clradar.opencl import Device, open_device
 
 CURVATURE_SIGMA = 6.0
@@ -368,7 +362,9 @@ class _Search:
         array = capture.array
         terms = array.n_tx * array.n_rx * float(np.prod(grid.counts))
         method = "fast" if terms >= FAST_FROM_TERMS else "range"
-        return backproject(capture, grid, method=method, window=self.window, device=self.device)
+        return backproject(
+            capture, grid, method=method, window=self.window, check_grid=False, device=self.device
+        )
 
     def _score(
         self, h: Hypothesis, relative: dict[Hypothesis, float], volumes: dict[Hypothesis, Volume]

@@ -289,7 +289,7 @@ def _simulated(
     )
     if capture.meta["rays"]["paths"] == 0:
         raise not_aligned("no ray from the mesh in the pose found reaches a receiver")
-    return capture, backproject(capture, settings.grid, device=device)
+    return capture, backproject(capture, settings.grid, check_grid=False, device=device)
 
 
 def _fitted_to_simulation(

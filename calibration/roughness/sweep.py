@@ -398,8 +398,9 @@ class _SweepImages:
 
     def _image(self, capture: Capture) -> dict[str, np.ndarray]:
         volume = backproject(
-            capture, self.grid, method=self.method, window=self.window, device=self.device
-        )
+            capture, self.grid, method=self.method, window=self.window, check_grid=False,
+            device=self.device,
+        )  # fmt: skip
         if self.regions is not None:
             return {"data": volume.data}
         depth = volume.depth_map(self.dynamic_range_db)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from clradar.cli.console import print_warning, progress_bar
+from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.options.groups import given, recorded
-from clradar.cli.options.imaging import GridOptions, ImagingOptions
+from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions, recording_files
 
 if TYPE_CHECKING:
@@ -86,11 +86,32 @@ class ImageInput:
         return form_image(self.content, grid, imaging, device, f"imaging {self.path.name}")
 
 
-def common_grid(options: GridOptions, *images: ImageInput) -> VoxelGrid:
-    """The grid of the options, or if they were not given that of the first volume."""
-    requested = options.grid()  # wrong usage even where a volume has its grid
-    grids = [image.grid for image in images if image.grid is not None]
-    return grids[0] if grids and not given(options) else requested
+def grid_for(
+    capture: Capture, options: GridOptions, device: Device | str | None = None
+) -> VoxelGrid:
+    """The grid of the options; without them one that shows the object in the capture."""
+    from clradar import place_grid
+
+    if given(options):
+        return options.grid()
+    grid = place_grid(capture, device=device)
+    if not grid.same_voxels(options.grid()):
+        print_line(f"no grid given: placed around the strongest echo, {grid_text(grid)}")
+    return grid
+
+
+def common_grid(
+    options: GridOptions, *images: ImageInput, device: Device | str | None = None
+) -> VoxelGrid:
+    """The grid of the options; without them that of the first volume, or for the first capture."""
+    from clradar import Capture
+
+    if not given(options):
+        for image in images:
+            if image.grid is not None:
+                return image.grid
+    captures = [image.content for image in images if isinstance(image.content, Capture)]
+    return grid_for(captures[0], options, device) if captures else options.grid()
 
 
 def mean_capture(

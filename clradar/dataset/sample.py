@@ -162,6 +162,7 @@ def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders)
             method=image["method"],
             window=image["window"],
             tolerance_db=image["tolerance_db"],
+            check_grid=False,
             device=device,
         )
         if "volume" in products:

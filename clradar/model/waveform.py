@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clradar.constants import MAX_FREQUENCIES, PLAUSIBLE_HZ
+from clradar.constants import MAX_FREQUENCIES, PLAUSIBLE_HZ, SPEED_OF_LIGHT_M_PER_S
 from clradar.model import checks
 from clradar.model.plausible import check_plausible
 from clradar.model.record import Record
@@ -33,11 +33,8 @@ class Waveform(Record):
     >>> waveform.n_freq, waveform.center_hz / 1e9
     (128, 77.0)
 
-    The range resolution c / (2 B), and the unambiguous range c / (2 df):
-
-    >>> step_hz = waveform.span_hz / (waveform.n_freq - 1)
-    >>> [round(1e3 * 299_792_458 / (2 * b)) for b in (waveform.span_hz, step_hz)]  # millimetres
-    [15, 1904]
+    >>> print(f"{1e3 * waveform.range_resolution_m:.1f} mm, {waveform.unambiguous_range_m:.3f} m")
+    15.0 mm, 1.904 m
     """
 
     frequencies_hz: np.ndarray
@@ -77,6 +74,23 @@ class Waveform(Record):
     def span_hz(self) -> float:
         """Highest minus lowest frequency, hertz."""
         return float(self.frequencies_hz[-1] - self.frequencies_hz[0])
+
+    @property
+    def range_resolution_m(self) -> float:
+        """c / (2 B), B the span of the frequencies, metres; infinite for a single frequency."""
+        return SPEED_OF_LIGHT_M_PER_S / (2 * self.span_hz) if self.n_freq > 1 else float("inf")
+
+    @property
+    def unambiguous_range_m(self) -> float:
+        """c / (2 df), after which the range profile repeats, metres; 0 for a single frequency.
+
+        For uneven steps, which do not repeat: df is the median step, or a quarter of the mean.
+        """
+        if self.n_freq == 1:
+            return 0.0
+        mean_hz = self.span_hz / (self.n_freq - 1)
+        median_hz = float(np.median(np.diff(self.frequencies_hz)))
+        return SPEED_OF_LIGHT_M_PER_S / (2 * max(median_hz, mean_hz / 4))
 
     def same_frequencies(self, other: Waveform, relative: float = 1e-9) -> bool:
         """Whether both have the same frequencies within `relative` of their value."""

@@ -93,7 +93,7 @@ def command(
     images = [ImageInput.open(measured, frames)]
     if scene is None:
         images.append(ImageInput.open(path))
-    grid = common_grid(voxels, *images)
+    grid = common_grid(voxels, *images, device=opened)
     volumes = [image.volume(grid, imaging, opened) for image in images]
     if scene is None:
         result = align(*volumes, **settings)

@@ -54,7 +54,8 @@ def command(
     force: ForceOption = False,
 ) -> None:
     """Captures are imaged first: on the grid of the options, or without them on that of the first
-    volume that is given, or without volumes on the paper's. --frame and --variant are those of
+    volume that is given, or without volumes on the paper's where MEASURED is in it, else around its
+    strongest echo. --frame and --variant are those of
     MEASURED, where it is a recording. The metrics are defined in docs/metrics.md.
     """
     from clradar.report import ReportImage, html_report
@@ -66,7 +67,7 @@ def command(
         raise wrong_usage(
             "--x-mm, --y-mm, --z-mm", "there is no capture to image: all inputs are volumes"
         )
-    grid = common_grid(voxels, *images)
+    grid = common_grid(voxels, *images, device=device)
     volumes = [image.volume(grid, imaging, device) for image in images]
     labels = figure_labels(simulated, [volume.meta for volume in volumes[1:]])
     compared = Comparison.of(volumes, labels, depth.dynamic_range_db)

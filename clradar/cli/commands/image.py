@@ -9,7 +9,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli.console import print_line, print_warning
-from clradar.cli.inputs import ImageInput, form_image
+from clradar.cli.inputs import ImageInput, form_image, grid_for
 from clradar.cli.options.common import DeviceOption, ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions, grid_text
@@ -97,12 +97,13 @@ def command(
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Without options the grid is that of the paper: 201 x 201 x 81 voxels of 1 mm. Of a volume,
-    which is an image already, --png and --report are drawn.
+    """Without --x-mm, --y-mm and --z-mm the grid is that of the paper, 201 x 201 x 81 voxels of
+    1 mm, if the object is in it; else one around the strongest echo beyond the direct coupling. Of
+    a volume, which is an image already, --png and --report are drawn.
     """
     from clradar import Volume, open_device
 
-    grid = voxels.grid()
+    voxels.grid()  # wrong usage is reported before a file is read
     files.check(force=force, inputs=[capture])
     loaded = ImageInput.open(capture, frames)
     if isinstance(loaded.content, Volume):
@@ -110,6 +111,7 @@ def command(
         volume, origin = loaded.content, provenance("image", {}, loaded.files)
     else:
         opened = open_device(device)
+        grid = grid_for(loaded.content, voxels, opened)
         start_s = perf_counter()
         volume = form_image(loaded.content, grid, imaging, opened, "imaging", tolerance_db)
         took_s = perf_counter() - start_s

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from clradar.cli.comparison import Comparison
 from clradar.cli.console import print_line, print_text, progress_bar
-from clradar.cli.inputs import ImageInput
+from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.options.common import (
     DeviceOption,
     ForceOption,
@@ -88,9 +88,10 @@ def command(
     alpha = registration.alpha_value()
     check_folder(output, force=force, replaced=FILES, inputs=[measured, mesh])
     scene = Scene.from_mesh(mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit)
-    grid = voxels.grid()
+    voxels.grid()  # wrong usage is reported before a file is read
     recorded_image = ImageInput.open(measured, frames)
     opened = open_device(device)
+    grid = common_grid(voxels, recorded_image, device=opened)
     volume = recorded_image.volume(grid, ImagingOptions(), opened)
     result = registered(volume, scene, registration, recorded_image.radar, opened)
     options = recorded(

@@ -11,7 +11,7 @@ import typer
 
 from clradar.cli.comparison import METRIC_COLUMNS
 from clradar.cli.console import print_line, print_table, print_text, print_warning
-from clradar.cli.inputs import ImageInput
+from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.options.common import (
     DeviceOption,
     ForceOption,
@@ -30,7 +30,7 @@ from clradar.files.hashing import sha256_of_arrays
 
 if TYPE_CHECKING:
     from calibration import Regions, Sweep
-    from clradar import Capture, Scene, Volume, VoxelGrid
+    from clradar import Capture, Device, Scene, Volume, VoxelGrid
 
 ALPHA_RULE = f"{RANGE_RULE}, or a list with commas"
 PARTS, FINGERS = "parts", "fingers"
@@ -159,8 +159,10 @@ def command(
     alphas.check()
     regions.check(simulation.max_bounces)
     settings = simulation.settings(seed=alphas.seed)
-    inputs = SweepInputs(place, mesh, regions, measured, frames, frequencies, voxels, imaging)
     opened = open_device(device)
+    inputs = SweepInputs(
+        place, mesh, regions, measured, frames, frequencies, voxels, imaging, opened
+    )
     record = recorded(
         imaging,
         **inputs.record(),
@@ -207,6 +209,7 @@ class SweepInputs:
         frequencies: WaveformOptions,
         voxels: GridOptions,
         imaging: ImagingOptions,
+        device: Device,
     ) -> None:
         from clradar import Scene
 
@@ -216,7 +219,7 @@ class SweepInputs:
         self.matrix = place.matrix()
         self.image = ImageInput.open(measured, frames)
         self.radar = radar_record(self.image, frequencies)
-        self.grid = sweep_grid(self.image, voxels, imaging)
+        self.grid = sweep_grid(self.image, voxels, imaging, device)
         self.files = [*self.image.files, mesh, *place.files, *regions.files]
 
     @property
@@ -280,10 +283,12 @@ def radar_record(image: ImageInput, frequencies: WaveformOptions) -> dict[str, A
     return image.radar
 
 
-def sweep_grid(image: ImageInput, voxels: GridOptions, imaging: ImagingOptions) -> VoxelGrid:
-    """The grid of a volume; for a capture that of the options."""
+def sweep_grid(
+    image: ImageInput, voxels: GridOptions, imaging: ImagingOptions, device: Device
+) -> VoxelGrid:
+    """The grid of a volume; for a capture that of the options, or one that shows the object."""
     if image.grid is None:
-        return voxels.grid()
+        return common_grid(voxels, image, device=device)
     if given(voxels):
         raise wrong_usage("--x-mm, --y-mm, --z-mm", "there is no capture to image")
     window = image.content.meta.get("window", imaging.window)

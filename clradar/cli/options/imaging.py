@@ -31,7 +31,7 @@ def axis_option(axis: str, default: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class GridOptions:
-    """The voxel grid, in millimetres."""
+    """The voxel grid, in millimetres; without any of the three one that shows the object."""
 
     x_mm: str | None = axis_option("x", PAPER_GRID_MM[0])
     y_mm: str | None = axis_option("y", PAPER_GRID_MM[1])

@@ -14,13 +14,7 @@ from shapes import plate
 
 import clradar
 from calibration import HYPOTHESES, Diagnosis, Hypothesis, apply_convention, diagnose
-from calibration.conventions.search_region import (
-    ambiguous_path_m,
-    antenna_subset,
-    range_profile,
-    scene_paths_m,
-    search_grids,
-)
+from calibration.conventions.search_region import scene_paths_m, search_grids
 from calibration.conventions.tx_rx_symmetry import swap_isometry
 from calibration.conventions.wavefront_curvature import curvature_sigma
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, reference
@@ -28,6 +22,7 @@ from clradar.cli import main
 from clradar.cli.commands.diagnose import COARSE_GRID_MM, SearchGridOptions
 from clradar.errors import ModelError
 from clradar.hand import hand_mesh
+from clradar.model.range_profile import antenna_subset, range_profile
 from measurement_io import open_capture, save_capture
 
 C = 299_792_458.0
@@ -447,7 +442,7 @@ def test_wavefronts_diverge_from_points_and_mirrors() -> None:
         assert paths_m[0] <= top_m <= paths_m[-1]
         assert curvature_sigma(capture, top_m) > 6
         other = apply_convention(capture, Hypothesis(reversed=True))
-        assert curvature_sigma(other, ambiguous_path_m(SHORT) - top_m) < -6
+        assert curvature_sigma(other, 2 * SHORT.unambiguous_range_m - top_m) < -6
 
 
 def test_the_search_grid_holds_the_scene() -> None:

@@ -1,0 +1,291 @@
+"""Warnings about a grid that does not fit its capture: beside the echo, too small, ambiguous."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clradar.constants import DYNAMIC_RANGE_DB, SPEED_OF_LIGHT_M_PER_S
+from clradar.errors import warn
+from clradar.imaging.echo_location import Echo, coarse_image, locate, resolution_m
+from clradar.imaging.placement import inside, reach_m, weaker_within
+from clradar.model import Capture, VoxelGrid
+from clradar.model.range_profile import RangeProfile, coupling_path_m, echo_profile, hann
+from clradar.opencl import Device
+
+FOCUS = 20.0
+"""The random phases of N pairs leave 1 / N of an echo's power at other places, and 10 / N at the
+strongest of 20 000 (their logarithm). An image of twice that shows the echo itself: hands reach 20
+times as much and more with 94 x 94 antennas."""
+
+OUTSIDE_DB = DYNAMIC_RANGE_DB
+"""An echo outside is worth a warning if a picture with it would show nothing of this grid."""
+
+FACE_DB, BEYOND_DB = 6.0, 6.0
+"""A face at most this far below the maximum is bright, and the object goes on where it is that
+bright beyond the face. Side lobes are at -13 dB, shot noise of a simulation at alpha 1 at -8."""
+
+FLOOR_DB, FLOOR_SHARE = 12.0, 0.2
+"""What goes on beyond a face is this far above the darkest fifth of what is there: 15 dB and more
+for halved hands of alpha 0 to 0.5, up to 10 dB for noise, which is everywhere."""
+
+BEYOND_RESOLUTIONS = (1.0, 4.0)
+"""Beyond a face, where the object would go on: past the main lobe of what is on the face."""
+
+ALIAS_DB, ALIAS_RESOLUTIONS = 3.0, 1.33
+"""An alias is as bright within this, and in the middle of a box of this half width, which a coarse
+image has a voxel at."""
+
+THIN_RESOLUTIONS = 2.0
+"""An axis that is no longer than this is a slice through the object, and meant to be one."""
+
+PLANES = 16
+"""Of a volume whose amplitude is taken at a time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Peaks:
+    """Maximum of the amplitude over each plane of a volume: one array each for x, y and z."""
+
+    along: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+    @classmethod
+    def of(cls, data: np.ndarray) -> Peaks:
+        x, y = np.zeros(data.shape[2], np.float32), np.zeros(data.shape[1], np.float32)
+        z = np.zeros(data.shape[0], np.float32)
+        for at in range(0, len(data), PLANES):
+            amplitude = np.abs(data[at : at + PLANES])
+            over_z = amplitude.max(axis=0)
+            z[at : at + PLANES] = amplitude.max(axis=(1, 2))
+            np.maximum(x, over_z.max(axis=0), out=x)
+            np.maximum(y, over_z.max(axis=1), out=y)
+        return cls((x, y, z))
+
+    @property
+    def highest(self) -> float:
+        return float(self.along[2].max())
+
+    def place_m(self, grid: VoxelGrid) -> np.ndarray:
+        """The brightest voxel, metres."""
+        return grid.origin_m + grid.spacing_m * [int(peaks.argmax()) for peaks in self.along]
+
+
+def warn_of_grid(
+    capture: Capture, grid: VoxelGrid, data: np.ndarray, weights: np.ndarray, device: Device
+) -> None:
+    """Warn where an image does not show what the capture holds.
+
+    Parameters
+    ----------
+    capture : Capture
+    grid : VoxelGrid
+    data : ndarray, shape of the grid, complex64
+        The image of the capture, as `clradar.backproject` returns it.
+    weights : ndarray, shape (n_freq,)
+        Over frequency, of the image.
+    device : Device
+
+    Warns
+    -----
+    ClradarWarning
+        The grid reaches beyond the unambiguous range c / (2 df), and no focus tells its echoes
+        from their aliases. The strongest echo lies outside,
+        more than 15 dB above all that is in the grid. The object goes on beyond a face of the grid.
+    """
+    profile = echo_profile(capture)
+    if profile is None or not weights.sum() > 0:
+        return
+    peaks = Peaks.of(data)
+    level = peaks.highest / float(weights.mean())
+    faces = _faces(capture, grid, peaks)
+    pairs = capture.array.n_tx * capture.array.n_rx
+    unfocused = float(np.sqrt(FOCUS / pairs * profile.power[0]))
+    reach = reach_m(capture, grid)
+    outside = None
+    cuts = [
+        (face, beyond)
+        for face in faces
+        if face.level_db >= -FACE_DB
+        and (beyond := _echo_beyond(capture, grid, face, peaks, level, unfocused, device))
+    ]
+    if level < unfocused or cuts:  # what seems cut off may be the side lobes of an echo outside
+        # Where the image goes on beyond the grid, less is enough, but farther off.
+        away = (BEYOND_DB, BEYOND_RESOLUTIONS[1]) if cuts else (OUTSIDE_DB, 1.0)
+        outside = _echo_outside(capture, grid, profile, reach, level, away, device)
+    alias = outside
+    if alias is None and level >= unfocused and reach[0] > capture.waveform.unambiguous_range_m:
+        alias = _equal_alias(capture, peaks.place_m(grid), level, device)
+    _warn_of_aliases(capture, reach, alias)
+    if outside is not None:
+        _warn_of_echo(grid, outside, level)
+        return
+    for face, beyond in cuts:
+        _warn_of_cut(face, beyond, level)
+
+
+def _echo_outside(
+    capture: Capture,
+    grid: VoxelGrid,
+    profile: RangeProfile,
+    reach: tuple[float, float],
+    level: float,
+    away: tuple[float, float],
+    device: Device,
+) -> Echo | None:
+    """The strongest echo, if it is beside the grid and the grid has none that comes close.
+
+    `away` is how far beside: decibel above the level in the grid, and resolutions from it.
+    """
+    here = weaker_within(profile, reach, capture.waveform.unambiguous_range_m)
+    if len(here) and here[0] != profile.path_m[0]:
+        return None
+    echo = locate(capture, float(profile.path_m[0]), device)
+    louder = echo.amplitude > 10 ** (away[0] / 20) * level
+    margin_m = away[1] * resolution_m(capture, echo.position_m)
+    return echo if louder and not inside(grid, echo.position_m, margin_m) else None
+
+
+@dataclass(frozen=True, slots=True)
+class Face:
+    """One face of a grid: its axis, position, outward direction, and maximum below the volume's."""
+
+    axis: int
+    at_m: float
+    outward: float
+    level_db: float
+
+
+def _faces(capture: Capture, grid: VoxelGrid, peaks: Peaks) -> list[Face]:
+    """The faces of a grid across the axes that are not thin."""
+    length_m = grid.spacing_m * (np.array(grid.counts) - 1)
+    cells_m = resolution_m(capture, grid.origin_m + length_m / 2)
+    found = []
+    for axis in np.flatnonzero(length_m > THIN_RESOLUTIONS * cells_m).tolist():
+        for end, outward in ((0, -1.0), (-1, 1.0)):
+            share = float(peaks.along[axis][end]) / max(peaks.highest, 1e-30)
+            at_m = float(grid.origin_m[axis] + (length_m[axis] if end else 0.0))
+            found.append(Face(axis, at_m, outward, 20 * np.log10(max(share, 1e-15))))
+    return found
+
+
+def _warn_of_aliases(capture: Capture, reach: tuple[float, float], alias: Echo | None) -> None:
+    """Warn of a grid across the unambiguous range, or beyond it with an equal alias elsewhere."""
+    period_m = capture.waveform.unambiguous_range_m
+    near_m, far_m = reach
+    across = near_m < period_m or far_m - near_m > period_m
+    if far_m > period_m and (across or alias is not None):
+        where = f", such as {_place(alias.position_m)}" if alias is not None else ""
+        warn(
+            f"the grid reaches from a range of {_length(near_m)} to {_length(far_m)}, beyond the "
+            f"unambiguous range c / (2 df) of {_length(period_m)}: what it shows may be aliases of "
+            f"echoes that are nearer or farther by multiples of that{where}; choose a grid that "
+            "ends before it, or measure with smaller frequency steps"
+        )
+
+
+def _equal_alias(capture: Capture, at_m: np.ndarray, level: float, device: Device) -> Echo | None:
+    """The alias of an image point, by one period nearer or farther, if it is as bright.
+
+    In the near field the curvature of the wavefronts focuses the point itself alone, so that few
+    frequencies are enough.
+    """
+    antennas_m = np.concatenate([capture.array.tx_m, capture.array.rx_m])
+    middle_m, front_m = antennas_m.mean(axis=0), antennas_m[:, 2].max()
+    range_m = float(np.linalg.norm(at_m - middle_m))
+    for shift_m in capture.waveform.unambiguous_range_m * np.array([-1.0, 1.0]):
+        alias_m = middle_m + (at_m - middle_m) * (range_m + shift_m) / range_m
+        if alias_m[2] <= front_m:
+            continue
+        half_m = ALIAS_RESOLUTIONS * resolution_m(capture, alias_m)
+        low_m = alias_m - half_m
+        low_m[2] = max(low_m[2], front_m)
+        found = coarse_image(capture, low_m, alias_m + half_m, device, np.inf).brightest()
+        if found.amplitude >= 10 ** (-ALIAS_DB / 20) * level:
+            return found
+    return None
+
+
+def _warn_of_echo(grid: VoxelGrid, echo: Echo, level: float) -> None:
+    difference_db = 20 * np.log10(echo.amplitude / max(level, 1e-15 * echo.amplitude))
+    warn(
+        f"the strongest echo, at {_place(echo.position_m)}, is outside the grid ({_box(grid)}), "
+        f"{difference_db:.0f} dB above all that is in it; clradar.place_grid places a grid around "
+        "it, as the command line does without --x-mm, --y-mm, --z-mm"
+    )
+
+
+def _echo_beyond(
+    capture: Capture,
+    grid: VoxelGrid,
+    face: Face,
+    peaks: Peaks,
+    level: float,
+    unfocused: float,
+    device: Device,
+) -> Echo | None:
+    """Where the object goes on beyond a bright face; None if it does not."""
+    low_m = grid.origin_m.copy()
+    high_m = low_m + grid.spacing_m * (np.array(grid.counts) - 1)
+    cell_m = resolution_m(capture, (low_m + high_m) / 2)[face.axis]
+    beyond_m = face.at_m + face.outward * cell_m * np.array(BEYOND_RESOLUTIONS)
+    low_m[face.axis], high_m[face.axis] = beyond_m.min(), beyond_m.max()
+    antennas = [capture.array.tx_m, capture.array.rx_m]
+    low_m[2] = max(low_m[2], min(max(a[:, 2].max() for a in antennas), high_m[2]))
+    image = coarse_image(capture, low_m, high_m, device, most_pairs=np.inf)
+    found = image.brightest()
+    own = found.amplitude - level * point_response(capture, peaks.place_m(grid), found.position_m)
+    floor = np.quantile(image.amplitude.max(axis=0), FLOOR_SHARE)
+    path_m = sum(float(np.linalg.norm(found.position_m - a, axis=1).mean()) for a in antennas)
+    goes_on = (
+        own >= max(unfocused, 10 ** (-BEYOND_DB / 20) * level)
+        and found.amplitude >= 10 ** (FLOOR_DB / 20) * floor
+        and path_m > coupling_path_m(capture)
+    )
+    return found if goes_on else None
+
+
+def _warn_of_cut(face: Face, beyond: Echo, level: float) -> None:
+    difference_db = 20 * np.log10(beyond.amplitude / level)
+    warn(
+        f"the grid cuts the object off at {'xyz'[face.axis]} = {_length(face.at_m)}: it goes on "
+        f"beyond, at {_place(beyond.position_m)}, {difference_db:+.0f} dB against the maximum in "
+        "the grid; extend the grid there"
+    )
+
+
+def point_response(capture: Capture, point_m: np.ndarray, at_m: np.ndarray) -> float:
+    """Amplitude at one place of the image of a point of amplitude 1 at another."""
+    weights = hann(capture.waveform.n_freq)
+    sides = [
+        np.linalg.norm(at_m - a, axis=1) - np.linalg.norm(point_m - a, axis=1)
+        for a in (capture.array.tx_m, capture.array.rx_m)
+    ]
+    k = capture.waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
+    tx, rx = (np.exp(2j * np.pi * np.outer(k, side_m)).mean(axis=1) for side_m in sides)
+    return float(abs((weights * tx * rx).sum()) / weights.sum())
+
+
+def _unit(*lengths_m: float) -> tuple[str, float, int]:
+    """Metres from 1 m on, else millimetres: name, factor, decimals."""
+    return ("m", 1.0, 3) if max(map(abs, lengths_m)) >= 1 else ("mm", 1e3, 0)
+
+
+def _place(at_m: np.ndarray) -> str:
+    unit, scale, decimals = _unit(*at_m)
+    values = [round(scale * v, decimals) + 0.0 for v in at_m]  # + 0.0: no minus zero
+    return (
+        ", ".join(f"{n} {v:.{decimals}f}" for n, v in zip("xyz", values, strict=True)) + f" {unit}"
+    )
+
+
+def _length(length_m: float) -> str:
+    unit, scale, _ = _unit(length_m)
+    return f"{scale * length_m:.4g} {unit}"
+
+
+def _box(grid: VoxelGrid) -> str:
+    ends = [getattr(grid, f"{name}_m")[[0, -1]] for name in "xyz"]
+    unit, scale, _ = _unit(*np.ravel(ends))
+    parts = [f"{n} {scale * a:g} to {scale * b:g}" for n, (a, b) in zip("xyz", ends, strict=True)]
+    return f"{', '.join(parts)} {unit}"

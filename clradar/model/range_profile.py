@@ -1,0 +1,140 @@
+"""Mean range profiles of captures, and the echoes that stand out in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clradar.constants import PLAUSIBLE_RANGE_M, SPEED_OF_LIGHT_M_PER_S
+from clradar.model.array import AntennaArray
+from clradar.model.capture import Capture
+from clradar.model.waveform import Waveform
+
+MIN_STEPS = 8
+"""Fewest frequencies for a range profile."""
+
+GUARD_CELLS = 2.0
+"""Half width of the Hann window's main lobe, in cells c / span of path length."""
+
+BINS_PER_CELL = 4
+
+NEAR_PATH_M = 1.2
+"""Where the waveform is ambiguous below this path length, every alias up to it is imaged."""
+
+DETECTION_SPREADS = 6.0
+"""Detection threshold in the mean range profile, standard deviations of the noise."""
+
+PROFILE_PAIRS = 512
+"""Pairs of a mean range profile, in which an echo 5 dB below the noise of a pair is detected."""
+
+CHUNK_PAIRS = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class RangeProfile:
+    """Mean power over pairs against path length, shape (n,) both; metres and linear."""
+
+    path_m: np.ndarray
+    power: np.ndarray
+
+
+def antenna_subset(capture: Capture, most_pairs: float) -> Capture:
+    """Keep some of the antennas, about `most_pairs` pairs at most.
+
+    One antenna is drawn from each of equal stretches of either list, always the same ones: regular
+    decimation would have grating lobes. Lists of equal length get the same indices, so that swapped
+    axes keep the same samples.
+    """
+    array = capture.array
+    share = float(np.sqrt(most_pairs / (array.n_tx * array.n_rx)))
+    if share >= 1:
+        return capture
+    tx, rx = (_drawn(n, max(1, int(n * share))) for n in (array.n_tx, array.n_rx))
+    part = AntennaArray(array.tx_m[tx], array.rx_m[rx], array.name)
+    return Capture(capture.data[np.ix_(tx, rx)], part, capture.waveform)
+
+
+def _drawn(n: int, m: int) -> np.ndarray:
+    place = np.arange(m) + np.random.default_rng(0).random(m)
+    return (place * n / m).astype(int)
+
+
+def profile_transform(waveform: Waveform, weights: np.ndarray, path_m: np.ndarray) -> np.ndarray:
+    """Return the matrix from frequencies to path lengths, shape (n_freq, n), complex64.
+
+    The carrier is that of the band's centre, and the weights sum to 1: an echo of amplitude a gives
+    a profile of height a.
+    """
+    k = (waveform.frequencies_hz - waveform.center_hz) / SPEED_OF_LIGHT_M_PER_S
+    phasors = np.exp(2j * np.pi * np.outer(k, path_m))
+    return ((weights / weights.sum())[:, None] * phasors).astype(np.complex64)
+
+
+def hann(n_freq: int) -> np.ndarray:
+    """Hann's weights, whose sidelobes fall by 18 dB per octave, against coupling.
+
+    All 1 for few frequencies, of which Hann would leave next to nothing.
+    """
+    return np.hanning(n_freq) if n_freq >= MIN_STEPS else np.ones(n_freq)
+
+
+def range_profile(capture: Capture) -> RangeProfile:
+    """Mean power of all pairs over path length, from 0 to where it repeats."""
+    waveform = capture.waveform
+    cell_m = SPEED_OF_LIGHT_M_PER_S / waveform.span_hz
+    period_m = 2 * waveform.unambiguous_range_m
+    path_m = np.linspace(0.0, period_m, max(2, int(BINS_PER_CELL * period_m / cell_m)))
+    to_path = profile_transform(waveform, hann(waveform.n_freq), path_m)
+    flat = capture.data.reshape(-1, waveform.n_freq)
+    power = np.zeros(len(path_m))
+    for at in range(0, len(flat), CHUNK_PAIRS):
+        profile = flat[at : at + CHUNK_PAIRS] @ to_path
+        power += (np.abs(profile) ** 2).sum(axis=0, dtype=np.float64)
+    return RangeProfile(path_m, power / len(flat))
+
+
+def coupling_path_m(capture: Capture) -> float:
+    """Path length up to which direct coupling from Tx to Rx reaches."""
+    array = capture.array
+    apart = np.linalg.norm(array.tx_m[:, None] - array.rx_m[None], axis=2)
+    return float(apart.max()) + GUARD_CELLS * SPEED_OF_LIGHT_M_PER_S / capture.waveform.span_hz
+
+
+def beyond_coupling(capture: Capture, profile: RangeProfile) -> RangeProfile:
+    """One period of the profile that begins where the direct coupling ends; it may be empty."""
+    gate_m, period_m = coupling_path_m(capture), 2 * capture.waveform.unambiguous_range_m
+    # Under a wrong sign coupling is at negative lengths, which is the end of the period.
+    stop_m = period_m - gate_m if period_m > NEAR_PATH_M + 2 * gate_m else gate_m + period_m
+    # What is farther away than any voxel can be is not looked for.
+    cell_m = SPEED_OF_LIGHT_M_PER_S / capture.waveform.span_hz
+    stop_m = min(stop_m, 2 * PLAUSIBLE_RANGE_M[1] - cell_m)
+    step_m = profile.path_m[1]
+    bins = np.arange(int(np.ceil(gate_m / step_m)), int(stop_m / step_m))
+    return RangeProfile(bins * step_m, profile.power[bins % (len(profile.path_m) - 1)])
+
+
+def echoes(capture: Capture, beyond: RangeProfile) -> np.ndarray:
+    """Indices of the echoes above the noise in what is beyond the coupling, strongest first."""
+    power = beyond.power
+    if len(power) < 3:
+        return np.empty(0, int)
+    # An echo is a local maximum, unlike the skirt of the coupling.
+    peaks = 1 + np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] >= power[2:]))
+    # For noise alone every bin is a mean of one exponential variable per pair.
+    pairs = capture.array.n_tx * capture.array.n_rx
+    peaks = peaks[power[peaks] > (1 + DETECTION_SPREADS / np.sqrt(pairs)) * np.median(power)]
+    return peaks[np.argsort(-power[peaks], kind="stable")]
+
+
+def echo_profile(capture: Capture) -> RangeProfile | None:
+    """The echoes above the noise beyond the direct coupling, strongest first.
+
+    None without any, or with fewer frequencies than a range profile needs.
+    """
+    if capture.waveform.n_freq < MIN_STEPS:
+        return None
+    part = antenna_subset(capture, PROFILE_PAIRS)
+    beyond = beyond_coupling(part, range_profile(part))
+    found = echoes(part, beyond)
+    return RangeProfile(beyond.path_m[found], beyond.power[found]) if len(found) else None

@@ -1,0 +1,266 @@
+"""Grids placed around the object, and warnings of grids that do not fit it."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+
+import calibration
+import clradar
+from clradar import AntennaArray, Capture, ClradarWarning, VoxelGrid, Wall, Waveform
+from clradar.cli.options.imaging import GridOptions
+from clradar.imaging import grid_check
+from clradar.imaging.placement import MOST_VOXELS, PAPER_GRID, place_grid
+
+QAR50 = clradar.arrays.qar50()
+ARRAY = AntennaArray(QAR50.tx_m[::3], QAR50.rx_m[::3])
+"""32 x 32 of the imager's antennas."""
+SWEEP = Waveform.sfcw(72e9, 82e9, 128)
+HAND_BOX = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 4e-3)
+AT_HAND, AT_WALL = [0.01, -0.02, 0.3], [0.1, 0.05, 1.5]
+OUTSIDE, CUT, ALIAS = "strongest echo", "cuts the object off", "unambiguous range"
+
+
+def echoes_of(
+    *points_m: Any, amplitudes: Any = None, waveform: Waveform = SWEEP, walls: Any = ()
+) -> Capture:
+    return clradar.room_capture(
+        ARRAY, waveform, walls, points_m=list(points_m), point_amplitudes=amplitudes
+    )
+
+
+def object_of(centre_m: Any, size_m: Any, count: int = 150) -> Capture:
+    """Points of equal strength throughout a box, with those at its eight corners."""
+    rng = np.random.default_rng(1)
+    corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(-1, 3)
+    places = np.vstack([corners, rng.uniform(-0.5, 0.5, (count, 3))]) * size_m + centre_m
+    return echoes_of(*places)
+
+
+def with_noise(capture: Capture, level: float, seed: int = 0) -> Capture:
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(size=(*capture.data.shape, 2)) @ [1.0, 1j]
+    return Capture(capture.data + level * noise, capture.array, capture.waveform)
+
+
+def noise_only() -> Capture:
+    return with_noise(Capture(np.zeros((32, 32, 128)), ARRAY, SWEEP), 1.0)
+
+
+def box_of(grid: VoxelGrid) -> np.ndarray:
+    return np.array([[axis[0], axis[-1]] for axis in (grid.x_m, grid.y_m, grid.z_m)])
+
+
+def warned(capture: Capture, grid: VoxelGrid, **options: Any) -> list[str]:
+    """What the image warns of, by the words that tell the warnings apart."""
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always", ClradarWarning)
+        clradar.backproject(capture, grid, **options)
+    texts = [str(w.message) for w in found]
+    assert all(w.filename == __file__ for w in found)
+    kinds = [next(kind for kind in (ALIAS, OUTSIDE, CUT) if kind in text) for text in texts]
+    assert len(kinds) == len(texts)
+    return kinds
+
+
+@pytest.mark.parametrize(
+    "at_m",
+    [[0, 0, 1.5], [0.3, 0.2, 1.5], [-0.5, 0.4, 0.6], [0.8, 0.0, 1.0], [0.15, 0, 0.3], [0, 0, 0.15]],
+)
+def test_the_grid_is_placed_around_an_echo_anywhere(at_m: list[float]) -> None:
+    capture = with_noise(echoes_of(at_m), 1.0)
+    grid = place_grid(capture)
+    low, high = box_of(grid).T
+    # In the middle, within the rounding of the ends and a voxel of the coarse image.
+    assert (np.abs((low + high) / 2 - at_m)[:2] < 0.02).all()
+    assert (low < at_m).all()
+    assert (np.array(at_m) < high).all()
+    assert np.prod(grid.counts) <= MOST_VOXELS
+    coarse = VoxelGrid.from_extent(*box_of(grid), (high - low) / 20)
+    peak = np.abs(clradar.backproject(capture, coarse, method="range").data).max()
+    assert peak > 0.1  # somewhere within a voxel that is much larger than the resolution
+
+
+def test_the_image_on_the_placed_grid_shows_the_echo() -> None:
+    capture = echoes_of([0, 0, 1.5])
+    volume = clradar.backproject(capture, place_grid(capture))
+    z, y, x = np.unravel_index(np.abs(volume.data).argmax(), volume.data.shape)
+    at = [axis[i] for axis, i in zip((volume.grid.x_m, volume.grid.y_m, volume.grid.z_m),
+                                     (x, y, z), strict=True)]  # fmt: skip
+    np.testing.assert_allclose(at, [0, 0, 1.5], atol=2e-3)
+    assert np.abs(volume.data).max() > 0.99
+
+
+def test_the_hand_s_grid_is_that_of_the_paper_to_the_bit() -> None:
+    wall = Wall([0, 0, 1.5], [0, 0, 1], 3.0)
+    for capture in (
+        echoes_of(AT_HAND),
+        echoes_of([0.0, 0.099, 0.3]),
+        object_of([0, 0, 0.3], [0.16, 0.18, 0.03]),
+        echoes_of(AT_HAND, walls=[wall]),  # the wall is 10 dB stronger
+        echoes_of(AT_HAND, AT_WALL, amplitudes=[0.3, 1.0]),
+        with_noise(echoes_of(AT_HAND), 3.0),
+        noise_only(),
+        Capture(np.zeros((32, 32, 128)), ARRAY, SWEEP),
+        echoes_of([0, 0, 0.5], waveform=Waveform.sfcw(72e9, 82e9, 4)),  # no range to be seen
+    ):
+        assert place_grid(capture) is PAPER_GRID
+    given = GridOptions().grid()
+    assert given.counts == PAPER_GRID.counts
+    assert np.array_equal(given.origin_m, PAPER_GRID.origin_m)
+    assert np.array_equal(given.spacing_m, PAPER_GRID.spacing_m)
+
+
+def test_the_direct_coupling_is_no_object() -> None:
+    coupled = clradar.impair(echoes_of([0, 0, 1.0]), coupling_db=40.0, seed=0)
+    low, high = box_of(place_grid(coupled)).T
+    assert low[2] < 1.0 < high[2]
+    assert low[2] > 0.9
+
+
+def test_a_large_object_gets_a_large_grid() -> None:
+    size_m = np.array([0.24, 0.2, 0.02])
+    capture = object_of([0.1, 0, 1.2], size_m, 12)
+    grid = place_grid(capture)
+    low, high = box_of(grid).T
+    assert (low <= np.array([0.1, 0, 1.2]) - size_m / 2).all()
+    assert (high >= np.array([0.1, 0, 1.2]) + size_m / 2).all()
+
+
+def test_an_ambiguous_echo_is_placed_where_it_focuses() -> None:
+    few = Waveform.sfcw(72e9, 82e9, 16)  # repeats every 0.225 m
+    low, high = box_of(place_grid(echoes_of([0, 0, 0.5], waveform=few))).T
+    assert low[2] < 0.5 < high[2]
+    assert place_grid(echoes_of(AT_HAND, waveform=few)) is PAPER_GRID
+
+
+@pytest.mark.parametrize(
+    "at_m", [[0, 0, 1.5], [0.3, 0.2, 1.5], [0.2, 0, 0.3], [0, -0.2, 0.3], [0.3, 0, 0.05 + 0.3]]
+)
+def test_an_echo_beside_the_grid_is_reported(at_m: list[float]) -> None:
+    assert warned(echoes_of(at_m), HAND_BOX) == [OUTSIDE]
+    assert warned(with_noise(echoes_of(at_m), 1.0), HAND_BOX, window="hann") == [OUTSIDE]
+    shown = ", ".join(f"{n} {v:.3f}" for n, v in zip("xyz", (0.0, 0.0, 1.5), strict=True))
+    with pytest.warns(
+        ClradarWarning, match=rf"strongest echo, at {shown} m, .* clradar.place_grid "
+    ):
+        clradar.backproject(echoes_of([0, 0, 1.5]), HAND_BOX)
+
+
+@pytest.mark.parametrize(
+    ("extents", "side"),
+    [
+        (((0.0, 0.1), (-0.1, 0.1), (0.26, 0.34)), "x = 0 mm"),
+        (((-0.1, 0.02), (-0.1, 0.1), (0.26, 0.34)), "x = 20 mm"),
+        (((-0.1, 0.1), (-0.1, 0.0), (0.26, 0.34)), "y = 0 mm"),
+    ],
+)
+def test_a_grid_that_cuts_the_object_is_reported(extents: Any, side: str) -> None:
+    capture = object_of([0, 0, 0.3], [0.08, 0.08, 0.005], 20)
+    grid = VoxelGrid.from_extent(*extents, 2e-3)
+    assert warned(capture, grid) == [CUT]
+    with pytest.warns(ClradarWarning, match=f"cuts the object off at {side}: it goes on beyond"):
+        clradar.backproject(capture, grid)
+
+
+def test_an_object_behind_the_grid_is_cut_off_too() -> None:
+    assert warned(echoes_of([0, 0, 0.36]), HAND_BOX) == [CUT]
+
+
+@pytest.mark.parametrize(
+    "extents",
+    [
+        ((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34)),
+        ((-0.1, 0.1), (-0.02, -0.02), (0.26, 0.34)),  # slices and lines through the object
+        ((0.01, 0.01), (-0.1, 0.1), (0.26, 0.34)),
+        ((-0.1, 0.1), (-0.1, 0.1), (0.3, 0.3)),
+        ((0.01, 0.01), (-0.02, -0.02), (0.26, 0.34)),
+        ((0.01, 0.01), (-0.02, -0.02), (0.3, 0.3)),
+        ((-0.014, 0.034), (-0.044, 0.004), (0.28, 0.32)),  # a part of the grid around the object
+        ((0.006, 0.014), (-0.024, -0.016), (0.292, 0.308)),  # less than its blur
+    ],
+)
+def test_grids_and_slices_through_the_object_are_silent(extents: Any) -> None:
+    grid = VoxelGrid.from_extent(*extents, 2e-3)
+    assert warned(echoes_of(AT_HAND), grid) == []
+    assert warned(with_noise(echoes_of(AT_HAND), 1.0), grid, window="hann") == []
+
+
+def test_slices_beside_the_brightest_point_are_silent() -> None:
+    capture = object_of([0, 0, 0.3], [0.12, 0.16, 0.03])
+    for y_m in (-0.06, -0.02, 0.02, 0.06):
+        grid = VoxelGrid.from_extent((-0.1, 0.1), (y_m, y_m), (0.26, 0.34), 2e-3)
+        assert warned(capture, grid) == []
+    empty = VoxelGrid.from_extent((-0.1, 0.1), (0.14, 0.14), (0.26, 0.34), 2e-3)
+    assert warned(echoes_of(AT_HAND), empty) == [OUTSIDE]
+
+
+def test_noise_clutter_walls_and_coupling_are_no_reason_to_warn() -> None:
+    for capture in (
+        noise_only(),
+        with_noise(echoes_of(AT_HAND), 3.0),
+        echoes_of(AT_HAND, walls=[Wall([0, 0, 1.5], [0, 0, 1], 3.0)]),
+        echoes_of(AT_HAND, AT_WALL, [0.3, 0, 0.9], amplitudes=[0.3, 1.0, 0.5]),
+        clradar.impair(echoes_of(AT_HAND), coupling_db=30.0, seed=0),
+        Capture(np.zeros((32, 32, 128)), ARRAY, SWEEP),
+    ):
+        assert warned(capture, HAND_BOX) == []
+
+
+def test_hands_of_any_roughness_are_imaged_in_silence(device: clradar.Device) -> None:
+    from clradar.hand import hand_mesh
+
+    mesh = hand_mesh("F", 4e-3, device=device)
+    for alpha in (0.0, 0.5):
+        scene = clradar.Scene.from_mesh(mesh, alpha=alpha)
+        capture = clradar.simulate(scene, ARRAY, SWEEP, samples_per_mm2=2, seed=0, device=device)
+        assert place_grid(capture, device=device) is PAPER_GRID
+        assert warned(capture, HAND_BOX, device=device) == []
+
+
+def test_a_grid_beyond_the_unambiguous_range_is_reported() -> None:
+    across = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (1.4, 2.1), 2e-2)
+    assert warned(echoes_of([0, 0, 1.5]), across, method="range") == [ALIAS]
+    with pytest.warns(ClradarWarning, match=r"to 2\.106 m, beyond .* \(2 df\) of 1\.904 m"):
+        clradar.backproject(echoes_of([0, 0, 1.5]), across, method="range")
+    beyond = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (2.0, 2.1), 1e-2)
+    assert warned(echoes_of([0, 0, 1.5]), beyond) == [ALIAS, OUTSIDE]
+    assert warned(echoes_of([0, 0, 0.3]), beyond) == [ALIAS, OUTSIDE]
+    within = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (1.4, 1.8), 2e-2)
+    assert warned(echoes_of([0, 0, 1.5]), within, method="range") == []
+
+
+def test_wavefronts_tell_aliases_apart_in_the_near_field_alone() -> None:
+    few = Waveform.sfcw(72e9, 82e9, 16)  # repeats every 0.225 m
+    assert warned(echoes_of(AT_HAND, waveform=few), HAND_BOX) == []
+    far = VoxelGrid.from_extent((-0.2, 0.2), (-0.2, 0.2), (3.96, 4.04), 1e-2)
+    assert warned(echoes_of([0, 0, 4.0], waveform=few), far) == [ALIAS]
+
+
+def test_the_check_can_be_turned_off_and_costs_no_image_where_all_is_well(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert warned(echoes_of([0, 0, 1.5]), HAND_BOX, check_grid=False) == []
+
+    def none(*_: Any, **__: Any) -> Any:
+        pytest.fail("a coarse image was formed")
+
+    monkeypatch.setattr(grid_check, "coarse_image", none)
+    monkeypatch.setattr(grid_check, "locate", none)
+    assert warned(echoes_of(AT_HAND), HAND_BOX) == []
+    assert warned(object_of([0, 0, 0.3], [0.1, 0.1, 0.03]), HAND_BOX) == []
+
+
+def test_searches_of_calibration_do_not_check_their_grids(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    monkeypatch.setattr(
+        sys.modules["clradar.backproject"], "warn_of_grid", lambda *_: asked.append(1)
+    )
+    calibration.diagnose(echoes_of([0, 0, 1.0]))
+    assert not asked
+    clradar.backproject(echoes_of(AT_HAND), HAND_BOX)
+    assert asked
