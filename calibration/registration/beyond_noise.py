@@ -212,7 +212,7 @@ def beyond_noise(
     return BeyondNoise(
         ratio=float(np.sqrt(square[lit].mean())),
         widening=max(1.0, float(np.sqrt(spread.mean()))),
-        places=_places(measured, simulated, share, np.sqrt(square), centre_m),
+        places=_places(measured, simulated, share, np.sqrt(square), left[1], centre_m),
     )
 
 
@@ -230,10 +230,14 @@ def _places(
     simulated: Sequence[ResidualImage],
     share: np.ndarray,
     ratio: np.ndarray,
+    away: np.ndarray,
     centre_m: np.ndarray,
 ) -> tuple[Place, ...]:
-    """Connected pixels above `LOCAL_RATIO`, by the sum of their squares."""
-    label, count = ndimage.label(ratio > LOCAL_RATIO)
+    """Connected pixels above `LOCAL_RATIO` on one side, `away`, by the sum of their squares."""
+    # Those that are closer and those that are farther each alone: together they would say neither.
+    label, closer = ndimage.label((ratio > LOCAL_RATIO) & (away > 0))
+    other, farther = ndimage.label((ratio > LOCAL_RATIO) & (away <= 0))
+    label, count = np.where(other > 0, other + closer, label), closer + farther
     total = ndimage.sum_labels(ratio**2, label, np.arange(1, count + 1))
     x, y = np.meshgrid(measured.x_m, measured.y_m)
     away_m = measured.drawn_m - measured.range_m
