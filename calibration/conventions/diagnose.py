@@ -14,12 +14,20 @@ from typing import Any
 import numpy as np
 
 from calibration.conventions.hypotheses import HYPOTHESES, MIRROR_X, Hypothesis, apply_convention
+from calibration.conventions.position_scale import (
+    FOCUSED_DB,
+    SPECKLE_CONTRAST_DB,
+    UNITS,
+    contrast_db,
+    plausible_scales,
+    with_scaled_positions,
+)
 from calibration.conventions.search_region import scene_paths_m, search_grids, window_of
 from calibration.conventions.tx_rx_symmetry import SwapIsometry, swap_isometry, swap_sigma
 from calibration.conventions.wavefront_curvature import curvature_sigma
 from clradar.backproject import backproject
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.errors import ModelError
+from clradar.errors import ModelError, warn
 from clradar.model import Capture, DepthMap, Volume, VoxelGrid, checks
 from clradar.model.plausible import place
 from clradar.model.progress import Progress
@@ -126,6 +134,9 @@ class Diagnosis:
         Hypotheses within this of the sharpest remain.
     curvature_sigma, swap_sigma : float or None
         The two test statistics, where they were evaluated: see docs/diagnose.md.
+    position_scale : float
+        What all antenna positions were multiplied by for all of this. Other than 1 if nothing could
+        be decided with the positions as they are, and they seem to be in another unit.
 
     Examples
     --------
@@ -145,6 +156,7 @@ class Diagnosis:
     margin_db: float
     curvature_sigma: float | None
     swap_sigma: float | None
+    position_scale: float = 1.0
 
     @property
     def decided(self) -> bool:
@@ -160,7 +172,9 @@ class Diagnosis:
         def named(h: Hypothesis) -> dict[str, Any]:
             return {"label": h.label, **{n: bool(getattr(h, n)) for n in Hypothesis.__slots__}}
 
+        scaled = {} if self.position_scale == 1 else {"position_scale": self.position_scale}
         return {
+            **scaled,
             "best": None if self.best is None else named(self.best),
             "decided": self.decided,
             "candidates": [named(h) for h in self.candidates],
@@ -218,6 +232,12 @@ def diagnose(
     DeviceError
         See `clradar.backproject`.
 
+    Warns
+    -----
+    ClradarWarning
+        The antenna positions seem to be in another unit; the result is for positions times its
+        `position_scale`.
+
     Examples
     --------
     >>> import calibration, clradar, numpy as np
@@ -249,8 +269,43 @@ def diagnose(
             checks.fail("diagnose: expected_m", "a position with z > 0", expected.tolist())
     if not capture.data.any():
         return _nothing("the capture is zero everywhere")
-    opened = open_device(device)
-    return _Search(capture, opened, progress).run(grid, expected)
+    search = _Search(capture, open_device(device), progress)
+    found = search.run(grid, expected)
+    return found if found.best is not None else _in_other_units(search, found, grid, expected)
+
+
+def _in_other_units(
+    search: _Search, found: Diagnosis, grid: VoxelGrid | None, expected: np.ndarray | None
+) -> Diagnosis:
+    """Return what is decided with positions in another unit, if that focuses; else `found`."""
+    best = found
+    focus_db = FOCUSED_DB
+    for scale in plausible_scales(search.capture):
+        scaled = with_scaled_positions(search.capture, scale)
+        other = _Search(scaled, search.device, search.progress)
+        result = other.run(grid, expected)
+        if result.best is None or other.contrast_db < focus_db:
+            continue
+        focus_db = other.contrast_db
+        reason = (
+            f"positions: as they are nothing is decided, and with all of them times {scale:g} the "
+            f"image focuses (contrast {other.contrast_db:.0f} dB; 3 dB is speckle): they seem to "
+            f"be {UNITS[scale]}"
+        )
+        advice = f"Multiply all antenna positions by {scale:g}: they seem to be {UNITS[scale]}. "
+        best = replace(
+            result,
+            reasons=(reason, *result.reasons),
+            recommendation=advice + result.recommendation,
+            position_scale=scale,
+        )
+    if best.position_scale != 1:
+        warn(
+            f"diagnose: the antenna positions seem to be {UNITS[best.position_scale]}; the result "
+            f"holds for positions times {best.position_scale:g}. Correct the unit where the file "
+            "is read (the layout's 'unit'), or give apply_convention this position_scale"
+        )
+    return best
 
 
 def _nothing(reason: str) -> Diagnosis:
@@ -272,6 +327,7 @@ class _Search:
         self.reasons: list[str] = []
         self.curvature: float | None = None
         self.swap: float | None = None
+        self.contrast_db = SPECKLE_CONTRAST_DB
 
     def run(self, grid: VoxelGrid | None, expected: np.ndarray | None) -> Diagnosis:
         grids = self._grids() if grid is None else [grid]
@@ -283,7 +339,9 @@ class _Search:
         volumes = self._images(imaged, grids)
         moments = {h: _sharpness(v) for h, v in volumes.items()}
         open_ones = [h for h in self.possible if self._sign_fits(h)]
-        top = max(moments[h.without_mirror()] for h in open_ones)
+        sharpest = max(open_ones, key=lambda h: moments[h.without_mirror()]).without_mirror()
+        self.contrast_db = contrast_db(volumes[sharpest])
+        top = moments[sharpest]
         if top == 0:
             return _nothing("no hypothesis shows anything within the grid")
         relative = {h: moments[h.without_mirror()] / top for h in self.possible}

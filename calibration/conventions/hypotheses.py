@@ -69,13 +69,17 @@ HYPOTHESES = tuple(Hypothesis(*flags) for flags in product((False, True), repeat
 """All sixteen, the unchanged convention first."""
 
 
-def apply_convention(capture: Capture, hypothesis: Hypothesis) -> Capture:
+def apply_convention(
+    capture: Capture, hypothesis: Hypothesis, *, position_scale: float = 1.0
+) -> Capture:
     """Apply the changes of a hypothesis to a capture, or undo them: each is its own inverse.
 
     Parameters
     ----------
     capture : Capture
     hypothesis : Hypothesis
+    position_scale : float
+        Factor for all antenna positions, for a file in another unit: `Diagnosis.position_scale`.
 
     Returns
     -------
@@ -86,7 +90,7 @@ def apply_convention(capture: Capture, hypothesis: Hypothesis) -> Capture:
     Raises
     ------
     ModelError
-        Tx and Rx cannot be swapped because their numbers differ.
+        Tx and Rx cannot be swapped because their numbers differ; a scale that is not positive.
 
     Examples
     --------
@@ -100,9 +104,15 @@ def apply_convention(capture: Capture, hypothesis: Hypothesis) -> Capture:
     """
     checks.instance("apply_convention: capture", capture, Capture)
     checks.instance("apply_convention: hypothesis", hypothesis, Hypothesis)
-    if not hypothesis.changes:
+    position_scale = checks.positive("apply_convention: position_scale", position_scale)
+    labels = [] if position_scale == 1 else [f"positions times {position_scale:g}"]
+    labels += [hypothesis.label] if hypothesis.changes else []
+    if not labels:
         return capture
     array, data = capture.array, capture.data
+    if position_scale != 1:
+        scaled = (array.tx_m * position_scale, array.rx_m * position_scale)
+        array = AntennaArray(*scaled, array.name)
     if hypothesis.swapped:
         if array.n_tx != array.n_rx:
             raise ModelError(
@@ -117,5 +127,5 @@ def apply_convention(capture: Capture, hypothesis: Hypothesis) -> Capture:
     if hypothesis.mirrored:
         array = AntennaArray(array.tx_m * MIRROR_X, array.rx_m * MIRROR_X, array.name)
     before = capture.meta.get("conventions_applied", [])
-    meta = {**capture.meta, "conventions_applied": [*before, hypothesis.label]}
+    meta = {**capture.meta, "conventions_applied": [*before, *labels]}
     return Capture(np.ascontiguousarray(data), array, capture.waveform, meta)

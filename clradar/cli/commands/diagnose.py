@@ -115,8 +115,11 @@ def write_fixed(
 
     if result.best is None:
         raise ModelError(f"{path}: not written, since the convention of {source} is not known")
-    save(path, apply_convention(capture, result.best), origin, force=force)
-    print_line(f"{path}: the capture with '{result.best.label}' undone")
+    scale = result.position_scale
+    fixed = apply_convention(capture, result.best, position_scale=scale)
+    save(path, fixed, origin, force=force)
+    scaled = "" if scale == 1 else f", its antenna positions times {scale:g}"
+    print_line(f"{path}: the capture with '{result.best.label}' undone{scaled}")
     if not result.decided:
         others = " / ".join(f"'{h.label}'" for h in result.candidates[1:])
         print_warning(f"{path}: {others} cannot be ruled out")

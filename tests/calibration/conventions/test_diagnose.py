@@ -14,6 +14,7 @@ from shapes import plate
 
 import clradar
 from calibration import HYPOTHESES, Diagnosis, Hypothesis, apply_convention, diagnose
+from calibration.conventions.position_scale import plausible_scales
 from calibration.conventions.search_region import scene_paths_m, search_grids
 from calibration.conventions.tx_rx_symmetry import swap_isometry
 from calibration.conventions.wavefront_curvature import curvature_sigma
@@ -357,6 +358,44 @@ def test_a_pair_of_antennas_is_undecidable(device: clradar.Device) -> None:
     pair = AntennaArray([[0.0, 0.0, 0.0]], [[0.01, 0.0, 0.0]])
     result = diagnose(made("one point", pair), device=device)
     assert result.best is None
+
+
+# --- positions in another unit
+
+
+def scaled(capture: Capture, scale: float) -> Capture:
+    array = AntennaArray(capture.array.tx_m * scale, capture.array.rx_m * scale)
+    return Capture(capture.data, array, capture.waveform)
+
+
+@pytest.mark.parametrize("scale", [0.1, 10.0])
+@pytest.mark.parametrize("scene", SCENES[1:])
+def test_positions_in_another_unit_are_suspected(
+    scale: float, scene: str, device: clradar.Device
+) -> None:
+    h = Hypothesis(conjugated=True)
+    file = scaled(apply_convention(made(scene, scattered(16, 16)), h), scale)
+    # For an array of 1.1 m the grid around the echo would be so fine that the test takes long.
+    near = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.36), (4e-3, 4e-3, 1e-2))
+    with pytest.warns(clradar.ClradarWarning, match="positions seem to be"):
+        result = diagnose(file, grid=near if scale > 1 else None, device=device)
+    assert result.position_scale == pytest.approx(1 / scale)
+    assert h in candidates_of(result)
+    assert "metres" in result.recommendation
+    assert result.to_dict()["position_scale"] == result.position_scale
+    fixed = apply_convention(file, h, position_scale=result.position_scale)
+    assert np.abs(fixed.array.tx_m - scattered(16, 16).tx_m).max() < 1e-12
+    assert fixed.meta["conventions_applied"] == [f"positions times {1 / scale:g}", "conjugated"]
+
+
+def test_implausible_units_are_not_tried() -> None:
+    capture = points(QAR50, 1, Waveform([77e9]))
+    assert plausible_scales(capture) == []  # 14 mm would be 0.08 wavelengths apart, 1.4 m is large
+    assert plausible_scales(scaled(capture, 0.1)) == [10.0]
+    assert plausible_scales(scaled(capture, 0.01)) == [100.0]
+    assert plausible_scales(scaled(capture, 1e3)) == [0.001]
+    pair = AntennaArray([[0.0, 0.0, 0.0]], [[0.01, 0.0, 0.0]])
+    assert plausible_scales(points(pair, 1)) == []
 
 
 # --- expected positions, grids
