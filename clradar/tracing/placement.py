@@ -20,7 +20,7 @@ def bounding_box_m(scene: Scene) -> np.ndarray:
 
 
 def check_placement(function: str, scene: Scene, array: AntennaArray) -> None:
-    """Raise if a scene's size or distance is in another unit; warn if it is behind the antennas.
+    """Raise if a scene is too large or far away to be in metres; warn of a position to doubt.
 
     Behind is no error: the antennas of the model radiate to either side alike, so that the result
     is exact for such a scene. But boresight is +z, so that it was most likely meant otherwise.
@@ -31,7 +31,13 @@ def check_placement(function: str, scene: Scene, array: AntennaArray) -> None:
     field = f"{function}: scene"
     check_plausible(field, "a size", size_m, (0.0, PLAUSIBLE_SIZE_M[1]))
     farthest_m = np.abs(box_m).max()
-    check_plausible(field, "a distance of its farthest point", farthest_m, PLAUSIBLE_RANGE_M)
+    least_m, most_m = PLAUSIBLE_RANGE_M
+    check_plausible(field, "a distance of its farthest point", farthest_m, (0.0, most_m))
+    if farthest_m < least_m:  # no error: antennas may be all around a tiny scene
+        warn(
+            f"{function}: the whole scene is within {1e3 * farthest_m:.2g} mm of the aperture's "
+            f"centre; are its {farthest_m:.2g} m another unit?"
+        )
     # Antennas that surround the scene have no side behind them.
     behind_m = min(array.tx_m[:, 2].min(), array.rx_m[:, 2].min())
     low_m, high_m = box_m[:, 2]

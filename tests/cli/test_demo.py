@@ -89,7 +89,7 @@ def test_the_image_shows_a_hand(small: Path) -> None:
 
 def test_noise_has_the_documented_power() -> None:
     rng = np.random.default_rng(3)
-    array = clradar.AntennaArray(rng.normal(size=(8, 3)), rng.normal(size=(9, 3)))
+    array = clradar.AntennaArray(0.1 * rng.normal(size=(8, 3)), 0.1 * rng.normal(size=(9, 3)))
     waveform = clradar.Waveform.sfcw(72e9, 82e9, 1000)
     data = 5.0 * (rng.normal(size=(8, 9, 1000)) + 1j)
     capture = clradar.Capture(data, array, waveform, {"kind": "simulated"})

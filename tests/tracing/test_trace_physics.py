@@ -238,6 +238,7 @@ def half_space(n: int) -> tuple[np.ndarray, float]:
 AXES, HALF_ANGLE = half_space(400)
 
 
+@pytest.mark.filterwarnings("ignore:trace. the whole scene is within 0.01 mm")
 @pytest.mark.parametrize("alpha", [0.2, 0.35, 0.5, 0.7, 1.0])
 def test_directions_of_a_rough_surface(alpha, device):
     """Receivers all over the half space, counted against the density that the model implies."""
