@@ -8,6 +8,7 @@ are averaged: their speckle is independent.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -35,7 +36,7 @@ from calibration.registration.rigid_motion import moved, orthonormal
 from clradar.backproject import backproject
 from clradar.compare import depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.errors import CompareError
+from clradar.errors import ClradarWarning, CompareError
 from clradar.model import Capture, DepthMap, Scene, Volume, VoxelGrid
 from clradar.model.progress import Progress
 from clradar.opencl import Device
@@ -280,13 +281,16 @@ def _simulated(
     scene: Scene, settings: LoopSettings, number: int, device: Device
 ) -> tuple[Capture, Volume]:
     simulation, radar = settings.simulation, settings.radar
-    capture = simulate(
-        scene,
-        radar.array,
-        radar.waveform,
-        settings=replace(simulation, seed=simulation.seed + number),
-        device=device,
-    )
+    # A simulation that sees nothing is an error here, or another alpha is tried.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ClradarWarning)
+        capture = simulate(
+            scene,
+            radar.array,
+            radar.waveform,
+            settings=replace(simulation, seed=simulation.seed + number),
+            device=device,
+        )
     if capture.meta["rays"]["paths"] == 0:
         raise not_aligned("no ray from the mesh in the pose found reaches a receiver")
     return capture, backproject(capture, settings.grid, check_grid=False, device=device)

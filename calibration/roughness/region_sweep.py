@@ -64,12 +64,12 @@ class RegionSweep:
     >>> q = clradar.arrays.qar50()
     >>> radar = {"array": clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12]),
     ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
-    >>> rays = {"samples_per_mm2": 0.2, "reception_radius_m": 0.02}
+    >>> rays = {"samples_per_mm2": 0.5, "reception_radius_m": 0.02}
     >>> capture = clradar.simulate(scene.with_alpha({"left": 0.1, "right": 0.5}), **radar, **rays)
     >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.25, 0.3), 5e-3)
     >>> image = clradar.backproject(capture, grid, device="pocl")
     >>> found = calibration.sweep(
-    ...     image, scene, [0.0, 0.1, 0.5, 1.0], seeds=1, regions=regions, **radar, **rays)
+    ...     image, scene, [0.0, 0.1, 0.5, 0.9], seeds=1, regions=regions, **radar, **rays)
     >>> dict(zip(found.regions.names, found.alphas[list(found.regions.best)].tolist()))
     {'left': 0.1, 'right': 0.5}
     """

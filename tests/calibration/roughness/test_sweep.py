@@ -679,6 +679,7 @@ def test_wrong_arguments_are_refused_before_any_work(arguments, options, error, 
         sweep(*arguments, device="pocl", progress=lambda *_: pytest.fail("work"), **options)
 
 
+@pytest.mark.filterwarnings("ignore:no ray reached:clradar.ClradarWarning")
 def test_a_mesh_that_no_ray_comes_back_from_is_an_error():
     """A mirror that faces away: every simulation is zero."""
     turned = np.eye(4)
