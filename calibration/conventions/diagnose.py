@@ -292,7 +292,9 @@ def _in_other_units(
             f"image focuses (contrast {other.contrast_db:.0f} dB; 3 dB is speckle): they seem to "
             f"be {UNITS[scale]}"
         )
-        advice = f"Multiply all antenna positions by {scale:g}: they seem to be {UNITS[scale]}. "
+        advice = (
+            f"Multiply all antenna positions by {scale:g}: they seem to be {UNITS[scale]}. Then: "
+        )
         best = replace(
             result,
             reasons=(reason, *result.reasons),
