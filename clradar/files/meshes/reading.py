@@ -65,7 +65,7 @@ def confined_reader(
         cpu_s=MESH_CPU_S + size // MESH_CPU_BYTES,
         memory_bytes=MESH_MEMORY_BYTES + MESH_MEMORY_FACTOR * size,
         most_bytes=most_bytes,
-        modules=("numpy.ma", *modules),  # that one numpy imports late
+        modules=("numpy.ma", "unicodedata", *modules),  # that numpy and Python import late
         error=error,
     )
 
