@@ -125,7 +125,7 @@ MAX_MESH_NODES = 2**17
 """Nodes of a glTF scene."""
 
 MAX_GLTF_NUMBERS = 2**26
-"""Numbers that are taken from a glTF file, as often as they are used: some need no bytes of it."""
+"""Numbers taken from a rig in glTF, as often as they are used: some need no bytes of it."""
 
 MESH_CPU_S = 20
 """Processor time for reading a mesh or rig, and a second more for every `MESH_CPU_BYTES`."""

@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from clradar.errors import RigError
-from clradar.files.meshes.gltf_file import EXPECTED, GltfFile
-from clradar.files.meshes.gltf_nodes import NodeTree, node_tree
-from clradar.files.meshes.gltf_triangles import attributes_of, triangles
+from clradar.files.meshes.gltf_document import EXPECTED
 from clradar.hand import JOINT_NAMES
 from clradar.rigs.anatomy import CHAINS, WRIST, check_joints, side_of
 from clradar.rigs.failures import fail, reading
+from clradar.rigs.gltf_file import GltfFile
 from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
+from clradar.rigs.nodes import NodeTree, node_tree
 from clradar.rigs.rig import Rig
 from clradar.rigs.rigging import MAX_FILE_VERTICES, Surface, rig_of
+from clradar.rigs.triangles import attributes_of, triangles
 
 _MAX_SETS = 16
 
@@ -35,7 +35,7 @@ def gltf_rig(
     The rest pose is that of the file's nodes, as viewers show it; the skin is that of the bind pose
     of the inverse bind matrices, which may differ.
     """
-    file = GltfFile(path, content, RigError)
+    file = GltfFile(path, content)
     # Overflows are checked for where the numbers are used.
     with reading(path, EXPECTED), np.errstate(over="ignore", invalid="ignore"):
         tree = node_tree(file)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from clradar.errors import RigError
-from clradar.files.meshes.gltf_nodes import NodeTree
 from clradar.files.toml_file import read_toml
 from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
 from clradar.rigs.anatomy import OPTIONAL
 from clradar.rigs.failures import fail, reading
+from clradar.rigs.nodes import NodeTree
 
 REQUIRED = tuple(name for name in JOINT_NAMES if JOINT_INDEX[name] not in OPTIONAL)
 

@@ -12,7 +12,7 @@ from clradar.errors import RigError, warn
 from clradar.files.confined import process
 from clradar.files.failures import regular_file_size
 from clradar.files.limits import MAX_RIG_ANSWER_BYTES
-from clradar.files.meshes.gltf_file import GLB_MAGIC
+from clradar.files.meshes.gltf_document import GLB_MAGIC
 from clradar.files.meshes.reading import confined_reader
 from clradar.model import checks
 from clradar.rigs.anatomy import UNITS_M

@@ -295,7 +295,7 @@ def named_meshes(ending: str) -> list[bytes]:
             ],
             meshes=[
                 {"name": "a", "primitives": [primitive]},
-                {"primitives": [primitive | {"mode": 5}, primitive | {"mode": 6}]},
+                {"primitives": [primitive | {"mode": 5}, primitive | {"mode": 1}]},
             ],
         )
         if ending == "gltf":
@@ -309,7 +309,7 @@ def named_meshes(ending: str) -> list[bytes]:
             "values": {"bufferView": 1},
         }  # fmt: skip
         changed = json.loads(json.dumps(document))
-        changed["accessors"][1]["sparse"] = sparse
+        changed["accessors"].append(changed["accessors"][1] | {"sparse": sparse})
         return [mesh_files.glb(document), mesh_files.glb(changed)]
     ball = trimesh.creation.icosphere(subdivisions=0, radius=0.1)
     kinds = {"stl": ({}, {"file_type": "stl_ascii"}), "ply": ({}, {"encoding": "ascii"})}

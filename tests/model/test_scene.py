@@ -201,7 +201,7 @@ def test_damaged_files_are_named(tmp_path: Path, kind: str, damage: str) -> None
     with pytest.raises(MeshError) as caught:
         Scene.from_mesh(path)
     message = str(caught.value)
-    wanted = "a glTF 2.0 file|a GLB file" if kind == "glb" else "a mesh"
+    wanted = "a glTF 2.0 file|a mesh" if kind == "glb" else "a mesh"
     assert re.match(f"{re.escape(str(path))}: expected ({wanted})", message), message
     assert ", got " in message
     assert "charset" not in message

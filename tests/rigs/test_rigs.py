@@ -349,11 +349,11 @@ def rewritten(document: GLTF2, maker: RigMaker, path: Path) -> Path:
 
 
 def test_strips_fans_and_lists_without_indices_are_triangles(tmp_path: Path) -> None:
-    from clradar.files.meshes.gltf_file import GltfFile
-    from clradar.files.meshes.gltf_triangles import _faces
+    from clradar.rigs.gltf_file import GltfFile
+    from clradar.rigs.triangles import _faces
 
     path = tmp_path / "file.gltf"
-    file = GltfFile(path, b'{"asset": {"version": "2.0"}}', RigError)
+    file = GltfFile(path, b'{"asset": {"version": "2.0"}}')
     corners = np.array([10, 11, 12, 13, 14])
     # glTF 2.0, 3.7.2.1: p_i = {v_i, v_(i+1+i%2), v_(i+2-i%2)} and p_i = {v_(i+1), v_(i+2), v_0}.
     strip = _faces(file, "x", corners, 5)

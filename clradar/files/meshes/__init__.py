@@ -1,1 +1,1 @@
-"""Files of triangle meshes, read in a confined process; glTF also for rigs."""
+"""Files of triangle meshes, read in a confined process."""

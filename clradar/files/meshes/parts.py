@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -115,33 +115,3 @@ def placed(label: str, vertices: np.ndarray, matrix: Any) -> np.ndarray:
     stack = np.column_stack((vertices, np.ones(len(vertices))))
     moved: np.ndarray = np.dot(given, stack.T).T[:, :3]
     return moved
-
-
-class UniqueNames:
-    """Names as trimesh numbers those that occur twice: skin, skin_1, skin_2, ..."""
-
-    def __init__(self) -> None:
-        self._taken: set[str] = set()
-        self._counts: dict[str, int] = {}
-
-    def of(self, name: str) -> str:
-        """Return the name, or if it is taken the next one that is free."""
-        start, number = name, self._counts.get(name, 0)
-        if name in self._taken:
-            stem, _, last = name.rpartition("_")
-            if number == 0 and stem and last.isdecimal() and len(last) < 10:
-                number = int(last)
-            else:
-                stem = name
-            while name in self._taken:
-                number += 1
-                name = f"{stem}_{number}"
-            self._counts[start] = number
-        self._taken.add(name)
-        return name
-
-
-def reversed_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return unique names given out from the last to the first, as trimesh names parts of OBJ."""
-    unique = UniqueNames()
-    return tuple([unique.of(name) for name in reversed(names)][::-1])

@@ -7,7 +7,6 @@ from typing import Any
 
 from clradar.errors import ClradarError, MeshError
 from clradar.files.confined import process
-from clradar.files.confined.process import forbid_opening
 from clradar.files.failures import fail, read_bytes, reading, regular_file_size
 from clradar.files.limits import (
     MAX_MESH_BYTES,
@@ -18,8 +17,6 @@ from clradar.files.limits import (
     MESH_MEMORY_BYTES,
     MESH_MEMORY_FACTOR,
 )
-from clradar.files.meshes.gltf_mesh import read_gltf
-from clradar.files.meshes.obj_file import read_obj
 from clradar.files.meshes.parts import Parts
 from clradar.files.meshes.trimesh_parts import read_with_trimesh
 
@@ -28,6 +25,8 @@ FORMATS = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl", ".3mf", ".dae")
 their own."""
 
 EXPECTED = f"a mesh file ({', '.join(FORMATS)})"
+
+_MODULES = ("trimesh", "trimesh.path.entities")  # the latter for lines among the triangles
 
 _MOST_BYTES = 24 * MAX_MESH_VERTICES + 16 * MAX_MESH_FACES
 
@@ -44,8 +43,7 @@ def read_mesh_file(path: Path) -> Parts:
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         fail(path, EXPECTED, f"a name that ends in '{suffix}'", error=MeshError)
-    modules = () if suffix in (".glb", ".gltf", ".obj") else ("trimesh",)
-    reader = confined_reader(EXPECTED, size, _MOST_BYTES, MeshError, modules)
+    reader = confined_reader(EXPECTED, size, _MOST_BYTES, MeshError, _MODULES)
     found = process.run(reader, _contents, path)
     names = tuple(found.pop("names"))
     return Parts(**found, names=names)
@@ -73,15 +71,8 @@ def confined_reader(
 def _contents(path: Path) -> dict[str, Any]:
     """Read a mesh file, in the confined process."""
     content = read_bytes(path, EXPECTED, MAX_MESH_BYTES, error=MeshError)
-    suffix = path.suffix.lower()
     with reading(path, EXPECTED, error=MeshError):
-        if suffix in (".glb", ".gltf"):
-            parts = read_gltf(path, content)
-        elif suffix == ".obj":
-            forbid_opening()
-            parts = read_obj(path, content)
-        else:
-            parts = read_with_trimesh(path, content, suffix[1:])
+        parts = read_with_trimesh(path, content, path.suffix.lower()[1:])
     return {
         "vertices": parts.vertices,
         "faces": parts.faces,

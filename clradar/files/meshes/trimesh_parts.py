@@ -1,9 +1,10 @@
-"""Parts of what trimesh holds or reads: the formats that have no reader here."""
+"""Parts of what trimesh holds or reads."""
 
 from __future__ import annotations
 
 import io
 import sys
+import warnings
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -15,13 +16,14 @@ from clradar.errors import MeshError
 from clradar.files.confined.process import forbid_opening
 from clradar.files.failures import clean, fail, reading
 from clradar.files.limits import MAX_MESH_BYTES
+from clradar.files.meshes import gltf_document, obj_text
 from clradar.files.meshes.parts import Parts, Piece, check_counts, placed
 from clradar.files.meshes.ply_parts import with_parts
 
 _OTHER_PACKAGES = {"3mf": "lxml networkx", "dae": "pycollada"}
 
 
-def parts_of(label: str, mesh: Any, *, limited: bool = False) -> Parts:
+def parts_of(label: str, mesh: Any, *, limited: bool = False, backwards: bool = False) -> Parts:
     """Return the parts of a `trimesh.Trimesh` or `trimesh.Scene`.
 
     Parameters
@@ -31,6 +33,8 @@ def parts_of(label: str, mesh: Any, *, limited: bool = False) -> Parts:
     mesh : trimesh.Trimesh or trimesh.Scene
     limited : bool
         Whether the limits of files hold.
+    backwards : bool
+        Whether the last part comes first: trimesh reads the groups of an OBJ file so.
 
     Raises
     ------
@@ -50,6 +54,8 @@ def parts_of(label: str, mesh: Any, *, limited: bool = False) -> Parts:
             geometry = mesh.geometry[name]
             if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
                 instances.append((str(name), geometry, matrix))
+        if backwards:
+            instances.reverse()
         if limited:
             check_counts(
                 label,
@@ -66,19 +72,52 @@ def parts_of(label: str, mesh: Any, *, limited: bool = False) -> Parts:
         )
 
 
+class _Named(dict[str, bytes]):
+    """What trimesh may ask for by the names in a file; it calls a mesh without a name like it."""
+
+    def __init__(self, path: Path, files: dict[str, bytes]) -> None:
+        super().__init__(files)
+        self.file_name = path.name
+
+
+class _AnyName(_Named):
+    """The same content for every name."""
+
+    def __missing__(self, name: str) -> bytes:
+        return self["*"]
+
+
 def read_with_trimesh(path: Path, content: bytes, kind: str) -> Parts:
-    """Return the parts of a mesh file's content; no file is opened for it.
+    """Return the parts of a mesh file's content; only buffers of glTF are opened for it.
 
     Raises
     ------
     MeshError
         Damaged, or more than the limits of `clradar.files.limits`.
     """
-    import trimesh
-
+    options: dict[str, Any] = {}
+    if kind in ("glb", "gltf"):
+        content, buffers = gltf_document.for_trimesh(path, content)
+        options = {"resolver": _Named(path, buffers), "skip_materials": True}
     forbid_opening()
     if kind == "3mf":
         _check_archive(path, content)
+    if kind == "obj":
+        content, materials = obj_text.for_trimesh(path, content)
+        # By default its objects and groups are merged under the first one's name.
+        options = {"split_objects": True, "split_groups": True}
+        options["resolver"] = _AnyName(path, {"*": materials})
+    scene = _loaded(path, content, kind, options)
+    parts = parts_of(str(path), scene, limited=True, backwards=kind == "obj")
+    name, *others = parts.names
+    if not options and not others and name.startswith("geometry_"):  # trimesh's for none
+        parts = replace(parts, names=(path.name,))
+    return with_parts(parts, scene, content) if kind == "ply" else parts
+
+
+def _loaded(path: Path, content: bytes, kind: str, options: dict[str, Any]) -> Any:
+    import trimesh
+
     if kind not in trimesh.available_formats():
         wanted = (
             f"the packages that trimesh reads .{kind} with: pip install {_OTHER_PACKAGES[kind]}"
@@ -87,17 +126,18 @@ def read_with_trimesh(path: Path, content: bytes, kind: str) -> Parts:
     # trimesh would guess the encoding of a text that is no UTF-8, if that package were there.
     sys.modules["charset_normalizer"] = None  # type: ignore[assignment]
     try:
-        # process=False keeps the file's faces in the file's order, which alpha per face relies on.
-        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            # numpy's for numbers that it has left out.
+            warnings.filterwarnings("error", "string or file could not be read", DeprecationWarning)
+            # process=False keeps the faces in the file's order, which alpha per face relies on.
+            stream = io.BytesIO(content)
+            return trimesh.load_scene(stream, file_type=kind, process=False, **options)
     except Exception as error:  # trimesh's readers raise whatever their parsers raise
         got = f"{type(error).__name__}: {clean(error)}"
         if isinstance(error, ModuleNotFoundError):
             got = "bytes that are neither of such a format nor UTF-8 text"
         fail(path, f"a mesh file (.{kind})", got, error=MeshError, cause=error)
-    parts = parts_of(str(path), scene, limited=True)
-    if len(parts.names) == 1 and parts.names[0].startswith("geometry_"):  # trimesh's for none
-        parts = replace(parts, names=(path.name,))
-    return with_parts(parts, scene, content) if kind == "ply" else parts
 
 
 def _check_archive(path: Path, content: bytes) -> None:

@@ -1,4 +1,4 @@
-"""The readers of OBJ and glTF against trimesh's, and where the formats say more than those."""
+"""OBJ and glTF as trimesh reads them by itself, and where the formats say more than that."""
 
 from __future__ import annotations
 
@@ -81,7 +81,8 @@ def test_what_obj_files_may_hold_besides(tmp_path: Path) -> None:
 
 
 def test_materials_name_parts_without_their_file(tmp_path: Path) -> None:
-    text = "o hand\nusemtl skin\nf 1 2 3\nusemtl nail\nf 1 2 4\nusemtl skin\nf 2 3 4\n"
+    text = "mtllib none.mtl\n"
+    text += "o hand\nusemtl skin\nf 1 2 3\nusemtl nail\nf 1 2 4\nusemtl skin\nf 2 3 4\n"
     scene = obj(tmp_path, OBJ_START + text)
     assert scene.part_names == ("hand_skin", "hand_nail")
     assert scene.part.tolist() == [0, 0, 1]
@@ -96,16 +97,16 @@ def test_vertices_that_no_face_uses_are_left_out(tmp_path: Path) -> None:
     ("faces", "got"),
     [
         ("f 0 1 2\n", "'f 0 1 2'"),
-        ("f 1 2 5\n", "among 4, got 'f 1 2 5'"),
+        ("f 1 2 5\n", "index 4 is out of bounds"),
         ("f 1 2 3\nf 1 2 -5\n", "'f 1 2 -5'"),
-        ("f 1 2\nf 1 2 3\n", "three corners or more, got 'f 1 2'"),
-        ("f 1 2 x\n", "'f 1 2 x'"),
-        ("f 1 2 3.5\n", "'f 1 2 3.5'"),
+        ("f 1 2\nf 1 2 3\n", "three corners or more"),
+        ("f 1 2 x\n", "unmatched data"),
+        ("f 1 2 3.5\n", "unmatched data"),
         ("f /1 2 3\n", "'f /1 2 3'"),
-        ("f 99999999999999999999 1 2\n", "'f 99999999999999999999 1 2'"),
-        ("f 1 2 99999999999999999999x\n", "99x'"),
-        ("v 1 2\nf 1 2 3\n", "'v 1 2'"),
-        ("v 1 2 a\nf 1 2 3\n", "'v 1 2 a'"),
+        ("f 99999999999999999999 1 2\n", "out of bounds"),
+        ("f 1 2 99999999999999999999x\n", "unmatched data"),
+        ("v 1 2\nf 1 2 3\n", "three numbers"),
+        ("v 1 2 a\nf 1 2 3\n", "unmatched data"),
         ("v 1 2 nan\nf 1 2 5\n", "NaN"),
         ("v 1 2 1e999\nf 1 2 5\n", "infinite"),
         ("l 1 2\n", "at least one triangle, got none"),
@@ -148,6 +149,14 @@ def test_gltf_scenes_are_read_as_by_trimesh(tmp_path: Path) -> None:
     have = Scene.from_mesh(path)
     np.testing.assert_allclose(have.triangles_m, want, rtol=0, atol=ROUNDING_M)
     assert [name.split("-")[0] for name in have.part_names] == names
+
+
+def test_a_node_of_gltf_may_have_a_camera_and_a_mesh(tmp_path: Path) -> None:
+    nodes = [{"mesh": 0, "camera": 0, "children": [1]}, {"mesh": 0}]
+    camera = {"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1}}
+    path = tmp_path / "mesh.glb"
+    path.write_bytes(glb(tetrahedron(nodes=nodes, cameras=[camera])))
+    assert Scene.from_mesh(path).n_faces == 8
 
 
 def test_gltf_without_scenes_shows_all_roots(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from mesh_files import OBJ_START, binary, glb, tetrahedron
 from clradar import Scene
 from clradar.errors import MeshError
 from clradar.files.confined import process
-from clradar.files.meshes import reading
+from clradar.files.meshes import trimesh_parts
 
 
 def refused(path: Path, *texts: str) -> None:
@@ -38,16 +38,16 @@ def turned(**node: Any) -> bytes:
 @pytest.mark.parametrize(
     ("node", "text"),
     [
-        ({"matrix": [float("nan")] * 16}, "finite numbers"),
-        ({"matrix": [1.0] * 9}, "matrix of node 0: 16 numbers"),
-        ({"matrix": [[1.0] * 4] * 4}, "matrix of node 0: 16 numbers"),
-        ({"translation": [0.0, float("inf"), 0.0]}, "finite numbers"),
+        ({"matrix": [float("nan")] * 16}, "finite transforms"),
+        ({"matrix": [1.0] * 9}, "array of size 9"),
+        ({"translation": [0.0, float("inf"), 0.0]}, "finite transforms"),
         ({"translation": [0.0, 10**400, 0.0]}, ""),
-        ({"rotation": [0.0, 0.0, 0.0, float("nan")]}, "finite numbers"),
-        ({"rotation": "turned"}, "4 numbers"),
+        ({"rotation": [0.0, 0.0, 0.0, float("nan")]}, "finite transforms"),
+        ({"rotation": "turned"}, ""),
         ({"scale": [1e308] * 3, "translation": [1e308] * 3}, ""),
-        ({"children": [0]}, "one"),
-        ({"children": 1}, "a list"),
+        ({"children": [0]}, "a cycle"),
+        ({"children": [1]}, "one parent each"),
+        ({"children": 1}, ""),
         ({"mesh": 1}, "in [0, 1)"),
     ],
 )
@@ -90,12 +90,12 @@ def test_instances_are_counted_before_they_are_made(
     path = tmp_path / "mesh.glb"
     nodes: list[dict[str, Any]] = [{"children": list(range(1, 11))}]
     path.write_bytes(glb(tetrahedron(nodes=nodes + [{"mesh": 0}] * 10)))
-    content = path.read_bytes()
+    scene = trimesh.load_scene(path, process=False)
     made = []
-    monkeypatch.setattr("clradar.files.meshes.gltf_mesh.placed", lambda *a: made.append(a))
+    monkeypatch.setattr(trimesh_parts, "placed", lambda *a: made.append(a))
     monkeypatch.setattr(f"clradar.files.meshes.parts.{name}", most)
     with pytest.raises(MeshError) as caught:
-        reading.read_gltf(path, content)
+        trimesh_parts.parts_of(str(path), scene, limited=True)
     for text in texts:
         assert text in str(caught.value)
     assert not made
@@ -115,11 +115,11 @@ def test_twelve_million_instanced_faces_are_refused(tmp_path: Path) -> None:
 
 def test_counts_that_no_byte_backs_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "mesh.glb"
-    for count in (30_000_000, 2**62):
+    for count in (30_000_000, 2**31, 2**62):
         document = tetrahedron()
         document["accessors"][1] = {"componentType": 5126, "count": count, "type": "VEC3"}
         path.write_bytes(glb(document))
-        refused(path, "POSITION")
+        refused(path)
 
 
 @pytest.mark.parametrize("name", ["mesh.zip", "mesh.tar.gz", "mesh.bz2", "mesh.dxf", "mesh"])
@@ -159,6 +159,25 @@ def test_pipes_do_not_block(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match="no regular file"):
         Scene.from_mesh(path)
     refused(tmp_path / "pipe.obj", "no regular file")
+
+
+@pytest.mark.parametrize(
+    ("position", "primitive", "got"),
+    [
+        ({"sparse": {"count": 1}}, {}, "sparse"),
+        ({"normalized": True}, {}, "normalized"),
+        ({}, {"mode": 6}, "a fan"),
+    ],
+)
+def test_triangles_that_trimesh_would_change_are_refused(
+    tmp_path: Path, position: dict[str, Any], primitive: dict[str, Any], got: str
+) -> None:
+    path = tmp_path / "mesh.glb"
+    document = tetrahedron()
+    document["accessors"][1] |= position
+    document["meshes"][0]["primitives"][0] |= primitive
+    path.write_bytes(glb(document))
+    refused(path, got)
 
 
 @pytest.mark.parametrize("uri", ["../data.bin", "http://localhost/data.bin", "sub/link.bin"])

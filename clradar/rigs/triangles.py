@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from clradar.files.limits import MAX_MESH_FACES
-from clradar.files.meshes.gltf_file import GltfFile
+from clradar.rigs.gltf_file import GltfFile
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 

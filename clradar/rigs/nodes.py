@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from clradar.files.limits import MAX_MESH_NODES
-from clradar.files.meshes.gltf_file import GltfFile
+from clradar.rigs.gltf_file import GltfFile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +60,7 @@ def node_tree(file: GltfFile) -> NodeTree:
 
     Raises
     ------
-    MeshError, RigError
+    RigError
         Cycles, two parents, transforms that are no numbers, too many nodes.
     """
     nodes = file.listed("nodes")

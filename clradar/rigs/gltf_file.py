@@ -7,33 +7,24 @@ from __future__ import annotations
 
 import base64
 import binascii
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 from urllib.parse import unquote
 
 import numpy as np
 
-from clradar.errors import ClradarError
-from clradar.files import failures
+from clradar.errors import RigError
 from clradar.files.confined.process import forbid_opening
-from clradar.files.failures import clean, read_bytes
-from clradar.files.json_text import parse_object
 from clradar.files.limits import MAX_GLTF_NUMBERS, MAX_MESH_BUFFERS_BYTES
+from clradar.files.meshes.gltf_document import EXPECTED, GLB_MAGIC, bytes_beside, parsed
+from clradar.rigs.failures import fail, reading
 
-EXPECTED = "a glTF 2.0 file"
-
-GLB_MAGIC = b"glTF"
 _GLB_HEADER = 12
 
 _COMPONENTS = {
     "5120": "<i1", "5121": "<u1", "5122": "<i2", "5123": "<u2", "5125": "<u4", "5126": "<f4",
 }  # fmt: skip
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-
-# Extensions that do not change the geometry, or are read here.
-_HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_light")
 
 
 class GltfFile:
@@ -45,46 +36,35 @@ class GltfFile:
     ----------
     path : Path
     content : bytes
-    error : type
-        Class of the errors that are raised: truncated, damaged, of another version, or with a
-        required extension that is not supported.
 
     Attributes
     ----------
     path : Path
     document : dict
         The JSON of the file. Nothing of it is known to be of the right type.
+
+    Raises
+    ------
+    RigError
+        Truncated, damaged, of another version, or with a required extension that is not supported.
     """
 
-    def __init__(self, path: Path, content: bytes, error: type[ClradarError]) -> None:
-        self.path, self._error = path, error
+    def __init__(self, path: Path, content: bytes) -> None:
+        self.path = path
         self._lists: dict[str, list[dict[str, Any]]] = {}
         self._numbers_left = MAX_GLTF_NUMBERS
         self._bytes_left = MAX_MESH_BUFFERS_BYTES
-        with self.reading(EXPECTED):
+        with reading(path, EXPECTED):
             text, self._binary = content, None
             if content.startswith(GLB_MAGIC):
                 text, self._binary = self._chunks(content)
-            self.document = parse_object(text.decode("utf-8-sig"))
-            asset = self.document.get("asset")
-            version = str(asset.get("version")) if isinstance(asset, dict) else "of nothing"
-            if not version.startswith("2."):
-                self.fail(EXPECTED, f"version {version}")
-            for name in self.document.get("extensionsRequired") or []:
-                if not str(name).startswith(_HARMLESS):
-                    self.fail("a glTF file that needs no extension for its geometry", name)
+            self.document = parsed(path, text, RigError)
             self._buffers = [self._buffer(i, b) for i, b in enumerate(self.listed("buffers"))]
         forbid_opening()
 
     def fail(self, expected: str, got: object) -> NoReturn:
         """Raise the error that names the file, what was expected and what was found."""
-        failures.fail(self.path, expected, clean(got), error=self._error)
-
-    @contextmanager
-    def reading(self, expected: str) -> Iterator[None]:
-        """Turn whatever a damaged file makes a parser raise into one error."""
-        with failures.reading(self.path, expected, error=self._error):
-            yield
+        fail(self.path, expected, got)
 
     def index(self, what: str, value: Any, count: int) -> int:
         """Return `value` if it is a whole number in [0, count)."""
@@ -155,28 +135,19 @@ class GltfFile:
             except (binascii.Error, ValueError) as error:
                 self.fail(f"{what} in base64", error)
         else:
-            data = self._beside(what, unquote(uri))
+            data = bytes_beside(self.path, what, unquote(uri), self._bytes_left, RigError)
+            self._bytes_left -= len(data)
         length = self.index(f"byteLength of {what}", buffer.get("byteLength"), 2**40)
         if len(data) < length:
             self.fail(f"{what} of {length} bytes", f"{len(data)}: the file is cut short")
         return data[:length]
-
-    def _beside(self, what: str, name: str) -> bytes:
-        folder = self.path.parent.resolve()
-        file = (folder / name).resolve()
-        if "://" in name or not file.is_relative_to(folder):
-            self.fail(f"{what} in a file beside it or below", repr(name))
-        label = f"{what} of {self.path.name}"
-        data = read_bytes(file, label, self._bytes_left, error=self._error)
-        self._bytes_left -= len(data)
-        return data
 
     def array(self, what: str, accessor: Any) -> np.ndarray:
         """Return the numbers (count, n) of an accessor of the file, normalised if it is flagged.
 
         The accessor is given by its index, which is checked; `what` names the array in messages.
         """
-        with self.reading(what):
+        with reading(self.path, what):
             listed = self.listed("accessors")
             entry = listed[self.index(f"accessor of {what}", accessor, len(listed))]
             component, kind = entry.get("componentType"), entry.get("type")

@@ -1,0 +1,134 @@
+"""The JSON of a glTF 2.0 file, and the buffers that it has in files beside it.
+
+Khronos Group, glTF 2.0 Specification, sections 3.3 (scenes), 3.6 (buffers) and 4 (GLB).
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from clradar.errors import ClradarError, MeshError
+from clradar.files.failures import clean, fail, read_bytes, reading
+from clradar.files.json_text import parse_object
+from clradar.files.limits import MAX_MESH_BUFFERS_BYTES, MAX_MESH_NODES
+
+EXPECTED = "a glTF 2.0 file"
+
+GLB_MAGIC = b"glTF"
+_GLB_START = 20  # the header, and that of the first chunk, which is JSON
+
+# Extensions that do not change the geometry, or that every reader of accessors knows.
+_HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_light")
+
+_FAN = 6
+
+
+def parsed(path: Path, text: bytes, error: type[ClradarError]) -> dict[str, Any]:
+    """Return the document of a glTF file, of version 2, that needs no extension for its geometry.
+
+    Nothing of it is known to be of the right type. The class `error` is raised for other files.
+    """
+    with reading(path, EXPECTED, error=error):
+        document = parse_object(text.decode("utf-8-sig"))
+        asset = document.get("asset")
+        version = str(asset.get("version")) if isinstance(asset, dict) else "of nothing"
+        if not version.startswith("2."):
+            fail(path, EXPECTED, f"version {clean(version)}", error=error)
+        for name in document.get("extensionsRequired") or []:
+            if not str(name).startswith(_HARMLESS):
+                wanted = "a glTF file that needs no extension for its geometry"
+                fail(path, wanted, clean(name), error=error)
+    return document
+
+
+def bytes_beside(path: Path, what: str, name: str, most: int, error: type[ClradarError]) -> bytes:
+    """Return the content of a regular file in the folder of `path` or below, of `most` bytes."""
+    folder = path.parent.resolve()
+    file = (folder / name).resolve()
+    if "://" in name or not file.is_relative_to(folder):
+        fail(path, f"{what} in a file beside it or below", clean(repr(name)), error=error)
+    return read_bytes(file, f"{what} of {path.name}", most, error=error)
+
+
+def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
+    """Return a glTF file's content for trimesh, and by their names the buffers in other files.
+
+    Raises
+    ------
+    MeshError
+        Nodes that form no tree, or what trimesh would pass over without a word: sparse or
+        normalized positions and fans.
+    """
+    text, rest = content, b""
+    if content.startswith(GLB_MAGIC):
+        end = _GLB_START + int.from_bytes(content[12:16], "little")
+        text, rest = content[_GLB_START:end], content[end:]
+    document = parsed(path, text, MeshError)
+    with reading(path, EXPECTED, error=MeshError):
+        nodes = document.get("nodes") or []
+        roots = _roots(path, nodes)
+        _check_meshes(path, document)
+        buffers = _buffers_beside(path, document.get("buffers") or [])
+        if not document.get("scenes"):
+            document |= {"scene": 0, "scenes": [{"nodes": roots}]}
+        for node in nodes:
+            node.pop("camera", None)  # trimesh takes none of such a node's triangles
+        text = json.dumps(document).encode()
+    if content.startswith(GLB_MAGIC):
+        text = content[:12] + len(text).to_bytes(4, "little") + content[16:_GLB_START] + text
+    return text + rest, buffers
+
+
+def _roots(path: Path, nodes: list[dict[str, Any]]) -> list[int]:
+    """Return the nodes without a parent, if all nodes form trees."""
+    if len(nodes) > MAX_MESH_NODES:
+        fail(path, f"at most {MAX_MESH_NODES} nodes", f"{len(nodes)}", error=MeshError)
+    children = [node.get("children") or [] for node in nodes]
+    below = [child for of in children for child in of]
+    if len(set(below)) < len(below) or not set(below) <= set(range(len(nodes))):
+        fail(path, "nodes with one parent each", "children that are none", error=MeshError)
+    roots = sorted(set(range(len(nodes))) - set(below))
+    reached = list(roots)
+    for node in reached:  # grows while it is walked
+        reached += children[node]
+    if len(reached) < len(nodes):
+        fail(path, "nodes that form trees", "a cycle", error=MeshError)
+    return roots
+
+
+def _check_meshes(path: Path, document: dict[str, Any]) -> None:
+    """Raise `MeshError` for triangles that trimesh passes over or reads as others."""
+    meshes, accessors = document.get("meshes") or [], document.get("accessors") or []
+    for at, node in enumerate(document.get("nodes") or []):
+        if node.get("mesh") is not None and node["mesh"] not in range(len(meshes)):
+            wanted = f"mesh of node {at}: a whole number in [0, {len(meshes)})"
+            fail(path, wanted, clean(repr(node["mesh"])), error=MeshError)
+    for mesh in meshes:
+        for primitive in mesh["primitives"]:
+            got = "a fan" if primitive.get("mode") == _FAN else ""
+            position = accessors[primitive["attributes"]["POSITION"]]
+            used = [position]
+            if primitive.get("indices") is not None:
+                used.append(accessors[primitive["indices"]])
+            if any(accessor.get("sparse") is not None for accessor in used):
+                got = "sparse ones"
+            if position.get("normalized"):
+                got = "normalized positions"
+            if got:
+                wanted = "a glTF mesh of plain lists or strips of triangles: export it so"
+                fail(path, wanted, got, error=MeshError)
+
+
+def _buffers_beside(path: Path, buffers: list[dict[str, Any]]) -> dict[str, bytes]:
+    found: dict[str, bytes] = {}
+    left = MAX_MESH_BUFFERS_BYTES
+    for at, buffer in enumerate(buffers):
+        uri = buffer.get("uri")
+        if uri is None or "base64," in uri or uri in found:
+            continue
+        found[uri] = bytes_beside(path, f"buffer {at}", unquote(uri), left, MeshError)
+        left -= len(found[uri])
+    return found
