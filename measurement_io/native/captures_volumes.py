@@ -11,7 +11,7 @@ import numpy as np
 
 from clradar.files import json_text
 from clradar.files.failures import clean, fail, reading
-from clradar.model import AntennaArray, Capture, Volume, VoxelGrid, Waveform
+from clradar.model import AntennaArray, Capture, Volume, VoxelGrid, Waveform, checks
 from measurement_io.confined import hdf5_process
 from measurement_io.native import contents as native_contents
 from measurement_io.native.scheme import (
@@ -40,8 +40,8 @@ def save_capture(path: str | os.PathLike[str], capture: Capture, *, force: bool 
     Raises
     ------
     ModelError
-        `capture.meta` holds what JSON cannot hold, or the array's name is no plain text. Nothing is
-        written.
+        No capture; `capture.meta` holds what JSON cannot hold, or the array's name is no plain
+        text. Nothing is written.
     OutputError
         The target exists and `force` is not set, its folder does not exist, or the system refuses
         to write. Nothing half-written stays behind.
@@ -61,6 +61,7 @@ def save_capture(path: str | os.PathLike[str], capture: Capture, *, force: bool 
     >>> np.array_equal(read.data, capture.data), dict(read.meta)
     (True, {'room': 'B 12'})
     """
+    checks.instance("save_capture: capture", capture, Capture)
     texts = {"array_name": plain_text("AntennaArray.name", capture.array.name)}
 
     def fill(data: Any) -> None:
@@ -91,6 +92,7 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
     >>> np.array_equal(open_volume("volume.h5").data, data)
     True
     """
+    checks.instance("save_volume: volume", volume, Volume)
     grid = volume.grid
 
     def fill(data: Any) -> None:

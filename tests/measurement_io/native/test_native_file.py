@@ -220,6 +220,14 @@ def test_either_byte_order_and_fixed_length_text(tmp_path, order):
 # ---- writing
 
 
+@pytest.mark.parametrize("save", [save_capture, save_volume])
+def test_swapped_arguments_are_one_error(tmp_path, save):
+    path = tmp_path / "swapped.h5"
+    with pytest.raises(ModelError, match=r"expected a (Capture|Volume), got PosixPath|WindowsPath"):
+        save("swapped.h5", path)
+    assert not path.exists()
+
+
 @pytest.mark.parametrize(
     "value",
     [
