@@ -173,10 +173,6 @@ def test_wrong_usage_is_2(
         (["inspect", "none.h5", "--check"], ("none.h5",)),
         (["compare", "volume.h5", "none.h5", "-o", "x.png"], ("none.h5",)),
         (["compare", "volume.h5", "volume.h5", "--report", "x.pdf"], (".html", "'.pdf'")),
-        (
-            ["compare", "volume.h5", "sim.h5", "--x-mm", "0:60:6", *GRID[2:], "-o", "x.png"],
-            ("same pixels",),
-        ),
     ],
 )
 def test_an_error_is_1_and_one_line(
@@ -186,6 +182,18 @@ def test_an_error_is_1_and_one_line(
     before = sorted(made.iterdir())
     one_error_line(run(*arguments), *parts)
     assert sorted(made.iterdir()) == before
+
+
+def test_images_on_other_pixels_are_an_error(
+    run: Run, made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(made)
+    outcome = run("compare", "volume.h5", "sim.h5", "--x-mm", "0:60:6", *GRID[2:], "-o", "x.png")
+    *remarks, error = outcome.err.splitlines()  # the grid cuts the hand
+    assert outcome.status == 1
+    assert all(line.startswith("clradar: warning: the grid ") for line in remarks)
+    assert error.startswith("clradar: error: compare: expected both images on the same pixels")
+    assert not (made / "x.png").exists()
 
 
 @pytest.mark.parametrize("place", [0, 1, 4])

@@ -522,7 +522,7 @@ def test_an_image_depends_on_the_triangles_no_more_than_on_the_seed():
     def image(pose, edge_m, seed):
         scene = clradar.Scene.from_mesh(hand_mesh(pose, edge_m), alpha=0.7)
         capture = clradar.simulate(scene, array, waveform, seed=seed, samples_per_mm2=3)
-        return clradar.backproject(capture, grid).max_projection()
+        return clradar.backproject(capture, grid, check_grid=False).max_projection()
 
     def difference(one, other):
         return np.linalg.norm(one - other) / np.sqrt(np.linalg.norm(one) * np.linalg.norm(other))

@@ -208,7 +208,7 @@ def antenna_text(rows: np.ndarray, header: str = "x,y,z") -> str:
 
 def test_antenna_files(tmp_path):
     frame = files.write_frame(tmp_path / "f.npy", files.random_frame())
-    rows = np.random.default_rng(0).normal(size=(96, 3))
+    rows = 0.1 * np.random.default_rng(0).normal(size=(96, 3))
     (tmp_path / "Rx.dat").write_text(antenna_text(rows))
     (tmp_path / "Tx.dat").write_text(antenna_text(rows[1:95] + 1))
     array = open_capture(frame, rx_file=tmp_path / "Rx.dat", tx_file=tmp_path / "Tx.dat").array

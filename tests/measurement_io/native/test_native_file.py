@@ -84,7 +84,8 @@ def small_capture(n_tx: int = 3, n_rx: int = 2, n_freq: int = 5, **meta: Any) ->
     data = data.astype(np.complex64)
     # What a careless conversion would change: negative zero and subnormal numbers.
     data[0, 0, 0] = complex(-0.0, 1e-42)
-    array = clradar.AntennaArray(rng.normal(size=(n_tx, 3)), rng.normal(size=(n_rx, 3)), "läb 1")
+    tx_m, rx_m = 0.1 * rng.normal(size=(n_tx, 3)), 0.1 * rng.normal(size=(n_rx, 3))
+    array = clradar.AntennaArray(tx_m, rx_m, "läb 1")
     frequencies = 60e9 + np.cumsum(rng.uniform(1.0, 1e9, n_freq))
     return clradar.Capture(data, array, clradar.Waveform(frequencies), meta)
 
