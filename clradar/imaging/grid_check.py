@@ -20,7 +20,7 @@ strongest of 20 000 (their logarithm). An image of twice that shows the echo its
 times as much and more with 94 x 94 antennas."""
 
 OUTSIDE_DB = DYNAMIC_RANGE_DB
-"""An echo outside is worth a warning if a picture with it would show nothing of this grid."""
+"""An echo outside is worth a warning if an image with it would show nothing of this grid."""
 
 FACE_DB, BEYOND_DB = 6.0, 6.0
 """A face at most this far below the maximum is bright, and the object goes on where it is that

@@ -65,7 +65,7 @@ def image_figure(
     dynamic_range_db : float, decibel
         Pixels further below the maximum are background.
     view : "xy", "xz" or "yz", optional
-        The axes of the picture; the volume is projected along the third. Default: along the axis
+        The axes of the figure; the volume is projected along the third. Default: along the axis
         that is thin, an eighth of either other extent at most; else "xy", the radar's view.
 
     Returns

@@ -42,7 +42,7 @@ def line_figure(volume: Volume, title: str | None, dynamic_range_db: float) -> F
     amplitude = np.abs(volume.data).ravel().astype(np.float64)
     if name is None:
         raise CompareError(
-            "image: expected more than one voxel to draw a picture of, got a single one at "
+            "image: expected more than one voxel to draw, got a single one at "
             f"{place} {unit.name}, whose amplitude is {amplitude[0]:.4g}"
         )
     lines = wrapped(title or "", SINGLE_PANEL_WIDTH, TITLE_PT)

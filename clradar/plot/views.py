@@ -13,7 +13,7 @@ from clradar.model import DepthMap, Volume, VoxelGrid, checks
 
 THIN = 1 / 8
 """An axis is thin where its extent is at most this share of either other axis' extent. Along the
-paper's z it is 2 / 5; a picture along an axis that is not thin is at least an eighth as high as
+paper's z it is 2 / 5; a projection along an axis that is not thin is at least an eighth as high as
 wide."""
 
 

@@ -34,7 +34,7 @@ class ImageFiles:
         None, "Page to write: figure, 3-D view, facts and settings in one .html file."
     )
     view: Literal["xy", "xz", "yz"] | None = option(
-        None, "Axes of the picture. [default: xy, or across the axis that is thin]"
+        None, "Axes of the figure. [default: xy, or across the axis that is thin]"
     )
 
     def check(self, *, force: bool, inputs: list[Path]) -> None:

@@ -12,7 +12,7 @@ WHOLE_STEPS = 1e-6
 """How far a range may be from a whole number of steps: allows for rounded decimals."""
 
 MOST_STEPS = 2**31
-"""Of a range; beyond it neighbours could not be told apart."""
+"""Of a range; beyond it neighbours are the same number."""
 
 RANGE_RULE = "FIRST:LAST:STEP, both ends included"
 
