@@ -13,6 +13,8 @@ JOBS ?= 2
 demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
 
+# There is a process for every core already: threads of BLAS would wait for each other.
+test: export OPENBLAS_NUM_THREADS := 1
 test: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
 
