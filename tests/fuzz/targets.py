@@ -57,7 +57,7 @@ from measurement_io.maroon.recording import placed_mesh
 HDF5_SHORT_RUN = 80
 """Each input of HDF5 costs three processes: to open it, to check it, to describe it."""
 
-MESH_SHORT_RUN = 150
+MESH_SHORT_RUN = 60
 """Each mesh or rig costs a process."""
 
 _PLY_TOKENS = (

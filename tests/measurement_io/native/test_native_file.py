@@ -466,7 +466,7 @@ def test_flipped_bits_are_found_or_do_not_matter(path):
     capture = open_capture(path)
     rng = random.Random(0)
     found = 0
-    for _ in range(300):
+    for _ in range(100):
         damaged = bytearray(whole)
         damaged[rng.randrange(len(whole))] ^= 1 << rng.randrange(8)
         path.write_bytes(damaged)
@@ -477,7 +477,7 @@ def test_flipped_bits_are_found_or_do_not_matter(path):
         else:
             # Free space of the file may change; nothing that is read may.
             assert same_capture(read, capture)
-    assert found > 60
+    assert found > 20
 
 
 def test_every_bit_of_the_data_counts(path):
