@@ -7,15 +7,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import TextIO
 
-from clradar.errors import handled_warnings
+from clradar.errors import handled_warnings, quoted
 from clradar.model.progress import Progress
 
 
 def one_line(text: object) -> str:
     """The text on one line that any stream can print, however long."""
-    line = " ".join(str(text).split())
-    line = line.encode("utf-8", "backslashreplace").decode("utf-8")
-    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in line)
+    return quoted(text, sys.maxsize)
 
 
 def print_error(text: object) -> None:

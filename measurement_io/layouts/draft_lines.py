@@ -24,6 +24,6 @@ class Line:
         return f"{self.text}  # {self.remark}" if self.remark else self.text
 
 
-def quoted(name: str) -> str:
+def toml_name(name: str) -> str:
     """Return a name as a TOML string; a long one is cut."""
     return toml_string(clean(name) if len(name) > 1000 else name)

@@ -10,7 +10,7 @@ import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from measurement_io.layouts.container import Key
-from measurement_io.layouts.draft_lines import GUESS, Line, quoted
+from measurement_io.layouts.draft_lines import GUESS, Line, toml_name
 from measurement_io.layouts.layout import LENGTH_UNITS_PER_M
 
 SIDES = {
@@ -110,7 +110,7 @@ def _tables(keys: Sequence[Key], values: Mapping[str, np.ndarray]) -> list[Anten
             continue
         across = 1 if key.shape[1] in (2, 3) else 0
         columns = ("x", "y", "z")[: key.shape[across]]
-        lines = [Line(f"key = {quoted(key.name)}")]
+        lines = [Line(f"key = {toml_name(key.name)}")]
         if across == 0:
             lines.append(Line('orientation = "columns"'))
         elif key.shape[0] in (2, 3):
@@ -137,7 +137,7 @@ def _column_tables(keys: Sequence[Key], values: Mapping[str, np.ndarray]) -> lis
         if not {"x", "y"} <= set(group):
             continue
         axes = [axis for axis in "xyz" if axis in group]
-        lines = [Line(f"{axis} = {quoted(group[axis])}") for axis in axes]
+        lines = [Line(f"{axis} = {toml_name(group[axis])}") for axis in axes]
         if "z" not in group:
             lines.append(Line("z = 0.0", f"{GUESS}in one plane"))
         rows = np.stack([values[group[axis]].ravel() for axis in axes], axis=1)

@@ -11,7 +11,7 @@ import numpy as np
 
 from clradar.constants import PLAUSIBLE_HZ
 from measurement_io.layouts.container import Container, Key
-from measurement_io.layouts.draft_lines import GUESS, UNKNOWN, Line, quoted
+from measurement_io.layouts.draft_lines import GUESS, UNKNOWN, Line, toml_name
 from measurement_io.layouts.guessed_antennas import SIDES, names_side
 from measurement_io.layouts.layout import FREQUENCY_UNITS_HZ
 
@@ -52,14 +52,14 @@ def guess_signal(keys: Sequence[Key]) -> Signal:
             rivals = [k for k in keys if k.shape == key.shape and k.kind == key.kind]
             remark = f"{GUESS}of {len(rivals)} alike" if len(rivals) > 1 else ""
             return Signal(
-                (key.name,), (Line(f"key = {quoted(key.name)}", remark),), key.shape, None
+                (key.name,), (Line(f"key = {toml_name(key.name)}", remark),), key.shape, None
             )
     for real in largest:
         for imag in keys:
             if real.shape == imag.shape and math.prod(real.shape) > 3 and _is_pair(real, imag):
                 lines = (
-                    Line(f"real = {quoted(real.name)}"),
-                    Line(f"imag = {quoted(imag.name)}"),
+                    Line(f"real = {toml_name(real.name)}"),
+                    Line(f"imag = {toml_name(imag.name)}"),
                 )
                 return Signal((real.name, imag.name), lines, real.shape, None)
     for key in largest:
@@ -68,7 +68,7 @@ def guess_signal(keys: Sequence[Key]) -> Signal:
             axis = twos[-1]
             remark = f"{GUESS}real, with an axis of length 2 for the real and imaginary part"
             return Signal(
-                (key.name,), (Line(f"key = {quoted(key.name)}", remark),), key.shape, axis
+                (key.name,), (Line(f"key = {toml_name(key.name)}", remark),), key.shape, axis
             )
     remark = "nothing complex, no two keys for the real and the imaginary part"
     return Signal((), (Line(f'key = "{UNKNOWN}"', remark),), (), None)
@@ -127,7 +127,7 @@ def guess_frequencies(keys: Sequence[Key], values: Mapping[str, np.ndarray]) -> 
         if unit is None:
             continue
         remark = "" if sure and not rank(key) else f"{GUESS}{numbers[0]:g} to {numbers[-1]:g}"
-        lines = (Line(f"key = {quoted(key.name)}"), Line(f'unit = "{unit}"', remark))
+        lines = (Line(f"key = {toml_name(key.name)}"), Line(f'unit = "{unit}"', remark))
         center_hz = float(numbers[0] + numbers[-1]) / 2 * FREQUENCY_UNITS_HZ[unit]
         return Frequencies(numbers.size, lines, center_hz)
     return Frequencies(None, (), None)
