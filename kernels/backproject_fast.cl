@@ -3,7 +3,7 @@
  *     V(v) = sum_{t, r, m} G[m, t, r] exp(+j 2 pi k_m (|v - t| - |c - t| + |v - r| - |c - r|))
  * varies slowly over antennas and frequencies, and a skeleton of few of either approximates it: the terms
  * of the rest are added to those of the skeleton with the weights of an interpolative decomposition
- * (clradar/imaging/interpolative.py). From a block to the smaller blocks in it, G is referred to their
+ * (clradar.phasors.interpolative.py). From a block to the smaller blocks in it, G is referred to their
  * centres and reduced to fewer rows, columns and frequencies; in the smallest blocks V is summed directly.
  * Rows and columns (transmitters and receivers, or the other way round) are transposed from level to
  * level, so that the sum over rows is always the first one.

@@ -14,7 +14,7 @@ from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, ref
 from clradar.errors import ModelError
 from clradar.imaging import fast
 from clradar.imaging.block_tree import block_levels, block_sizes, leaf_voxels
-from clradar.imaging.interpolative import SLACK, decompose, decompose_sampled, phasor_rms
+from clradar.phasors.interpolative import SLACK, decompose, decompose_sampled, phasor_rms
 
 HALF = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2])
 # Float32 sums of 10^6 terms of random phase in blocks of a hundred, and phases of 1e-6 turns.
