@@ -10,6 +10,7 @@ References
    EuRAD 2023.
 .. [2] J. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (Philox4x32-10).
 .. [3] T. Moeller, B. Trumbore, J. Graphics Tools 2 (1997) 21.
+.. [4] T. Boubekeur, M. Alexa, "Phong tessellation", ACM TOG 27(5) (2008) 141; with the factor 1 / 2.
 """
 
 from __future__ import annotations
@@ -102,6 +103,37 @@ def scene_normals(scene: Scene, normals: str, crease_deg: float) -> tuple[np.nda
     if normals == "smooth":
         return flat, smooth_normals(scene, crease_deg)
     return flat, np.repeat(flat[:, None], 3, axis=1)
+
+
+def curved_points(
+    triangles_m: np.ndarray, corner_normals: np.ndarray, weight: np.ndarray
+) -> np.ndarray:
+    """Points of the curved surface, shape (n, 3): half the mean of the projections [4]_.
+
+    Triangles and normals have shape (n, 3, 3), `weight` holds barycentric coordinates, (n, 3).
+    """
+    flat = np.einsum("sk,ska->sa", weight, triangles_m)
+    projections = []
+    for k in range(3):
+        n = corner_normals[:, k]
+        above = ((flat - triangles_m[:, k]) * n).sum(axis=1)
+        projections.append(flat - above[:, None] * n)
+    return 0.5 * flat + 0.5 * np.einsum("sk,ksa->sa", weight, np.array(projections))
+
+
+def curved_tangents(
+    triangles_m: np.ndarray, corner_normals: np.ndarray, weight: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of the curved points by the weights of corners 1 and 2, shape (n, 3) each.
+
+    Central differences, which are exact for the quadratic functions that the points are.
+    """
+    found = []
+    for step in ([-0.5, 0.5, 0.0], [-0.5, 0.0, 0.5]):
+        ahead, behind = weight + np.array(step), weight - np.array(step)
+        one, other = (curved_points(triangles_m, corner_normals, w) for w in (ahead, behind))
+        found.append(one - other)
+    return found[0], found[1]
 
 
 def sample_surface(
