@@ -10,7 +10,7 @@ References
    EuRAD 2023.
 .. [2] J. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (Philox4x32-10).
 .. [3] T. Moeller, B. Trumbore, J. Graphics Tools 2 (1997) 21.
-.. [4] T. Boubekeur, M. Alexa, "Phong tessellation", ACM TOG 27(5) (2008) 141; with the factor 1 / 2.
+.. [4] T. Boubekeur, M. Alexa, "Phong tessellation", ACM TOG 27(5) (2008) 141; with the factor 1/2.
 """
 
 from __future__ import annotations
