@@ -1,0 +1,234 @@
+"""The Kirchhoff sum over a rough, curved surface in float64 numpy.
+
+    u(t, r, f) = (j k / 4 pi) Sum_p V_t V_r Gamma_p ((s_t + s_r).w_p N_p)
+                 exp(-j k (R_t + R_r)) / (R_t R_r)
+    s(t, r, f) = sqrt(G_t G_r) (lambda / 4 pi) u
+
+Physical optics over points of a quadrature [1]_ [2]_. Slow and plain on purpose: it shares no code
+with the kernels and their host side, which are held against it.
+
+References
+----------
+.. [1] C. A. Balanis, Advanced Engineering Electromagnetics, 2nd ed., Wiley 2012, sections 7.10 and
+   11.3 (physical optics).
+.. [2] E. I. Thorsos, "The validity of the Kirchhoff approximation for rough surface scattering
+   using a Gaussian roughness spectrum", J. Acoust. Soc. Am. 83 (1988) 78.
+.. [3] T. Boubekeur, M. Alexa, "Phong tessellation", ACM Trans. Graphics 27 (2008) 141.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clradar.model import AntennaArray, Scene
+from clradar.reference import C_M_PER_S, counters, philox, scene_normals, uniform, visible
+
+N_WAVES = 512
+"""Plane waves that a height field is made of."""
+DOMAIN_WAVE = 4
+"""Last word of the counters of a height field's random numbers."""
+
+
+@dataclass(frozen=True)
+class Quadrature:
+    """Points of a surface and the vector areas that they stand for.
+
+    Attributes
+    ----------
+    point_m : ndarray, shape (n, 3), metres
+    area_m2 : ndarray, shape (n, 3), square metres
+        w N: area of the undisplaced surface times the normal n - grad eta of the displaced one.
+    normal : ndarray, shape (n, 3)
+        Unit normals n of the undisplaced surface.
+    flat_m, face : ndarray, shape (n, 3) metres and (n,)
+        The point's place on the flat face, from where visibility is asked, and that face.
+    texture_m : ndarray, shape (n, 3), metres
+        The point in the coordinates in which roughness is defined.
+    """
+
+    point_m: np.ndarray
+    area_m2: np.ndarray
+    normal: np.ndarray
+    flat_m: np.ndarray
+    face: np.ndarray
+    texture_m: np.ndarray
+
+
+def sub_triangles(cuts: int) -> np.ndarray:
+    """Barycentric corners of the cuts^2 equal parts of a triangle, shape (cuts^2, 3, 3)."""
+    parts = []
+    for i in range(cuts):
+        for j in range(cuts - i):
+            parts.append([(i, j), (i + 1, j), (i, j + 1)])
+            if i + j < cuts - 1:
+                parts.append([(i + 1, j), (i + 1, j + 1), (i, j + 1)])
+    ij = np.array(parts, float) / cuts
+    return np.stack([1 - ij[..., 0] - ij[..., 1], ij[..., 0], ij[..., 1]], axis=2)
+
+
+def curved(weight: np.ndarray, corner_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Points of the surface that corner normals describe [3]_: (n, 3) weights to (n, 3) metres.
+
+    A point of the face is moved by half the mean, weighted as itself, of its projections onto the
+    tangent planes of the corners, shape (n, 3, 3). On an arc of a circle of radius R that turns by
+    2 b from corner to corner, its middle is off by 3/8 R b^4, and not by the sagitta R b^2 / 2.
+    """
+    flat = np.einsum("pk,pka->pa", weight, corner_m)
+    off = np.einsum("pka,pka->pk", corner_m - flat[:, None], normal)
+    return flat + 0.5 * np.einsum("pk,pk,pka->pa", weight, off, normal)
+
+
+def quadrature(
+    scene: Scene, cuts: np.ndarray, *, facets: str = "curved", crease_deg: float = 30.0
+) -> Quadrature:
+    """Centroids of cuts^2 sub-triangles of every face, `cuts` of shape (n_faces,).
+
+    The area is that of the sub-triangle whose corners lie on the surface. Normals of the scene's
+    own hold where they are known and within 60 degrees of the face's.
+    """
+    flat_normal, corner_normal = scene_normals(scene, "smooth", crease_deg)
+    if scene.normals is not None:
+        given = scene.normals[scene.faces]
+        cosine = np.einsum("fka,fa->fk", given, flat_normal)
+        given = given * np.sign(cosine)[..., None]
+        corner_normal = np.where((np.abs(cosine) >= 0.5)[..., None], given, corner_normal)
+    parts = [sub_triangles(int(n)) for n in cuts]
+    corner = np.concatenate(parts)
+    face = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    weight = corner.mean(axis=1)
+    corner_m, shading = scene.triangles_m[face], corner_normal[face]
+    flat_m = np.einsum("pk,pka->pa", weight, corner_m)
+    if facets == "flat":
+        shading = np.repeat(flat_normal[face][:, None], 3, axis=1)
+    point_m = curved(weight, corner_m, shading)
+    a, b, c = (curved(corner[:, k], corner_m, shading) for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    normal = np.einsum("pk,pka->pa", weight, shading)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return Quadrature(point_m, area[:, None] * normal, normal, flat_m, face, point_m)
+
+
+def waves(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Wave vectors of unit correlation length, shape (N_WAVES, 3), and phases of a height field.
+
+    Each component is normal with the standard deviation sqrt(2) (Box and Muller), so that the
+    correlation over a distance r is E cos(K.r) = exp(-r^2).
+    """
+    index = np.arange(N_WAVES, dtype=np.uint64)
+    first = uniform(philox(counters(index, 0, 0, DOMAIN_WAVE), seed))
+    second = uniform(philox(counters(index, 1, 0, DOMAIN_WAVE), seed))
+    radius = np.sqrt(-2 * np.log(first[:, 0]))
+    third = np.sqrt(-2 * np.log(first[:, 2])) * np.cos(2 * np.pi * first[:, 3])
+    angle = 2 * np.pi * first[:, 1]
+    k = np.stack([radius * np.cos(angle), radius * np.sin(angle), third], axis=1)
+    return np.sqrt(2) * k, 2 * np.pi * second[:, 0]
+
+
+def roughened(surface: Quadrature, rms_m: float, correlation_m: float, seed: int) -> Quadrature:
+    """The surface displaced along its normals by a height field of Gaussian correlation.
+
+    eta(q) = h sqrt(2/M) Sum_m cos(K_m.q / l + phi_m), and N = n - grad eta along the surface.
+    """
+    k, phase = waves(seed)
+    scale = rms_m * np.sqrt(2 / N_WAVES)
+    height = np.empty(len(surface.point_m))
+    slope = np.empty((len(surface.point_m), 3))
+    for at in range(0, len(height), 4096):
+        part = slice(at, at + 4096)
+        angle = surface.texture_m[part] @ k.T / correlation_m + phase
+        height[part] = scale * np.cos(angle).sum(axis=1)
+        slope[part] = -scale / correlation_m * np.sin(angle) @ k
+    n = surface.normal
+    along = slope - np.einsum("pa,pa->p", slope, n)[:, None] * n
+    area = np.einsum("pa,pa->p", surface.area_m2, n)[:, None]
+    return replace(
+        surface, point_m=surface.point_m + height[:, None] * n, area_m2=area * (n - along)
+    )
+
+
+def seen_side(surface: Quadrature, scene: Scene, antenna_m: np.ndarray) -> np.ndarray:
+    """1 where an antenna sees the front of a point, -1 the back, 0 nothing: (n, n_antennas) int8.
+
+    By brute force over all triangles. The antenna has to be on the same side of the flat face and
+    of the tangent plane of the undisplaced surface.
+    """
+    triangles = scene.triangles_m
+    flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    flat = (flat / np.linalg.norm(flat, axis=1, keepdims=True))[surface.face]
+    out = np.zeros((len(surface.face), len(antenna_m)), np.int8)
+    for a, at_m in enumerate(antenna_m):
+        side = np.sign(np.einsum("pa,pa->p", surface.normal, at_m - surface.flat_m))
+        same = side == np.sign(np.einsum("pa,pa->p", flat, at_m - surface.flat_m)) * np.sign(
+            np.einsum("pa,pa->p", flat, surface.normal)
+        )
+        clear = visible(surface.flat_m, flat, np.broadcast_to(at_m, flat.shape), triangles)
+        out[:, a] = np.where(same & clear, side, 0)
+    return out
+
+
+def fresnel(permittivity: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+    """Gamma = (r_s - r_p)/2 of a half space, (n_freq,) and (...) to (..., n_freq); eps' - j eps''.
+
+    r_p is that of the magnetic field, -r_s at normal incidence [1]_.
+    """
+    c = np.asarray(cosine, float)[..., None]
+    inner = np.sqrt(permittivity - (1 - c**2) + 0j)  # principal: decays inwards
+    r_s = (c - inner) / (c + inner)
+    r_p = (permittivity * c - inner) / (permittivity * c + inner)
+    return (r_s - r_p) / 2
+
+
+def leg(permittivity: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+    """g = sqrt(-Gamma) at one leg's angle of incidence, of shape (n, n_antennas, n_freq).
+
+    -Gamma of a half space has a real part above 0, so the principal root is continuous.
+    """
+    return np.sqrt(-fresnel(permittivity, cosine))
+
+
+def kirchhoff(
+    surface: Quadrature,
+    array: AntennaArray,
+    frequencies_hz: np.ndarray,
+    tx_side: np.ndarray,
+    rx_side: np.ndarray,
+    *,
+    tx_leg: np.ndarray | float = 1.0,
+    rx_leg: np.ndarray | float = 1.0,
+    tx_field: np.ndarray | float = 1.0,
+    rx_field: np.ndarray | float = 1.0,
+) -> np.ndarray:
+    """S-parameters of single reflections, complex128 of shape (n_tx, n_rx, n_freq).
+
+    Parameters
+    ----------
+    surface : Quadrature
+    array, frequencies_hz
+    tx_side, rx_side : ndarray, shape (n, n_tx) and (n, n_rx)
+        Of `seen_side`: what Tx and Rx see from different sides does not count.
+    tx_leg, rx_leg : ndarray, shape (n, n_tx, n_freq) and (n, n_rx, n_freq), or 1
+        g of `leg`: Gamma = -g_t g_r; 1 for a perfect conductor.
+    tx_field, rx_field : ndarray, shape (n, n_tx) and (n, n_rx), or 1
+        Field patterns of the antennas towards the points, times the roots of their gains.
+    """
+    out = np.zeros((array.n_tx, array.n_rx, len(frequencies_hz)), complex)
+    legs = []
+    for at_m, g, field in ((array.tx_m, tx_leg, tx_field), (array.rx_m, rx_leg, rx_field)):
+        to = at_m - surface.point_m[:, None]
+        r = np.linalg.norm(to, axis=2)
+        along = np.einsum("pxa,pa->px", to, surface.area_m2) / r
+        g = np.broadcast_to(g, (*r.shape, len(frequencies_hz)))
+        legs.append((r, along, g, np.broadcast_to(field, r.shape) / r))
+    (r_t, along_t, g_t, field_t), (r_r, along_r, g_r, field_r) = legs
+    for m, f in enumerate(frequencies_hz):
+        k = 2 * np.pi * f / C_M_PER_S
+        wave_t = g_t[:, :, m] * field_t * np.exp(-1j * k * r_t)
+        wave_r = g_r[:, :, m] * field_r * np.exp(-1j * k * r_r)
+        for side in (1, -1):
+            at, ar = wave_t * (tx_side == side), wave_r * (rx_side == side)
+            total = (at * along_t).T @ ar + at.T @ (ar * along_r)
+            out[:, :, m] += 1j * k / (4 * np.pi) * -side * total  # Gamma = -g_t g_r
+        out[:, :, m] *= C_M_PER_S / f / (4 * np.pi)
+    return out
