@@ -17,6 +17,7 @@ from clradar.tracing.facets import warn_of_coarse_facets
 from clradar.tracing.placement import check_placement
 from clradar.tracing.settings import (
     SimulationSettings,
+    merged_settings,
     resolve_settings,
     simulated_meta,
     takes_settings,
@@ -49,7 +50,8 @@ def simulate(
     array : AntennaArray
     waveform : Waveform
     settings : SimulationSettings, optional
-        The defaults if not given. With the stochastic estimator the result has the bits of
+        The defaults if not given: the expected estimator, without shot noise. With the stochastic
+        one, and where samples, rays or several bounces are asked for, the result has the bits of
         ``synthesize(trace(...))``.
     device : Device, str or None
         See `clradar.open_device`.
@@ -97,7 +99,7 @@ def simulate(
     checks.instance("simulate: array", array, AntennaArray)
     checks.instance("simulate: waveform", waveform, Waveform)
     check_placement("simulate", scene, array)
-    resolved = resolve_settings(settings, **fields)
+    resolved = merged_settings(settings, **fields).without_shot_noise().resolved()
     opened = open_device(device)
     warn_of_coarse_facets("simulate", scene, resolved, float(waveform.frequencies_hz.max()))
     statistics = TraceStatistics(0, 0, 0, 0)

@@ -25,7 +25,7 @@ EXPECTED_SAMPLES_PER_MM2 = 1.0
 MOST_EXPONENT = 1e4
 """Of an antenna's pattern: it halves the power 0.5 degrees off boresight."""
 
-DENSITIES = ("samples_per_mm2", "rays_per_face", "rays_per_sample")
+FILLED_IN = ("samples_per_mm2", "rays_per_face", "rays_per_sample", "estimator")
 """Fields that `SimulationSettings.resolved` fills in where they are None."""
 
 CHECKS: dict[str, tuple[Any, ...]] = {
@@ -75,7 +75,9 @@ class SimulationSettings:
     pattern_exponent : float, 0 to 10 000
         With "spreading": both antennas have the field pattern cos(angle to +z)^exponent.
     seed : int, 0 to 2^64 - 1
-    estimator : "stochastic" or "expected"
+    estimator : "stochastic" or "expected", optional
+        None: `clradar.simulate` takes "expected", and "stochastic", the paper's, where samples,
+        rays or several bounces are asked for; other functions take "stochastic".
         "expected" is the mean of "stochastic" over the random outgoing directions, for the same
         samples: each of them, Tx and Rx adds one path whose amplitude is `rays_per_sample` times
         the probability that the outgoing ray enters the Rx sphere. It has no shot noise, so fewer
@@ -110,7 +112,7 @@ class SimulationSettings:
     amplitude: str = "unit"
     pattern_exponent: float = 0.0
     seed: int = 0
-    estimator: str = "stochastic"
+    estimator: str | None = None
 
     def __post_init__(self) -> None:
         if self.samples_per_mm2 is not None and self.rays_per_face is not None:
@@ -121,7 +123,7 @@ class SimulationSettings:
             )
         for name, (check, *limits) in CHECKS.items():
             value = getattr(self, name)
-            if value is not None or name not in DENSITIES:
+            if value is not None or name not in FILLED_IN:
                 object.__setattr__(self, name, check(name, value, *limits))
         check_plausible(
             "reception_radius_m", "a radius", self.reception_radius_m, PLAUSIBLE_RADIUS_M
@@ -137,27 +139,46 @@ class SimulationSettings:
             checks.fail("max_bounces", "1 with estimator='expected'", self.max_bounces)
 
     def resolved(self) -> SimulationSettings:
-        """Fill in the densities that are None; a resolved record stays as it is."""
-        rays, density = self.rays_per_sample, self.samples_per_mm2
+        """Fill in the fields that are None; a resolved record stays as it is."""
+        rays, density, estimator = self.rays_per_sample, self.samples_per_mm2, self.estimator
         if rays is None:
             rays = RAYS_PER_SAMPLE if self.rays_per_face is None else 1
         if density is None and self.rays_per_face is None:
             density = SAMPLES_PER_MM2
-            if self.estimator == "expected":
+            if estimator == "expected":
                 # Fewer samples, of which each has more rays: the sum keeps its mean.
                 density = EXPECTED_SAMPLES_PER_MM2
                 rays *= round(SAMPLES_PER_MM2 / EXPECTED_SAMPLES_PER_MM2)
-        return replace(self, samples_per_mm2=density, rays_per_sample=rays)
+        return replace(
+            self,
+            samples_per_mm2=density,
+            rays_per_sample=rays,
+            estimator="stochastic" if estimator is None else estimator,
+        )
+
+    def without_shot_noise(self) -> SimulationSettings:
+        """Choose the expected estimator if none is given, nor what is for random rays alone."""
+        asked = (self.samples_per_mm2, self.rays_per_face, self.rays_per_sample, self.estimator)
+        if self.max_bounces > 1 or any(value is not None for value in asked):
+            return self
+        return replace(self, estimator="expected")
 
 
 def resolve_settings(
     settings: SimulationSettings | None = None, /, **fields: Any
 ) -> SimulationSettings:
     """Settings with some fields replaced, checked and resolved; None stands for the defaults."""
-    if settings is not None:
-        checks.instance("settings", settings, SimulationSettings)
-        return replace(settings, **fields).resolved()
-    return SimulationSettings(**fields).resolved()
+    return merged_settings(settings, **fields).resolved()
+
+
+def merged_settings(
+    settings: SimulationSettings | None = None, /, **fields: Any
+) -> SimulationSettings:
+    """Settings with some fields replaced, checked."""
+    if settings is None:
+        return SimulationSettings(**fields)
+    checks.instance("settings", settings, SimulationSettings)
+    return replace(settings, **fields)
 
 
 Function = TypeVar("Function", bound=Callable[..., Any])

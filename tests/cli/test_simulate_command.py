@@ -72,7 +72,7 @@ def test_every_option_of_simulate_reaches_the_library(
         "amplitude": "spreading",
         "pattern_exponent": 1.5,
         "seed": 9,
-        "estimator": "stochastic",
+        "estimator": None,
     }
     assert asdict(received["settings"]) == expected
     assert np.array_equal(received["waveform"].frequencies_hz, np.linspace(24e9, 26e9, 11))

@@ -16,6 +16,7 @@ from clradar.simulation import simulate_alphas
 from clradar.tracing.settings import resolve_settings
 
 SCENE = Scene(*plate(0.05, 0.3), 0.5)
+SMALL = Scene(*plate(0.01, 0.3), 0.5)
 ARRAY = AntennaArray([[0.0, 0.0, 0.0]], [[0.01, 0.0, 0.0]])
 WAVEFORM = Waveform([77e9])
 
@@ -106,3 +107,25 @@ def test_invalid_settings_are_refused(arguments, message, device):
         clradar.trace(SCENE, ARRAY, device=device, **arguments)
     with pytest.raises(ModelError, match=message):
         clradar.simulate(SCENE, ARRAY, WAVEFORM, device=device, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "estimator"),
+    [
+        ({}, "expected"),
+        ({"seed": 3, "reception_radius_m": 0.02}, "expected"),
+        ({"samples_per_mm2": 0.5}, "stochastic"),
+        ({"rays_per_sample": 1}, "stochastic"),
+        ({"rays_per_face": 4000}, "stochastic"),
+        ({"max_bounces": 2}, "stochastic"),
+        ({"estimator": "stochastic"}, "stochastic"),
+    ],
+)
+def test_simulate_has_no_shot_noise_unless_random_rays_are_asked_for(arguments, estimator):
+    capture = clradar.simulate(SMALL, ARRAY, WAVEFORM, **arguments)
+    assert capture.meta["settings"]["estimator"] == estimator
+
+
+def test_other_functions_stay_stochastic():
+    assert resolve_settings().estimator == "stochastic"
+    assert clradar.trace(SMALL, ARRAY).statistics.outgoing > 0

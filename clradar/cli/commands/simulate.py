@@ -48,10 +48,11 @@ class SceneOptions(PlacementOptions):
 class EstimatorOptions:
     """Estimator of the received field, and its random numbers."""
 
-    estimator: Estimator = option(
-        "stochastic",
-        "stochastic: random outgoing rays; expected: their mean, without shot noise, "
-        f"from {EXPECTED_SAMPLES_PER_MM2:g} sample per square millimetre.",
+    estimator: Estimator | None = option(
+        None,
+        "stochastic: random outgoing rays, as in the paper; expected: their mean, without shot "
+        f"noise, from {EXPECTED_SAMPLES_PER_MM2:g} sample per square millimetre. "
+        "[default: expected, or stochastic if samples, rays or bounces are given]",
     )
     seed: int = option(0, "Same seed, same device: same bits.", metavar="N")
 

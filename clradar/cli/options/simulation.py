@@ -29,7 +29,9 @@ class SamplingOptions:
     """How densely rays are launched."""
 
     samples_per_mm2: float | None = option(
-        None, f"Surface samples per square millimetre. [default: {SAMPLES_PER_MM2:g}]", metavar="N"
+        None,
+        f"Surface samples per square millimetre. [default: {SAMPLES_PER_MM2:g} if stochastic]",
+        metavar="N",
     )
     rays_per_sample: int | None = option(
         None,
