@@ -13,17 +13,23 @@ from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.environment import Wall, room_capture
 from clradar.impairments.impair import impair
 from clradar.model import (
+    METAL,
     AntennaArray,
     Capture,
     ChannelCalibration,
     ChannelResponse,
+    Coating,
+    ColeCole,
     DepthMap,
+    Material,
     Paths,
+    PermittivityTable,
     Scene,
     TraceStatistics,
     Volume,
     VoxelGrid,
     Waveform,
+    material,
 )
 from clradar.opencl import Device, list_devices, open_device
 from clradar.simulation import simulate
@@ -34,15 +40,20 @@ from clradar.tracing.settings import SimulationSettings
 __version__ = "0.1.0"
 
 __all__ = [
+    "METAL",
     "AntennaArray",
     "Capture",
     "ChannelCalibration",
     "ChannelResponse",
     "ClradarWarning",
+    "Coating",
+    "ColeCole",
     "DepthMap",
     "Device",
+    "Material",
     "Metrics",
     "Paths",
+    "PermittivityTable",
     "Scene",
     "SimulationSettings",
     "TraceStatistics",
@@ -57,6 +68,7 @@ __all__ = [
     "draw_channels",
     "impair",
     "list_devices",
+    "material",
     "open_dataset",
     "open_device",
     "place_grid",

@@ -3,6 +3,9 @@
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
 """Speed of light in vacuum, m/s (exact by definition of the metre)."""
 
+VACUUM_PERMITTIVITY_F_PER_M = 8.854_187_8128e-12
+"""Electric constant, F/m (CODATA 2018)."""
+
 DYNAMIC_RANGE_DB = 15.0
 """Images and depth maps are cut this far below their maximum, as in the paper."""
 
@@ -26,3 +29,15 @@ an array of 14 cm at 77 GHz ends at 10 m, that of one of 44 cm at 100 m."""
 PLAUSIBLE_RADIUS_M = (1e-4, 1.0)
 """Radius of the sphere in which a receiver takes in rays. A smaller one takes in next to none, a
 larger one is no point."""
+
+PLAUSIBLE_ROUGHNESS_M = (0.0, 0.01)
+"""Root-mean-square height of a surface; a larger one belongs into the mesh."""
+
+PLAUSIBLE_CORRELATION_M = (1e-5, 0.1)
+"""Correlation length of a surface's heights."""
+
+PLAUSIBLE_MICRO_ROUGHNESS_M = (0.0, 1e-3)
+"""Root-mean-square height of what is finer than the samples of a surface."""
+
+PLAUSIBLE_COATING_M = (1e-7, 0.1)
+"""Thickness of a coating."""

@@ -4,23 +4,32 @@ from clradar.model.array import AntennaArray
 from clradar.model.capture import Capture
 from clradar.model.channels import ChannelCalibration, ChannelResponse
 from clradar.model.grid import VoxelGrid
+from clradar.model.known_materials import material
+from clradar.model.material import METAL, Coating, Material
 from clradar.model.paths import Paths, TraceStatistics
+from clradar.model.permittivity import ColeCole, PermittivityTable
 from clradar.model.scene import Scene
 from clradar.model.volume import DepthMap, Volume
 from clradar.model.waveform import Waveform
 
 __all__ = [
+    "METAL",
     "AntennaArray",
     "Capture",
     "ChannelCalibration",
     "ChannelResponse",
+    "Coating",
+    "ColeCole",
     "DepthMap",
+    "Material",
     "Paths",
+    "PermittivityTable",
     "Scene",
     "TraceStatistics",
     "Volume",
     "VoxelGrid",
     "Waveform",
+    "material",
 ]
 
 

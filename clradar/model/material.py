@@ -1,0 +1,208 @@
+"""Materials of surfaces: what they reflect, and how rough they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar import constants
+from clradar.model import checks, fresnel
+from clradar.model.permittivity import Permittivity, checked, permittivity_at
+from clradar.model.plausible import check_plausible
+from clradar.model.record import Record
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Coating(Record):
+    """A layer of even thickness on a material: the horny layer of skin, paint on metal.
+
+    Parameters
+    ----------
+    thickness_m : float, metres
+    permittivity : complex, ColeCole or PermittivityTable
+        Relative, eps' - j eps''.
+
+    Raises
+    ------
+    ModelError
+        A thickness in another unit than metres, or a permittivity with gain.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> clradar.Coating(140e-6, 3.1 - 0.4j)
+    Coating(thickness_m=0.00014, permittivity=(3.1-0.4j))
+    """
+
+    thickness_m: float
+    permittivity: Permittivity
+
+    def __post_init__(self) -> None:
+        field = "Coating.thickness_m"
+        thickness_m = checks.positive(field, self.thickness_m)
+        check_plausible(field, "a thickness", thickness_m, constants.PLAUSIBLE_COATING_M)
+        eps = checked("Coating.permittivity", self.permittivity)
+        self._set(thickness_m=thickness_m, permittivity=eps)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Material(Record):
+    """What a surface is made of, and how rough it is.
+
+    Parameters
+    ----------
+    name : str
+    permittivity : complex, ColeCole or PermittivityTable, optional
+        Relative, eps' - j eps'' for the time factor exp(+j w t); of a half space. Needed unless
+        `conductor`.
+    conductor : bool
+        A perfect conductor.
+    coating : Coating, optional
+        One layer on it.
+    roughness_rms_m : float, metres
+        Root mean square h of the heights, which are Gaussian with correlation exp(-r^2/l^2).
+    correlation_length_m : float, metres, optional
+        Their correlation length l. Needed if h > 0.
+    micro_roughness_rms_m : float, metres
+        Root mean square of heights that are finer than the samples of a simulation.
+    source : str
+        Where the values are from.
+
+    Raises
+    ------
+    ModelError
+        Neither or both of permittivity and conductor, a permittivity with gain, a length in
+        another unit than metres, roughness without a correlation length.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> plaster = clradar.Material(
+    ...     "plaster", permittivity=2.94 - 0.06j, roughness_rms_m=0.1e-3, correlation_length_m=2e-3
+    ... )
+    >>> gamma = plaster.reflection([72e9, 82e9], [1.0, 0.5])
+    >>> print(gamma.shape, f"{abs(gamma[0, 0]) ** 2:.3f}")
+    (2, 2) 0.069
+    """
+
+    name: str
+    permittivity: Permittivity | None = None
+    conductor: bool = False
+    coating: Coating | None = None
+    roughness_rms_m: float = 0.0
+    correlation_length_m: float | None = None
+    micro_roughness_rms_m: float = 0.0
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        checks.text("Material.name", self.name)
+        checks.text("Material.source", self.source)
+        if not isinstance(self.conductor, bool | np.bool_):
+            checks.fail("Material.conductor", "True or False", repr(self.conductor))
+        if self.conductor == (self.permittivity is not None):
+            got = "both" if self.conductor else "neither"
+            checks.fail("Material", "either a permittivity or conductor=True", got)
+        if self.permittivity is not None:
+            self._set(permittivity=checked("Material.permittivity", self.permittivity))
+        if self.coating is not None:
+            checks.instance("Material.coating", self.coating, Coating)
+        self._set(conductor=bool(self.conductor))
+        self._check_roughness()
+
+    def _check_roughness(self) -> None:
+        heights = {
+            "roughness_rms_m": constants.PLAUSIBLE_ROUGHNESS_M,
+            "micro_roughness_rms_m": constants.PLAUSIBLE_MICRO_ROUGHNESS_M,
+        }
+        for field, bounds in heights.items():
+            height_m = checks.real(f"Material.{field}", getattr(self, field))
+            check_plausible(f"Material.{field}", "an RMS height", height_m, bounds)
+            self._set(**{field: height_m})
+        field = "Material.correlation_length_m"
+        if self.correlation_length_m is not None:
+            length_m = checks.positive(field, self.correlation_length_m)
+            check_plausible(field, "a length", length_m, constants.PLAUSIBLE_CORRELATION_M)
+            self._set(correlation_length_m=length_m)
+        elif self.roughness_rms_m > 0:
+            checks.fail(field, "a length, since roughness_rms_m is positive", "None")
+
+    @property
+    def rms_slope(self) -> float:
+        """RMS slope of the roughness along one direction, sqrt(2) h / l."""
+        if self.correlation_length_m is None:
+            return 0.0
+        return float(np.sqrt(2) * self.roughness_rms_m / self.correlation_length_m)
+
+    def permittivity_at(self, frequency_hz: Any) -> np.ndarray:
+        """Return the permittivity below a coating, complex128, shape (n,), eps' - j eps''.
+
+        Raises
+        ------
+        ModelError
+            A conductor, which has none; frequencies outside a table or in another unit.
+        """
+        if self.permittivity is None:
+            checks.fail("Material.permittivity_at", "a dielectric", f"the conductor {self.name!r}")
+        return permittivity_at(self.permittivity, frequency_hz)
+
+    def fresnel(self, frequency_hz: Any, cos_incidence: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Return the reflection coefficients r_s and r_p, complex128, shape (n, m) each.
+
+        Parameters
+        ----------
+        frequency_hz : array_like, shape (n,), hertz
+        cos_incidence : array_like, shape (m,)
+            Cosine of the angle between the ray and the normal, in [0, 1].
+
+        Returns
+        -------
+        r_s, r_p : ndarray
+            Of the electric field across the plane of incidence, and of the magnetic field across
+            it: r_p = -r_s at normal incidence; -1 and +1 for a conductor.
+        """
+        frequencies, cosines = _axes(frequency_hz, cos_incidence)
+        eps = None if self.permittivity is None else self.permittivity_at(frequencies)[:, None]
+        if self.coating is None:
+            r_s, r_p = fresnel.half_space(eps, cosines)
+            shape = (len(frequencies), len(cosines))
+            return np.broadcast_to(r_s, shape), np.broadcast_to(r_p, shape)
+        layer = permittivity_at(self.coating.permittivity, frequencies)[:, None]
+        return fresnel.coated(eps, layer, self.coating.thickness_m, frequencies, cosines)
+
+    def reflection(self, frequency_hz: Any, cos_incidence: Any) -> np.ndarray:
+        """Return the reflection coefficient of the simulation, averaged over polarisation.
+
+        Parameters
+        ----------
+        frequency_hz : array_like, shape (n,), hertz
+        cos_incidence : array_like, shape (m,)
+            Cosine of the angle between the ray and the normal, in [0, 1].
+
+        Returns
+        -------
+        ndarray, shape (n, m), complex128
+            (r_s - r_p) / 2, see `fresnel`: -1 for a conductor at every angle. Its magnitude is at
+            most 1.
+
+        Raises
+        ------
+        ModelError
+            Frequencies outside a table or in another unit than hertz, cosines outside [0, 1].
+        """
+        r_s, r_p = self.fresnel(frequency_hz, cos_incidence)
+        return (r_s - r_p) / 2
+
+
+METAL = Material("metal", conductor=True, source="perfect conductor")
+
+
+def _axes(frequency_hz: Any, cos_incidence: Any) -> tuple[np.ndarray, np.ndarray]:
+    frequencies = checks.read_only("frequency_hz", np.atleast_1d(frequency_hz), np.float64, (None,))
+    check_plausible("frequency_hz", "frequencies", frequencies, constants.PLAUSIBLE_HZ, "Hz")
+    cosines = checks.read_only("cos_incidence", np.atleast_1d(cos_incidence), np.float64, (None,))
+    if cosines.min() < -1e-6 or cosines.max() > 1 + 1e-6:  # what float32 makes of 0 and 1
+        found = f"[{cosines.min():g}, {cosines.max():g}]"
+        checks.fail("cos_incidence", "cosines in [0, 1]", found)
+    return frequencies, np.clip(cosines, fresnel.GRAZING_COS, 1.0)
