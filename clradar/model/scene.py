@@ -1,4 +1,4 @@
-"""Scenes: triangle meshes whose faces have a roughness alpha."""
+"""Scenes: triangle meshes whose faces have a roughness alpha, and a material."""
 
 from __future__ import annotations
 
@@ -16,8 +16,17 @@ from clradar.files.meshes.parts import Parts
 from clradar.files.meshes.reading import read_mesh_file
 from clradar.files.meshes.trimesh_parts import parts_of
 from clradar.model import checks
+from clradar.model.material import METAL, Material
 from clradar.model.plausible import UNITS_M
 from clradar.model.record import Record
+from clradar.model.scene_materials import (
+    Materials,
+    face_materials,
+    joined,
+    material_tuple,
+    once,
+    stretched,
+)
 
 PLAUSIBLE_SIZE_M = (1e-3, 20.0)
 """Plausible length of the longest side of a mesh's bounding box for a near-field radar, metres."""
@@ -25,7 +34,7 @@ PLAUSIBLE_SIZE_M = (1e-3, 20.0)
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Scene(Record):
-    """Triangles in the antenna frame, each with its roughness alpha.
+    """Triangles in the antenna frame, each with its roughness alpha and its material.
 
     Parameters
     ----------
@@ -41,12 +50,19 @@ class Scene(Record):
     normals : array_like, shape (n_vertices, 3), float64, optional
         Normals of the smooth surface that the faces approximate, of either sign: of unit length, or
         0 where unknown. Unknown normals are estimated from the faces.
+    materials : tuple of Material
+        What the physical estimator takes the faces to be made of; the other estimators use `alpha`.
+    material : int or array_like, shape (n_faces,), int32
+        Index into `materials` of each face.
+    texture_m : array_like, shape (n_vertices, 3), float64, metres, optional
+        Coordinates that are fixed to the body, in which the roughness of a material is a height
+        field: a point keeps its bumps however the body moves. None: `vertices_m`.
 
     Raises
     ------
     ModelError
-        Wrong shapes, NaN, no face, indices outside the vertices, alpha outside [0, 1], normals that
-        are not of unit length.
+        Wrong shapes, NaN, no face, indices outside the vertices, parts or materials, alpha outside
+        [0, 1], normals that are not of unit length.
 
     Examples
     --------
@@ -60,6 +76,11 @@ class Scene(Record):
     (320, ('mesh',))
     >>> print(scene.vertices_m.max(axis=0))
     [0.04 0.04 0.34]
+
+    Its roughness moves with it:
+
+    >>> print(scene.texture_m.max(axis=0).round(3), scene.with_material("palm").materials[0].name)
+    [0.04 0.04 0.04] palm
     """
 
     vertices_m: np.ndarray
@@ -68,6 +89,9 @@ class Scene(Record):
     part: np.ndarray | int = 0
     part_names: tuple[str, ...] = ("mesh",)
     normals: np.ndarray | None = None
+    materials: tuple[Material, ...] = (METAL,)
+    material: np.ndarray | int = 0
+    texture_m: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         vertices = self._set_array("vertices_m", np.float64, (None, 3))
@@ -79,22 +103,20 @@ class Scene(Record):
                 f"[{faces.min()}, {faces.max()}]",
             )
         self._set(alpha=_alpha_of_faces(self.alpha, len(faces)))
-        part = self.part
-        if checks.is_single(part):
-            part = np.full(len(faces), checks.whole("Scene.part", part, 0))
-        part = checks.read_only("Scene.part", part, np.int32, (len(faces),))
         if isinstance(self.part_names, str) or not isinstance(self.part_names, Iterable):
             checks.fail("Scene.part_names", "a tuple of strings", repr(self.part_names))
         names = tuple(checks.text("Scene.part_names", name) for name in self.part_names)
         if len(set(names)) != len(names):
             checks.fail("Scene.part_names", "unique names", f"{names}")
-        if part.min() < 0 or part.max() >= len(names):
-            checks.fail(
-                "Scene.part", f"indices in [0, {len(names)})", f"[{part.min()}, {part.max()}]"
-            )
+        part = _index_of_faces("Scene.part", self.part, len(faces), len(names))
         self._set(part=part, part_names=names)
         if self.normals is not None:
             self._set(normals=_unit_normals(self.normals, len(vertices)))
+        materials = material_tuple("Scene.materials", self.materials)
+        material = _index_of_faces("Scene.material", self.material, len(faces), len(materials))
+        self._set(materials=materials, material=material)
+        if self.texture_m is not None:
+            self._set_array("texture_m", np.float64, (len(vertices), 3))
 
     @classmethod
     def from_mesh(
@@ -104,16 +126,17 @@ class Scene(Record):
         alpha: float | np.ndarray | Mapping[str, float] = 0.5,
         unit: str = "m",
         transform: Any = None,
+        material: Materials = METAL,
     ) -> Scene:
         """Return the scene of a mesh file or mesh.
 
         Parameters
         ----------
         mesh : path, trimesh.Trimesh, trimesh.Scene, (vertices, faces), or an object that has
-            ``to_trimesh()``, and may have `normals`, shape (n_vertices, 3). Files are those of
-            `clradar.files.meshes.reading.FORMATS`; every object, group, material and instance
-            becomes a part, of a PLY file every number of the property "part" of its faces, and
-            normals are ignored.
+            ``to_trimesh()``, and may have `normals` and `texture_m`, shape (n_vertices, 3). Files
+            are those of `clradar.files.meshes.reading.FORMATS`; every object, group, material and
+            instance becomes a part, of a PLY file every number of the property "part" of its faces,
+            and normals are ignored.
         alpha : float, array_like of shape (n_faces,), or mapping part name -> float
             0 specular ... 1 diffuse. An array goes part by part, in the order of
             `part_names`; of a PLY file, in the order of its faces.
@@ -121,6 +144,8 @@ class Scene(Record):
             Unit of the mesh's coordinates.
         transform : array_like, shape (4, 4), optional
             Affine transform into the antenna frame, applied after the unit.
+        material : Material, str, mapping or sequence
+            What `with_material` takes.
 
         Raises
         ------
@@ -128,7 +153,7 @@ class Scene(Record):
             The file is missing, unreadable or beyond the limits of docs/untrusted-files.md; there
             is no triangle, a NaN coordinate, or a size that is implausible for the unit.
         ModelError
-            `alpha`, `unit` or `transform` is invalid.
+            `alpha`, `unit`, `transform` or `material` is invalid.
         """
         checks.one_of("Scene.from_mesh: unit", unit, tuple(UNITS_M))
         matrix = np.eye(4)
@@ -142,16 +167,26 @@ class Scene(Record):
         except ModelError as error:
             raise MeshError(f"{label}: {error}") from error
         _check_plausible_size(label, vertices_m[np.unique(scene.faces)], unit)
-        normals = getattr(mesh, "normals", None) if hasattr(mesh, "to_trimesh") else None
+        given = mesh if hasattr(mesh, "to_trimesh") else None
+        normals, texture_m = (getattr(given, name, None) for name in ("normals", "texture_m"))
         if normals is not None:
             normals = checks.read_only("normals", normals, np.float64, (len(vertices_m), 3))
             scene = replace(scene, normals=_transformed_normals(normals, matrix))
-        return scene.with_alpha(alpha)
+        if texture_m is not None or transform is not None:
+            body = parts.vertices if texture_m is None else texture_m
+            body = checks.read_only("texture_m", body, np.float64, (len(vertices_m), 3))
+            scene = replace(scene, texture_m=stretched(body * UNITS_M[unit], matrix))
+        return scene.with_alpha(alpha).with_material(material)
 
     @classmethod
     def combine(cls, scenes: Iterable[Scene]) -> Scene:
-        """Return one scene of several; each keeps its alpha, and part names are made unique."""
-        vertices, faces, alpha, part, normals = [], [], [], [], []
+        """Return one scene of several, which keep their alpha, materials and texture.
+
+        Part names are made unique. Copies of one body have the same texture.
+        """
+        vertices, faces, alpha, part, normals, texture = [], [], [], [], [], []
+        materials = []
+        textured = False
         names: list[str] = []
         offset = 0
         for scene in scenes:
@@ -163,6 +198,9 @@ class Scene(Record):
             part.append(scene.part + len(names))
             unknown = np.zeros_like(scene.vertices_m)
             normals.append(unknown if scene.normals is None else scene.normals)
+            materials.append((scene.materials, np.asarray(scene.material)))
+            texture.append(scene.body_m)
+            textured = textured or scene.texture_m is not None
             names += scene.part_names
             offset += len(scene.vertices_m)
         if not faces:
@@ -174,6 +212,8 @@ class Scene(Record):
             np.concatenate(part),
             _unique(names),
             np.concatenate(normals) if any(n.any() for n in normals) else None,
+            *joined(materials),
+            np.concatenate(texture) if textured else None,
         )
 
     def with_alpha(self, alpha: float | np.ndarray | Mapping[str, float]) -> Scene:
@@ -190,16 +230,54 @@ class Scene(Record):
             return replace(self, alpha=np.array([alpha[n] for n in self.part_names])[self.part])
         return replace(self, alpha=alpha)
 
+    def with_material(self, material: Materials) -> Scene:
+        """Return the same triangles of other materials.
+
+        Parameters
+        ----------
+        material : Material, str, mapping or sequence
+            A material, or the name of one of `clradar.material`; a mapping part name -> material,
+            where parts that it does not name keep theirs; or a material per face.
+
+        Raises
+        ------
+        ModelError
+            There is no material or no part of that name, or not one material per face.
+
+        Examples
+        --------
+        >>> from clradar import Material, Scene
+        >>> ends = [(0, 0, 0.3), (0.01, 0, 0.3), (0, 0.01, 0.3)]
+        >>> scene = Scene(ends, [(0, 1, 2), (0, 2, 1)], part=[0, 1], part_names=("front", "back"))
+        >>> mixed = scene.with_material("skin").with_material({"back": "plaster"})
+        >>> [m.name for m in mixed.materials], mixed.material.tolist()
+        (['skin', 'plaster'], [0, 1])
+        """
+        now = (self.materials, np.asarray(self.material))
+        part = (np.asarray(self.part), self.part_names)
+        materials, index = face_materials(material, now, *part)
+        return replace(self, materials=materials, material=index)
+
     def transformed(self, transform: Any) -> Scene:
-        """Return the scene moved by a 4x4 affine transform, shape (4, 4)."""
+        """Return the scene moved by a 4x4 affine transform, shape (4, 4).
+
+        The texture stays fixed to the body; what the transform stretches, it stretches along the
+        axes of the texture.
+        """
         matrix = checks.transform("Scene.transformed: transform", transform)
         normals = None if self.normals is None else _transformed_normals(self.normals, matrix)
         vertices_m = self.vertices_m @ matrix[:3, :3].T + matrix[:3, 3]
-        return replace(self, vertices_m=vertices_m, normals=normals)
+        texture_m = stretched(self.body_m, matrix)
+        return replace(self, vertices_m=vertices_m, normals=normals, texture_m=texture_m)
 
     @property
     def n_faces(self) -> int:
         return len(self.faces)
+
+    @property
+    def body_m(self) -> np.ndarray:
+        """The texture's coordinates of every vertex, shape (n_vertices, 3), metres."""
+        return self.vertices_m if self.texture_m is None else self.texture_m
 
     @property
     def triangles_m(self) -> np.ndarray:
@@ -207,10 +285,27 @@ class Scene(Record):
         return self.vertices_m[self.faces]
 
     def digest(self) -> str:
-        """Return a SHA-256 of the triangles, alpha and given normals, for provenance."""
+        """Return a SHA-256 of the triangles, alpha and given normals, for provenance.
+
+        Where a face is not of metal, of the materials and the texture, too.
+        """
         normals = [] if self.normals is None else [self.normals[self.faces]]
-        arrays = (self.triangles_m, np.asarray(self.alpha), *normals)
-        return sha256_of_blocks(array.tobytes() for array in arrays)
+        arrays = [self.triangles_m, np.asarray(self.alpha), *normals]
+        texts: list[bytes] = []
+        materials, material = once(self.materials, np.asarray(self.material))
+        if materials != (METAL,):
+            arrays += [material, self.body_m[self.faces]]
+            texts = [repr(own).encode() for own in materials]
+        return sha256_of_blocks([*(array.tobytes() for array in arrays), *texts])
+
+
+def _index_of_faces(field: str, index: Any, n_faces: int, count: int) -> np.ndarray:
+    if checks.is_single(index):
+        index = np.full(n_faces, checks.whole(field, index, 0))
+    index = checks.read_only(field, index, np.int32, (n_faces,))
+    if index.min() < 0 or index.max() >= count:
+        checks.fail(field, f"indices in [0, {count})", f"[{index.min()}, {index.max()}]")
+    return index
 
 
 def _alpha_of_faces(alpha: Any, n_faces: int) -> np.ndarray:

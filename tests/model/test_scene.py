@@ -14,6 +14,8 @@ import trimesh
 from clradar import Scene
 from clradar.errors import MeshError, ModelError
 from clradar.files.meshes.ply_parts import ply_of_parts
+from clradar.model.known_materials import material
+from clradar.model.material import METAL, Material
 
 # Some formats store float32: 6e-8 of the largest coordinate, which is below 0.5 m here.
 FLOAT32_M = 3e-8
@@ -434,3 +436,152 @@ def test_normals_count_in_the_digest_and_survive_pickling() -> None:
     assert scene.digest() != Scene(vertices, faces).digest()
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(scene)).normals, normals)
     np.testing.assert_array_equal(scene.with_alpha(0.1).normals, normals)
+
+
+# Materials of faces, and the texture that moves with the body
+
+
+PALM, SKIN = material("palm"), material("skin")
+
+
+def two_parts() -> Scene:
+    return Scene(box().vertices, box().faces, part=np.arange(12) % 2, part_names=("one", "two"))
+
+
+def materials_of(scene: Scene) -> list[str]:
+    return [scene.materials[i].name for i in np.asarray(scene.material)]
+
+
+def test_materials_are_given_for_all_faces_for_parts_and_for_faces() -> None:
+    scene = two_parts()
+    assert scene.materials == (METAL,)
+    assert not np.any(scene.material)
+    for palm in ("palm", PALM):
+        assert materials_of(scene.with_material(palm)) == ["palm"] * 12
+    mixed = scene.with_material({"two": "skin"})
+    assert materials_of(mixed) == ["metal", "skin"] * 6
+    assert materials_of(mixed.with_material({"one": PALM})) == ["palm", "skin"] * 6
+    assert mixed.with_material({"one": SKIN}).materials == (SKIN,)
+
+    each = ["skin", "palm", PALM, "metal"] * 3
+    assert materials_of(scene.with_material(each)) == ["skin", "palm", "palm", "metal"] * 3
+    assert scene.with_material(each).materials == (SKIN, PALM, METAL)
+    named = np.array(["skin", "palm"] * 6)
+    assert materials_of(scene.with_material(named)) == named.tolist()
+    by_index = Scene(
+        scene.vertices_m, scene.faces, materials=[SKIN, PALM], material=np.arange(12) % 2
+    )
+    assert materials_of(by_index) == named.tolist()
+    from_mesh = Scene.from_mesh(box(), material={"mesh": "palm"}, alpha=0.3)
+    assert materials_of(from_mesh) == ["palm"] * 12
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ("rubber", "expected one of 'metal', .*got 'rubber'"),
+        ({"three": "palm"}, r"expected parts among \['one', 'two'\], got unknown \['three'\]"),
+        ({"one": "rubber"}, "expected one of .*got 'rubber'"),
+        (["palm"] * 11, "expected 12 materials, one per face, got 11"),
+        (["palm"] * 11 + [None], "expected one of"),
+        (3, "expected a material, its name, .*got int"),
+    ],
+)
+def test_materials_that_do_not_fit_are_refused(wrong: Any, message: str) -> None:
+    with pytest.raises(ModelError, match=rf"^material.*: {message}"):
+        two_parts().with_material(wrong)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"materials": ()}, "materials: expected a tuple of materials"),
+        ({"materials": ("palm",)}, "materials: expected a Material, got str"),
+        ({"material": 1}, r"material: expected indices in \[0, 1\), got \[1, 1\]"),
+        ({"material": [0] * 11}, r"material: expected shape \(12,\)"),
+        ({"texture_m": np.zeros((7, 3))}, r"texture_m: expected shape \(8, 3\)"),
+        ({"texture_m": np.full((8, 3), np.nan)}, "texture_m: expected finite numbers"),
+    ],
+)
+def test_fields_of_materials_are_checked(fields: dict[str, Any], message: str) -> None:
+    with pytest.raises(ModelError, match=rf"^Scene\.{message}"):
+        Scene(box().vertices, box().faces, **fields)
+
+
+def test_what_replaces_a_scene_keeps_materials_and_texture() -> None:
+    scene = two_parts().with_material({"two": "skin"}).transformed(rotated(0.4))
+    for again in (
+        pickle.loads(pickle.dumps(scene)),
+        scene.with_alpha(0.1),
+        scene.transformed(rotated(1.0)),
+    ):
+        assert materials_of(again) == materials_of(scene)
+        np.testing.assert_array_equal(again.texture_m, box().vertices)
+    assert "materials=(Material(name='metal'" in repr(scene)
+
+    plain = Scene.from_mesh(box(0.2), material="plaster")
+    both = Scene.combine([scene, plain, scene])
+    assert materials_of(both) == [*materials_of(scene), *["plaster"] * 12, *materials_of(scene)]
+    assert [m.name for m in both.materials] == ["metal", "skin", "plaster"]
+    texture_m = [box().vertices, box(0.2).vertices, box().vertices]
+    np.testing.assert_array_equal(both.texture_m, np.concatenate(texture_m))
+    assert Scene.combine([plain, plain]).texture_m is None
+
+
+def test_a_motion_keeps_the_texture_and_a_stretch_stretches_it() -> None:
+    vertices, faces, matrix, _ = ellipsoid()
+    ball = Scene(vertices, faces)
+    motion = rotated(0.7) @ trimesh.transformations.translation_matrix([0.1, 0.2, 0.3])
+    for move in (motion, motion @ np.diag([-1.0, 1.0, 1.0, 1.0])):  # and a mirror image
+        np.testing.assert_array_equal(ball.transformed(move).texture_m, vertices)
+        np.testing.assert_array_equal(ball.transformed(move).transformed(move).texture_m, vertices)
+    # Distances on a stretched body are those of its texture; also where it was turned before.
+    smaller = ball.transformed(motion).transformed(np.diag([0.125, 0.125, 0.125, 1.0]))
+    for scene in (ball.transformed(matrix), smaller):
+        on_skin, in_texture = (
+            np.linalg.norm(np.diff(points[faces[:, :2]], axis=1), axis=-1)
+            for points in (scene.vertices_m, scene.texture_m)
+        )
+        np.testing.assert_allclose(in_texture, on_skin)
+    # Of a file, metres of the unmoved body.
+    mesh = trimesh.Trimesh(vertices * 50, faces, process=False)
+    moved = Scene.from_mesh(mesh, unit="mm", transform=motion)
+    np.testing.assert_allclose(moved.texture_m, vertices * 0.05, atol=ROUNDING_M)
+    assert Scene.from_mesh(mesh, unit="mm").texture_m is None
+
+
+def test_the_texture_of_a_mesh_is_kept() -> None:
+    class Posed:
+        texture_m = 10 * box().vertices
+
+        def to_trimesh(self) -> trimesh.Trimesh:
+            return box()
+
+    scene = Scene.from_mesh(Posed(), transform=rotated(0.3))
+    np.testing.assert_array_equal(scene.texture_m, Posed.texture_m)
+
+
+def test_materials_and_texture_count_in_the_digest_unless_all_is_metal() -> None:
+    plain, palm = two_parts(), two_parts().with_material("palm")
+    assert plain.digest() == two_parts().with_material("metal").digest()
+    textured = Scene(
+        plain.vertices_m,
+        plain.faces,
+        part=plain.part,
+        part_names=plain.part_names,
+        texture_m=2 * plain.vertices_m,
+    )
+    assert textured.digest() == plain.digest()
+    rougher = Material("palm", 3.0, roughness_rms_m=1e-4, correlation_length_m=1e-3)
+    scenes = [
+        plain,
+        palm,
+        textured.with_material("palm"),
+        plain.with_material(rougher),
+        plain.with_material({"one": "palm"}),
+        plain.with_material({"two": "palm"}),
+    ]
+    assert len({scene.digest() for scene in scenes}) == len(scenes)
+    # The order of the materials does not count.
+    swapped = Scene(plain.vertices_m, plain.faces, materials=(METAL, PALM), material=1)
+    assert swapped.digest() == palm.digest()
