@@ -1,6 +1,6 @@
 """Stratified samples of a triangle mesh on a device, and their visibility from antennas.
 
-Host side of ``sample.cl`` and ``visibility.cl``; equations E1 and E2 in ``docs/equations.md``.
+Host side of ``sample.cl``; equation E1 in ``docs/equations.md``.
 """
 
 from __future__ import annotations
@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from clradar.errors import MeshError
-from clradar.geometry.bvh import face_normals, upload_tree
+from clradar.geometry.bvh import face_normals
 from clradar.geometry.normals import corner_normals
 from clradar.model import Scene
 from clradar.opencl import Device, build
-from clradar.opencl.buffers import OnDevice
-from clradar.tracing.antenna_packets import VisibilityOptions, items, n_groups
 from clradar.tracing.settings import SimulationSettings
+from clradar.tracing.traced_mesh import TracedMesh
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +59,7 @@ def _check_samples(count: float) -> None:
         )
 
 
-class SampledSurface(OnDevice):
+class SampledSurface(TracedMesh):
     """Samples of a scene's surface, and which antennas are visible from them.
 
     Parameters
@@ -89,15 +88,13 @@ class SampledSurface(OnDevice):
         """Upload the mesh and its tree, for rays to any of `antennas_m`, shapes (n, 3)."""
         scene, s, up = self._scene, self.settings, self._buffers.upload
         triangles = scene.triangles_m
-        self._tree = upload_tree(triangles, antennas_m, self._buffers)
+        self._prepare_tree(triangles, antennas_m)
         corners, faces = corner_normals(scene, s.normals, s.crease_deg)
         self._sampling = [
             up(self._face_start),
             *(up(column.astype(np.float32)) for column in (triangles, corners, faces)),
         ]
         self._sampler = build(self.device, "sample.cl", SampleOptions())
-        options = VisibilityOptions(width=self.device.width, stack=self._tree.stack)
-        self._visibility = build(self.device, "visibility.cl", options)
 
     def _sample(self, first: int, count: int, outputs: list[Any]) -> None:
         """Write points, shading normals, normals of the faces and faces of samples to buffers."""
@@ -105,29 +102,6 @@ class SampledSurface(OnDevice):
         self._sampler.launch(
             "sample_surface", (count,), u(len(self._face_start) - 1), u(first), u(count),
             *self._seed_words(), *self._sampling, *outputs,
-        )  # fmt: skip
-
-    def _find_visible(
-        self,
-        n_points: int,
-        points: Any,
-        normals: Any,
-        n_antennas: int,
-        antennas: Any,
-        bits: Any,
-        radius_m: float | None = None,
-    ) -> None:
-        """Write which antennas are visible from points, one byte per group, to the buffer `bits`.
-
-        Antennas are points, or spheres of radius `radius_m`.
-        """
-        kernel, radius = "visible_antennas", []
-        if radius_m is not None:
-            kernel, radius = "visible_spheres", [np.float32(radius_m)]
-        u, groups = np.uint32, n_groups(n_antennas)
-        self._visibility.launch(
-            kernel, items(self.device, n_points, groups), u(n_points), u(n_antennas), u(groups),
-            self._tree.delta_m, *radius, *self._tree.buffers, antennas, points, normals, bits,
         )  # fmt: skip
 
     def _seed_words(self) -> tuple[np.uint32, np.uint32]:
