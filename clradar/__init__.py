@@ -15,6 +15,7 @@ from clradar.impairments.impair import impair
 from clradar.model import (
     METAL,
     AntennaArray,
+    AntennaPattern,
     Capture,
     ChannelCalibration,
     ChannelResponse,
@@ -42,6 +43,7 @@ __version__ = "0.1.0"
 __all__ = [
     "METAL",
     "AntennaArray",
+    "AntennaPattern",
     "Capture",
     "ChannelCalibration",
     "ChannelResponse",

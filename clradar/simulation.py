@@ -100,6 +100,8 @@ def simulate(
     checks.instance("simulate: waveform", waveform, Waveform)
     check_placement("simulate", scene, array)
     resolved = merged_settings(settings, **fields).without_shot_noise().resolved()
+    if resolved.estimator != "physical":
+        array.refuse_patterns("simulate")
     opened = open_device(device)
     warn_of_coarse_facets("simulate", scene, resolved, float(waveform.frequencies_hz.max()))
     statistics = TraceStatistics(0, 0, 0, 0)
@@ -184,6 +186,7 @@ def simulate_alphas(
     checks.instance("simulate_alphas: array", array, AntennaArray)
     checks.instance("simulate_alphas: waveform", waveform, Waveform)
     check_placement("simulate_alphas", scene, array)
+    array.refuse_patterns("simulate_alphas")
     resolved = resolve_settings(settings, **fields)
     checks.one_of("simulate_alphas: estimator", resolved.estimator, ("stochastic",))
     if len(alphas) == 0:

@@ -42,7 +42,7 @@ def synthesize(
     Raises
     ------
     ModelError
-        `paths` and `array` differ in size.
+        `paths` and `array` differ in size; antennas with a pattern, which paths do not have.
     DeviceError
         The device is missing, out of memory or fails.
 
@@ -62,6 +62,7 @@ def synthesize(
     checks.instance("synthesize: paths", paths, Paths)
     checks.instance("synthesize: array", array, AntennaArray)
     checks.instance("synthesize: waveform", waveform, Waveform)
+    array.refuse_patterns("synthesize")
     if (paths.n_tx, paths.n_rx) != (array.n_tx, array.n_rx):
         checks.fail(
             "synthesize: paths",

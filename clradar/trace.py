@@ -78,6 +78,7 @@ def trace(
     checks.instance("trace: scene", scene, Scene)
     checks.instance("trace: array", array, AntennaArray)
     check_placement("trace", scene, array)
+    array.refuse_patterns("trace")
     resolved = resolve_settings(settings, **fields)
     checks.one_of("trace: estimator", resolved.estimator, ("stochastic",))
     with Tracer(scene, array, resolved, open_device(device)) as tracer:

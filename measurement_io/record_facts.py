@@ -206,6 +206,7 @@ def _instrument_facts(array: AntennaArray, waveform: Waveform) -> list[Fact]:
             f"{clean(array.name)}: {array.n_tx} Tx, {array.n_rx} Rx",
             {"name": clean(array.name), "n_tx": array.n_tx, "n_rx": array.n_rx},
         ),
+        *_pattern_facts(array),
         Fact("aperture", f"{millimetres(size_m)} (x, y, z)", {"size_m": size_m}),
         Fact(
             "frequencies",
@@ -213,6 +214,20 @@ def _instrument_facts(array: AntennaArray, waveform: Waveform) -> list[Fact]:
             {"count": waveform.n_freq, "low_hz": low, "high_hz": high},
         ),
     ]
+
+
+def _pattern_facts(array: AntennaArray) -> list[Fact]:
+    facts = []
+    for side, pattern in (("Tx", array.tx_pattern), ("Rx", array.rx_pattern)):
+        if pattern is not None:
+            if pattern.angle_deg is not None:
+                lobe = f"a table of {len(pattern.angle_deg)} angles"
+            else:
+                lobe = f"cos^{pattern.exponent:g}" if pattern.exponent else "the same all around"
+            value = {"gain_dbi": pattern.gain_dbi, "exponent": pattern.exponent}
+            words = f"{pattern.gain_dbi:g} dBi, {lobe}"
+            facts.append(Fact(f"{side} pattern", words, value))
+    return facts
 
 
 def volume_facts(volume: Volume) -> list[Fact]:

@@ -22,7 +22,7 @@ from calibration.channels.slepian_taper import MIN_CELLS, delay_taper
 from calibration.channels.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError, warn
-from clradar.model import AntennaArray, Capture, ChannelCalibration, ChannelResponse, checks
+from clradar.model import Capture, ChannelCalibration, ChannelResponse, checks
 from clradar.model.progress import Progress
 
 COMMON_DELAYS = ("zero", "free")
@@ -196,7 +196,7 @@ def estimate_channels(
                 f"{name}: expected an echo of the {target.kind} in at least {MIN_CHANNELS} {side}, "
                 f"found it in {np.count_nonzero(alive)} of {alive.size}"
             )
-    array = AntennaArray(capture.array.tx_m[live[0]], capture.array.rx_m[live[1]])
+    array = capture.array.part(*live)
     _check_coverage(target.echo(array))
     part = replace(samples, data=samples.data[np.ix_(*live)])
     tx, rx = (

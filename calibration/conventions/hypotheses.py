@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from clradar.errors import ModelError
-from clradar.model import AntennaArray, Capture, checks
+from clradar.model import Capture, checks
 
 MIRROR_X = np.array([-1.0, 1.0, 1.0])
 
@@ -111,8 +111,8 @@ def apply_convention(
         return capture
     array, data = capture.array, capture.data
     if position_scale != 1:
-        scaled = (array.tx_m * position_scale, array.rx_m * position_scale)
-        array = AntennaArray(*scaled, array.name)
+        scaled = {"tx_m": array.tx_m * position_scale, "rx_m": array.rx_m * position_scale}
+        array = replace(array, **scaled)
     if hypothesis.swapped:
         if array.n_tx != array.n_rx:
             raise ModelError(
@@ -125,7 +125,7 @@ def apply_convention(
     if hypothesis.reversed:
         data = data[..., ::-1]
     if hypothesis.mirrored:
-        array = AntennaArray(array.tx_m * MIRROR_X, array.rx_m * MIRROR_X, array.name)
+        array = replace(array, tx_m=array.tx_m * MIRROR_X, rx_m=array.rx_m * MIRROR_X)
     before = capture.meta.get("conventions_applied", [])
     meta = {**capture.meta, "conventions_applied": [*before, *labels]}
     return Capture(np.ascontiguousarray(data), array, capture.waveform, meta)

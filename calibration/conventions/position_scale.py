@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import AntennaArray, Capture, Volume
+from clradar.model import Capture, Volume
 
 UNITS = {
     10.0: "centimetres read as millimetres",
@@ -61,7 +63,7 @@ def _next_distance_m(antennas_m: np.ndarray) -> float:
 def with_scaled_positions(capture: Capture, scale: float) -> Capture:
     """Return the capture with all antenna positions times a factor."""
     array = capture.array
-    scaled = AntennaArray(array.tx_m * scale, array.rx_m * scale, array.name)
+    scaled = replace(array, tx_m=array.tx_m * scale, rx_m=array.rx_m * scale)
     return Capture(capture.data, scaled, capture.waveform, capture.meta)
 
 

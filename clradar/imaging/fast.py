@@ -404,7 +404,7 @@ def array_parts(array: AntennaArray) -> list[tuple[slice, slice, AntennaArray]]:
     for n in (array.n_tx, array.n_rx):
         n_parts = -(-n // MAX_ANTENNAS)
         sides.append([slice(i * n // n_parts, (i + 1) * n // n_parts) for i in range(n_parts)])
-    return [(t, r, AntennaArray(array.tx_m[t], array.rx_m[r])) for t in sides[0] for r in sides[1]]
+    return [(t, r, array.part(t, r)) for t in sides[0] for r in sides[1]]
 
 
 def grid_tiles(grid: VoxelGrid) -> list[tuple[Tile, VoxelGrid]]:

@@ -7,6 +7,7 @@ from clradar.model.grid import VoxelGrid
 from clradar.model.known_materials import material
 from clradar.model.material import METAL, Coating, Material
 from clradar.model.paths import Paths, TraceStatistics
+from clradar.model.pattern import AntennaPattern
 from clradar.model.permittivity import ColeCole, PermittivityTable
 from clradar.model.scene import Scene
 from clradar.model.volume import DepthMap, Volume
@@ -15,6 +16,7 @@ from clradar.model.waveform import Waveform
 __all__ = [
     "METAL",
     "AntennaArray",
+    "AntennaPattern",
     "Capture",
     "ChannelCalibration",
     "ChannelResponse",

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from clradar.constants import PLAUSIBLE_APERTURE_M
 from clradar.model import checks
+from clradar.model.pattern import AntennaPattern
 from clradar.model.plausible import check_plausible
 from clradar.model.record import Record
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AntennaArray(Record):
-    """Positions of the transmit and receive antennas in the antenna frame.
+    """Positions and patterns of the transmit and receive antennas in the antenna frame.
 
     Parameters
     ----------
@@ -24,6 +26,8 @@ class AntennaArray(Record):
         Receive antennas, same frame.
     name : str
         Name in files and figures.
+    tx_pattern, rx_pattern : AntennaPattern, optional
+        Of all Tx and of all Rx; None stands for isotropic antennas with gain 1.
 
     Raises
     ------
@@ -47,11 +51,16 @@ class AntennaArray(Record):
     tx_m: np.ndarray
     rx_m: np.ndarray
     name: str = "array"
+    tx_pattern: AntennaPattern | None = None
+    rx_pattern: AntennaPattern | None = None
 
     def __post_init__(self) -> None:
         self._set_array("tx_m", np.float64, (None, 3))
         self._set_array("rx_m", np.float64, (None, 3))
         checks.text("AntennaArray.name", self.name)
+        for side in ("tx_pattern", "rx_pattern"):
+            if getattr(self, side) is not None:
+                checks.instance(f"AntennaArray.{side}", getattr(self, side), AntennaPattern)
         both_m = np.concatenate([self.tx_m, self.rx_m])
         with np.errstate(over="ignore"):
             extent_m = np.ptp(both_m, axis=0).max()
@@ -69,6 +78,34 @@ class AntennaArray(Record):
     @property
     def n_rx(self) -> int:
         return len(self.rx_m)
+
+    @property
+    def has_patterns(self) -> bool:
+        """Whether the antennas of a side have a pattern."""
+        return self.tx_pattern is not None or self.rx_pattern is not None
+
+    def part(self, tx: Any, rx: Any, name: str | None = None) -> AntennaArray:
+        """Return some of the antennas, with their patterns.
+
+        Parameters
+        ----------
+        tx, rx : slice, or array_like of int or bool
+            Which antennas of each side.
+        name : str, optional
+            The same as before if not given.
+        """
+        name = self.name if name is None else name
+        return replace(self, tx_m=self.tx_m[tx], rx_m=self.rx_m[rx], name=name)
+
+    def refuse_patterns(self, function: str) -> None:
+        """Raise a `ModelError` for a function that would leave the patterns out."""
+        if self.has_patterns:
+            checks.fail(
+                f"{function}: array",
+                "antennas without a pattern, which only estimator='physical' takes (others have "
+                "amplitude='spreading' and pattern_exponent)",
+                f"tx_pattern={self.tx_pattern!r}, rx_pattern={self.rx_pattern!r}",
+            )
 
     def same_positions(self, other: AntennaArray, tolerance_m: float = 1e-6) -> bool:
         """Whether both arrays have the same antennas in the same order, within `tolerance_m`."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.constants import PLAUSIBLE_RANGE_M, SPEED_OF_LIGHT_M_PER_S
-from clradar.model.array import AntennaArray
 from clradar.model.capture import Capture
 from clradar.model.waveform import Waveform
 
@@ -51,7 +50,7 @@ def antenna_subset(capture: Capture, most_pairs: float) -> Capture:
     if share >= 1:
         return capture
     tx, rx = (_drawn(n, max(1, int(n * share))) for n in (array.n_tx, array.n_rx))
-    part = AntennaArray(array.tx_m[tx], array.rx_m[rx], array.name)
+    part = array.part(tx, rx)
     return Capture(capture.data[np.ix_(tx, rx)], part, capture.waveform)
 
 

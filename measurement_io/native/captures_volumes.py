@@ -11,13 +11,15 @@ import numpy as np
 
 from clradar.files import json_text
 from clradar.files.failures import clean, fail, reading
-from clradar.model import AntennaArray, Capture, Volume, VoxelGrid, Waveform, checks
+from clradar.model import AntennaArray, AntennaPattern, Capture, Volume, VoxelGrid, Waveform, checks
 from measurement_io.confined import hdf5_process
 from measurement_io.native import contents as native_contents
 from measurement_io.native.scheme import (
     EXPECTED,
     NativeHeader,
     check_hdf5,
+    instrument_bytes,
+    instrument_version,
     plain_text,
     stored_bytes,
     write,
@@ -69,10 +71,9 @@ def save_capture(path: str | os.PathLike[str], capture: Capture, *, force: bool 
         write_instrument(data, capture.array, capture.waveform)
 
     text = json_text.to_json("Capture.meta", capture.meta)
-    positions_m = capture.array.tx_m, capture.array.rx_m
-    # An index, 4 bytes, goes with each position of 24.
-    size = stored_bytes(capture.data, capture.waveform.frequencies_hz, *positions_m, *positions_m)
-    write(Path(path), "capture", text, texts, fill, size_bytes=size, force=force)
+    size = stored_bytes(capture.data) + instrument_bytes(capture.array, capture.waveform)
+    version = instrument_version(capture.array)
+    write(Path(path), "capture", text, texts, fill, size_bytes=size, force=force, version=version)
 
 
 def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = False) -> None:
@@ -166,7 +167,8 @@ def _split(found: native_contents.Contents) -> tuple[NativeHeader, native_conten
 
 def instrument(found: native_contents.Contents) -> tuple[AntennaArray, Waveform]:
     """Return the antennas and the frequencies of a capture or of its channels."""
-    array = AntennaArray(found["tx_m"], found["rx_m"], found["array_name"])
+    patterns = [AntennaPattern(**kept) if kept else None for kept in found["patterns"]]
+    array = AntennaArray(found["tx_m"], found["rx_m"], found["array_name"], *patterns)
     return array, Waveform(found["frequency_hz"])
 
 

@@ -18,8 +18,9 @@ from measurement_io.native.scheme import (
     EXPECTED,
     NativeHeader,
     check_hdf5,
+    instrument_bytes,
+    instrument_version,
     plain_text,
-    stored_bytes,
     write,
     write_dataset,
     write_instrument,
@@ -35,8 +36,8 @@ _BY_CHANNEL = (
     ("phase_std_rad", "standard deviation of the phase", "rad"),
     ("delay_std_s", "standard deviation of the delay", "s"),
 )
-_CHANNEL_BYTES = 80
-"""Of its number, its position, the complex gain, four numbers and its state."""
+_CHANNEL_BYTES = 52
+"""Of the complex gain, four numbers and the state."""
 
 _NUMBERS = (
     ("target_amplitude", "amplitude of the echo relative to the target's model", None),
@@ -121,9 +122,10 @@ def save_channels(
             write_dataset(data, name, np.array([getattr(channels, name)]), long_name, unit)
 
     text = json_text.to_json("ChannelCalibration.meta", channels.meta)
-    count = channels.array.n_tx + channels.array.n_rx
-    size = stored_bytes(channels.waveform.frequencies_hz) + count * _CHANNEL_BYTES
-    write(Path(path), "channels", text, texts, fill, size_bytes=size, force=force)
+    array = channels.array
+    size = instrument_bytes(array, channels.waveform) + (array.n_tx + array.n_rx) * _CHANNEL_BYTES
+    version = instrument_version(array)
+    write(Path(path), "channels", text, texts, fill, size_bytes=size, force=force, version=version)
 
 
 def open_channels(path: str | os.PathLike[str]) -> ChannelCalibration:

@@ -19,6 +19,9 @@ from measurement_io.native.scheme import EXPECTED, NX_CLASSES, SCHEMES, VERSION,
 Contents = dict[str, Any]
 _FORMAT = "clradar_format"
 CHANNEL_FIELDS = ("gain", "delay_s", "noise", "phase_std_rad", "delay_std_s")
+PATTERN_DATASETS = tuple(
+    f"{side}_pattern{column}" for side in ("tx", "rx") for column in ("", "_angle_deg", "_field")
+)
 CHANNEL_NUMBERS = ("target_amplitude", "reference_hz", "residual_db", "noise_residual_db")
 
 
@@ -105,7 +108,8 @@ def nexus_problems(path: Path) -> list[str]:
         axes = list(scheme.axes)
         if "axes" not in data.attrs or hdf5_guard.texts(path, data, "axes") != axes:
             problems.append(f"/entry/data@axes: expected {axes}")
-        for name in scheme.datasets:
+        patterns = [name for name in PATTERN_DATASETS if name in data]
+        for name in (*scheme.datasets, *patterns):
             if name in ("tx", "rx") and name not in data:
                 continue  # for viewers only
             found = hdf5_guard.dataset(path, data, name)
@@ -135,7 +139,20 @@ def _instrument(path: Path, data: Any) -> Contents:
         "tx_m": hdf5_guard.array(path, data, "tx_m", np.float64, (None, 3)),
         "rx_m": hdf5_guard.array(path, data, "rx_m", np.float64, (None, 3)),
         "frequency_hz": hdf5_guard.array(path, data, "frequency_hz", np.float64, (None,)),
+        "patterns": [_pattern(path, data, f"{side}_pattern") for side in ("tx", "rx")],
     }
+
+
+def _pattern(path: Path, data: Any, name: str) -> Contents:
+    """Return the fields of an antenna pattern, none where there is no pattern."""
+    if name not in data:
+        return {}
+    lobe = hdf5_guard.array(path, data, name, np.float64, (2,)).tolist()
+    found: Contents = {"gain_dbi": lobe[0], "exponent": lobe[1]}
+    for column in ("angle_deg", "field"):
+        if f"{name}_{column}" in data:
+            found[column] = hdf5_guard.array(path, data, f"{name}_{column}", np.float64, (None,))
+    return found
 
 
 def _header(path: Path, file: Any, wanted: str | None) -> tuple[Contents, Any]:

@@ -22,7 +22,10 @@ from clradar.files.atomic import refuse_existing, replacing, require_space
 from clradar.files.failures import fail, reading, regular_file_size
 from measurement_io.confined import hdf5_guard
 
-VERSION = 1
+VERSION = 2
+"""The newest that is read. Files are written as version 1 where that holds all there is: version 2
+adds antenna patterns, without which a reader would misunderstand the samples."""
+
 NX_CLASSES = {"/": "NXroot", "/entry": "NXentry", "/entry/data": "NXdata"}
 _CHUNK_BYTES = 2**20
 _STRUCTURE_BYTES = 2**16
@@ -144,6 +147,7 @@ def write(
     *,
     size_bytes: int,
     force: bool,
+    version: int = 1,
 ) -> None:
     """Write a native file whole or not at all.
 
@@ -162,6 +166,8 @@ def write(
         What its arrays take, by `stored_bytes`.
     force : bool
         Replace an existing file.
+    version : int
+        The lowest whose readers understand the file.
     """
     refuse_existing(path, force=force)
     import h5py
@@ -176,7 +182,7 @@ def write(
         file.attrs["NX_class"] = NX_CLASSES["/"]
         file.attrs["default"] = "entry"
         file.attrs["clradar_format"] = kind
-        file.attrs["clradar_version"] = VERSION
+        file.attrs["clradar_version"] = version
         file.attrs["created"] = created
         file.attrs["provenance"] = text
         # HDF5 keeps the strings of attributes where it has no checksum.
@@ -227,6 +233,32 @@ def write_instrument(group: Any, array: Any, waveform: Any) -> None:
     write_dataset(group, "frequency_hz", waveform.frequencies_hz, "frequency", "Hz")
     write_dataset(group, "tx_m", array.tx_m, "Tx antenna positions x, y, z", "m")
     write_dataset(group, "rx_m", array.rx_m, "Rx antenna positions x, y, z", "m")
+    for side in ("tx", "rx"):
+        pattern = getattr(array, f"{side}_pattern")
+        if pattern is None:
+            continue
+        name = f"{side}_pattern"
+        lobe = np.array([pattern.gain_dbi, pattern.exponent])
+        write_dataset(group, name, lobe, "power gain in dBi, exponent of the cosine", None)
+        if pattern.angle_deg is not None:
+            angle_deg = pattern.angle_deg
+            write_dataset(group, f"{name}_angle_deg", angle_deg, "angle to boresight", "deg")
+            write_dataset(group, f"{name}_field", pattern.field, "field amplitude", None)
+
+
+def instrument_version(array: Any) -> int:
+    """Return the lowest version whose readers understand a file with these antennas."""
+    return 2 if array.has_patterns else 1
+
+
+def instrument_bytes(array: Any, waveform: Any) -> int:
+    """Return what `write_instrument` stores."""
+    # An index, 4 bytes, goes with each position of 24.
+    values = [waveform.frequencies_hz, *2 * (array.tx_m, array.rx_m)]
+    for pattern in (array.tx_pattern, array.rx_pattern):
+        if pattern is not None and pattern.angle_deg is not None:
+            values += [pattern.angle_deg, pattern.field]
+    return stored_bytes(*values)
 
 
 def text_crc32(created: str, text: str, texts: list[str]) -> int:

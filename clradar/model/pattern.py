@@ -1,0 +1,127 @@
+"""Antenna patterns: gain over the angle to boresight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.model import checks
+from clradar.model.record import Record
+
+MOST_GAIN_DB = 100.0
+MOST_EXPONENT = 10_000.0
+"""cos^q falls to a tenth at 1.2 degrees: a beam narrower than any antenna of an imaging array."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class AntennaPattern(Record):
+    """Gain of an antenna over the angle between a direction and +z, the same all around z.
+
+    The field amplitude in a direction, relative to an isotropic antenna without loss, is
+    ``sqrt(10^(gain_dbi / 10))`` times cos^q of the angle, or times a table over the angle. With
+    neither it is the same in all directions.
+
+    Parameters
+    ----------
+    gain_dbi : float, dBi
+        Power gain where cos^q or the table is 1; within 100 dB of 0.
+    exponent : float
+        q of the field pattern cos^q, 0 to 10 000; with q > 0 it is zero beyond 90 degrees.
+    angle_deg : array_like, shape (n,), float64, degrees, optional
+        Angles to +z of a table, ascending from 0 to 180.
+    field : array_like, shape (n,), float64, optional
+        Field amplitude at each angle, relative to the gain; at least 0, linear in between.
+
+    Raises
+    ------
+    ModelError
+        An exponent together with a table; one column of a table without the other, of another
+        length, or not from 0 to 180 degrees; a negative field, or one that is 0 everywhere; a gain
+        or an exponent out of range.
+
+    Examples
+    --------
+    A patch of 5 dBi, 60 degrees off boresight: cos^1 is -6 dB.
+
+    >>> import numpy as np
+    >>> import clradar
+    >>> patch = clradar.AntennaPattern(gain_dbi=5.0, exponent=1.0)
+    >>> cos_angle = np.cos(np.deg2rad([0.0, 60.0, 120.0]))
+    >>> with np.errstate(divide="ignore"):
+    ...     print(20 * np.log10(patch.amplitude(cos_angle)).round(3))
+    [  5.    -1.02   -inf]
+
+    The same from a table, to its steps of 5 degrees.
+
+    >>> angle_deg = np.linspace(0, 180, 37)
+    >>> field = np.maximum(np.cos(np.deg2rad(angle_deg)), 0)
+    >>> measured = clradar.AntennaPattern(gain_dbi=5.0, angle_deg=angle_deg, field=field)
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0.1, 0]], tx_pattern=measured)
+    >>> bool(np.allclose(array.tx_pattern.amplitude(cos_angle), patch.amplitude(cos_angle)))
+    True
+    """
+
+    gain_dbi: float = 0.0
+    exponent: float = 0.0
+    angle_deg: np.ndarray | None = None
+    field: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        gain_dbi = checks.real("AntennaPattern.gain_dbi", self.gain_dbi)
+        if abs(gain_dbi) > MOST_GAIN_DB:
+            checks.fail("AntennaPattern.gain_dbi", f"within {MOST_GAIN_DB:g} dB of 0", gain_dbi)
+        exponent = checks.real("AntennaPattern.exponent", self.exponent)
+        if not 0 <= exponent <= MOST_EXPONENT:
+            checks.fail("AntennaPattern.exponent", f"0 to {MOST_EXPONENT:g}", exponent)
+        self._set(gain_dbi=gain_dbi, exponent=exponent)
+        if self.angle_deg is not None or self.field is not None:
+            self._check_table()
+
+    def _check_table(self) -> None:
+        name = "AntennaPattern"
+        if self.angle_deg is None or self.field is None:
+            checks.fail(f"{name}.angle_deg, field", "both or neither", "one of the two")
+        if self.exponent > 0:
+            checks.fail(f"{name}.exponent", "0 beside a table of angle_deg, field", self.exponent)
+        angle_deg = checks.one_axis(f"{name}.angle_deg", self.angle_deg)
+        if angle_deg[0] != 0 or angle_deg[-1] != 180:
+            found = f"{angle_deg[0]:g} to {angle_deg[-1]:g}"
+            checks.fail(f"{name}.angle_deg", "angles from 0 to 180 degrees", found)
+        self._set(angle_deg=angle_deg)
+        table = self._set_array("field", np.float64, angle_deg.shape)
+        if table.min() < 0 or table.max() == 0:
+            found = f"{table.min():g} to {table.max():g}"
+            checks.fail(f"{name}.field", "amplitudes >= 0, not all of them 0", found)
+
+    def amplitude(self, cos_angle: np.ndarray) -> np.ndarray:
+        """Return the field amplitude in directions, relative to an isotropic antenna.
+
+        Parameters
+        ----------
+        cos_angle : array_like, any shape
+            Cosine of the angle between each direction and +z.
+
+        Returns
+        -------
+        ndarray, the same shape, float64
+            Its square is the power gain.
+        """
+        cosine = np.clip(np.asarray(cos_angle, dtype=np.float64), -1.0, 1.0)
+        top = 10.0 ** (self.gain_dbi / 20.0)
+        if self.angle_deg is not None and self.field is not None:
+            return top * np.interp(np.rad2deg(np.arccos(cosine)), self.angle_deg, self.field)
+        if self.exponent > 0:
+            return top * np.maximum(cosine, 0.0) ** self.exponent
+        return np.full(cosine.shape, top)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, AntennaPattern) and self._values() == other._values()
+
+    def __hash__(self) -> int:
+        return hash(self._values())
+
+    def _values(self) -> tuple[Any, ...]:
+        table = (None if t is None else tuple(t.tolist()) for t in (self.angle_deg, self.field))
+        return (self.gain_dbi, self.exponent, *table)
