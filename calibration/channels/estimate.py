@@ -196,7 +196,7 @@ def estimate_channels(
                 f"{name}: expected an echo of the {target.kind} in at least {MIN_CHANNELS} {side}, "
                 f"found it in {np.count_nonzero(alive)} of {alive.size}"
             )
-    array = capture.array.part(*live)
+    array = capture.array.part(live[0], live[1])
     _check_coverage(target.echo(array))
     part = replace(samples, data=samples.data[np.ix_(*live)])
     tx, rx = (

@@ -111,8 +111,8 @@ def apply_convention(
         return capture
     array, data = capture.array, capture.data
     if position_scale != 1:
-        scaled = {"tx_m": array.tx_m * position_scale, "rx_m": array.rx_m * position_scale}
-        array = replace(array, **scaled)
+        tx_m, rx_m = array.tx_m * position_scale, array.rx_m * position_scale
+        array = replace(array, tx_m=tx_m, rx_m=rx_m)
     if hypothesis.swapped:
         if array.n_tx != array.n_rx:
             raise ModelError(
