@@ -8,6 +8,7 @@ from clradar.backproject import backproject
 from clradar.compare import Metrics, compare
 from clradar.errors import ClradarWarning
 from clradar.files.own_packages import require_own
+from clradar.imaging.operator import ImagingOperator, forward
 from clradar.imaging.placement import place_grid
 from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.environment import Wall, room_capture
@@ -52,6 +53,7 @@ __all__ = [
     "ColeCole",
     "DepthMap",
     "Device",
+    "ImagingOperator",
     "Material",
     "Metrics",
     "Paths",
@@ -68,6 +70,7 @@ __all__ = [
     "backproject",
     "compare",
     "draw_channels",
+    "forward",
     "impair",
     "list_devices",
     "material",

@@ -151,12 +151,6 @@ def backproject(
 
 
 def _tolerance_db(method: str, given: float | None) -> float:
-    if given is None:
-        return fast.DEFAULT_TOLERANCE_DB
-    if method != "fast":
+    if given is not None and method != "fast":
         checks.fail("backproject: tolerance_db", "none for a method other than 'fast'", repr(given))
-    value = checks.real("backproject: tolerance_db", given)
-    low, high = fast.TOLERANCE_DB
-    if not low <= value <= high:
-        checks.fail("backproject: tolerance_db", f"{low:g} to {high:g} dB", f"{value:g}")
-    return value
+    return fast.checked_tolerance_db("backproject: tolerance_db", given)

@@ -15,7 +15,7 @@ import numpy as np
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.imaging.block_tree import BlockLevel, block_levels
 from clradar.imaging.tiled import Tile, planes_and_rows, tiles_of
-from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform
+from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Buffers, Device, build
 from clradar.opencl.double_single import antenna_rows, hi_lo
@@ -394,6 +394,17 @@ class _Tree:
             leaf["columns"], leaf["k"], self.volume,
         )  # fmt: skip
         self._release(rests, firsts)
+
+
+def checked_tolerance_db(field: str, given: float | None) -> float:
+    """Return the tolerance, `DEFAULT_TOLERANCE_DB` where none is given."""
+    if given is None:
+        return DEFAULT_TOLERANCE_DB
+    value = checks.real(field, given)
+    low, high = TOLERANCE_DB
+    if not low <= value <= high:
+        checks.fail(field, f"{low:g} to {high:g} dB", f"{value:g}")
+    return value
 
 
 def array_parts(array: AntennaArray) -> list[tuple[slice, slice, AntennaArray]]:

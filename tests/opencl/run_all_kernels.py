@@ -114,6 +114,11 @@ def everything(width: int) -> None:
         ),
         array, waveform, device=device,
     )  # fmt: skip
+    clradar.forward(
+        capture.array.rx_m, np.ones(9), array, waveform,
+        tx_visible=np.ones((9, 7)), device=device,
+    )  # fmt: skip
+    clradar.ImagingOperator(array, waveform, array.rx_m, device=device).adjoint(capture)
     # "fast" is not to become "exact", nor to leave out levels; and phases are made both ways.
     fast.FEW_TERMS = 0
     block_tree._worthwhile = lambda array, waveform, found: len(found)

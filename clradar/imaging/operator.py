@@ -1,0 +1,306 @@
+"""The imaging operator, from reflectivity to capture, and its adjoint (E12)."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from clradar.constants import PLAUSIBLE_RANGE_M
+from clradar.errors import ModelError
+from clradar.imaging import fast
+from clradar.imaging.direct_sum import DirectSum, PointSet, Report
+from clradar.model import AntennaArray, Capture, Volume, VoxelGrid, Waveform, checks
+from clradar.model.plausible import check_plausible
+from clradar.model.progress import Progress
+from clradar.opencl import Device, open_device
+
+STEPS = 1000
+"""Steps of progress of one application."""
+
+
+class ImagingOperator:
+    """The linear map from reflectivity, of voxels or points, to a capture; and its adjoint.
+
+    s[tx, rx, n] = sum_p rho_p exp(-j 2 pi f_n (|p - tx| + |p - rx|) / c), and
+    V(p) = sum_{tx, rx, n} s[tx, rx, n] exp(+j 2 pi f_n (|p - tx| + |p - rx|) / c): the image by
+    `backproject` times the number of samples.
+
+    Parameters
+    ----------
+    array : AntennaArray
+    waveform : Waveform
+    grid_or_points : VoxelGrid, or array_like of shape (n_points, 3), float64, metres
+        The voxels or points that reflect. Points may lie anywhere, also where antennas are.
+    tolerance_db : float, optional
+        RMS error of captures and images relative to their RMS, -80 to -30; default -50. Forward and
+        adjoint are adjoint to each other far below it, to rounding of float32.
+    tx_visible : array_like, shape (n_points, n_tx), bool, optional
+        Whether an antenna sees a point. A pair of which one does not has no echo from the point.
+        By default every antenna sees every point. For points only; points that some antennas do not
+        see are summed term by term.
+    rx_visible : array_like, shape (n_points, n_rx), bool, optional
+    device : Device, str or None
+        See `clradar.open_device`.
+
+    Attributes
+    ----------
+    array : AntennaArray
+    waveform : Waveform
+    grid : VoxelGrid or None
+        None for points.
+    domain_shape : tuple of ints
+        Shape of the reflectivity: (n_z, n_y, n_x), or (n_points,).
+    range_shape : tuple of 3 ints
+        Shape of the capture's data: (n_tx, n_rx, n_freq).
+
+    Raises
+    ------
+    ModelError
+        An argument of the wrong type or shape, points that are NaN, infinite or more than 100 m
+        away, no point, a tolerance out of range, visibility together with a grid.
+    DeviceError
+        The device is missing, out of memory or fails.
+
+    Examples
+    --------
+    The dot test: both ways agree on the product of any reflectivity and any capture.
+
+    >>> import numpy as np
+    >>> import clradar
+    >>> q = clradar.arrays.qar50()
+    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> grid = clradar.VoxelGrid.from_extent((-0.01, 0.01), (-0.01, 0.01), (0.29, 0.31), 2e-3)
+    >>> operator = clradar.ImagingOperator(array, waveform, grid)
+    >>> rng = np.random.default_rng(0)
+    >>> rho, samples = rng.normal(size=operator.domain_shape), rng.normal(size=operator.range_shape)
+    >>> one = np.vdot(samples, operator.forward(rho))
+    >>> other = np.vdot(operator.adjoint(samples), rho)
+    >>> bool(abs(one - other) < 1e-5 * abs(one))
+    True
+
+    Its adjoint is the image by `backproject`, times the number of samples.
+
+    >>> capture = clradar.Capture(samples, array, waveform)
+    >>> image = clradar.backproject(capture, grid, check_grid=False)
+    >>> bool(np.allclose(operator.adjoint(capture), image.data * samples.size, atol=0.1))
+    True
+    """
+
+    def __init__(
+        self,
+        array: AntennaArray,
+        waveform: Waveform,
+        grid_or_points: Any,
+        *,
+        tolerance_db: float | None = None,
+        tx_visible: Any = None,
+        rx_visible: Any = None,
+        device: Device | str | None = None,
+    ) -> None:
+        checks.instance("ImagingOperator: array", array, AntennaArray)
+        checks.instance("ImagingOperator: waveform", waveform, Waveform)
+        tolerance_db = fast.checked_tolerance_db("ImagingOperator: tolerance_db", tolerance_db)
+        self.array, self.waveform, self.tolerance_db = array, waveform, tolerance_db
+        self.range_shape = (array.n_tx, array.n_rx, waveform.n_freq)
+        self.domain_shape: tuple[int, ...]
+        seen = {"tx_visible": (tx_visible, array.n_tx), "rx_visible": (rx_visible, array.n_rx)}
+        self.grid: VoxelGrid | None = None
+        if isinstance(grid_or_points, VoxelGrid):
+            if tx_visible is not None or rx_visible is not None:
+                checks.fail("ImagingOperator: visibility", "points where it is given", "a grid")
+            self.grid, self.domain_shape = grid_or_points, grid_or_points.shape
+            n = int(np.prod(self.domain_shape))
+            points = PointSet(n, partial(_voxels_m, grid_or_points))
+        else:
+            points_m = _points_m(grid_or_points)
+            n, self.domain_shape = len(points_m), (len(points_m),)
+            visible = [
+                _visible(f"ImagingOperator: {name}", given, (n, n_antennas))
+                for name, (given, n_antennas) in seen.items()
+            ]
+            points = PointSet(n, lambda start, stop: points_m[start:stop], *visible)
+        self.device = open_device(device)
+        self._direct = DirectSum(array, waveform, points, self.device)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Samples of a capture, and voxels or points."""
+        return int(np.prod(self.range_shape)), int(np.prod(self.domain_shape))
+
+    def forward(self, reflectivity: Any, progress: Progress | None = None) -> np.ndarray:
+        """Return the capture's data of a reflectivity, shape (n_tx, n_rx, n_freq), complex64.
+
+        Parameters
+        ----------
+        reflectivity : Volume, or array_like of shape `domain_shape`, complex64
+        progress : callable, optional
+            Called with (done, total) steps.
+
+        Raises
+        ------
+        ModelError
+            A wrong shape or grid, NaN or infinite values, or a result that complex64 cannot hold.
+        DeviceError
+            The device is out of memory or fails.
+        """
+        field = "ImagingOperator.forward: reflectivity"
+        if isinstance(reflectivity, Volume):
+            if self.grid is None or not reflectivity.grid.same_voxels(self.grid):
+                checks.fail(field, "a volume on the operator's grid", "one on another")
+            reflectivity = reflectivity.data
+        values = checks.read_only(field, reflectivity, np.complex64, self.domain_shape)
+        return _finite(field, self._direct.forward(values.ravel(), _report(progress)), values)
+
+    def adjoint(self, samples: Any, progress: Progress | None = None) -> np.ndarray:
+        """Return the image of samples, shape `domain_shape`, complex64, not scaled.
+
+        Parameters
+        ----------
+        samples : Capture, or array_like of shape (n_tx, n_rx, n_freq), complex64
+        progress : callable, optional
+            Called with (done, total) steps.
+
+        Raises
+        ------
+        ModelError
+            A wrong shape, array or waveform, NaN or infinite values, or a result that complex64
+            cannot hold.
+        DeviceError
+            The device is out of memory or fails.
+        """
+        field = "ImagingOperator.adjoint: samples"
+        if isinstance(samples, Capture):
+            same = samples.array.same_positions(self.array)
+            if not (same and samples.waveform.same_frequencies(self.waveform)):
+                checks.fail(field, "a capture by the operator's array and waveform", "another one")
+            samples = samples.data
+        values = checks.read_only(field, samples, np.complex64, self.range_shape)
+        image = self._direct.adjoint(values, _report(progress))
+        return _finite(field, image.reshape(self.domain_shape), values)
+
+    def as_linear_operator(self) -> Any:
+        """Return a `scipy.sparse.linalg.LinearOperator` of shape `shape`, dtype complex64.
+
+        Vectors are the raveled reflectivity, [z, y, x] or points, and the raveled capture,
+        [tx, rx, freq]. scipy's solvers and PyLops take it as it is.
+        """
+        from scipy.sparse.linalg import LinearOperator
+
+        return LinearOperator(
+            dtype=np.complex64,
+            shape=self.shape,
+            matvec=lambda x: self.forward(np.reshape(x, self.domain_shape)).ravel(),
+            rmatvec=lambda y: self.adjoint(np.reshape(y, self.range_shape)).ravel(),
+        )
+
+
+def forward(
+    points_m: Any,
+    reflectivity: Any,
+    array: AntennaArray,
+    waveform: Waveform,
+    *,
+    tolerance_db: float | None = None,
+    tx_visible: Any = None,
+    rx_visible: Any = None,
+    device: Device | str | None = None,
+    progress: Progress | None = None,
+) -> Capture:
+    """Return what an array records of points that reflect: one path per point and pair.
+
+    s[tx, rx, n] = sum_p rho_p exp(-j 2 pi f_n (|p - tx| + |p - rx|) / c), without spreading loss.
+    For several captures of the same points make one `ImagingOperator`.
+
+    Parameters
+    ----------
+    points_m : array_like, shape (n_points, 3), float64, metres; or VoxelGrid
+    reflectivity : array_like, shape (n_points,) or that of the grid, complex64
+    array : AntennaArray
+    waveform : Waveform
+    tolerance_db, tx_visible, rx_visible, device
+        See `ImagingOperator`.
+    progress : callable, optional
+        Called with (done, total) steps.
+
+    Returns
+    -------
+    Capture
+        complex64, shape (n_tx, n_rx, n_freq).
+
+    Raises
+    ------
+    ModelError
+        See `ImagingOperator` and `ImagingOperator.forward`.
+    DeviceError
+        The device is missing, out of memory or fails.
+
+    Examples
+    --------
+    Two points of opposite sign at the same place cancel; one alone has unit samples.
+
+    >>> import numpy as np
+    >>> import clradar
+    >>> array = clradar.AntennaArray([[-0.05, 0, 0]], [[0.05, 0, 0]])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 4)
+    >>> one = clradar.forward([[0, 0, 0.3]], [1.0], array, waveform)
+    >>> bool(np.allclose(np.abs(one.data), 1.0, atol=1e-6))
+    True
+    >>> two = clradar.forward([[0, 0, 0.3], [0, 0, 0.3]], [1.0, -1.0], array, waveform)
+    >>> bool(np.abs(two.data).max() < 1e-6)
+    True
+    """
+    operator = ImagingOperator(
+        array, waveform, points_m,
+        tolerance_db=tolerance_db, tx_visible=tx_visible, rx_visible=rx_visible, device=device,
+    )  # fmt: skip
+    meta = {
+        "kind": "forward",
+        "tolerance_db": operator.tolerance_db,
+        "device": dict(operator.device.describe()),
+    }
+    return Capture(operator.forward(reflectivity, progress), array, waveform, meta)
+
+
+def _points_m(given: Any) -> np.ndarray:
+    points_m = checks.read_only("ImagingOperator: grid_or_points", given, np.float64, (None, 3))
+    farthest_m = np.abs(points_m).max()
+    within = (0.0, PLAUSIBLE_RANGE_M[1])
+    check_plausible("ImagingOperator", "a distance of the farthest point", farthest_m, within)
+    return points_m
+
+
+def _visible(field: str, given: Any, shape: tuple[int, int]) -> np.ndarray | None:
+    if given is None:
+        return None
+    values = checks.read_only(field, given, np.float32, shape)
+    if not np.isin(values, (0.0, 1.0)).all():
+        checks.fail(field, "True and False", "other numbers")
+    return values.astype(bool)
+
+
+def _voxels_m(grid: VoxelGrid, start: int, stop: int) -> np.ndarray:
+    index = np.unravel_index(np.arange(start, stop), grid.shape)
+    return grid.origin_m + grid.spacing_m * np.stack(index[::-1], axis=1)
+
+
+def _report(progress: Progress | None) -> Report:
+    def report(share: float) -> None:
+        if progress is not None:
+            progress(int(STEPS * share), STEPS)
+
+    return report
+
+
+def _finite(field: str, result: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """Return the result, or raise: finite numbers, each of which complex64 holds, but not their
+    sum."""
+    if not np.isfinite(result.view(np.float32)).all():
+        largest = float(np.abs(given.view(np.float32)).max())
+        raise ModelError(
+            f"{field}: expected values whose sum complex64 holds, got an overflow with parts of up "
+            f"to {largest:.3g}; scale them down"
+        )
+    return result

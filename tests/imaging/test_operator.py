@@ -1,0 +1,180 @@
+"""The imaging operator and its adjoint against the float64 sum, each other and the image."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from images import QAR50, rms_db
+
+import clradar
+from clradar import AntennaArray, ImagingOperator, VoxelGrid, Waveform
+from clradar.errors import ModelError
+
+# Float32 phasors and sums, a few hundred terms in a row: some 1e-7 each.
+FLOAT32_DB = -120.0
+
+C_M_PER_S = 299_792_458.0
+SMALL = AntennaArray(QAR50.tx_m[::11], QAR50.rx_m[::9])  # 9 x 11: odd against blocks and lanes
+RNG = np.random.default_rng(7)
+UNEVEN = Waveform(np.sort(RNG.uniform(70e9, 84e9, 11)))
+GRID = VoxelGrid.from_extent((-0.02, 0.02), (-0.03, 0.03), (0.2, 0.21), 5e-3)
+
+
+def complex_noise(shape: tuple[int, ...], seed: int = 0) -> np.ndarray:
+    re, im = np.random.default_rng(seed).normal(size=(2, *shape)).astype(np.float32)
+    return re + 1j * im
+
+
+def phasors(
+    points_m: np.ndarray, array: AntennaArray, waveform: Waveform
+) -> tuple[np.ndarray, np.ndarray]:
+    """exp(-j 2 pi f d / c) of both sides, shape (n_freq, n_points, n), complex128."""
+    sides = []
+    for antennas_m in (array.tx_m, array.rx_m):
+        length_m = np.linalg.norm(points_m[:, None] - antennas_m, axis=-1)
+        cycles = waveform.frequencies_hz[:, None, None] / C_M_PER_S * length_m
+        sides.append(np.exp(-2j * np.pi * cycles))
+    return sides[0], sides[1]
+
+
+def forward_sum(
+    points_m: np.ndarray, rho: np.ndarray, array: AntennaArray, waveform: Waveform
+) -> np.ndarray:
+    tx, rx = phasors(points_m, array, waveform)
+    return np.einsum("p,npt,npr->trn", rho.astype(complex), tx, rx, optimize=True)
+
+
+def adjoint_sum(
+    points_m: np.ndarray, samples: np.ndarray, array: AntennaArray, waveform: Waveform
+) -> np.ndarray:
+    tx, rx = phasors(points_m, array, waveform)
+    return np.einsum("npt,trn,npr->p", tx.conj(), samples.astype(complex), rx.conj(), optimize=True)
+
+
+def voxels_m(grid: VoxelGrid) -> np.ndarray:
+    z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
+    return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+
+
+@pytest.fixture(params=[8, 1])
+def either_width(request: pytest.FixtureRequest) -> clradar.Device:
+    return clradar.open_device("pocl", width=request.param)
+
+
+# Term by term -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [1, 7, 300])
+@pytest.mark.parametrize("array", [SMALL, AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])])
+def test_both_ways_are_the_sum(either_width: clradar.Device, array: AntennaArray, n: int) -> None:
+    points_m = np.random.default_rng(n).uniform((-0.1, -0.1, -0.1), (0.1, 0.1, 0.4), (n, 3))
+    points_m[0] = array.tx_m[0]
+    operator = ImagingOperator(array, UNEVEN, points_m, device=either_width)
+    rho, samples = complex_noise((n,)), complex_noise(operator.range_shape)
+    want = forward_sum(points_m, rho, array, UNEVEN)
+    assert rms_db(operator.forward(rho) - want, want) <= FLOAT32_DB
+    want = adjoint_sum(points_m, samples, array, UNEVEN)
+    assert rms_db(operator.adjoint(samples) - want, want) <= FLOAT32_DB
+
+
+def test_a_pair_has_no_echo_of_points_that_it_does_not_see(either_width: clradar.Device) -> None:
+    rng, n = np.random.default_rng(3), 40
+    points_m = rng.uniform((-0.1, -0.1, 0.2), (0.1, 0.1, 0.4), (n, 3))
+    tx_visible, rx_visible = rng.random((n, SMALL.n_tx)) < 0.7, rng.random((n, SMALL.n_rx)) < 0.7
+    tx_visible[:10], rx_visible[5:15] = True, True  # five points are seen by all
+    seen = {"tx_visible": tx_visible, "rx_visible": rx_visible}
+    operator = ImagingOperator(SMALL, UNEVEN, points_m, **seen, device=either_width)
+    tx, rx = phasors(points_m, SMALL, UNEVEN)
+    tx, rx = tx * tx_visible, rx * rx_visible
+    rho, samples = complex_noise((n,)), complex_noise(operator.range_shape)
+    want = np.einsum("p,npt,npr->trn", rho, tx, rx, optimize=True)
+    assert rms_db(operator.forward(rho) - want, want) <= FLOAT32_DB
+    want = np.einsum("npt,trn,npr->p", tx.conj(), samples, rx.conj(), optimize=True)
+    assert rms_db(operator.adjoint(samples) - want, want) <= FLOAT32_DB
+
+
+# Records and vectors ------------------------------------------------------------------------------
+
+
+def test_a_grid_is_its_voxels(device: clradar.Device) -> None:
+    operator = ImagingOperator(SMALL, UNEVEN, GRID, device=device)
+    rho, samples = complex_noise(GRID.shape), complex_noise(operator.range_shape)
+    want = forward_sum(voxels_m(GRID), rho.ravel(), SMALL, UNEVEN)
+    assert rms_db(operator.forward(rho) - want, want) <= FLOAT32_DB
+    np.testing.assert_array_equal(
+        operator.forward(clradar.Volume(rho, GRID)), operator.forward(rho)
+    )
+    capture = clradar.Capture(samples, SMALL, UNEVEN)
+    image = clradar.backproject(capture, GRID, check_grid=False, device=device).data
+    assert rms_db(operator.adjoint(capture) / samples.size - image, image) <= FLOAT32_DB
+
+
+def test_forward_gives_a_capture(device: clradar.Device) -> None:
+    points_m = RNG.uniform((-0.1, -0.1, 0.2), (0.1, 0.1, 0.4), (20, 3))
+    steps: list[tuple[int, int]] = []
+    capture = clradar.forward(
+        points_m, np.arange(20), SMALL, UNEVEN, tolerance_db=-60, device=device,
+        progress=lambda *step: steps.append(step),
+    )  # fmt: skip
+    want = forward_sum(points_m, np.arange(20), SMALL, UNEVEN)
+    assert rms_db(capture.data - want, want) <= FLOAT32_DB
+    assert capture.meta["tolerance_db"] == -60
+    assert steps[-1][0] == steps[-1][1]
+
+
+def test_scipy_takes_the_pair(device: clradar.Device) -> None:
+    """Least squares finds the reflectivity again: 7 points that are told apart."""
+    from scipy.sparse.linalg import lsmr, lsqr
+
+    points_m = RNG.uniform((-0.1, -0.1, 0.2), (0.1, 0.1, 0.4), (7, 3))
+    operator = ImagingOperator(SMALL, UNEVEN, points_m, device=device)
+    linear = operator.as_linear_operator()
+    assert linear.shape == operator.shape == (9 * 11 * 11, 7)
+    assert linear.dtype == np.complex64
+    rho = complex_noise((7,))
+    samples = operator.forward(rho)
+    np.testing.assert_array_equal(linear @ rho, samples.ravel())
+    np.testing.assert_array_equal(linear.H @ samples.ravel(), operator.adjoint(samples))
+    for solve in (lsqr, lsmr):
+        with np.errstate(over="ignore"):  # scipy starts a minimum at 1e100, beyond float32
+            found = solve(linear, samples.ravel(), atol=1e-7, btol=1e-7)[0]
+        np.testing.assert_allclose(found, rho, atol=1e-4)
+
+
+# Wrong arguments ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("where", "options", "message"),
+    [
+        (np.zeros((0, 3)), {}, "grid_or_points: expected at least one element"),
+        (np.zeros((4, 2)), {}, r"grid_or_points: expected shape \(N, 3\), got shape \(4, 2\)"),
+        ([[0, 0, np.nan]], {}, "grid_or_points: expected finite numbers"),
+        ([[0, 0, 300.0]], {}, "ImagingOperator: expected a distance of the farthest point"),
+        ([[0, 0, 0.3]], {"tolerance_db": -20}, "tolerance_db: expected -80 to -30 dB, got -20"),
+        ([[0, 0, 0.3]], {"tx_visible": np.ones((1, 3))}, r"tx_visible: expected shape \(1, 9\)"),
+        ([[0, 0, 0.3]], {"rx_visible": 2 * np.ones((1, 11))}, "expected True and False"),
+        (GRID, {"tx_visible": np.ones((1, 9))}, "visibility: expected points"),
+    ],
+)
+def test_wrong_points_are_refused(where: object, options: dict[str, object], message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        ImagingOperator(SMALL, UNEVEN, where, **options)  # type: ignore[arg-type]
+
+
+def test_wrong_values_are_refused(device: clradar.Device) -> None:
+    operator = ImagingOperator(SMALL, UNEVEN, GRID, device=device)
+    other = VoxelGrid.from_extent((0, 0.02), (0, 0.02), (0.2, 0.21), 5e-3)
+    volume = clradar.Volume(np.ones(other.shape), other)
+    capture = clradar.Capture(np.ones((9, 11, 3)), SMALL, Waveform([1e10, 2e10, 3e10]))
+    huge = np.full(GRID.shape, 3e38)
+    for call, given, message in (
+        (operator.forward, np.ones(5), "forward: reflectivity: expected shape"),
+        (operator.forward, np.full(GRID.shape, np.nan), "reflectivity: expected finite numbers"),
+        (operator.forward, volume, "expected a volume on the operator's grid"),
+        (operator.forward, huge, "whose sum complex64 holds, got an overflow"),
+        (operator.adjoint, np.ones((9, 11)), "adjoint: samples: expected shape"),
+        (operator.adjoint, capture, "expected a capture by the operator's array and waveform"),
+    ):
+        with pytest.raises(ModelError, match=message):
+            call(given)  # type: ignore[operator]
