@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -269,7 +269,8 @@ def rotation(angles_rad: Any) -> np.ndarray:
 def scene_of(mesh: HandMesh, alpha: Mapping[str, float]) -> Scene:
     """Return the scene of a hand with these alphas of its parts."""
     values = np.array([alpha[name] for name in mesh.part_names])[mesh.part]
-    return Scene(mesh.vertices_m, mesh.faces, values, mesh.part, mesh.part_names, mesh.normals)
+    scene = Scene(mesh.vertices_m, mesh.faces, values, mesh.part, mesh.part_names, mesh.normals)
+    return replace(scene, texture_m=mesh.texture_m)
 
 
 def recorded_capture(

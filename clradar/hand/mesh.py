@@ -20,7 +20,8 @@ from clradar.hand.joints import JOINT_NAMES
 from clradar.hand.known_poses import pose_by_name
 from clradar.hand.pose import HandPose
 from clradar.hand.shape import AVERAGE, HandShape
-from clradar.hand.skeleton import posed_skeleton
+from clradar.hand.skeleton import Skeleton, posed_skeleton
+from clradar.hand.texture import texture_coordinates_m
 from clradar.model import checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
@@ -60,6 +61,9 @@ class HandMesh(Record):
         Names of the parts: palm, thumb, index, middle, ring, pinky.
     normals : array_like, shape (V, 3), float64, optional
         Outward unit normals of the implicit surface at each vertex; None for a rig.
+    texture_m : array_like, shape (V, 3), float64, metres, optional
+        Where each vertex is in the flat right hand, or in the rig at rest: coordinates that stay
+        with the skin, in which its roughness is defined. None: `vertices_m`.
 
     Examples
     --------
@@ -78,6 +82,7 @@ class HandMesh(Record):
     part: np.ndarray
     part_names: tuple[str, ...] = PART_NAMES
     normals: np.ndarray | None = None
+    texture_m: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         vertices_m = self._set_array("vertices_m", np.float64, (None, 3))
@@ -86,8 +91,9 @@ class HandMesh(Record):
         names = tuple(checks.text("HandMesh.part_names", name) for name in self.part_names)
         self._set(part_names=names)
         part = self._set_array("part", np.int32, (len(faces),))
-        if self.normals is not None:
-            self._set_array("normals", np.float64, vertices_m.shape)
+        for name in ("normals", "texture_m"):
+            if getattr(self, name) is not None:
+                self._set_array(name, np.float64, vertices_m.shape)
         for name, indices, count in (
             ("faces", faces, len(vertices_m)),
             ("part", part, len(names)),
@@ -97,7 +103,7 @@ class HandMesh(Record):
                 checks.fail(f"HandMesh.{name}", f"indices in [0, {count - 1}]", f"[{low}, {high}]")
 
     def moved(self, matrix: np.ndarray, shift_m: np.ndarray) -> HandMesh:
-        """Return the mesh rotated or mirrored, then shifted.
+        """Return the mesh rotated or mirrored, then shifted; its texture stays on the skin.
 
         Parameters
         ----------
@@ -113,6 +119,7 @@ class HandMesh(Record):
             # A mirror image reverses the winding; exchanging two corners restores it.
             faces=self.faces if np.linalg.det(matrix) > 0 else self.faces[:, [0, 2, 1]],
             normals=normals,
+            texture_m=self.vertices_m if self.texture_m is None else self.texture_m,
         )
 
     def to_trimesh(self) -> trimesh.Trimesh:
@@ -236,19 +243,30 @@ def _right_hand(pose: HandPose, spacing_m: float, shape: HandShape, device: Devi
     """Return a right hand with its box around the origin."""
     # Sampled before the wrist rotates it: the same fingers get the same triangles for every angle
     # of the wrist, in the smallest box.
-    unrotated = replace(pose, joints={j: a for j, a in pose.joints.items() if j != "wrist"})
-    bones, rotated = posed_skeleton(unrotated, shape), posed_skeleton(pose, shape)
+    bones = posed_skeleton(_with_straight_wrist(pose), shape)
+    rotated = posed_skeleton(pose, shape)
     with Buffers(device) as buffers:
         field = FleshField(grown_flesh(bones), spacing_m, buffers)
         vertices_m, faces = _surface(field, spacing_m)
         part = field.nearest_parts(vertices_m[faces].mean(axis=1))
         normals = _unit_vectors(field.gradients(vertices_m))
+    texture_m = texture_coordinates_m(vertices_m, normals, bones, _flat_skeleton(shape))
     vertices_m = vertices_m @ rotated.frames[0].T
     normals = normals @ rotated.frames[0].T
     centre_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
     return HandMesh(
-        vertices_m - centre_m, faces, rotated.joints_m - centre_m, part, normals=normals
-    )
+        vertices_m - centre_m, faces, rotated.joints_m - centre_m, part,
+        normals=normals, texture_m=texture_m,
+    )  # fmt: skip
+
+
+def _flat_skeleton(shape: HandShape) -> Skeleton:
+    """Return the skeleton whose skin has its own coordinates as texture: "flat", wrist straight."""
+    return posed_skeleton(_with_straight_wrist(pose_by_name("flat")), shape)
+
+
+def _with_straight_wrist(pose: HandPose) -> HandPose:
+    return replace(pose, joints={j: a for j, a in pose.joints.items() if j != "wrist"})
 
 
 def _surface(field: FleshField, spacing_m: float) -> tuple[np.ndarray, np.ndarray]:

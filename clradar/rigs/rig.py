@@ -166,7 +166,8 @@ class Rig(Record):
         Returns
         -------
         HandMesh
-            Its `joints_m` are NaN where the rig has no joint.
+            Its `joints_m` are NaN where the rig has no joint. Its `texture_m` are the vertices at
+            rest.
 
         Raises
         ------
@@ -216,7 +217,8 @@ class Rig(Record):
             raise RigError(f"{self.label}: expected finite vertices, got NaN")
         middle_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
         mirror = np.diag([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
-        right = HandMesh(vertices_m, self.faces, places_m, self._parts())
+        rest_m = self.influences.summed(self.influences.point_m, self.n_vertices)
+        right = HandMesh(vertices_m, self.faces, places_m, self._parts(), texture_m=rest_m)
         return right.moved(mirror, centre_m - mirror @ middle_m)
 
     def _skinned(self, rotations: np.ndarray, places_m: np.ndarray) -> np.ndarray:

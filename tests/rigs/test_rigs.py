@@ -224,6 +224,18 @@ def test_what_one_bone_moves_stays_rigid(tmp_path: Path) -> None:
         assert lengths[0] == pytest.approx(lengths[1], abs=1e-14)
 
 
+def test_the_texture_is_the_skin_at_rest_in_every_pose(tmp_path: Path) -> None:
+    rig = read_rig(make(tmp_path, pose="flat"))
+    flat, bent = rig.posed("flat"), rig.posed("A", center_m=(0.0, 0.1, 0.4))
+    np.testing.assert_array_equal(flat.texture_m, bent.texture_m)
+    # Its rest pose is the flat one, a shift aside.
+    shift_m = (flat.vertices_m - flat.texture_m).mean(axis=0)
+    np.testing.assert_allclose(flat.vertices_m, flat.texture_m + shift_m, atol=VERTEX_TOLERANCE_M)
+    np.testing.assert_array_equal(Scene.from_mesh(bent).texture_m, bent.texture_m)
+    left = read_rig(make(tmp_path, pose="flat", turn=MIRROR)).posed("A")
+    np.testing.assert_allclose(left.texture_m, flat.texture_m, atol=VERTEX_TOLERANCE_M)
+
+
 def test_a_rig_keeps_its_own_proportions(tmp_path: Path) -> None:
     """A hand stretched by 1.3 along the fingers: other lengths, the same directions."""
 
