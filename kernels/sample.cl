@@ -7,25 +7,31 @@
  * eq. 1). Each point by itself is uniform on its face.
  *
  * Random numbers: Philox4x32-10 (J. Salmon et al., SC 2011), key = seed, counter =
- * (sample or face, 0, 0, domain). */
+ * (sample or face, 0, 0, domain).
+ *
+ * Every sample has two positions: on the flat face, where rays start, since the tree holds flat faces, and on the
+ * curved surface that the normals describe (common/curved.h), to which paths are measured. */
 #include "common/width.h"
 #include "common/random.h"
-#include "common/vector.h"
+#include "common/curved.h"
 
 /* face_start  uint (n_faces + 1)    first sample of each face
  * corner      float (n_faces, 3, 3) corners, metres
  * normal      float (n_faces, 3, 3) unit normals at the corners
+ * height      float (n_faces, 3, 2) see common/curved.h
  * face_normal float (n_faces, 3)    unit normal of the face
- * point       float (n_samples, 3)  out: positions, metres
+ * ground      float (n_samples, 3)  out: positions on the flat faces, metres
  * shading     float (n_samples, 3)  out: interpolated unit normals
  * geometric   float (n_samples, 3)  out: face normals
- * face        int (n_samples)       out */
+ * face        int (n_samples)       out
+ * point       float (n_samples, 3)  out: positions on the curved surface, metres */
 __kernel void sample_surface(const uint n_faces, const uint first_sample, const uint n_samples,
                              const uint seed_low, const uint seed_high,
                              __global const uint *face_start, __global const float *corner,
-                             __global const float *normal, __global const float *face_normal,
-                             __global float *point, __global float *shading,
-                             __global float *geometric, __global int *face) {
+                             __global const float *normal, __global const float *height,
+                             __global const float *face_normal, __global float *ground,
+                             __global float *shading, __global float *geometric,
+                             __global int *face, __global float *point) {
     const uint i = (uint)get_global_id(0);
     if (i >= n_samples) return;
     const uint sample = first_sample + i;
@@ -47,13 +53,16 @@ __kernel void sample_surface(const uint n_faces, const uint first_sample, const 
     const float root = sqrt(smaller(a, 1.0f));
     const float b1 = root * (1.0f - b), b2 = root * b, b0 = 1.0f - root;
     const size_t f = (size_t)low, at = 9 * f;
-    float blend[3];
+    float flat[3], blend[3];
     for (int axis = 0; axis < 3; ++axis) {
         __global const float *c = corner + at + axis, *n = normal + at + axis;
-        point[3 * (size_t)i + axis] = b0 * c[0] + b1 * c[3] + b2 * c[6];
+        flat[axis] = b0 * c[0] + b1 * c[3] + b2 * c[6];
         blend[axis] = b0 * n[0] + b1 * n[3] + b2 * n[6];
         geometric[3 * (size_t)i + axis] = face_normal[3 * f + axis];
     }
+    const float3 p = (float3)(flat[0], flat[1], flat[2]);
+    store3(p, ground + 3 * (size_t)i);
+    store3(p + curved_offset(height + 6 * f, normal + at, b1, b2), point + 3 * (size_t)i);
     const float3 n = (float3)(blend[0], blend[1], blend[2]);
     const float norm = length3(n);
     store3(norm > 1e-6f ? n / norm : load3(face_normal + 3 * f), shading + 3 * (size_t)i);

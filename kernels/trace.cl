@@ -7,7 +7,8 @@
  *     t_c  = normalise(alpha t_d + (1 - alpha) t_m)                     (outgoing)
  * after J. Braeunig et al., EuRAD 2023. A draw with t_c below the geometric face is absorbed. The ray is
  * received by every Rx whose sphere of radius r it enters before it hits anything; the length of the path
- * is that to the sphere's centre. A ray that hits the mesh bounces there by the same rules.
+ * is that to the sphere's centre. A ray that hits the mesh bounces there by the same rules. Rays start and hit on the
+ * flat faces; directions and lengths are those of the points above them on the curved surface (common/curved.h).
  *
  * Receptions are appended in any order through an atomic counter; the host sorts them by `key`, so the order is
  * the same on every device. Nothing is written beyond `capacity`; when the counter passes it, the host launches the
@@ -23,6 +24,7 @@
 #include "common/phase.h"
 #include "common/random.h"
 #include "common/bvh.h"
+#include "common/curved.h"
 
 static inline dual dual_distance(float3 p, float3 a_hi, float3 a_lo) {
     return dual_length(dual_difference(p.x, 0.0f, a_hi.x, a_lo.x),
@@ -89,10 +91,11 @@ static inline float3 outgoing_direction(const uint4 words, const float3 n, const
 
 /* nodes, triangles  see common/bvh.h
  * normal    float (n_faces, 3, 3)      unit normals at the corners
+ * height    float (n_faces, 3, 2)      see common/curved.h
  * alpha     float (n_faces)
  * tx, rx    float (n, 6)               antennas, x, y, z as hi, then as lo, metres
  * rx_columns float (3, n_rx_groups * CLR_GROUP)  receivers by coordinate, padded with positions out of reach
- * point, shading, geometric  float (n_samples, 3)   sample_alpha float (n_samples)
+ * ground, shading, geometric, point  float (n_samples, 3), see sample.cl   sample_alpha float (n_samples)
  * visible   uchar (n_samples, n_tx_groups)
  * counter   uint (3)                   receptions, outgoing draws, absorbed draws
  * key       ulong (capacity)           out: pair << 32 | (sample * rays + ray) * max_bounces + bounce
@@ -103,10 +106,11 @@ __kernel void trace_rays(
     const uint seed_low, const uint seed_high, const float radius, const float pattern_exponent,
     const float delta, const float4 box_low, const float4 box_high, const uint capacity,
     __global const float *nodes, __global const float *triangles, __global const float *normal,
-    __global const float *alpha, __global const float *tx, __global const float *rx,
-    __global const float *rx_columns, __global const float *point, __global const float *shading,
-    __global const float *geometric, __global const float *sample_alpha, __global const uchar *visible,
-    __global uint *counter, __global ulong *key, __global float *path) {
+    __global const float *height, __global const float *alpha, __global const float *tx,
+    __global const float *rx, __global const float *rx_columns, __global const float *ground,
+    __global const float *shading, __global const float *geometric, __global const float *point,
+    __global const float *sample_alpha, __global const uchar *visible, __global uint *counter,
+    __global ulong *key, __global float *path) {
     const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
     if (i >= n_samples || group >= n_tx_groups) return;
     const uint bits = visible[(size_t)i * n_tx_groups + group];
@@ -124,7 +128,7 @@ __kernel void trace_rays(
         const float3 arrival = (p0 - load3(tx_m)) / first_segment.hi;
 
         for (uint ray = 0; ray < rays; ++ray) {
-            float3 p = p0, t_i = arrival;
+            float3 p = p0, flat = load3(ground + 3 * (size_t)i), t_i = arrival;
             float3 n = load3(shading + 3 * (size_t)i), face = load3(geometric + 3 * (size_t)i);
             float a = sample_alpha[i];
             dual travelled = first_segment;
@@ -143,7 +147,7 @@ __kernel void trace_rays(
                     break;
                 }
 
-                const float3 o = p + face * (2.0f * delta);
+                const float3 o = flat + face * (2.0f * delta);
                 const bool last = bounce + 1 == max_bounces;
                 float farthest = -1.0f;
                 if (meets_box(p, t_c, box_low, box_high))
@@ -194,14 +198,15 @@ __kernel void trace_rays(
                 const int hit_face = face_at(nodes, triangles, hit.triangle);
                 const float u = limited(hit.u, 0.0f, 1.0f);
                 const float v = limited(hit.v, 0.0f, 1.0f - u);
-                const float3 next = rows3(t) + u * rows3(t + ROW_E1) + v * rows3(t + ROW_E2);
+                __global const float *corners = normal + 9 * (size_t)hit_face;
+                flat = rows3(t) + u * rows3(t + ROW_E1) + v * rows3(t + ROW_E2);
+                const float3 next = flat + curved_offset(height + 6 * (size_t)hit_face, corners, u, v);
                 const dual segment = dual_distance(p, next, (float3)(0.0f));
                 travelled = dual_add(travelled, segment);
                 /* Not (next - p) / |next - p|: the ray started above p, which shows in short segments. */
                 t_i = t_c;
                 p = next;
                 face = unit(rows3(t + ROW_N));
-                __global const float *corners = normal + 9 * (size_t)hit_face;
                 const float3 blend = (1.0f - u - v) * load3(corners) + u * load3(corners + 3) +
                                      v * load3(corners + 6);
                 const float norm = length3(blend);

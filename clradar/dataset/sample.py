@@ -278,18 +278,20 @@ def recorded_capture(
 ) -> Capture:
     """Return the simulated capture of a scene, with the impairments of the recipe."""
     array, waveform = recipe_radar(recipe)
-    capture = simulate(scene, array, waveform, device=device, **recipe["simulation"])
+    # Recipes that do not say it are older than curved faces.
+    settings = {"facets": "flat", **recipe["simulation"]}
+    capture = simulate(scene, array, waveform, device=device, **settings)
     impairments = recipe.get("impairments")
     if not impairments:
         return capture
-    settings = {k: v for k, v in impairments.items() if k not in ("channels", "walls")}
+    errors = {k: v for k, v in impairments.items() if k not in ("channels", "walls")}
     channels = impairments.get("channels")
     if channels is not None:
-        settings["channels"] = draw_channels(array, waveform, **channels)
+        errors["channels"] = draw_channels(array, waveform, **channels)
     if impairments.get("walls"):
         walls = [Wall(**wall) for wall in impairments["walls"]]
-        settings["room"] = room_capture(array, waveform, walls)
-    return impair(capture, **settings)
+        errors["room"] = room_capture(array, waveform, walls)
+    return impair(capture, **errors)
 
 
 def recipe_radar(recipe: Mapping[str, Any]) -> tuple[AntennaArray, Waveform]:

@@ -136,10 +136,8 @@ def curved_tangents(
     return found[0], found[1]
 
 
-def sample_surface(
-    scene: Scene, counts: np.ndarray, corner_normals: np.ndarray, seed: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Points, shading normals, face normals and faces of all samples, `counts` of them per face."""
+def sample_weights(counts: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric coordinates, shape (n, 3), and faces of samples, `counts` of them per face."""
     face = np.repeat(np.arange(len(counts)), counts)
     j = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
     jitter = uniform(philox(counters(np.arange(len(face)), 0, 0, 1), seed))[:, 0]
@@ -147,7 +145,14 @@ def sample_surface(
     lattice = j.astype(np.uint64) * np.uint64(0x9E3779B9)
     a = (j + jitter) / counts[face]
     b = uniform((lattice + rotation) & np.uint64(0xFFFFFFFF))
-    weight = np.stack([1 - np.sqrt(a), np.sqrt(a) * (1 - b), np.sqrt(a) * b], axis=1)
+    return np.stack([1 - np.sqrt(a), np.sqrt(a) * (1 - b), np.sqrt(a) * b], axis=1), face
+
+
+def sample_surface(
+    scene: Scene, counts: np.ndarray, corner_normals: np.ndarray, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points on the flat faces, shading normals, face normals and faces of all samples."""
+    weight, face = sample_weights(counts, seed)
     corners = scene.triangles_m[face]
     point = np.einsum("sk,ska->sa", weight, corners)
     shading = np.einsum("sk,ska->sa", weight, corner_normals[face])
@@ -155,6 +160,14 @@ def sample_surface(
     flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     flat /= np.linalg.norm(flat, axis=1, keepdims=True)
     return point, shading, flat, face
+
+
+def curved_samples(
+    scene: Scene, counts: np.ndarray, corner_normals: np.ndarray, seed: int
+) -> np.ndarray:
+    """The points of the same samples on the curved surface, shape (n, 3)."""
+    weight, face = sample_weights(counts, seed)
+    return curved_points(scene.triangles_m[face], corner_normals[face], weight)
 
 
 def closest_hit(
@@ -280,6 +293,7 @@ def expected(
     reception_radius_m: float = 0.010,
     normals: str = "smooth",
     crease_deg: float = 30.0,
+    facets: str = "curved",
     seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Probability of reception and path length of every sample, Tx and Rx, (n_samples, n_tx, n_rx).
@@ -289,19 +303,20 @@ def expected(
     """
     triangles = scene.triangles_m
     _, corner = scene_normals(scene, normals, crease_deg)
-    point, shading, geometric, face = sample_surface(scene, counts, corner, seed)
+    ground, shading, geometric, face = sample_surface(scene, counts, corner, seed)
+    point = curved_samples(scene, counts, corner, seed) if facets == "curved" else ground
     alpha_of = np.asarray(scene.alpha)
     probability = np.zeros((len(point), array.n_tx, array.n_rx))
     to_rx = array.rx_m - point[:, None]
     distance = np.linalg.norm(to_rx, axis=2)
     length = np.linalg.norm(array.tx_m - point[:, None], axis=2)[:, :, None] + distance[:, None]
     for tx, tx_m in enumerate(array.tx_m):
-        lit = visible(point, geometric, np.broadcast_to(tx_m, point.shape), triangles)
+        lit = visible(ground, geometric, np.broadcast_to(tx_m, point.shape), triangles)
         for rx, rx_m in enumerate(array.rx_m):
-            g = geometric * -np.sign(np.einsum("sa,sa->s", geometric, point - tx_m))[:, None]
-            height = np.einsum("sa,sa->s", g, rx_m - point)
+            g = geometric * -np.sign(np.einsum("sa,sa->s", geometric, ground - tx_m))[:, None]
+            height = np.einsum("sa,sa->s", g, rx_m - ground)
             lift = np.clip(reception_radius_m - height, 0, None) / 2
-            clear = visible(point, geometric, rx_m + lift[:, None] * g, triangles)
+            clear = visible(ground, geometric, rx_m + lift[:, None] * g, triangles)
             reached = lit & clear & (height > -reception_radius_m)
             for s in np.flatnonzero(reached):
                 t_i = (point[s] - tx_m) / np.linalg.norm(point[s] - tx_m)
@@ -354,6 +369,7 @@ def trace(
     max_bounces: int = 1,
     normals: str = "smooth",
     crease_deg: float = 30.0,
+    facets: str = "curved",
     amplitude: str = "unit",
     pattern_exponent: float = 0.0,
     seed: int = 0,
@@ -361,17 +377,19 @@ def trace(
     """Trace `counts` samples per face, shape (n_faces,), by the model of [1]_."""
     triangles = scene.triangles_m
     flat, corner = scene_normals(scene, normals, crease_deg)
-    point, shading, geometric, face_of = sample_surface(scene, counts, corner, seed)
+    ground, shading, geometric, face_of = sample_surface(scene, counts, corner, seed)
+    point = curved_samples(scene, counts, corner, seed) if facets == "curved" else ground
     alpha_of = np.asarray(scene.alpha)
     rows = []
     for tx, tx_m in enumerate(array.tx_m):
         arrival = point - tx_m
         first = np.linalg.norm(arrival, axis=1)
         arrival /= first[:, None]
-        lit = visible(point, geometric, np.broadcast_to(tx_m, point.shape), triangles)
+        lit = visible(ground, geometric, np.broadcast_to(tx_m, point.shape), triangles)
         for ray in range(rays_per_sample):
             sample = np.flatnonzero(lit)
             p, t_i, travelled = point[sample], arrival[sample], first[sample]
+            on_face = ground[sample]
             n, g, alpha = shading[sample], geometric[sample], alpha_of[face_of[sample]]
             leaving = arrival[sample, 2]
             for bounce in range(max_bounces):
@@ -380,8 +398,8 @@ def trace(
                 t_c = outgoing(words, n, t_i, alpha)
                 up = np.einsum("sa,sa->s", t_c, g) > 0
                 sample, p, g, t_c = sample[up], p[up], g[up], t_c[up]
-                travelled, leaving = travelled[up], leaving[up]
-                hit, struck, uv = closest_hit(p + LIFT_M * g, t_c, triangles)
+                travelled, leaving, on_face = travelled[up], leaving[up], on_face[up]
+                hit, struck, uv = closest_hit(on_face + LIFT_M * g, t_c, triangles)
                 for rx, rx_m in enumerate(array.rx_m):
                     passed, entry = sphere_entry(rx_m - p, t_c, reception_radius_m)
                     got = passed & (entry < hit)
@@ -400,7 +418,10 @@ def trace(
                 on = struck >= 0
                 sample, struck, uv, leaving = sample[on], struck[on], uv[on], leaving[on]
                 barycentric = np.stack([1 - uv.sum(axis=1), uv[:, 0], uv[:, 1]], axis=1)
-                landed = np.einsum("sk,ska->sa", barycentric, triangles[struck])
+                on_face = np.einsum("sk,ska->sa", barycentric, triangles[struck])
+                landed = on_face
+                if facets == "curved":
+                    landed = curved_points(triangles[struck], corner[struck], barycentric)
                 t_i = t_c[on]  # of the ray as it was cast, whose origin lies a little above p
                 travelled = travelled[on] + np.linalg.norm(landed - p[on], axis=1)
                 p = landed

@@ -100,7 +100,7 @@ class ExpectedTracer(LitSurface):
         n_pairs = self.array.n_tx * self.array.n_rx
         probabilities = 4 * self.array.n_tx * self._padded
         fields = 4 * (RX_FIELDS * self._padded + TX_FIELDS * self.array.n_tx)
-        per_sample = 44 + self._n_tx_groups
+        per_sample = 56 + self._n_tx_groups
         free = min(self._buffers.free_bytes, 4 * self.device.max_buffer_bytes) - 8 * n_pairs
         per_batch = 2 * probabilities + fields + 12 * n_pairs + per_sample + self._n_rx_groups
         fits = min(BATCH_BYTES, max(0, free) // 2) // per_batch
@@ -128,9 +128,10 @@ class ExpectedTracer(LitSurface):
         for first in range(0, self.n_samples, self._tile_samples):
             count = min(self._tile_samples, self.n_samples - first)
             faces, n_visible = self._illuminate(first, count)
-            points, shading, geometric, _, _, visible = self._tile
+            ground, shading, geometric, _, _, visible, points = self._tile
             vectors = [
-                self._buffers.read(b, (count, 3), np.float32) for b in (points, shading, geometric)
+                self._buffers.read(b, (count, 3), np.float32)
+                for b in (ground, shading, geometric, points)
             ]
             bits = self._buffers.read(visible, (count, n_groups), np.uint8)
             # Samples that are visible from no Tx are left out.
@@ -155,13 +156,13 @@ class ExpectedTracer(LitSurface):
 
     def _find_probabilities(self, columns: list[np.ndarray], count: int) -> np.ndarray:
         s, array, u = self.settings, self.array, np.uint32
-        points, shading, geometric, _, alpha, visible = self._batch
-        buffers = (points, shading, geometric, alpha, visible)
+        ground, shading, geometric, _, alpha, visible, points = self._batch
+        buffers = (ground, shading, geometric, points, alpha, visible)
         for buffer, column in zip(buffers, columns, strict=True):
             self._buffers.write(buffer, column)
         radius, exponent = np.float32(s.reception_radius_m), np.float32(s.pattern_exponent)
         self._find_visible(
-            count, points, geometric, array.n_rx, self._rx_bundles, self._rx_visible,
+            count, ground, geometric, array.n_rx, self._rx_bundles, self._rx_visible,
             s.reception_radius_m,
         )  # fmt: skip
         blocks = self._padded // self.device.width

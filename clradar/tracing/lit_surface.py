@@ -55,14 +55,15 @@ class LitSurface(SampledSurface):
         raise NotImplementedError
 
     def _sample_buffers(self, count: int) -> list[Any]:
-        """Buffers for points, shading and face normals, faces, alpha and visible Tx."""
-        lengths = (12, 12, 12, 4, 4, self._n_tx_groups)
+        """Buffers for points on flat faces, shading and face normals, faces, alpha, visible Tx, and
+        points on the curved surface."""
+        lengths = (12, 12, 12, 4, 4, self._n_tx_groups, 12)
         return [self._buffers.empty(length * count) for length in lengths]
 
     def _illuminate(self, first: int, count: int) -> tuple[np.ndarray, int]:
         """Sample the surface and find the visible Tx; returns faces and how many Tx are visible."""
-        points, _, geometric, face, _, visible = self._tile
-        self._sample(first, count, self._tile[:4])
-        self._find_visible(count, points, geometric, self.array.n_tx, self._tx_bundles, visible)
+        ground, _, geometric, face, _, visible, points = self._tile
+        self._sample(first, count, [*self._tile[:4], points])
+        self._find_visible(count, ground, geometric, self.array.n_tx, self._tx_bundles, visible)
         bits = self._buffers.read(visible, count * self._n_tx_groups, np.uint8)
         return self._buffers.read(face, count, np.int32), int(np.unpackbits(bits).sum())

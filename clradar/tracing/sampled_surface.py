@@ -12,6 +12,7 @@ import numpy as np
 
 from clradar.errors import MeshError
 from clradar.geometry.bvh import face_normals
+from clradar.geometry.curved import corner_heights
 from clradar.geometry.normals import corner_normals
 from clradar.model import Scene
 from clradar.opencl import Device, build
@@ -90,14 +91,19 @@ class SampledSurface(TracedMesh):
         triangles = scene.triangles_m
         self._prepare_tree(triangles, antennas_m)
         corners, faces = corner_normals(scene, s.normals, s.crease_deg)
+        heights = np.zeros((len(faces), 3, 2))
+        if s.facets == "curved":
+            heights = corner_heights(triangles, corners)
+        columns = (triangles, corners, heights, faces)
         self._sampling = [
             up(self._face_start),
-            *(up(column.astype(np.float32)) for column in (triangles, corners, faces)),
+            *(up(column.astype(np.float32)) for column in columns),
         ]
         self._sampler = build(self.device, "sample.cl", SampleOptions())
 
     def _sample(self, first: int, count: int, outputs: list[Any]) -> None:
-        """Write points, shading normals, normals of the faces and faces of samples to buffers."""
+        """Write samples to buffers: points on flat faces, shading normals, normals of the faces,
+        faces, and points on the curved surface."""
         u = np.uint32
         self._sampler.launch(
             "sample_surface", (count,), u(len(self._face_start) - 1), u(first), u(count),

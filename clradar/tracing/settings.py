@@ -36,6 +36,7 @@ CHECKS: dict[str, tuple[Any, ...]] = {
     "max_bounces": (checks.whole, 1, 255),
     "normals": (checks.one_of, ("smooth", "face")),
     "crease_deg": (checks.real,),
+    "facets": (checks.one_of, ("curved", "flat")),
     "amplitude": (checks.one_of, ("unit", "spreading")),
     "pattern_exponent": (checks.real,),
     "seed": (checks.whole, 0, 2**64 - 1),
@@ -69,6 +70,10 @@ class SimulationSettings:
         Shading normals, interpolated from the vertices or those of the faces.
     crease_deg : float, degrees
         Edges sharper than this stay sharp in "smooth".
+    facets : "curved" or "flat"
+        Where paths are reflected: on the curved surface that the normals at the corners of a face
+        describe, or on the flat face (E1 in ``docs/equations.md``). The same for flat sides and
+        with ``normals="face"``.
     amplitude : "unit" or "spreading"
         1 per path as in the paper, or 1 / (R1 R2): R1 the length up to the last reflection, R2 from
         there on, metres.
@@ -109,6 +114,7 @@ class SimulationSettings:
     max_bounces: int = 1
     normals: str = "smooth"
     crease_deg: float = CREASE_DEG
+    facets: str = "curved"
     amplitude: str = "unit"
     pattern_exponent: float = 0.0
     seed: int = 0

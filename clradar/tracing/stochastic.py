@@ -60,7 +60,7 @@ class Tracer(LitSurface):
 
     def _prepare_rays(self) -> None:
         array, up = self.array, self._buffers.upload
-        self._surface = [self._sampling[2], up(self._face_alpha)]
+        self._surface = [*self._sampling[2:4], up(self._face_alpha)]
         self._antennas = [up(antenna_rows(at)) for at in (array.tx_m, array.rx_m)]
         self._box = self._reception_box()
         self._counter = self._buffers.zeros(12)
@@ -70,7 +70,7 @@ class Tracer(LitSurface):
 
     def _size_tiles(self) -> None:
         """Divide the free memory between samples and receptions."""
-        per_sample = 3 * 12 + 4 + 4 + self._n_tx_groups
+        per_sample = 4 * 12 + 4 + 4 + self._n_tx_groups
         free = min(self._buffers.free_bytes, 8 * self.device.max_buffer_bytes)
         # Neither a ray's ordinal nor the count of receptions in a tile may exceed 32 bits.
         rays = self._rays_per_sample * self.settings.max_bounces
@@ -142,17 +142,17 @@ class Tracer(LitSurface):
         """Trace the rays of a tile; returns how many receptions, outgoing and absorbed draws."""
         s, array = self.settings, self.array
         u = np.uint32
-        points, shading, geometric, _, alpha, visible = self._tile
+        ground, shading, geometric, _, alpha, visible, points = self._tile
         self._buffers.write(alpha, face_alpha[faces])
-        self._buffers.write(self._surface[1], face_alpha)
+        self._buffers.write(self._surface[2], face_alpha)
         self._buffers.write(self._counter, np.zeros(3, np.uint32))
         self._trace.launch(
             "trace_rays", (count, self._n_tx_groups), u(count), u(array.n_tx), u(array.n_rx),
             u(self._n_tx_groups), u(self._n_rx_groups), u(self._rays_per_sample), u(s.max_bounces),
             u(first), *self._seed_words(), np.float32(s.reception_radius_m),
             np.float32(s.pattern_exponent), self._tree.delta_m, *self._box, u(self._capacity),
-            *self._tree.buffers, *self._surface, *self._antennas, self._rx_bundles, points,
-            shading, geometric, alpha, visible, self._counter, self._keys, self._paths,
+            *self._tree.buffers, *self._surface, *self._antennas, self._rx_bundles, ground,
+            shading, geometric, points, alpha, visible, self._counter, self._keys, self._paths,
         )  # fmt: skip
         received, outgoing, absorbed = self._buffers.read(self._counter, 3, np.uint32)
         return int(received), int(outgoing), int(absorbed)

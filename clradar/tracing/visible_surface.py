@@ -28,6 +28,7 @@ class VisibleSurface(SampledSurface):
     Attributes
     ----------
     points_m : ndarray, shape (n, 3), float64, metres
+        On the curved surface that the normals describe.
     normals : ndarray, shape (n, 3), float64
         Unit normals, interpolated from the vertices as in `clradar.trace`; of either sign.
     """
@@ -43,10 +44,12 @@ class VisibleSurface(SampledSurface):
     def _prepare(self) -> None:
         self._prepare_surface(np.array([[self._reach_m, 0.0, 0.0]]))
         n, read = self.n_samples, self._buffers.read
-        self._points, shading, self._geometric = (self._buffers.empty(12 * n) for _ in range(3))
+        self._ground, shading, self._geometric, points = (
+            self._buffers.empty(12 * n) for _ in range(4)
+        )
         faces = self._buffers.empty(4 * n)
-        self._sample(0, n, [self._points, shading, self._geometric, faces])
-        self.points_m = read(self._points, (n, 3), np.float32).astype(np.float64)
+        self._sample(0, n, [self._ground, shading, self._geometric, faces, points])
+        self.points_m = read(points, (n, 3), np.float32).astype(np.float64)
         self.normals = read(shading, (n, 3), np.float32).astype(np.float64)
 
     def visible_from(self, viewpoints_m: np.ndarray) -> np.ndarray:
@@ -71,7 +74,7 @@ class VisibleSurface(SampledSurface):
             bits = buffers.empty(shape[0] * shape[1])
             antennas = buffers.upload(bundled(at))
             self._find_visible(
-                self.n_samples, self._points, self._geometric, len(at), antennas, bits
+                self.n_samples, self._ground, self._geometric, len(at), antennas, bits
             )
             return buffers.read(bits, shape, np.uint8)
 
@@ -81,8 +84,11 @@ class VisibleSurface(SampledSurface):
         The rays that decide the visibility begin there.
         """
         shape = (self.n_samples, 3)
-        normals = self._buffers.read(self._geometric, shape, np.float32).astype(np.float64)
-        towards = viewpoints_m[None] - self.points_m[:, None]
+        ground_m, normals = (
+            self._buffers.read(buffer, shape, np.float32).astype(np.float64)
+            for buffer in (self._ground, self._geometric)
+        )
+        towards = viewpoints_m[None] - ground_m[:, None]
         side = np.sign(np.einsum("sta,sa->st", towards, normals))[:, :, None]
         lift_m = 2 * float(self._tree.delta_m) * side * normals[:, None]
-        return (self.points_m[:, None] + lift_m).astype(np.float32)
+        return (ground_m[:, None] + lift_m).astype(np.float32)

@@ -55,6 +55,9 @@ class SimulationOptions(SamplingOptions):
         "smooth", "Interpolated from the vertices, or the faces'."
     )
     crease_deg: float = option(CREASE_DEG, "Edges sharper than this stay sharp.", metavar="DEG")
+    facets: Literal["curved", "flat"] = option(
+        "curved", "Paths end on the surface that the normals describe, or on the flat faces."
+    )
     amplitude: Amplitude = option("unit", "1 per path, or 1/(R1 R2).")
     pattern_exponent: float = option(
         0.0, "With --amplitude spreading: antennas have the pattern cos(angle)^P.", metavar="P"

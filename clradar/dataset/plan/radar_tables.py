@@ -115,6 +115,7 @@ def simulation_of(table: PlanTable) -> SimulationSettings:
         "max_bounces": table.whole("max_bounces", 1, 1, 255),
         "normals": table.one_of("normals", "smooth", ("smooth", "face")),
         "crease_deg": table.number("crease_deg", CREASE_DEG, 0.0, 180.0),
+        "facets": table.one_of("facets", "curved", ("curved", "flat")),
         "amplitude": table.one_of("amplitude", "unit", ("unit", "spreading")),
         "pattern_exponent": table.number("pattern_exponent", 0.0, 0.0, 100.0),
     }
