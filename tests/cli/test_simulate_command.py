@@ -57,8 +57,9 @@ def test_every_option_of_simulate_reaches_the_library(
     outcome = run(
         *command, "--rays-per-face", 3,
         "--rays-per-sample", 2, "--reception-radius-mm", 5, "--max-bounces", 4, "--normals", "face",
-        "--crease-deg", 12, "--amplitude", "spreading", "--pattern-exponent", 1.5, "--seed", 9,
-        "--start-ghz", 24, "--stop-ghz", 26, "--steps", 11, "--device", "pocl",
+        "--crease-deg", 12, "--facets", "flat", "--amplitude", "spreading",
+        "--pattern-exponent", 1.5, "--seed", 9, "--start-ghz", 24, "--stop-ghz", 26, "--steps", 11,
+        "--device", "pocl",
     )  # fmt: skip
     one_error_line(outcome, "enough")
     expected = {
@@ -69,6 +70,7 @@ def test_every_option_of_simulate_reaches_the_library(
         "max_bounces": 4,
         "normals": "face",
         "crease_deg": 12.0,
+        "facets": "flat",
         "amplitude": "spreading",
         "pattern_exponent": 1.5,
         "seed": 9,

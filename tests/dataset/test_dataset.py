@@ -127,6 +127,18 @@ def test_a_recipe_may_be_its_text(made: Path) -> None:
             assert again.arrays[name].tobytes() == array.tobytes(), name
 
 
+def test_recipes_older_than_curved_faces_keep_their_bits() -> None:
+    whole = {**recipe(PLAN, 1), "products": ["capture"]}
+    settings = whole["simulation"]
+    assert settings["facets"] == "curved"
+    older = {key: value for key, value in settings.items() if key != "facets"}
+    curved, flat, old = (
+        make_sample({**whole, "simulation": given}, DEVICE).arrays["capture"].tobytes()
+        for given in (settings, {**settings, "facets": "flat"}, older)
+    )
+    assert old == flat != curved
+
+
 def test_what_a_recipe_leaves_out_is_none_or_one_error() -> None:
     whole = {**recipe(PLAN, 1), "products": ["capture"]}
     clean = make_sample({**whole, "impairments": None}, DEVICE).arrays["capture"]

@@ -38,8 +38,8 @@ def scene_of(mesh, alpha=0.5) -> clradar.Scene:
 
 
 def sampled(scene, device, **arguments):
-    """Points, shading normals, geometric normals and faces of all samples, as the tracer has
-    them."""
+    """Points on flat faces, shading normals, geometric normals, faces and curved points of all
+    samples, as the tracer has them."""
     settings = resolve_settings(**arguments)
     with Tracer(scene, ARRAY, settings, device) as tracer:
         parts = []
@@ -47,10 +47,12 @@ def sampled(scene, device, **arguments):
         while first < tracer.n_samples:
             count = min(tracer._tile_samples, tracer.n_samples - first)
             tracer._illuminate(first, count)
-            points, shading, geometric, face = tracer._tile[:4]
+            points, shading, geometric, face, _, _, curved = tracer._tile
             read = tracer._buffers.read
-            vectors = [read(b, (count, 3), np.float32) for b in (points, shading, geometric)]
-            parts.append([*vectors, read(face, count, np.int32)])
+            vectors = [
+                read(b, (count, 3), np.float32) for b in (points, shading, geometric, curved)
+            ]
+            parts.append([*vectors[:3], read(face, count, np.int32), vectors[3]])
             first += count
     return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
@@ -90,6 +92,23 @@ def test_samples_are_those_of_the_reference(name, seed, device):
     np.testing.assert_allclose(got[2], expected[2], rtol=0, atol=NORMAL_TOLERANCE)
 
 
+@pytest.mark.parametrize("name", ["bowl", "sphere", "soup"])
+def test_curved_points_are_those_of_the_reference(name, device):
+    scene = scene_of(MESHES[name])
+    arguments = {"samples_per_mm2": 0.05, "seed": 5}
+    counts = samples_per_face(scene, resolve_settings(**arguments))
+    corners = corner_normals(scene)[0]
+    expected = reference.curved_samples(scene, counts, corners, 5)
+    curved, flat = (
+        sampled(scene, device, facets=facets, **arguments)[4] for facets in ("curved", "flat")
+    )
+    np.testing.assert_allclose(curved, expected, rtol=0, atol=POINT_TOLERANCE_M)
+    ground = sampled(scene, device, **arguments)[0]
+    np.testing.assert_array_equal(flat, ground)
+    # Triangles of a soup share no corner and are flat.
+    assert (np.abs(curved - ground).max() == 0) == (name == "soup")
+
+
 def test_the_upper_half_of_the_seed_counts(device):
     scene = scene_of(MESHES["plate"])
     low, high = (sampled(scene, device, samples_per_mm2=0.01, seed=s)[0] for s in (3, 3 + 2**32))
@@ -99,7 +118,7 @@ def test_the_upper_half_of_the_seed_counts(device):
 @pytest.mark.parametrize("name", MESHES)
 def test_all_points_are_in_their_triangles(name, device):
     scene = scene_of(MESHES[name])
-    points, _, _, face = sampled(scene, device, samples_per_mm2=0.5, seed=1)
+    points, _, _, face, _ = sampled(scene, device, samples_per_mm2=0.5, seed=1)
     triangles = scene.triangles_m[face]
     weight = barycentric(points.astype(float), triangles)
     e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
@@ -132,7 +151,7 @@ def test_a_single_sample_is_uniform_on_its_face(seed, device):
     """One sample on each of 20 000 equal faces: nothing is stratified, so counts are binomial."""
     mesh = plate(0.2, 0.3, 100)
     scene = scene_of(mesh)
-    points, _, _, face = sampled(scene, device, rays_per_face=1, seed=seed)
+    points, _, _, face, _ = sampled(scene, device, rays_per_face=1, seed=seed)
     weight = barycentric(points.astype(float), scene.triangles_m[face])
     rows = 6
     counts = np.unique(cells_of_triangle(weight, rows), return_counts=True)[1]
@@ -148,7 +167,7 @@ def test_a_single_sample_is_uniform_on_its_face(seed, device):
 def test_many_samples_cover_a_face_evenly(count, device):
     """A stratified set is at least as even as a random one: chi square below its expectation."""
     scene = clradar.Scene([[0, 0, 0.3], [0.1, 0.02, 0.3], [0.03, 0.08, 0.35]], [[0, 1, 2]])
-    points, _, _, face = sampled(scene, device, rays_per_face=count, seed=4)
+    points, _, _, face, _ = sampled(scene, device, rays_per_face=count, seed=4)
     weight = barycentric(points.astype(float), scene.triangles_m[face])
     rows = 6 if count > 1000 else 3
     counts = np.bincount(cells_of_triangle(weight, rows), minlength=2 * rows**2)
@@ -192,7 +211,7 @@ def test_faces_without_area_get_none(arguments, device):
     scene = scene_of(with_degenerate(np.random.default_rng(2), bowl()))
     e = scene.triangles_m - scene.triangles_m[:, :1]
     area = np.linalg.norm(np.cross(e[:, 1], e[:, 2]), axis=1)
-    points, shading, geometric, face = sampled(scene, device, **arguments)
+    points, shading, geometric, face, _ = sampled(scene, device, **arguments)
     assert (area[face] > 0).all()
     for vectors in (points, shading, geometric):
         assert np.isfinite(vectors).all()
