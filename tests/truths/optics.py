@@ -1,0 +1,98 @@
+"""Closed forms of physical and geometrical optics: spheres, discs, plates, corners, apertures.
+
+Echoes u in 1/m as in docs/equations.md; k in rad/m. Cross sections in square metres.
+
+References
+----------
+.. [1] E. F. Knott, J. F. Shaeffer, M. T. Tuley, Radar Cross Section, 2nd ed., SciTech 2004.
+.. [2] C. A. Balanis, Advanced Engineering Electromagnetics, 2nd ed., Wiley 2012, chapter 11.
+.. [3] C. A. Balanis, Antenna Theory, 4th ed., Wiley 2016, chapter 6.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import exp1, fresnel
+
+
+def cross_section_m2(u: np.ndarray, distance_m: float) -> np.ndarray:
+    """sigma = 4 pi R^4 |u|^2."""
+    return 4 * np.pi * distance_m**4 * np.abs(u) ** 2
+
+
+def _over_distance(k: np.ndarray, near_m: float, far_m: float) -> np.ndarray:
+    """Integral of exp(-2 j k r) / r^2 between two distances, by parts and the exponential integral."""
+
+    def primitive(r: float) -> np.ndarray:
+        return -np.exp(-2j * k * r) / r + 2j * k * exp1(2j * k * r)
+
+    return primitive(far_m) - primitive(near_m)
+
+
+def sphere(distance_m: float, radius_m: float, k: np.ndarray, gamma: complex = -1.0) -> np.ndarray:
+    """Physical optics of a sphere up to its sharp shadow edge, antenna `distance_m` from the centre.
+
+    With r the distance from the antenna, dA = 2 pi a r dr / D and s.n = (D^2 - a^2 - r^2) / (2 a r):
+    u = (j k Gamma / 2 D) Integral (T^2 - r^2)/r^2 exp(-2 j k r) dr from D - a to T = sqrt(D^2 - a^2).
+    Gamma is taken as the same at all angles.
+    """
+    near, edge = distance_m - radius_m, np.sqrt(distance_m**2 - radius_m**2)
+    plain = (np.exp(-2j * k * edge) - np.exp(-2j * k * near)) / (-2j * k)
+    total = edge**2 * _over_distance(k, near, edge) - plain
+    return 1j * k * gamma / (2 * distance_m) * total
+
+
+def disc(distance_m: float, radius_m: float, k: np.ndarray, gamma: complex = -1.0) -> np.ndarray:
+    """Physical optics of a disc on its axis; without edge it tends to `image_source`."""
+    far = np.hypot(distance_m, radius_m)
+    return 1j * k * gamma * distance_m * _over_distance(k, distance_m, far)
+
+
+def image_source(distance_m: float, k: np.ndarray, gamma: complex = -1.0) -> np.ndarray:
+    """A plane without end at the distance R [2]_."""
+    return gamma * np.exp(-2j * k * distance_m) / (2 * distance_m)
+
+
+def rectangle(
+    distance_m: float, sides_m: tuple[float, float], k: np.ndarray, gamma: complex = -1.0
+) -> np.ndarray:
+    """Rectangle on its axis with phases to second order in its size (Fresnel's approximation)."""
+    product = np.ones(np.shape(k), complex)
+    for side in sides_m:
+        # exp(-j k x^2 / R) = exp(-j pi v^2 / 2)
+        scale = np.sqrt(2 * k / (np.pi * distance_m))
+        s, c = fresnel(scale * side / 2)
+        product = product * 2 * (c - 1j * s) / scale
+    wave = np.exp(-2j * k * distance_m) / distance_m**2
+    return 1j * k / (2 * np.pi) * gamma * wave * product
+
+
+def tilted_rectangle_m2(
+    sides_m: tuple[float, float], tilt_rad: np.ndarray, k: np.ndarray
+) -> np.ndarray:
+    """Cross section far away, tilted about the second side: 4 pi A^2/lambda^2 (cos sinc)^2 [1]_."""
+    area, wavelength = sides_m[0] * sides_m[1], 2 * np.pi / k
+    phase = k * sides_m[0] * np.sin(tilt_rad)
+    return 4 * np.pi * (area / wavelength * np.cos(tilt_rad) * np.sinc(phase / np.pi)) ** 2
+
+
+def dihedral_m2(a_m: float, b_m: float, wavelength_m: float) -> float:
+    """Two rectangles a x b on the bisector of their right angle [1]_."""
+    return 8 * np.pi * (a_m * b_m / wavelength_m) ** 2
+
+
+def square_trihedral_m2(a_m: float, wavelength_m: float) -> float:
+    """Three squares on their axis [1]_."""
+    return 12 * np.pi * a_m**4 / wavelength_m**2
+
+
+def triangular_trihedral_m2(a_m: float, wavelength_m: float) -> float:
+    """Three right triangles of legs a on their axis [1]_."""
+    return 4 * np.pi * a_m**4 / (3 * wavelength_m**2)
+
+
+def dirichlet(n: int, phase_rad: np.ndarray) -> np.ndarray:
+    """Mean of n unit phasors in steps of `phase_rad`, centred: sin(n x/2) / (n sin(x/2)) [3]_."""
+    half = np.asarray(phase_rad) / 2
+    small = np.abs(np.sin(half)) < 1e-12
+    return np.where(small, 1.0, np.sin(n * half) / (n * np.where(small, 1.0, np.sin(half))))
