@@ -85,8 +85,8 @@ def quadrature(
 ) -> Quadrature:
     """Centroids of cuts^2 sub-triangles of every face, `cuts` of shape (n_faces,).
 
-    The area is that of the sub-triangle whose corners lie on the surface. Normals of the scene's
-    own hold where they are known and within 60 degrees of the face's.
+    The vector area is that of the curved surface's tangent plane there. Normals of the scene's own
+    hold where they are known and within 60 degrees of the face's.
     """
     flat_normal, corner_normal = scene_normals(scene, "smooth", crease_deg)
     if scene.normals is not None:
@@ -103,22 +103,57 @@ def quadrature(
     if facets == "flat":
         shading = np.repeat(flat_normal[face][:, None], 3, axis=1)
     point_m = curved(weight, corner_m, shading)
-    a, b, c = (curved(corner[:, k], corner_m, shading) for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    normal = np.einsum("pk,pka->pa", weight, shading)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    return Quadrature(point_m, area[:, None] * normal, normal, flat_m, face, point_m)
+    across = np.cross(*tangents(weight, corner_m, shading))
+    across *= np.sign(np.einsum("pa,pa->p", across, flat_normal[face]))[:, None]
+    share = 1 / (2 * np.square(cuts)[face])
+    normal = across / np.linalg.norm(across, axis=1, keepdims=True)
+    at = point_m
+    if scene.texture_m is not None:
+        at = _in_texture(scene.texture_m[scene.faces][face], corner_m, weight, point_m - flat_m)
+    return Quadrature(point_m, share[:, None] * across, normal, flat_m, face, at)
 
 
-def waves(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Wave vectors of unit correlation length, shape (N_WAVES, 3), and phases of a height field.
+def tangents(
+    weight: np.ndarray, corner_m: np.ndarray, normal: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of `curved` by the second and third weight, the first being the rest."""
+    flat = np.einsum("pk,pka->pa", weight, corner_m)
+    off = np.einsum("pka,pka->pk", corner_m - flat[:, None], normal)
+    out = []
+    for j in (1, 2):
+        edge = corner_m[:, j] - corner_m[:, 0]
+        by = -weight * np.einsum("pa,pka->pk", edge, normal)
+        by[:, j] += off[:, j]
+        by[:, 0] -= off[:, 0]
+        out.append(edge + 0.5 * np.einsum("pk,pka->pa", by, normal))
+    return out[0], out[1]
 
-    Each component is normal with the standard deviation sqrt(2) (Box and Muller), so that the
-    correlation over a distance r is E cos(K.r) = exp(-r^2).
+
+def _in_texture(
+    texture_m: np.ndarray, corner_m: np.ndarray, weight: np.ndarray, offset_m: np.ndarray
+) -> np.ndarray:
+    """Places in the body's coordinates: the face's, and the offset turned from face to face."""
+
+    def frame(corners: np.ndarray) -> np.ndarray:
+        e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        up = np.cross(e1, e2)
+        return np.stack([e1, e2, up / np.linalg.norm(up, axis=1, keepdims=True)], axis=2)
+
+    flat = np.einsum("pk,pka->pa", weight, texture_m)
+    parts = np.linalg.solve(frame(corner_m), offset_m[..., None])
+    return flat + (frame(texture_m) @ parts)[..., 0]
+
+
+def waves(seed: int, material: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Wave vectors for a correlation length of 1, shape (N_WAVES, 3), and phases of a height field.
+
+    Every material of a scene, counted from 0, has its own. Each component is normal with the
+    standard deviation sqrt(2) (Box and Muller), so that the correlation over a distance r is
+    E cos(K.r) = exp(-r^2).
     """
     index = np.arange(N_WAVES, dtype=np.uint64)
-    first = uniform(philox(counters(index, 0, 0, DOMAIN_WAVE), seed))
-    second = uniform(philox(counters(index, 1, 0, DOMAIN_WAVE), seed))
+    first = uniform(philox(counters(index, 0, material, DOMAIN_WAVE), seed))
+    second = uniform(philox(counters(index, 1, material, DOMAIN_WAVE), seed))
     radius = np.sqrt(-2 * np.log(first[:, 0]))
     third = np.sqrt(-2 * np.log(first[:, 2])) * np.cos(2 * np.pi * first[:, 3])
     angle = 2 * np.pi * first[:, 1]
@@ -126,12 +161,14 @@ def waves(seed: int) -> tuple[np.ndarray, np.ndarray]:
     return np.sqrt(2) * k, 2 * np.pi * second[:, 0]
 
 
-def roughened(surface: Quadrature, rms_m: float, correlation_m: float, seed: int) -> Quadrature:
+def roughened(
+    surface: Quadrature, rms_m: float, correlation_m: float, seed: int, material: int = 0
+) -> Quadrature:
     """The surface displaced along its normals by a height field of Gaussian correlation.
 
     eta(q) = h sqrt(2/M) Sum_m cos(K_m.q / l + phi_m), and N = n - grad eta along the surface.
     """
-    k, phase = waves(seed)
+    k, phase = waves(seed, material)
     scale = rms_m * np.sqrt(2 / N_WAVES)
     height = np.empty(len(surface.point_m))
     slope = np.empty((len(surface.point_m), 3))

@@ -68,7 +68,9 @@ def sigma0_of_rectangle(
     return float(total.real / (4 * np.pi))
 
 
-def contrast(coherent_power: float, variance: float, pseudo: complex, phase: complex = 1.0) -> float:
+def contrast(
+    coherent_power: float, variance: float, pseudo: complex, phase: complex = 1.0
+) -> float:
     """Standard deviation over mean of |A + v|^2, v complex normal [3]_.
 
     `variance` is E|v|^2 and `pseudo` E v^2 conj(phase)^2, phase = A/|A|; without pseudo it is

@@ -4,8 +4,8 @@ Time factor exp(+j w t), permittivity eps' - j eps''. A permittivity of None is 
 
 References
 ----------
-.. [1] C. F. Bohren, D. R. Huffman, Absorption and Scattering of Light by Small Particles, Wiley 1983,
-   chapter 4 and appendix A.
+.. [1] C. F. Bohren, D. R. Huffman, Absorption and Scattering of Light by Small Particles,
+   Wiley 1983, chapter 4 and appendix A.
 .. [2] C.-T. Tai, Dyadic Green Functions in Electromagnetic Theory, 2nd ed., IEEE Press 1994,
    chapter 10.
 """
@@ -17,7 +17,7 @@ from scipy.special import spherical_jn, spherical_yn
 
 
 def order_of(size: float) -> int:
-    """Terms after which the series of a sphere of circumference / wavelength `size` has ended [1]_."""
+    """Number of terms for a sphere of circumference / wavelength `size` [1]_."""
     return int(size + 4.05 * size ** (1 / 3) + 10)
 
 

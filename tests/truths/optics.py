@@ -21,7 +21,7 @@ def cross_section_m2(u: np.ndarray, distance_m: float) -> np.ndarray:
 
 
 def _over_distance(k: np.ndarray, near_m: float, far_m: float) -> np.ndarray:
-    """Integral of exp(-2 j k r) / r^2 between two distances, by parts and the exponential integral."""
+    """Integral of exp(-2 j k r) / r^2, by parts and the exponential integral."""
 
     def primitive(r: float) -> np.ndarray:
         return -np.exp(-2j * k * r) / r + 2j * k * exp1(2j * k * r)
@@ -30,16 +30,38 @@ def _over_distance(k: np.ndarray, near_m: float, far_m: float) -> np.ndarray:
 
 
 def sphere(distance_m: float, radius_m: float, k: np.ndarray, gamma: complex = -1.0) -> np.ndarray:
-    """Physical optics of a sphere up to its sharp shadow edge, antenna `distance_m` from the centre.
+    """Physical optics of a sphere up to its sharp shadow edge, antenna at D from its centre.
 
-    With r the distance from the antenna, dA = 2 pi a r dr / D and s.n = (D^2 - a^2 - r^2) / (2 a r):
-    u = (j k Gamma / 2 D) Integral (T^2 - r^2)/r^2 exp(-2 j k r) dr from D - a to T = sqrt(D^2 - a^2).
-    Gamma is taken as the same at all angles.
+    With r the distance from the antenna, dA = 2 pi a r dr / D and s.n = (T^2 - r^2) / (2 a r),
+    u = (j k Gamma / 2 D) Integral (T^2 - r^2)/r^2 exp(-2 j k r) dr from D - a to the edge at
+    T = sqrt(D^2 - a^2). Gamma is taken as the same at all angles.
     """
     near, edge = distance_m - radius_m, np.sqrt(distance_m**2 - radius_m**2)
     plain = (np.exp(-2j * k * edge) - np.exp(-2j * k * near)) / (-2j * k)
     total = edge**2 * _over_distance(k, near, edge) - plain
     return 1j * k * gamma / (2 * distance_m) * total
+
+
+def fresnel_gamma(permittivity: complex, cosine: np.ndarray) -> np.ndarray:
+    """Fresnel's (r_s - r_p)/2 of a half space, eps' - j eps'', r_p = -r_s at normal incidence."""
+    inside = np.sqrt(permittivity - 1 + np.square(cosine))
+    r_s = (cosine - inside) / (cosine + inside)
+    return (r_s - (permittivity * cosine - inside) / (permittivity * cosine + inside)) / 2
+
+
+def lossy_sphere(
+    distance_m: float, radius_m: float, k: np.ndarray, permittivity: np.ndarray
+) -> np.ndarray:
+    """As `sphere`, Gamma by the angle of incidence at every point; Gauss and Legendre's nodes."""
+    near, edge = distance_m - radius_m, np.sqrt(distance_m**2 - radius_m**2)
+    x, weight = np.polynomial.legendre.leggauss(int(200 + 2 * k.max() * (edge - near)))
+    r = (near + edge) / 2 + (edge - near) / 2 * x
+    cosine = (edge**2 - r**2) / (2 * radius_m * r)
+    out = [
+        (edge - near) / 2 * weight @ (fresnel_gamma(e, cosine) * cosine * np.exp(-2j * q * r) / r)
+        for q, e in zip(k, permittivity, strict=True)
+    ]
+    return 1j * k * radius_m / distance_m * np.array(out)
 
 
 def disc(distance_m: float, radius_m: float, k: np.ndarray, gamma: complex = -1.0) -> np.ndarray:
@@ -65,6 +87,28 @@ def rectangle(
         product = product * 2 * (c - 1j * s) / scale
     wave = np.exp(-2j * k * distance_m) / distance_m**2
     return 1j * k / (2 * np.pi) * gamma * wave * product
+
+
+def any_rectangle(
+    distance_m: float,
+    sides_m: tuple[float, float],
+    tilt_rad: float,
+    k: np.ndarray,
+    nodes: int = 200,
+) -> np.ndarray:
+    """Rectangle at any distance, tilted about its second side, by Gauss and Legendre's nodes."""
+    x, weight = np.polynomial.legendre.leggauss(nodes)
+    across, along = np.meshgrid(x * sides_m[0] / 2, x * sides_m[1] / 2, indexing="ij")
+    z = distance_m + across * np.sin(tilt_rad)
+    r = np.sqrt((across * np.cos(tilt_rad)) ** 2 + along**2 + z**2)
+    facing = distance_m * np.cos(tilt_rad)  # n.p is the same all over the plane
+    area = np.outer(weight, weight) * sides_m[0] * sides_m[1] / 4
+    return np.array(
+        [
+            -1j * q / (2 * np.pi) * np.sum(area * facing * np.exp(-2j * q * r) / r**3)
+            for q in np.atleast_1d(k)
+        ]
+    )
 
 
 def tilted_rectangle_m2(
