@@ -122,7 +122,7 @@ def disc(radius_m: float, z_m: float, corners: int = 256) -> Scene:
     angle = 2 * np.pi * np.arange(corners) / corners
     size = radius_m * np.sqrt(2 * np.pi / (corners * np.sin(2 * np.pi / corners)))
     rim = np.stack([size * np.cos(angle), size * np.sin(angle), 0 * angle], axis=1)
-    vertices = np.concatenate([np.zeros((1, 3)), rim]) + [0, 0, z_m]
+    vertices = np.vstack([np.zeros(3), rim]) + np.array([0, 0, z_m])
     i = np.arange(corners)
     faces = np.stack([0 * i, 1 + i, 1 + (i + 1) % corners], axis=1)
     return Scene(vertices, faces)
