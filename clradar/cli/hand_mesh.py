@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from clradar.hand import HandMesh
 
 SUFFIXES = (".ply", ".stl", ".obj", ".off", ".glb")
-"""Formats of mesh files; only .glb keeps the parts apart."""
+"""Formats of mesh files; .ply and .glb keep the parts apart, .ply the texture, too."""
 
 
 def turned(mesh: HandMesh, angle_deg: float, center_m: Sequence[float]) -> HandMesh:
@@ -37,8 +37,14 @@ def save_hand(path: Path, mesh: HandMesh, *, force: bool) -> None:
     """Write a hand's mesh whole or not at all, in metres."""
     import trimesh
 
+    from clradar.files.meshes.ply_parts import ply_of_parts
+
     kind = path.suffix.lower()[1:]
-    if kind == "glb":
+    if kind == "ply":
+        content = ply_of_parts(
+            mesh.vertices_m, mesh.faces, mesh.part, mesh.part_names, mesh.texture_m
+        )
+    elif kind == "glb":
         scene = trimesh.Scene()
         for i, name in enumerate(mesh.part_names):
             piece = trimesh.Trimesh(mesh.vertices_m, mesh.faces[mesh.part == i], process=False)

@@ -135,8 +135,8 @@ class Scene(Record):
         mesh : path, trimesh.Trimesh, trimesh.Scene, (vertices, faces), or an object that has
             ``to_trimesh()``, and may have `normals` and `texture_m`, shape (n_vertices, 3). Files
             are those of `clradar.files.meshes.reading.FORMATS`; every object, group, material and
-            instance becomes a part, of a PLY file every number of the property "part" of its faces,
-            and normals are ignored.
+            instance becomes a part, of a PLY file every number of the property "part" of its faces.
+            Normals in files are ignored, texture is read from PLY (docs/conventions.md).
         alpha : float, array_like of shape (n_faces,), or mapping part name -> float
             0 specular ... 1 diffuse. An array goes part by part, in the order of
             `part_names`; of a PLY file, in the order of its faces.
@@ -168,15 +168,17 @@ class Scene(Record):
             raise MeshError(f"{label}: {error}") from error
         _check_plausible_size(label, vertices_m[np.unique(scene.faces)], unit)
         given = mesh if hasattr(mesh, "to_trimesh") else None
-        normals, texture_m = (getattr(given, name, None) for name in ("normals", "texture_m"))
+        normals = getattr(given, "normals", None)
         if normals is not None:
             normals = checks.read_only("normals", normals, np.float64, (len(vertices_m), 3))
             scene = replace(scene, normals=_transformed_normals(normals, matrix))
-        if texture_m is not None or transform is not None:
-            body = parts.vertices if texture_m is None else texture_m
+        texture = getattr(given, "texture_m", parts.texture)
+        if texture is not None or transform is not None:
+            body = parts.vertices if texture is None else texture
             body = checks.read_only("texture_m", body, np.float64, (len(vertices_m), 3))
             scene = replace(scene, texture_m=stretched(body * UNITS_M[unit], matrix))
-        return scene.with_alpha(alpha).with_material(material)
+        scene = scene.with_alpha(alpha)
+        return scene if material is METAL else scene.with_material(material)
 
     @classmethod
     def combine(cls, scenes: Iterable[Scene]) -> Scene:

@@ -72,3 +72,15 @@ def test_a_glb_keeps_the_parts_apart(made: Path) -> None:
     whole = clradar.Scene.from_mesh(made / "hand.ply")
     assert set(parts.part_names) == {"palm", "thumb", "index", "middle", "ring", "pinky"}
     assert parts.n_faces == whole.n_faces
+
+
+def test_a_ply_keeps_parts_and_texture(made: Path) -> None:
+    """So that the roughness of a simulation from the file is that of the hand in memory."""
+    from clradar.hand import hand_mesh
+
+    hand = hand_mesh("F", float(EDGE_MM) / 1e3)
+    scene = clradar.Scene.from_mesh(made / "hand.ply")
+    assert scene.part_names == hand.part_names
+    assert np.array_equal(scene.part, hand.part)
+    # The file holds float32: half an ulp of coordinates below 0.25 m.
+    np.testing.assert_allclose(scene.texture_m, hand.texture_m, rtol=0, atol=2.0**-27)

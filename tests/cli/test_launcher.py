@@ -153,7 +153,7 @@ def test_wrong_usage_is_2(
         (["simulate", "none.ply", "-o", "x.h5"], ("none.ply", "expected a mesh file")),
         (["simulate", "two\nlines.ply", "-o", "x.h5"], ("two lines.ply",)),
         (["simulate", "hand.ply", "-o", "x.h5", "--unit", "mm"], ("unit='mm'", "did you mean")),
-        (["simulate", "hand.ply", "-o", "x.h5", "--alpha", "nail=0"], ("hand.ply", "nail")),
+        (["simulate", "hand.ply", "-o", "x.h5", "--alpha", "nail=0"], ("palm", "nail")),
         (["simulate", "hand.ply", "-o", "x.h5", "--device", "abacus"], ("abacus",)),
         (["hand", "-o", "x.ply", "--device", "abacus"], ("abacus",)),
         (["simulate", "hand.ply", "-o", "x.h5", "--samples-per-mm2", "-1"], ("positive",)),

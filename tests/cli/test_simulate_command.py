@@ -86,11 +86,13 @@ def test_every_option_of_simulate_reaches_the_library(
 
 def test_alpha_by_mesh_and_by_part(made: Path) -> None:
     named = [simulate_command.split_alpha(str(made / n)) for n in ("hand.ply:0.2", "parts.glb")]
-    default, by_part = simulate_command.read_part_alphas(["palm=0.6", "0.9", "thumb=0"])
+    default, by_part = simulate_command.read_part_alphas(["palm-2=0.6", "0.9", "thumb=0"])
     assert default == 0.9
     scene = simulate_command.load_scene(named, default, by_part, "m", None)
     alpha, part = np.asarray(scene.alpha), np.asarray(scene.part)
-    for name, value in (("hand.ply", 0.2), ("palm", 0.6), ("thumb", 0.0), ("index", 0.9)):
+    # Both meshes have the parts of a hand.
+    expected = {"palm": 0.2, "palm-2": 0.6, "thumb": 0.0, "thumb-2": 0.9, "index-2": 0.9}
+    for name, value in expected.items():
         assert set(alpha[part == scene.part_names.index(name)]) == {value}
 
 

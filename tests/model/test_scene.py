@@ -128,6 +128,24 @@ def test_parts_of_a_ply_file_keep_names_and_the_order_of_faces(tmp_path: Path) -
         assert np.array_equal(scene.part, part)
 
 
+def test_texture_of_a_ply_file_is_read_where_all_of_it_is_there(tmp_path: Path) -> None:
+    mesh = trimesh.creation.icosphere(1, 50)
+    texture = np.array(mesh.vertices)[:, ::-1].copy()
+    content = ply_of_parts(mesh.vertices, mesh.faces, np.zeros(len(mesh.faces)), ["ball"], texture)
+    (tmp_path / "ball.ply").write_bytes(content)
+    scene = Scene.from_mesh(tmp_path / "ball.ply", unit="mm", transform=rotated(0.3))
+    np.testing.assert_allclose(scene.texture_m, 1e-3 * texture, atol=FLOAT32_M)
+    np.testing.assert_array_equal(
+        trimesh.load_mesh(tmp_path / "ball.ply", process=False).vertices.astype(np.float32),
+        mesh.vertices.astype(np.float32),
+    )
+    texture[3, 1] = np.nan
+    nan = ply_of_parts(mesh.vertices, mesh.faces, np.zeros(len(mesh.faces)), ["ball"], texture)
+    for other in (content.replace(b"texture_z", b"texture_w"), nan):
+        (tmp_path / "other.ply").write_bytes(other)
+        assert Scene.from_mesh(tmp_path / "other.ply", unit="mm").texture_m is None
+
+
 @pytest.mark.parametrize("values", [np.linspace(0, 1, 1280), np.arange(1280)])
 def test_a_property_part_that_names_no_parts_is_ignored(tmp_path: Path, values: np.ndarray) -> None:
     """Fractions, or a number of its own for every face."""

@@ -110,8 +110,10 @@ def command(
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
-    """The mesh is closed, in metres and in the antenna frame, palm to the radar. A .glb file
-    keeps palm, thumb, index, middle, ring and pinky apart, so that each can have its own alpha.
+    """The mesh is closed, in metres and in the antenna frame, palm to the radar. Files .ply and
+    .glb keep palm, thumb, index, middle, ring and pinky apart, so that each can have its own alpha
+    and material. A .ply file has the texture, too: the roughness of a material stays on the skin
+    from pose to pose.
 
     With --rig, a hand of one's own is posed: its place in the file, its unit, and whether it is a
     left or a right hand follow from its joints.

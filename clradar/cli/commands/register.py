@@ -149,7 +149,9 @@ def write_registration(
     from clradar.files.meshes.ply_parts import ply_of_parts
 
     scene = result.scene
-    placed = ply_of_parts(scene.vertices_m, scene.faces, np.asarray(scene.part), scene.part_names)
+    placed = ply_of_parts(
+        scene.vertices_m, scene.faces, np.asarray(scene.part), scene.part_names, scene.texture_m
+    )
     write_file(folder / PLACED, placed, force=False)
     rounds = [
         {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}

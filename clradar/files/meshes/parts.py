@@ -38,12 +38,15 @@ class Parts:
         Index into `names` of each face.
     names : tuple of str
         Not unique.
+    texture : ndarray, shape (n_vertices, 3), float64, optional
+        Coordinates fixed to the body, in the unit of the mesh.
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     part: np.ndarray
     names: tuple[str, ...]
+    texture: np.ndarray | None = None
 
     @classmethod
     def joined(cls, label: str, pieces: Iterable[Piece]) -> Parts:

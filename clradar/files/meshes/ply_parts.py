@@ -1,9 +1,10 @@
-"""Named parts of the mesh in a PLY file: a number for each face, and comments with the names.
+"""Named parts and the texture of the mesh in a PLY file.
 
     comment part 0 palm
-    property int part          of the element "face"
+    property int part          of the element "face": a number for each
+    property float texture_x   of the element "vertex", and y and z: coordinates fixed to the body
 
-Other programs read the same triangles and skip both.
+Other programs read the same triangles and skip all of it.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from clradar.files.meshes.parts import Parts
 
 PROPERTY = "part"
 
+TEXTURE = ("texture_x", "texture_y", "texture_z")
+
 MOST_PARTS = 1000
 """A property "part" with more values than this is something else, such as a number per face."""
 
@@ -28,7 +31,11 @@ MOST_HEADER_BYTES = 2**18
 
 
 def ply_of_parts(
-    vertices_m: np.ndarray, faces: np.ndarray, part: np.ndarray, names: Sequence[str]
+    vertices_m: np.ndarray,
+    faces: np.ndarray,
+    part: np.ndarray,
+    names: Sequence[str],
+    texture_m: np.ndarray | None = None,
 ) -> bytes:
     """The content of a PLY file with vertices and faces in this order, coordinates in float32.
 
@@ -39,6 +46,7 @@ def ply_of_parts(
     part : ndarray, shape (n_faces,)
         Index into `names` of each face.
     names : sequence of str
+    texture_m : ndarray, shape (n_vertices, 3), metres, optional
 
     Examples
     --------
@@ -51,10 +59,36 @@ def ply_of_parts(
 
     mesh = trimesh.Trimesh(vertices_m, faces, process=False)
     mesh.face_attributes[PROPERTY] = np.asarray(part, np.int32)
+    if texture_m is not None:
+        for name, column in zip(TEXTURE, np.asarray(texture_m, np.float32).T, strict=True):
+            mesh.vertex_attributes[name] = column
     content: bytes = mesh.export(file_type="ply", vertex_normal=False)
     comments = "".join(f"comment {PROPERTY} {i} {clean(n)}\n" for i, n in enumerate(names))
     magic, form, rest = content.split(b"\n", 2)
     return b"\n".join([magic, form, comments.encode() + rest])
+
+
+def with_texture(parts: Parts, scene: Any) -> Parts:
+    """The texture of a PLY file's mesh, if its vertices have the properties and no NaN in them.
+
+    Parameters are those of `with_parts`.
+    """
+    columns = [_property(scene, "vertex", name) for name in TEXTURE]
+    if any(len(column) != len(parts.vertices) for column in columns):
+        return parts
+    texture = np.stack(columns, axis=1)
+    if texture.dtype.kind not in "iuf" or not np.isfinite(texture).all():
+        return parts
+    return replace(parts, texture=texture.astype(np.float64))
+
+
+def _property(scene: Any, element: str, name: str) -> np.ndarray:
+    """What trimesh has read of a property, of the first mesh; empty if there is none."""
+    properties = [g.metadata.get("_ply_raw", {}).get(element, {}) for g in scene.geometry.values()]
+    try:
+        return np.asarray(properties[0]["data"][name]).reshape(-1)
+    except (KeyError, TypeError, ValueError, IndexError):
+        return np.empty(0)
 
 
 def with_parts(parts: Parts, scene: Any, content: bytes) -> Parts:
@@ -69,11 +103,7 @@ def with_parts(parts: Parts, scene: Any, content: bytes) -> Parts:
     content : bytes
         Of the file. A part without a name in it has its number as name.
     """
-    properties = [g.metadata.get("_ply_raw", {}).get("face", {}) for g in scene.geometry.values()]
-    try:
-        numbers = np.asarray(properties[0]["data"][PROPERTY]).reshape(-1)
-    except (KeyError, TypeError, ValueError, IndexError):
-        return parts
+    numbers = _property(scene, "face", PROPERTY)
     # Polygons that were cut into triangles have fewer numbers than there are faces.
     if numbers.dtype.kind not in "iu" or len(numbers) != len(parts.faces):
         return parts

@@ -28,7 +28,7 @@ EXPECTED = f"a mesh file ({', '.join(FORMATS)})"
 
 _MODULES = ("trimesh", "trimesh.path.entities")  # the latter for lines among the triangles
 
-_MOST_BYTES = 24 * MAX_MESH_VERTICES + 16 * MAX_MESH_FACES
+_MOST_BYTES = 48 * MAX_MESH_VERTICES + 16 * MAX_MESH_FACES
 
 
 def read_mesh_file(path: Path) -> Parts:
@@ -73,9 +73,7 @@ def _contents(path: Path) -> dict[str, Any]:
     content = read_bytes(path, EXPECTED, MAX_MESH_BYTES, error=MeshError)
     with reading(path, EXPECTED, error=MeshError):
         parts = read_with_trimesh(path, content, path.suffix.lower()[1:])
-    return {
-        "vertices": parts.vertices,
-        "faces": parts.faces,
-        "part": parts.part,
-        "names": list(parts.names),
-    }
+    found = {"vertices": parts.vertices, "faces": parts.faces, "part": parts.part}
+    if parts.texture is not None:
+        found["texture"] = parts.texture
+    return {**found, "names": list(parts.names)}

@@ -18,7 +18,7 @@ from clradar.files.failures import clean, fail, reading
 from clradar.files.limits import MAX_MESH_BYTES
 from clradar.files.meshes import gltf_document, obj_text
 from clradar.files.meshes.parts import Parts, Piece, check_counts, placed
-from clradar.files.meshes.ply_parts import with_parts
+from clradar.files.meshes.ply_parts import with_parts, with_texture
 
 _OTHER_PACKAGES = {"3mf": "lxml networkx", "dae": "pycollada"}
 
@@ -112,7 +112,7 @@ def read_with_trimesh(path: Path, content: bytes, kind: str) -> Parts:
     name, *others = parts.names
     if not options and not others and name.startswith("geometry_"):  # trimesh's for none
         parts = replace(parts, names=(path.name,))
-    return with_parts(parts, scene, content) if kind == "ply" else parts
+    return with_texture(with_parts(parts, scene, content), scene) if kind == "ply" else parts
 
 
 def _loaded(path: Path, content: bytes, kind: str, options: dict[str, Any]) -> Any:
