@@ -26,12 +26,15 @@ from clradar.model import (
     Material,
     Paths,
     PermittivityTable,
+    PowerLaw,
     Scene,
     TraceStatistics,
     Volume,
     VoxelGrid,
     Waveform,
     material,
+    read_materials,
+    write_materials,
 )
 from clradar.opencl import Device, list_devices, open_device
 from clradar.simulation import simulate
@@ -58,6 +61,7 @@ __all__ = [
     "Metrics",
     "Paths",
     "PermittivityTable",
+    "PowerLaw",
     "Scene",
     "SimulationSettings",
     "TraceStatistics",
@@ -77,10 +81,12 @@ __all__ = [
     "open_dataset",
     "open_device",
     "place_grid",
+    "read_materials",
     "room_capture",
     "simulate",
     "synthesize",
     "trace",
+    "write_materials",
 ]
 
 

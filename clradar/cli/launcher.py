@@ -19,6 +19,7 @@ from clradar.files.own_packages import require_own
 
 COMMANDS = {
     "devices": "List the OpenCL devices, and which of them is used.",
+    "materials": "List materials: permittivity, reflectance over the band, roughness, source.",
     "demo": "Simulate, image and compare the embedded hand, with figure and metrics.",
     "hand": "Write the mesh of a posed hand.",
     "simulate": "Simulate what the radar would record of one or several meshes.",

@@ -20,7 +20,7 @@ MAX_JSON_DEPTH = 64
 """Nesting of lists and mappings."""
 
 MAX_TOML_BYTES = 2**18
-"""Layouts, poses, mappings of rigs."""
+"""Layouts, poses, mappings of rigs, materials."""
 
 MAX_PLAN_BYTES = 2**20
 """Plans of data sets: they can list thousands of poses."""

@@ -108,6 +108,11 @@ class StrictTable(Table):
             self.fail(key, "a table of that name", "none")
         return StrictTable(self._source, self.place(key), self.raw(key, {}))
 
+    def fail_with(self, remark: str) -> NoReturn:
+        """Raise the error that names the file, and this table as the start of the remark."""
+        place = f"{self.place('')}{remark}".lstrip(".: ")
+        raise MeasurementError(f"{clean(self._source)}: {place}")
+
     def text(self, key: str, expected: str = "a key of the file") -> str | None:
         value = self.raw(key)
         good = isinstance(value, str) and 0 < len(value) <= 1000 and "\0" not in value

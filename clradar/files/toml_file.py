@@ -18,6 +18,9 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
+_LIST_CHARACTERS = 100
+"""A longer list gets a line for each item; long lines are refused by `parse_toml`."""
+
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+\Z")
 
 
@@ -55,7 +58,7 @@ def toml_string(text: str) -> str:
 
 
 def toml_document(content: Mapping[str, Any]) -> str:
-    """Return a document of strings, floats and tables of them, nested to any depth."""
+    """Return a document of strings, numbers, truth values, lists and tables of them."""
     return "\n".join(_lines(content, ())).strip("\n") + "\n"
 
 
@@ -66,13 +69,22 @@ def _lines(table: Mapping[str, Any], place: tuple[str, ...]) -> list[str]:
         lines.append(f"[{'.'.join(map(_key, place))}]")
     for key, value in table.items():
         if key not in inner:
-            written = toml_string(value) if isinstance(value, str) else repr(value)
-            lines.append(f"{_key(key)} = {written}")
+            lines.append(f"{_key(key)} = {_value(value)}")
     if lines:
         lines.append("")
     for key, value in inner.items():
         lines += _lines(value, (*place, key))
     return lines
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list):
+        items = [_value(item) for item in value]
+        line = f"[{', '.join(items)}]"
+        return line if len(line) <= _LIST_CHARACTERS else "[\n" + ",\n".join(items) + "\n]"
+    return toml_string(value) if isinstance(value, str) else repr(value)
 
 
 def _key(key: str) -> str:

@@ -6,9 +6,15 @@ from clradar.model.channels import ChannelCalibration, ChannelResponse
 from clradar.model.grid import VoxelGrid
 from clradar.model.known_materials import material
 from clradar.model.material import METAL, Coating, Material
+from clradar.model.material_file import (
+    material_of,
+    material_record,
+    read_materials,
+    write_materials,
+)
 from clradar.model.paths import Paths, TraceStatistics
 from clradar.model.pattern import AntennaPattern
-from clradar.model.permittivity import ColeCole, PermittivityTable
+from clradar.model.permittivity import ColeCole, PermittivityTable, PowerLaw
 from clradar.model.scene import Scene
 from clradar.model.volume import DepthMap, Volume
 from clradar.model.waveform import Waveform
@@ -26,12 +32,17 @@ __all__ = [
     "Material",
     "Paths",
     "PermittivityTable",
+    "PowerLaw",
     "Scene",
     "TraceStatistics",
     "Volume",
     "VoxelGrid",
     "Waveform",
     "material",
+    "material_of",
+    "material_record",
+    "read_materials",
+    "write_materials",
 ]
 
 

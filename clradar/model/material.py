@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from clradar import constants
+from clradar.errors import ModelError, quoted
 from clradar.model import checks, fresnel
 from clradar.model.permittivity import Permittivity, checked, permittivity_at
 from clradar.model.plausible import check_plausible
@@ -21,7 +22,7 @@ class Coating(Record):
     Parameters
     ----------
     thickness_m : float, metres
-    permittivity : complex, ColeCole or PermittivityTable
+    permittivity : complex, ColeCole, PowerLaw or PermittivityTable
         Relative, eps' - j eps''.
 
     Raises
@@ -40,9 +41,9 @@ class Coating(Record):
     permittivity: Permittivity
 
     def __post_init__(self) -> None:
-        field = "Coating.thickness_m"
-        thickness_m = checks.positive(field, self.thickness_m)
-        check_plausible(field, "a thickness", thickness_m, constants.PLAUSIBLE_COATING_M)
+        label = "Coating.thickness_m"
+        thickness_m = checks.positive(label, self.thickness_m)
+        check_plausible(label, "a thickness", thickness_m, constants.PLAUSIBLE_COATING_M)
         eps = checked("Coating.permittivity", self.permittivity)
         self._set(thickness_m=thickness_m, permittivity=eps)
 
@@ -54,7 +55,7 @@ class Material(Record):
     Parameters
     ----------
     name : str
-    permittivity : complex, ColeCole or PermittivityTable, optional
+    permittivity : complex, ColeCole, PowerLaw or PermittivityTable, optional
         Relative, eps' - j eps'' for the time factor exp(+j w t); of a half space. Needed unless
         `conductor`.
     conductor : bool
@@ -68,7 +69,7 @@ class Material(Record):
     micro_roughness_rms_m : float, metres
         Root mean square of heights that are finer than the samples of a simulation.
     source : str
-        Where the values are from.
+        Where the values are from; materials that differ in it alone are equal.
 
     Raises
     ------
@@ -94,10 +95,11 @@ class Material(Record):
     roughness_rms_m: float = 0.0
     correlation_length_m: float | None = None
     micro_roughness_rms_m: float = 0.0
-    source: str = ""
+    source: str = field(default="", compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        checks.text("Material.name", self.name)
+        if not checks.text("Material.name", self.name).strip():
+            checks.fail("Material.name", "a name", repr(self.name))
         checks.text("Material.source", self.source)
         if not isinstance(self.conductor, bool | np.bool_):
             checks.fail("Material.conductor", "True or False", repr(self.conductor))
@@ -116,17 +118,17 @@ class Material(Record):
             "roughness_rms_m": constants.PLAUSIBLE_ROUGHNESS_M,
             "micro_roughness_rms_m": constants.PLAUSIBLE_MICRO_ROUGHNESS_M,
         }
-        for field, bounds in heights.items():
-            height_m = checks.real(f"Material.{field}", getattr(self, field))
-            check_plausible(f"Material.{field}", "an RMS height", height_m, bounds)
-            self._set(**{field: height_m})
-        field = "Material.correlation_length_m"
+        for name, bounds in heights.items():
+            height_m = checks.real(f"Material.{name}", getattr(self, name))
+            check_plausible(f"Material.{name}", "an RMS height", height_m, bounds)
+            self._set(**{name: height_m})
+        label = "Material.correlation_length_m"
         if self.correlation_length_m is not None:
-            length_m = checks.positive(field, self.correlation_length_m)
-            check_plausible(field, "a length", length_m, constants.PLAUSIBLE_CORRELATION_M)
+            length_m = checks.positive(label, self.correlation_length_m)
+            check_plausible(label, "a length", length_m, constants.PLAUSIBLE_CORRELATION_M)
             self._set(correlation_length_m=length_m)
         elif self.roughness_rms_m > 0:
-            checks.fail(field, "a length, since roughness_rms_m is positive", "None")
+            checks.fail(label, "a length, since roughness_rms_m is positive", "none")
 
     @property
     def rms_slope(self) -> float:
@@ -145,7 +147,13 @@ class Material(Record):
         """
         if self.permittivity is None:
             checks.fail("Material.permittivity_at", "a dielectric", f"the conductor {self.name!r}")
-        return permittivity_at(self.permittivity, frequency_hz)
+        return self._at("permittivity", self.permittivity, frequency_hz)
+
+    def _at(self, label: str, eps: Permittivity, frequency_hz: Any) -> np.ndarray:
+        try:
+            return permittivity_at(eps, frequency_hz)
+        except ModelError as error:
+            raise ModelError(f"material {quoted(self.name)}: {label}: {error}") from error
 
     def fresnel(self, frequency_hz: Any, cos_incidence: Any) -> tuple[np.ndarray, np.ndarray]:
         """Return the reflection coefficients r_s and r_p, complex128, shape (n, m) each.
@@ -168,8 +176,8 @@ class Material(Record):
             r_s, r_p = fresnel.half_space(eps, cosines)
             shape = (len(frequencies), len(cosines))
             return np.broadcast_to(r_s, shape), np.broadcast_to(r_p, shape)
-        layer = permittivity_at(self.coating.permittivity, frequencies)[:, None]
-        return fresnel.coated(eps, layer, self.coating.thickness_m, frequencies, cosines)
+        layer = self._at("coating.permittivity", self.coating.permittivity, frequencies)
+        return fresnel.coated(eps, layer[:, None], self.coating.thickness_m, frequencies, cosines)
 
     def reflection(self, frequency_hz: Any, cos_incidence: Any) -> np.ndarray:
         """Return the reflection coefficient of the simulation, averaged over polarisation.

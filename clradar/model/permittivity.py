@@ -9,12 +9,15 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from clradar.constants import PLAUSIBLE_HZ, VACUUM_PERMITTIVITY_F_PER_M
+from clradar.errors import ModelError
 from clradar.model import checks
 from clradar.model.plausible import check_plausible
 from clradar.model.record import Record
 
 MAX_POLES = 16
-MAX_TABLE_ROWS = 10_000
+MAX_EXPONENT = 10.0
+MAX_TABLE_ROWS = 2000
+"""More would not fit into a file of materials."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -76,6 +79,52 @@ class ColeCole(Record):
 
 
 @dataclass(frozen=True, slots=True, repr=False)
+class PowerLaw(Record):
+    """Permittivity as Recommendation ITU-R P.2040 has it for building materials.
+
+    Parameters
+    ----------
+    a, b : float
+        eps' = a f^b, f in gigahertz.
+    c, d : float
+        Conductivity c f^d in S/m; eps'' = conductivity / (2 pi f eps_0), f in hertz.
+
+    Raises
+    ------
+    ModelError
+        `a` that is not positive, a negative `c`, an exponent beyond -10 to 10.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> wood = clradar.PowerLaw(1.99, 0.0, 0.0047, 1.0718)
+    >>> print(f"{wood.at(77e9)[0]:.2f}")
+    1.99-0.12j
+    """
+
+    a: float
+    b: float = 0.0
+    c: float = 0.0
+    d: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._set(a=checks.positive("PowerLaw.a", self.a), c=_not_negative("PowerLaw.c", self.c))
+        for name in ("b", "d"):
+            exponent = checks.real(f"PowerLaw.{name}", getattr(self, name))
+            if abs(exponent) > MAX_EXPONENT:
+                expected = f"an exponent from -{MAX_EXPONENT:g} to {MAX_EXPONENT:g}"
+                checks.fail(f"PowerLaw.{name}", expected, f"{exponent:g}")
+            self._set(**{name: exponent})
+
+    def at(self, frequency_hz: Any) -> np.ndarray:
+        """Return the permittivity, complex128, shape (n,), at frequencies in hertz."""
+        frequencies = _frequencies(frequency_hz)
+        sigma = self.c * (frequencies / 1e9) ** self.d
+        loss = sigma / (2 * np.pi * frequencies * VACUUM_PERMITTIVITY_F_PER_M)
+        return np.asarray(self.a * (frequencies / 1e9) ** self.b - 1j * loss, np.complex128)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
 class PermittivityTable(Record):
     """Permittivity measured at some frequencies; linear in both parts between them.
 
@@ -120,31 +169,29 @@ class PermittivityTable(Record):
         Raises
         ------
         ModelError
-            A frequency outside the table.
+            A frequency outside the table; nothing is extrapolated.
         """
         asked = _frequencies(frequency_hz)
         low, high = self.frequency_hz[0], self.frequency_hz[-1]
         if asked.min() < low or asked.max() > high:
-            checks.fail(
-                "frequency_hz",
-                f"frequencies within those of the table, {low / 1e9:g} to {high / 1e9:g} GHz",
-                f"{asked.min() / 1e9:g} to {asked.max() / 1e9:g} GHz",
+            raise ModelError(
+                f"expected frequencies within its table, {low / 1e9:.6g} to {high / 1e9:.6g} GHz, "
+                f"got {asked.min() / 1e9:.6g} to {asked.max() / 1e9:.6g} GHz"
             )
         eps = np.asarray(self.permittivity, np.complex128)
         return np.asarray(np.interp(asked, self.frequency_hz, eps), np.complex128)
 
 
-Permittivity: TypeAlias = complex | ColeCole | PermittivityTable
+Permittivity: TypeAlias = complex | ColeCole | PowerLaw | PermittivityTable
 
 
 def checked(field: str, value: Any) -> Permittivity:
     """Return a permittivity in its stored form: a record, or a passive complex number."""
-    if isinstance(value, ColeCole | PermittivityTable):
+    if isinstance(value, ColeCole | PowerLaw | PermittivityTable):
         return value
     if isinstance(value, str | bytes | bool | np.bool_) or not checks.is_single(value):
-        checks.fail(
-            field, "a complex number, a ColeCole or a PermittivityTable", type(value).__name__
-        )
+        expected = "a complex number, a ColeCole, a PowerLaw or a PermittivityTable"
+        checks.fail(field, expected, type(value).__name__)
     try:
         number = complex(value)
     except (TypeError, ValueError, OverflowError):
@@ -166,7 +213,7 @@ def passive(field: str, number: complex) -> complex:
 
 def permittivity_at(value: Permittivity, frequency_hz: Any) -> np.ndarray:
     """Return a permittivity, complex128, shape (n,), at frequencies in hertz."""
-    if isinstance(value, ColeCole | PermittivityTable):
+    if isinstance(value, ColeCole | PowerLaw | PermittivityTable):
         return value.at(frequency_hz)
     return np.full(len(_frequencies(frequency_hz)), value, np.complex128)
 

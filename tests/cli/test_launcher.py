@@ -39,6 +39,7 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
 
 HELP = {
     "devices": "CLRADAR_DEVICE",
+    "materials": "[FILE.toml]... --band-ghz FIRST:LAST --json docs/materials.md metres",
     "demo": "--full --force --device SNR",
     "hand": "--edge-mm --left --list --joints --length-mm --device metres",
     "simulate": "--alpha --unit --transform --samples-per-mm2 --rays-per-sample --rays-per-face "

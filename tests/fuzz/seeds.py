@@ -242,6 +242,12 @@ def layouts() -> list[bytes]:
     return [LAYOUT, *(path.read_bytes() for path in sorted(shipped.glob("*.toml")))]
 
 
+def materials() -> list[bytes]:
+    """The file of docs/materials.md, which has every kind of permittivity."""
+    page = Path(__file__).resolve().parents[2] / "docs" / "materials.md"
+    return [page.read_text(encoding="utf-8").split("```toml\n")[1].split("```")[0].encode()]
+
+
 def _hand_model() -> dict[str, Any]:
     """A MANO model of 48 vertices, three at each joint."""
     from mano_files import ORDER, PARENTS, TURN

@@ -13,7 +13,14 @@ import numpy as np
 from clradar.dataset.plan.table import PlanError
 from clradar.dataset.store.folder import Manifest, read_manifest
 from clradar.errors import MeasurementError, MeshError, RigError
-from clradar.model import Capture, ChannelCalibration, DepthMap, Scene, Volume
+from clradar.model import (
+    Capture,
+    ChannelCalibration,
+    DepthMap,
+    Scene,
+    Volume,
+    read_materials,
+)
 from clradar.rigs import Rig, read_rig
 from fuzz import (
     mutate_bytes,
@@ -430,6 +437,25 @@ TARGETS = {
             (mutate_text.mutate_lines,),
             (b"[data]", b"axes", b'"tx"', b"= 1e999", b"[[", b'"""', b"\\u0000", b"inf", b"nan"),
             file_name="lab.toml",
+        ),
+        Target(
+            "materials_toml",
+            seeds.materials,
+            read_materials,
+            (dict,),
+            (mutate_text.mutate_lines,),
+            (
+                b"permittivity",
+                b"poles",
+                b"frequency_hz",
+                b'"1-1j"',
+                b"= 1e999",
+                b"[[",
+                b"nan",
+                b"{",
+            ),
+            file_name="lab.toml",
+            short_run=100,
         ),
     )
 }

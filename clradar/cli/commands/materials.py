@@ -1,0 +1,107 @@
+"""``clradar materials``: list materials, and what they reflect over the band."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from clradar.cli.console import print_line, print_table, print_text
+from clradar.cli.options.groups import argument, option
+from clradar.cli.options.values import check_unit, finite, numbers, wrong_usage
+from clradar.constants import PLAUSIBLE_HZ
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from clradar import Material
+
+FREQUENCIES = 101
+"""Of the band, at which the reflectance is looked for its extremes."""
+
+
+def command(
+    files: list[Path] = argument(
+        (), "Materials of your own, in place of those that come along.", metavar="FILE.toml"
+    ),
+    band_ghz: str = option("72:82", "Band of the reflectance.", metavar="FIRST:LAST"),
+    as_json: bool = option(
+        False, "Print JSON for programs, in metres and hertz.", names=("--json",)
+    ),
+) -> None:
+    """Permittivity and phase are at the middle of the band, at normal incidence; the phase is
+    relative to metal. h is the RMS height and l the correlation length of the roughness, h_micro
+    the RMS height of what is finer. docs/materials.md describes the files, and discusses the
+    sources.
+    """
+    import numpy as np
+
+    from clradar.files.json_text import indented
+    from clradar.model.known_materials import KNOWN
+    from clradar.model.material_file import read_materials
+
+    first_hz, last_hz = _band(band_ghz)
+    frequencies_hz = np.linspace(first_hz, last_hz, FREQUENCIES)
+    found = [own for file in files for own in read_materials(file).values()]
+    records = [_figures(own, frequencies_hz) for own in found or KNOWN.values()]
+    if as_json:
+        print_text(indented(records))
+        return
+    columns = ("name", "permittivity", "coating", "reflectance dB", "phase deg", "h mm", "l mm",
+               "h_micro mm", "source")  # fmt: skip
+    print_table(columns, [_row(record) for record in records], right=columns[3:8])
+    print_line(f"reflectance from {band_ghz.replace(':', ' to ')} GHz, at normal incidence")
+
+
+def _band(text: str) -> tuple[float, float]:
+    """The ends of the band in hertz."""
+    ends = numbers(text, ":")
+    if len(ends) != 2 or not finite(ends) or ends[1] < ends[0]:
+        raise wrong_usage("--band-ghz", f"expected FIRST:LAST with FIRST <= LAST, got '{text}'")
+    for end in ends:
+        check_unit("--band-ghz", "a frequency", end, PLAUSIBLE_HZ, "GHz")
+    return 1e9 * ends[0], 1e9 * ends[1]
+
+
+def _figures(material: Material, frequencies_hz: np.ndarray) -> dict[str, Any]:
+    """The record of a material with its reflectance: values of JSON, metres and hertz."""
+    import numpy as np
+
+    from clradar.model.material_file import material_record
+
+    gamma = material.reflection(frequencies_hz, 1.0)[:, 0]
+    middle = len(gamma) // 2
+    power = np.abs(gamma) ** 2
+    eps = None if material.conductor else complex(material.permittivity_at(frequencies_hz)[middle])
+    return {
+        "material": material_record(material),
+        "band_hz": [float(frequencies_hz[0]), float(frequencies_hz[-1])],
+        "permittivity_at_middle": None if eps is None else [eps.real, eps.imag],
+        "reflectance_db": [_decibels(power.min()), _decibels(power.max())],
+        "phase_deg": math.degrees(np.angle(-gamma[middle])),
+    }
+
+
+def _decibels(power: float) -> float | None:
+    """The level; None where nothing is reflected."""
+    return 10 * math.log10(power) + 0.0 if power > 0 else None
+
+
+def _row(record: dict[str, Any]) -> tuple[str, ...]:
+    own, eps = record["material"], record["permittivity_at_middle"]
+    low, high = ("-inf" if db is None else f"{db:.1f}" for db in record["reflectance_db"])
+    coating = own.get("coating")
+    return (
+        own["name"],
+        "conductor" if eps is None else f"{eps[0]:.2f} - {-eps[1]:.3g}j",
+        "" if coating is None else f"{1e3 * coating['thickness_m']:g} mm",
+        low if low == high else f"{low} .. {high}",
+        f"{round(record['phase_deg'], 1) + 0.0:.1f}",
+        *(_millimetres(own.get(f"{name}_m")) for name in
+          ("roughness_rms", "correlation_length", "micro_roughness_rms")),
+        own.get("source", ""),
+    )  # fmt: skip
+
+
+def _millimetres(length_m: float | None) -> str:
+    return "" if length_m is None else f"{1e3 * length_m:g}"

@@ -1,0 +1,70 @@
+"""``clradar materials``."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from command_line import Run, one_error_line
+
+from clradar import Coating, Material, PermittivityTable, write_materials
+from clradar.model import material_of
+from clradar.model.known_materials import KNOWN
+
+
+def test_known_materials_are_listed(run: Run) -> None:
+    outcome = run("materials")
+    assert (outcome.status, outcome.err) == (0, "")
+    lines = outcome.out.splitlines()
+    for column in ("name", "permittivity", "reflectance dB", "phase deg", "h mm", "l mm", "source"):
+        assert column in lines[0]
+    rows = {line.split()[0]: line for line in lines[2:-1]}
+    assert list(rows) == list(KNOWN)
+    assert "conductor" in rows["metal"]
+    assert "6.56 - 8.91j" in rows["palm"]
+    assert "0.14 mm" in rows["palm"]
+    assert "-6.2 .. -5.6" in rows["palm"]
+    assert "-39.9" in rows["palm"]
+    assert lines[-1] == "reflectance from 72 to 82 GHz, at normal incidence"
+
+
+def test_own_materials(run: Run, tmp_path: Path) -> None:
+    lab, more = tmp_path / "lab.toml", tmp_path / "more.json"
+    resin = Material("resin", PermittivityTable([75e9, 80e9], [2.9 - 0.04j, 2.8 - 0.06j]))
+    paint = Material("paint", conductor=True, coating=Coating(1e-4, 3.5), source="[bold]guess")
+    write_materials(lab, [resin])
+    write_materials(more, [paint, Material("air", 1.0)])
+    outcome = run("materials", lab, more, "--band-ghz", "76:79")
+    assert outcome.status == 0, outcome.err
+    assert [line.split()[0] for line in outcome.out.splitlines()[2:-1]] == ["resin", "paint", "air"]
+    assert "[bold]guess" in outcome.out
+    assert "-inf" in outcome.out
+    outcome = run("materials", lab, more, "--band-ghz", "76:79", "--json")
+    records = json.loads(outcome.out)
+    assert [material_of(record["material"]) for record in records][:2] == [resin, paint]
+    assert records[0]["band_hz"] == [76e9, 79e9]
+    assert records[0]["permittivity_at_middle"] == pytest.approx([2.85, -0.05], abs=1e-12)
+    # 1 - 2 n / (1 + n) at both ends.
+    ends = [20 * math.log10(abs((1 - n) / (1 + n))) for n in (
+        (2.88 - 0.044j) ** 0.5, (2.82 - 0.056j) ** 0.5)]  # fmt: skip
+    assert sorted(records[0]["reflectance_db"]) == pytest.approx(sorted(ends), abs=1e-9)
+    assert records[2]["reflectance_db"] == [None, None]
+    one_error_line(
+        run("materials", lab), "material resin: permittivity", "75 to 80 GHz", "72 to 82"
+    )
+
+
+@pytest.mark.parametrize("band", ["72", "82:72", "a:b", "72:nan", "72e9:82e9", "72:82:1"])
+def test_bands_that_are_none(run: Run, band: str) -> None:
+    outcome = run("materials", "--band-ghz", band)
+    assert outcome.status == 2
+    assert "--band-ghz" in outcome.err
+
+
+def test_files_that_are_none(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text("[x]\npermitivity = 3", encoding="utf-8")
+    one_error_line(run("materials", path), "lab.toml", "x.permitivity: unknown key", "permittivity")
+    one_error_line(run("materials", tmp_path / "gone.toml"), "gone.toml", "nothing there")

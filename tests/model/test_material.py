@@ -1,0 +1,338 @@
+"""Materials: reflection against boundary conditions and closed forms, and what is refused."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import clradar
+from clradar import METAL, Coating, ColeCole, Material, PermittivityTable, PowerLaw, Waveform
+from clradar.errors import ClradarWarning, ModelError
+from clradar.model.fresnel import coated, half_space
+from clradar.model.kirchhoff import check_kirchhoff, curvature_radius_m
+from clradar.model.known_materials import HORNY_LAYER, KNOWN
+
+C = 299_792_458.0
+EPS_0 = 8.8541878128e-12
+BAND = np.array([72e9, 77e9, 82e9])
+COSINES = np.cos(np.deg2rad([0, 20, 45, 70, 85, 89.9]))
+
+ROUNDING = 1e-12
+"""Of a few hundred operations in float64 on numbers of about 1, with a margin of ten."""
+
+
+def by_boundary_conditions(
+    layers: list[complex | None], thicknesses_m: list[float], frequency_hz: float, cosine: float
+) -> tuple[complex, complex]:
+    """r_s and r_p of layers, by solving the equations that the fields obey at each boundary.
+
+    The last layer is a half space, or a conductor where it is None. U is the electric field for s
+    and the magnetic one for p; it and its slope (for p over the permittivity) are continuous. On a
+    conductor the electric one of the two is 0. Unknown are the wave that goes back from each
+    boundary and the one that goes on.
+    """
+    k = 2 * np.pi * frequency_hz / C
+    eps = [1.0 + 0j, *(e for e in layers if e is not None)]
+    kz = [k * np.conj(np.sqrt(np.conj(e) - 1 + cosine**2)) for e in eps]
+    ends = np.concatenate([[0.0], np.cumsum(thicknesses_m)])
+    count = len(ends) + len(eps) - 1  # waves back in front of each boundary, waves on behind it
+    found = []
+    for kind in "sp":
+
+        def wave(medium: int, sign: int, z: float, slope: bool, kind: str = kind) -> complex:
+            weight = sign * 1j * kz[medium] / (eps[medium] if kind == "p" else 1)
+            return np.exp(sign * 1j * kz[medium] * z) * (weight if slope else 1)
+
+        matrix, right = [], []
+        for at, z in enumerate(ends):
+            behind = at + 1 < len(eps)
+            for slope in (False, True) if behind else (kind == "p",):
+                row = np.zeros(count, complex)
+                row[at] = wave(at, +1, z, slope)
+                if at > 0:
+                    row[len(ends) + at - 1] = wave(at, -1, z, slope)
+                if behind:
+                    row[len(ends) + at] = -wave(at + 1, -1, z, slope)
+                if at + 1 < len(ends):
+                    row[at + 1] = -wave(at + 1, +1, z, slope)
+                matrix.append(row)
+                right.append(-wave(0, -1, z, slope) if at == 0 else 0)
+        found.append(np.linalg.solve(matrix, right)[0])
+    return found[0], found[1]
+
+
+STACKS = {
+    "dielectric": Material("x", 2.5 - 0.1j),
+    "lossless": Material("x", 6.0),
+    "skin": KNOWN["skin"],
+    "palm": KNOWN["palm"],
+    "thick layer": Material("x", 6 - 9j, coating=Coating(5e-3, 3 - 0.01j)),
+    "dense on thin": Material("x", 1.5, coating=Coating(0.3e-3, 9 - 2j)),
+    "paint on metal": Material("x", conductor=True, coating=Coating(0.2e-3, 3.5 - 0.05j)),
+    "lossless on metal": Material("x", conductor=True, coating=Coating(0.7e-3, 4.0)),
+}
+
+
+@pytest.mark.parametrize("name", STACKS)
+def test_reflection_is_that_of_the_boundary_conditions(name: str) -> None:
+    own = STACKS[name]
+    r_s, r_p = own.fresnel(BAND, COSINES)
+    for i, frequency in enumerate(BAND):
+        layers: list[Any] = [None if own.conductor else own.permittivity_at(frequency)[0]]
+        thicknesses = []
+        if own.coating is not None:
+            eps = own.coating.permittivity
+            layers.insert(0, eps.at(frequency)[0] if isinstance(eps, ColeCole) else eps)
+            thicknesses.append(own.coating.thickness_m)
+        for m, cosine in enumerate(COSINES):
+            s, p = by_boundary_conditions(layers, thicknesses, frequency, cosine)
+            assert abs(s - r_s[i, m]) < ROUNDING
+            assert abs(p - r_p[i, m]) < ROUNDING
+    gamma = own.reflection(BAND, COSINES)
+    assert gamma.shape == (3, 6)
+    assert gamma.dtype == np.complex128
+    assert np.array_equal(gamma, (r_s - r_p) / 2)
+
+
+def test_closed_forms_of_a_half_space() -> None:
+    eps = 2.94 - 0.06j
+    own = Material("x", eps)
+    n = np.sqrt(eps)
+    # Normal incidence: (1 - n) / (1 + n). Grazing: r_s = r_p = -1, so that they cancel.
+    assert abs(own.reflection(77e9, 1.0)[0, 0] - (1 - n) / (1 + n)) < ROUNDING
+    r_s, r_p = own.fresnel(77e9, 0.0)
+    assert np.allclose([r_s[0, 0], r_p[0, 0]], -1, rtol=0, atol=1e-5)
+    assert abs(own.reflection(77e9, 0.0)[0, 0]) < 1e-6
+    # Brewster's angle, tan = n, of a lossless one.
+    glass = Material("x", 6.25)
+    r_s, r_p = glass.fresnel(77e9, np.cos(np.arctan(2.5)))
+    assert abs(r_p[0, 0]) < ROUNDING
+    assert r_s[0, 0] == pytest.approx((1 - 6.25) / (1 + 6.25), abs=ROUNDING)
+    # Beyond the critical angle of a thinner medium everything is reflected.
+    thin = Material("x", 0.5)
+    for r in thin.fresnel(77e9, 0.5):
+        assert abs(abs(r[0, 0]) - 1) < ROUNDING
+    # The published value of the table of docs/materials.md: plaster of P.2040-1 at 77 GHz.
+    assert 20 * np.log10(abs(own.reflection(77e9, 1.0)[0, 0])) == pytest.approx(-11.6, abs=0.05)
+
+
+def test_a_conductor_turns_the_field_at_every_angle() -> None:
+    assert np.array_equal(METAL.reflection(BAND, COSINES), np.full((3, 6), -1))
+    # A good conductor comes near it: |1 + r| of copper is 1.4 (f eps_0 pi 4 / sigma)^0.5.
+    copper = Material("copper", ColeCole(1.0, sigma_s_per_m=5.8e7))
+    assert np.abs(copper.reflection(BAND, 1.0) + 1).max() < 1e-3
+
+
+def test_quarter_and_half_wave_layers() -> None:
+    frequency, inner, layer = 77e9, 5.0, 2.2
+    wavelength = C / frequency / np.sqrt(layer)
+    quarter = Material("x", inner, coating=Coating(wavelength / 4, layer))
+    half = Material("x", inner, coating=Coating(wavelength / 2, layer))
+    # (n0 ns - n1^2) / (n0 ns + n1^2), and no trace of the layer.
+    n_s = np.sqrt(inner)
+    expected = (n_s - layer) / (n_s + layer)
+    assert quarter.reflection(frequency, 1.0)[0, 0] == pytest.approx(expected, abs=1e-12)
+    bare = Material("x", inner).reflection(frequency, 1.0)[0, 0]
+    assert half.reflection(frequency, 1.0)[0, 0] == pytest.approx(bare, abs=1e-12)
+    matched = Material("x", inner, coating=Coating(C / frequency / inner**0.25 / 4, n_s))
+    assert abs(matched.reflection(frequency, 1.0)[0, 0]) < 1e-12
+    metal = Material("x", conductor=True, coating=Coating(wavelength / 4, layer))
+    assert metal.reflection(frequency, 1.0)[0, 0] == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_layer_goes_over_into_none_and_into_a_half_space() -> None:
+    frequency = np.array([77e9])
+    inner, layer = np.array([[6 - 9j]]), np.array([[3 - 0.4j]])
+    none = np.array(coated(inner, layer, 0.0, frequency, COSINES))
+    assert np.abs(none - np.array(half_space(inner, COSINES))).max() < ROUNDING
+    # 0.1 m of a layer with loss: exp(-2 k Im(n) d) < 1e-16.
+    thick = np.array(coated(inner, layer, 0.1, frequency, COSINES))
+    assert np.abs(thick - np.array(half_space(layer, COSINES))).max() < ROUNDING
+    same = Material("x", 3 - 0.4j, coating=Coating(1e-3, 3 - 0.4j))
+    bare = Material("x", 3 - 0.4j)
+    assert np.abs(same.reflection(BAND, COSINES) - bare.reflection(BAND, COSINES)).max() < ROUNDING
+
+
+def test_no_passive_material_reflects_more_than_it_gets() -> None:
+    rng = np.random.default_rng(0)
+    cosines = np.concatenate([[0.0, 1e-6, 1e-3, 1.0], rng.random(28)])
+    for _ in range(300):
+
+        def drawn() -> complex:
+            return complex(10 ** rng.uniform(-1, 2), -(10 ** rng.uniform(-6, 3)) * rng.integers(2))
+
+        coating = Coating(10 ** rng.uniform(-6, -1.1), drawn()) if rng.integers(2) else None
+        kind = {"conductor": True} if rng.integers(3) == 0 else {"permittivity": drawn()}
+        own = Material("x", coating=coating, **kind)
+        r_s, r_p = own.fresnel(rng.uniform(1e9, 9e11, 4), cosines)
+        assert np.abs(r_s).max() < 1 + 1e-9
+        assert np.abs(r_p).max() < 1 + 1e-9
+        assert np.abs(r_s - r_p).max() / 2 < 1 + 1e-9
+
+
+def test_dispersion_is_that_of_the_tables_of_gabriel() -> None:
+    # IFAC-CNR's program after Gabriel (niremf.ifac.cnr.it): permittivity and conductivity in S/m.
+    published = {
+        "skin": {84.918e9: (6.1512, 38.711), 100e9: (5.5987, 39.433)},
+        "skin-wet": {84.918e9: (8.0029, 44.199), 100e9: (7.2453, 46.117)},
+    }
+    for name, rows in published.items():
+        for frequency, (real, sigma) in rows.items():
+            (eps,) = KNOWN[name].permittivity_at(frequency)
+            assert eps.real == pytest.approx(real, rel=5e-5)
+            assert -eps.imag * 2 * np.pi * frequency * EPS_0 == pytest.approx(sigma, rel=5e-5)
+    # A Debye term by its parts: at w tau = 1 half of it each, and w eps_0 sigma.
+    tau = 1 / (2 * np.pi * 10e9)
+    (eps,) = ColeCole(3.0, [(4.0, tau)], 2.0).at(10e9)
+    assert eps == pytest.approx(5 - 2j - 2j / (2 * np.pi * 10e9 * EPS_0), rel=1e-12)
+    # The horny layer of the palm, after Alekseev and Ziskin.
+    assert HORNY_LAYER.at(77e9)[0] == pytest.approx(3.08 - 0.41j, abs=0.005)
+    # ITU-R P.2040 at 60 GHz: plasterboard has 0.398 S/m.
+    (eps,) = KNOWN["plaster"].permittivity_at(60e9)
+    assert eps.real == 2.73
+    assert -eps.imag * 2 * np.pi * 60e9 * EPS_0 == pytest.approx(0.0085 * 60**0.9395, rel=1e-12)
+
+
+def test_a_table_is_linear_between_its_rows_and_ends_there() -> None:
+    table = PermittivityTable([70e9, 80e9, 90e9], [3 - 0.1j, 2.8 - 0.3j, 2.8 - 0.2j])
+    assert table.at([70e9, 75e9, 82.5e9, 90e9]) == pytest.approx(
+        [3 - 0.1j, 2.9 - 0.2j, 2.8 - 0.275j, 2.8 - 0.2j], abs=1e-12
+    )
+    resin = Material("resin", table)
+    with pytest.raises(ModelError, match="material resin: permittivity: expected") as caught:
+        resin.reflection([60e9, 82e9], 1.0)
+    assert str(caught.value).endswith("within its table, 70 to 90 GHz, got 60 to 82 GHz")
+    painted = Material("painted", conductor=True, coating=Coating(1e-4, table))
+    with pytest.raises(ModelError, match=r"material painted: coating\.permittivity: .* 70 to 90"):
+        painted.reflection(100e9, 1.0)
+
+
+REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
+    "gain": (lambda: Material("x", 3 + 0.1j), "passive permittivity, eps' - j eps'' with eps''"),
+    "gain of a coating": (lambda: Coating(1e-4, 3 + 1e-9j), "Coating.permittivity: expected a pas"),
+    "gain in a table": (
+        lambda: PermittivityTable([7e10, 8e10], [2, 2 + 1j]),
+        "2+1j, which has gain",
+    ),
+    "zero": (lambda: Material("x", 0.0), "positive real part, got 0+0j"),
+    "NaN": (lambda: Material("x", float("nan")), "a finite number"),
+    "infinite": (lambda: Material("x", complex(3, -np.inf)), "a finite number"),
+    "text": (lambda: Material("x", "3"), "a ColeCole, a PowerLaw or a PermittivityTable, got str"),
+    "neither": (lambda: Material("x"), "either a permittivity or conductor=True, got neither"),
+    "both": (lambda: Material("x", 3.0, conductor=True), "got both"),
+    "conductor": (lambda: Material("x", 3.0, conductor=1), "True or False, got 1"),
+    "no name": (lambda: Material(" ", 3.0), "Material.name: expected a name"),
+    "no length": (
+        lambda: Material("x", 3.0, roughness_rms_m=1e-4),
+        "Material.correlation_length_m: expected a length, since roughness_rms_m is positive",
+    ),
+    "h in mm": (
+        lambda: Material("x", 3.0, roughness_rms_m=0.15, correlation_length_m=3e-3),
+        "roughness_rms_m: expected an RMS height of at most 0.01 m, got 0.15 m; did you mean 0.15 "
+        "mm (0.00015 m)",
+    ),
+    "l in mm": (
+        lambda: Material("x", 3.0, roughness_rms_m=1e-4, correlation_length_m=3),
+        "did you mean 3 mm (0.003 m)",
+    ),
+    "micro in mm": (
+        lambda: Material("x", 3.0, micro_roughness_rms_m=0.02),
+        "micro_roughness_rms_m: expected an RMS height of at most 0.001 m, got 0.02 m; did you",
+    ),
+    "negative h": (lambda: Material("x", 3.0, roughness_rms_m=-1e-4), "an RMS height"),
+    "coating in mm": (lambda: Coating(0.14, 3.0), "did you mean 0.14 mm (0.00014 m)"),
+    "no coating": (lambda: Material("x", 3.0, coating=(1e-4, 3.0)), "a Coating, got tuple"),
+    "growing pole": (lambda: ColeCole(4, [(-1, 1e-12)]), "poles[0] delta: expected a number that"),
+    "pole": (lambda: ColeCole(4, [(1, 1e-12, 0.1, 3)]), "(delta, tau_s) or (delta, tau_s, alpha)"),
+    "alpha": (
+        lambda: ColeCole(4, [(1, 1e-12, 1.0)]),
+        "alpha: expected a number in [0, 1)",
+    ),
+    "tau": (lambda: ColeCole(4, [(1, 0.0)]), "tau_s: expected a positive number"),
+    "sigma": (lambda: ColeCole(4, (), -1), "sigma_s_per_m: expected a number that is not negative"),
+    "many poles": (lambda: ColeCole(4, [(1, 1e-12)] * 17), "at most 16 poles, got 17"),
+    "growing law": (lambda: PowerLaw(2, 0, -1), "PowerLaw.c: expected a number that is not negat"),
+    "exponent": (lambda: PowerLaw(2, 99), "PowerLaw.b: expected an exponent from -10 to 10"),
+    "table in GHz": (lambda: PermittivityTable([70, 80], [2, 2]), "did you mean 70 to 80 GHz"),
+    "table order": (lambda: PermittivityTable([8e10, 7e10], [2, 2]), "strictly ascending"),
+    "table lengths": (lambda: PermittivityTable([7e10, 8e10], [2]), "shape (2,), got shape (1,)"),
+    "one row": (lambda: PermittivityTable([7e10], [2]), "2 to 2000 frequencies, got 1"),
+    "unknown": (lambda: clradar.material("velvet"), "material: expected one of 'metal', 'skin'"),
+    "cosine": (lambda: METAL.reflection(77e9, 1.01), "cosines in [0, 1], got [1.01, 1.01]"),
+    "frequency": (lambda: METAL.reflection(77, 1.0), "did you mean 77 GHz"),
+    "no permittivity": (lambda: METAL.permittivity_at(77e9), "a dielectric, got the conductor"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_refused(name: str) -> None:
+    make, part = REFUSED[name]
+    with pytest.raises(ModelError) as caught:
+        make()
+    assert part in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("own", KNOWN.values(), ids=KNOWN)
+def test_known_materials(own: Material) -> None:
+    assert clradar.material(own.name) is own
+    assert own.source
+    check_kirchhoff(own, Waveform.sfcw(72e9, 82e9, 2))  # a warning is an error here
+    for again in (pickle.loads(pickle.dumps(own)), copy.deepcopy(own)):
+        assert again == own
+        assert hash(again) == hash(own)
+        assert again.source == own.source
+    assert repr(own).startswith(f"Material(name='{own.name}', permittivity=")
+    assert eval(repr(own), vars(clradar)) == own
+
+
+def test_materials_are_equal_by_value() -> None:
+    palm = clradar.material("palm")
+    assert replace(palm, roughness_rms_m=0.2e-3) != palm
+    assert replace(palm, source="measured") == palm
+    assert Material("metal", conductor=True) == METAL
+    table = PermittivityTable(np.array([7e10, 8e10]), np.array([2 - 1j, 3]))
+    assert table == PermittivityTable((7e10, 8e10), [2 - 1j, 3])
+    assert len({table, PermittivityTable((7e10, 8e10), [2 - 1j, 3])}) == 1
+    assert Material("x", 3) == Material("x", 3.0 + 0j)
+
+
+def test_radius_of_curvature_is_that_of_drawn_profiles() -> None:
+    # Mean of 1/|curvature'| as the formula has it: (1 + s^2)^1.5 / E|z''| with E|z''| replaced by
+    # the RMS 2 sqrt(3) h / l^2 of a Gaussian correlation: here from its fourth derivative, 12 h^2.
+    h, length = 0.15e-3, 3e-3
+    own = Material("x", 3.0, roughness_rms_m=h, correlation_length_m=length)
+    x = np.linspace(-0.02, 0.02, 5) * length
+
+    def correlation(r: np.ndarray) -> np.ndarray:
+        return h**2 * np.exp(-((r / length) ** 2))
+
+    step = x[1] - x[0]
+    fourth = (np.array([1, -4, 6, -4, 1]) @ correlation(x)) / step**4
+    slope = -np.array([0, 1, -2, 1, 0]) @ correlation(x) / step**2
+    expected = (1 + slope) ** 1.5 / np.sqrt(fourth)
+    assert curvature_radius_m(own) == pytest.approx(expected, rel=1e-3)
+    assert own.rms_slope == pytest.approx(np.sqrt(slope), rel=1e-3)
+    assert own.rms_slope == pytest.approx(0.0707, abs=1e-4)
+    assert curvature_radius_m(METAL) == np.inf
+    assert METAL.rms_slope == 0
+
+
+@pytest.mark.parametrize(
+    ("h_mm", "l_mm", "words"),
+    [
+        (1.0, 4.0, "RMS slope of 0.35"),
+        (0.3, 2.0, "mean radius of 4.1 mm, below 2 wave"),
+    ],
+)
+def test_what_kirchhoff_cannot_do_is_warned_of(h_mm: float, l_mm: float, words: str) -> None:
+    own = Material("x", 3.0, roughness_rms_m=h_mm / 1e3, correlation_length_m=l_mm / 1e3)
+    with pytest.warns(ClradarWarning, match="material 'x': roughness of") as caught:
+        check_kirchhoff(own, Waveform.sfcw(72e9, 82e9, 2))
+    assert words in " ".join(str(w.message) for w in caught)
