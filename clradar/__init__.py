@@ -33,8 +33,6 @@ from clradar.model import (
     VoxelGrid,
     Waveform,
     material,
-    read_materials,
-    write_materials,
 )
 from clradar.opencl import Device, list_devices, open_device
 from clradar.simulation import simulate
@@ -91,9 +89,11 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # Imported on first use: they import this package, and xarray.
+    # Imported on first use: they import this package, xarray, or the readers of text.
     if name == "open_dataset":
         return import_module("clradar.dataset").open_dataset
+    if name in ("read_materials", "write_materials"):
+        return getattr(import_module("clradar.model.material_file"), name)
     if name in ("calibration", "measurement_io"):
         # The same modules as by `import calibration`, for scripts beside a file of that name.
         require_own(name)

@@ -6,12 +6,6 @@ from clradar.model.channels import ChannelCalibration, ChannelResponse
 from clradar.model.grid import VoxelGrid
 from clradar.model.known_materials import material
 from clradar.model.material import METAL, Coating, Material
-from clradar.model.material_file import (
-    material_of,
-    material_record,
-    read_materials,
-    write_materials,
-)
 from clradar.model.paths import Paths, TraceStatistics
 from clradar.model.pattern import AntennaPattern
 from clradar.model.permittivity import ColeCole, PermittivityTable, PowerLaw
@@ -39,10 +33,6 @@ __all__ = [
     "VoxelGrid",
     "Waveform",
     "material",
-    "material_of",
-    "material_record",
-    "read_materials",
-    "write_materials",
 ]
 
 

@@ -10,8 +10,8 @@ import pytest
 from command_line import Run, one_error_line
 
 from clradar import Coating, Material, PermittivityTable, write_materials
-from clradar.model import material_of
 from clradar.model.known_materials import KNOWN
+from clradar.model.material_file import material_of
 
 
 def test_known_materials_are_listed(run: Run) -> None:

@@ -19,8 +19,8 @@ from clradar.model import (
     DepthMap,
     Scene,
     Volume,
-    read_materials,
 )
+from clradar.model.material_file import read_materials
 from clradar.rigs import Rig, read_rig
 from fuzz import (
     mutate_bytes,

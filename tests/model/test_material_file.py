@@ -12,8 +12,13 @@ import pytest
 from clradar import Coating, ColeCole, Material, PermittivityTable, PowerLaw
 from clradar.errors import MeasurementError, ModelError, OutputError
 from clradar.files.limits import MAX_TOML_BYTES
-from clradar.model import material_of, material_record, read_materials, write_materials
 from clradar.model.known_materials import KNOWN
+from clradar.model.material_file import (
+    material_of,
+    material_record,
+    read_materials,
+    write_materials,
+)
 from clradar.model.permittivity import MAX_TABLE_ROWS
 
 ALL_KINDS = """
