@@ -10,6 +10,8 @@
 #define DOMAIN_SAMPLE 1u
 #define DOMAIN_FACE 2u
 #define DOMAIN_DIRECTION 3u
+#define DOMAIN_WAVE 4u
+#define DOMAIN_MICRO 5u
 
 #define GOLDEN_RATIO 0x9E3779B9u /* its fractional part, in 2^-32 */
 
