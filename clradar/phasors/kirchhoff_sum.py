@@ -1,0 +1,334 @@
+"""The Kirchhoff sum over lit points, compressed cube by cube: host side of ``kirchhoff.cl``.
+
+E12 in ``docs/equations.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.model import AntennaArray, Material, Waveform
+from clradar.model.progress import Progress
+from clradar.opencl import Device, build
+from clradar.opencl.buffers import OnDevice
+from clradar.opencl.double_single import hi_lo
+from clradar.phasors.interpolative import Decomposition
+from clradar.phasors.leg_skeletons import LegPoints, Side, antenna_skeleton, frequency_skeleton
+from clradar.phasors.leg_tables import NODES, PATTERN_NODES, pattern_table, reflection_legs
+from clradar.phasors.point_cubes import PointCubes, cubes_of
+from clradar.tracing.antenna_packets import GROUP, n_groups
+from clradar.tracing.quadrature import LitPoints
+
+CUBE_WAVELENGTHS = 4.4
+"""Edge of a cube in the shortest wavelengths: 16 mm at 82 GHz. Larger cubes need more skeleton
+antennas and frequencies, smaller ones are more."""
+
+TOLERANCE_DB = -60.0
+"""RMS error of the capture relative to its RMS that the compression may cause."""
+
+MARGIN = 0.5
+"""Part of the tolerance that the skeletons use, shared by Tx, Rx and frequencies."""
+
+FEW_POINTS = 200
+"""With fewer points that all antennas see the choice of skeleton antennas costs more than it saves."""
+
+BATCH_BYTES = 2**26
+"""Most that the sums of the cubes of a batch take. No result depends on it."""
+
+LEG_BYTES = 2**22
+"""Most that the legs of a call take, so that they stay in the cache. No result depends on it."""
+
+ROWS, FREQUENCIES, POINT_NUMBERS = 4, 4, 8
+"""Tx and frequencies of an item, and numbers of a point, in ``kirchhoff.cl``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KirchhoffOptions:
+    """Options of ``kirchhoff.cl``."""
+
+    width: int
+    terms: int
+    materials: bool
+    pattern: bool
+    nodes: int = NODES
+    pattern_nodes: int = PATTERN_NODES
+    point: int = POINT_NUMBERS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Antennas:
+    """Antennas of one side on the device."""
+
+    n_padded: int
+    rows: Any
+    """float (6, n_padded)"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """Points that are summed for the same antennas, cube by cube."""
+
+    start: np.ndarray
+    """First point of each cube, then their number, shape (n_cubes + 1,), uint32."""
+    points: np.ndarray
+    cube: np.ndarray
+    tx_bits: np.ndarray
+    rx_bits: np.ndarray
+
+
+class KirchhoffSum(OnDevice):
+    """Sums lit points to S-parameters.
+
+    A context manager.
+
+    Parameters
+    ----------
+    array : AntennaArray
+    waveform : Waveform
+    materials : sequence of Material
+    middle_m : ndarray, shape (3,), metres
+        Origin of the points.
+    seed : int
+        Of the incoherent part of micro-roughness.
+    device : Device
+
+    Attributes
+    ----------
+    counts : dict
+        Of the last sum: cubes, points that all antennas see, skeleton Tx, Rx and frequencies.
+    """
+
+    def __init__(
+        self,
+        array: AntennaArray,
+        waveform: Waveform,
+        materials: Sequence[Material],
+        middle_m: np.ndarray,
+        seed: int,
+        device: Device,
+    ) -> None:
+        super().__init__(device)
+        self.array, self.waveform, self.materials, self.seed = array, waveform, materials, seed
+        self._middle_m = middle_m.astype(np.float64)
+        self._k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
+        self._terms = 3 if any(m.micro_roughness_rms_m > 0 for m in materials) else 2
+        self._plain = self._terms == 2 and all(m.conductor and m.coating is None for m in materials)
+        self.counts: dict[str, int] = {}
+
+    def _prepare(self) -> None:
+        array, up = self.array, self._buffers.upload
+        tables = [pattern_table(p) for p in (array.tx_pattern, array.rx_pattern)]
+        options = KirchhoffOptions(
+            width=self.device.width,
+            terms=self._terms,
+            materials=not self._plain,
+            pattern=array.has_patterns,
+        )
+        self._program = build(self.device, "kirchhoff.cl", options)
+        self._patterns = [up(table.astype(np.float32)) for table in tables]
+        self._tables = reflection_legs(self.materials, self.waveform.frequencies_hz)
+        places = (array.tx_m - self._middle_m, array.rx_m - self._middle_m)
+        self._sides = tuple(Side(at, table) for at, table in zip(places, tables, strict=True))
+        self._antennas = [self._upload_antennas(side.antennas_m) for side in self._sides]
+
+    def _upload_antennas(self, at_m: np.ndarray) -> _Antennas:
+        n_padded = -(-len(at_m) // GROUP) * GROUP
+        padded = at_m[np.minimum(np.arange(n_padded), len(at_m) - 1)]
+        rows = np.concatenate([part.T for part in hi_lo(padded)])
+        return _Antennas(n_padded, self._buffers.upload(np.ascontiguousarray(rows)))
+
+    def result(self, lit: LitPoints, progress: Progress | None = None) -> np.ndarray:
+        """Return the S-parameters, shape (n_tx, n_rx, n_freq), complex64."""
+        array, n_f = self.array, self.waveform.n_freq
+        shape = (array.n_tx, array.n_rx, n_f)
+        if len(lit.sample) == 0:
+            self.counts = {"cubes": 0, "seen_by_all": 0}
+            return np.zeros(shape, np.complex64)
+        wavelength_m = SPEED_OF_LIGHT_M_PER_S / self.waveform.frequencies_hz[-1]
+        cubes = cubes_of(lit.position_m, CUBE_WAVELENGTHS * float(wavelength_m))
+        points = _leg_points(lit, cubes)
+        tx_bits, rx_bits = lit.tx[cubes.order], lit.rx[cubes.order]
+        of_all = (tx_bits == _all_bits(array.n_tx)).all(axis=1)
+        of_all &= (rx_bits == _all_bits(array.n_rx)).all(axis=1)
+        if of_all.sum() < FEW_POINTS:
+            of_all[:] = False
+        self._choose_skeletons(points, of_all)
+        sample = lit.sample[cubes.order]
+        packed = _packed(points, sample)
+        self._full, self._partial = (
+            _Group(
+                np.searchsorted(cubes.cube[chosen], np.arange(len(cubes.centre_m) + 1)).astype(
+                    np.uint32
+                ),
+                packed[chosen], cubes.cube[chosen], tx_bits[chosen], rx_bits[chosen],
+            )
+            for chosen in (of_all, ~of_all)
+        )  # fmt: skip
+        self.counts |= {"cubes": len(cubes.centre_m), "seen_by_all": int(of_all.sum())}
+        return self._sum_cubes(cubes, progress)
+
+    def _choose_skeletons(self, points: LegPoints, of_all: np.ndarray) -> None:
+        share = MARGIN * 10.0 ** (TOLERANCE_DB / 20.0) / np.sqrt(3.0)
+        tx, rx = self._sides
+        args = (self._k, self._tables, self._terms, share)
+        self._frequency = frequency_skeleton(points, (tx, rx), *args)
+        self._skeletons: list[Decomposition] = []
+        if of_all.any():
+            full = points[np.flatnonzero(of_all)]
+            self._skeletons = [antenna_skeleton(full, side, *args) for side in self._sides]
+        names = ("skeleton_tx", "skeleton_rx")
+        self.counts = {"skeleton_frequencies": len(self._frequency.skeleton)}
+        self.counts |= {
+            name: len(part.skeleton) for name, part in zip(names, self._skeletons, strict=False)
+        }
+
+    def _sum_cubes(self, cubes: PointCubes, progress: Progress | None) -> np.ndarray:
+        array, up, u = self.array, self._buffers.upload, np.uint32
+        tx, rx = self._antennas
+        n_m, n_cubes = len(self._frequency.skeleton), len(cubes.centre_m)
+        n_f = -(-self.waveform.n_freq // FREQUENCIES) * FREQUENCIES
+        fill = n_f - self.waveform.n_freq
+        weights = up(np.pad(self._frequency.weights.T, ((0, 0), (0, fill))).astype(np.float32))
+        k = np.stack(hi_lo(np.pad(self._k, (0, fill), mode="edge")))
+        k_all, k_skeleton = up(k), up(self._k[self._frequency.skeleton].astype(np.float32))
+        material = up(self._tables[:, self._frequency.skeleton].astype(np.float32))
+        capture = self._buffers.zeros(8 * tx.n_padded * n_f * rx.n_padded)
+        per_cube = 8 * tx.n_padded * rx.n_padded * n_m
+        at_once = max(1, min(BATCH_BYTES, self._buffers.free_bytes // 4) // per_cube)
+        centre = up(cubes.centre_m)
+        shared = (centre, k_skeleton, material)
+        for first in range(0, n_cubes, at_once):
+            count = min(at_once, n_cubes - first)
+            total = self._buffers.zeros(per_cube * count)
+            if self._skeletons:
+                self._add_full(first, count, n_m, shared, total)
+            self._add_group(self._partial, first, count, n_m, self._antennas, shared, total)
+            centres = up(cubes.centre_m[first : first + count])
+            phases = []
+            for side in self._antennas:
+                phases.append(self._buffers.empty(8 * side.n_padded * n_f * count))
+                self._program.launch(
+                    "centre_phases", (side.n_padded // self.device.width, count), u(side.n_padded),
+                    u(n_f), u(count), side.rows, centres, k_all, phases[-1],
+                )  # fmt: skip
+            self._program.launch(
+                "add_cubes",
+                (n_f // FREQUENCIES, tx.n_padded, rx.n_padded // self.device.width),
+                u(count), u(n_m), u(n_f), u(tx.n_padded), u(rx.n_padded), total, weights,
+                *phases, capture,
+            )  # fmt: skip
+            for buffer in (total, centres, *phases):
+                self._buffers.release(buffer)
+            if progress is not None:
+                progress(first + count, n_cubes)
+        sums = self._buffers.read(capture, (tx.n_padded, n_f, 2, rx.n_padded), np.float32)
+        sums = sums[: array.n_tx, : self.waveform.n_freq, :, : array.n_rx]
+        data = (sums[:, :, 0] + 1j * sums[:, :, 1]).transpose(0, 2, 1)
+        # (j k / 4 pi) (lambda / 4 pi), and Gamma = -g g.
+        return np.ascontiguousarray(data * np.complex64(-1j / (8.0 * np.pi)), dtype=np.complex64)
+
+    def _add_full(
+        self, first: int, count: int, n_m: int, shared: tuple[Any, ...], total: Any
+    ) -> None:
+        """Add the points that all antennas see, by way of the skeleton antennas."""
+        u, width, buffers = np.uint32, self.device.width, self._buffers
+        tx, rx = self._antennas
+        chosen = [
+            self._upload_antennas(side.antennas_m[part.skeleton])
+            for side, part in zip(self._sides, self._skeletons, strict=True)
+        ]
+        few_tx, few_rx = chosen
+        weights = []
+        for side, few, part in zip(self._antennas, chosen, self._skeletons, strict=True):
+            padded = np.zeros((few.n_padded, side.n_padded), np.float32)
+            padded[: part.weights.shape[1], : part.weights.shape[0]] = part.weights.T
+            weights.append(buffers.upload(padded))
+        sums = buffers.zeros(8 * count * n_m * few_tx.n_padded * few_rx.n_padded)
+        self._add_group(self._full, first, count, n_m, chosen, shared, sums)
+        wide = buffers.empty(8 * count * n_m * few_tx.n_padded * rx.n_padded)
+        n = count * n_m
+        self._program.launch(
+            "spread_columns", (rx.n_padded // width, few_tx.n_padded, n), u(n), u(few_tx.n_padded),
+            u(few_rx.n_padded), u(rx.n_padded), sums, weights[1], wide,
+        )  # fmt: skip
+        self._program.launch(
+            "spread_rows", (rx.n_padded // width, tx.n_padded // ROWS, n), u(n),
+            u(few_tx.n_padded), u(tx.n_padded), u(rx.n_padded), wide, weights[0], total,
+        )  # fmt: skip
+        for buffer in (sums, wide, *weights, few_tx.rows, few_rx.rows):
+            buffers.release(buffer)
+
+    def _add_group(
+        self,
+        group: _Group,
+        first_cube: int,
+        n_cubes: int,
+        n_m: int,
+        antennas: Sequence[_Antennas],
+        shared: tuple[Any, ...],
+        sums: Any,
+    ) -> None:
+        """Add the points of some cubes to their sums at the skeleton frequencies."""
+        centre, k, material = shared
+        u, width, buffers = np.uint32, self.device.width, self._buffers
+        first, stop = (int(group.start[c]) for c in (first_cube, first_cube + n_cubes))
+        if first == stop:
+            return
+        tx, rx = antennas
+        few = tx.n_padded != self._antennas[0].n_padded or group is self._full
+        per_point = 8 * self._terms * n_m * (tx.n_padded + rx.n_padded)
+        at_once = max(1, LEG_BYTES // per_point)
+        part = slice(first, stop)
+        points, cube = buffers.upload(group.points[part]), buffers.upload(group.cube[part])
+        bits = [buffers.upload(b[part]) for b in (group.tx_bits, group.rx_bits)]
+        starts = buffers.upload((group.start[first_cube : first_cube + n_cubes + 1] - first).astype(np.uint32))
+        legs = [
+            buffers.empty(8 * self._terms * n_m * side.n_padded * min(at_once, stop - first))
+            for side in antennas
+        ]
+        seed = (u(self.seed & 0xFFFFFFFF), u(self.seed >> 32))
+        for at in range(0, stop - first, at_once):
+            n = min(at_once, stop - first - at)
+            low, high = (int(group.cube[i]) - first_cube for i in (first + at, first + at + n - 1))
+            for i, side in enumerate(antennas):
+                groups = 0 if few else n_groups(side.n_padded)
+                self._program.start(
+                    "legs", (side.n_padded // width, n), u(n), u(at), u(side.n_padded), u(n_m),
+                    u(groups), u(i == 0), *seed, side.rows, points, cube, centre, bits[i], k,
+                    material, self._patterns[i], legs[i],
+                )  # fmt: skip
+            self._program.launch(
+                "add_products",
+                (tx.n_padded // ROWS, rx.n_padded // width, (high - low + 1) * n_m),
+                u(at), u(n), u(low), u(high - low + 1), u(n_m), u(tx.n_padded), u(rx.n_padded),
+                starts, *legs, sums,
+            )  # fmt: skip
+        for buffer in (points, cube, starts, *bits, *legs):
+            buffers.release(buffer)
+
+
+def _leg_points(lit: LitPoints, cubes: PointCubes) -> LegPoints:
+    centre_m = cubes.centre_m.astype(np.float64)[cubes.cube]
+    offset_m = lit.position_m[cubes.order] - centre_m
+    area_m2 = lit.area_m2[cubes.order].astype(np.float64)
+    return LegPoints(offset_m, centre_m, area_m2, lit.material[cubes.order])
+
+
+def _packed(points: LegPoints, sample: np.ndarray) -> np.ndarray:
+    out = np.empty((len(sample), POINT_NUMBERS), np.float32)
+    out[:, :3], out[:, 3:6] = points.offset_m, points.area_m2
+    out[:, 6] = points.material.astype(np.int32).view(np.float32)
+    out[:, 7] = sample.astype(np.uint32).view(np.float32)
+    return out
+
+
+def _all_bits(n_antennas: int) -> np.ndarray:
+    """The bits of all antennas, shape (n_groups,), uint8."""
+    bits = np.zeros(GROUP * n_groups(n_antennas), np.uint8)
+    bits[:n_antennas] = 1
+    return np.packbits(bits, bitorder="little")

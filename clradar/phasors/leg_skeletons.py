@@ -1,0 +1,211 @@
+"""Skeleton antennas and frequencies of lit points, chosen from the sums' own terms.
+
+Of the points that all antennas see, the terms vary slowly over antennas (phase relative to the
+middle of the cube, distance, angles, pattern), and of all points over frequency; so few of either
+give the rest by fixed weights (`clradar.phasors.interpolative`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clradar.phasors.interpolative import Decomposition, decompose_sampled
+from clradar.phasors.leg_tables import NODES, PATTERN_NODES
+
+MIN_SAMPLES = 480
+SAMPLES_PER_POINT = 4
+"""Sampled functions per antenna or frequency."""
+
+CANDIDATES = 4
+"""Points of which the one whose phase varies most is taken."""
+
+NEAR = 64
+"""Points that are closest to the antennas: drawn as often as all others."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LegPoints:
+    """Points as float64 with what their legs need.
+
+    Attributes
+    ----------
+    offset_m, centre_m : ndarray, shape (n, 3), metres
+        From the middle of each point's cube, and that middle.
+    area_m2 : ndarray, shape (n, 3), square metres
+    material : ndarray, shape (n,), int
+    """
+
+    offset_m: np.ndarray
+    centre_m: np.ndarray
+    area_m2: np.ndarray
+    material: np.ndarray
+
+    def __getitem__(self, which: np.ndarray) -> LegPoints:
+        columns = (self.offset_m, self.centre_m, self.area_m2, self.material)
+        return LegPoints(*(column[which] for column in columns))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Side:
+    """The antennas of one side.
+
+    Attributes
+    ----------
+    antennas_m : ndarray, shape (n, 3), float64, metres
+        In the frame of the points.
+    pattern : ndarray, shape (PATTERN_NODES,)
+        Field over sin(angle to +z / 2).
+    """
+
+    antennas_m: np.ndarray
+    pattern: np.ndarray
+
+    def lengths_m(self, points: LegPoints) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Longer by than from the middle, length, and vectors, (n, n_antennas[, 3]), metres."""
+        from_centre = points.centre_m[:, None] - self.antennas_m
+        vector = from_centre + points.offset_m[:, None]
+        length = np.linalg.norm(vector, axis=2)
+        centre = np.linalg.norm(from_centre, axis=2)
+        longer = np.einsum("pa,pxa->px", points.offset_m, vector + from_centre) / (length + centre)
+        return longer, length, vector
+
+    def terms(self, points: LegPoints, k: np.ndarray, table: np.ndarray) -> np.ndarray:
+        """The terms of legs, complex, shape (3, n, n_antennas).
+
+        `k`, shape (n,), cycles per metre, and `table`, (n, NODES, 3), are those of the points'
+        frequencies and materials.
+        """
+        longer, length, vector = self.lengths_m(points)
+        along = -np.einsum("pxa,pa->px", vector, points.area_m2) / length
+        half = np.sqrt(np.clip(0.5 - 0.5 * vector[..., 2] / length, 0.0, 1.0))
+        field = _between(self.pattern, half * (PATTERN_NODES - 1)) / length
+        wave = field * np.exp(-2j * np.pi * k[:, None] * longer)
+        g, micro = _of_angle(table, along / np.linalg.norm(points.area_m2, axis=1)[:, None])
+        return np.stack([along * g * wave, g * wave, micro * wave])
+
+
+def antenna_skeleton(
+    points: LegPoints,
+    side: Side,
+    k: np.ndarray,
+    tables: np.ndarray,
+    n_terms: int,
+    tolerance: float,
+) -> Decomposition:
+    """Choose the antennas of one side that give the legs to the rest.
+
+    Parameters
+    ----------
+    points : LegPoints
+        That all antennas see.
+    side : Side
+    k : ndarray, shape (n_freq,), cycles per metre
+    tables : ndarray, shape (n_materials, n_freq, NODES, 3)
+    n_terms : int
+    tolerance : float
+        RMS of the error, of every term relative to its RMS over the antennas.
+    """
+    rng = np.random.Generator(np.random.Philox(0))
+    n = -(-max(MIN_SAMPLES, SAMPLES_PER_POINT * len(side.antennas_m)) // (3 * n_terms))
+    near = _nearest(points, side)
+
+    def draw() -> np.ndarray:
+        families = []
+        for chosen in (_any(rng, points, n), _hardest(rng, points, side, n), rng.choice(near, n)):
+            m = rng.integers(0, len(k), n)
+            some = points[chosen]
+            terms = side.terms(some, k[m], tables[some.material, m])[:n_terms]
+            families += [_normalised(term) for term in terms]
+        return np.stack(families)
+
+    return decompose_sampled(draw, tolerance)
+
+
+def frequency_skeleton(
+    points: LegPoints,
+    sides: tuple[Side, Side],
+    k: np.ndarray,
+    tables: np.ndarray,
+    n_terms: int,
+    tolerance: float,
+) -> Decomposition:
+    """Choose the frequencies that give the rest: arguments as of `antenna_skeleton`, both sides."""
+    rng = np.random.Generator(np.random.Philox(1))
+    n = -(-max(MIN_SAMPLES, SAMPLES_PER_POINT * len(k)) // (2 * (n_terms - 1)))
+    offset = k - 0.5 * (k[0] + k[-1])
+
+    def draw() -> np.ndarray:
+        families = []
+        for hard in (False, True):
+            some = points[_any(rng, points, CANDIDATES * n if hard else n)]
+            ends, cosines = [], []
+            for side in sides:
+                longer, length, vector = side.lengths_m(some)
+                one = rng.integers(0, len(side.antennas_m), len(longer))
+                if hard:
+                    outward = rng.integers(0, 2, len(longer)) == 0
+                    one = np.where(outward, longer.argmax(axis=1), longer.argmin(axis=1))
+                every = np.arange(len(one))
+                ends.append(longer[every, one])
+                along = -np.einsum("pa,pa->p", vector[every, one], some.area_m2)
+                size = length[every, one] * np.linalg.norm(some.area_m2, axis=1)
+                cosines.append(along / size)
+            change = ends[0] + ends[1]
+            kept = np.argsort(-np.abs(change), kind="stable")[:n] if hard else np.arange(n)
+            wave = np.exp(-2j * np.pi * change[kept, None] * offset)
+            table = tables[some.material[kept]].reshape(-1, NODES, 3)
+            legs = [
+                _of_angle(table, np.repeat(cosine[kept], len(k))[:, None]) for cosine in cosines
+            ]
+            for i in range(n_terms - 1):  # coherent, and the incoherent part
+                both = (legs[0][i] * legs[1][i]).reshape(n, len(k))
+                families.append(_normalised(both * wave))
+        return np.stack(families)
+
+    return decompose_sampled(draw, tolerance)
+
+
+def _any(rng: np.random.Generator, points: LegPoints, n: int) -> np.ndarray:
+    return rng.integers(0, len(points.material), n)
+
+
+def _hardest(rng: np.random.Generator, points: LegPoints, side: Side, n: int) -> np.ndarray:
+    """Points whose phase relative to the middle of their cube varies most."""
+    some = _any(rng, points, CANDIDATES * n)
+    longer = side.lengths_m(points[some])[0]
+    return np.asarray(some[np.argsort(-np.ptp(longer, axis=1), kind="stable")[:n]])
+
+
+def _nearest(points: LegPoints, side: Side) -> np.ndarray:
+    """The points closest to the antennas' middles of bounding box: where distances vary most."""
+    from scipy.spatial import cKDTree
+
+    distance = cKDTree(side.antennas_m).query(points.centre_m + points.offset_m)[0]
+    return np.argsort(distance, kind="stable")[:NEAR]
+
+
+def _of_angle(table: np.ndarray, cosine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """g, and the incoherent amplitude: (n, NODES, 3) tables at (n, m) cosines."""
+    at = np.sqrt(np.clip(cosine, 0.0, 1.0)) * (NODES - 1)
+    values = [_between(table[:, :, i], at) for i in range(3)]
+    return values[0] + 1j * values[1], values[2]
+
+
+def _between(table: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Linear interpolation in a table (n_nodes,), or in rows of one (n, n_nodes), at (n, m)."""
+    low = np.minimum(at.astype(int), table.shape[-1] - 2)
+    if table.ndim == 1:
+        a, b = table[low], table[low + 1]
+    else:
+        row = np.arange(len(table))[:, None]
+        a, b = table[row, low], table[row, low + 1]
+    return np.asarray(a + (at - low) * (b - a))
+
+
+def _normalised(values: np.ndarray) -> np.ndarray:
+    """Functions of RMS 1 as real and imaginary parts, shape (2 n, n_points); 0 stays 0."""
+    rms = np.sqrt(np.mean(np.abs(values) ** 2, axis=1, keepdims=True))
+    values = values / np.where(rms > 0, rms, 1.0)
+    return np.concatenate([values.real, values.imag])
