@@ -12,12 +12,14 @@ from clradar.model import AntennaArray, Capture, Scene, TraceStatistics, Wavefor
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 from clradar.phasors.phasor_sum import PhasorSum
+from clradar.phasors.physical import physical_samples
 from clradar.tracing.expected import Expectations, ExpectedTracer
 from clradar.tracing.facets import warn_of_coarse_facets
 from clradar.tracing.placement import check_placement
 from clradar.tracing.settings import (
     SimulationSettings,
     merged_settings,
+    refuse_physical,
     resolve_settings,
     simulated_meta,
     takes_settings,
@@ -42,7 +44,8 @@ def simulate(
 ) -> Capture:
     """Simulate a capture: trace and synthesize tile by tile.
 
-    The memory needed depends on neither the number of samples nor that of paths.
+    The memory needed depends on neither the number of samples nor that of paths; with the physical
+    estimator it is some 150 bytes for every point that antennas see.
 
     Parameters
     ----------
@@ -68,7 +71,8 @@ def simulate(
     Raises
     ------
     ModelError
-        An argument or setting is invalid.
+        An argument or setting is invalid; with the physical estimator, an antenna is on the surface
+        or a material's table misses the band.
     MeshError
         The scene has no face with area, or more samples than 2^31.
     DeviceError
@@ -79,7 +83,9 @@ def simulate(
     ClradarWarning
         Faces of a curved surface are so coarse that the two-way phase is off by more than a quarter
         of a wavelength on 5 % of the area; the scene reaches behind the antennas; no ray arrives,
-        or so few that a tenth of the pairs has none by chance.
+        or so few that a tenth of the pairs has none by chance. With the physical estimator also:
+        no Tx and Rx see a common point; points too sparse for the wavelength or the roughness; a
+        roughness that the Kirchhoff approximation does not hold for.
 
     Examples
     --------
@@ -104,6 +110,22 @@ def simulate(
         array.refuse_patterns("simulate")
     opened = open_device(device)
     warn_of_coarse_facets("simulate", scene, resolved, float(waveform.frequencies_hz.max()))
+    if resolved.estimator == "physical":
+        data, meta = physical_samples(scene, array, waveform, resolved, opened, progress)
+    else:
+        data, meta = _samples_of_paths(scene, array, waveform, resolved, opened, progress)
+    return Capture(data, array, waveform, meta)
+
+
+def _samples_of_paths(
+    scene: Scene,
+    array: AntennaArray,
+    waveform: Waveform,
+    resolved: SimulationSettings,
+    opened: Device,
+    progress: Progress | None,
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """Samples and `meta` of a capture whose rays are received, by chance or on average."""
     statistics = TraceStatistics(0, 0, 0, 0)
     paths = np.zeros(array.n_tx * array.n_rx, np.int64)
     tracer_type = ExpectedTracer if resolved.estimator == "expected" else Tracer
@@ -122,8 +144,7 @@ def simulate(
             statistics = statistics + tile.statistics
         data = total.result()
     warn_if_starved(paths, scene, array, resolved)
-    meta = simulated_meta(scene, resolved, statistics, int(paths.sum()), opened)
-    return Capture(data, array, waveform, meta)
+    return data, simulated_meta(scene, resolved, statistics, int(paths.sum()), opened)
 
 
 @takes_settings
@@ -188,6 +209,7 @@ def simulate_alphas(
     check_placement("simulate_alphas", scene, array)
     array.refuse_patterns("simulate_alphas")
     resolved = resolve_settings(settings, **fields)
+    refuse_physical("simulate_alphas", resolved)
     checks.one_of("simulate_alphas: estimator", resolved.estimator, ("stochastic",))
     if len(alphas) == 0:
         checks.fail("simulate_alphas: alphas", "at least one", "none")

@@ -10,7 +10,12 @@ from clradar.model import AntennaArray, Paths, Scene, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 from clradar.tracing.placement import check_placement
-from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
+from clradar.tracing.settings import (
+    SimulationSettings,
+    refuse_physical,
+    resolve_settings,
+    takes_settings,
+)
 from clradar.tracing.stochastic import Receptions, Tracer
 
 
@@ -80,6 +85,7 @@ def trace(
     check_placement("trace", scene, array)
     array.refuse_patterns("trace")
     resolved = resolve_settings(settings, **fields)
+    refuse_physical("trace", resolved)
     checks.one_of("trace: estimator", resolved.estimator, ("stochastic",))
     with Tracer(scene, array, resolved, open_device(device)) as tracer:
         tiles = list(tracer.tiles(progress))

@@ -22,6 +22,19 @@ RAYS_PER_SAMPLE = 4
 EXPECTED_SAMPLES_PER_MM2 = 1.0
 """For ``estimator="expected"``, which needs fewer; each then has as many more rays."""
 
+PHYSICAL_SAMPLES_PER_MM2 = 4.0
+"""For ``estimator="physical"``: half a millimetre, an eighth of a wavelength at 77 GHz."""
+
+UNUSED_BY_PHYSICAL = (
+    "rays_per_face",
+    "rays_per_sample",
+    "reception_radius_m",
+    "max_bounces",
+    "amplitude",
+    "pattern_exponent",
+)
+"""Fields that have to keep their defaults with ``estimator="physical"``."""
+
 MOST_EXPONENT = 1e4
 """Of an antenna's pattern: it halves the power 0.5 degrees off boresight."""
 
@@ -40,7 +53,7 @@ CHECKS: dict[str, tuple[Any, ...]] = {
     "amplitude": (checks.one_of, ("unit", "spreading")),
     "pattern_exponent": (checks.real,),
     "seed": (checks.whole, 0, 2**64 - 1),
-    "estimator": (checks.one_of, ("stochastic", "expected")),
+    "estimator": (checks.one_of, ("stochastic", "expected", "physical")),
 }
 """Check of each field and its limits."""
 
@@ -56,7 +69,7 @@ class SimulationSettings:
     ----------
     samples_per_mm2 : float, 1/mm^2, optional
         Density of surface samples, whatever the tessellation. None: `rays_per_face` counts, or
-        where that is None, too, 10 (1 with the expected estimator).
+        where that is None, too, 10 (1 with the expected estimator, 4 with the physical one).
     rays_per_face : int, 1 to 2^20, optional
         As in the paper [1]_: this many samples on every face, instead of a density.
     rays_per_sample : int, 1 to 2^16, optional
@@ -80,14 +93,15 @@ class SimulationSettings:
     pattern_exponent : float, 0 to 10 000
         With "spreading": both antennas have the field pattern cos(angle to +z)^exponent.
     seed : int, 0 to 2^64 - 1
-    estimator : "stochastic" or "expected", optional
+    estimator : "stochastic", "expected" or "physical", optional
         None: `clradar.simulate` takes "expected", and "stochastic", the paper's, where samples,
         rays or several bounces are asked for; other functions take "stochastic".
         "expected" is the mean of "stochastic" over the random outgoing directions, for the same
         samples: each of them, Tx and Rx adds one path whose amplitude is `rays_per_sample` times
         the probability that the outgoing ray enters the Rx sphere. It has no shot noise, so fewer
-        samples suffice. An Rx is hidden if the centre of its sphere is. See
-        ``docs/estimators.md``.
+        samples suffice. An Rx is hidden if the centre of its sphere is. "physical" is the Kirchhoff
+        sum over the scene's materials: S-parameters, without alpha; fields about rays have to keep
+        their defaults, and patterns are those of the array. See ``docs/estimators.md``.
 
     Raises
     ------
@@ -143,10 +157,18 @@ class SimulationSettings:
             )
         if self.estimator == "expected" and self.max_bounces > 1:
             checks.fail("max_bounces", "1 with estimator='expected'", self.max_bounces)
+        if self.estimator == "physical":
+            for name in UNUSED_BY_PHYSICAL:
+                default, value = type(self).__dataclass_fields__[name].default, getattr(self, name)
+                if value != default:
+                    expected = f"the default ({default}) with estimator='physical', which has no rays"
+                    checks.fail(name, expected, value)
 
     def resolved(self) -> SimulationSettings:
         """Fill in the fields that are None; a resolved record stays as it is."""
         rays, density, estimator = self.rays_per_sample, self.samples_per_mm2, self.estimator
+        if estimator == "physical":
+            return replace(self, samples_per_mm2=density or PHYSICAL_SAMPLES_PER_MM2)
         if rays is None:
             rays = RAYS_PER_SAMPLE if self.rays_per_face is None else 1
         if density is None and self.rays_per_face is None:
@@ -187,6 +209,17 @@ def merged_settings(
     return replace(settings, **fields)
 
 
+def refuse_physical(function: str, settings: SimulationSettings) -> None:
+    """Raise a `ModelError` for the physical estimator in a function of rays."""
+    if settings.estimator == "physical":
+        checks.fail(
+            f"{function}: estimator",
+            "'stochastic', for rays and alphas (clradar.simulate takes 'physical', with "
+            "Scene.with_material in place of alphas)",
+            "'physical'",
+        )
+
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -206,7 +239,10 @@ def simulated_meta(
     n_paths: int,
     device: Device,
 ) -> dict[str, Any]:
-    """The `meta` of a simulated capture: settings, scene digest, counts of rays, device."""
+    """The `meta` of a simulated capture: settings, scene digest, counts of rays, device.
+
+    With the physical estimator a path is a sample that a Tx and an Rx see, and no ray goes out.
+    """
     return {
         "kind": "simulated",
         "settings": asdict(settings),
