@@ -280,13 +280,14 @@ class KirchhoffSum(OnDevice):
         if first == stop:
             return
         tx, rx = antennas
-        few = tx.n_padded != self._antennas[0].n_padded or group is self._full
         per_point = 8 * self._terms * n_m * (tx.n_padded + rx.n_padded)
         at_once = max(1, LEG_BYTES // per_point)
         part = slice(first, stop)
         points, cube = buffers.upload(group.points[part]), buffers.upload(group.cube[part])
         bits = [buffers.upload(b[part]) for b in (group.tx_bits, group.rx_bits)]
-        starts = buffers.upload((group.start[first_cube : first_cube + n_cubes + 1] - first).astype(np.uint32))
+        starts = buffers.upload(
+            (group.start[first_cube : first_cube + n_cubes + 1] - first).astype(np.uint32)
+        )
         legs = [
             buffers.empty(8 * self._terms * n_m * side.n_padded * min(at_once, stop - first))
             for side in antennas
@@ -296,7 +297,7 @@ class KirchhoffSum(OnDevice):
             n = min(at_once, stop - first - at)
             low, high = (int(group.cube[i]) - first_cube for i in (first + at, first + at + n - 1))
             for i, side in enumerate(antennas):
-                groups = 0 if few else n_groups(side.n_padded)
+                groups = 0 if group is self._full else side.n_padded // GROUP
                 self._program.start(
                     "legs", (side.n_padded // width, n), u(n), u(at), u(side.n_padded), u(n_m),
                     u(groups), u(i == 0), *seed, side.rows, points, cube, centre, bits[i], k,

@@ -56,7 +56,7 @@ def physical_samples(
         )
     statistics = TraceStatistics(n_points, n_seen, 0, 0)
     meta = simulated_meta(scene, settings, statistics, n_paths, device)
-    meta["scale"] = "S-parameters"
+    meta["absolute"] = True
     meta["scene"]["materials"] = [material.name for material in used]
     meta["kirchhoff"] = {"lit": len(lit.sample), **counts, "tolerance_db": TOLERANCE_DB}
     return data, meta
@@ -64,9 +64,7 @@ def physical_samples(
 
 def _sightings(lit: LitPoints) -> tuple[int, int]:
     """Pairs of a Tx and a point that it sees, and of these with every Rx that sees the point."""
-    tx, rx = (
-        np.unpackbits(bits, axis=1).sum(axis=1, dtype=np.int64) for bits in (lit.tx, lit.rx)
-    )
+    tx, rx = (np.unpackbits(bits, axis=1).sum(axis=1, dtype=np.int64) for bits in (lit.tx, lit.rx))
     return int(tx.sum()), int((tx * rx).sum())
 
 

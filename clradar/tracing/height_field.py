@@ -42,7 +42,9 @@ def wave_table(
     """
     u = np.uint32
     bits = buffers.empty(32 * WAVES)
-    program.launch("wave_bits", (WAVES,), u(WAVES), u(material), u(seed & 0xFFFFFFFF), u(seed >> 32), bits)
+    program.launch(
+        "wave_bits", (WAVES,), u(WAVES), u(material), u(seed & 0xFFFFFFFF), u(seed >> 32), bits
+    )
     words = buffers.read(bits, (WAVES, 8), np.uint32)
     buffers.release(bits)
     # The middle of one of 2^23 cells of (0, 1).

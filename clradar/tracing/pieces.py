@@ -116,7 +116,9 @@ def _positions(triangles_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 def _halved(corners: np.ndarray, longest: np.ndarray) -> np.ndarray:
     """Both halves of triangles that are cut at the middle of an edge, shape (2 n, 3, 2)."""
-    turned = np.take_along_axis(corners, ((longest[:, None] + np.arange(3)) % 3)[:, :, None], axis=1)
+    turned = np.take_along_axis(
+        corners, ((longest[:, None] + np.arange(3)) % 3)[:, :, None], axis=1
+    )
     a, b, c = turned[:, 0], turned[:, 1], turned[:, 2]
     middle = 0.5 * (a + b)
     halves = np.stack([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)], axis=1)

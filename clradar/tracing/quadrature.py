@@ -169,9 +169,7 @@ class LitQuadrature(TracedMesh):
             *self._surface, flat, geometric, point, normal,
         )  # fmt: skip
         for i, side in enumerate(self._sides):
-            self._find_visible(
-                count, flat, geometric, side.n_antennas, side.bundles, side.front
-            )
+            self._find_visible(count, flat, geometric, side.n_antennas, side.bundles, side.front)
             self._program.launch(
                 "sides_seen", (count,), u(count), u(side.groups), u(i == 0), side.columns, point,
                 normal, geometric, side.front, side.back, side.count, self._nearest,

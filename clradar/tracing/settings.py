@@ -161,7 +161,9 @@ class SimulationSettings:
             for name in UNUSED_BY_PHYSICAL:
                 default, value = type(self).__dataclass_fields__[name].default, getattr(self, name)
                 if value != default:
-                    expected = f"the default ({default}) with estimator='physical', which has no rays"
+                    expected = (
+                        f"the default ({default}) with estimator='physical', which has no rays"
+                    )
                     checks.fail(name, expected, value)
 
     def resolved(self) -> SimulationSettings:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 DEFAULT_ALPHA = 0.5
 
-Estimator = Literal["stochastic", "expected"]
+Estimator = Literal["stochastic", "expected", "physical"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,8 +51,8 @@ class EstimatorOptions:
     estimator: Estimator | None = option(
         None,
         "stochastic: random outgoing rays, as in the paper; expected: their mean, without shot "
-        f"noise, from {EXPECTED_SAMPLES_PER_MM2:g} sample per square millimetre. "
-        "[default: expected, or stochastic if samples, rays or bounces are given]",
+        f"noise, from {EXPECTED_SAMPLES_PER_MM2:g} sample per square millimetre; physical: "
+        "S-parameters of the materials by the Kirchhoff sum, without alpha. [default: expected, or stochastic if samples, rays or bounces are given]",
     )
     seed: int = option(0, "Same seed, same device: same bits.", metavar="N")
 
@@ -173,7 +173,14 @@ def summary(capture: Capture) -> str:
     """A simulated capture in words."""
     rays = capture.meta["rays"]
     shape = " x ".join(str(n) for n in capture.data.shape)
-    if capture.meta["settings"]["estimator"] == "expected":
+    estimator = capture.meta["settings"]["estimator"]
+    if estimator == "physical":
+        materials = ", ".join(capture.meta["scene"]["materials"])
+        lit = capture.meta["kirchhoff"]["lit"]
+        return (
+            f"{shape} S-parameters, {rays['samples']} points of which {lit} are seen, {materials}"
+        )
+    if estimator == "expected":
         return f"{shape}, {rays['samples']} samples, {rays['paths']} expected receptions"
     return (
         f"{shape}, {rays['samples']} samples, {rays['outgoing']} rays of which {rays['paths']} "
