@@ -35,7 +35,7 @@ MARGIN = 0.5
 """Part of the tolerance that the skeletons use, shared by Tx, Rx and frequencies."""
 
 FEW_POINTS = 200
-"""With fewer points that all antennas see the choice of skeleton antennas costs more than it saves."""
+"""With fewer points that all antennas see, choosing skeleton antennas costs more than it saves."""
 
 BATCH_BYTES = 2**26
 """Most that the sums of the cubes of a batch take. No result depends on it."""

@@ -131,7 +131,11 @@ def frequency_skeleton(
     n_terms: int,
     tolerance: float,
 ) -> Decomposition:
-    """Choose the frequencies that give the rest: arguments as of `antenna_skeleton`, both sides."""
+    """Choose the frequencies that give the rest: arguments as of `antenna_skeleton`, both sides.
+
+    The choice stays the same where the sides are exchanged.
+    """
+    sides = min(sides, sides[::-1], key=lambda pair: pair[0].antennas_m.tolist())
     rng = np.random.Generator(np.random.Philox(1))
     n = -(-max(MIN_SAMPLES, SAMPLES_PER_POINT * len(k)) // (2 * (n_terms - 1)))
     offset = k - 0.5 * (k[0] + k[-1])

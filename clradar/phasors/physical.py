@@ -21,8 +21,8 @@ from clradar.tracing.quadrature import LitPoints, LitQuadrature
 from clradar.tracing.settings import SimulationSettings, simulated_meta
 
 WIDEST_WAVELENGTHS, WIDEST_CORRELATION = 0.25, 0.5
-"""Widest spacing of points, in wavelengths and correlation lengths. At a quarter of a wavelength the
-image of a smooth hand is off by -22 dB, at an eighth by -40 dB."""
+"""Widest spacing of points, in wavelengths and correlation lengths. At a quarter of a wavelength
+the image of a smooth hand is off by -22 dB, at an eighth by -40 dB."""
 
 
 def physical_samples(

@@ -1,4 +1,4 @@
-"""Pieces of faces and their division into congruent triangles: where the points of a quadrature are.
+"""Pieces of faces and their division into congruent triangles: the points of a quadrature.
 
 A face is cut into k^2 congruent triangles, k so that they are at least as dense as asked for, and
 each stands for its centroid: the midpoint rule, whose error falls with the square of their

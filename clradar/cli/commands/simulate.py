@@ -52,7 +52,8 @@ class EstimatorOptions:
         None,
         "stochastic: random outgoing rays, as in the paper; expected: their mean, without shot "
         f"noise, from {EXPECTED_SAMPLES_PER_MM2:g} sample per square millimetre; physical: "
-        "S-parameters of the materials by the Kirchhoff sum, without alpha. [default: expected, or stochastic if samples, rays or bounces are given]",
+        "S-parameters of the materials by the Kirchhoff sum, without alpha. "
+        "[default: expected, or stochastic if samples, rays or bounces are given]",
     )
     seed: int = option(0, "Same seed, same device: same bits.", metavar="N")
 
