@@ -9,7 +9,7 @@ from clradar.imaging import fast
 from clradar.imaging.exact import ExactImager
 from clradar.imaging.grid_check import warn_of_grid
 from clradar.imaging.range_profiles import RangeImager
-from clradar.model import Capture, Volume, VoxelGrid, checks
+from clradar.model import Capture, ImageScale, Volume, VoxelGrid, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 
@@ -80,7 +80,8 @@ def backproject(
     Returns
     -------
     Volume
-        complex64, shape (n_z, n_y, n_x).
+        complex64, shape (n_z, n_y, n_x). Of a capture of S-parameters (`Capture.absolute`) it can
+        be read in dBsm: `Volume.rcs_dbsm`.
 
     Raises
     ------
@@ -139,8 +140,9 @@ def backproject(
         "device": dict(opened.describe()),
         "capture": dict(capture.meta),
     }
+    scale = ImageScale(capture.array, capture.waveform, weights) if capture.absolute else None
     try:
-        return Volume(data, grid, meta)
+        return Volume(data, grid, meta, scale)
     except ModelError as error:
         # Finite samples, each of which complex64 holds, but not their sum.
         largest = float(np.abs(capture.data.view(np.float32)).max())

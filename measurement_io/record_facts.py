@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from clradar.files.failures import clean
-from clradar.model import AntennaArray, Capture, ChannelCalibration, Volume, Waveform
+from clradar.model import (
+    AntennaArray,
+    Capture,
+    ChannelCalibration,
+    ImageScale,
+    Volume,
+    VoxelGrid,
+    Waveform,
+)
 from clradar.model.range_profile import MIN_STEPS, echo_profile
 from clradar.model.resolution import lateral_resolution_m
 
@@ -124,6 +132,7 @@ def capture_facts(capture: Capture) -> list[Fact]:
             },
         ),
         _amplitude_fact(np.abs(capture.data)),
+        *([_ABSOLUTE] if capture.absolute else []),
         *_range_facts(capture),
         *_meta_facts(dict(capture.meta)),
     ]
@@ -149,7 +158,24 @@ def _range_facts(capture: Capture) -> list[Fact]:
         f"at {_length(range_m)} (half path length, mean over pairs); resolution across {lateral}"
     )
     value = {"range_m": range_m, "lateral_resolution_m": across_m}
-    return [*facts, Fact("strongest echo", words, value)]
+    facts.append(Fact("strongest echo", words, value))
+    if capture.absolute:
+        facts += _echo_rcs_facts(capture, range_m, float(profile.power[0]))
+    return facts
+
+
+def _echo_rcs_facts(capture: Capture, range_m: float, power: float) -> list[Fact]:
+    """Describe an echo by the point target on boresight that has its mean power over pairs."""
+    across_m = np.concatenate([capture.array.tx_m, capture.array.rx_m])[:, :2]
+    height_m = np.sqrt(max(range_m**2 - (across_m**2).sum(axis=1).mean(), 0.0))
+    grid = VoxelGrid.from_extent((0, 0), (0, 0), (height_m, height_m), 1e-3)
+    scale = ImageScale(capture.array, capture.waveform, np.ones(capture.waveform.n_freq))
+    square_metre = float(scale.of_square_metre(grid)[0, 0, 0])
+    if not 0 < square_metre < np.inf:
+        return []
+    dbsm = 10 * np.log10(power) - 20 * np.log10(square_metre)
+    words = f"{dbsm:.1f} dBsm, as a point target on boresight with its mean power over pairs"
+    return [Fact("echo's radar cross section", words, {"dbsm": float(dbsm)})]
 
 
 def _length(length_m: float) -> str:
@@ -258,8 +284,26 @@ def volume_facts(volume: Volume) -> list[Fact]:
         ),
         _amplitude_fact(amplitude),
         Fact("strongest voxel", f"{peak} mm", {"position_m": peak_m}),
+        *_scale_facts(volume),
         *_meta_facts(dict(volume.meta)),
     ]
+
+
+_ABSOLUTE = Fact("scale", "absolute: S-parameters", {"absolute": True})
+
+
+def _scale_facts(volume: Volume) -> list[Fact]:
+    if volume.scale is None or not volume.data.any():
+        return []
+    rcs_dbsm = volume.rcs_dbsm()
+    at = np.unravel_index(int(rcs_dbsm.argmax()), rcs_dbsm.shape)[::-1]
+    grid = volume.grid
+    place_m = [float(axis[i]) for axis, i in zip((grid.x_m, grid.y_m, grid.z_m), at, strict=True)]
+    place = ", ".join(f"{n} {p * 1e3:.6g}" for n, p in zip("xyz", place_m, strict=True))
+    dbsm = float(rcs_dbsm.max())
+    value = {"dbsm": dbsm, "position_m": place_m}
+    words = f"{dbsm:.1f} dBsm as a point target, at {place} mm"
+    return [_ABSOLUTE, Fact("strongest target", words, value)]
 
 
 def millimetres(lengths_m: list[float]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 import itertools
 import os
@@ -16,7 +17,7 @@ from matplotlib.figure import Figure
 
 from clradar.compare import Metrics, compare
 from clradar.errors import CompareError, ModelError, OutputError
-from clradar.model import DepthMap, Volume, VoxelGrid
+from clradar.model import AntennaArray, DepthMap, ImageScale, Volume, VoxelGrid, Waveform
 from clradar.plot import (
     AMPLITUDE_BACKGROUND,
     DEPTH_BACKGROUND,
@@ -481,6 +482,28 @@ def test_a_line_of_voxels_is_a_curve() -> None:
     assert_legible(figure)
     across = image_figure(slab(WIDE, (30, 30), (300, 300), 2.0))
     assert across.axes[0].xaxis_inverted()
+
+
+@pytest.mark.parametrize("shape", ["volume", "line"])
+def test_levels_as_radar_cross_sections(shape: str) -> None:
+    plain = blob() if shape == "volume" else slab((20, 20), (30, 30), DEEP, 2.0)
+    array = AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
+    image = dataclasses.replace(plain, scale=ImageScale(array, Waveform([77e9]), [1.0]))
+    figure = image_figure(image, dbsm=True, dynamic_range_db=20.0)
+    top_dbsm = float(image.rcs_dbsm().max())
+    axes = figure.axes[0]
+    values = drawn(axes) if shape == "volume" else axes.lines[0].get_ydata()
+    assert values.max() == pytest.approx(top_dbsm, abs=1e-4)  # of float32
+    limits = axes.collections[0].get_clim() if shape == "volume" else axes.get_ylim()
+    assert limits[0] == pytest.approx(top_dbsm - 20, abs=1e-4)
+    assert "radar cross section (dBsm)" in [a.get_ylabel() for a in figure.axes]
+    assert axes.get_title().startswith("Radar cross section")
+    if shape == "volume":  # a curve has ticks outside, which are not drawn
+        assert_legible(figure)
+    with pytest.raises(ModelError, match="absolute scale"):
+        image_figure(plain, dbsm=True)
+    with pytest.raises(CompareError, match="expected a Volume"):
+        image_figure(blob().depth_map(), dbsm=True)
 
 
 def test_what_has_no_picture_or_no_such_view_is_refused() -> None:

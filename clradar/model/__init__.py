@@ -9,6 +9,7 @@ from clradar.model.material import METAL, Coating, Material
 from clradar.model.paths import Paths, TraceStatistics
 from clradar.model.pattern import AntennaPattern
 from clradar.model.permittivity import ColeCole, PermittivityTable, PowerLaw
+from clradar.model.scale import ImageScale
 from clradar.model.scene import Scene
 from clradar.model.volume import DepthMap, Volume
 from clradar.model.waveform import Waveform
@@ -23,6 +24,7 @@ __all__ = [
     "Coating",
     "ColeCole",
     "DepthMap",
+    "ImageScale",
     "Material",
     "Paths",
     "PermittivityTable",

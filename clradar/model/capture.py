@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import checks
 from clradar.model.array import AntennaArray
+from clradar.model.pattern import AntennaPattern
 from clradar.model.record import Record
 from clradar.model.waveform import Waveform
 
@@ -25,7 +27,8 @@ class Capture(Record):
     array : AntennaArray
     waveform : Waveform
     meta : mapping
-        Provenance, in types of JSON: numbers, strings, lists and mappings.
+        Provenance, in types of JSON: numbers, strings, lists and mappings. With ``"absolute":
+        True`` the samples are S-parameters: see `absolute`.
 
     Raises
     ------
@@ -61,6 +64,69 @@ class Capture(Record):
         shape = (self.array.n_tx, self.array.n_rx, self.waveform.n_freq)
         self._set_array("data", np.complex64, shape, " (tx, rx, freq)")
         self._set(meta=checks.frozen_mapping("Capture.meta", self.meta))
+
+    @property
+    def absolute(self) -> bool:
+        """Whether the samples are S-parameters, so that images can be read in dBsm.
+
+        As ``meta["absolute"]`` says, which `clradar.simulate` sets for ``estimator="physical"``,
+        and which belongs to measurements whose level has been calibrated.
+        """
+        return self.meta.get("absolute") is True
+
+    def rcs_dbsm(self, at_m: Any) -> np.ndarray:
+        """Return the radar cross section that each sample tells of all that is around a point.
+
+        Unlike an image it holds for targets of any size: a sphere, or a plate, about its nearest
+        point.
+
+        Parameters
+        ----------
+        at_m : array_like, shape (3,), metres
+            Where the target is.
+
+        Returns
+        -------
+        ndarray, shape (n_tx, n_rx, n_freq), float64, dBsm
+            sigma = 4 pi R_t^2 R_r^2 |u|^2 with u = s (4 pi / lambda) / (a_t a_r), a the patterns'
+            field amplitudes; -inf where a sample is 0, NaN where an antenna does not look.
+
+        Raises
+        ------
+        ModelError
+            The samples are not S-parameters; a point at an antenna.
+
+        Examples
+        --------
+        A large metal plate mirrors the Tx, |u| = 1/2R: pi R^2.
+
+        >>> import clradar, numpy as np
+        >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
+        >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 2)
+        >>> wavelength_m = 299_792_458 / waveform.frequencies_hz
+        >>> s = wavelength_m / (4 * np.pi) / 0.6 * np.exp(-2j * np.pi * 0.6 / wavelength_m)
+        >>> capture = clradar.Capture(s[None, None], array, waveform, {"absolute": True})
+        >>> capture.rcs_dbsm([0, 0, 0.3]).round(2)
+        array([[[-5.49, -5.49]]])
+        """
+        if not self.absolute:
+            checks.fail("Capture.meta", "'absolute': True, for S-parameters", "a relative scale")
+        point_m = checks.read_only("Capture.rcs_dbsm: at_m", at_m, np.float64, (3,))
+        sides = []
+        for antennas_m, pattern in (
+            (self.array.tx_m, self.array.tx_pattern),
+            (self.array.rx_m, self.array.rx_pattern),
+        ):
+            length_m = np.linalg.norm(point_m - antennas_m, axis=1)
+            if not length_m.all():
+                checks.fail("Capture.rcs_dbsm: at_m", "a point away from antennas", "one at them")
+            cosine = (point_m[2] - antennas_m[:, 2]) / length_m
+            sides.append((pattern or AntennaPattern()).amplitude(cosine) / length_m)
+        wavelength_m = SPEED_OF_LIGHT_M_PER_S / self.waveform.frequencies_hz
+        of_square_metre = np.einsum("t,r,n->trn", *sides, wavelength_m) / (4 * np.pi) ** 1.5
+        with np.errstate(divide="ignore", invalid="ignore"):
+            level_db = 20 * np.log10(np.abs(self.data) / of_square_metre)
+        return np.where(of_square_metre > 0, level_db, np.nan)
 
 
 def check_same_radar(field: str, capture: Capture, reference: Capture) -> None:

@@ -12,6 +12,7 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.model import checks
 from clradar.model.grid import VoxelGrid
 from clradar.model.record import Record
+from clradar.model.scale import ImageScale
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -89,6 +90,9 @@ class Volume(Record):
     grid : VoxelGrid
     meta : mapping
         Provenance, in types of JSON.
+    scale : ImageScale, optional
+        Antennas, frequencies and window of an image on an absolute scale: of a capture whose
+        samples are S-parameters (`Capture.absolute`).
 
     Raises
     ------
@@ -111,11 +115,19 @@ class Volume(Record):
     data: np.ndarray
     grid: VoxelGrid
     meta: Mapping[str, Any] = field(default_factory=dict)
+    scale: ImageScale | None = None
 
     def __post_init__(self) -> None:
+        if self.scale is not None:
+            checks.instance("Volume.scale", self.scale, ImageScale)
         checks.instance("Volume.grid", self.grid, VoxelGrid)
         self._set_array("data", np.complex64, self.grid.shape, " (z, y, x)")
         self._set(meta=checks.frozen_mapping("Volume.meta", self.meta))
+
+    @property
+    def absolute(self) -> bool:
+        """Whether the image is on an absolute scale, so that it can be read in dBsm."""
+        return self.scale is not None
 
     def max_projection(self) -> np.ndarray:
         """Return the maximum of the amplitude over z, shape (n_y, n_x), float32, linear.
@@ -133,6 +145,66 @@ class Volume(Record):
         if not np.isfinite(amplitude.max()):
             checks.fail("Volume.data", "amplitudes within the range of float32", "an overflow")
         return amplitude
+
+    def as_rcs(self) -> Volume:
+        """Return the image in units of radar cross section: its squared amplitude is in m^2.
+
+        Raises
+        ------
+        ModelError
+            The image is not on an absolute scale (`scale` is None).
+        """
+        if self.scale is None:
+            checks.fail(
+                "Volume.scale",
+                "an image on an absolute scale, of a capture by estimator='physical' or one whose "
+                "meta has 'absolute': True since its samples are S-parameters",
+                "an image that is relative to its own maximum",
+            )
+        reference = self.scale.of_square_metre(self.grid)
+        seen = reference > 0
+        data = np.divide(self.data, reference, out=np.zeros_like(self.data), where=seen)
+        data.flags.writeable = False
+        return Volume(data, self.grid, self.meta)
+
+    def rcs_dbsm(self) -> np.ndarray:
+        """Return the radar cross section that each voxel reads, dBsm (decibel over 1 m^2).
+
+        It is that of an isotropic point target in the voxel, and the maximum over a point target's
+        image is its radar cross section. What larger targets read is in docs/absolute-scale.md.
+
+        Returns
+        -------
+        ndarray, shape (n_z, n_y, n_x), float32
+            -inf where the image is 0 and where no antenna looks.
+
+        Raises
+        ------
+        ModelError
+            As `as_rcs`.
+
+        Examples
+        --------
+        A sphere of 1 cm, far larger than the wavelength: pi a^2 is -35 dBsm.
+
+        >>> import clradar, numpy as np
+        >>> q = clradar.arrays.qar50()
+        >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+        >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+        >>> to_tx, to_rx = (np.linalg.norm(a - [0, 0, 0.3], axis=1) for a in (q.tx_m, q.rx_m))
+        >>> to_tx, to_rx = to_tx[::12, None, None], to_rx[::12, None]
+        >>> wavelength_m = 299_792_458 / waveform.frequencies_hz
+        >>> u = np.sqrt(np.pi * 0.01**2 / (4 * np.pi)) / (to_tx * to_rx)
+        >>> turns = np.exp(-2j * np.pi * (to_tx + to_rx) / wavelength_m)
+        >>> s = wavelength_m / (4 * np.pi) * u * turns
+        >>> capture = clradar.Capture(s, array, waveform, {"absolute": True})
+        >>> grid = clradar.VoxelGrid([0, 0, 0.298], [1e-3] * 3, (1, 1, 5))
+        >>> image = clradar.backproject(capture, grid)
+        >>> print(f"{image.rcs_dbsm().max():.1f} dBsm")
+        -35.0 dBsm
+        """
+        with np.errstate(divide="ignore"):
+            return np.float32(20) * np.log10(self.as_rcs()._amplitude())
 
     def depth_map(self, dynamic_range_db: float = DYNAMIC_RANGE_DB) -> DepthMap:
         """Return the depth of the maximum along z where it is within the dynamic range.

@@ -41,8 +41,9 @@ from clradar.plot.panels import (
     draw_amplitude,
     draw_depth,
     draw_frame,
+    peak_dbsm,
 )
-from clradar.plot.views import FRONT, projected, view_of
+from clradar.plot.views import FRONT, projected, rcs_image, view_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,6 +55,7 @@ def image_figure(
     *,
     dynamic_range_db: float = DYNAMIC_RANGE_DB,
     view: str | None = None,
+    dbsm: bool = False,
 ) -> Figure:
     """Draw the amplitude and the depth of one image side by side.
 
@@ -67,6 +69,9 @@ def image_figure(
     view : "xy", "xz" or "yz", optional
         The axes of the figure; the volume is projected along the third. Default: along the axis
         that is thin, an eighth of either other extent at most; else "xy", the radar's view.
+    dbsm : bool
+        Draw the radar cross section that a voxel reads (`Volume.rcs_dbsm`), in place of the level
+        relative to the maximum.
 
     Returns
     -------
@@ -81,22 +86,26 @@ def image_figure(
         Not an image, zero everywhere, without any depth, a single voxel, a depth map that was cut
         at a smaller dynamic range, or one with a view other than "xy".
     ModelError
-        An unknown view.
+        An unknown view; `dbsm` of an image that is not on an absolute scale.
     """
+    if dbsm:
+        image = rcs_image(image)
     seen = view_of(image, view)
     shown = projected(image, seen, dynamic_range_db, "image")
     if isinstance(image, Volume) and sum(count > 1 for count in image.grid.counts) < 2:
-        return line_figure(image, title, dynamic_range_db)
+        return line_figure(image, title, dynamic_range_db, dbsm=dbsm)
+    top_db = peak_dbsm(shown) if dbsm else None
     slice_m = None
     if isinstance(image, Volume) and seen is not FRONT:
         axis_m = getattr(image.grid, f"{seen.along}_m")
         slice_m = float(axis_m[0]) if len(axis_m) == 1 else None
-    panels = ["Amplitude, maximum over depth", "Depth"]
+    level = "Radar cross section" if dbsm else "Amplitude"
+    panels = [f"{level}, maximum over depth", "Depth"]
     if slice_m is not None:
         unit = unit_for(slice_m)
-        panels = [f"Amplitude at {seen.along} = {typeset(f'{unit.per_m * slice_m:g}')} {unit.name}"]
+        panels = [f"{level} at {seen.along} = {typeset(f'{unit.per_m * slice_m:g}')} {unit.name}"]
     elif seen is not FRONT:
-        panels = [f"Amplitude, maximum over {seen.along}", f"{seen.along} of the maximum"]
+        panels = [f"{level}, maximum over {seen.along}", f"{seen.along} of the maximum"]
     extent = Extent.around([shown])
     panel_w, panel_h = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
     bar = BAR_GAP + BAR_WIDTH + BAR_LABELS
@@ -114,7 +123,8 @@ def image_figure(
         )
         panel.set_title(name, fontsize=LABEL_PT, pad=4)
     bars = [add_axes(figure, at + panel_w + BAR_GAP, BOTTOM, BAR_WIDTH, panel_h) for at in lefts]
-    amplitude_bar(bars[0], draw_amplitude(axes[0], shown, extent.unit), dynamic_range_db)
+    drawn = draw_amplitude(axes[0], shown, extent.unit, top_db)
+    amplitude_bar(bars[0], drawn, dynamic_range_db, top_db)
     if slice_m is None:
         limits_mm = depth_limits_mm([shown])
         depth = draw_depth(axes[1], shown, extent.unit, limits_mm)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,7 +33,9 @@ HEIGHT = 2.0
 """Of the panel, inches."""
 
 
-def line_figure(volume: Volume, title: str | None, dynamic_range_db: float) -> Figure:
+def line_figure(
+    volume: Volume, title: str | None, dynamic_range_db: float, *, dbsm: bool = False
+) -> Figure:
     """Draw the amplitude of a volume with one axis of more than one voxel."""
     axes_m = {name: getattr(volume.grid, f"{name}_m") for name in "xyz"}
     name = next((name for name, axis_m in axes_m.items() if len(axis_m) > 1), None)
@@ -53,15 +56,18 @@ def line_figure(volume: Volume, title: str | None, dynamic_range_db: float) -> F
     axes = add_axes(figure, LEFT, BOTTOM, SINGLE_PANEL_WIDTH, HEIGHT)
     floor = 10.0 ** (-dynamic_range_db / 20.0)
     level_db = 20.0 * np.log10(np.maximum(amplitude / amplitude.max(), floor / 10.0))
+    top_db = 20 * math.log10(amplitude.max()) if dbsm else 0.0
+    level_db += top_db
     where = unit.per_m * axes_m[name]
     axes.plot(where, level_db, linewidth=1.0)
     axes.set_xlim(where[-1], where[0]) if name == "x" else axes.set_xlim(where[0], where[-1])
-    axes.set_ylim(-dynamic_range_db, 0.03 * dynamic_range_db)
+    axes.set_ylim(top_db - dynamic_range_db, top_db + 0.03 * dynamic_range_db)
     axes.grid(linewidth=0.3)
     axes.tick_params(labelsize=TICK_PT, length=2.5, width=0.6, pad=2)
     axes.set_xlabel(f"{name} ({unit.name})", fontsize=LABEL_PT, labelpad=2)
-    axes.set_ylabel("amplitude (dB)", fontsize=LABEL_PT, labelpad=1)
-    axes.set_title(f"Amplitude at {typeset(place)} {unit.name}", fontsize=LABEL_PT, pad=4)
+    quantity, unit_name = ("Radar cross section", "dBsm") if dbsm else ("Amplitude", "dB")
+    axes.set_ylabel(f"{quantity.lower()} ({unit_name})", fontsize=LABEL_PT, labelpad=1)
+    axes.set_title(f"{quantity} at {typeset(place)} {unit.name}", fontsize=LABEL_PT, pad=4)
     for row, line in enumerate(lines):
         top = height - TOP - text_height(row, TITLE_PT)
         middle = LEFT + SINGLE_PANEL_WIDTH / 2

@@ -37,7 +37,10 @@ DEPTH_PERCENTILES = (1.0, 99.0)
 """Depths that the colour scale spans, so that a few outliers do not stretch it."""
 
 
-def draw_amplitude(axes: Axes, image: DepthMap, unit: LengthUnit) -> Any:
+def draw_amplitude(
+    axes: Axes, image: DepthMap, unit: LengthUnit, top_db: float | None = None
+) -> Any:
+    """Draw levels: relative to the image's maximum, or in dBsm below `top_db`."""
     import matplotlib
     from matplotlib.colors import ListedColormap
 
@@ -49,7 +52,15 @@ def draw_amplitude(axes: Axes, image: DepthMap, unit: LengthUnit) -> Any:
     level_db = clipped_db(image)
     level_db[level_db <= -image.dynamic_range_db] = np.nan
     limits = (-image.dynamic_range_db, 0.0)
+    if top_db is not None:
+        level_db += peak_dbsm(image)
+        limits = (top_db - image.dynamic_range_db, top_db)
     return draw_mesh(axes, image, unit, level_db, scale, limits, AMPLITUDE_BACKGROUND)
+
+
+def peak_dbsm(image: DepthMap) -> float:
+    """Return the maximum of an image whose squared amplitude is in m^2 (`Volume.as_rcs`)."""
+    return 20 * math.log10(float(image.amplitude.max()))
 
 
 def draw_depth(
@@ -134,9 +145,14 @@ def depth_limits_mm(images: Sequence[DepthMap]) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def amplitude_bar(axes: Axes, drawn: Any, dynamic_range_db: float) -> None:
+def amplitude_bar(
+    axes: Axes, drawn: Any, dynamic_range_db: float, top_db: float | None = None
+) -> None:
     bar = axes.figure.colorbar(drawn, cax=axes, extend="min", extendfrac=0.06)
-    label_bar(bar, (-dynamic_range_db, 0.0), "amplitude (dB)")
+    if top_db is None:
+        label_bar(bar, (-dynamic_range_db, 0.0), "amplitude (dB)")
+    else:
+        label_bar(bar, (top_db - dynamic_range_db, top_db), "radar cross section (dBsm)")
 
 
 def depth_bar(

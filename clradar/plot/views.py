@@ -52,6 +52,13 @@ def thin_view(grid: VoxelGrid) -> str:
     return "xy"
 
 
+def rcs_image(image: Volume | DepthMap) -> Volume:
+    """Return a volume whose squared amplitude is in m^2."""
+    if not isinstance(image, Volume):
+        raise CompareError("dbsm: expected a Volume, got a DepthMap, whose amplitude is relative")
+    return image.as_rcs()
+
+
 def projected(
     image: Volume | DepthMap, view: View, dynamic_range_db: float, label: str
 ) -> DepthMap:

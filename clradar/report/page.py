@@ -15,6 +15,7 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
 from clradar.plot import comparison_figure, image_figure, png_bytes
+from clradar.plot.views import rcs_image
 from clradar.report.clouds import Cloud, clouds, view_data
 from clradar.report.tables import image_facts, metrics_notes, metrics_table, settings_table
 from clradar.report.text import escaped, script_json
@@ -176,6 +177,7 @@ def image_report(
     settings: Mapping[str, Any] | None = None,
     dynamic_range_db: float = DYNAMIC_RANGE_DB,
     view: str | None = None,
+    dbsm: bool = False,
 ) -> str:
     """Return a self-contained HTML page of one image.
 
@@ -190,6 +192,8 @@ def image_report(
         Pixels further below the maximum are background.
     view : "xy", "xz" or "yz", optional
         Axes of the figure, as in `clradar.plot.image_figure`.
+    dbsm : bool
+        Levels as radar cross sections, as in `clradar.plot.image_figure`.
 
     Returns
     -------
@@ -202,7 +206,8 @@ def image_report(
         The image is zero everywhere, without any depth, a single voxel, or a depth map that was cut
         at a smaller dynamic range.
     ModelError
-        `dynamic_range_db` is not a positive number, or the view is unknown.
+        `dynamic_range_db` is not a positive number, or the view is unknown; `dbsm` of an image that
+        is not on an absolute scale.
 
     Examples
     --------
@@ -216,9 +221,10 @@ def image_report(
     True
     """
     dynamic_range_db = checks.dynamic_range("image_report: dynamic_range_db", dynamic_range_db)
-    shown = depth_map_of(image.image, dynamic_range_db, f"image '{image.label}'")
-    figure = image_figure(image.image, dynamic_range_db=dynamic_range_db, view=view)
-    facts = settings_table(image_facts(image.image, shown, image.source))
+    content = rcs_image(image.image) if dbsm else image.image
+    shown = depth_map_of(content, dynamic_range_db, f"image '{image.label}'")
+    figure = image_figure(image.image, dynamic_range_db=dynamic_range_db, view=view, dbsm=dbsm)
+    facts = settings_table(image_facts(content, shown, image.source, dbsm=dbsm))
     return _page(
         image.label if title is None else title,
         [image],

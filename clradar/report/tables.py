@@ -141,7 +141,9 @@ def _why_undefined(text: MetricText, metrics: Sequence[Metrics]) -> str:
     return f" n/a here: {escaped(UNDEFINED[text.field])}."
 
 
-def image_facts(image: Volume | DepthMap, shown: DepthMap, source: str) -> dict[str, str]:
+def image_facts(
+    image: Volume | DepthMap, shown: DepthMap, source: str, *, dbsm: bool = False
+) -> dict[str, str]:
     """Return the geometry and level of an image."""
     facts = {"file": source} if source else {}
     axes = [("x", shown.x_m), ("y", shown.y_m)]
@@ -163,7 +165,11 @@ def image_facts(image: Volume | DepthMap, shown: DepthMap, source: str) -> dict[
         for name, value in place_m.items()
         if np.isfinite(value)
     )
-    facts["maximum of the amplitude"] = f"{shown.amplitude.max():.4g}, at {where} mm"
+    if dbsm:
+        top_dbsm = 20 * math.log10(shown.amplitude.max())
+        facts["highest radar cross section"] = f"{top_dbsm:.1f} dBsm, at {where} mm"
+    else:
+        facts["maximum of the amplitude"] = f"{shown.amplitude.max():.4g}, at {where} mm"
     return facts
 
 

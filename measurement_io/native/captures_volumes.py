@@ -11,7 +11,16 @@ import numpy as np
 
 from clradar.files import json_text
 from clradar.files.failures import clean, fail, reading
-from clradar.model import AntennaArray, AntennaPattern, Capture, Volume, VoxelGrid, Waveform, checks
+from clradar.model import (
+    AntennaArray,
+    AntennaPattern,
+    Capture,
+    ImageScale,
+    Volume,
+    VoxelGrid,
+    Waveform,
+    checks,
+)
 from measurement_io.confined import hdf5_process
 from measurement_io.native import contents as native_contents
 from measurement_io.native.scheme import (
@@ -94,7 +103,10 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
     True
     """
     checks.instance("save_volume: volume", volume, Volume)
-    grid = volume.grid
+    grid, scale = volume.grid, volume.scale
+    texts = {}
+    if scale is not None:
+        texts["array_name"] = plain_text("AntennaArray.name", scale.array.name)
 
     def fill(data: Any) -> None:
         write_dataset(data, "data", volume.data, "complex image", None)
@@ -104,10 +116,16 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
         # The axes are for viewers; these two give the grid back exactly.
         write_dataset(data, "origin_m", grid.origin_m, "centre of the first voxel x, y, z", "m")
         write_dataset(data, "spacing_m", grid.spacing_m, "voxel spacing x, y, z", "m")
+        if scale is not None:
+            write_instrument(data, scale.array, scale.waveform)
+            write_dataset(data, native_contents.WEIGHTS, scale.weights, "window", None)
 
     text = json_text.to_json("Volume.meta", volume.meta)
     size = stored_bytes(volume.data, grid.x_m, grid.y_m, grid.z_m)
-    write(Path(path), "volume", text, {}, fill, size_bytes=size, force=force)
+    if scale is not None:
+        size += instrument_bytes(scale.array, scale.waveform) + scale.weights.nbytes
+    version = 1 if scale is None else 2
+    write(Path(path), "volume", text, texts, fill, size_bytes=size, force=force, version=version)
 
 
 def read_capture(path: Path) -> tuple[NativeHeader, Capture]:
@@ -138,7 +156,10 @@ def read_volume(path: Path) -> tuple[NativeHeader, Volume]:
         for axis, have, want in zip("xyz", axes, (grid.x_m, grid.y_m, grid.z_m), strict=True):
             if np.abs(have - want).max() > 1e-9 * max(1.0, float(np.abs(want).max())):
                 fail(path, f"{axis}_m by origin_m and spacing_m", "another axis")
-        return header, Volume(_read_only(found["data"]), grid, header.meta)
+        scale = None
+        if native_contents.WEIGHTS in found:
+            scale = ImageScale(*instrument(found), found[native_contents.WEIGHTS])
+        return header, Volume(_read_only(found["data"]), grid, header.meta, scale)
 
 
 def read_header(path: Path) -> NativeHeader:

@@ -19,6 +19,9 @@ from measurement_io.native.scheme import EXPECTED, NX_CLASSES, SCHEMES, VERSION,
 Contents = dict[str, Any]
 _FORMAT = "clradar_format"
 CHANNEL_FIELDS = ("gain", "delay_s", "noise", "phase_std_rad", "delay_std_s")
+WEIGHTS = "frequency_weight"
+"""Of the window of a volume, whose antennas and frequencies then are in the file, too."""
+
 PATTERN_DATASETS = tuple(
     f"{side}_pattern{column}" for side in ("tx", "rx") for column in ("", "_angle_deg", "_field")
 )
@@ -62,6 +65,10 @@ def read_volume(path: Path) -> Contents:
         }
         shape = tuple(len(found[name]) for name in SCHEMES["volume"].axes)
         found["data"] = hdf5_guard.array(path, data, "data", np.complex64, shape)
+        if WEIGHTS in data:
+            found |= _instrument(path, data)
+            count = (len(found["frequency_hz"]),)
+            found[WEIGHTS] = hdf5_guard.array(path, data, WEIGHTS, np.float64, count)
         return {"header": header, **found}
 
 
@@ -108,8 +115,8 @@ def nexus_problems(path: Path) -> list[str]:
         axes = list(scheme.axes)
         if "axes" not in data.attrs or hdf5_guard.texts(path, data, "axes") != axes:
             problems.append(f"/entry/data@axes: expected {axes}")
-        patterns = [name for name in PATTERN_DATASETS if name in data]
-        for name in (*scheme.datasets, *patterns):
+        optional = [name for name in (*PATTERN_DATASETS, WEIGHTS) if name in data]
+        for name in (*scheme.datasets, *optional):
             if name in ("tx", "rx") and name not in data:
                 continue  # for viewers only
             found = hdf5_guard.dataset(path, data, name)
@@ -181,7 +188,9 @@ def _header(path: Path, file: Any, wanted: str | None) -> tuple[Contents, Any]:
     created = hdf5_guard.text(path, file, "created")
     text = hdf5_guard.text(path, file, "provenance")
     data = hdf5_guard.group(path, hdf5_guard.group(path, file, "entry"), "data")
-    texts = {name: hdf5_guard.text(path, data, name) for name in SCHEMES[kind].texts}
+    optional = (name for name in SCHEMES[kind].optional_texts if name in data.attrs)
+    names = (*SCHEMES[kind].texts, *optional)
+    texts = {name: hdf5_guard.text(path, data, name) for name in names}
     if "text_crc32" in file.attrs:
         want = hdf5_guard.whole_number(path, file, "text_crc32")
         have = text_crc32(created, text, list(texts.values()))

@@ -24,7 +24,8 @@ from measurement_io.confined import hdf5_guard
 
 VERSION = 2
 """The newest that is read. Files are written as version 1 where that holds all there is: version 2
-adds antenna patterns, without which a reader would misunderstand the samples."""
+adds antenna patterns, without which a reader would misunderstand the samples, and the scale of
+volumes."""
 
 NX_CLASSES = {"/": "NXroot", "/entry": "NXentry", "/entry/data": "NXdata"}
 _CHUNK_BYTES = 2**20
@@ -51,6 +52,8 @@ class Scheme:
     datasets : tuple of str
     texts : tuple of str
         String attributes, which the checksum of the file's text covers.
+    optional_texts : tuple of str
+        String attributes that a file may lack, under the same checksum.
     """
 
     noun: str
@@ -59,6 +62,7 @@ class Scheme:
     axes: tuple[str, ...]
     datasets: tuple[str, ...]
     texts: tuple[str, ...]
+    optional_texts: tuple[str, ...] = ()
 
 
 SCHEMES = {
@@ -77,6 +81,7 @@ SCHEMES = {
         axes=("z_m", "y_m", "x_m"),
         datasets=("data", "x_m", "y_m", "z_m", "origin_m", "spacing_m"),
         texts=(),
+        optional_texts=("array_name",),
     ),
     "channels": Scheme(
         noun="channels",
@@ -159,7 +164,7 @@ def write(
     text : str
         The provenance, JSON.
     texts : dict
-        The string attributes that its scheme names.
+        The string attributes of its scheme.
     fill : callable
         Called with the group `/entry/data` to write its datasets.
     size_bytes : int
@@ -186,7 +191,8 @@ def write(
         file.attrs["created"] = created
         file.attrs["provenance"] = text
         # HDF5 keeps the strings of attributes where it has no checksum.
-        crc32 = text_crc32(created, text, [texts[name] for name in scheme.texts])
+        kept = [name for name in (*scheme.texts, *scheme.optional_texts) if name in texts]
+        crc32 = text_crc32(created, text, [texts[name] for name in kept])
         file.attrs["text_crc32"] = np.uint32(crc32)
         entry = file.create_group("entry")
         entry.attrs["NX_class"] = NX_CLASSES["/entry"]
@@ -195,7 +201,7 @@ def write(
         data.attrs["NX_class"] = NX_CLASSES["/entry/data"]
         data.attrs["signal"] = scheme.signal
         data.attrs["axes"] = list(scheme.axes)
-        for name in scheme.texts:
+        for name in kept:
             data.attrs[name] = texts[name]
         fill(data)
 

@@ -16,7 +16,14 @@ import clradar.plot
 from clradar.cli.options.imaging import GridOptions, axis_mm
 from clradar.cli.titles import recording_words, title_of
 from clradar.files.hashing import sha256_of
-from measurement_io import open_capture, open_volume, save_capture, save_maroon_frame
+from measurement_io import (
+    check_file,
+    describe,
+    open_capture,
+    open_volume,
+    save_capture,
+    save_maroon_frame,
+)
 
 
 def test_axis_in_millimetres() -> None:
@@ -244,3 +251,45 @@ def test_a_capture_without_a_grid_is_imaged_where_its_echo_is(run: Run, tmp_path
     assert facts["strongest_echo"]["range_m"] == pytest.approx(1.5, abs=0.01)
     assert facts["strongest_echo"]["lateral_resolution_m"][0] == pytest.approx(0.021, rel=0.05)
     assert "unambiguous to 1.904 m" in run("inspect", far).out
+
+
+def test_radar_cross_sections_of_samples_that_are_s_parameters(
+    run: Run, made: Path, tmp_path: Path
+) -> None:
+    target, png, page = tmp_path / "v.h5", tmp_path / "v.png", tmp_path / "v.html"
+    files = ["-o", target, "--png", png, "--report", page, "--dbsm", *GRID]
+    outcome = run("image", made / "sim.h5", *files)
+    one_error_line(outcome, "sim.h5: expected S-parameters for --dbsm")
+    assert not list(tmp_path.iterdir())
+    assert run("image", made / "volume.h5", "--absolute", "--png", png).status == 2
+
+    outcome = run("image", made / "sim.h5", *files, "--absolute")
+    assert outcome.status == 0, outcome.err
+    volume = open_volume(target)
+    expected = f"{volume.rcs_dbsm().max():.1f} dBsm"
+    assert expected in page.read_text(encoding="utf-8")
+    assert expected in run("inspect", target).out
+    again = tmp_path / "again.png"
+    assert run("image", target, "--png", again, "--dbsm").status == 0
+    assert again.read_bytes().startswith(b"\x89PNG")
+    assert check_file(target).ok
+
+
+def test_inspect_names_the_scale_and_the_echo_of_s_parameters(run: Run, tmp_path: Path) -> None:
+    q = clradar.arrays.qar50()
+    array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    waveform = clradar.Waveform.sfcw(72e9, 82e9, 64)
+    wavelength_m = 299_792_458 / waveform.frequencies_hz
+    length_m = np.linalg.norm(array.tx_m[:, None] * [1, 1, -1] + [0, 0, 0.6] - array.rx_m, axis=2)
+    phase = np.exp(-2j * np.pi * length_m[..., None] / wavelength_m)
+    samples = wavelength_m / (4 * np.pi) / length_m[..., None] * phase
+    plate = clradar.Capture(samples, array, waveform, {"absolute": True})
+    save_capture(tmp_path / "plate.h5", plate)
+    facts = describe(tmp_path / "plate.h5").values
+    assert facts["scale"] == {"absolute": True}
+    # pi R^2 with R half the mean length, told to a bin of 4 mm. Lengths from 0.6 to 0.63 m, of which
+    # the mean profile (60 mm wide by the window) tells one, cost some tenths of a decibel.
+    range_m = facts["strongest_echo"]["range_m"]
+    assert range_m == pytest.approx(length_m.mean() / 2, abs=4e-3)
+    found = facts["echo's_radar_cross_section"]["dbsm"]
+    assert found == pytest.approx(10 * np.log10(np.pi * range_m**2), abs=0.5)

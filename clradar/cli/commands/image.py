@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
@@ -24,6 +24,12 @@ if TYPE_CHECKING:
     from clradar import Volume
 
 
+RELATIVE = (
+    "got samples on a relative scale; --absolute says that they are S-parameters, as those of "
+    "--estimator physical are"
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ImageFiles:
     """Files of an image, one of which has to be written."""
@@ -35,6 +41,9 @@ class ImageFiles:
     )
     view: Literal["xy", "xz", "yz"] | None = option(
         None, "Axes of the figure. [default: xy, or across the axis that is thin]"
+    )
+    dbsm: bool = option(
+        False, "Draw radar cross sections in dBsm, of samples that are S-parameters."
     )
 
     def check(self, *, force: bool, inputs: list[Path]) -> None:
@@ -66,15 +75,12 @@ class ImageFiles:
                 print_warning(f"{path}: not drawn, since the image is {reason}")
         if reason is not None:
             return
+        shown: dict[str, Any] = {"dynamic_range_db": range_db, "view": self.view, "dbsm": self.dbsm}
         if self.png is not None:
-            figure = image_figure(volume, title, dynamic_range_db=range_db, view=self.view)
-            save_figure(figure, self.png, force=force)
+            save_figure(image_figure(volume, title, **shown), self.png, force=force)
             print_line(f"{self.png}: amplitude and depth, {range_db:g} dB")
         if self.report is not None:
-            page = image_report(
-                ReportImage(title, volume, source), settings=origin, dynamic_range_db=range_db,
-                view=self.view,
-            )  # fmt: skip
+            page = image_report(ReportImage(title, volume, source), settings=origin, **shown)
             write_file(self.report, page.encode("utf-8"), force=force)
             print_line(f"{self.report}: the image as a page, to be opened in a browser")
 
@@ -92,6 +98,9 @@ def command(
     tolerance_db: float | None = option(
         None, "Error of fast, RMS over the image's RMS, -80 to -30. [default: -50]", metavar="DB"
     ),
+    absolute: bool = option(
+        False, "The samples are S-parameters, as those of --estimator physical are anyway."
+    ),
     depth: DepthMapOptions,
     frames: FrameOptions,
     device: DeviceOption = None,
@@ -102,18 +111,25 @@ def command(
     a volume, which is an image already, --png and --report are drawn.
     """
     from clradar import Volume, open_device
+    from clradar.errors import MeasurementError
 
     voxels.grid()  # wrong usage is reported before a file is read
     files.check(force=force, inputs=[capture])
     loaded = ImageInput.open(capture, frames)
+    if files.dbsm and not (absolute or loaded.content.absolute):
+        raise MeasurementError(f"{capture}: expected S-parameters for --dbsm, {RELATIVE}")
     if isinstance(loaded.content, Volume):
-        _check_no_imaging(files, {**given(voxels), **given(imaging)}, tolerance_db, device)
+        options = {**given(voxels), **given(imaging), **({"--absolute": 1} if absolute else {})}
+        _check_no_imaging(files, options, tolerance_db, device)
         volume, origin = loaded.content, provenance("image", {}, loaded.files)
     else:
         opened = open_device(device)
-        grid = grid_for(loaded.content, voxels, opened)
+        samples = loaded.content
+        if absolute:
+            samples = replace(samples, meta={**samples.meta, "absolute": True})
+        grid = grid_for(samples, voxels, opened)
         start_s = perf_counter()
-        volume = form_image(loaded.content, grid, imaging, opened, "imaging", tolerance_db)
+        volume = form_image(samples, grid, imaging, opened, "imaging", tolerance_db)
         took_s = perf_counter() - start_s
         options = recorded(imaging, frames, grid=grid_text(grid))
         origin = provenance("image", options, loaded.files)

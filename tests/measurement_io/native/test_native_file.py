@@ -17,6 +17,7 @@ import pytest
 import clradar
 from clradar import AntennaPattern
 from clradar.errors import MeasurementError, ModelError, OutputError
+from clradar.model import ImageScale
 from measurement_io import (
     check_file,
     describe,
@@ -189,6 +190,22 @@ def test_patterns_stay_with_the_array(tmp_path):
     words = str(describe(file))
     assert "Tx pattern" in words
     assert "3.5 dBi, cos^1.5" in words
+
+
+def test_a_volume_keeps_its_scale(tmp_path):
+    array = dataclasses.replace(small_capture().array, rx_pattern=AntennaPattern(3.5, 1.5))
+    scale = ImageScale(array, clradar.Waveform([76e9, 77e9]), [0.5, 1.0])
+    save_volume(tmp_path / "v.h5", dataclasses.replace(small_volume(), scale=scale))
+    read = open_volume(tmp_path / "v.h5").scale
+    assert same_bits(read.weights, scale.weights)
+    assert same_bits(read.waveform.frequencies_hz, scale.waveform.frequencies_hz)
+    assert same_bits(read.array.tx_m, array.tx_m)
+    assert (read.array.name, read.array.rx_pattern) == (array.name, array.rx_pattern)
+    assert check_file(tmp_path / "v.h5").ok
+    with h5py.File(tmp_path / "v.h5", "r+") as file:
+        assert file.attrs["clradar_version"] == 2
+        file["entry/data"].attrs["array_name"] = "another"
+    assert "damaged" in refused(tmp_path / "v.h5", open_volume)
 
 
 def test_a_damaged_pattern_is_an_error(tmp_path):

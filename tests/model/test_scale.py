@@ -1,0 +1,204 @@
+"""Images on an absolute scale: what targets of known radar cross section read, in dBsm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import clradar
+from clradar import AntennaArray, AntennaPattern, Capture, Volume, VoxelGrid, Waveform
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.errors import ModelError
+from clradar.model import ImageScale
+
+Q = clradar.arrays.qar50()
+ARRAY = AntennaArray(Q.tx_m[::8], Q.rx_m[::7])
+WAVEFORM = Waveform.sfcw(72e9, 82e9, 24)
+PATTERNED = replace(
+    ARRAY,
+    tx_pattern=AntennaPattern(5.0, 1.5),
+    rx_pattern=AntennaPattern(-2.0, 0.0, [0, 20, 60, 90, 180], [1, 0.9, 0.3, 0.05, 0]),
+)
+
+# NODE_ERROR of either side, float32 of image and scale: 2e-4 of the amplitude is 0.002 dB.
+SCALE_DB = 0.002
+# The default tolerance of `backproject`, -50 dB of the RMS, at a peak above it: 0.03 dB at most.
+IMAGE_DB = 0.03
+
+
+def spreading(array: AntennaArray, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a/R of each Tx and Rx at points, from the equation, shape (n, points)."""
+    sides = []
+    for antennas_m, pattern in (
+        (array.tx_m, array.tx_pattern),
+        (array.rx_m, array.rx_pattern),
+    ):
+        to = points_m - antennas_m[:, None]
+        distance = np.linalg.norm(to, axis=2)
+        amplitude = (pattern or AntennaPattern()).amplitude(to[..., 2] / distance)
+        sides.append(amplitude / distance)
+    return sides[0], sides[1]
+
+
+def echo(array: AntennaArray, tx_leg_m: np.ndarray, rx_leg_m: np.ndarray, u: np.ndarray) -> Capture:
+    """Return S-parameters by the radar equation of a field u (1/m) over path lengths."""
+    length = np.broadcast_to(tx_leg_m + rx_leg_m, u.shape)[..., None]
+    wavelength = SPEED_OF_LIGHT_M_PER_S / WAVEFORM.frequencies_hz
+    samples = wavelength / (4 * np.pi) * u[..., None] * np.exp(-2j * np.pi * length / wavelength)
+    return Capture(samples, array, WAVEFORM, {"absolute": True})
+
+
+def point_target(array: AntennaArray, at_m: np.ndarray, rcs_m2: float) -> Capture:
+    tx, rx = (side[:, 0] for side in spreading(array, at_m[None]))
+    legs = [np.linalg.norm(antennas - at_m, axis=1) for antennas in (array.tx_m, array.rx_m)]
+    u = np.sqrt(rcs_m2 / (4 * np.pi)) * tx[:, None] * rx
+    return echo(array, legs[0][:, None], legs[1], u)
+
+
+def grid_around(at_m: np.ndarray, counts: tuple[int, int, int] = (3, 3, 3)) -> VoxelGrid:
+    return VoxelGrid(at_m - 1e-3 * (np.array(counts) // 2), [1e-3] * 3, counts)
+
+
+@pytest.mark.parametrize("array", [ARRAY, PATTERNED], ids=["isotropic", "patterns"])
+@pytest.mark.parametrize("window", ["rect", "hann"])
+@pytest.mark.parametrize("at_m", [(0.0, 0.0, 0.3), (0.09, -0.07, 0.26), (0.0, 0.02, 1.2)])
+def test_a_point_target_reads_its_cross_section(array, window, at_m) -> None:
+    at = np.array(at_m)
+    capture = point_target(array, at, 10**-2.35)
+    image = clradar.backproject(capture, grid_around(at), window=window, check_grid=False)
+    rcs_dbsm = image.rcs_dbsm()
+    assert rcs_dbsm.shape == (3, 3, 3)
+    assert rcs_dbsm[1, 1, 1] == pytest.approx(-23.5, abs=SCALE_DB)
+    assert rcs_dbsm.dtype == np.float32
+
+
+def test_methods_agree() -> None:
+    at = np.array([0.01, 0.02, 0.3])
+    capture = point_target(PATTERNED, at, 1.0)
+    grid = grid_around(at, (21, 21, 9))
+    for method in ("exact", "range", "fast"):
+        image = clradar.backproject(capture, grid, method=method, check_grid=False)
+        assert image.rcs_dbsm().max() == pytest.approx(0.0, abs=IMAGE_DB)
+
+
+@pytest.mark.parametrize("array", [ARRAY, PATTERNED], ids=["isotropic", "patterns"])
+def test_scale_is_that_of_the_equation_everywhere(array) -> None:
+    grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.16, 0.34), 5e-3)
+    weights = np.linspace(0.5, 1.0, WAVEFORM.n_freq)
+    found = ImageScale(array, WAVEFORM, weights).of_square_metre(grid)
+    z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
+    tx, rx = spreading(array, np.stack([x, y, z], axis=-1).reshape(-1, 3))
+    wavelengths = SPEED_OF_LIGHT_M_PER_S / WAVEFORM.frequencies_hz
+    mean = np.mean(weights * wavelengths / (4 * np.pi))
+    wanted = mean / np.sqrt(4 * np.pi) * tx.mean(axis=0) * rx.mean(axis=0)
+    assert np.abs(20 * np.log10(found.ravel() / wanted)).max() < SCALE_DB
+
+
+def test_scale_at_antennas_and_behind_them() -> None:
+    blind = AntennaPattern(exponent=1.0)
+    array = AntennaArray([[0, 0, 0]], [[0.01, 0, 0]], tx_pattern=blind, rx_pattern=blind)
+    grid = VoxelGrid([0, 0, -0.01], [0.01] * 3, (2, 1, 3))
+    found = ImageScale(array, WAVEFORM, np.ones(24)).of_square_metre(grid)
+    assert found[0].tolist() == [[0, 0]]
+    image = Volume(np.ones(grid.shape), grid, scale=ImageScale(array, WAVEFORM, np.ones(24)))
+    rcs_dbsm = image.rcs_dbsm()
+    assert np.isneginf(rcs_dbsm[:2]).all()
+    assert np.isfinite(rcs_dbsm[2]).all()
+    plain = replace(array, tx_pattern=None, rx_pattern=None)
+    at_antenna = ImageScale(plain, WAVEFORM, np.ones(24)).of_square_metre(grid)
+    assert np.isposinf(at_antenna[1]).all()
+
+
+def sphere(radius_m: float, range_m: float) -> Capture:
+    """Return the echo of a metal sphere by geometrical optics: u = a / 2 d (d + a) face to face."""
+    centre = np.array([0.0, 0.0, range_m])
+    antennas = ARRAY.tx_m, ARRAY.rx_m
+    away = [np.linalg.norm(a - centre, axis=1) for a in antennas]
+    towards = [(a - centre) / d[:, None] for a, d in zip(antennas, away, strict=True)]
+    # The specular point lies between the directions to both antennas, in the middle if they are
+    # as far away; its path is shorter than that of the point that faces the origin.
+    half = np.arccos(np.clip(towards[0] @ towards[1].T, -1, 1)) / 2
+    lengths = [
+        np.sqrt(d**2 + radius_m**2 - 2 * radius_m * d * np.cos(half))
+        for d in (away[0][:, None], away[1])
+    ]
+    u = radius_m / 2 / (lengths[0] * lengths[1] + radius_m * (lengths[0] + lengths[1]) / 2)
+    return echo(ARRAY, lengths[0], lengths[1], u)
+
+
+@pytest.mark.parametrize(("radius_m", "below_db"), [(0.002, 0.15), (0.005, 0.5)])
+def test_small_spheres_read_pi_a_squared(radius_m: float, below_db: float) -> None:
+    # Lengths of pairs differ from those of one point by 2a (1 - cos(half)): with half angles of up
+    # to 19 degrees 0.05 a. That spread costs 1 - (k 0.05 a / 2)^2 / 2 of the amplitude at most:
+    # 0.03 and 0.17 dB of phase, and the divergence costs d / (d + a): 0.06 and 0.15 dB.
+    capture = sphere(radius_m, 0.3)
+    grid = VoxelGrid.from_extent((0, 0), (0, 0), (0.29, 0.305), 5e-4)
+    image = clradar.backproject(capture, grid, check_grid=False)
+    found_db = image.rcs_dbsm().max() - 10 * np.log10(np.pi * radius_m**2)
+    assert -below_db < found_db < 0.02
+
+
+@pytest.mark.parametrize("radius_m", [0.002, 0.02, 0.05])
+def test_samples_of_a_sphere_tell_pi_a_squared(radius_m: float) -> None:
+    # At any size: 2 m away d / (d + a) is 0.22 dB for 50 mm.
+    found = sphere(radius_m, 2.0).rcs_dbsm([0, 0, 2.0 - radius_m])
+    wanted_db = 10 * np.log10(np.pi * radius_m**2) + 20 * np.log10((2 - radius_m) / 2)
+    assert np.abs(found - wanted_db).max() < 0.02
+
+
+def plate(array: AntennaArray, distance_m: float) -> Capture:
+    """Return the echo of an infinite metal plate, the field of the image source: u = 1 / d."""
+    image_m = array.tx_m * [1, 1, -1] + [0, 0, 2 * distance_m]
+    length_m = np.linalg.norm(image_m[:, None] - array.rx_m, axis=2)
+    return echo(array, length_m, 0.0, 1 / length_m)
+
+
+def test_samples_of_a_large_plate_tell_pi_r_squared() -> None:
+    both = AntennaArray([[0, 0, 0]], [[0, 0, 0]])
+    found = plate(both, 0.3).rcs_dbsm([0, 0, 0.3])
+    assert np.abs(found - 10 * np.log10(np.pi * 0.3**2)).max() < 1e-5  # complex64
+
+
+def test_a_voxel_of_a_plate_reads_a_resolution_cell_of_it() -> None:
+    # 4 pi A^2 / lambda^2 with A the square of the lateral resolution, as docs/absolute-scale.md
+    # says: an estimate, good to 3 dB.
+    grid = VoxelGrid.from_extent((0, 0), (0, 0), (0.295, 0.305), 1e-3)
+    image = clradar.backproject(plate(Q, 0.3), grid, check_grid=False)
+    wavelength_m = SPEED_OF_LIGHT_M_PER_S / WAVEFORM.center_hz
+    cell_m2 = (wavelength_m / (4 * 0.07 / np.hypot(0.07, 0.3))) ** 2
+    wanted_db = 10 * np.log10(4 * np.pi * cell_m2**2 / wavelength_m**2)
+    assert image.rcs_dbsm().max() == pytest.approx(wanted_db, abs=3.0)
+
+
+@pytest.mark.parametrize("array", [ARRAY, PATTERNED], ids=["isotropic", "patterns"])
+def test_samples_of_a_point_tell_its_cross_section(array) -> None:
+    at_m = np.array([0.05, -0.02, 0.25])
+    assert np.abs(point_target(array, at_m, 0.1).rcs_dbsm(at_m) + 10).max() < 1e-5  # complex64
+
+
+def test_samples_without_a_scale_or_a_place() -> None:
+    at_m = np.array([0.0, 0.0, 0.3])
+    capture = point_target(PATTERNED, at_m, 1.0)
+    with pytest.raises(ModelError, match="'absolute': True"):
+        replace(capture, meta={}).rcs_dbsm(at_m)
+    with pytest.raises(ModelError, match="away from antennas"):
+        capture.rcs_dbsm(ARRAY.tx_m[0])
+    assert np.isnan(capture.rcs_dbsm([0, 0, -0.3])).all()
+
+
+def test_relative_images_have_no_cross_section() -> None:
+    capture = replace(point_target(ARRAY, np.array([0, 0, 0.3]), 1.0), meta={})
+    assert not capture.absolute
+    image = clradar.backproject(capture, grid_around(np.array([0, 0, 0.3])), check_grid=False)
+    assert not image.absolute
+    with pytest.raises(ModelError, match="image on an absolute scale"):
+        image.rcs_dbsm()
+
+
+def test_scale_wants_one_weight_per_frequency() -> None:
+    with pytest.raises(ModelError, match="weights"):
+        ImageScale(ARRAY, WAVEFORM, np.ones(3))
+    with pytest.raises(ModelError, match=r"Volume.scale: expected an ImageScale, got float"):
+        Volume(np.ones((1, 1, 1)), VoxelGrid([0, 0, 0], [1, 1, 1], (1, 1, 1)), {}, 1.0)
