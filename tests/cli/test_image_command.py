@@ -287,8 +287,8 @@ def test_inspect_names_the_scale_and_the_echo_of_s_parameters(run: Run, tmp_path
     save_capture(tmp_path / "plate.h5", plate)
     facts = describe(tmp_path / "plate.h5").values
     assert facts["scale"] == {"absolute": True}
-    # pi R^2 with R half the mean length, told to a bin of 4 mm. Lengths from 0.6 to 0.63 m, of which
-    # the mean profile (60 mm wide by the window) tells one, cost some tenths of a decibel.
+    # pi R^2 with R half the mean length, told to a bin of 4 mm. Lengths from 0.6 to 0.63 m, where
+    # the mean profile (60 mm wide by the window) takes one, cost some tenths of a decibel.
     range_m = facts["strongest_echo"]["range_m"]
     assert range_m == pytest.approx(length_m.mean() / 2, abs=4e-3)
     found = facts["echo's_radar_cross_section"]["dbsm"]
