@@ -10,67 +10,7 @@
  *
  * G  float (n_blocks, n_m, n_rows, 2, n_columns): real and imaginary parts of a row side by side; rows
  *    are padded with zeros to a multiple of CLR_WIDTH and of CLR_TILE columns. */
-#ifndef CLR_ROWS
-#error "CLR_ROWS (most rows of a block: they are held in private memory) is missing"
-#endif
-#ifndef CLR_LEAF
-#error "CLR_LEAF (most rows or columns of a smallest block, held in private memory) is missing"
-#endif
-#ifndef CLR_FAR
-#error "CLR_FAR (1 where float32 is too coarse for the phase over a block) is missing"
-#endif
-#ifndef CLR_TILE
-#error "CLR_TILE (weighted sums per pass over the rows) is missing"
-#elif CLR_TILE != 4
-#error "CLR_TILE must be 4: transposed sums are stored as float4"
-#endif
-
-#include "common/phase.h"
-
-#if CLR_FAR
-/* Over blocks of many wavelengths a float32 has no digits left for the phase: lengths and wavenumbers are
- * kept as hi + lo. */
-typedef dual length_type;
-
-/* The coordinate at + rest relative to an antenna's. */
-static inline dual from_antenna(realw at, realw rest, realw hi, realw lo) {
-    dual d = two_sum(at, -hi);
-    d.lo += rest - lo;
-    return d;
-}
-
-/* |v| - |c| */
-static inline dual length_difference(dual vx, dual vy, dual vz, dual cx, dual cy, dual cz) {
-    const dual v = dual_length(vx, vy, vz), c = dual_length(cx, cy, cz);
-    dual d = two_sum(v.hi, -c.hi);
-    d.lo += v.lo - c.lo;
-    return two_sum(d.hi, d.lo);
-}
-
-static inline void phasor(dual length, float k_hi, float k_lo, realw *cosine, realw *sine) {
-    cos_sin_cycles(cycles(length, make_wavenumber((realw)(k_hi), (realw)(k_lo))), cosine, sine);
-}
-#else
-typedef realw length_type;
-
-/* x reduced to at most half a cycle, for |x| < 2^22. */
-static inline realw wrapped(realw x) {
-    const realw magic = 12582912.0f;
-    return x - ((x + magic) - magic);
-}
-
-/* |v| - |c| for v = c + o, without cancellation. */
-static inline realw length_difference(realw vx, realw vy, realw vz, realw cx, realw cy, realw cz,
-                                      realw ox, realw oy, realw oz) {
-    const realw sum = sqrt(vx * vx + vy * vy + vz * vz) + sqrt(cx * cx + cy * cy + cz * cz);
-    const realw product = ox * (vx + cx) + oy * (vy + cy) + oz * (vz + cz);
-    return sum > 0.0f ? product / sum : (realw)(0.0f);
-}
-
-static inline void phasor(realw length, float k_hi, float k_lo, realw *cosine, realw *sine) {
-    cos_sin_cycles(wrapped(length * k_hi), cosine, sine);
-}
-#endif
+#include "common/block_phases.h"
 
 /* The phasors that refer each antenna's samples from a block's centre to that of a block in it. Item =
  * CLR_WIDTH antennas of one block.
@@ -126,27 +66,6 @@ static inline void rotated_rows(const uint n_rows, const uint n_columns, __globa
     }
 }
 
-/* Sums over the rows, weighted with CLR_TILE neighbouring columns of the weights. */
-typedef struct {
-    realw re[CLR_TILE], im[CLR_TILE];
-} weighted_sums;
-
-static inline weighted_sums sum_rows(const uint n_rows, const realw *re, const realw *im,
-                                     __global const float *weights, const uint n_weights) {
-    weighted_sums sum;
-    for (uint t = 0; t < CLR_TILE; ++t) sum.re[t] = sum.im[t] = 0.0f;
-    for (uint i = 0; i < n_rows; ++i) {
-        __global const float *w = weights + (size_t)i * n_weights;
-        const realw a = re[i], b = im[i];
-#pragma unroll
-        for (uint t = 0; t < CLR_TILE; ++t) {
-            sum.re[t] = fused(a, (realw)(w[t]), sum.re[t]);
-            sum.im[t] = fused(b, (realw)(w[t]), sum.im[t]);
-        }
-    }
-    return sum;
-}
-
 /* Multiply the rows by their phasors and reduce their number; the result's rows are the old columns.
  * Item = CLR_WIDTH columns of one frequency of one block.
  *
@@ -172,25 +91,7 @@ __kernel void reduce_and_transpose(const uint n_columns, const uint n_m, const u
         result + (((size_t)block * n_m + m) * n_real_columns + column) * 2 * n_out;
     for (uint j = 0; j < n_out; j += CLR_TILE) {
         const weighted_sums sum = sum_rows(n_rows, re, im, weights + j, n_out);
-#define FOUR(part, lane) (float4)(part[0] lane, part[1] lane, part[2] lane, part[3] lane)
-#define STORE_LANE(number, lane)                                                                   \
-    if (column + number < n_real_columns) {                                                        \
-        __global float *at = out + (size_t)2 * number * n_out + j;                                 \
-        ((__global loose4 *)at)->v = FOUR(sum.re, lane);                                           \
-        ((__global loose4 *)(at + n_out))->v = FOUR(sum.im, lane);                                 \
-    }
-#if CLR_WIDTH == 8
-        STORE_LANE(0, .s0)
-        STORE_LANE(1, .s1)
-        STORE_LANE(2, .s2)
-        STORE_LANE(3, .s3)
-        STORE_LANE(4, .s4)
-        STORE_LANE(5, .s5)
-        STORE_LANE(6, .s6)
-        STORE_LANE(7, .s7)
-#else
-        STORE_LANE(0, )
-#endif
+        store_transposed(sum, n_real_columns - column, n_out, out + j);
     }
 }
 
@@ -248,63 +149,27 @@ __kernel void reduce_frequencies(const uint n_values, const uint n_blocks, const
     }
 }
 
-/* CLR_WIDTH voxels relative to the centre of a block, metres; the rests of the float32 coordinates with
- * CLR_FAR only. */
-typedef struct {
-    realw x, y, z;
-#if CLR_FAR
-    realw x_rest, y_rest, z_rest;
-#endif
-} offsets;
-
-/* |v - a| - |c - a| per lane, for v = c + o and an antenna float (6): x, y, z as hi, then as lo. */
-static inline length_type length_from_centre(const offsets o, __global const float *c,
-                                             __global const float *a) {
-#if CLR_FAR
-    const realw none = 0.0f;
-    const dual cx = from_antenna(c[0], none, a[0], a[3]);
-    const dual cy = from_antenna(c[1], none, a[1], a[4]);
-    const dual cz = from_antenna(c[2], none, a[2], a[5]);
-    const dual ox = {o.x, o.x_rest}, oy = {o.y, o.y_rest}, oz = {o.z, o.z_rest};
-    return length_difference(dual_add(cx, ox), dual_add(cy, oy), dual_add(cz, oz), cx, cy, cz);
-#else
-    const float cx = c[0] - a[0], cy = c[1] - a[1], cz = c[2] - a[2];
-    return length_difference(o.x + cx, o.y + cy, o.z + cz, cx, cy, cz, o.x, o.y, o.z);
-#endif
-}
-
-/* The image in the smallest blocks. Item = CLR_WIDTH voxels of one block.
+/* The image in the smallest blocks. Item = CLR_WIDTH voxels or points of one block.
  *
- * offset   float (6, n_voxels)                 voxels from the block's centre, x, y, z as hi, then as lo,
- *                                              metres; n_voxels is a multiple of CLR_WIDTH
+ * n_voxels                                     most voxels of a block, whole lanes
+ * offset, rests (n_blocks, 3), first (n_blocks, 3), place   see common/block_phases.h
  * centres  float (n_blocks, 3)                 metres
- * rests    float (n_blocks, 3)                 exact centre minus its float32, metres
- * first    int (n_blocks, 3)                   x, y, z index of the block's first voxel
- * place    int (n_voxels, 3)                   x, y, z index of a voxel in its block
  * rows, columns  float (n, 6)                  antennas: x, y, z as hi, then as lo, metres
  * k        float (2, n_m)                      cycles per metre as hi, then lo
- * volume   float (2, n_z, n_y, n_x)            out: real, imaginary part */
+ * volume   float (2, n_z, n_y, n_x)            out: real, imaginary part; n_x points, n_y = n_z = 1 */
 __kernel void image_of_blocks(const uint n_voxels, const uint n_blocks, const uint n_m,
                               const uint n_rows, const uint n_columns, const uint n_padded,
-                              const uint n_x, const uint n_y, const uint n_z,
+                              const uint n_x, const uint n_y, const uint n_z, const uint n_offsets,
                               __global const float *g, __global const float *offset,
                               __global const float *centres, __global const float *rests,
                               __global const int *first, __global const int *place,
                               __global const float *rows, __global const float *columns,
                               __global const float *k, __global float *volume) {
     const uint voxel = (uint)get_global_id(0) * CLR_WIDTH, block = (uint)get_global_id(1);
-    if (voxel >= n_voxels || block >= n_blocks) return;
+    __global const int *from = first + 3 * block;
+    if (block >= n_blocks || voxel >= leaf_size(n_voxels, from)) return;
     __global const float *c = centres + 3 * block, *rest = rests + 3 * block;
-    __global const float *at = offset + voxel;
-    offsets o;
-    o.x = LOADW(at) + rest[0];
-    o.y = LOADW(at + n_voxels) + rest[1];
-    o.z = LOADW(at + 2 * n_voxels) + rest[2];
-#if CLR_FAR
-    o.x_rest = LOADW(at + 3 * n_voxels) + ((LOADW(at) - o.x) + rest[0]);
-    o.y_rest = LOADW(at + 4 * n_voxels) + ((LOADW(at + n_voxels) - o.y) + rest[1]);
-    o.z_rest = LOADW(at + 5 * n_voxels) + ((LOADW(at + 2 * n_voxels) - o.z) + rest[2]);
-#endif
+    const offsets o = load_offsets(n_offsets, voxel, offset, rest, from);
     length_type row_m[CLR_LEAF], column_m[CLR_LEAF];
     realw column_re[CLR_LEAF], column_im[CLR_LEAF];
     for (uint i = 0; i < n_rows; ++i) row_m[i] = length_from_centre(o, c, rows + 6 * i);
@@ -337,10 +202,8 @@ __kernel void image_of_blocks(const uint n_voxels, const uint n_blocks, const ui
     const float out_re[1] = {sum_re}, out_im[1] = {sum_im};
 #endif
     for (uint lane = 0; lane < CLR_WIDTH; ++lane) {
-        __global const int *s = place + 3 * (voxel + lane), *f = first + 3 * block;
-        const uint x = (uint)(f[0] + s[0]), y = (uint)(f[1] + s[1]), z = (uint)(f[2] + s[2]);
-        if (x < n_x && y < n_y && z < n_z) {
-            const size_t index = ((size_t)z * n_y + y) * n_x + x;
+        const long index = leaf_index(n_x, n_y, n_z, voxel + lane, from, place);
+        if (index >= 0) {
             volume[index] = out_re[lane];
             volume[plane + index] = out_im[lane];
         }

@@ -16,7 +16,12 @@ import numpy as np
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, VoxelGrid, Waveform
 from clradar.phasors.interpolative import Decomposition
-from clradar.phasors.skeletons import AntennaPhases, FrequencyPhases, decompositions
+from clradar.phasors.skeletons import (
+    AntennaPhases,
+    FrequencyPhases,
+    PositionSampler,
+    decompositions,
+)
 
 LEAF_WAVELENGTHS = (1.0, 1.0, 2.0)
 """Size of the smallest blocks along x, y, z, in wavelengths: smaller ones cost more on the way down
@@ -51,15 +56,17 @@ class BlockLevel:
     ----------
     voxels : tuple of 3 ints
         Size of a block along x, y, z.
-    counts : tuple of 3 ints
-        Number of blocks along x, y, z.
+    n_blocks : int
+    n_voxels : int
+        What all of them are summed over, with what fills them up.
     tx, rx, frequency : Decomposition
         Skeleton indices into all antennas and frequencies; weights of shape (skeleton of the level
         above, skeleton of this one).
     """
 
     voxels: Triple
-    counts: Triple
+    n_blocks: int
+    n_voxels: int
     tx: Decomposition
     rx: Decomposition
     frequency: Decomposition
@@ -84,11 +91,11 @@ def leaf_voxels(grid: VoxelGrid, wavelength_m: float) -> Triple:
     return size[0], size[1], size[2]
 
 
-def block_sizes(grid: VoxelGrid, leaf: Triple) -> list[Triple]:
+def block_sizes(counts: Triple, leaf: Triple) -> list[Triple]:
     """Return the sizes of blocks in voxels, from one around the whole grid down to `leaf`."""
     sizes = [leaf]
-    while any(s < n for s, n in zip(sizes[0], grid.counts, strict=True)):
-        x, y, z = (s if s >= n else 2 * s for s, n in zip(sizes[0], grid.counts, strict=True))
+    while any(s < n for s, n in zip(sizes[0], counts, strict=True)):
+        x, y, z = (s if s >= n else 2 * s for s, n in zip(sizes[0], counts, strict=True))
         sizes.insert(0, (x, y, z))
     return sizes
 
@@ -109,17 +116,49 @@ def block_levels(
         get the same part of its square, and each level the same part of that; where the levels
         together exceed it, each is given less.
     """
-    k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
-    sizes = block_sizes(grid, leaf_voxels(grid, SPEED_OF_LIGHT_M_PER_S / waveform.center_hz))
+    sizes = block_sizes(grid.counts, leaf_voxels(grid, centre_wavelength_m(waveform)))
     sampler = _VoxelSampler(grid, sizes, array, np.random.Generator(np.random.Philox(0)))
+    blocks = [int(np.prod(grid_block_counts(grid, size))) for size in sizes]
+    voxels = [n * int(np.prod(size)) for n, size in zip(blocks, sizes, strict=True)]
+    return tree_levels(
+        array, waveform, sampler, list(zip(sizes, blocks, voxels, strict=True)), tolerance
+    )
+
+
+def grid_block_counts(grid: VoxelGrid, size: Triple) -> Triple:
+    """Return how many blocks of a size there are along x, y, z."""
+    x, y, z = (-(-n // s) for n, s in zip(grid.counts, size, strict=True))
+    return x, y, z
+
+
+def centre_wavelength_m(waveform: Waveform) -> float:
+    return SPEED_OF_LIGHT_M_PER_S / waveform.center_hz
+
+
+def tree_levels(
+    array: AntennaArray,
+    waveform: Waveform,
+    sampler: PositionSampler,
+    sizes: list[tuple[Triple, int, int]],
+    tolerance: float,
+) -> tuple[BlockLevel, ...]:
+    """Return the levels that are worthwhile, of blocks of some sizes.
+
+    Parameters
+    ----------
+    sizes : list of (voxels, n_blocks, n_voxels)
+        See `BlockLevel`, from one block down.
+    tolerance : float
+        See `block_levels`.
+    """
+    k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
     share = MARGIN * tolerance / np.sqrt(3)
     tx = decompositions(AntennaPhases(array.tx_m, k, sampler), share)
     rx = decompositions(AntennaPhases(array.rx_m, k, sampler), share)
     frequency = decompositions(FrequencyPhases(array, k, sampler), share)
-    found = []
-    for voxels, *parts in zip(sizes, tx, rx, frequency, strict=True):
-        x, y, z = (-(-n // s) for n, s in zip(grid.counts, voxels, strict=True))
-        found.append(BlockLevel(voxels, (x, y, z), *parts))
+    found = [
+        BlockLevel(*size, *parts) for size, *parts in zip(sizes, tx, rx, frequency, strict=True)
+    ]
     return tuple(found[: _worthwhile(array, waveform, found)])
 
 
@@ -138,14 +177,14 @@ def _worthwhile(array: AntennaArray, waveform: Waveform, found: list[BlockLevel]
         )
         if i % 2:
             rows, columns = columns, rows
-        n_blocks, block = int(np.prod(level.counts)), int(np.prod(level.voxels))
         step = m * c * (0.5 * r * rows + 2 * r + 2 * rows)
         step += m * rows * (0.5 * c * columns + 2 * c + 2 * columns)
         step += rows * columns * (0.5 * m * frequencies + m + frequencies)
-        way_down += n_blocks * step
+        way_down += level.n_blocks * step
         antennas = rows + columns
-        last = n_blocks * block * (frequencies * (rows * columns + 9 * antennas) + 5 * antennas)
-        if block <= MOST_LEAF and way_down + last < least:
+        last = frequencies * (rows * columns + 9 * antennas) + 5 * antennas
+        last *= level.n_voxels
+        if level.n_voxels <= level.n_blocks * MOST_LEAF and way_down + last < least:
             least, best = way_down + last, i + 1
         r, c, m = columns, rows, frequencies
     return best

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.imaging.fast import array_parts
+from clradar.imaging.fast import Report, array_parts
 from clradar.model import AntennaArray, Waveform
 from clradar.opencl import Buffers, Device, build
 from clradar.opencl.double_single import antenna_rows, hi_lo
@@ -26,8 +26,6 @@ LEAST_POINTS = 256
 CHUNK_PHASORS = 2**18
 """Points times antennas of a call that may have more points. Part of the order of summation, like
 the other sizes, so it depends on the array alone."""
-
-Report = Callable[[float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,18 +57,26 @@ class PointSet:
 
 
 class DirectSum:
-    """The sums over points and over pairs, to float32 rounding."""
+    """The sums over points and over pairs, to float32 rounding.
+
+    `number` says which of the values of a larger set, raveled, are those of the points.
+    """
 
     def __init__(
-        self, array: AntennaArray, waveform: Waveform, points: PointSet, device: Device
+        self,
+        array: AntennaArray,
+        waveform: Waveform,
+        number: np.ndarray | slice,
+        points: PointSet,
+        device: Device,
     ) -> None:
-        self.array, self.points, self.device = array, points, device
+        self.array, self.number, self.points, self.device = array, number, points, device
         self.k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
         self.program = build(device, "direct_sum.cl", _Sizes(device.width))
 
-    def forward(self, reflectivity: np.ndarray, report: Report) -> np.ndarray:
-        """Return the capture, shape (n_tx, n_rx, n_freq), complex64, of values of the points."""
-        out = np.empty((self.array.n_tx, self.array.n_rx, len(self.k)), np.complex64)
+    def forward(self, values: np.ndarray, out: np.ndarray, report: Report) -> None:
+        """Add the samples of values to `out`, complex64, (n_tx, n_rx, n_freq)."""
+        reflectivity = values.ravel()[self.number]
         with Buffers(self.device) as buffers:
             for tx, rx, part in array_parts(self.array):
                 n_tx, n_rx = _whole(part.n_tx, TX_BLOCK), _whole(part.n_rx, RX_BLOCK)
@@ -83,22 +89,24 @@ class DirectSum:
                             *_numbers(held.n_points, n_tx, n_rx, n_freq), held.tx, held.rx, capture,
                         )  # fmt: skip
                         report(self._share(tx, rx, chunk, held.stop))
-                    values = buffers.read(capture, (n_freq, n_tx, n_rx), np.complex64)
+                    sums = buffers.read(capture, (n_freq, n_tx, n_rx), np.complex64)
                     buffers.release(capture)
-                    values = values[:, : part.n_tx, : part.n_rx]
-                    out[tx, rx, chunk] = values.transpose(1, 2, 0)
-        return out
+                    sums = sums[:, : part.n_tx, : part.n_rx]
+                    out[tx, rx, chunk] += sums.transpose(1, 2, 0)
 
-    def adjoint(self, data: np.ndarray, report: Report) -> np.ndarray:
-        """Return the values of the points, shape (n,), complex64, of a capture's data."""
-        out = np.zeros(self.points.n, np.complex128)
+    def adjoint(
+        self, data: np.ndarray, weights: np.ndarray, out: np.ndarray, report: Report
+    ) -> None:
+        """Add the values of samples, weighted by frequency, to `out`, complex64."""
+        total = np.zeros(self.points.n, np.complex128)
         with Buffers(self.device) as buffers:
             for tx, rx, part in array_parts(self.array):
                 n_tx, n_rx = _whole(part.n_tx, TX_BLOCK), _whole(part.n_rx, RX_BLOCK)
                 for chunk in self._frequencies():
                     n_freq = len(self.k[chunk])
                     cube = np.zeros((n_freq, n_tx, n_rx), np.complex64)
-                    cube[:, : part.n_tx, : part.n_rx] = data[tx, rx, chunk].transpose(2, 0, 1)
+                    weighted = data[tx, rx, chunk] * weights[chunk]
+                    cube[:, : part.n_tx, : part.n_rx] = weighted.transpose(2, 0, 1)
                     capture = buffers.upload(cube)
                     for held in self._phasors(buffers, tx, rx, chunk, None):
                         n_points = held.n_points
@@ -112,10 +120,10 @@ class DirectSum:
                         sums = buffers.read(values, shape, np.float32).sum(axis=0, dtype=np.float64)
                         buffers.release(values)
                         sums = sums[:, : held.stop - held.start]
-                        out[held.start : held.stop] += sums[0] + 1j * sums[1]
+                        total[held.start : held.stop] += sums[0] + 1j * sums[1]
                         report(self._share(tx, rx, chunk, held.stop))
                     buffers.release(capture)
-        return out.astype(np.complex64)
+        out.reshape(-1)[self.number] += total.astype(np.complex64)
 
     def _frequencies(self) -> list[slice]:
         starts = range(0, len(self.k), FREQUENCY_CHUNK)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,7 +11,16 @@ import numpy as np
 from clradar.constants import PLAUSIBLE_RANGE_M
 from clradar.errors import ModelError
 from clradar.imaging import fast
-from clradar.imaging.direct_sum import DirectSum, PointSet, Report
+from clradar.imaging.direct_sum import DirectSum, PointSet
+from clradar.imaging.fast import (
+    FastSum,
+    GridPiece,
+    PointPiece,
+    Report,
+    grid_pieces,
+    point_pieces,
+    reported,
+)
 from clradar.model import AntennaArray, Capture, Volume, VoxelGrid, Waveform, checks
 from clradar.model.plausible import check_plausible
 from clradar.model.progress import Progress
@@ -18,6 +28,9 @@ from clradar.opencl import Device, open_device
 
 STEPS = 1000
 """Steps of progress of one application."""
+
+_Part = FastSum | DirectSum
+"""The same for some of the voxels or points each; both add to their results."""
 
 
 class ImagingOperator:
@@ -105,25 +118,61 @@ class ImagingOperator:
         tolerance_db = fast.checked_tolerance_db("ImagingOperator: tolerance_db", tolerance_db)
         self.array, self.waveform, self.tolerance_db = array, waveform, tolerance_db
         self.range_shape = (array.n_tx, array.n_rx, waveform.n_freq)
-        self.domain_shape: tuple[int, ...]
-        seen = {"tx_visible": (tx_visible, array.n_tx), "rx_visible": (rx_visible, array.n_rx)}
+        self.device = open_device(device)
         self.grid: VoxelGrid | None = None
+        self.domain_shape: tuple[int, ...]
+        self._parts: list[_Part]
         if isinstance(grid_or_points, VoxelGrid):
             if tx_visible is not None or rx_visible is not None:
                 checks.fail("ImagingOperator: visibility", "points where it is given", "a grid")
             self.grid, self.domain_shape = grid_or_points, grid_or_points.shape
-            n = int(np.prod(self.domain_shape))
-            points = PointSet(n, partial(_voxels_m, grid_or_points))
+            self._parts = [self._grid_part(grid_or_points)]
         else:
             points_m = _points_m(grid_or_points)
-            n, self.domain_shape = len(points_m), (len(points_m),)
-            visible = [
-                _visible(f"ImagingOperator: {name}", given, (n, n_antennas))
-                for name, (given, n_antennas) in seen.items()
-            ]
-            points = PointSet(n, lambda start, stop: points_m[start:stop], *visible)
-        self.device = open_device(device)
-        self._direct = DirectSum(array, waveform, points, self.device)
+            n = len(points_m)
+            tx_seen = _visible("ImagingOperator: tx_visible", tx_visible, (n, array.n_tx))
+            rx_seen = _visible("ImagingOperator: rx_visible", rx_visible, (n, array.n_rx))
+            self.domain_shape = (n,)
+            self._parts = self._point_parts(points_m, tx_seen, rx_seen)
+
+    def _grid_part(self, grid: VoxelGrid) -> _Part:
+        n = int(np.prod(grid.shape))
+        if self._few(n):
+            return self._direct(slice(None), PointSet(n, partial(_voxels_m, grid)))
+        return self._fast(grid_pieces(grid))
+
+    def _point_parts(
+        self, points_m: np.ndarray, tx_seen: np.ndarray | None, rx_seen: np.ndarray | None
+    ) -> list[_Part]:
+        """Return the points that all antennas see, and the others."""
+        by_all = np.ones(len(points_m), bool)
+        for seen in (tx_seen, rx_seen):
+            if seen is not None:
+                by_all &= seen.all(axis=1)
+        if self._few(int(by_all.sum())):
+            by_all[:] = False
+        parts: list[_Part] = []
+        if by_all.any():
+            number = np.flatnonzero(by_all)
+            parts.append(self._fast(point_pieces(points_m[number], number)))
+        if not by_all.all():
+            number = np.flatnonzero(~by_all)
+            some_m = points_m[number]
+            seen_by = [None if seen is None else seen[number] for seen in (tx_seen, rx_seen)]
+            points = PointSet(len(number), lambda start, stop: some_m[start:stop], *seen_by)
+            parts.append(self._direct(number, points))
+        return parts
+
+    def _few(self, n: int) -> bool:
+        return n * int(np.prod(self.range_shape)) <= fast.FEW_TERMS
+
+    def _fast(self, pieces: Sequence[GridPiece | PointPiece]) -> FastSum:
+        found = FastSum(self.array, self.waveform, pieces, self.tolerance_db, self.device)
+        found.prepare()
+        return found
+
+    def _direct(self, number: Any, points: PointSet) -> DirectSum:
+        return DirectSum(self.array, self.waveform, number, points, self.device)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -152,7 +201,10 @@ class ImagingOperator:
                 checks.fail(field, "a volume on the operator's grid", "one on another")
             reflectivity = reflectivity.data
         values = checks.read_only(field, reflectivity, np.complex64, self.domain_shape)
-        return _finite(field, self._direct.forward(values.ravel(), _report(progress)), values)
+        out = np.zeros(self.range_shape, np.complex64)
+        for part, report in self._reported(progress):
+            part.forward(values, out, report)
+        return _finite(field, out, values)
 
     def adjoint(self, samples: Any, progress: Progress | None = None) -> np.ndarray:
         """Return the image of samples, shape `domain_shape`, complex64, not scaled.
@@ -178,8 +230,17 @@ class ImagingOperator:
                 checks.fail(field, "a capture by the operator's array and waveform", "another one")
             samples = samples.data
         values = checks.read_only(field, samples, np.complex64, self.range_shape)
-        image = self._direct.adjoint(values, _report(progress))
-        return _finite(field, image.reshape(self.domain_shape), values)
+        out = np.zeros(self.domain_shape, np.complex64)
+        weights = np.ones(self.waveform.n_freq)
+        for part, report in self._reported(progress):
+            part.adjoint(values, weights, out, report)
+        return _finite(field, out, values)
+
+    def _reported(self, progress: Progress | None) -> Iterator[tuple[_Part, Report]]:
+        """Yield each part of the work, and what reports its progress."""
+        whole, n = reported(progress, STEPS), len(self._parts)
+        for i, part in enumerate(self._parts):
+            yield part, lambda share, i=i: whole((i + share) / n)  # type: ignore[misc]
 
     def as_linear_operator(self) -> Any:
         """Return a `scipy.sparse.linalg.LinearOperator` of shape `shape`, dtype complex64.
@@ -284,14 +345,6 @@ def _visible(field: str, given: Any, shape: tuple[int, int]) -> np.ndarray | Non
 def _voxels_m(grid: VoxelGrid, start: int, stop: int) -> np.ndarray:
     index = np.unravel_index(np.arange(start, stop), grid.shape)
     return grid.origin_m + grid.spacing_m * np.stack(index[::-1], axis=1)
-
-
-def _report(progress: Progress | None) -> Report:
-    def report(share: float) -> None:
-        if progress is not None:
-            progress(int(STEPS * share), STEPS)
-
-    return report
 
 
 def _finite(field: str, result: np.ndarray, given: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from clradar.bench import nearest
 from clradar.hand import POSES, posed_skeleton
 from clradar.hand.flesh import grown_flesh
 from clradar.hand.flesh_field import FleshField
-from clradar.imaging import block_tree, fast
+from clradar.imaging import block_tree, fast, tree_on_device
 from clradar.opencl import Buffers, open_device
 from clradar.opencl.program import Program
 
@@ -126,7 +126,7 @@ def everything(width: int) -> None:
         grid = clradar.VoxelGrid.from_extent(shape, (0, 0.002), (0.30, 0.302), 1e-3)
         for method in ("exact", "range", "fast"):
             clradar.backproject(capture, grid, method=method, device=device)
-        fast.FLOAT32_SHARE = -fast.FLOAT32_SHARE
+        tree_on_device.FLOAT32_SHARE = -tree_on_device.FLOAT32_SHARE
     # Points within the cells and beyond them.
     with Buffers(device) as buffers:
         field = FleshField(grown_flesh(posed_skeleton(POSES["F"])), 0.02, buffers)

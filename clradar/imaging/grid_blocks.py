@@ -1,0 +1,77 @@
+"""The blocks of a grid of voxels: where they, their voxels and the blocks in them are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clradar.imaging.block_tree import BlockLevel, grid_block_counts
+from clradar.model import VoxelGrid
+
+NO_VOXEL = 2**30
+"""Index of the voxels that fill up a block to whole lanes: outside every grid."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GridBlocks:
+    """Some blocks of a level are an array of shape (n, 3), int: their x, y, z indices."""
+
+    levels: tuple[BlockLevel, ...]
+    grid: VoxelGrid
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """Voxels along x, y, z."""
+        return self.grid.counts
+
+    @property
+    def diagonal_m(self) -> float:
+        """Of the whole grid."""
+        return float(np.linalg.norm(self.grid.spacing_m * (np.array(self.grid.counts) - 1)))
+
+    @property
+    def n_leaves(self) -> int:
+        return self.levels[-1].n_blocks
+
+    def top(self) -> np.ndarray:
+        """Return the blocks of the first level."""
+        return np.zeros((1, 3), np.int64)
+
+    def children(self, i: int, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the blocks of level i + 1 in those of level i, and for each which one it is in."""
+        size = self.levels[i + 1].voxels
+        ratio = np.array(self.levels[i].voxels) // np.array(size)
+        inner = np.indices(tuple(ratio)).reshape(3, -1).T
+        children = (index[:, None] * ratio + inner).reshape(-1, 3)
+        parent = np.repeat(np.arange(len(index), dtype=np.int32), len(inner))
+        inside = (children < grid_block_counts(self.grid, size)).all(axis=1)
+        return children[inside], parent[inside]
+
+    def centres_m(self, i: int, index: np.ndarray) -> np.ndarray:
+        """Return the centres of blocks of level i, shape (n, 3), float64."""
+        size = np.array(self.levels[i].voxels)
+        return self.grid.origin_m + self.grid.spacing_m * (index * size + 0.5 * (size - 1))
+
+    def leaf(self, width: int) -> tuple[int, np.ndarray, np.ndarray]:
+        """Return the voxels of a smallest block, whole lanes: how many, offsets from its centre in
+        metres, float64, and their indices in it."""
+        size = self.levels[-1].voxels
+        n_x, n_y, n_z = size
+        index = np.arange(-(-n_x * n_y * n_z // width) * width)
+        place = np.stack([index % n_x, index // n_x % n_y, index // (n_x * n_y)], axis=1)
+        offset_m = self.grid.spacing_m * (place - 0.5 * (np.array(size) - 1))
+        place[n_x * n_y * n_z :] = NO_VOXEL
+        return len(index), offset_m, place.astype(np.int32)
+
+    def most_voxels(self, index: np.ndarray) -> int:
+        """Return the largest number of voxels of some smallest blocks."""
+        return int(np.prod(self.levels[-1].voxels))
+
+    def first(self, index: np.ndarray) -> np.ndarray:
+        """Return the first voxel of smallest blocks, x, y, z, shape (n, 3), int32."""
+        return (index * np.array(self.levels[-1].voxels)).astype(np.int32)
+
+    def rest_m(self, exact_m: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
+        """Return what voxels' offsets from the exact centres lack to those from float32 ones."""
+        return exact_m - centre_m

@@ -1,0 +1,285 @@
+"""Blocks of points anywhere: only those that have points exist, on any level."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from clradar.imaging.block_tree import (
+    EXTREME,
+    LEAF_WAVELENGTHS,
+    LEAST_LEAF,
+    BlockLevel,
+    Triple,
+    block_sizes,
+    centre_wavelength_m,
+    tree_levels,
+)
+from clradar.model import AntennaArray, Waveform
+
+MOST_POINTS = 1024
+"""Points of one smallest block, which one work-item sums: others are cut, so that points that lie
+close together do not wait for one another."""
+
+OUTWARD = 4
+"""Cells of a block of which the one that is farthest in a direction is taken."""
+
+LANES = 8
+"""Points are summed so many at a time."""
+
+
+class PointCells:
+    """Points in cells of the size of the smallest blocks, sorted so that every block of every level
+    is a range of cells, and every cell a range of points.
+
+    Attributes
+    ----------
+    order : ndarray, shape (n_points,), int
+        The points by cell; in a cell by number.
+    points_m : ndarray, shape (n_points, 3), float64
+        In that order.
+    first : ndarray, shape (n_cells + 1,), int
+        First point of every cell.
+    cells : ndarray, shape (n_cells, 3), int
+        Index of every cell along x, y, z.
+    low_m, high_m : ndarray, shape (n_cells, 3)
+        The box around the points of every cell.
+    sizes : list of 3 ints
+        Sizes of blocks in cells, from one around all points down to a cell.
+    level_first : list of ndarray
+        For each level the first cell of every block, and n_cells.
+    """
+
+    def __init__(self, points_m: np.ndarray, wavelength_m: float) -> None:
+        low_m, high_m = points_m.min(axis=0), points_m.max(axis=0)
+        self.diagonal_m = float(np.linalg.norm(high_m - low_m))
+        edges_m = np.array(LEAF_WAVELENGTHS) * wavelength_m
+        while True:
+            self._place(points_m, low_m, high_m, edges_m)
+            keys = self._keys(points_m)
+            self.order = np.argsort(keys, kind="stable")
+            keys = keys[self.order]
+            starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
+            if len(points_m) >= LEAST_LEAF * len(starts) or len(self.sizes) == 1:
+                break
+            growing = np.flatnonzero(np.array(self.counts) > 1)
+            edges_m[growing[np.argmin(edges_m[growing])]] *= 2.0
+        self.points_m = points_m[self.order]
+        self.first = np.append(starts, len(points_m))
+        self.low_m = np.minimum.reduceat(self.points_m, starts)
+        self.high_m = np.maximum.reduceat(self.points_m, starts)
+        self.cells = self._cells(self.points_m[starts])
+        self.level_first = []
+        for shift in self._shifts:
+            block = keys[starts] >> shift
+            new = np.flatnonzero(np.append(True, block[1:] != block[:-1]))
+            self.level_first.append(np.append(new, len(starts)))
+
+    def _place(
+        self, points_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray, edges_m: np.ndarray
+    ) -> None:
+        """Choose cells of some size, in the middle of the points, and the blocks of all levels."""
+        n_x, n_y, n_z = (int(n) + 1 for n in np.floor((high_m - low_m) / edges_m))
+        self.edges_m, self.counts = edges_m.copy(), (n_x, n_y, n_z)
+        self.corner_m = 0.5 * (low_m + high_m - edges_m * self.counts)
+        self.sizes: list[Triple] = block_sizes(self.counts, (1, 1, 1))
+
+    def _cells(self, points_m: np.ndarray) -> np.ndarray:
+        index = np.floor((points_m - self.corner_m) / self.edges_m).astype(np.int64)
+        return np.clip(index, 0, np.array(self.counts) - 1)
+
+    def _keys(self, points_m: np.ndarray) -> np.ndarray:
+        """Return a number for the cell of every point: of the block on the first level, of that in
+        it on the next, and so on, in its bits from high to low."""
+        bits = [[larger[a] // smaller[a] == 2 for a in range(3)]
+                for larger, smaller in zip(self.sizes, self.sizes[1:], strict=False)]  # fmt: skip
+        total = sum(map(sum, bits))
+        self._shifts, tables = [total], [np.zeros(n, np.int64) for n in self.counts]
+        at = total
+        for size, halved in zip(self.sizes[1:], bits, strict=True):
+            for axis in range(3):
+                if halved[axis]:
+                    at -= 1
+                    index = np.arange(self.counts[axis]) // size[axis]
+                    tables[axis] |= (index & 1) << at
+            self._shifts.append(at)
+        keys = np.zeros(len(points_m), np.int64)
+        for axis, table in enumerate(tables):
+            index = np.floor((points_m[:, axis] - self.corner_m[axis]) / self.edges_m[axis])
+            keys += table[np.clip(index.astype(np.int64), 0, self.counts[axis] - 1)]
+        return keys
+
+    def centres_m(self, cell: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+        """Return the centres of the blocks of some sizes that cells are in."""
+        index = self.cells[cell]
+        return self.corner_m + self.edges_m * (index // sizes * sizes + 0.5 * sizes)
+
+    def level_counts(self) -> list[tuple[Triple, int, int]]:
+        """Return for each level the size, the number of blocks, and of points with what fills up
+        lanes."""
+        found = []
+        for size, first in zip(self.sizes, self.level_first, strict=True):
+            n = np.diff(self.first[first])
+            found.append((size, len(n), int((-(-n // LANES) * LANES).sum())))
+        return found
+
+
+class _PointSampler:
+    """Draws positions in the boxes around the points of cells; rows are x, y, z and the cell."""
+
+    def __init__(self, cells: PointCells, array: AntennaArray, rng: np.random.Generator) -> None:
+        from scipy.spatial import cKDTree
+
+        self.cells, self.rng, self.sizes = cells, rng, np.array(cells.sizes)
+        antennas = cKDTree(np.concatenate([array.tx_m, array.rx_m]))
+        middle_m = 0.5 * (cells.low_m + cells.high_m)
+        nearest_m = antennas.query(middle_m)[1]
+        all_m = np.concatenate([array.tx_m, array.rx_m])[nearest_m]
+        out_m = all_m - np.clip(all_m, cells.low_m, cells.high_m)
+        self._near = np.argsort((out_m**2).sum(axis=1), kind="stable")
+        # The outermost corners of boxes towards the faces, edges and corners of a cube.
+        found = []
+        for direction in np.indices((3, 3, 3)).reshape(3, -1).T - 1:
+            corner_m = np.where(direction > 0, cells.high_m, cells.low_m)
+            at = int((corner_m * direction).sum(axis=1).argmax())
+            found.append(np.append(corner_m[at], at))
+        self._outermost = np.array(found)
+
+    def spread(self, n: int, level: int) -> np.ndarray:
+        """Return n positions spread over the blocks of a level and over each of these blocks."""
+        first, rng = self.cells.level_first[level], self.rng
+        block = rng.integers(0, len(first) - 1, n)
+        share = rng.random((OUTWARD, n))
+        some = first[block] + (share * (first[block + 1] - first[block])).astype(np.int64)
+        away_m = 0.5 * (self.cells.low_m + self.cells.high_m)[some]
+        away_m -= self.cells.centres_m(some[0], self.sizes[level])
+        outward = np.sign(rng.normal(size=(n, 3)))
+        farthest = np.einsum("knx,nx->kn", away_m, outward).argmax(axis=0)
+        # Half in any cell, half in the outermost of some; half of these in its outermost corner.
+        extreme = rng.random(n) < EXTREME
+        cell = np.where(extreme, some[farthest, np.arange(n)], some[0])
+        at = self._in_box(cell)
+        corner_m = np.where(outward > 0, self.cells.high_m[cell], self.cells.low_m[cell])
+        at[:, :3] = np.where((extreme & (rng.random(n) < EXTREME))[:, None], corner_m, at[:, :3])
+        return at
+
+    def corners(self, n: int) -> np.ndarray:
+        """Return n of the outermost positions."""
+        return self._outermost[self.rng.integers(0, len(self._outermost), n)]
+
+    def near(self, n: int) -> np.ndarray:
+        """Return n positions close to antennas: log-uniform in the rank of their cells."""
+        rank = len(self._near) ** self.rng.random(n) - 1.0
+        return self._in_box(self._near[rank.astype(int)])
+
+    def centres(self, voxel: np.ndarray, levels: int | slice) -> np.ndarray:
+        """Return the centres of the blocks that positions are in, shape ([n_levels,] n, 3)."""
+        return self.cells.centres_m(voxel[:, 3].astype(np.int64), self.sizes[levels, None])
+
+    def metres(self, at: np.ndarray) -> np.ndarray:
+        return at[..., :3]
+
+    def _in_box(self, cell: np.ndarray) -> np.ndarray:
+        low_m, high_m = self.cells.low_m[cell], self.cells.high_m[cell]
+        share = self.rng.random((len(cell), 3))
+        ends = self.rng.random((len(cell), 3)) < EXTREME
+        share = np.where(ends, np.round(share), share)
+        return np.column_stack([low_m + share * (high_m - low_m), cell])
+
+
+@dataclass(frozen=True, eq=False)
+class PointBlocks:
+    """Some blocks of a level are an array of shape (n,), int: their numbers.
+
+    Attributes
+    ----------
+    levels : tuple of BlockLevel
+    cells : PointCells
+    """
+
+    levels: tuple[BlockLevel, ...]
+    cells: PointCells
+
+    @cached_property
+    def _pieces(self) -> tuple[np.ndarray, np.ndarray]:
+        """First points of the pieces of `MOST_POINTS` of all smallest blocks, and the number of
+        points; and the block of each."""
+        first = self.cells.first[self.cells.level_first[len(self.levels) - 1]]
+        n_pieces = -(-np.diff(first) // MOST_POINTS)
+        block = np.repeat(np.arange(len(n_pieces)), n_pieces)
+        within = np.arange(len(block)) - np.repeat(np.cumsum(n_pieces) - n_pieces, n_pieces)
+        return np.append(first[block] + MOST_POINTS * within, first[-1]), block
+
+    @cached_property
+    def _first_child(self) -> list[np.ndarray]:
+        """For each level the first blocks of the next in its blocks, and how many those are."""
+        firsts, last = self.cells.level_first, len(self.levels) - 1
+        found = [np.searchsorted(firsts[i + 1], firsts[i]) for i in range(last)]
+        if last > 0:
+            found[-1] = np.searchsorted(self._pieces[1], found[-1])
+        return found
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        return len(self.cells.points_m), 1, 1
+
+    @property
+    def diagonal_m(self) -> float:
+        return self.cells.diagonal_m
+
+    @property
+    def n_leaves(self) -> int:
+        return len(self._pieces[1])
+
+    def top(self) -> np.ndarray:
+        """Return the blocks of the first level."""
+        return np.arange(self.n_leaves if len(self.levels) == 1 else 1)
+
+    def children(self, i: int, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the blocks of level i + 1 in those of level i, and for each which one it is in."""
+        first = self._first_child[i]
+        n = first[index + 1] - first[index]
+        parent = np.repeat(np.arange(len(index), dtype=np.int32), n)
+        return np.arange(n.sum()) + np.repeat(first[index] - (np.cumsum(n) - n), n), parent
+
+    def centres_m(self, i: int, index: np.ndarray) -> np.ndarray:
+        """Return the centres of blocks of level i, shape (n, 3), float64."""
+        block = self._pieces[1][index] if i == len(self.levels) - 1 else index
+        cell = self.cells.level_first[i][block]
+        return self.cells.centres_m(cell, np.array(self.levels[i].voxels))
+
+    def leaf(self, width: int) -> tuple[int, np.ndarray, np.ndarray]:
+        """Return 0, all points' offsets from the float32 centres of their blocks in metres,
+        float64, with as many more as a kernel may read beyond the last, and nothing."""
+        first, index = self._pieces
+        centre_m = self.centres_m(len(self.levels) - 1, np.arange(len(index)))
+        centre_m = np.repeat(centre_m.astype(np.float32), np.diff(first), axis=0)
+        offset_m = np.zeros((len(self.cells.points_m) + width, 3))
+        np.subtract(self.cells.points_m, centre_m, out=offset_m[: len(centre_m)])
+        return 0, offset_m, np.zeros((1, 3), np.int32)
+
+    def most_voxels(self, index: np.ndarray) -> int:
+        """Return the largest number of points of some smallest blocks."""
+        first = self._pieces[0]
+        return int((first[index + 1] - first[index]).max())
+
+    def first(self, index: np.ndarray) -> np.ndarray:
+        """Return the first point of smallest blocks, the one after the last, and 0."""
+        first = self._pieces[0]
+        return np.stack([first[index], first[index + 1], 0 * index], axis=1).astype(np.int32)
+
+    def rest_m(self, exact_m: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
+        """Return what offsets from the exact centres lack: nothing, they are from float32 ones."""
+        return np.zeros_like(exact_m)
+
+
+def point_blocks(
+    array: AntennaArray, waveform: Waveform, points_m: np.ndarray, tolerance: float
+) -> PointBlocks:
+    """Return the blocks of points and their levels, see `clradar.imaging.block_tree`."""
+    cells = PointCells(points_m, centre_wavelength_m(waveform))
+    sampler = _PointSampler(cells, array, np.random.Generator(np.random.Philox(0)))
+    levels = tree_levels(array, waveform, sampler, cells.level_counts(), tolerance)
+    return PointBlocks(levels, cells)
