@@ -39,7 +39,8 @@ def by_boundary_conditions(
     """
     k = 2 * np.pi * frequency_hz / C
     eps = [1.0 + 0j, *(e for e in layers if e is not None)]
-    kz = [k * np.conj(np.sqrt(np.conj(e) - 1 + cosine**2)) for e in eps]
+    roots = [np.sqrt(e - 1 + cosine**2) for e in eps]
+    kz = [k * root * (1 if root.imag <= 0 else -1) for root in roots]  # exp(-j kz z) decays
     ends = np.concatenate([[0.0], np.cumsum(thicknesses_m)])
     count = len(ends) + len(eps) - 1  # waves back in front of each boundary, waves on behind it
     found = []
@@ -75,6 +76,8 @@ STACKS = {
     "thick layer": Material("x", 6 - 9j, coating=Coating(5e-3, 3 - 0.01j)),
     "dense on thin": Material("x", 1.5, coating=Coating(0.3e-3, 9 - 2j)),
     "paint on metal": Material("x", conductor=True, coating=Coating(0.2e-3, 3.5 - 0.05j)),
+    "thinner than vacuum": Material("x", 0.5),
+    "tunnel": Material("x", 4.0, coating=Coating(0.3e-3, 0.4)),
     "lossless on metal": Material("x", conductor=True, coating=Coating(0.7e-3, 4.0)),
 }
 
