@@ -17,17 +17,18 @@ from clradar.model.material_file import material_of
 def test_known_materials_are_listed(run: Run) -> None:
     outcome = run("materials")
     assert (outcome.status, outcome.err) == (0, "")
-    lines = outcome.out.splitlines()
-    for column in ("name", "permittivity", "reflectance dB", "phase deg", "h mm", "l mm", "source"):
+    table, sources = outcome.out.split("at normal incidence, 72:82 GHz, phase in degrees; sources:")
+    lines = table.splitlines()
+    for column in ("name", "permittivity", "coat mm", "power dB", "phase", "h mm", "l mm"):
         assert column in lines[0]
-    rows = {line.split()[0]: line for line in lines[2:-1]}
+    assert "h_micro" not in lines[0]
+    assert max(len(line.rstrip()) for line in lines) <= 80
+    rows = {line.split()[0]: line for line in lines[2:]}
     assert list(rows) == list(KNOWN)
     assert "conductor" in rows["metal"]
-    assert "6.56 - 8.91j" in rows["palm"]
-    assert "0.14 mm" in rows["palm"]
-    assert "-6.2 .. -5.6" in rows["palm"]
-    assert "-39.9" in rows["palm"]
-    assert lines[-1] == "reflectance from 72 to 82 GHz, at normal incidence"
+    assert " ".join(rows["palm"].split()) == "palm 6.56 - 8.91j 0.14 -6.2 .. -5.6 -39.9 0.15 3"
+    assert [line.split(": ")[0] for line in sources.splitlines()[1:]] == list(KNOWN)
+    assert f"palm: {KNOWN['palm'].source}" in sources
 
 
 def test_own_materials(run: Run, tmp_path: Path) -> None:
@@ -35,11 +36,12 @@ def test_own_materials(run: Run, tmp_path: Path) -> None:
     resin = Material("resin", PermittivityTable([75e9, 80e9], [2.9 - 0.04j, 2.8 - 0.06j]))
     paint = Material("paint", conductor=True, coating=Coating(1e-4, 3.5), source="[bold]guess")
     write_materials(lab, [resin])
-    write_materials(more, [paint, Material("air", 1.0)])
+    write_materials(more, [paint, Material("air", 1.0, micro_roughness_rms_m=1e-5)])
     outcome = run("materials", lab, more, "--band-ghz", "76:79")
     assert outcome.status == 0, outcome.err
-    assert [line.split()[0] for line in outcome.out.splitlines()[2:-1]] == ["resin", "paint", "air"]
-    assert "[bold]guess" in outcome.out
+    assert [line.split()[0] for line in outcome.out.splitlines()[2:5]] == ["resin", "paint", "air"]
+    assert "resin: not stated\npaint: [bold]guess" in outcome.out
+    assert "h_micro mm" in outcome.out
     assert "-inf" in outcome.out
     outcome = run("materials", lab, more, "--band-ghz", "76:79", "--json")
     records = json.loads(outcome.out)

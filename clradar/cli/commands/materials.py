@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from clradar import Material
 
+ROUGHNESS = ("roughness_rms", "correlation_length", "micro_roughness_rms")
+
 FREQUENCIES = 101
 """Of the band, at which the reflectance is looked for its extremes."""
 
@@ -29,10 +31,10 @@ def command(
         False, "Print JSON for programs, in metres and hertz.", names=("--json",)
     ),
 ) -> None:
-    """Permittivity and phase are at the middle of the band, at normal incidence; the phase is
-    relative to metal. h is the RMS height and l the correlation length of the roughness, h_micro
-    the RMS height of what is finer. docs/materials.md describes the files, and discusses the
-    sources.
+    """Permittivity and phase are at the middle of the band; the reflected power, least and most
+    over the band, is relative to metal, and so is the phase. h is the RMS height and l the
+    correlation length of the roughness, h_micro the RMS height of what is finer.
+    docs/materials.md describes the files, and discusses the sources.
     """
     import numpy as np
 
@@ -47,10 +49,14 @@ def command(
     if as_json:
         print_text(indented(records))
         return
-    columns = ("name", "permittivity", "coating", "reflectance dB", "phase deg", "h mm", "l mm",
-               "h_micro mm", "source")  # fmt: skip
-    print_table(columns, [_row(record) for record in records], right=columns[3:8])
-    print_line(f"reflectance from {band_ghz.replace(':', ' to ')} GHz, at normal incidence")
+    columns = ("name", "permittivity", "coat mm", "power dB", "phase", "h mm", "l mm",
+               "h_micro mm")  # fmt: skip
+    rows = [_row(record) for record in records]
+    shown = len(columns) if any(row[-1] for row in rows) else len(columns) - 1
+    print_table(columns[:shown], [row[:shown] for row in rows], right=columns[2:])
+    print_line(f"at normal incidence, {band_ghz} GHz, phase in degrees; sources:")
+    for own in (record["material"] for record in records):
+        print_line(f"{own['name']}: {own.get('source', 'not stated')}")
 
 
 def _band(text: str) -> tuple[float, float]:
@@ -90,18 +96,16 @@ def _decibels(power: float) -> float | None:
 def _row(record: dict[str, Any]) -> tuple[str, ...]:
     own, eps = record["material"], record["permittivity_at_middle"]
     low, high = ("-inf" if db is None else f"{db:.1f}" for db in record["reflectance_db"])
-    coating = own.get("coating")
+    lengths_m = (
+        own.get("coating", {}).get("thickness_m"),
+        *(own.get(f"{name}_m") for name in ROUGHNESS),
+    )
+    coating, *roughness = ("" if m is None else f"{1e3 * m:g}" for m in lengths_m)
     return (
         own["name"],
-        "conductor" if eps is None else f"{eps[0]:.2f} - {-eps[1]:.3g}j",
-        "" if coating is None else f"{1e3 * coating['thickness_m']:g} mm",
+        "conductor" if eps is None else f"{eps[0]:.2f} - {abs(eps[1]):.3g}j",
+        coating,
         low if low == high else f"{low} .. {high}",
         f"{round(record['phase_deg'], 1) + 0.0:.1f}",
-        *(_millimetres(own.get(f"{name}_m")) for name in
-          ("roughness_rms", "correlation_length", "micro_roughness_rms")),
-        own.get("source", ""),
-    )  # fmt: skip
-
-
-def _millimetres(length_m: float | None) -> str:
-    return "" if length_m is None else f"{1e3 * length_m:g}"
+        *roughness,
+    )
