@@ -52,7 +52,8 @@ def register(
     measured : Volume
         Of the object, in the antenna frame.
     mesh : Scene
-        In any pose; with the alpha of the simulations.
+        In any pose; with the alpha of the simulations, or with their materials for
+        ``estimator="physical"``.
     fit_alpha : bool
         Estimate one alpha for the whole mesh instead, from how the brightness falls with the angle.
     array : AntennaArray, optional
@@ -84,7 +85,7 @@ def register(
         "could not align, because …", as `align_mesh`; or no ray of a simulation reaches a receiver,
         or a simulation does not look like the mesh.
     ModelError
-        An option is out of its range.
+        An option is out of its range, or `fit_alpha` with the physical estimator.
 
     Warns
     -----
@@ -117,13 +118,16 @@ def register(
     True
     """
     checks.instance("register: measured", measured, Volume)
+    simulation = resolve_settings(settings, **fields)
+    if fit_alpha and simulation.estimator == "physical":
+        checks.fail("register: fit_alpha", "False with estimator='physical'", "True")
     radar = Radar.of("register", array, waveform)
     options = PoseSearch("register", search_deg, min_inlier_share, max_iterations)
     loop_settings = LoopSettings(
         radar=radar,
         grid=measured.grid,
         fit_alpha=fit_alpha,
-        simulation=resolve_settings(settings, **fields),
+        simulation=simulation,
         dynamic_range_db=dynamic_range_db,
         tolerance_m=checks.positive("register: tolerance_m", tolerance_m),
         max_rounds=checks.whole("register: max_rounds", max_rounds, 1),

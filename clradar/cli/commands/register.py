@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +18,9 @@ from clradar.cli.options.common import (
 )
 from clradar.cli.options.groups import REQUIRED, argument, option, output_option, recorded
 from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.materials import PHYSICAL, MaterialOptions
 from clradar.cli.options.recording import FrameOptions
-from clradar.cli.options.simulation import SamplingOptions
+from clradar.cli.options.simulation import ESTIMATORS, Estimator, SamplingOptions
 from clradar.cli.options.values import finite, numbers, wrong_usage
 from clradar.cli.outputs import check_folder, save
 from clradar.cli.provenance import provenance
@@ -42,6 +43,9 @@ FIT = "fit"
 class RegistrationOptions(UnitOptions, SamplingOptions, SearchOptions):
     """Search and simulations of a registration."""
 
+    estimator: Estimator | None = option(
+        None, f"{ESTIMATORS} [default: stochastic, or physical with --material]"
+    )
     alpha: str = option(
         FIT,
         "0 specular to 1 diffuse, or fit: found from how the brightness falls with the angle.",
@@ -55,10 +59,12 @@ class RegistrationOptions(UnitOptions, SamplingOptions, SearchOptions):
         metavar="N",
     )
 
-    def alpha_value(self) -> float | None:
-        """The number, or None for `fit`."""
+    def alpha_value(self, physical: bool) -> float | None:
+        """The number, or None for `fit` and where materials take its place."""
         if self.alpha == FIT:
             return None
+        if physical:
+            raise wrong_usage("--alpha", f"--estimator {PHYSICAL} knows --material, no alpha")
         values = numbers(self.alpha)
         if len(values) != 1 or not finite(values) or not 0.0 <= values[0] <= 1.0:
             raise wrong_usage(
@@ -73,6 +79,7 @@ def command(
     mesh: Path = argument(REQUIRED, "Mesh file, placed anywhere.", metavar="MESH"),
     output: Path = output_option(REQUIRED, "New folder.", metavar="DIR"),
     registration: RegistrationOptions,
+    made_of: MaterialOptions,
     voxels: GridOptions,
     frames: FrameOptions,
     device: DeviceOption = None,
@@ -85,9 +92,12 @@ def command(
     from clradar import Scene, open_device
     from clradar.files.atomic import new_folder, swap_folder
 
-    alpha = registration.alpha_value()
-    check_folder(output, force=force, replaced=FILES, inputs=[measured, mesh])
+    registration = replace(registration, estimator=made_of.estimator(registration.estimator))
+    alpha = registration.alpha_value(registration.estimator == PHYSICAL)
+    read = [mesh, *made_of.files]
+    check_folder(output, force=force, replaced=FILES, inputs=[measured, *read])
     scene = Scene.from_mesh(mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit)
+    scene = made_of.on(scene)
     voxels.grid()  # wrong usage is reported before a file is read
     recorded_image = ImageInput.open(measured, frames)
     opened = open_device(device)
@@ -95,9 +105,10 @@ def command(
     volume = recorded_image.volume(grid, ImagingOptions(), opened)
     result = registered(volume, scene, registration, recorded_image.radar, opened)
     options = recorded(
-        registration, frames, measured=measured, mesh=mesh, grid=grid_text(volume.grid)
-    )
-    origin = provenance("register", options, [*recorded_image.files, mesh])
+        registration, made_of, frames,
+        measured=measured, mesh=mesh, grid=grid_text(volume.grid),
+    )  # fmt: skip
+    origin = provenance("register", options, [*recorded_image.files, *read])
     with new_folder(output) as temporary:
         made = temporary / "made"
         made.mkdir()
@@ -121,6 +132,7 @@ def registered(
 
     settings = recorded(registration)
     del settings["unit"], settings["alpha"]
+    fit_alpha = registration.alpha == FIT and registration.estimator != PHYSICAL
     done: list[Round] = []
 
     def show(step: Round) -> None:
@@ -129,7 +141,7 @@ def registered(
 
     with progress_bar("registering") as progress:
         return register(
-            volume, scene, fit_alpha=registration.alpha == FIT, device=device, progress=progress,
+            volume, scene, fit_alpha=fit_alpha, device=device, progress=progress,
             callback=show if progress is None else None, **settings, **radar,
         )  # fmt: skip
 

@@ -7,24 +7,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.options.common import CaptureOutput, DeviceOption, ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, option, recorded
-from clradar.cli.options.simulation import PlacementOptions, SimulationOptions, WaveformOptions
+from clradar.cli.options.materials import PHYSICAL, MaterialOptions
+from clradar.cli.options.simulation import (
+    ESTIMATORS,
+    Estimator,
+    PlacementOptions,
+    SimulationOptions,
+    WaveformOptions,
+)
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, save
 from clradar.cli.provenance import provenance
-from clradar.errors import ModelError
-from clradar.tracing.settings import EXPECTED_SAMPLES_PER_MM2
+from clradar.errors import ModelError, warn
 
 if TYPE_CHECKING:
     from clradar import Capture, Scene
 
 DEFAULT_ALPHA = 0.5
-
-Estimator = Literal["stochastic", "expected", "physical"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,10 +54,8 @@ class EstimatorOptions:
 
     estimator: Estimator | None = option(
         None,
-        "stochastic: random outgoing rays, as in the paper; expected: their mean, without shot "
-        f"noise, from {EXPECTED_SAMPLES_PER_MM2:g} sample per square millimetre; physical: "
-        "S-parameters of the materials by the Kirchhoff sum, without alpha. "
-        "[default: expected, or stochastic if samples, rays or bounces are given]",
+        f"{ESTIMATORS} [default: physical with --material, stochastic with samples, rays or "
+        "bounces, else expected]",
     )
     seed: int = option(0, "Same seed, same device: same bits.", metavar="N")
 
@@ -61,6 +63,7 @@ class EstimatorOptions:
 def command(
     scenery: SceneOptions,
     output: CaptureOutput,
+    made_of: MaterialOptions,
     simulation: SimulationOptions,
     estimator: EstimatorOptions,
     frequencies: WaveformOptions,
@@ -70,17 +73,21 @@ def command(
     """The radar is the 94 x 94 imager with a 14 cm aperture in the plane z = 0. Meshes are in its
     antenna frame: x to the right of a person who faces the aperture, y up, z away from it.
 
-    The parts that --alpha can name are the geometries of the files; a wrong name lists them.
+    The parts that --alpha and --material-of can name are the geometries of the files; a wrong name
+    lists them.
     """
     import clradar
 
     named = [split_alpha(text) for text in scenery.meshes]
     default, by_part = read_part_alphas(scenery.alpha or [])
-    inputs = [*(path for path, _ in named), *scenery.files]
+    inputs = [*(path for path, _ in named), *scenery.files, *made_of.files]
     check_outputs([output], force=force, inputs=inputs)
     matrix = scenery.matrix()
-    scene = load_scene(named, default, by_part, scenery.unit, matrix)
-    settings = simulation.settings(**recorded(estimator))
+    chosen = made_of.estimator(estimator.estimator)
+    if chosen == PHYSICAL and (scenery.alpha or any(a is not None for _, a in named)):
+        warn(f"--alpha: not used by --estimator {PHYSICAL}; --material has the roughness")
+    settings = simulation.settings(seed=estimator.seed, estimator=chosen)
+    scene = made_of.on(load_scene(named, default, by_part, scenery.unit, matrix))
     waveform = frequencies.waveform()
     opened = clradar.open_device(device)
     start_s = perf_counter()
@@ -90,6 +97,7 @@ def command(
             settings=settings, device=opened, progress=progress,
         )  # fmt: skip
     options = recorded(
+        made_of,
         meshes=[{"file": p.name, "alpha": default if a is None else a} for p, a in named],
         alpha_of_parts=by_part,
         unit=scenery.unit,

@@ -15,6 +15,7 @@ from clradar.constants import PLAUSIBLE_HZ, PLAUSIBLE_RADIUS_M
 from clradar.geometry.normals import CREASE_DEG
 from clradar.model import Waveform
 from clradar.tracing.settings import (
+    EXPECTED_SAMPLES_PER_MM2,
     RAYS_PER_SAMPLE,
     RECEPTION_RADIUS_M,
     SAMPLES_PER_MM2,
@@ -22,6 +23,14 @@ from clradar.tracing.settings import (
 )
 
 START_GHZ, STOP_GHZ, STEPS = 72.0, 82.0, 128
+
+Estimator = Literal["stochastic", "expected", "physical"]
+
+ESTIMATORS = (
+    "stochastic: random outgoing rays, as in the paper; expected: their mean, without shot noise, "
+    f"from {EXPECTED_SAMPLES_PER_MM2:g} sample per square millimetre; physical: S-parameters of "
+    "the materials by the Kirchhoff sum, without alpha."
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,95 @@
+"""``--material``, ``--material-of`` and ``--materials``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import typer
+from command_line import Run
+
+import clradar
+from clradar.cli.options.materials import MaterialOptions
+from clradar.errors import ClradarError, ClradarWarning
+
+OWN = '[resin]\npermittivity = "2.9 - 0.04j"\n[palm]\npermittivity = 3\n'
+
+
+@pytest.fixture
+def scene() -> clradar.Scene:
+    mesh = trimesh.creation.icosphere(1, 0.02)
+    part = np.arange(len(mesh.faces)) % 3
+    return clradar.Scene(mesh.vertices, mesh.faces, part=part, part_names=("palm", "thumb", "nail"))
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    path = tmp_path / "own.toml"
+    path.write_text(OWN)
+    return path
+
+
+def names(scene: clradar.Scene) -> list[str]:
+    return [scene.materials[i].name for i in np.asarray(scene.material)[:3]]
+
+
+def test_materials_of_all_and_of_parts(scene: clradar.Scene, own: Path) -> None:
+    assert MaterialOptions().on(scene) is scene
+    assert names(MaterialOptions(material="palm").on(scene)) == ["palm"] * 3
+    some = MaterialOptions(material="palm", material_of=["thumb=skin", f"nail={own}:resin"])
+    assert names(some.on(scene)) == ["palm", "skin", "resin"]
+    assert some.files == [own]
+    alone = MaterialOptions(material_of=["thumb=skin"]).on(scene)
+    assert names(alone) == ["metal", "skin", "metal"]
+    # Names of files come before those that come along, unless the file is named, too.
+    mine = MaterialOptions(material="palm", material_of=["thumb=skin"], materials=[own])
+    assert names(mine.on(scene)) == ["palm", "skin", "palm"]
+    assert mine.on(scene).materials[0].permittivity == 3
+    assert mine.files == [own]
+    file = MaterialOptions(material=f"{own}:resin").on(scene)
+    assert file.materials == (clradar.read_materials(own)["resin"],)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"material": "rubber"}, "expected one of metal, skin, .*got 'rubber'"),
+        ({"material": "{own}:rubber"}, "expected one of resin, palm of .*own.toml, got 'rubber'"),
+        ({"material": "{own}"}, "expected one of metal, .*got .*own.toml'"),
+        ({"material": "gone.toml:resin"}, "gone.toml: expected"),
+        ({"material_of": ["skin"]}, "expected PART=NAME, got 'skin'"),
+        ({"material_of": ["thumb=skin", "thumb=palm"]}, "part 'thumb' is given twice"),
+        ({"material_of": ["toe=skin"]}, r"expected parts .*\(palm, thumb, nail\), got toe"),
+    ],
+)
+def test_wrong_names_list_what_is_known(
+    scene: clradar.Scene, own: Path, options: dict[str, str | list[str]], message: str
+) -> None:
+    if "material" in options:
+        options = {"material": str(options["material"]).format(own=own)}
+    with pytest.raises((typer.BadParameter, ClradarError), match=message):
+        MaterialOptions(**options).on(scene)
+
+
+def test_a_material_chooses_the_estimator_that_knows_it() -> None:
+    assert MaterialOptions().estimator(None) is None
+    assert MaterialOptions().estimator("stochastic") == "stochastic"
+    assert MaterialOptions(material_of=["thumb=skin"]).estimator(None) == "physical"
+    assert MaterialOptions(material="palm").estimator("physical") == "physical"
+    with pytest.warns(ClradarWarning, match="--material: not used by --estimator expected"):
+        assert MaterialOptions(material="palm").estimator("expected") == "expected"
+
+
+def test_simulate_records_materials(run: Run, made: Path, own: Path, tmp_path: Path) -> None:
+    file = tmp_path / "s.h5"
+    outcome = run("simulate", made / "hand.ply", "-o", file, "--samples-per-mm2", "0.01",
+                  "--steps", "2", "--estimator", "expected", "--material", f"{own}:resin",
+                  "--material-of", "thumb=skin")  # fmt: skip
+    assert outcome.status == 0, outcome.err
+    assert "--material: not used by --estimator expected" in outcome.err
+    meta = clradar.measurement_io.open_capture(file).meta
+    assert meta["options"]["material"] == f"{own}:resin"
+    assert meta["options"]["material_of"] == ["thumb=skin"]
+    assert [entry["file"] for entry in meta["inputs"]] == ["hand.ply", "own.toml"]
