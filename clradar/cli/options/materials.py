@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from clradar.cli.options.groups import option
 from clradar.cli.options.simulation import Estimator
@@ -14,7 +14,7 @@ from clradar.errors import ModelError, warn
 if TYPE_CHECKING:
     from clradar import Material, Scene
 
-PHYSICAL = "physical"
+PHYSICAL: Final = "physical"
 
 
 @dataclass(frozen=True, kw_only=True)
