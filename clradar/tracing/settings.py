@@ -243,10 +243,12 @@ def simulated_meta(
 ) -> dict[str, Any]:
     """The `meta` of a simulated capture: settings, scene digest, counts of rays, device.
 
-    With the physical estimator a path is a sample that a Tx and an Rx see, and no ray goes out.
+    With the physical estimator a path is a sample that a Tx and an Rx see, no ray goes out, and the
+    samples are S-parameters (`Capture.absolute`).
     """
     return {
         "kind": "simulated",
+        **({"absolute": True} if settings.estimator == "physical" else {}),
         "settings": asdict(settings),
         "scene": {
             "sha256": scene.digest(),
