@@ -52,8 +52,8 @@ def test_a_sphere_has_pi_a_squared_and_its_image_reads_that(device: Any, pattern
     scene = Scene.from_mesh(ball.apply_translation([0, 0, range_m]))
     capture = simulated(scene, array, device, 4.0)
     wanted = 10 * np.log10(np.pi * radius_m**2)
-    # The divergence d / (d + a) is 0.15 dB. The edge of the sum at the shadow adds 1 / (2 ka) of the
-    # amplitude with a phase that turns by 240 degrees over the band: 0.27 dB at most (ka = 16).
+    # The divergence d / (d + a) is 0.15 dB. The sum ends at the shadow, which adds 1 / (2 ka) of
+    # the amplitude with a phase that turns by 240 degrees over the band: 0.27 dB at most (ka = 16).
     samples = capture.rcs_dbsm([0, 0, range_m - radius_m])
     assert power_mean_db(samples) == pytest.approx(wanted - 0.15, abs=0.27)
     grid = clradar.VoxelGrid.from_extent((0, 0), (0, 0), (0.58, 0.60), 1e-3)
