@@ -14,6 +14,7 @@ from clradar.errors import warn
 from clradar.model import AntennaArray, Scene, TraceStatistics, Waveform
 from clradar.model.kirchhoff import check_kirchhoff
 from clradar.model.material import Material
+from clradar.model.material_file import material_record
 from clradar.model.progress import Progress
 from clradar.opencl import Device
 from clradar.phasors.kirchhoff_sum import TOLERANCE_DB, KirchhoffSum
@@ -57,7 +58,7 @@ def physical_samples(
     statistics = TraceStatistics(n_points, n_seen, 0, 0)
     meta = simulated_meta(scene, settings, statistics, n_paths, device)
     meta["absolute"] = True
-    meta["scene"]["materials"] = [material.name for material in used]
+    meta["scene"]["materials"] = [material_record(material) for material in used]
     meta["kirchhoff"] = {"lit": len(lit.sample), **counts, "tolerance_db": TOLERANCE_DB}
     return data, meta
 

@@ -13,6 +13,7 @@ from command_line import Run
 import clradar
 from clradar.cli.options.materials import MaterialOptions
 from clradar.errors import ClradarError, ClradarWarning
+from clradar.model.material_file import material_of
 
 OWN = '[resin]\npermittivity = "2.9 - 0.04j"\n[palm]\npermittivity = 3\n'
 
@@ -93,3 +94,22 @@ def test_simulate_records_materials(run: Run, made: Path, own: Path, tmp_path: P
     assert meta["options"]["material"] == f"{own}:resin"
     assert meta["options"]["material_of"] == ["thumb=skin"]
     assert [entry["file"] for entry in meta["inputs"]] == ["hand.ply", "own.toml"]
+
+
+def test_simulate_takes_the_materials_of_parts(run: Run, made: Path, tmp_path: Path) -> None:
+    file = tmp_path / "s.h5"
+    outcome = run("simulate", made / "hand.ply", "-o", file, "--steps", "2", "--material", "palm",
+                  "--material-of", "thumb=skin", "--samples-per-mm2", "1.5")  # fmt: skip
+    assert outcome.status == 0, outcome.err
+    assert "2 S-parameters of palm, skin," in outcome.out or "of skin, palm," in outcome.out
+    meta = clradar.measurement_io.open_capture(file).meta
+    assert meta["settings"]["estimator"] == "physical"
+    found = {record["name"]: material_of(record) for record in meta["scene"]["materials"]}
+    assert found == {name: clradar.material(name) for name in ("palm", "skin")}
+    outcome = run("simulate", made / "hand.ply", "-o", tmp_path / "x.h5", "--alpha", "0.3",
+                  "--material", "palm", "--material-of", "toe=skin")  # fmt: skip
+    assert outcome.status == 1
+    warning, error = outcome.err.splitlines()
+    assert "--alpha: not used by --estimator physical" in warning
+    assert "expected parts of the meshes (palm, thumb, " in error
+    assert "toe" in error

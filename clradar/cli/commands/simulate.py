@@ -184,11 +184,10 @@ def summary(capture: Capture) -> str:
     shape = " x ".join(str(n) for n in capture.data.shape)
     estimator = capture.meta["settings"]["estimator"]
     if estimator == "physical":
-        materials = ", ".join(capture.meta["scene"]["materials"])
+        materials = ", ".join(own["name"] for own in capture.meta["scene"]["materials"])
         lit = capture.meta["kirchhoff"]["lit"]
-        return (
-            f"{shape} S-parameters, {rays['samples']} points of which {lit} are seen, {materials}"
-        )
+        points = f"{rays['samples']} points of which {lit} are seen"
+        return f"{shape} S-parameters of {materials}, {points}"
     if estimator == "expected":
         return f"{shape}, {rays['samples']} samples, {rays['paths']} expected receptions"
     return (
