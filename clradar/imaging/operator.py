@@ -1,4 +1,4 @@
-"""The imaging operator, from reflectivity to capture, and its adjoint (E12)."""
+"""The imaging operator, from reflectivity to capture, and its adjoint (E13)."""
 
 from __future__ import annotations
 
