@@ -910,11 +910,11 @@ def test_rigs_go_to_other_processes(tmp_path: Path) -> None:
 def test_a_coarse_rig_is_warned_of(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The same faces are too coarse at five times the frequency: a fifth of the wavelength."""
+    """The same faces are too coarse at fifty times the frequency: a fiftieth of the wavelength."""
     path = RigMaker().save(tmp_path / "hand.glb")
     code, _, err = run(capsys, "hand", "F", "--rig", path, "-o", tmp_path / "fine.ply")
     assert (code, err) == (0, "")
-    monkeypatch.setattr("clradar.cli.options.rig.HIGHEST_HZ", 410e9)
+    monkeypatch.setattr("clradar.cli.options.rig.HIGHEST_HZ", 4100e9)
     code, _, err = run(capsys, "hand", "F", "--rig", path, "-o", tmp_path / "coarse.ply")
     assert code == 0
     assert err.count("clradar: warning: ") == 1

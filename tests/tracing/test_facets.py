@@ -9,10 +9,10 @@ import pytest
 import trimesh
 
 import clradar
-from clradar import ClradarWarning, Scene, SimulationSettings
+from clradar import ClradarWarning, Scene, SimulationSettings, reference
 from clradar.geometry.normals import corner_normals
 from clradar.hand import hand_mesh
-from clradar.tracing.facets import facet_sagitta_m, warn_of_coarse_facets
+from clradar.tracing.facets import curved_error_m, facet_sagitta_m, warn_of_coarse_facets
 
 HIGHEST_HZ = 82e9
 WAVELENGTH_M = 299_792_458 / HIGHEST_HZ
@@ -46,18 +46,70 @@ def test_sagitta_of_a_sphere_is_that_of_its_chords() -> None:
     np.testing.assert_allclose(facet_sagitta_m(mesh.triangles, found), expected, rtol=0.1)
 
 
+def arc(turn_deg: float, radius_m: float = 0.05) -> tuple[np.ndarray, np.ndarray]:
+    """A face of a cylinder whose first edge turns by so much, and its exact normals."""
+    angle = np.radians([-turn_deg / 2, turn_deg / 2, turn_deg / 2])
+    normals = np.stack([np.sin(angle), np.zeros(3), np.cos(angle)], axis=1)
+    return (radius_m * normals + [[0, 0, 0], [0, 0, 0], [0, 0.01, 0]])[None], normals[None]
+
+
+@pytest.mark.parametrize("turn_deg", [4.0, 10.0, 20.0, 30.0])
+def test_what_is_left_of_arcs(turn_deg: float) -> None:
+    """The middle of an edge, where curved points of an arc are the farthest off."""
+    triangle_m, normals = arc(turn_deg)
+    middle = reference.curved_points(triangle_m, normals, np.array([[0.5, 0.5, 0.0]]))[0]
+    expected = 0.05 - np.hypot(middle[0], middle[2])
+    # The next order, which is left out: some t^2 of it.
+    squared = np.radians(turn_deg / 2) ** 2
+    assert curved_error_m(triangle_m, normals)[0] == pytest.approx(expected, rel=2 * squared)
+
+
+def test_what_is_left_of_edges_that_are_bent_to_both_sides() -> None:
+    """y = x (x - 1) (2 x - 1) over [0, 1], flattened: its slope at both ends is 1."""
+    flat = 1e-3
+    x = np.array([0.0, 1.0, 1.0])
+    triangle_m = np.stack([x, [0.0, 0.0, 1.0], np.zeros(3)], axis=1)[None]
+    normals = np.tile([-flat, 0.0, 1.0], (3, 1))[None] / np.hypot(1, flat)
+    x = np.linspace(0, 1, 10_001)
+    curve = flat * x * (x - 1) * (2 * x - 1)
+    weight = np.stack([1 - x, x, 0 * x], axis=1)
+    at = reference.curved_points(
+        *(np.repeat(v, len(x), axis=0) for v in (triangle_m, normals)), weight
+    )
+    expected = np.abs(curve - np.interp(x, at[:, 0], at[:, 2])).max()
+    assert curved_error_m(triangle_m, normals)[0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_balls_are_warned_of_where_curved_points_are_off_by_an_eighth_of_the_wavelength() -> None:
+    """Icospheres of 80 faces whose edges are 0.58 radii: 0.6 % of the radius is left."""
+    for radius_m, expected in ((0.12, 0), (0.24, 1)):
+        ball = trimesh.creation.icosphere(subdivisions=1, radius=radius_m)
+        scene = Scene.from_mesh(ball)
+        normals, _ = corner_normals(scene, "smooth", 30.0)
+        off_m = curved_error_m(scene.triangles_m, normals)
+        assert (off_m.max() > WAVELENGTH_M / 8) == bool(expected)
+        assert len(remarks(ball)) == expected
+        weight = np.full((scene.n_faces, 3), [0.5, 0.5, 0.0])
+        middle = reference.curved_points(scene.triangles_m, normals, weight)
+        left_m = np.abs(np.linalg.norm(middle, axis=1) - radius_m).max()
+        assert 0.7 * left_m < off_m.max() < left_m
+
+
 @pytest.mark.parametrize("radius_m", [0.02, 0.05, 0.1])
 def test_the_limit_is_an_eighth_of_the_wavelength(radius_m: float) -> None:
     """Cylinders: flat along the axis, chords of R (1 - cos(pi / n)) around it."""
+    flat = {"facets": "flat"}
     sections = np.arange(13, 100)  # fewer have edges of more than crease_deg
     sagitta_m = radius_m * (1 - np.cos(np.pi / sections))
     enough = int(sections[np.argmax(sagitta_m < 0.9 * WAVELENGTH_M / 8)])
-    assert remarks(cylinder(radius_m, enough)) == []
+    assert remarks(cylinder(radius_m, enough), **flat) == []
     if enough > 14:
         too_few = int(sections[np.argmax(sagitta_m < 1.1 * WAVELENGTH_M / 8) - 1])
-        (remark,) = remarks(cylinder(radius_m, too_few))
+        (remark,) = remarks(cylinder(radius_m, too_few), **flat)
         assert "times shorter, or normals='face'" in remark
-        assert remarks(cylinder(radius_m, too_few), hz=HIGHEST_HZ / 4) == []
+        assert remarks(cylinder(radius_m, too_few), hz=HIGHEST_HZ / 4, **flat) == []
+        # Curved, four orders of the angle take care of it.
+        assert remarks(cylinder(radius_m, too_few)) == []
 
 
 def test_flat_sides_are_not_coarse_however_large() -> None:
@@ -66,13 +118,15 @@ def test_flat_sides_are_not_coarse_however_large() -> None:
     assert remarks(Scene(corners, [[0, 1, 2], [0, 2, 3]], 0.5)) == []
     ball = trimesh.creation.icosphere(subdivisions=1, radius=0.05)
     assert remarks(ball, normals="face") == []
-    (remark,) = remarks(ball)
+    assert remarks(ball) == []
+    (remark,) = remarks(ball, facets="flat")
     assert remark.startswith("simulate: 100 % of the surface are faces too coarse")
 
 
 @pytest.mark.parametrize("pose", ["F", "flat"])
 def test_the_embedded_hand_is_fine_enough(pose: str) -> None:
-    assert remarks(Scene.from_mesh(hand_mesh(pose, edge_length_m=4e-3))) == []
+    for facets in ("curved", "flat"):
+        assert remarks(Scene.from_mesh(hand_mesh(pose, edge_length_m=4e-3)), facets=facets) == []
 
 
 def test_a_hand_of_a_thousand_vertices_is_not() -> None:
@@ -85,7 +139,7 @@ def test_a_hand_of_a_thousand_vertices_is_not() -> None:
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     hand = Scene(vertices / np.bincount(cell)[:, None], faces, 0.5)
     assert 900 < hand.vertices_m.shape[0] < 1300
-    assert len(remarks(hand)) == 1
+    assert len(remarks(hand, facets="flat")) == 1
 
 
 def test_simulations_warn_at_their_highest_frequency() -> None:
@@ -93,7 +147,7 @@ def test_simulations_warn_at_their_highest_frequency() -> None:
     scene = Scene.from_mesh(mesh.apply_translation([0, 0, 0.3]), alpha=0.5)
     imager = clradar.arrays.qar50()
     array = clradar.AntennaArray(imager.tx_m[::30], imager.rx_m[::30])
-    few = {"samples_per_mm2": 0.01, "estimator": "expected", "device": "pocl"}
+    few = {"samples_per_mm2": 0.01, "estimator": "expected", "device": "pocl", "facets": "flat"}
     with pytest.warns(ClradarWarning, match=r"^simulate: 100 % .*at 82 GHz") as caught:
         clradar.simulate(scene, array, clradar.Waveform.sfcw(72e9, 82e9, 4), **few)
     assert len(caught) == 1
