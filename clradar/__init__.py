@@ -34,6 +34,7 @@ from clradar.model import (
     Waveform,
     material,
 )
+from clradar.model.material_file import read_materials, write_materials
 from clradar.opencl import Device, list_devices, open_device
 from clradar.simulation import simulate
 from clradar.synthesize import synthesize
@@ -89,11 +90,9 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # Imported on first use: they import this package, xarray, or the readers of text.
+    # Imported on first use: they import this package, and xarray.
     if name == "open_dataset":
         return import_module("clradar.dataset").open_dataset
-    if name in ("read_materials", "write_materials"):
-        return getattr(import_module("clradar.model.material_file"), name)
     if name in ("calibration", "measurement_io"):
         # The same modules as by `import calibration`, for scripts beside a file of that name.
         require_own(name)
