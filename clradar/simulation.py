@@ -53,9 +53,8 @@ def simulate(
     array : AntennaArray
     waveform : Waveform
     settings : SimulationSettings, optional
-        The defaults if not given: the expected estimator, without shot noise. With the stochastic
-        one, and where samples, rays or several bounces are asked for, the result has the bits of
-        ``synthesize(trace(...))``.
+        The defaults if not given: see `SimulationSettings` for the estimator. With the stochastic
+        one the result has the bits of ``synthesize(trace(...))``.
     device : Device, str or None
         See `clradar.open_device`.
     progress : callable, optional
@@ -105,7 +104,7 @@ def simulate(
     checks.instance("simulate: array", array, AntennaArray)
     checks.instance("simulate: waveform", waveform, Waveform)
     check_placement("simulate", scene, array)
-    resolved = merged_settings(settings, **fields).without_shot_noise().resolved()
+    resolved = merged_settings(settings, **fields).for_scene(scene).resolved()
     if resolved.estimator != "physical":
         array.refuse_patterns("simulate")
     opened = open_device(device)

@@ -11,13 +11,18 @@ import numpy as np
 
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.geometry.normals import CREASE_DEG
-from clradar.model import Scene, TraceStatistics, checks
+from clradar.model import METAL, Scene, TraceStatistics, checks
 from clradar.model.plausible import check_plausible
 from clradar.opencl import Device
 
 RECEPTION_RADIUS_M = 0.010
 SAMPLES_PER_MM2 = 10.0
 RAYS_PER_SAMPLE = 4
+
+EXPECTED_ALPHA = 0.12
+"""From here on the default of the expected estimator has less noise than the stochastic one, which
+has ten times the samples. Image error of the default hand at alpha = 0.05, 0.1, 0.15: -15.7, -21.5,
+-24.8 dB, and stochastic -24.6, -23.9, -22.2 dB, against 6 samples per mm^2 and another seed."""
 
 EXPECTED_SAMPLES_PER_MM2 = 1.0
 """For ``estimator="expected"``, which needs fewer; each then has as many more rays."""
@@ -94,8 +99,9 @@ class SimulationSettings:
         With "spreading": both antennas have the field pattern cos(angle to +z)^exponent.
     seed : int, 0 to 2^64 - 1
     estimator : "stochastic", "expected" or "physical", optional
-        None: `clradar.simulate` takes "expected", and "stochastic", the paper's, where samples,
-        rays or several bounces are asked for; other functions take "stochastic".
+        None: "stochastic", the paper's; but `clradar.simulate` takes "physical" where the scene has
+        a material other than the default, and else "expected" unless samples, rays or several
+        bounces are asked for or an alpha is below 0.12.
         "expected" is the mean of "stochastic" over the random outgoing directions, for the same
         samples: each of them, Tx and Rx adds one path whose amplitude is `rays_per_sample` times
         the probability that the outgoing ray enters the Rx sphere. It has no shot noise, so fewer
@@ -186,10 +192,14 @@ class SimulationSettings:
             estimator="stochastic" if estimator is None else estimator,
         )
 
-    def without_shot_noise(self) -> SimulationSettings:
-        """Choose the expected estimator if none is given, nor what is for random rays alone."""
-        asked = (self.samples_per_mm2, self.rays_per_face, self.rays_per_sample, self.estimator)
+    def for_scene(self, scene: Scene) -> SimulationSettings:
+        """Choose the estimator of `clradar.simulate` if none is given."""
+        asked = (self.rays_per_face, self.rays_per_sample, self.estimator)
         if self.max_bounces > 1 or any(value is not None for value in asked):
+            return self
+        if scene.materials != (METAL,):
+            return replace(self, estimator="physical")
+        if self.samples_per_mm2 is not None or np.min(scene.alpha) < EXPECTED_ALPHA:
             return self
         return replace(self, estimator="expected")
 

@@ -126,6 +126,20 @@ def test_simulate_has_no_shot_noise_unless_random_rays_are_asked_for(arguments, 
     assert capture.meta["settings"]["estimator"] == estimator
 
 
+def test_nearly_specular_scenes_keep_the_many_samples_of_the_stochastic_default():
+    for alpha, estimator in ((0.0, "stochastic"), (0.11, "stochastic"), (0.12, "expected")):
+        capture = clradar.simulate(SMALL.with_alpha([1.0, alpha]), ARRAY, WAVEFORM)
+        assert capture.meta["settings"]["estimator"] == estimator
+
+
+def test_materials_are_for_the_physical_estimator_unless_rays_are_asked_for():
+    skin = SMALL.with_material("skin")
+    for arguments, estimator in (({}, "physical"), ({"estimator": "expected"}, "expected")):
+        capture = clradar.simulate(skin, ARRAY, WAVEFORM, **arguments)
+        assert capture.meta["settings"]["estimator"] == estimator
+    assert SimulationSettings(max_bounces=2).for_scene(skin).estimator is None
+
+
 def test_other_functions_stay_stochastic():
     assert resolve_settings().estimator == "stochastic"
     assert clradar.trace(SMALL, ARRAY).statistics.outgoing > 0
