@@ -28,6 +28,13 @@ static inline void load_values(const uint n_x, const uint n_y, const uint n_z, c
                                __global const int *place, __global const float *volume, realw *re,
                                realw *im) {
     const size_t plane = (size_t)n_z * n_y * n_x;
+#if CLR_POINTS
+    if (voxel + CLR_WIDTH <= n_leaf) {
+        *re = LOADW(volume + first[0] + voxel);
+        *im = LOADW(volume + plane + first[0] + voxel);
+        return;
+    }
+#endif
     float values_re[CLR_WIDTH], values_im[CLR_WIDTH];
     for (uint lane = 0; lane < CLR_WIDTH; ++lane) {
         const long index =

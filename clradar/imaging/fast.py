@@ -237,8 +237,12 @@ def grid_pieces(grid: VoxelGrid) -> list[GridPiece]:
     ]
 
 
-def point_pieces(points_m: np.ndarray, number: np.ndarray) -> list[PointPiece]:
-    """Return points of some numbers, cut across their longest extent where they are too many."""
+def point_pieces(points_m: np.ndarray, number: np.ndarray | None = None) -> list[PointPiece]:
+    """Return points, cut across their longest extent where they are too many.
+
+    `number` says which of a larger set they are; all of it by default.
+    """
+    number = np.arange(len(points_m)) if number is None else number
     n_pieces = -(-len(points_m) // TILE_VOXELS)
     if n_pieces == 1:
         return [PointPiece(number, points_m)]

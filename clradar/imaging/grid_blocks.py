@@ -8,6 +8,7 @@ import numpy as np
 
 from clradar.imaging.block_tree import BlockLevel, grid_block_counts
 from clradar.model import VoxelGrid
+from clradar.opencl.double_single import antenna_rows
 
 NO_VOXEL = 2**30
 """Index of the voxels that fill up a block to whole lanes: outside every grid."""
@@ -53,16 +54,17 @@ class GridBlocks:
         size = np.array(self.levels[i].voxels)
         return self.grid.origin_m + self.grid.spacing_m * (index * size + 0.5 * (size - 1))
 
-    def leaf(self, width: int) -> tuple[int, np.ndarray, np.ndarray]:
-        """Return the voxels of a smallest block, whole lanes: how many, offsets from its centre in
-        metres, float64, and their indices in it."""
+    def leaf(self, width: int, far: bool) -> tuple[int, np.ndarray, np.ndarray]:
+        """Return the voxels of a smallest block, whole lanes: how many, their offsets from its
+        centre (x, y, z as hi, then as lo, metres, float32), and their indices in it."""
         size = self.levels[-1].voxels
         n_x, n_y, n_z = size
         index = np.arange(-(-n_x * n_y * n_z // width) * width)
         place = np.stack([index % n_x, index // n_x % n_y, index // (n_x * n_y)], axis=1)
         offset_m = self.grid.spacing_m * (place - 0.5 * (np.array(size) - 1))
         place[n_x * n_y * n_z :] = NO_VOXEL
-        return len(index), offset_m, place.astype(np.int32)
+        planes = antenna_rows(offset_m).T[: 6 if far else 3]
+        return len(index), planes, place.astype(np.int32)
 
     def most_voxels(self, index: np.ndarray) -> int:
         """Return the largest number of voxels of some smallest blocks."""

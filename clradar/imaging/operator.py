@@ -152,7 +152,9 @@ class ImagingOperator:
         if self._few(int(by_all.sum())):
             by_all[:] = False
         parts: list[_Part] = []
-        if by_all.any():
+        if by_all.all():
+            parts.append(self._fast(point_pieces(points_m)))
+        elif by_all.any():
             number = np.flatnonzero(by_all)
             parts.append(self._fast(point_pieces(points_m[number], number)))
         if not by_all.all():

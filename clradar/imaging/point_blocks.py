@@ -18,6 +18,7 @@ from clradar.imaging.block_tree import (
     tree_levels,
 )
 from clradar.model import AntennaArray, Waveform
+from clradar.opencl.double_single import hi_lo
 
 MOST_POINTS = 1024
 """Points of one smallest block, which one work-item sums: others are cut, so that points that lie
@@ -38,8 +39,8 @@ class PointCells:
     ----------
     order : ndarray, shape (n_points,), int
         The points by cell; in a cell by number.
-    points_m : ndarray, shape (n_points, 3), float64
-        In that order.
+    columns_m : ndarray, shape (3, n_points), float64
+        x, y and z in that order.
     first : ndarray, shape (n_cells + 1,), int
         First point of every cell.
     cells : ndarray, shape (n_cells, 3), int
@@ -66,11 +67,12 @@ class PointCells:
                 break
             growing = np.flatnonzero(np.array(self.counts) > 1)
             edges_m[growing[np.argmin(edges_m[growing])]] *= 2.0
-        self.points_m = points_m[self.order]
+        self.columns_m = np.stack([points_m[:, axis].take(self.order) for axis in range(3)])
         self.first = np.append(starts, len(points_m))
-        self.low_m = np.minimum.reduceat(self.points_m, starts)
-        self.high_m = np.maximum.reduceat(self.points_m, starts)
-        self.cells = self._cells(self.points_m[starts])
+        self.low_m = np.minimum.reduceat(self.columns_m, starts, axis=1).T.copy()
+        self.high_m = np.maximum.reduceat(self.columns_m, starts, axis=1).T.copy()
+        firsts_m = zip(self.columns_m[:, starts], range(3), strict=True)
+        self.cells = np.stack([self._cells(x_m, axis) for x_m, axis in firsts_m], axis=1)
         self.level_first = []
         for shift in self._shifts:
             block = keys[starts] >> shift
@@ -86,9 +88,11 @@ class PointCells:
         self.corner_m = 0.5 * (low_m + high_m - edges_m * self.counts)
         self.sizes: list[Triple] = block_sizes(self.counts, (1, 1, 1))
 
-    def _cells(self, points_m: np.ndarray) -> np.ndarray:
-        index = np.floor((points_m - self.corner_m) / self.edges_m).astype(np.int64)
-        return np.clip(index, 0, np.array(self.counts) - 1)
+    def _cells(self, x_m: np.ndarray, axis: int) -> np.ndarray:
+        """Return the index along an axis of the cells that coordinates are in."""
+        # Truncated: slightly negative numbers are in the first cell, too.
+        index = ((x_m - self.corner_m[axis]) / self.edges_m[axis]).astype(np.int64)
+        return np.clip(index, 0, self.counts[axis] - 1, out=index)
 
     def _keys(self, points_m: np.ndarray) -> np.ndarray:
         """Return a number for the cell of every point: of the block on the first level, of that in
@@ -107,8 +111,7 @@ class PointCells:
             self._shifts.append(at)
         keys = np.zeros(len(points_m), np.int64)
         for axis, table in enumerate(tables):
-            index = np.floor((points_m[:, axis] - self.corner_m[axis]) / self.edges_m[axis])
-            keys += table[np.clip(index.astype(np.int64), 0, self.counts[axis] - 1)]
+            keys += table[self._cells(points_m[:, axis], axis)]
         return keys
 
     def centres_m(self, cell: np.ndarray, sizes: np.ndarray) -> np.ndarray:
@@ -223,7 +226,7 @@ class PointBlocks:
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        return len(self.cells.points_m), 1, 1
+        return len(self.cells.order), 1, 1
 
     @property
     def diagonal_m(self) -> float:
@@ -250,15 +253,23 @@ class PointBlocks:
         cell = self.cells.level_first[i][block]
         return self.cells.centres_m(cell, np.array(self.levels[i].voxels))
 
-    def leaf(self, width: int) -> tuple[int, np.ndarray, np.ndarray]:
-        """Return 0, all points' offsets from the float32 centres of their blocks in metres,
-        float64, with as many more as a kernel may read beyond the last, and nothing."""
+    def leaf(self, width: int, far: bool) -> tuple[int, np.ndarray, np.ndarray]:
+        """Return 0, all points' offsets from the float32 centres of their blocks, with as many more
+        as a kernel may read beyond the last, and nothing."""
+        planes = self._offsets_m[: 6 if far else 3]
+        return 0, planes, np.zeros((1, 3), np.int32)
+
+    @cached_property
+    def _offsets_m(self) -> np.ndarray:
+        """x, y, z as hi, then as lo, metres, float32."""
         first, index = self._pieces
-        centre_m = self.centres_m(len(self.levels) - 1, np.arange(len(index)))
-        centre_m = np.repeat(centre_m.astype(np.float32), np.diff(first), axis=0)
-        offset_m = np.zeros((len(self.cells.points_m) + width, 3))
-        np.subtract(self.cells.points_m, centre_m, out=offset_m[: len(centre_m)])
-        return 0, offset_m, np.zeros((1, 3), np.int32)
+        n_points, n = np.diff(first), len(self.cells.order)
+        centre_m = self.centres_m(len(self.levels) - 1, np.arange(len(index))).astype(np.float32)
+        planes = np.zeros((6, n + LANES), np.float32)
+        for axis in range(3):
+            offset_m = self.cells.columns_m[axis] - np.repeat(centre_m[:, axis], n_points)
+            planes[axis, :n], planes[axis + 3, :n] = hi_lo(offset_m)
+        return planes
 
     def most_voxels(self, index: np.ndarray) -> int:
         """Return the largest number of points of some smallest blocks."""

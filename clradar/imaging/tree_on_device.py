@@ -161,7 +161,7 @@ class TreeOnDevice:
         )
         self.program = build(device, "backproject_fast.cl", sizes)
         self.up_program = build(device, "forward_fast.cl", sizes) if upwards else None
-        self.leaf = self._leaf()
+        self.leaf = self._leaf(far)
 
     def __enter__(self) -> TreeOnDevice:
         return self
@@ -276,20 +276,21 @@ class TreeOnDevice:
         planes[:, : len(antennas_m)] = antenna_rows(antennas_m).T
         return planes
 
-    def _leaf(self) -> Leaf:
+    def _leaf(self, far: bool) -> Leaf:
         level = self.levels[-1]
-        n_voxels, offset_m, place = self.blocks.leaf(self.width)
+        n_voxels, planes, place = self.blocks.leaf(self.width, far)
         tx_m, rx_m = self.array.tx_m[level.tx.skeleton], self.array.rx_m[level.rx.skeleton]
         # The last step's columns have become rows.
         rows, columns = (rx_m, tx_m) if len(self.levels) % 2 else (tx_m, rx_m)
         arrays = [
-            antenna_rows(offset_m).T,
             place,
             antenna_rows(rows),
             antenna_rows(columns),
             np.stack(hi_lo(self.k[level.frequency.skeleton])),
         ]
-        return Leaf(n_voxels, len(offset_m), *(self._kept(array) for array in arrays))
+        self._held.append(self.buffers.borrow(planes))
+        kept = [self._kept(array) for array in arrays]
+        return Leaf(n_voxels, planes.shape[1], self._held[-len(kept) - 1], *kept)
 
     def _root_phasors(self, antennas_m: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
         """Return the phasors of the largest blocks: of whole lengths, so in float64."""

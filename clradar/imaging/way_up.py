@@ -20,7 +20,7 @@ class WayUp:
         """Return the cube, (n_freq, n_tx, 2, n_rx), float32, of values of shape (2, n_values)."""
         self.report(0.0)
         tree, buffers = self.tree, self.buffers
-        self.values = buffers.upload(values)
+        self.values = buffers.borrow(values)
         n_freq, n_tx, n_rx = len(tree.k), tree.array.n_tx, tree.array.n_rx
         shape = (n_freq, n_tx, 2, padded(n_rx, tree.unit))
         cube = buffers.empty(4 * int(np.prod(shape)))

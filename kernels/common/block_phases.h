@@ -151,9 +151,9 @@ static inline uint leaf_size(const uint n_voxels, __global const int *first) {
 
 /* CLR_WIDTH voxels of a block, relative to its centre.
  *
- * offset   float (6, n_offsets)                x, y, z as hi, then as lo, metres: of the voxels of any block from
- *                                              its exact centre, or of every point from its block's centre;
- *                                              CLR_WIDTH numbers may be read from any of them on
+ * offset   float (6 or 3, n_offsets)           x, y, z as hi, then with CLR_FAR as lo, metres: of the voxels of
+ *                                              any block from its exact centre, or of every point from the float32
+ *                                              centre of its block; CLR_WIDTH numbers may be read from any on
  * rest     float (3)                           exact centre minus its float32, metres; 0 for points
  * first    int (3)                             x, y, z index of the block's first voxel; or the block's first
  *                                              point, the one after its last, 0 */
