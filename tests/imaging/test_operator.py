@@ -9,6 +9,7 @@ from images import QAR50, rms_db
 import clradar
 from clradar import AntennaArray, ImagingOperator, VoxelGrid, Waveform
 from clradar.errors import ModelError
+from clradar.imaging import fast, point_blocks, tree_on_device
 
 # Float32 phasors and sums, a few hundred terms in a row: some 1e-7 each.
 FLOAT32_DB = -120.0
@@ -91,6 +92,163 @@ def test_a_pair_has_no_echo_of_points_that_it_does_not_see(either_width: clradar
     assert rms_db(operator.forward(rho) - want, want) <= FLOAT32_DB
     want = np.einsum("npt,trn,npr->p", tx.conj(), samples, rx.conj(), optimize=True)
     assert rms_db(operator.adjoint(samples) - want, want) <= FLOAT32_DB
+
+
+# The tree -----------------------------------------------------------------------------------------
+
+HALF = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2])
+SWEEP_17 = Waveform.sfcw(72e9, 82e9, 17)
+
+
+@pytest.fixture
+def always_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However few the points are."""
+    monkeypatch.setattr(fast, "FEW_TERMS", 0)
+
+
+def sphere(n: int, radius_m: float = 0.05) -> np.ndarray:
+    out = np.random.default_rng(n).normal(size=(n, 3))
+    return radius_m * out / np.linalg.norm(out, axis=1)[:, None] + np.array([0.02, 0, 0.3])
+
+
+POINTS_M = {
+    "a sphere": sphere(3000),
+    "one": np.array([[0.01, 0.02, 0.3]]),
+    "a thousand in one place and one far away": np.append(
+        np.tile([[0.01, 0.02, 0.3]], (1500, 1)), [[0.0, 0.0, 10.0]], axis=0
+    ),
+    "on a line": np.linspace((-0.1, 0.02, 0.2), (0.1, -0.02, 0.4), 500),
+    "in a plane": np.random.default_rng(1).uniform((-0.1, -0.1, 0.3), (0.1, 0.1, 0.3), (900, 3)),
+    "at the antennas": np.concatenate([HALF.tx_m, HALF.rx_m]),
+    "before, behind and among the antennas": np.random.default_rng(2).uniform(-0.2, 0.2, (900, 3)),
+    "10 m away": np.random.default_rng(3).uniform(-0.3, 0.3, (900, 3)) + np.array([0, 0, 10.0]),
+    "metres apart": np.random.default_rng(4).uniform((-6, -6, 1), (6, 6, 12), (300, 3)),
+    "on the borders of blocks": np.stack(
+        np.meshgrid(*[np.linspace(-0.03, 0.03, 9)] * 3), axis=-1
+    ).reshape(-1, 3) + np.array([0, 0, 0.2]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("tolerance_db", [-40.0, -70.0])
+@pytest.mark.parametrize("name", POINTS_M)
+def test_points_anywhere_keep_the_tolerance(
+    device: clradar.Device, always_a_tree: None, name: str, tolerance_db: float
+) -> None:
+    """All points together, and the outermost one alone."""
+    points_m = POINTS_M[name]
+    operator = ImagingOperator(HALF, SWEEP_17, points_m, tolerance_db=tolerance_db, device=device)
+    rho, samples = complex_noise((len(points_m),)), complex_noise(operator.range_shape)
+    pairs = AntennaArray(HALF.tx_m[::5], HALF.rx_m[::7])
+    alone = np.zeros_like(rho)
+    alone[points_m[:, 0].argmax()] = 1.0
+    for values in (rho, alone):
+        want = forward_sum(points_m, values, pairs, SWEEP_17)
+        error = operator.forward(values)[::5, ::7] - want
+        assert rms_db(error, want) <= tolerance_db
+    some = np.unique(np.linspace(0, len(points_m) - 1, 100).astype(int))
+    want = adjoint_sum(points_m[some], samples, HALF, SWEEP_17)
+    assert rms_db(operator.adjoint(samples)[some] - want, want) <= tolerance_db
+
+
+# Both sides are float32 sums of the same products in another order: some 1e6 products of random
+# sign, so 2^-24 of their norm, and phasors that differ by as much.
+DOT_TOLERANCE = 1e-6
+
+
+@pytest.mark.parametrize("where", ["a sphere", "at the antennas", "grid"])
+def test_dot(always_a_tree: None, either_width: clradar.Device, where: str) -> None:
+    """The pair is adjoint far below the tolerance of -30 dB."""
+    at = GRID if where == "grid" else POINTS_M[where]
+    operator = ImagingOperator(HALF, SWEEP_17, at, tolerance_db=-30, device=either_width)
+    rho, samples = complex_noise(operator.domain_shape), complex_noise(operator.range_shape)
+    captured, image = operator.forward(rho), operator.adjoint(samples)
+    one = np.vdot(samples, captured.astype(complex))
+    other = np.vdot(image, rho.astype(complex))
+    assert abs(one - other) <= DOT_TOLERANCE * np.linalg.norm(samples) * np.linalg.norm(captured)
+
+
+def test_a_grid_forward_keeps_the_tolerance(
+    always_a_tree: None, either_width: clradar.Device
+) -> None:
+    grid = VoxelGrid.from_extent((-0.05, 0.05), (-0.04, 0.04), (0.2, 0.23), 2e-3)
+    operator = ImagingOperator(HALF, SWEEP_17, grid, tolerance_db=-60, device=either_width)
+    rho = complex_noise(grid.shape)
+    pairs = AntennaArray(HALF.tx_m[::5], HALF.rx_m[::7])
+    want = forward_sum(voxels_m(grid), rho.ravel(), pairs, SWEEP_17)
+    assert rms_db(operator.forward(rho)[::5, ::7] - want, want) <= -60.0
+
+
+def test_the_adjoint_of_a_grid_is_the_fast_image(
+    device: clradar.Device, always_a_tree: None
+) -> None:
+    grid = VoxelGrid.from_extent((-0.05, 0.05), (-0.04, 0.04), (0.2, 0.21), 2e-3)
+    capture = clradar.Capture(complex_noise((HALF.n_tx, HALF.n_rx, 17)), HALF, SWEEP_17)
+    image = clradar.backproject(capture, grid, check_grid=False, device=device).data
+    adjoint = ImagingOperator(HALF, SWEEP_17, grid, device=device).adjoint(capture)
+    np.testing.assert_array_equal((adjoint.view(np.float32) / capture.data.size), image.view("f4"))
+
+
+def test_results_do_not_depend_on_the_chunks(
+    device: clradar.Device, always_a_tree: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A block at a time, or as many as there are."""
+    points_m, rho = POINTS_M["a sphere"], complex_noise((3000,))
+    results = []
+    for n_bytes in (1, 2**30):
+        monkeypatch.setattr(tree_on_device, "CPU_CHUNK_BYTES", n_bytes)
+        operator = ImagingOperator(SMALL, UNEVEN, points_m, device=device)
+        samples = operator.forward(rho)
+        results.append((samples, operator.adjoint(samples)))
+    for one, other in zip(*results, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_blocks_of_many_points_are_cut(
+    device: clradar.Device, always_a_tree: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points_m, rho = POINTS_M["a sphere"], complex_noise((3000,))
+    want = ImagingOperator(HALF, SWEEP_17, points_m, device=device).forward(rho)
+    monkeypatch.setattr(point_blocks, "MOST_POINTS", 5)
+    got = ImagingOperator(HALF, SWEEP_17, points_m, device=device).forward(rho)
+    assert rms_db(got - want, want) <= FLOAT32_DB
+
+
+def test_pieces_and_parts_make_up_the_whole(
+    device: clradar.Device, always_a_tree: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three pieces of the points, three of the grid, and four parts of the array."""
+    monkeypatch.setattr(fast, "TILE_VOXELS", 200)
+    monkeypatch.setattr(fast, "MAX_ANTENNAS", 6)
+    some_m = POINTS_M["a sphere"][:500]
+    assert len(fast.grid_pieces(GRID)) == 3
+    assert len(fast.point_pieces(some_m)) == 3
+    for where, points_m in ((GRID, voxels_m(GRID)), (some_m, some_m)):
+        operator = ImagingOperator(SMALL, UNEVEN, where, device=device)
+        rho, samples = complex_noise(operator.domain_shape), complex_noise(operator.range_shape)
+        want = forward_sum(points_m, rho.ravel(), SMALL, UNEVEN)
+        assert rms_db(operator.forward(rho) - want, want) <= -50.0
+        want = adjoint_sum(points_m[::7], samples, SMALL, UNEVEN)
+        assert rms_db(operator.adjoint(samples).ravel()[::7] - want, want) <= -50.0
+
+
+def test_points_that_some_antennas_do_not_see_are_summed_directly(
+    device: clradar.Device, always_a_tree: None
+) -> None:
+    points_m, n = POINTS_M["a sphere"], 3000
+    seen = np.ones((n, SMALL.n_tx), bool)
+    seen[::3, 0] = False
+    operator = ImagingOperator(SMALL, UNEVEN, points_m, tx_visible=seen, device=device)
+    rho, samples = complex_noise((n,)), complex_noise(operator.range_shape)
+    want = forward_sum(points_m, rho, SMALL, UNEVEN)
+    want[0] = forward_sum(points_m, rho * seen[:, 0], SMALL, UNEVEN)[0]
+    captured = operator.forward(rho)
+    assert rms_db(captured - want, want) <= -50.0
+    only_0 = np.zeros_like(samples)
+    only_0[0] = samples[0]
+    image = operator.adjoint(only_0)
+    assert (image[::3] == 0).all()
+    want = adjoint_sum(points_m[1:100:3], only_0, SMALL, UNEVEN)
+    assert rms_db(image[1:100:3] - want, want) <= -50.0
 
 
 # Records and vectors ------------------------------------------------------------------------------

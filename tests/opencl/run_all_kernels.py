@@ -126,6 +126,11 @@ def everything(width: int) -> None:
         grid = clradar.VoxelGrid.from_extent(shape, (0, 0.002), (0.30, 0.302), 1e-3)
         for method in ("exact", "range", "fast"):
             clradar.backproject(capture, grid, method=method, device=device)
+        clradar.ImagingOperator(array, waveform, grid, device=device).forward(np.ones(grid.shape))
+        tree_on_device.FLOAT32_SHARE = -tree_on_device.FLOAT32_SHARE
+    for _ in range(2):
+        operator = clradar.ImagingOperator(array, waveform, soup[:4].reshape(-1, 3), device=device)
+        operator.adjoint(operator.forward(np.arange(12)))
         tree_on_device.FLOAT32_SHARE = -tree_on_device.FLOAT32_SHARE
     # Points within the cells and beyond them.
     with Buffers(device) as buffers:
