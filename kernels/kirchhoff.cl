@@ -129,29 +129,38 @@ __kernel void legs(const uint n, const uint first, const uint n_padded, const ui
     }
 }
 
+/* Where the sums of a Tx and CLR_WIDTH Rx are, of `at` counted over the frequencies of all cubes. */
+static inline __global float *sum_of(__global float *sum, const uint row, const uint column, const uint n_rx,
+                                     const uint n_cubes, const uint at, const uint n_m) {
+    const size_t pair = (size_t)row * (n_rx / BLOCK) + column / BLOCK;
+    return sum + (pair * n_cubes * n_m + at) * 2 * BLOCK + column % BLOCK;
+}
+
 /* Sum the products of legs over the points of each cube. Item = ROWS Tx and CLR_WIDTH Rx at one frequency of one cube.
  *
  * start   uint (n_cubes + 1)  first point of each cube among all
- * first, n                    points whose legs are there
+ * first, n                    points whose legs are there; they are in n_here cubes from first_cube on
  * tx, rx  float (n_m, n_tx / 8, n, PARTS, 8), the same for rx
- * sum     float (n_cubes, n_m, n_tx, 2, n_rx)   in and out */
-__kernel void add_products(const uint first, const uint n, const uint first_cube, const uint n_cubes, const uint n_m,
-                           const uint n_tx, const uint n_rx, __global const uint *start,
-                           __global const float *tx, __global const float *rx, __global float *sum) {
+ * sum     float (n_tx, n_rx / 8, n_cubes, n_m, 2, 8)   in and out */
+__kernel void add_products(const uint first, const uint n, const uint first_cube, const uint n_here,
+                           const uint n_cubes, const uint n_m, const uint n_tx, const uint n_rx,
+                           __global const uint *start, __global const float *tx, __global const float *rx,
+                           __global float *sum) {
     const uint row = (uint)get_global_id(0) * ROWS, column = (uint)get_global_id(1) * CLR_WIDTH;
     const uint at = (uint)get_global_id(2), cube = first_cube + at / n_m, m = at % n_m;
-    if (row >= n_tx || column >= n_rx || at >= n_cubes * n_m) return;
+    if (row >= n_tx || column >= n_rx || at >= n_here * n_m) return;
     const uint low = start[cube] > first ? start[cube] - first : 0;
     const uint high = start[cube + 1] < first + n ? start[cube + 1] - first : n;
-    __global float *out = sum + ((((size_t)cube * n_m + m) * n_tx + row) * 2) * n_rx + column;
+    __global float *out = sum_of(sum, row, column, n_rx, n_cubes, cube * n_m + m, n_m);
+    const size_t next = (size_t)(n_rx / BLOCK) * n_cubes * n_m * 2 * BLOCK;
     __global const float *a = tx + (((size_t)m * (n_tx / BLOCK) + row / BLOCK) * n + low) * PARTS * BLOCK + row % BLOCK;
     __global const float *b = rx + (((size_t)m * (n_rx / BLOCK) + column / BLOCK) * n + low) * PARTS * BLOCK +
                               column % BLOCK;
     realw re[ROWS], im[ROWS];
 #pragma unroll
     for (uint i = 0; i < ROWS; ++i) {
-        re[i] = LOADW(out + 2 * i * (size_t)n_rx);
-        im[i] = LOADW(out + (2 * i + 1) * (size_t)n_rx);
+        re[i] = LOADW(out + i * next);
+        im[i] = LOADW(out + i * next + BLOCK);
     }
 #define TERM(of_tx, of_rx)                                                                                     \
     {                                                                                                          \
@@ -173,14 +182,14 @@ __kernel void add_products(const uint first, const uint n, const uint first_cube
     }
 #pragma unroll
     for (uint i = 0; i < ROWS; ++i) {
-        STOREW(re[i], out + 2 * i * (size_t)n_rx);
-        STOREW(im[i], out + (2 * i + 1) * (size_t)n_rx);
+        STOREW(re[i], out + i * next);
+        STOREW(im[i], out + i * next + BLOCK);
     }
 }
 
 /* From skeleton Rx to all. Item = CLR_WIDTH Rx of one skeleton Tx at one frequency of one cube.
  *
- * sum     float (n, n_rows, 2, n_skeleton)   n counts frequencies of cubes
+ * sum     float (n_rows, n_skeleton / 8, n, 2, 8)   n counts frequencies of cubes
  * weights float (n_skeleton, n_rx)
  * out     float (n, n_rows, 2, n_rx) */
 __kernel void spread_columns(const uint n, const uint n_rows, const uint n_skeleton, const uint n_rx,
@@ -188,12 +197,13 @@ __kernel void spread_columns(const uint n, const uint n_rows, const uint n_skele
     const uint column = (uint)get_global_id(0) * CLR_WIDTH, row = (uint)get_global_id(1);
     const uint at = (uint)get_global_id(2);
     if (column >= n_rx || row >= n_rows || at >= n) return;
-    __global const float *in = sum + ((size_t)at * n_rows + row) * 2 * n_skeleton;
     realw re = 0.0f, im = 0.0f;
     for (uint j = 0; j < n_skeleton; ++j) {
+        const size_t pair = (size_t)row * (n_skeleton / BLOCK) + j / BLOCK;
+        __global const float *in = sum + (pair * n + at) * 2 * BLOCK + j % BLOCK;
         const realw w = LOADW(weights + (size_t)j * n_rx + column);
-        re = fused(w, (realw)(in[j]), re);
-        im = fused(w, (realw)(in[n_skeleton + j]), im);
+        re = fused(w, (realw)(in[0]), re);
+        im = fused(w, (realw)(in[BLOCK]), im);
     }
     __global float *to = out + ((size_t)at * n_rows + row) * 2 * n_rx + column;
     STOREW(re, to);
@@ -204,18 +214,19 @@ __kernel void spread_columns(const uint n, const uint n_rows, const uint n_skele
  *
  * in      float (n, n_skeleton, 2, n_rx)
  * weights float (n_skeleton, n_tx)
- * sum     float (n, n_tx, 2, n_rx)   in and out */
+ * sum     float (n_tx, n_rx / 8, n, 2, 8)   in and out */
 __kernel void spread_rows(const uint n, const uint n_skeleton, const uint n_tx, const uint n_rx,
                           __global const float *in, __global const float *weights, __global float *sum) {
     const uint column = (uint)get_global_id(0) * CLR_WIDTH, row = (uint)get_global_id(1) * ROWS;
     const uint at = (uint)get_global_id(2);
     if (column >= n_rx || row >= n_tx || at >= n) return;
     __global const float *from = in + (size_t)at * n_skeleton * 2 * n_rx + column;
-    __global float *to = sum + ((size_t)at * n_tx + row) * 2 * n_rx + column;
+    __global float *to = sum_of(sum, row, column, n_rx, n, at, 1);
+    const size_t next = (size_t)(n_rx / BLOCK) * n * 2 * BLOCK;
     realw re[ROWS], im[ROWS];
     for (uint i = 0; i < ROWS; ++i) {
-        re[i] = LOADW(to + 2 * i * (size_t)n_rx);
-        im[i] = LOADW(to + (2 * i + 1) * (size_t)n_rx);
+        re[i] = LOADW(to + i * next);
+        im[i] = LOADW(to + i * next + BLOCK);
     }
     for (uint j = 0; j < n_skeleton; ++j) {
         const realw x = LOADW(from + 2 * j * (size_t)n_rx), y = LOADW(from + (2 * j + 1) * (size_t)n_rx);
@@ -227,8 +238,8 @@ __kernel void spread_rows(const uint n, const uint n_skeleton, const uint n_tx, 
         }
     }
     for (uint i = 0; i < ROWS; ++i) {
-        STOREW(re[i], to + 2 * i * (size_t)n_rx);
-        STOREW(im[i], to + (2 * i + 1) * (size_t)n_rx);
+        STOREW(re[i], to + i * next);
+        STOREW(im[i], to + i * next + BLOCK);
     }
 }
 
@@ -257,7 +268,7 @@ __kernel void centre_phases(const uint n_padded, const uint n_f, const uint n_cu
 
 /* Add the cubes at all frequencies. Item = FREQUENCIES frequencies of one Tx and CLR_WIDTH Rx.
  *
- * sum     float (n_cubes, n_m, n_tx, 2, n_rx)
+ * sum     float (n_tx, n_rx / 8, n_cubes, n_m, 2, 8)
  * weights float (n_m, n_f)   n_f a multiple of FREQUENCIES
  * tx, rx  float (n_tx / 8, n_f, n_cubes, 2, 8), the same for rx: phases of the middles
  * capture float (n_tx, n_f, 2, n_rx)   in and out */
@@ -277,20 +288,21 @@ __kernel void add_cubes(const uint n_cubes, const uint n_m, const uint n_f, cons
         re[i] = LOADW(out + 2 * i * (size_t)n_rx);
         im[i] = LOADW(out + (2 * i + 1) * (size_t)n_rx);
     }
+    __global const float *s =
+        sum + ((size_t)row * (n_rx / BLOCK) + column / BLOCK) * n_cubes * n_m * 2 * BLOCK + column % BLOCK;
     for (uint cube = 0; cube < n_cubes; ++cube) {
-        __global const float *s = sum + ((size_t)cube * n_m * n_tx + row) * 2 * n_rx + column;
         realw x[FREQUENCIES], y[FREQUENCIES];
 #pragma unroll
         for (uint i = 0; i < FREQUENCIES; ++i) x[i] = y[i] = 0.0f;
         for (uint m = 0; m < n_m; ++m) {
-            const realw s_re = LOADW(s), s_im = LOADW(s + n_rx);
+            const realw s_re = LOADW(s), s_im = LOADW(s + BLOCK);
             __global const float *w = weights + (size_t)m * n_f + f;
 #pragma unroll
             for (uint i = 0; i < FREQUENCIES; ++i) {
                 x[i] = fused(s_re, (realw)(w[i]), x[i]);
                 y[i] = fused(s_im, (realw)(w[i]), y[i]);
             }
-            s += (size_t)n_tx * 2 * n_rx;
+            s += 2 * BLOCK;
         }
 #pragma unroll
         for (uint i = 0; i < FREQUENCIES; ++i) {

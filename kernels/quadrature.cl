@@ -146,6 +146,15 @@ __kernel void sides_seen(const uint n, const uint n_groups, const uint only,
     count[2 * (size_t)i + 1] = behind_count;
 }
 
+/* 1 / x and 1 / sqrt(x), or 0 where x is too small for either. */
+static inline float inverse_or_0(const float x) {
+    return x > 1e-36f ? 1.0f / x : 0.0f;
+}
+
+static inline float root_inverse(const float x) {
+    return sqrt(inverse_or_0(x));
+}
+
 /* What lit points need; n_padded columns, a multiple of CLR_WIDTH; those beyond n are left as they are.
  *
  * sample  uint (n)   ordinal of each point
@@ -170,15 +179,16 @@ __kernel void lit_points(const uint n_pieces, const uint n, const uint n_padded,
 
     /* Coordinates of the roughness follow from the face's, with its edges and its normal turned to theirs. */
     const float3 e1 = load3(c + 3) - load3(c), e2 = load3(c + 6) - load3(c), up = cross3(e1, e2);
-    const float3 t1 = load3(t + 3) - load3(t), t2 = load3(t + 6) - load3(t), t_up = unit(cross3(t1, t2));
-    const float inverse_up = 1.0f / dot3(up, up);
-    const float3 by1 = cross3(e2, up) * inverse_up, by2 = cross3(up, e1) * inverse_up, n_up = unit(up);
+    const float3 t1 = load3(t + 3) - load3(t), t2 = load3(t + 6) - load3(t);
+    const float3 t_up = cross3(t1, t2) * root_inverse(dot3(cross3(t1, t2), cross3(t1, t2)));
+    const float inverse_up = inverse_or_0(dot3(up, up));
+    const float3 by1 = cross3(e2, up) * inverse_up, by2 = cross3(up, e1) * inverse_up, n_up = up * root_inverse(dot3(up, up));
 #define TURNED(v) (dot3(v, by1) * t1 + dot3(v, by2) * t2 + dot3(v, n_up) * t_up)
 
-    const float inverse = 1.0f / dot3(s.across, s.across);
+    const float square = dot3(s.across, s.across), inverse = inverse_or_0(square);
     const float3 columns[8] = {flat_point(at, c) + s.offset,
                                s.across * (outward * at.share),
-                               s.across * (outward * sqrt(inverse)),
+                               s.across * (outward * root_inverse(square)),
                                load3(t) + at.b1 * t1 + at.b2 * t2 + TURNED(s.offset),
                                TURNED(s.along1),
                                TURNED(s.along2),

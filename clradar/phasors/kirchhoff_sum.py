@@ -31,16 +31,16 @@ antennas and frequencies, smaller ones are more."""
 TOLERANCE_DB = -60.0
 """RMS error of the capture relative to its RMS that the compression may cause."""
 
-MARGIN = 0.5
+MARGIN = 1.0
 """Part of the tolerance that the skeletons use, shared by Tx, Rx and frequencies."""
 
 FEW_POINTS = 200
 """With fewer points that all antennas see, choosing skeleton antennas costs more than it saves."""
 
-BATCH_BYTES = 2**26
+BATCH_BYTES = 2**25
 """Most that the sums of the cubes of a batch take. No result depends on it."""
 
-LEG_BYTES = 2**22
+LEG_BYTES = 2**24
 """Most that the legs of a call take, so that they stay in the cache. No result depends on it."""
 
 ROWS, FREQUENCIES, POINT_NUMBERS = 4, 4, 8
@@ -306,7 +306,7 @@ class KirchhoffSum(OnDevice):
             self._program.launch(
                 "add_products",
                 (tx.n_padded // ROWS, rx.n_padded // width, (high - low + 1) * n_m),
-                u(at), u(n), u(low), u(high - low + 1), u(n_m), u(tx.n_padded), u(rx.n_padded),
+                u(at), u(n), u(low), u(high - low + 1), u(n_cubes), u(n_m), u(tx.n_padded), u(rx.n_padded),
                 starts, *legs, sums,
             )  # fmt: skip
         for buffer in (points, cube, starts, *bits, *legs):

@@ -21,8 +21,8 @@ SAMPLES_PER_POINT = 4
 CANDIDATES = 4
 """Points of which the one whose phase varies most is taken."""
 
-NEAR = 64
-"""Points that are closest to the antennas: drawn as often as all others."""
+NEAR_POOL, NEAR = 8192, 64
+"""Points of which those are picked that are closest to the antennas: drawn as often as all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,18 +71,18 @@ class Side:
         longer = np.einsum("pa,pxa->px", points.offset_m, vector + from_centre) / (length + centre)
         return longer, length, vector
 
-    def terms(self, points: LegPoints, k: np.ndarray, table: np.ndarray) -> np.ndarray:
-        """The terms of legs, complex, shape (3, n, n_antennas).
-
-        `k`, shape (n,), cycles per metre, and `table`, (n, NODES, 3), are those of the points'
-        frequencies and materials.
-        """
+    def terms(
+        self, points: LegPoints, k: np.ndarray, m: np.ndarray, tables: np.ndarray
+    ) -> np.ndarray:
+        """The terms of legs, complex, shape (3, n, n_antennas), each point at its frequency m."""
         longer, length, vector = self.lengths_m(points)
         along = -np.einsum("pxa,pa->px", vector, points.area_m2) / length
         half = np.sqrt(np.clip(0.5 - 0.5 * vector[..., 2] / length, 0.0, 1.0))
-        field = _between(self.pattern, half * (PATTERN_NODES - 1)) / length
-        wave = field * np.exp(-2j * np.pi * k[:, None] * longer)
-        g, micro = _of_angle(table, along / np.linalg.norm(points.area_m2, axis=1)[:, None])
+        nodes = np.linspace(0.0, 1.0, PATTERN_NODES)
+        field = np.interp(half, nodes, self.pattern) / length
+        wave = field * np.exp(-2j * np.pi * k[m, None] * longer)
+        cosine = along / np.linalg.norm(points.area_m2, axis=1)[:, None]
+        g, micro = _of_angle(tables, points.material[:, None], m[:, None], cosine)
         return np.stack([along * g * wave, g * wave, micro * wave])
 
 
@@ -109,14 +109,14 @@ def antenna_skeleton(
     """
     rng = np.random.Generator(np.random.Philox(0))
     n = -(-max(MIN_SAMPLES, SAMPLES_PER_POINT * len(side.antennas_m)) // (3 * n_terms))
-    near = _nearest(points, side)
+    near = _nearest(rng, points, side)
 
     def draw() -> np.ndarray:
         families = []
         for chosen in (_any(rng, points, n), _hardest(rng, points, side, n), rng.choice(near, n)):
             m = rng.integers(0, len(k), n)
             some = points[chosen]
-            terms = side.terms(some, k[m], tables[some.material, m])[:n_terms]
+            terms = side.terms(some, k, m, tables)[:n_terms]
             families += [_normalised(term) for term in terms]
         return np.stack(families)
 
@@ -159,13 +159,10 @@ def frequency_skeleton(
             change = ends[0] + ends[1]
             kept = np.argsort(-np.abs(change), kind="stable")[:n] if hard else np.arange(n)
             wave = np.exp(-2j * np.pi * change[kept, None] * offset)
-            table = tables[some.material[kept]].reshape(-1, NODES, 3)
-            legs = [
-                _of_angle(table, np.repeat(cosine[kept], len(k))[:, None]) for cosine in cosines
-            ]
+            material, m = some.material[kept, None], np.arange(len(k))
+            legs = [_of_angle(tables, material, m, cosine[kept, None]) for cosine in cosines]
             for i in range(n_terms - 1):  # coherent, and the incoherent part
-                both = (legs[0][i] * legs[1][i]).reshape(n, len(k))
-                families.append(_normalised(both * wave))
+                families.append(_normalised(legs[0][i] * legs[1][i] * wave))
         return np.stack(families)
 
     return decompose_sampled(draw, tolerance)
@@ -182,30 +179,26 @@ def _hardest(rng: np.random.Generator, points: LegPoints, side: Side, n: int) ->
     return np.asarray(some[np.argsort(-np.ptp(longer, axis=1), kind="stable")[:n]])
 
 
-def _nearest(points: LegPoints, side: Side) -> np.ndarray:
-    """The points closest to the antennas' middles of bounding box: where distances vary most."""
+def _nearest(rng: np.random.Generator, points: LegPoints, side: Side) -> np.ndarray:
+    """Points of some that are closest to antennas, where distances and angles vary most."""
     from scipy.spatial import cKDTree
 
-    distance = cKDTree(side.antennas_m).query(points.centre_m + points.offset_m)[0]
-    return np.argsort(distance, kind="stable")[:NEAR]
+    some = _any(rng, points, NEAR_POOL)
+    at_m = points.centre_m[some] + points.offset_m[some]
+    return np.asarray(
+        some[np.argsort(cKDTree(side.antennas_m).query(at_m)[0], kind="stable")[:NEAR]]
+    )
 
 
-def _of_angle(table: np.ndarray, cosine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """g, and the incoherent amplitude: (n, NODES, 3) tables at (n, m) cosines."""
+def _of_angle(
+    tables: np.ndarray, material: np.ndarray, m: np.ndarray, cosine: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """g, and the incoherent amplitude, at cosines; materials and frequencies alike, broadcast."""
     at = np.sqrt(np.clip(cosine, 0.0, 1.0)) * (NODES - 1)
-    values = [_between(table[:, :, i], at) for i in range(3)]
-    return values[0] + 1j * values[1], values[2]
-
-
-def _between(table: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Linear interpolation in a table (n_nodes,), or in rows of one (n, n_nodes), at (n, m)."""
-    low = np.minimum(at.astype(int), table.shape[-1] - 2)
-    if table.ndim == 1:
-        a, b = table[low], table[low + 1]
-    else:
-        row = np.arange(len(table))[:, None]
-        a, b = table[row, low], table[row, low + 1]
-    return np.asarray(a + (at - low) * (b - a))
+    low = np.minimum(at.astype(int), NODES - 2)
+    below, above = tables[material, m, low], tables[material, m, low + 1]
+    values = below + (at - low)[..., None] * (above - below)
+    return values[..., 0] + 1j * values[..., 1], values[..., 2]
 
 
 def _normalised(values: np.ndarray) -> np.ndarray:

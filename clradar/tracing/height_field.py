@@ -14,6 +14,10 @@ import numpy as np
 from clradar.opencl import Buffers
 from clradar.opencl.program import Program
 
+TORN = 2.0
+"""Edges that are longer by this factor in the coordinates of the roughness are torn: the face lies
+between parts of a body that do not belong together, as two fingers that touch."""
+
 WAVES = 512
 """Waves of a height field; the kurtosis of the heights is 3 - 1.5 / WAVES."""
 
@@ -55,3 +59,33 @@ def wave_table(
     cycles_per_m = np.sqrt(2.0) / correlation_length_m / (2.0 * np.pi) * normal
     phase = uniform[:, 4] - np.round(uniform[:, 4])
     return np.column_stack([cycles_per_m, phase]).astype(np.float32)
+
+
+def mended_texture(triangles_m: np.ndarray, texture_m: np.ndarray) -> np.ndarray:
+    """Return corners in the coordinates of the roughness, without faces that are torn.
+
+    On a face that is stretched over another stretch of the texture heights would follow each other
+    too closely, and slopes would have no bound. It has the texture that begins at its first corner,
+    unstretched, instead.
+
+    Parameters
+    ----------
+    triangles_m, texture_m : ndarray, shape (n_faces, 3, 3), metres
+        Corners of faces, and their coordinates of the roughness.
+    """
+    edges, stretched = (np.roll(c, -1, axis=1) - c for c in (triangles_m, texture_m))
+    length_m, stretched_m = (np.linalg.norm(e, axis=2) for e in (edges, stretched))
+    torn = np.flatnonzero((stretched_m > TORN * length_m).any(axis=1))
+    if len(torn) == 0:
+        return texture_m
+    out = texture_m.copy()
+    along, across = stretched[torn, 0], -stretched[torn, 2]
+    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-30)
+    across = across - np.einsum("fa,fa->f", across, along)[:, None] * along
+    across = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-30)
+    first_m, third = length_m[torn, 0], -edges[torn, 2]
+    x_m = np.einsum("fa,fa->f", third, edges[torn, 0]) / np.maximum(first_m, 1e-30)
+    y_m = np.sqrt(np.maximum(np.einsum("fa,fa->f", third, third) - x_m**2, 0.0))
+    out[torn, 1] = out[torn, 0] + first_m[:, None] * along
+    out[torn, 2] = out[torn, 0] + x_m[:, None] * along + y_m[:, None] * across
+    return out

@@ -16,7 +16,7 @@ from clradar.model import AntennaArray, Scene, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Device, build
 from clradar.tracing.antenna_packets import GROUP, bundled, n_groups
-from clradar.tracing.height_field import WAVES, wave_table
+from clradar.tracing.height_field import WAVES, mended_texture, wave_table
 from clradar.tracing.pieces import pieces_of
 from clradar.tracing.settings import SimulationSettings
 from clradar.tracing.traced_mesh import TracedMesh
@@ -110,7 +110,8 @@ class LitQuadrature(TracedMesh):
             for column in (relative, heights, corners, faces)
         ]
         body_m = scene.vertices_m if scene.texture_m is None else scene.texture_m
-        self._texture = up(body_m[scene.faces].astype(np.float32))
+        texture_m = mended_texture(triangles, body_m[scene.faces])
+        self._texture = up(texture_m.astype(np.float32))
         p = self._pieces
         self._cuts = [up(column) for column in (p.start, p.face, p.corners, p.edge_points)]
         width = self.device.width
