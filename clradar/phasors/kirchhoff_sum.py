@@ -306,8 +306,8 @@ class KirchhoffSum(OnDevice):
             self._program.launch(
                 "add_products",
                 (tx.n_padded // ROWS, rx.n_padded // width, (high - low + 1) * n_m),
-                u(at), u(n), u(low), u(high - low + 1), u(n_cubes), u(n_m), u(tx.n_padded), u(rx.n_padded),
-                starts, *legs, sums,
+                u(at), u(n), u(low), u(high - low + 1), u(n_cubes), u(n_m), u(tx.n_padded),
+                u(rx.n_padded), starts, *legs, sums,
             )  # fmt: skip
         for buffer in (points, cube, starts, *bits, *legs):
             buffers.release(buffer)

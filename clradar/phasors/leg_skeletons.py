@@ -185,9 +185,8 @@ def _nearest(rng: np.random.Generator, points: LegPoints, side: Side) -> np.ndar
 
     some = _any(rng, points, NEAR_POOL)
     at_m = points.centre_m[some] + points.offset_m[some]
-    return np.asarray(
-        some[np.argsort(cKDTree(side.antennas_m).query(at_m)[0], kind="stable")[:NEAR]]
-    )
+    distance_m = cKDTree(side.antennas_m).query(at_m)[0]
+    return np.asarray(some[np.argsort(distance_m, kind="stable")[:NEAR]])
 
 
 def _of_angle(

@@ -34,7 +34,8 @@ def reflection_legs(materials: Sequence[Material], frequencies_hz: np.ndarray) -
     -------
     ndarray, shape (n_materials, n_freq, NODES, 3), float64
         Over sqrt(cos theta) from 0 to 1: real and imaginary part of g exp(-k^2 h_u^2 cos^2 theta),
-        and the amplitude of the incoherent part of micro-roughness h_u.
+        and the amplitude of the incoherent part of micro-roughness h_u, times sqrt(4 pi / k): its
+        field has no factor k / 4 pi, which the sum is multiplied with at last.
     """
     cosine = np.linspace(0.0, 1.0, NODES) ** 2
     out = np.empty((len(materials), len(frequencies_hz), NODES, 3))
@@ -47,7 +48,8 @@ def reflection_legs(materials: Sequence[Material], frequencies_hz: np.ndarray) -
         damping = (waves[:, None] * material.micro_roughness_rms_m * cosine) ** 2
         g *= np.exp(-damping)
         out[at, :, :, 0], out[at, :, :, 1] = g.real, g.imag
-        out[at, :, :, 2] = _incoherent(np.abs(gamma) ** 2 * -np.expm1(-4.0 * damping), cosine)
+        lost = np.abs(gamma) ** 2 * -np.expm1(-4.0 * damping)
+        out[at, :, :, 2] = _incoherent(lost, cosine) * np.sqrt(4.0 * np.pi / waves)[:, None]
     return out
 
 

@@ -7,6 +7,7 @@ the names of the kernels that ran. `--faulty` runs a kernel with a known fault i
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -86,6 +87,22 @@ def everything(width: int) -> None:
         capture = clradar.simulate(
             scene, array, waveform, reception_radius_m=0.02, device=device, **options
         )
+        assert np.abs(capture.data).max() > 0
+    # Skeleton antennas also of few points; a rough and a micro-rough dielectric with a pattern.
+    sys.modules["clradar.phasors.kirchhoff_sum"].FEW_POINTS = 0  # type: ignore[attr-defined]
+    rough = clradar.Material(
+        "rough", permittivity=3 - 0.1j, roughness_rms_m=1e-4, correlation_length_m=3e-3,
+        micro_roughness_rms_m=1e-4,
+    )  # fmt: skip
+    shaped = clradar.AntennaArray(
+        array.tx_m, array.rx_m, tx_pattern=clradar.AntennaPattern(exponent=1.0)
+    )
+    for of, by in ((scene, array), (scene.with_material(rough), shaped)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # points are sparse
+            capture = clradar.simulate(
+                of, by, waveform, estimator="physical", samples_per_mm2=0.02, device=device
+            )
         assert np.abs(capture.data).max() > 0
     # Two levels of wide nodes, also by rays that are parallel to an axis.
     rng = np.random.default_rng(1)

@@ -1,0 +1,196 @@
+"""Quadrature points of the physical estimator: where they are, what they see, their roughness."""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+
+import clradar
+from clradar.errors import MeshError, ModelError
+from clradar.opencl import open_device
+from clradar.reference import kirchhoff as reference
+from clradar.tracing.height_field import mended_texture
+from clradar.tracing.pieces import pieces_of
+from clradar.tracing.quadrature import LitPoints, LitQuadrature
+from clradar.tracing.settings import resolve_settings
+
+module = importlib.import_module("clradar.tracing.quadrature")
+
+AROUND = clradar.AntennaArray(0.5 * np.vstack([np.eye(3), -np.eye(3)]), [[0.5, 0.0, 0.001]])
+"""Every point of a convex body at the origin is seen by some Tx."""
+
+ROUGH = clradar.Material(
+    "rough", conductor=True, roughness_rms_m=0.15e-3, correlation_length_m=2e-3
+)
+
+
+def ball(subdivisions: int, radius_m: float = 0.02) -> clradar.Scene:
+    mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius_m)
+    return clradar.Scene.from_mesh(mesh)
+
+
+def plate(a: float, z_m: float = 0.0) -> clradar.Scene:
+    corners = [[-a, -a, z_m], [a, -a, z_m], [a, a, z_m], [-a, a, z_m]]
+    return clradar.Scene(corners, [[0, 1, 2], [0, 2, 3]])
+
+
+def points_of(
+    scene: clradar.Scene, array: clradar.AntennaArray, width: int = 8, **fields: object
+) -> LitPoints:
+    """Lit points in the antenna frame, float64."""
+    settings = resolve_settings(estimator="physical", **fields)
+    with LitQuadrature(scene, array, settings, open_device("pocl", width=width)) as quadrature:
+        lit = quadrature.lit_points()
+        position_m = lit.position_m.astype(float) + quadrature.middle_m
+        return replace(lit, position_m=position_m, area_m2=lit.area_m2.astype(float))
+
+
+@pytest.mark.parametrize(
+    "corners_mm",
+    [
+        [[0, 0, 0], [100, 0, 0], [0, 1, 0]],
+        [[0, 0, 0], [100, 0, 0], [50, 0.01, 0]],
+        [[0, 0, 0], [30, 0, 0], [0, 30, 0]],
+        [[0, 0, 0], [0.4, 0, 0], [0, 0.5, 0]],
+    ],
+)
+def test_pieces_are_dense_in_both_directions(corners_mm: list[list[float]]) -> None:
+    triangle_m = 1e-3 * np.array([corners_mm])
+    pieces = pieces_of(triangle_m, 4.0)
+    edges = np.roll(pieces.corners.astype(float), -1, axis=1) - pieces.corners
+    share = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]) / 2
+    assert 2 * share.sum() == pytest.approx(1.0, rel=1e-6)  # of the unit triangle
+    edges_m = edges @ (triangle_m[0, 1:] - triangle_m[0, 0])
+    longest_m = np.linalg.norm(edges_m, axis=2).max(axis=1)
+    assert (longest_m / pieces.edge_points).max() <= 2.1 * 0.5e-3 * (1 + 1e-6)
+    area_mm2 = 1e6 * np.linalg.norm(np.cross(*np.diff(triangle_m[0], axis=0))) / 2
+    assert pieces.n_points >= 4.0 * area_mm2 / 1.25
+    assert pieces.n_points == (pieces.edge_points.astype(int) ** 2).sum()
+
+
+def test_scenes_without_area_or_with_too_many_points_are_refused() -> None:
+    with pytest.raises(MeshError, match="only degenerate faces"):
+        pieces_of(np.zeros((1, 3, 3)), 4.0)
+    with pytest.raises(MeshError, match="fewer than 2\\^31 samples"):
+        pieces_of(np.array([[[0.0, 0, 0], [40, 0, 0], [0, 40, 0]]]), 4.0)
+
+
+@pytest.mark.parametrize("width", [8, 1])
+def test_points_of_a_rough_ball_are_those_of_the_reference(width: int) -> None:
+    """To the float32 of positions of 20 mm and of the waves: 4e-5 rad of K q."""
+    scene = ball(2, 0.006).with_material(ROUGH)
+    lit = points_of(scene, AROUND, width, seed=5)
+    pieces = pieces_of(scene.triangles_m, 4.0)
+    smooth = reference.quadrature(scene, pieces.edge_points)
+    want = reference.roughened(smooth, 0.15e-3, 2e-3, seed=5)
+    assert len(lit.sample) > 0.4 * pieces.n_points
+    # The reference has its points of a face in another order.
+    at = cKDTree(want.point_m).query(lit.position_m)[1]
+    assert len(set(at)) == len(at)
+    assert np.abs(lit.position_m - want.point_m[at]).max() < 2e-8
+    outward = np.sign(np.einsum("pa,pa->p", smooth.normal, smooth.point_m))[at]
+    assert np.abs(lit.area_m2 - outward[:, None] * want.area_m2[at]).max() < 1e-4 * np.median(
+        np.linalg.norm(want.area_m2, axis=1)
+    )
+
+
+def test_curved_points_make_the_area_of_a_sphere() -> None:
+    """Of 320 faces, which turn by 2 b = 0.32 rad from corner to corner: 1.9 % too small if flat."""
+    whole = clradar.AntennaArray(AROUND.tx_m, AROUND.tx_m)
+    radius_m = 0.02
+    for facets, area, deepest in (("curved", -6e-4, -1.4e-3), ("flat", -1.9e-2, -1.8e-2)):
+        lit = points_of(ball(2, radius_m), whole, facets=facets)
+        single = np.unique(lit.sample, return_index=True)[1]
+        found_m2 = np.linalg.norm(lit.area_m2[single], axis=1).sum()
+        assert len(single) == pieces_of(ball(2, radius_m).triangles_m, 4.0).n_points
+        assert found_m2 / (4 * np.pi * radius_m**2) - 1 == pytest.approx(area, rel=0.1)
+        away = np.linalg.norm(lit.position_m, axis=1) / radius_m - 1
+        assert away.min() == pytest.approx(deepest, rel=0.1)
+
+
+def test_heights_have_the_statistics_of_the_material() -> None:
+    """Of a plate of 50 x 50 correlation areas, five seeds: some 4000 independent heights (the
+    correlation area is pi l^2 / 2), so 1.1 % of h and 0.04 of the kurtosis (one sigma)."""
+    heights, slopes, lagged, wanted = [], [], [], []
+    array = clradar.AntennaArray([[0, 0, -0.5]], [[0, 0.001, -0.5]])
+    rms_m, length_m = ROUGH.roughness_rms_m, ROUGH.correlation_length_m
+    for seed in range(5):
+        lit = points_of(plate(0.05).with_material(ROUGH), array, seed=seed, samples_per_mm2=1.5)
+        away = lit.position_m[:, 2]
+        heights.append(away)
+        normal = lit.area_m2 / lit.area_m2[:, 2:]
+        slopes.append(normal[:, :2])
+        i, j = cKDTree(lit.position_m[:, :2]).query_pairs(2.1e-3, output_type="ndarray").T
+        distance_m = np.linalg.norm(lit.position_m[i, :2] - lit.position_m[j, :2], axis=1)
+        apart = distance_m > 1.9e-3
+        lagged.append(np.mean(away[i[apart]] * away[j[apart]]) / rms_m**2)
+        wanted.append(np.mean(np.exp(-((distance_m[apart] / length_m) ** 2))))
+    height = np.concatenate(heights)
+    assert height.std() == pytest.approx(rms_m, rel=0.04)
+    assert np.mean(height**4) / height.var() ** 2 == pytest.approx(3.0, abs=0.15)
+    slope = np.concatenate(slopes)
+    assert slope.std(axis=0) == pytest.approx(np.sqrt(2) * rms_m / length_m, rel=0.04)
+    assert np.mean(lagged) == pytest.approx(np.mean(wanted), abs=0.04)
+
+
+def test_texture_moves_with_the_body() -> None:
+    scene = ball(2).with_material(ROUGH)
+    move = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])
+    move[:3, 3] = [0.01, -0.02, 0.005]
+    whole = clradar.AntennaArray(AROUND.tx_m, AROUND.tx_m)
+    one, two = (points_of(s, whole, seed=1) for s in (scene, scene.transformed(move)))
+    _, i, j = np.intersect1d(one.sample, two.sample, return_indices=True)
+    assert len(i) > 0.99 * len(one.sample)
+    moved_m = one.position_m[i] @ move[:3, :3].T + move[:3, 3]
+    assert np.abs(two.position_m[j] - moved_m).max() < 3e-8
+
+
+def test_texture_of_torn_faces_is_not_stretched() -> None:
+    triangles_m = 1e-3 * np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]] * 2)
+    texture_m = triangles_m + 0.01
+    texture_m[1, 2] += 0.05
+    mended = mended_texture(triangles_m, texture_m)
+    assert np.array_equal(mended[0], texture_m[0])
+    edges = [np.linalg.norm(np.roll(c, -1, 1) - c, axis=2) for c in (mended, triangles_m)]
+    assert edges[0] == pytest.approx(edges[1], rel=1e-9)
+
+
+def test_antennas_on_both_sides_of_a_sheet() -> None:
+    """What Tx and Rx see from different sides does not reflect; each side reflects alike."""
+    scene = plate(0.01)
+    near, far = [0.0, 0, -0.3], [0.0, 0, 0.3]
+    waveform = clradar.Waveform([77e9])
+
+    def sample(tx: list[float], rx: list[float]) -> complex:
+        array = clradar.AntennaArray([tx], [rx])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a scene behind antennas, and of no echo
+            capture = clradar.simulate(scene, array, waveform, estimator="physical")
+        return complex(capture.data[0, 0, 0])
+
+    assert sample(near, far) == 0
+    assert abs(sample(near, near)) > 0
+    assert sample(far, far) == pytest.approx(sample(near, near), rel=1e-5)
+    both = points_of(scene, clradar.AntennaArray([near, far], [near, far]))
+    assert len(both.sample) == 2 * len(np.unique(both.sample))
+
+
+def test_an_antenna_on_the_surface_is_refused() -> None:
+    array = clradar.AntennaArray([[0, 0, 0]], [[0.003, 0.002, 0.2]])
+    with pytest.raises(ModelError, match=r"antennas at least 0[.]25 mm"):
+        points_of(plate(0.01, 0.2), array)
+
+
+def test_tiles_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = ball(2).with_material(ROUGH)
+    want = points_of(scene, AROUND)
+    monkeypatch.setattr(module, "TILE_POINTS", 1001)
+    got = points_of(scene, AROUND)
+    for name in ("position_m", "area_m2", "material", "sample", "tx", "rx"):
+        assert np.array_equal(getattr(got, name), getattr(want, name)), name
