@@ -27,27 +27,35 @@ METRIC_COLUMNS = {
 """Title of a column: field of `Metrics`, factor to the unit of the column, decimals."""
 
 
-def simulated_alpha(meta: Mapping[str, Any]) -> float | None:
-    """The alpha that a capture or volume was simulated with; None if unknown or not one number."""
+def simulated_surface(meta: Mapping[str, Any]) -> str | None:
+    """What a capture or volume was simulated with: its one alpha, or its materials if physical.
+
+    None if unknown, or where alpha is not one number.
+    """
     capture = meta.get("capture")
-    scene = (capture if isinstance(capture, Mapping) else meta).get("scene")
+    capture = capture if isinstance(capture, Mapping) else meta
+    scene = capture.get("scene")
     if not isinstance(scene, Mapping):
         return None
+    materials = scene.get("materials")  # of the physical estimator, which does not use alpha
+    if isinstance(materials, Sequence):
+        names = [m.get("name") for m in materials if isinstance(m, Mapping)]
+        return " and ".join(str(name) for name in names) or None
     low, high = scene.get("alpha_min"), scene.get("alpha_max")
     if not isinstance(low, int | float) or low != high:
         return None
-    return float(low)
+    return f"\N{GREEK SMALL LETTER ALPHA} = {low:.3g}"
 
 
 def figure_labels(paths: Sequence[Path], metas: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A short label for each image: its alpha if no other image has it, else its name."""
-    alphas = [simulated_alpha(meta) for meta in metas]
+    """A short label for each image: its surface if no other image has it, else its name."""
+    surfaces = [simulated_surface(meta) for meta in metas]
     labels = []
-    for path, alpha, meta in zip(paths, alphas, metas, strict=True):
-        if alpha is None or alphas.count(alpha) > 1:
+    for path, surface, meta in zip(paths, surfaces, metas, strict=True):
+        if surface is None or surfaces.count(surface) > 1:
             labels.append(title_of(path, meta) if path.is_dir() else path.stem or str(path))
         else:
-            labels.append(f"\N{GREEK SMALL LETTER ALPHA} = {alpha:.3g}")
+            labels.append(surface)
     # Files of the same name in different folders: the whole path tells them apart.
     return [
         str(path) if labels.count(label) > 1 else label

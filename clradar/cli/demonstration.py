@@ -6,11 +6,12 @@ for Hand Pose Imaging", EuRAD 2023.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -26,14 +27,16 @@ from clradar.cli.outputs import save
 from clradar.cli.provenance import provenance
 from clradar.errors import OutputError
 from clradar.files.json_file import write_json
-from clradar.geometry.bvh import face_normals
 from clradar.hand import hand_mesh
+from clradar.hand.flesh import PART_NAMES
 from clradar.hand.mesh import DEFAULT_CENTER_M
 from measurement_io import open_capture, save_maroon_frame
 
 HAND, FLAT_HAND = "hand_f.ply", "hand_flat.ply"
 MEASUREMENT = "measurement"
 FIGURE, METRICS = "comparison.png", "metrics.json"
+PHYSICAL = "physical"
+MATERIALS = {part: "palm" if part == "palm" else "skin" for part in PART_NAMES}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,14 +45,14 @@ class DemoSettings:
 
     Attributes
     ----------
-    samples : int
-        Surface samples per capture.
-    rays_per_sample : int
     voxel_m : float, metres
         Of the volume x, y = -100 ... 100 mm, z = 260 ... 340 mm.
     alphas : tuple of float
         One simulated capture each.
-    measured_alpha : float
+    rays : mapping
+        Settings of these simulations, by name; those that `clradar.simulate` chooses if empty.
+    materials : mapping
+        Of the parts of the hand, for the physical estimator.
     seed, measured_seed, noise_seed : int
     snr_db : float
         Of the synthetic measurement: see `with_noise`.
@@ -60,11 +63,10 @@ class DemoSettings:
         before.
     """
 
-    samples: int
-    rays_per_sample: int
     voxel_m: float
     alphas: tuple[float, ...] = (0.0, 0.5, 1.0)
-    measured_alpha: float = 0.3
+    rays: Mapping[str, Any] = field(default_factory=dict)
+    materials: Mapping[str, str] = field(default_factory=lambda: MATERIALS)
     seed: int = 0
     measured_seed: int = 1
     noise_seed: int = 2
@@ -76,8 +78,8 @@ class DemoSettings:
         return VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), self.voxel_m)
 
 
-DEFAULT = DemoSettings(samples=400_000, rays_per_sample=4, voxel_m=2e-3)
-FULL = DemoSettings(samples=400_000, rays_per_sample=4, voxel_m=1e-3)
+DEFAULT = DemoSettings(voxel_m=2e-3)
+FULL = DemoSettings(voxel_m=1e-3)
 
 
 @dataclass(slots=True)
@@ -147,13 +149,15 @@ def run_demo(folder: Path, settings: DemoSettings, device: Device) -> None:
     origin = provenance("demo", options, [folder / HAND])
 
     captures: dict[str, Capture] = {}
-    for alpha in settings.alphas:
-        with stages.stage(f"simulate alpha = {alpha:g}"):
-            name = f"alpha_{alpha:g}"
-            capture = _simulated(scene, alpha, settings.seed, settings, device)
+    made_of = scene.with_material(settings.materials)
+    named = {f"alpha_{a:g}": (scene.with_alpha(a), settings.rays) for a in settings.alphas}
+    named[PHYSICAL] = (made_of, {"estimator": PHYSICAL})
+    for name, (surface, rays) in named.items():
+        with stages.stage(f"simulate {name}"):
+            capture = _simulated(surface, settings.seed, rays, device)
             captures[name] = save(folder / f"{name}.h5", capture, origin, force=True)
-    with stages.stage(f"simulate the measurement, alpha = {settings.measured_alpha:g}, and noise"):
-        measured = _measured(folder / MEASUREMENT, scene, settings, device)
+    with stages.stage("simulate the measurement, physical, and noise"):
+        measured = _measured(folder / MEASUREMENT, made_of, settings, device)
 
     grid = settings.grid()
     volumes = []
@@ -188,26 +192,22 @@ def _volume_file(folder: Path, name: str) -> Path:
     return folder / f"{name}_volume.h5"
 
 
-def _simulated(
-    scene: Scene, alpha: float, seed: int, settings: DemoSettings, device: Device
-) -> Capture:
-    area_mm2 = 1e6 * float(face_normals(scene.triangles_m)[1].sum())
-    with progress_bar(f"tracing alpha = {alpha:g}") as progress:
+def _simulated(scene: Scene, seed: int, rays: Mapping[str, Any], device: Device) -> Capture:
+    with progress_bar("tracing") as progress:
         return simulate(
-            scene.with_alpha(alpha),
+            scene,
             arrays.qar50(),
             Waveform.sfcw(72e9, 82e9, 128),
-            samples_per_mm2=settings.samples / area_mm2,
-            rays_per_sample=settings.rays_per_sample,
             seed=seed,
             device=device,
             progress=progress,
+            **rays,
         )
 
 
 def _measured(folder: Path, scene: Scene, settings: DemoSettings, device: Device) -> Capture:
     """The synthetic measurement, read from the recording that is written first."""
-    clean = _simulated(scene, settings.measured_alpha, settings.measured_seed, settings, device)
+    clean = _simulated(scene, settings.measured_seed, {"estimator": PHYSICAL}, device)
     noisy = with_noise(clean, settings.snr_db, settings.noise_seed)
     save_maroon_frame(folder, noisy, force=True)
     recorded_frame = open_capture(folder)

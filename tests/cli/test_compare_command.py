@@ -105,10 +105,12 @@ def test_labels() -> None:
     assert comparison.figure_labels(paths, metas) == ["one", "two"]
     metas = [simulated(0.0, 1.0), {}]
     assert comparison.figure_labels(paths, metas) == ["one", "two"]
+    palm = {"scene": {"materials": [{"name": "palm"}, {"name": "skin"}], "alpha_min": 0.5}}
+    assert comparison.figure_labels(paths, [palm, {}]) == ["palm and skin", "two"]
     same = [Path("a/x.h5"), Path("b/x.h5")]
     assert comparison.figure_labels(same, metas) == ["a/x.h5", "b/x.h5"]
 
 
-def test_alpha_of_a_foreign_file_is_unknown() -> None:
+def test_surface_of_a_foreign_file_is_unknown() -> None:
     for meta in ({}, {"scene": 3}, {"scene": {}}, {"capture": [], "scene": {"alpha_min": "x"}}):
-        assert comparison.simulated_alpha(meta) is None
+        assert comparison.simulated_surface(meta) is None
