@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.environment import Wall, room_capture
 from clradar.impairments.impair import impair
 from clradar.model import AntennaArray, Capture, Scene, VoxelGrid, Waveform
+from clradar.model.material_file import material_of
 from clradar.opencl import Device
 from clradar.simulation import simulate
 
@@ -152,7 +153,7 @@ def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders)
     image = recipe.get("image")
     if image is None and "capture" not in products:
         return Sample(recipe, arrays)
-    capture = recorded_capture(recipe, scene_of(mesh, recipe["alpha"]), device)
+    capture = recorded_capture(recipe, scene_of(mesh, recipe), device)
     if "capture" in products:
         arrays["capture"] = capture.data
     if image is not None:
@@ -266,11 +267,16 @@ def rotation(angles_rad: Any) -> np.ndarray:
     return about_z @ about_y @ about_x
 
 
-def scene_of(mesh: HandMesh, alpha: Mapping[str, float]) -> Scene:
-    """Return the scene of a hand with these alphas of its parts."""
-    values = np.array([alpha[name] for name in mesh.part_names])[mesh.part]
-    scene = Scene(mesh.vertices_m, mesh.faces, values, mesh.part, mesh.part_names, mesh.normals)
-    return replace(scene, texture_m=mesh.texture_m)
+def scene_of(mesh: HandMesh, recipe: Mapping[str, Any]) -> Scene:
+    """Return the scene of a hand with the alphas of its parts, or their materials."""
+    scene = Scene(
+        mesh.vertices_m, mesh.faces, part=mesh.part, part_names=mesh.part_names,
+        normals=mesh.normals, texture_m=mesh.texture_m,
+    )  # fmt: skip
+    if "material" in recipe:
+        own = {name: material_of(recipe["material"][name]) for name in mesh.part_names}
+        return scene.with_material(own)
+    return scene.with_alpha({name: recipe["alpha"][name] for name in mesh.part_names})
 
 
 def recorded_capture(

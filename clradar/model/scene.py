@@ -133,10 +133,11 @@ class Scene(Record):
         Parameters
         ----------
         mesh : path, trimesh.Trimesh, trimesh.Scene, (vertices, faces), or an object that has
-            ``to_trimesh()``, and may have `normals` and `texture_m`, shape (n_vertices, 3). Files
-            are those of `clradar.files.meshes.reading.FORMATS`; every object, group, material and
-            instance becomes a part, of a PLY file every number of the property "part" of its faces.
-            Normals in files are ignored, texture is read from PLY (docs/conventions.md).
+            ``to_trimesh()``, and may have `normals` and `texture_m`, shape (n_vertices, 3), and
+            `part` and `part_names`, as a hand of `clradar.hand` has them. Files are those of
+            `clradar.files.meshes.reading.FORMATS`; every object, group, material and instance
+            becomes a part, of a PLY file every number of the property "part" of its faces. Normals
+            in files are ignored, texture is read from PLY (docs/conventions.md).
         alpha : float, array_like of shape (n_faces,), or mapping part name -> float
             0 specular ... 1 diffuse. An array goes part by part, in the order of
             `part_names`; of a PLY file, in the order of its faces.
@@ -361,6 +362,7 @@ def _parts(mesh: Any) -> tuple[str, Parts]:
         return "mesh", Parts(vertices, faces, np.zeros(len(faces), np.int32), ("mesh",))
     import trimesh
 
+    given, names = mesh, getattr(mesh, "part_names", None)
     if hasattr(mesh, "to_trimesh"):
         mesh = mesh.to_trimesh()
     if not isinstance(mesh, trimesh.Trimesh | trimesh.Scene):
@@ -368,7 +370,10 @@ def _parts(mesh: Any) -> tuple[str, Parts]:
             "mesh: expected a mesh file, a trimesh.Trimesh, a trimesh.Scene or "
             f"(vertices, faces), got {type(mesh).__name__}"
         )
-    return "mesh", parts_of("mesh", mesh)
+    parts = parts_of("mesh", mesh)
+    if given is mesh or names is None:
+        return "mesh", parts
+    return "mesh", replace(parts, part=np.asarray(given.part), names=tuple(names))
 
 
 def _check_plausible_size(label: str, vertices_m: np.ndarray, unit: str) -> None:

@@ -18,7 +18,7 @@ from dataset_plans import (
 
 import clradar
 from clradar.dataset import TorchDataset, make_sample, open_dataset, recipe
-from clradar.dataset.store.shard_schema import LABELS
+from clradar.dataset.store.shard_schema import labels_of
 from clradar.errors import ClradarError, MeasurementError, ModelError
 from clradar.hand import JOINT_NAMES
 
@@ -49,7 +49,8 @@ def test_xarray_has_the_numbers_axes_units_and_labels(made: Path) -> None:
     assert view.tx_m.shape == (12, 3)
     grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.25, 0.35), 0.01)
     np.testing.assert_array_equal(view.z_m.values, grid.z_m)
-    assert {name for name, label in LABELS.items() if label.axes} <= set(view.data_vars)
+    labels = labels_of(recipe(PLAN, 0))
+    assert {name for name, label in labels.items() if label.axes} <= set(view.data_vars)
     assert view.attrs["complete"] == 1
 
 

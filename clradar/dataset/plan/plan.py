@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 from clradar.dataset.plan.draws import Draw
+from clradar.model import Material
 from clradar.tracing.settings import SimulationSettings
 
 PRODUCTS = ("capture", "volume", "max_projection", "depth_map", "mesh", "joints")
@@ -111,6 +112,47 @@ class Alpha:
 
 
 @dataclass(frozen=True, slots=True)
+class PartMaterial:
+    """What a part of a hand is made of: a material, of which some lengths may be drawn."""
+
+    of: Material
+    roughness_rms_mm: Draw | None = None
+    correlation_length_mm: Draw | None = None
+    coating_thickness_mm: Draw | None = None
+
+    @property
+    def draws(self) -> dict[str, Draw]:
+        """What is drawn, by its key in a plan."""
+        return {f.name: d for f in fields(self) if isinstance(d := getattr(self, f.name), Draw)}
+
+    def drawn(self, lengths_mm: Mapping[str, float]) -> Material:
+        """Return the material with these lengths in place of its own."""
+        values: dict[str, Any] = {
+            name.replace("_mm", "_m"): length_mm / 1e3 for name, length_mm in lengths_mm.items()
+        }
+        thickness_m = values.pop("coating_thickness_m", None)
+        if thickness_m is not None and self.of.coating is not None:
+            values["coating"] = replace(self.of.coating, thickness_m=thickness_m)
+        return replace(self.of, **values)
+
+    def extremes(self) -> tuple[Material, Material]:
+        """Return the materials of the least and of the greatest lengths."""
+        least, greatest = (
+            self.drawn({name: draw.bounds()[end] for name, draw in self.draws.items()})
+            for end in (0, 1)
+        )
+        return least, greatest
+
+
+@dataclass(frozen=True, slots=True)
+class PlanMaterials:
+    """What a hand is made of, by part; `others` is one value for all parts without their own."""
+
+    parts: Mapping[str, PartMaterial]
+    others: PartMaterial
+
+
+@dataclass(frozen=True, slots=True)
 class ChannelErrors:
     """Gains and delays of an uncalibrated instrument; see `clradar.draw_channels`.
 
@@ -204,6 +246,10 @@ class Plan:
     ----------
     simulation : SimulationSettings
         Resolved; each sample draws a seed of its own.
+    alpha : Alpha or None
+        None with the physical estimator.
+    material : PlanMaterials or None
+        Of the physical estimator.
     folder : Path
         What the names of rig files are relative to. It does not count in comparisons: the same
         plan in another folder is equal.
@@ -225,12 +271,13 @@ class Plan:
     poses: Poses
     hands: Hands
     placement: Placement
-    alpha: Alpha
+    alpha: Alpha | None
     impairments: Impairments
     radar: RadarPlan
     simulation: SimulationSettings
     image: Image
     output: Output
+    material: PlanMaterials | None = None
     folder: Path = field(default=Path(), compare=False)
 
     @property

@@ -7,8 +7,10 @@ from typing import Any
 
 from clradar.dataset.plan.draws import Draw
 from clradar.dataset.plan.hand_json import pose_record, shape_record
-from clradar.dataset.plan.plan import Alpha, Plan
+from clradar.dataset.plan.plan import Alpha, Plan, PlanMaterials
 from clradar.hand import HandPose, HandShape
+from clradar.model import Material
+from clradar.model.material_file import material_record
 from clradar.tracing.settings import SimulationSettings
 
 
@@ -34,7 +36,9 @@ def _json(value: Any) -> Any:
         return pose_record(value)
     if isinstance(value, HandShape):
         return shape_record(value)
-    if isinstance(value, Alpha):
+    if isinstance(value, Material):
+        return material_record(value)
+    if isinstance(value, Alpha | PlanMaterials):
         return {name: _json(draw) for name, draw in {**value.parts, "others": value.others}.items()}
     if isinstance(value, SimulationSettings):
         return _simulation(value)

@@ -12,10 +12,21 @@ from clradar.dataset.plan.table import PlanTable
 from clradar.files.table import is_number
 from clradar.geometry.normals import CREASE_DEG
 from clradar.model import VoxelGrid
-from clradar.tracing.settings import RECEPTION_RADIUS_M, SimulationSettings
+from clradar.tracing.settings import (
+    PHYSICAL_SAMPLES_PER_MM2,
+    RECEPTION_RADIUS_M,
+    SimulationSettings,
+)
 
-SAMPLES_PER_MM2, RAYS_PER_SAMPLE = 0.25, 160
-"""As many rays per square millimetre as the default of `simulate`, so amplitudes have its scale."""
+DENSITIES_PER_MM2 = {
+    "expected": 0.25,
+    "stochastic": 10.0,
+    "physical": PHYSICAL_SAMPLES_PER_MM2,
+}
+
+RAYS_PER_SAMPLE = 160
+"""With the expected estimator: as many rays per square millimetre as the stochastic one has by
+default in `simulate`, so amplitudes have its scale."""
 
 GRID_MM = {"x_mm": (-100.0, 100.0), "y_mm": (-100.0, 100.0), "z_mm": (250.0, 350.0)}
 STEP_MM = 2.0
@@ -91,13 +102,14 @@ def radar_of(table: PlanTable) -> RadarPlan:
 
 
 def simulation_of(table: PlanTable) -> SimulationSettings:
-    estimator = table.one_of("estimator", "expected", ("expected", "stochastic"))
+    estimator = table.one_of("estimator", "expected", ("expected", "stochastic", "physical"))
+    physical = estimator == "physical"
     density = None
     rays_per_face = None
     if table.has("rays_per_face"):
         rays_per_face = table.whole("rays_per_face", 1, 1, 2**20)
     if table.has("samples_per_mm2") or rays_per_face is None:
-        default = SAMPLES_PER_MM2 if estimator == "expected" else 10.0
+        default = DENSITIES_PER_MM2[estimator]
         density = table.number("samples_per_mm2", default, 0.0, 1e4, above=True)
     if density is not None and rays_per_face is not None:
         table.mistake("rays_per_face", "one of it and samples_per_mm2", "both")
@@ -107,7 +119,7 @@ def simulation_of(table: PlanTable) -> SimulationSettings:
         "estimator": estimator,
         "samples_per_mm2": density,
         "rays_per_face": rays_per_face,
-        "rays_per_sample": table.whole("rays_per_sample", rays, 1, 2**16),
+        "rays_per_sample": table.whole("rays_per_sample", None if physical else rays, 1, 2**16),
         "reception_radius_m": table.number(
             "reception_radius_mm", 1e3 * RECEPTION_RADIUS_M, 0.0, 1000.0, above=True
         )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from clradar.dataset.plan.hand_tables import alpha_of, hands_of, placement_of, poses_of
+from clradar.dataset.plan.material_table import materials_of
 from clradar.dataset.plan.plan import PRODUCTS, Output, Plan
 from clradar.dataset.plan.radar_tables import image_of, impairments_of, radar_of, simulation_of
 from clradar.dataset.plan.table import PlanError, PlanTable
@@ -58,21 +59,24 @@ def plan_from(parsed: Mapping[str, Any], source: str, folder: Path) -> Plan:
     """
     mistakes: list[str] = []
     top = PlanTable(source, "", dict(parsed), mistakes)
+    simulation = simulation_of(top.table("simulation"))
+    physical = simulation.estimator == "physical"
     plan = Plan(
         seed=top.whole("seed", 0, 0, 2**63 - 1),
         samples=_samples(top),
         poses=poses_of(top.table("poses"), folder),
         hands=hands_of(top.table("hands"), folder),
         placement=placement_of(top.table("placement")),
-        alpha=alpha_of(top),
+        alpha=None if physical else alpha_of(top),
         impairments=impairments_of(top.table("impairments")),
         radar=radar_of(top.table("radar")),
-        simulation=simulation_of(top.table("simulation")),
+        simulation=simulation,
         image=image_of(top.table("image")),
         output=_output(top.table("output")),
+        material=materials_of(top, folder) if physical else None,
         folder=folder.absolute(),
     )
-    top.done()
+    top.done(("alpha", "material"))
     if not mistakes:
         _check_together(top, plan)
     if mistakes:
@@ -106,6 +110,11 @@ def _output(table: PlanTable) -> Output:
 
 def _check_together(top: PlanTable, plan: Plan) -> None:
     """Report contradictions between tables."""
+    if plan.material is not None and top.has("alpha"):
+        top.mistake("alpha", "material in its place with simulation.estimator physical", "alpha")
+    if plan.material is None and top.has("material"):
+        words = plan.simulation.estimator
+        top.mistake("material", "simulation.estimator physical with it", str(words))
     if plan.n_shards > MAX_SHARDS:
         least = -(-plan.samples // MAX_SHARDS)
         top.mistake(

@@ -9,7 +9,14 @@ import numpy as np
 
 from clradar.dataset.plan.draws import Draw, stream
 from clradar.dataset.plan.hand_json import pose_record, shape_record
-from clradar.dataset.plan.plan import ChannelErrors, Hands, Impairments, Plan, Poses
+from clradar.dataset.plan.plan import (
+    ChannelErrors,
+    Hands,
+    Impairments,
+    PartMaterial,
+    Plan,
+    Poses,
+)
 from clradar.hand import (
     PART_NAMES,
     HandPose,
@@ -19,6 +26,7 @@ from clradar.hand import (
     random_shape,
 )
 from clradar.model import checks
+from clradar.model.material_file import material_record
 
 VERSION = 1
 SEED_BITS = 63
@@ -59,7 +67,7 @@ def recipe(plan: Plan, index: int) -> Recipe:
         "pose": pose_record(_pose(plan.poses, drawn, index)),
         "hand": _hand(plan.hands, drawn),
         "placement": _placement(plan, drawn),
-        "alpha": _alpha(plan, drawn),
+        **_surface(plan, drawn),
         "radar": {
             "array": plan.radar.array,
             "every": plan.radar.every,
@@ -140,10 +148,21 @@ def _placement(plan: Plan, drawn: _Drawn) -> Recipe:
     }
 
 
-def _alpha(plan: Plan, drawn: _Drawn) -> dict[str, float]:
-    others = drawn.number("alpha.others", plan.alpha.others)
+def _surface(plan: Plan, drawn: _Drawn) -> Recipe:
+    """Return the alphas of all parts; for the physical estimator their materials."""
+    if plan.material is not None:
+        others = _material(plan.material.others, "others", drawn)
+        parts = {n: _material(own, n, drawn) for n, own in plan.material.parts.items()}
+        return {"material": {name: parts.get(name, others) for name in PART_NAMES}}
+    assert plan.alpha is not None, "it has one of the two"
+    alpha = drawn.number("alpha.others", plan.alpha.others)
     own = {name: drawn.number(f"alpha.{name}", draw) for name, draw in plan.alpha.parts.items()}
-    return {name: own.get(name, others) for name in PART_NAMES}
+    return {"alpha": {name: own.get(name, alpha) for name in PART_NAMES}}
+
+
+def _material(part: PartMaterial, name: str, drawn: _Drawn) -> Recipe:
+    lengths_mm = {k: drawn.number(f"material.{name}.{k}", draw) for k, draw in part.draws.items()}
+    return material_record(part.drawn(lengths_mm))
 
 
 def _simulation(plan: Plan, drawn: _Drawn) -> Recipe:

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from clradar.dataset.plan.plan import PRODUCTS
+from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.readers.index import read_index
 from clradar.dataset.store.shard_reader import opened_shard
-from clradar.dataset.store.shard_schema import FIELDS, LABELS
+from clradar.dataset.store.shard_schema import FIELDS, labels_of
 from clradar.errors import ClradarError
 from clradar.model import checks
 
@@ -79,7 +80,7 @@ class TorchDataset:
         plan = self._index.manifest.plan
         self.poses = tuple(pose.name for pose in plan.poses.poses)
         self._names, self._transform = tuple(names), transform
-        numbers = [n for n, label in LABELS.items() if label.axes]
+        numbers = [n for n, label in labels_of(recipe(plan, 0)).items() if label.axes]
         arrays = [n for n in PRODUCTS if n in plan.output.products and n in FIELDS]
         known = [*arrays, *numbers, "handedness", "sample"]
         if plan.poses.kind == "list":

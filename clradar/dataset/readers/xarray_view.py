@@ -93,7 +93,7 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
             else:
                 variables[name] = shards.stacked(file, spec.place, spec.axes)
         for name, label in LABELS.items():
-            if name not in NAMES:
+            if name not in NAMES and name in file["entry/labels"]:
                 variables[name] = shards.stacked(file, f"entry/labels/{name}", label.axes)
     coordinates["sample"] = ("sample", shards.whole("entry/labels/sample"))
     for name in NAMES:

@@ -51,7 +51,7 @@ class ArrayContents:
 class ShardContents:
     """A shard or part without the numbers of its arrays, all of which have been read.
 
-    `labels` are `LABELS` and the numbers of the samples, "sample".
+    `labels` are those of `LABELS` that are there, and the numbers of the samples, "sample".
     """
 
     labels: dict[str, np.ndarray]
@@ -134,10 +134,15 @@ def _contents(path: Path) -> dict[str, Any]:
     with _opened(path) as file:
         axes = list(file.group(["entry", "axes"]).keys())
         return {
-            "labels": {name: file[f"entry/labels/{name}"][:] for name in ("sample", *LABELS)},
+            "labels": _labels(file),
             "axes": {name: file[f"entry/axes/{name}"][:] for name in axes},
             "arrays": {name: _array(file, name) for name in fields_of(file)},
         }
+
+
+def _labels(file: _Guarded) -> dict[str, Any]:
+    places = {name: f"entry/labels/{name}" for name in ("sample", *LABELS)}
+    return {name: file[place][:] for name, place in places.items() if place in file}
 
 
 def _array(file: _Guarded, name: str) -> dict[str, Any]:

@@ -72,7 +72,7 @@ def _problems(
         yield f"expected the plan's recipes, got others for the samples {listed(other)}"
         return
     for label, wanted in label_values(recipes).items():
-        if not _same(contents.labels[label], wanted):
+        if label not in contents.labels or not _same(contents.labels[label], wanted):
             yield f"labels/{label}: expected the value of the recipes, got another"
     axes = axes_of(recipes[0])
     for axis, wanted_axis in axes.items():

@@ -13,6 +13,8 @@ import numpy as np
 from clradar.dataset.plan.hand_json import SHAPE_COLUMNS, angles_rad, shape_row
 from clradar.dataset.sample import recipe_grid, recipe_radar
 from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
+from clradar.model import Material
+from clradar.model.material_file import material_of
 
 FORMAT, VERSION = "dataset-shard", 1
 
@@ -98,7 +100,7 @@ def data_bytes(recipe: Mapping[str, Any]) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """One label of every sample, from its recipe."""
+    """One label of a sample, from its recipe."""
 
     axes: tuple[str, ...]
     units: str | None
@@ -114,13 +116,26 @@ LABELS: Mapping[str, Label] = {
     "center_m": Label(("coordinate",), "m", "centre of the hand's bounding box before its turn"),
     "rotation_rad": Label(("coordinate",), "rad", "turns about x, then y, then z"),
     "alpha": Label(("part",), None, "0 specular to 1 diffuse"),
+    "roughness_rms_m": Label(("part",), "m", "RMS height of the roughness"),
+    "correlation_length_m": Label(("part",), "m", "of the roughness; NaN: smooth"),
+    "coating_thickness_m": Label(("part",), "m", "of the coating; NaN: none"),
     "recipe": Label((), None, "all that the sample is made of, JSON"),
     "made_with": Label((), None, "versions and device, JSON"),
 }
 
 
+OF_MATERIALS = ("roughness_rms_m", "correlation_length_m", "coating_thickness_m")
+"""Labels of samples of the physical estimator, which have no "alpha"."""
+
+
+def labels_of(recipe: Mapping[str, Any]) -> dict[str, Label]:
+    """Return those of `LABELS` that a sample has."""
+    others = ("alpha",) if "material" in recipe else OF_MATERIALS
+    return {name: label for name, label in LABELS.items() if name not in others}
+
+
 def label_values(recipes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return all `LABELS` but the last two: lists of text, or arrays."""
+    """Return all labels but the last two: lists of text, or arrays."""
     return {
         "pose": [r["pose"]["name"] for r in recipes],
         "handedness": [r["hand"]["handedness"] for r in recipes],
@@ -129,8 +144,26 @@ def label_values(recipes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "rig": [Path(r["hand"]["rig"]["file"]).name if "rig" in r["hand"] else "" for r in recipes],
         "center_m": np.array([r["placement"]["center_m"] for r in recipes]),
         "rotation_rad": np.array([r["placement"]["rotation_rad"] for r in recipes]),
-        "alpha": np.array([[r["alpha"][name] for name in PART_NAMES] for r in recipes]),
+        **_surface_labels(recipes),
     }
+
+
+def _surface_labels(recipes: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
+    """Return alpha, or lengths of the materials, of every part: shape (n, parts)."""
+    if "material" not in recipes[0]:
+        return {"alpha": np.array([[r["alpha"][name] for name in PART_NAMES] for r in recipes])}
+    rows = [[material_of(r["material"][name]) for name in PART_NAMES] for r in recipes]
+    lengths = [[_lengths_m(own) for own in row] for row in rows]
+    return dict(zip(OF_MATERIALS, np.moveaxis(np.array(lengths), 2, 0), strict=True))
+
+
+def _lengths_m(own: Material) -> tuple[float, ...]:
+    correlation_m, coating = own.correlation_length_m, own.coating
+    return (
+        own.roughness_rms_m,
+        np.nan if correlation_m is None else correlation_m,
+        np.nan if coating is None else coating.thickness_m,
+    )
 
 
 @dataclass(frozen=True, slots=True)

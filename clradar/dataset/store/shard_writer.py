@@ -19,11 +19,11 @@ from clradar.dataset.store.shard_reader import fields_of
 from clradar.dataset.store.shard_schema import (
     FIELDS,
     FORMAT,
-    LABELS,
     VERSION,
     Field,
     axes_of,
     label_values,
+    labels_of,
 )
 from clradar.files.atomic import replacing, require_space, write_file
 
@@ -125,7 +125,7 @@ class _Store:
             "recipe": [_text(recipe) for recipe in recipes],
             "made_with": made_with,
         }
-        for name, label in LABELS.items():
+        for name, label in labels_of(recipes[0]).items():
             self.array(group, name, _bytes(found[name]), label.units, label.long_name)
             if label.axes:
                 group[name].attrs["axes"] = ["sample", *label.axes]

@@ -164,7 +164,7 @@ def _add_shard(summary: Summary, file: Any) -> None:
 
 def _label_numbers(labels: Any, axes: Any) -> Iterator[tuple[str, str | None, np.ndarray]]:
     for name, label in LABELS.items():
-        if len(label.axes) == 1:
+        if len(label.axes) == 1 and name in labels:
             columns = [text.decode("utf-8") for text in axes[label.axes[0]][:]]
             values = labels[name][:]
             for i, column in enumerate(columns):

@@ -1,0 +1,145 @@
+"""Data sets of the physical estimator: materials in plan, recipe, sample and labels."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from dataset_plans import DEVICE, plan_of
+
+import clradar
+from clradar.dataset import PlanError, make_sample, open_dataset, recipe, replay, run
+from clradar.dataset.plan.plan_json import plan_record
+from clradar.dataset.plan.reader import plan_from
+from clradar.dataset.sample import placed_hand, recipe_radar, scene_of
+from clradar.dataset.store.check import check_dataset
+from clradar.hand import PART_NAMES
+from clradar.model.material_file import material_of
+
+pytestmark = pytest.mark.filterwarnings("ignore::clradar.ClradarWarning")  # of few samples
+
+MATERIAL = {
+    "palm": {
+        "of": "palm",
+        "roughness_rms_mm": {"uniform": [0.1, 0.3]},
+        "correlation_length_mm": {"choice": [2.0, 3.0]},
+        "coating_thickness_mm": {"uniform": [0.05, 0.2]},
+    },
+    "thumb": "metal",
+    "others": {"of": "skin", "roughness_rms_mm": {"uniform": [0.03, 0.08]}},
+}
+
+
+def physical(**tables: Any) -> dict[str, Any]:
+    given = {
+        "samples": 2,
+        "alpha": None,
+        "material": MATERIAL,
+        "simulation": {"estimator": "physical", "samples_per_mm2": 0.5},
+        "output": {"products": ["capture", "max_projection"]},
+    }
+    return {**given, **tables}
+
+
+PLAN = plan_of(**physical())
+
+
+def test_lengths_are_drawn_from_streams_of_their_own() -> None:
+    first, second = (recipe(PLAN, i)["material"] for i in (0, 1))
+    assert "alpha" not in recipe(PLAN, 0)
+    assert tuple(first) == PART_NAMES
+    palms = [material_of(found["palm"]) for found in (first, second)]
+    assert palms[0] != palms[1]
+    for palm in palms:
+        assert 0.1e-3 <= palm.roughness_rms_m <= 0.3e-3
+        assert palm.correlation_length_m in (2e-3, 3e-3)
+        assert 0.05e-3 <= palm.coating.thickness_m <= 0.2e-3
+        assert palm.permittivity == clradar.material("palm").permittivity
+    assert material_of(first["thumb"]) == clradar.material("metal")
+    assert first["index"] == first["pinky"] != second["index"]
+    # Another quantity leaves the draws as they are.
+    less = {**MATERIAL, "palm": {**MATERIAL["palm"], "correlation_length_mm": 3.0}, "thumb": "skin"}
+    other = material_of(recipe(plan_of(**physical(material=less)), 0)["material"]["palm"])
+    assert other.roughness_rms_m == palms[0].roughness_rms_m
+    assert other.coating == palms[0].coating
+
+
+def test_a_plan_of_materials_comes_back_from_its_record(tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    own.write_text('[resin]\npermittivity = "2.9 - 0.04j"')
+    wax = {"name": "wax", "permittivity": 2.2, "roughness_rms_m": 1e-4}
+    wax["correlation_length_m"] = 1e-3
+    fixed = {"of": "palm", "roughness_rms_mm": 0.2}
+    for given in (MATERIAL, "skin", fixed, {"palm": f"{own}:resin"}, {"of": wax}):
+        plan = plan_of(**physical(material=given))
+        record = json.loads(json.dumps(plan_record(plan), allow_nan=False))
+        assert "alpha" not in record
+        assert plan_from(record, "manifest", tmp_path) == plan
+    assert plan.material.others.of.correlation_length_m == 1e-3
+    # The file is not needed again.
+    plan = plan_of(**physical(material={"palm": f"{own}:resin"}))
+    record = plan_record(plan)
+    own.unlink()
+    assert plan_from(record, "manifest", tmp_path).material.parts["palm"].of.name == "resin"
+    # Without `material` hands are all palm; without the physical estimator there is none.
+    bare = {name: table for name, table in physical().items() if name != "material"}
+    assert plan_of(**bare).material.others.of == clradar.material("palm")
+    assert "material" not in plan_record(plan_of())
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"material": "rubber"}, "material: expected one of metal, skin.*got \"rubber\""),
+        ({"material": 3}, "material: expected the name of a material"),
+        ({"material": "gone.toml:resin"}, "material: .*gone.toml"),
+        ({"material": {"plam": "skin", "palm": "palm"}}, "did you mean 'palm'"),
+        ({"material": {"of": "skin", "coating_thickness_mm": 0.1}}, "a material with a coating"),
+        ({"material": {"of": "metal", "roughness_rms_mm": 0.1}}, "correlation_length_m"),
+        ({"material": {"roughness_rms_mm": {"normal": [0.1, 0.1]}}}, "roughness_rms_mm: expected"),
+        ({"material": {"roughness_rms_mm": 0.1, "hight": 3}}, "hight: unknown key"),
+        ({"material": {"of": {"name": "x", "permittivity": "2+3j"}}}, "gain"),
+        ({"alpha": 0.3}, "alpha: expected material in its place"),
+        ({"simulation": {"estimator": "expected"}}, "material: expected simulation.estimator"),
+        ({"simulation": {"rays_per_sample": 3}}, "rays_per_sample: expected the default"),
+        ({"simulation": {"max_bounces": 2}}, "max_bounces: expected the default"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_one_line_each(tables: dict[str, Any], words: str) -> None:
+    given = physical()
+    for name, value in tables.items():
+        given[name] = {**given[name], **value} if name == "simulation" else value
+    with pytest.raises(PlanError, match=words) as raised:
+        plan_of(**given)
+    assert len(raised.value.mistakes) == 1
+
+
+def test_a_data_set_of_materials_is_made_checked_and_replayed(tmp_path: Path) -> None:
+    folder = tmp_path / "hands"
+    run(PLAN, folder, device=DEVICE)
+    assert not check_dataset(folder).problems
+    view = open_dataset(folder)
+    assert "alpha" not in view
+    for sample in (0, 1):
+        palm = material_of(recipe(PLAN, sample)["material"]["palm"])
+        one = view.sel(sample=sample)
+        assert one.roughness_rms_m.sel(part="palm") == palm.roughness_rms_m
+        assert one.correlation_length_m.sel(part="palm") == palm.correlation_length_m
+        assert one.coating_thickness_m.sel(part="palm") == palm.coating.thickness_m
+        assert np.isnan(one.coating_thickness_m.sel(part="thumb"))
+    # The capture is that of the stages run one by one, from the stored recipe.
+    stored = json.loads(view.recipe.values[1])
+    scene = scene_of(placed_hand(stored, DEVICE), stored)
+    assert {m.name for m in scene.materials} == {"palm", "metal", "skin"}
+    assert scene.texture_m is not None
+    array, waveform = recipe_radar(stored)
+    clean = clradar.simulate(scene, array, waveform, device=DEVICE, **stored["simulation"])
+    without_noise = {**stored, "impairments": None}
+    again = make_sample(without_noise, DEVICE).arrays["capture"]
+    assert again.tobytes() == clean.data.tobytes()
+    with_noise = make_sample(stored, DEVICE).arrays["capture"]
+    assert with_noise.tobytes() == view.capture.values[1].tobytes()
+    assert replay(folder, 0, device=DEVICE).differences == ()
