@@ -170,7 +170,7 @@ def test_no_passive_material_reflects_more_than_it_gets() -> None:
         def drawn() -> complex:
             return complex(10 ** rng.uniform(-1, 2), -(10 ** rng.uniform(-6, 3)) * rng.integers(2))
 
-        coating = Coating(10 ** rng.uniform(-6, -1.1), drawn()) if rng.integers(2) else None
+        coating = Coating(10 ** rng.uniform(-6, -2), drawn()) if rng.integers(2) else None
         kind = {"conductor": True} if rng.integers(3) == 0 else {"permittivity": drawn()}
         own = Material("x", coating=coating, **kind)
         r_s, r_p = own.fresnel(rng.uniform(1e9, 9e11, 4), cosines)

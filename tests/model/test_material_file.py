@@ -168,10 +168,10 @@ REFUSED = {
     "[x]\nconductor = true\ncoating = 3": "x.coating: expected a table or object, got 3",
     "[x]\nconductor = true\ncoating = { thickness_m = 1e-4 }": "x.coating.permittivity: expected "
     "a value, got none",
-    "[x]\nconductor = true\ncoating = { thickness_m = 0.1, permittivity = '3+1j' }": "x.coating."
+    "[x]\nconductor = true\ncoating = { thickness_m = 0.01, permittivity = '3+1j' }": "x.coating."
     "permittivity: expected a passive",
     "[x]\nconductor = true\ncoating = { thickness_m = 140, permittivity = 3 }": "x.coating."
-    "thickness_m: expected a thickness from 1e-07 to 0.1 m, got 140 m",
+    "thickness_m: expected a thickness from 1e-07 to 0.01 m, got 140 m",
     "[x]\nconductor = true\ncorrelation_length_m = 'long'": "x.correlation_length_m: expected a n",
     "[x]\nconductor = true\nsource = 3": "x.source: expected a string, got 3",
     "[x]\nconductor = true\n[x]": "TOMLDecodeError",
