@@ -10,6 +10,7 @@ from clradar.errors import ClradarWarning
 from clradar.files.own_packages import require_own
 from clradar.imaging.operator import ImagingOperator, forward
 from clradar.imaging.placement import place_grid
+from clradar.imaging.reconstruction import reconstruct
 from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.environment import Wall, room_capture
 from clradar.impairments.impair import impair
@@ -81,6 +82,7 @@ __all__ = [
     "open_device",
     "place_grid",
     "read_materials",
+    "reconstruct",
     "room_capture",
     "simulate",
     "synthesize",

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_warning, progress_bar
-from clradar.cli.options.groups import given, recorded
-from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.groups import given
+from clradar.cli.options.imaging import MODEL_METHODS, GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions, recording_files
 
 if TYPE_CHECKING:
@@ -25,12 +25,13 @@ def form_image(
     tolerance_db: float | None = None,
 ) -> Volume:
     """The image of a capture, with a progress bar on a terminal."""
-    from clradar import backproject
+    from clradar import backproject, reconstruct
 
+    form = reconstruct if imaging.method in MODEL_METHODS else backproject
     with progress_bar(label) as progress:
-        return backproject(
+        return form(
             capture, grid, tolerance_db=tolerance_db, device=device, progress=progress,
-            **recorded(imaging),
+            **imaging.arguments,
         )  # fmt: skip
 
 

@@ -293,3 +293,33 @@ def test_inspect_names_the_scale_and_the_echo_of_s_parameters(run: Run, tmp_path
     assert range_m == pytest.approx(length_m.mean() / 2, abs=4e-3)
     found = facts["echo's_radar_cross_section"]["dbsm"]
     assert found == pytest.approx(10 * np.log10(np.pi * range_m**2), abs=0.5)
+
+
+def test_images_by_iteration(run: Run, made: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pylops")
+    target = tmp_path / "v.h5"
+    fit = ["--method", "sparse", "--iterations", "2", "--sparsity-db=-20"]
+    outcome = run("image", made / "sim.h5", "-o", target, *fit, *GRID)
+    assert outcome.status == 0, outcome.err
+    assert "sparse: 2 iterations, no more were asked for; left: " in outcome.out
+    meta = open_volume(target).meta
+    assert (meta["method"], meta["iterations"], meta["sparsity_db"]) == ("sparse", 2, -20)
+    assert meta["residual_db"] < 0
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--iterations", "3"],
+        ["--method", "sparse", "--window", "hann"],
+        ["--method", "sparse", "--damping-db", "0"],
+        ["--method", "least-squares", "--sparsity-db=-20"],
+    ],
+)
+def test_options_of_another_method_are_wrong_usage(
+    run: Run, made: Path, tmp_path: Path, options: list[str]
+) -> None:
+    outcome = run("image", made / "sim.h5", "-o", tmp_path / "v.h5", *options)
+    assert outcome.status == 2
+    assert "not an option of --method" in outcome.err
+    assert not list(tmp_path.iterdir())

@@ -12,7 +12,12 @@ from clradar.cli.console import print_line, print_warning
 from clradar.cli.inputs import ImageInput, form_image, grid_for
 from clradar.cli.options.common import DeviceOption, ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
-from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.imaging import (
+    DepthMapOptions,
+    GridOptions,
+    ModelImagingOptions,
+    grid_text,
+)
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_figure, check_outputs, check_suffix, save
@@ -94,9 +99,11 @@ def command(
     *,
     files: ImageFiles,
     voxels: GridOptions,
-    imaging: ImagingOptions,
+    imaging: ModelImagingOptions,
     tolerance_db: float | None = option(
-        None, "Error of fast, RMS over the image's RMS, -80 to -30. [default: -50]", metavar="DB"
+        None,
+        "Error of fast and by iteration, RMS over RMS, -80 to -30. [default: -50]",
+        metavar="DB",
     ),
     absolute: bool = option(
         False, "The samples are S-parameters, as those of --estimator physical are anyway."
@@ -136,8 +143,22 @@ def command(
         if files.output is not None:
             save(files.output, volume, origin, force=force)
             print_line(f"{files.output}: {grid_text(grid)}, {took_s:.1f} s on {opened.info.label}")
+        if "stopped" in volume.meta:
+            print_line(_fit_words(volume.meta))
     title = title_of(capture, volume.meta)
     files.draw(volume, title, str(capture), origin, depth.dynamic_range_db, force=force)
+
+
+def _fit_words(meta: Mapping[str, Any]) -> str:
+    """How an image by iteration ended: `clradar.reconstruct` explains the reasons."""
+    reasons = {
+        "noise": "what is left looks like noise",
+        "change": "it changes no more",
+        "iterations": "no more were asked for",
+    }
+    left_db, count = meta["residual_db"], meta["iterations"]
+    left = "nothing" if left_db is None else f"{left_db:.1f} dB of the samples"
+    return f"{meta['method']}: {count} iterations, {reasons[meta['stopped']]}; left: {left}"
 
 
 def _check_no_imaging(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from clradar.cli.options.groups import option
+from clradar.cli.options.groups import given, option
 from clradar.cli.options.values import (
     RANGE_RULE,
     check_unit,
@@ -19,6 +19,9 @@ from clradar.model import VoxelGrid, checks
 
 PAPER_GRID_MM = ("-100:100:1", "-100:100:1", "260:340:1")
 """The grid of the paper's experiment: 201 x 201 x 81 voxels of 1 mm."""
+
+MODEL_METHODS = ("least-squares", "sparse")
+"""Those of `clradar.reconstruct`."""
 
 GRID_RULE = f"{RANGE_RULE}, or one number for a single slice"
 
@@ -60,6 +63,53 @@ class ImagingOptions:
         "-54 dB; exact: the plain sum.",
     )
     window: Literal["rect", "hann", "taylor"] = option("rect", "Weights over frequency.")
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Of `clradar.backproject`."""
+        return {"method": self.method, "window": self.window}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelImagingOptions(ImagingOptions):
+    """How an image is formed, also by iteration."""
+
+    # A wider choice than that of the other commands.
+    method: Literal["fast", "range", "exact", "least-squares", "sparse"] = option(  # type: ignore[assignment]
+        "fast",
+        "fast: back-projection over a tree of blocks, -50 dB of error; range: from range profiles, "
+        "-54 dB; exact: the plain sum. By iteration (needs pylops): least-squares: reflectivity "
+        "that explains the samples; sparse: that of few voxels.",
+    )
+    iterations: int | None = option(
+        None, "At most, of an image by iteration. [default: 30, sparse 100]", min=1
+    )
+    damping_db: float | None = option(
+        None, "Of least-squares: weight of the reflectivity's power. [default: none]", metavar="DB"
+    )
+    sparsity_db: float | None = option(
+        None, "Of sparse: threshold below the maximum. [default: -30]", metavar="DB"
+    )
+
+    def __post_init__(self) -> None:
+        fitted = self.method in MODEL_METHODS
+        fits = {
+            "--window": not fitted,
+            "--iterations": fitted,
+            "--damping-db": self.method == "least-squares",
+            "--sparsity-db": self.method == "sparse",
+        }
+        for name in given(self):
+            if not fits.get(name, True):
+                raise wrong_usage(name, f"not an option of --method {self.method}")
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Of `clradar.backproject`, or of `clradar.reconstruct`."""
+        if self.method not in MODEL_METHODS:
+            return super().arguments
+        names = ("method", "iterations", "damping_db", "sparsity_db")
+        return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True, kw_only=True)
