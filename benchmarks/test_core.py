@@ -20,6 +20,7 @@ from clradar.bench import meshes
 from clradar.bench.images import ExactImage, PaperVolume, noise
 from clradar.bench.nearest import NearestHits
 from clradar.bench.phasor_sums import PathSums
+from clradar.bench.physical import PhysicalHand
 from clradar.bench.rays import bounces_of, our_tree, peers_of, rays_of, surface_of
 from clradar.bench.timing import ARRAY, WAVEFORM, relative_rms_db
 from clradar.hand import hand_mesh
@@ -49,6 +50,9 @@ FLOAT32_DB = -100.0
 
 SAMPLES_PER_MM2 = 2.0
 """A fifth of the default experiment."""
+
+PHYSICAL_DB = -60.0
+"""Skeleton antennas and frequencies are chosen to this."""
 
 SAME_SUM_DB = -100.0
 """The float64 sum over the same paths: phases in float32, moments of E7."""
@@ -156,6 +160,13 @@ def test_simulate(measured: Measured, device: clradar.Device) -> None:
     some = clradar.Waveform(WAVEFORM.frequencies_hz[::31])
     want = reference.synthesize(paths, ARRAY, some)
     assert relative_rms_db(capture.data[:, :, ::31], want) <= SAME_SUM_DB
+
+
+@pytest.mark.benchmark(group="simulate a hand physically, 1 sample/mm^2")
+def test_physical(measured: Measured, device: clradar.Device) -> None:
+    hand = PhysicalHand(device, 1.0, 2)
+    data: np.ndarray = measured(hand.ours)
+    assert relative_rms_db(data[:, :, hand.chosen], hand.dense()) <= PHYSICAL_DB
 
 
 @pytest.mark.benchmark(group="hand mesh")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import clradar
-from clradar.bench import commands, images, phasor_sums, rays
+from clradar.bench import commands, images, phasor_sums, physical, rays
 from clradar.bench.timing import Row
 
 
@@ -30,6 +30,7 @@ SUITE: dict[str, Callable[[clradar.Device, int, bool], list[Row]]] = {
     ),
     "images": lambda device, n, quick: images.images(device, n, images.noise(), 5 if quick else 81),
     "exact": lambda device, n, quick: [images.exact_image(device, n, images.noise())],
+    "physical": lambda device, n, quick: physical.physical(device, n, 1.0 if quick else 4.0),
     "commands": lambda device, n, quick: [] if quick else commands.commands(device),
 }
 
