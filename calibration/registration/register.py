@@ -20,9 +20,10 @@ from calibration.registration.radar import Radar
 from calibration.registration.search_space import PoseSearch
 from clradar.errors import warn
 from clradar.model import AntennaArray, Scene, Volume, Waveform, checks
+from clradar.model.material import METAL
 from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, open_device
-from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
+from clradar.tracing.settings import SimulationSettings, merged_settings, takes_settings
 
 
 @takes_settings
@@ -52,8 +53,8 @@ def register(
     measured : Volume
         Of the object, in the antenna frame.
     mesh : Scene
-        In any pose; with the alpha of the simulations, or with their materials for
-        ``estimator="physical"``.
+        In any pose; with the alpha of the simulations, or with a material, which chooses the
+        physical estimator as in `clradar.simulate`.
     fit_alpha : bool
         Estimate one alpha for the whole mesh instead, from how the brightness falls with the angle.
     array : AntennaArray, optional
@@ -118,7 +119,10 @@ def register(
     True
     """
     checks.instance("register: measured", measured, Volume)
-    simulation = resolve_settings(settings, **fields)
+    chosen = merged_settings(settings, **fields)
+    if mesh.materials != (METAL,) and not fit_alpha:
+        chosen = chosen.for_scene(mesh)
+    simulation = chosen.resolved()
     if fit_alpha and simulation.estimator == "physical":
         checks.fail("register: fit_alpha", "False with estimator='physical'", "True")
     radar = Radar.of("register", array, waveform)

@@ -156,6 +156,7 @@ def test_options_are_checked(measured, hand, option):
         register(measured, hand, device="pocl", **option)
 
 
+@pytest.mark.slow
 def test_registers_a_hand_of_materials_by_its_physical_simulation():
     """Each round is one realisation of the roughness; those of the measurement are another's.
 
@@ -188,6 +189,22 @@ def test_registers_a_hand_of_materials_by_its_physical_simulation():
 def test_alpha_is_not_fitted_to_physical_simulations(measured, hand):
     with pytest.raises(ModelError, match="fit_alpha: expected False with estimator='physical'"):
         register(measured, hand, fit_alpha=True, estimator="physical", **RADAR)
+
+
+@pytest.mark.parametrize(
+    ("material", "fit_alpha", "estimator"),
+    [("metal", False, "stochastic"), ("palm", False, "physical"), ("palm", True, "stochastic")],
+)
+def test_a_material_chooses_the_estimator(
+    measured, hand, monkeypatch, material, fit_alpha, estimator
+):
+    def enough(depth, mesh, located, settings, *_):
+        raise CompareError(settings.simulation.estimator)
+
+    monkeypatch.setattr("calibration.registration.register.locate", lambda *_: None)
+    monkeypatch.setattr("calibration.registration.register.close_loop", enough)
+    with pytest.raises(CompareError, match=estimator):
+        register(measured, hand.with_material(material), fit_alpha=fit_alpha, **RADAR)
 
 
 # The command
