@@ -17,6 +17,9 @@ from calibration.registration.register import register
 from calibration.roughness.estimate import AlphaEstimate
 from calibration.roughness.region_sweep import RegionSweep
 from calibration.roughness.regions import Regions
+from calibration.roughness.roughness_estimate import RoughnessEstimate
+from calibration.roughness.roughness_sweep import RoughnessSweep, sweep_roughness
+from calibration.roughness.slope import alpha_of_slope, slope_of_alpha
 from calibration.roughness.sweep import Sweep, sweep
 
 __all__ = [
@@ -33,6 +36,8 @@ __all__ = [
     "RegionSweep",
     "Regions",
     "Registration",
+    "RoughnessEstimate",
+    "RoughnessSweep",
     "Round",
     "Score",
     "Sphere",
@@ -40,6 +45,7 @@ __all__ = [
     "Target",
     "align",
     "align_mesh",
+    "alpha_of_slope",
     "apply_convention",
     "average_frames",
     "correct",
@@ -49,8 +55,10 @@ __all__ = [
     "range_gate",
     "register",
     "response",
+    "slope_of_alpha",
     "subtract_background",
     "sweep",
+    "sweep_roughness",
 ]
 
 

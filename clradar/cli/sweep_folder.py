@@ -1,4 +1,4 @@
-"""A sweep over alpha in a folder that keeps every image, so that a killed sweep resumes there."""
+"""A sweep in a folder that keeps every image, so that one that is killed resumes there."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import csv
 import io
 import json
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -44,29 +44,37 @@ held = partial(work_folder.held, work="sweep")
 """Make the folder, and keep other sweeps out of it while the block runs."""
 
 
+Swept = TypeVar("Swept")
+
+
 def sweep_into(
     folder: Path,
-    measured: Volume,
+    measured: Volume | None,
     scene: Scene,
-    alphas: np.ndarray,
+    run: Callable[..., Swept],
+    write: Callable[[Path, Swept, Mapping[str, Any], str], None],
     *,
     source: str,
     origin: Mapping[str, Any],
     align: Mapping[str, Any] | None = None,
     device: Device,
     force: bool = False,
-    **options: Any,
-) -> Sweep | None:
-    """Sweep over alpha in a folder, or resume one that was killed.
+) -> Swept | None:
+    """Sweep in a folder, or resume a sweep that was killed there.
 
     Parameters
     ----------
     folder : Path
         Made if missing; other processes are kept out of it meanwhile.
-    measured : Volume
+    measured : Volume or None
+        Needed with `align`.
     scene : Scene
         In its place, or anywhere with `align`.
-    alphas : ndarray, shape (A,)
+    run : callable
+        Called with the scene, and the keywords `store` and `progress`; returns the result.
+    write : callable
+        Called with folder, result, `origin` and `source`; writes `RESULTS`, `RESULT` last, which
+        marks the sweep as finished.
     source : str
         The name of the measurement, for the record.
     origin : mapping
@@ -77,33 +85,26 @@ def sweep_into(
     device : Device
     force : bool
         Begin anew in a folder that was begun with other settings.
-    **options
-        Of `calibration.sweep`.
 
     Returns
     -------
-    Sweep or None
-        None if it was finished before.
+    The result, or None if it was finished before.
     """
-    from calibration import sweep
-
     with held(folder):
         begin_sweep(folder, {**origin["options"], "clradar": origin["clradar"]}, force=force)
         finished = is_finished(folder)
         if not finished:
             with _removed_if_nothing_is_done(folder):
                 if align is not None:
+                    assert measured is not None
                     place = _aligned(folder / TRANSFORM, measured, scene, device, origin, align)
                     scene = scene.transformed(place)
                 store = FolderStore(folder / WORK)
                 if len(store):
                     print_line(f"{folder}: resumes with {len(store)} images that are done")
                 with progress_bar("sweeping") as progress:
-                    result = sweep(
-                        measured, scene, alphas, device=device, store=store, progress=progress,
-                        **options,
-                    )  # fmt: skip
-                write_results(folder, result, origin, source)
+                    result = run(scene, store=store, progress=progress)
+                write(folder, result, origin, source)
         shutil.rmtree(folder / WORK, ignore_errors=True)
     return None if finished else result
 
@@ -142,15 +143,15 @@ def _aligned(
 
 
 def write_results(folder: Path, result: Sweep, origin: Mapping[str, Any], source: str) -> None:
-    """Write figure, tables and last the JSON file, which marks the sweep as finished."""
+    """Write figure and tables of a sweep over alpha, and last the JSON file."""
     from calibration.roughness.figure import sweep_figure
     from clradar.plot import save_figure
 
     save_figure(sweep_figure(result), folder / FIGURE, force=True)
-    _write_csv(folder / TABLE, ("alpha", "seed", *METRICS, "score"), _rows(result))
+    write_csv(folder / TABLE, ("alpha", "seed", *METRICS, "score"), _rows(result))
     if result.regions is not None:
         names = ("region", "alpha", "seed", result.estimate.metric, "score")
-        _write_csv(folder / REGION_TABLE, names, _region_rows(result))
+        write_csv(folder / REGION_TABLE, names, _region_rows(result))
     write_json(folder / RESULT, {"measured": source, **result.to_dict(), **origin}, force=True)
 
 
@@ -171,7 +172,8 @@ def _region_rows(result: Sweep) -> Iterator[Sequence[Any]]:
                 yield name, float(alpha), seed, float(found.values[k, i]), float(found.score[k, i])
 
 
-def _write_csv(path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+def write_csv(path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write rows below their names."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import typer
 
 from clradar.cli.comparison import METRIC_COLUMNS
 from clradar.cli.console import print_line, print_table, print_text, print_warning
@@ -20,11 +20,13 @@ from clradar.cli.options.common import (
 )
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.materials import MaterialOptions
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.simulation import PlacementOptions, SimulationOptions, WaveformOptions
-from clradar.cli.options.values import RANGE_RULE, finite, numbers, whole_steps, wrong_usage
+from clradar.cli.options.values import RANGE_RULE, ascending, wrong_usage
 from clradar.cli.outputs import check_place_of_folder
 from clradar.cli.provenance import package_versions, provenance
+from clradar.cli.roughness_sweep import RoughnessOptions, SweepKind, over_roughness
 from clradar.compare import METRICS
 from clradar.files.hashing import sha256_of_arrays
 
@@ -34,17 +36,16 @@ if TYPE_CHECKING:
 
 ALPHA_RULE = f"{RANGE_RULE}, or a list with commas"
 PARTS, FINGERS = "parts", "fingers"
-DECIMALS = 9
-"""Of an alpha: 3 * 0.1 is then 0.3, as in `clradar simulate --alpha 0.3`."""
-
-MOST_ALPHAS = 1001
+ALPHAS = "0:1:0.1"
 
 
 @dataclass(frozen=True, kw_only=True)
 class AlphaOptions:
     """The alphas and the seeds to simulate with."""
 
-    alpha: str = option("0:1:0.1", f"{ALPHA_RULE}; in [0, 1].", metavar="RANGE")
+    alpha: str | None = option(
+        None, f"{ALPHA_RULE}; in [0, 1]. [default: {ALPHAS}]", metavar="RANGE"
+    )
     seeds: int = option(3, "Simulations per alpha, each its own seed.", metavar="N")
     seed: int = option(0, "The first seed.", metavar="N")
     # The default of `calibration.sweep`, whose import would slow the help down.
@@ -131,6 +132,8 @@ def command(
     mesh: Path = argument(REQUIRED, "Mesh file.", metavar="MESH"),
     output: Path = output_option(REQUIRED, "New folder, or one to resume.", metavar="DIR"),
     alphas: AlphaOptions,
+    roughness: RoughnessOptions,
+    made_of: MaterialOptions,
     regions: RegionOptions,
     place: PlaceOptions,
     simulation: SimulationOptions,
@@ -147,28 +150,32 @@ def command(
     command resumes where a killed one stopped; other settings in the same DIR are refused, unless
     --force begins anew. Frequencies are those of MEASURED, where it is a capture. The result
     and its uncertainty: docs/sweep.md.
+
+    With --roughness-mm it estimates roughness and correlation length in millimetres, of a MESH
+    of given --material, by the physical estimator.
     """
     from calibration.roughness.sweep import check_within_grid
     from clradar import open_device
     from clradar.cli import sweep_folder
     from clradar.compare import depth_map_of
 
-    read = [measured, mesh, *place.files, *regions.files]
+    read = [measured, mesh, *place.files, *regions.files, *made_of.files]
     check_place_of_folder(output, replaced=sweep_folder.OWN_NAMES, inputs=read)
-    values = read_alphas(alphas.alpha)
+    kind = over_roughness(roughness) if roughness.given else over_alpha(alphas, imaging, depth)
+    check_together(alphas, roughness, made_of)
     alphas.check()
     regions.check(simulation.max_bounces)
-    settings = simulation.settings(seed=alphas.seed)
+    settings = simulation.settings(seed=alphas.seed, estimator=kind.estimator)
     opened = open_device(device)
     inputs = SweepInputs(
-        place, mesh, regions, measured, frames, frequencies, voxels, imaging, opened
+        place, mesh, made_of, regions, measured, frames, frequencies, voxels, imaging, opened
     )
+    kind.check_measured(measured, inputs.image.content)
     record = recorded(
         imaging,
         **inputs.record(),
-        alphas=values.tolist(),
+        **kind.record,
         seeds=alphas.seeds,
-        metric=alphas.metric,
         simulation=asdict(settings.resolved()),
         dynamic_range_db=depth.dynamic_range_db,
         device=dict(opened.describe()),
@@ -181,19 +188,54 @@ def command(
     depth_map_of(volume, depth.dynamic_range_db, str(measured))
     if inputs.align is None:
         check_within_grid(inputs.placed, volume.grid)
+    run = partial(
+        kind.run, inputs.radar, image.content, volume, seeds=alphas.seeds, regions=inputs.labels,
+        settings=settings, device=opened,
+    )  # fmt: skip
     result = sweep_folder.sweep_into(
-        output, volume, inputs.placed, values,
-        source=str(measured), origin=origin, force=force,
+        output, volume, inputs.placed, run, kind.write,
+        source=str(measured), origin=origin, force=force, device=opened,
         align=None if inputs.align is None else {**inputs.align, **image.radar},
-        seeds=alphas.seeds, metric=alphas.metric, dynamic_range_db=depth.dynamic_range_db,
-        regions=inputs.labels, settings=settings, device=opened,
-        **inputs.radar, **recorded(imaging),
     )  # fmt: skip
     if result is None:
         print_line(f"{output}: finished before with these settings; nothing to do")
         return
-    print_result(result)
+    kind.show(result)
     print_line(f"{output}: {', '.join(sweep_folder.RESULTS)}")
+
+
+def check_together(
+    alphas: AlphaOptions, roughness: RoughnessOptions, made_of: MaterialOptions
+) -> None:
+    """Raise where options of one kind of sweep are given with the other."""
+    if roughness.given:
+        if alphas.alpha is not None:
+            raise wrong_usage("--alpha, --roughness-mm", "expected one of the two")
+        return
+    roughness.check_alone()
+    if made_of.given:
+        raise wrong_usage("--material", "expected --roughness-mm with it: alpha has no material")
+
+
+def over_alpha(alphas: AlphaOptions, imaging: ImagingOptions, depth: DepthMapOptions) -> SweepKind:
+    """A sweep over alpha."""
+    from clradar.cli.sweep_folder import write_results
+
+    values = read_alphas(ALPHAS if alphas.alpha is None else alphas.alpha)
+
+    def run(
+        radar: dict[str, Any], content: Volume | Capture, volume: Volume, scene: Scene,
+        **options: Any,
+    ) -> Sweep:  # fmt: skip
+        from calibration import sweep
+
+        return sweep(
+            volume, scene, values, metric=alphas.metric, dynamic_range_db=depth.dynamic_range_db,
+            **radar, **recorded(imaging), **options,
+        )  # fmt: skip
+
+    record = {"alphas": values.tolist(), "metric": alphas.metric}
+    return SweepKind(record, run, write_results, print_result)
 
 
 class SweepInputs:
@@ -203,6 +245,7 @@ class SweepInputs:
         self,
         place: PlaceOptions,
         mesh: Path,
+        made_of: MaterialOptions,
         regions: RegionOptions,
         measured: Path,
         frames: FrameOptions,
@@ -214,13 +257,15 @@ class SweepInputs:
         from clradar import Scene
 
         self.align = {"search_deg": place.search_deg} if place.align else None
-        self.scene = Scene.from_mesh(mesh, unit=place.unit)
+        self.scene = made_of.on(Scene.from_mesh(mesh, unit=place.unit))
         self.labels = regions.read(self.scene, place.unit)
         self.matrix = place.matrix()
         self.image = ImageInput.open(measured, frames)
         self.radar = radar_record(self.image, frequencies)
         self.grid = sweep_grid(self.image, voxels, imaging, device)
-        self.files = [*self.image.files, mesh, *place.files, *regions.files]
+        self.files = [
+            *self.image.files, mesh, *place.files, *regions.files, *made_of.files,
+        ]  # fmt: skip
 
     @property
     def placed(self) -> Scene:
@@ -244,30 +289,7 @@ class SweepInputs:
 
 def read_alphas(text: str) -> np.ndarray:
     """The alphas of ``FIRST:LAST:STEP`` or of a list, shape (A,), float64."""
-
-    def wrong(expected: str) -> typer.BadParameter:
-        return wrong_usage("--alpha", f"expected {expected}, got '{text}'")
-
-    values = numbers(text, ":" if ":" in text else ",")
-    if not values:
-        raise wrong(ALPHA_RULE)
-    if not finite(values) or not all(0.0 <= value <= 1.0 for value in values):
-        raise wrong("numbers in [0, 1]")
-    if ":" in text:
-        if len(values) != 3:
-            raise wrong(ALPHA_RULE)
-        first, last, step = values
-        if step <= 0 or last <= first:
-            raise wrong("FIRST below LAST and STEP above 0")
-        if (last - first) / step > MOST_ALPHAS - 1:
-            raise wrong(f"at most {MOST_ALPHAS} alphas")
-        steps = whole_steps("--alpha", text, first, last, step)
-        values = [round(first + i * step, DECIMALS) for i in range(steps + 1)]
-    if len(values) < 2:
-        raise wrong("at least two alphas, of which the best can be chosen")
-    if not (np.diff(values) > 0).all():
-        raise wrong("alphas in ascending order, each once")
-    return np.array(values)
+    return ascending("--alpha", text, "alphas", (0.0, 1.0), least=2)
 
 
 def radar_record(image: ImageInput, frequencies: WaveformOptions) -> dict[str, Any]:

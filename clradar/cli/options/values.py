@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import typer
 
 from clradar.model.plausible import implausible
@@ -13,6 +14,9 @@ WHOLE_STEPS = 1e-6
 
 MOST_STEPS = 2**31
 """Of a range; beyond it neighbours are the same number."""
+
+DECIMALS = 9
+"""Of a number in a range: 3 * 0.1 is then 0.3, as where it is typed."""
 
 RANGE_RULE = "FIRST:LAST:STEP, both ends included"
 
@@ -56,3 +60,43 @@ def whole_steps(option: str, text: str, first: float, last: float, step: float) 
             f"expected a whole number of steps, such as {first:g}:{fits:g}:{step:g}, got '{text}'",
         )
     return round(steps)
+
+
+def ascending(
+    option: str,
+    text: str,
+    noun: str,
+    limits: tuple[float, float],
+    *,
+    least: int = 1,
+    most: int = 1001,
+) -> np.ndarray:
+    """The numbers of ``FIRST:LAST:STEP`` or of a list with commas, shape (n,), float64.
+
+    `noun` says what they are, in the plural; they have to be within `limits`.
+    """
+    rule = f"{RANGE_RULE}, or a list with commas"
+
+    def wrong(expected: str) -> typer.BadParameter:
+        return wrong_usage(option, f"expected {expected}, got '{text}'")
+
+    values = numbers(text, ":" if ":" in text else ",")
+    if not values:
+        raise wrong(rule)
+    if not finite(values) or not all(limits[0] <= value <= limits[1] for value in values):
+        raise wrong(f"numbers in [{limits[0]:g}, {limits[1]:g}]")
+    if ":" in text:
+        if len(values) != 3:
+            raise wrong(rule)
+        first, last, step = values
+        if step <= 0 or last <= first:
+            raise wrong("FIRST below LAST and STEP above 0")
+        if (last - first) / step > most - 1:
+            raise wrong(f"at most {most} {noun}")
+        steps = whole_steps(option, text, first, last, step)
+        values = [round(first + i * step, DECIMALS) for i in range(steps + 1)]
+    if len(values) < least:
+        raise wrong(f"at least {'two' if least == 2 else least} {noun}")
+    if not (np.diff(values) > 0).all():
+        raise wrong(f"{noun} in ascending order, each once")
+    return np.array(values)

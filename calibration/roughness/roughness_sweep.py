@@ -1,0 +1,353 @@
+"""Sweep over the roughness and correlation length of a mesh, in metres."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from calibration.roughness.regions import Regions
+from calibration.roughness.roughness_estimate import (
+    Interval,
+    RegionStatistics,
+    RoughnessEstimate,
+    estimate_roughness,
+)
+from calibration.roughness.sub_apertures import SubApertures
+from calibration.roughness.surface_points import SurfacePoints, surface_points
+from calibration.roughness.sweep import SEEDS, Store
+from calibration.roughness.texture import TextureMeter
+from clradar import constants
+from clradar.errors import ClradarWarning, CompareError, warn
+from clradar.model import Capture, Scene, checks
+from clradar.model.kirchhoff import check_kirchhoff
+from clradar.model.material import METAL, Material
+from clradar.model.plausible import check_plausible
+from clradar.model.progress import Progress
+from clradar.opencl import Device, open_device
+from clradar.simulation import simulate
+from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
+
+CORRELATIONS_M = (1.5e-3, 3e-3, 6e-3)
+"""Correlation lengths that are tried if none are given."""
+
+LEAST_SIMULATIONS = 30
+"""Mean and covariance of a dozen statistics need more simulations than that."""
+
+WHOLE = "all"
+
+ESTIMATOR = "physical"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoughnessSweep:
+    """Result of a sweep over roughness and correlation length.
+
+    Attributes
+    ----------
+    estimates : tuple of RoughnessEstimate
+        One per region; of the whole mesh where there are none.
+    heights_m, lengths_m : ndarray, shape (n_heights,) and (n_lengths,), metres
+        That were simulated.
+    seeds : tuple of int
+        First and last seed of the simulations.
+    gain_db : Interval
+        Of the measurement over the simulations; 0 if it is calibrated.
+    calibrated : bool
+
+    Examples
+    --------
+    >>> import calibration, numpy as np
+    >>> from calibration.roughness.roughness_estimate import Interval
+    >>> heights_m, gain_db = np.array([1e-4, 2e-4]), Interval(-3, -4, -2, -5, -1)
+    >>> found = calibration.RoughnessSweep(
+    ...     (), heights_m, np.array([3e-3]), (0, 1), gain_db, calibrated=False)
+    >>> print(found.report())
+    gain of the measurement over the simulations -3 ± 1 dB
+    """
+
+    estimates: tuple[RoughnessEstimate, ...]
+    heights_m: np.ndarray
+    lengths_m: np.ndarray
+    seeds: tuple[int, int]
+    gain_db: Interval
+    calibrated: bool
+
+    def remarks(self) -> tuple[str, ...]:
+        """Reasons to doubt the estimates, one clause each."""
+        return tuple(f"{one.name}: {text}" for one in self.estimates for text in one.remarks())
+
+    def report(self) -> str:
+        """The estimates and their caveats as text."""
+        lines = []
+        for one in self.estimates:
+            lines.append(f"roughness of {one.name}: {one.text()}")
+            lines += [f"  {remark}" for remark in one.remarks()]
+        if not self.calibrated:
+            gain = self.gain_db.text(1.0, "dB")
+            lines.append(f"gain of the measurement over the simulations {gain}")
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers in types that strict JSON has."""
+        return {
+            "heights_m": self.heights_m.tolist(),
+            "lengths_m": self.lengths_m.tolist(),
+            "seeds": list(self.seeds),
+            "gain_db": self.gain_db.to_dict(),
+            "calibrated": self.calibrated,
+            "regions": {one.name: one.to_dict() for one in self.estimates},
+        }
+
+
+@takes_settings
+def sweep_roughness(
+    measured: Capture,
+    scene: Scene,
+    roughness_m: Sequence[float] | np.ndarray,
+    correlation_m: Sequence[float] | np.ndarray | float = CORRELATIONS_M,
+    *,
+    seeds: int = SEEDS,
+    regions: Regions | None = None,
+    calibrated: bool = False,
+    device: Device | str | None = None,
+    store: Store | None = None,
+    progress: Progress | None = None,
+    settings: SimulationSettings | None = None,
+    **fields: Any,
+) -> RoughnessSweep:
+    """Estimate the roughness of a mesh by simulations with several roughnesses.
+
+    Parameters
+    ----------
+    measured : Capture
+        Of the object, in the antenna frame, without clutter.
+    scene : Scene
+        In its measured pose, with its materials; their roughness is replaced.
+    roughness_m : array_like, shape (n_heights,), metres
+        Root mean square heights h to simulate, ascending, at least three above 0. The smooth
+        surface is simulated in any case; of one below the lowest height only that is told.
+    correlation_m : float or array_like, shape (n_lengths,), metres
+        Correlation lengths l, ascending. A single one is taken for known.
+    seeds : int
+        Simulations for each pair, from the `seed` of the settings upwards, each another.
+    regions : Regions, optional
+        Estimate h and l for each of these.
+    calibrated : bool
+        The capture is in S-parameters, and the antennas and materials are right: the level counts,
+        too. Otherwise its gain is found as well, one for all regions.
+    device : Device, str or None
+    store : mutable mapping, optional
+        Images in it are not simulated again, new ones are stored one by one, as in `sweep`.
+    progress : callable, optional
+        Called with (done, total).
+    settings : SimulationSettings, optional
+        The defaults of ``estimator="physical"`` if not given.
+    **fields
+        Fields of `SimulationSettings`, in place of those of `settings`.
+
+    Returns
+    -------
+    RoughnessSweep
+
+    Raises
+    ------
+    CompareError
+        The mesh, or a region, is not visible, or too small to be judged.
+    ModelError
+        An argument is invalid, or there are too few simulations.
+    MeshError, DeviceError
+        As `clradar.simulate`.
+
+    Warns
+    -----
+    ClradarWarning
+        Every remark of the result; and an estimate beyond what Kirchhoff's approximation allows.
+
+    Notes
+    -----
+    Each simulation is imaged at points of the surface from the four quarters of the aperture. What
+    is compared are statistics of these images (`calibration.roughness.texture`), whose mean and
+    covariance over h and l follow from the simulations: docs/sweep.md.
+
+    Examples
+    --------
+    A plate, measured with another seed than the simulations':
+
+    >>> import calibration, clradar, numpy as np, trimesh, warnings
+    >>> warnings.simplefilter("ignore", clradar.ClradarWarning)  # of a coarse surface
+    >>> plate = trimesh.creation.box((0.04, 0.04, 0.001)).apply_translation([0, 0, 0.3])
+    >>> scene = clradar.Scene.from_mesh(plate)
+    >>> q = clradar.arrays.qar50()
+    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 8)
+    >>> rough = clradar.Material(
+    ...     "rough", conductor=True, roughness_rms_m=0.2e-3, correlation_length_m=3e-3)
+    >>> capture = clradar.simulate(
+    ...     scene.with_material(rough), array, waveform, estimator="physical", seed=101)
+    >>> found = calibration.sweep_roughness(
+    ...     capture, scene, [0.1e-3, 0.2e-3, 0.4e-3], [2e-3, 5e-3], seeds=5)
+    >>> height = found.estimates[0].roughness_m
+    >>> bool(height.low95 < 0.2e-3 < height.high95)
+    True
+    """
+    checks.instance("sweep_roughness: measured", measured, Capture)
+    checks.instance("sweep_roughness: scene", scene, Scene)
+    heights, lengths = _grid(roughness_m, correlation_m)
+    n_seeds = checks.whole("sweep_roughness: seeds", seeds, 1)
+    n = int(np.count_nonzero(heights)) * len(lengths) * n_seeds
+    if n < LEAST_SIMULATIONS:
+        expected = f"at least {LEAST_SIMULATIONS} simulations, heights times lengths times seeds"
+        checks.fail("sweep_roughness", expected, n)
+    settings = resolve_settings(settings, **{"estimator": ESTIMATOR, **fields})
+    checks.one_of("sweep_roughness: estimator", settings.estimator, (ESTIMATOR,))
+    first = checks.whole("sweep_roughness: seed", settings.seed, 0, 2**64 - n)
+    if regions is not None:
+        checks.instance("sweep_roughness: regions", regions, Regions)
+        if len(regions.face) != scene.n_faces:
+            expected = f"{scene.n_faces} faces"
+            checks.fail("sweep_roughness: regions", expected, f"{len(regions.face)}")
+    opened = open_device(device)
+    points = surface_points(scene, regions, measured.array.tx_m.mean(axis=0), opened)
+    apertures = SubApertures.of(measured.array, measured.waveform, points.points_m, opened)
+    images = _Images(
+        scene=scene,
+        like=measured,
+        heights_m=heights[heights > 0],
+        lengths_m=lengths,
+        n_seeds=n_seeds,
+        apertures=apertures,
+        device=opened,
+        store={} if store is None else store,
+        settings=settings,
+    )
+    meters = _meters(points, regions, apertures, images.smooth())
+    images.simulate_missing(progress)
+    statistics = images.statistics(measured, meters)
+    estimates, gain_db = estimate_roughness(statistics, *images.simulated.T, calibrated=calibrated)
+    last = first + n - 1
+    result = RoughnessSweep(tuple(estimates), heights, lengths, (first, last), gain_db, calibrated)
+    for remark in result.remarks():
+        warn(f"sweep: {remark}")
+    for one in result.estimates:
+        if one.tells_roughness and one.tells_correlation:
+            found = one.roughness_m.median, one.correlation_m.median
+            check_kirchhoff(_rough(METAL, *found, name=one.name), measured.waveform)
+    return result
+
+
+def _rough(material: Material, height_m: float, length_m: float, **other: Any) -> Material:
+    return replace(material, roughness_rms_m=height_m, correlation_length_m=length_m, **other)
+
+
+def _grid(roughness_m: Any, correlation_m: Any) -> tuple[np.ndarray, np.ndarray]:
+    heights = checks.one_axis("sweep_roughness: roughness_m", roughness_m)
+    lengths = checks.one_axis("sweep_roughness: correlation_m", np.atleast_1d(correlation_m))
+    bounds = {
+        "roughness_m": (heights, constants.PLAUSIBLE_ROUGHNESS_M),
+        "correlation_m": (lengths, constants.PLAUSIBLE_CORRELATION_M),
+    }
+    for name, (values, plausible) in bounds.items():
+        check_plausible(f"sweep_roughness: {name}", "lengths", values, plausible)
+    if np.count_nonzero(heights) < 3:
+        expected = "at least three values above 0"
+        checks.fail("sweep_roughness: roughness_m", expected, f"{heights.tolist()}")
+    return heights, lengths
+
+
+def _meters(
+    points: SurfacePoints, regions: Regions | None, apertures: SubApertures, smooth: np.ndarray
+) -> list[tuple[str, TextureMeter]]:
+    """Name and meter of each region."""
+    tilts = points.tilts(apertures.arrays)
+    names = (WHOLE,) if regions is None else regions.names
+    found = [(name, TextureMeter(points, i, tilts, smooth)) for i, name in enumerate(names)]
+    for name, meter in found:
+        if not meter.has_bins:
+            raise CompareError(
+                f"sweep: region '{name}' is too small, or too steep, to tell its roughness: only "
+                f"{meter.n_points} points of it are visible"
+            )
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Images:
+    """Images of all simulations from the quarters of the aperture, in a store."""
+
+    scene: Scene
+    like: Capture
+    heights_m: np.ndarray
+    lengths_m: np.ndarray
+    n_seeds: int
+    apertures: SubApertures
+    device: Device
+    store: Store
+    settings: SimulationSettings
+
+    @property
+    def simulated(self) -> np.ndarray:
+        """Height and length of each simulation, shape (n, 2), metres."""
+        pairs = itertools.product(self.heights_m, self.lengths_m)
+        return np.repeat(np.array(list(pairs)), self.n_seeds, axis=0)
+
+    def smooth(self) -> np.ndarray:
+        """The images of the smooth surface."""
+        if "smooth" not in self.store:
+            self._simulate("smooth", 0.0, float(self.lengths_m[0]), self.settings.seed)
+        return self.store["smooth"]["images"]
+
+    def simulate_missing(self, progress: Progress | None) -> None:
+        """Simulate what the store lacks, and store each as soon as it is finished."""
+        pairs = self.simulated
+        for i, (height_m, length_m) in enumerate(pairs):
+            if progress is not None:
+                progress(i, len(pairs))
+            if self._name(i) not in self.store:
+                # What is simulated here is too rough for Kirchhoff at an end of the range: only
+                # the estimate matters.
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", ClradarWarning)
+                    seed = self.settings.seed + i
+                    self._simulate(self._name(i), float(height_m), float(length_m), seed)
+        if progress is not None:
+            progress(len(pairs), len(pairs))
+
+    def _simulate(self, name: str, height_m: float, length_m: float, seed: int) -> None:
+        materials = [_rough(own, height_m, length_m) for own in self.scene.materials]
+        capture = simulate(
+            replace(self.scene, materials=tuple(materials)), self.like.array, self.like.waveform,
+            settings=replace(self.settings, seed=seed), device=self.device,
+        )  # fmt: skip
+        self.store[name] = {"images": self.apertures.images(capture)}
+
+    def statistics(
+        self, measured: Capture, meters: list[tuple[str, TextureMeter]]
+    ) -> list[RegionStatistics]:
+        """Of each region, measured and simulated."""
+        image = self.apertures.images(measured)
+        if not image.any():
+            raise CompareError("sweep: the measured image is 0 on the whole mesh")
+        return [
+            RegionStatistics(
+                name,
+                meter.statistics,
+                meter.measure(image),
+                np.stack([meter.measure(self._image(i)) for i in range(len(self.simulated))]),
+                meter.n_points,
+            )
+            for name, meter in meters
+        ]
+
+    def _image(self, i: int) -> np.ndarray:
+        return self.store[self._name(i)]["images"]
+
+    def _name(self, i: int) -> str:
+        """Of a simulation; the seed is the first one plus its number."""
+        pair, k = divmod(i, self.n_seeds)
+        height, length = divmod(pair, len(self.lengths_m))
+        return f"height{height}-length{length}-{k}"

@@ -1,0 +1,109 @@
+"""Points of a mesh's visible surface at which images are read, and groups of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.roughness.regions import Regions
+from clradar.errors import CompareError
+from clradar.model import AntennaArray, Scene
+from clradar.opencl import Device
+from clradar.tracing.visible_surface import VisibleSurface
+
+SPACING_M = 3e-3
+"""Of the points. A quarter of the 14 cm aperture's pairs resolve 7.6 mm at 0.3 m."""
+
+PATCH_M = 10e-3
+"""Edge of the cubes within which an image's phase relative to the smooth surface's is one: larger
+than a resolution cell, small enough that a mesh displaced by a fraction of a degree fits."""
+
+SAMPLES_PER_POINT = 8.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfacePoints:
+    """Points of the surface that the aperture's centre sees.
+
+    Attributes
+    ----------
+    points_m : ndarray, shape (n, 3), metres
+    normals : ndarray, shape (n, 3)
+        Unit normals, turned to the aperture.
+    region : ndarray, shape (n,), int
+    patch : ndarray, shape (n,), int
+        Number of the cube that a point is in; cubes of two regions have two numbers.
+    """
+
+    points_m: np.ndarray
+    normals: np.ndarray
+    region: np.ndarray
+    patch: np.ndarray
+
+    def tilts(self, apertures: list[AntennaArray]) -> np.ndarray:
+        """Angle between the normal and the bisector of Tx and Rx, shape (n_apertures, n), radians.
+
+        Tx and Rx are the centres of each aperture's.
+        """
+        return np.stack([self._tilt(array) for array in apertures])
+
+    def _tilt(self, array: AntennaArray) -> np.ndarray:
+        bisector = np.zeros_like(self.points_m)
+        for antennas_m in (array.tx_m, array.rx_m):
+            towards = antennas_m.mean(axis=0) - self.points_m
+            bisector += towards / np.linalg.norm(towards, axis=1, keepdims=True)
+        cosine = np.einsum("pa,pa->p", bisector, self.normals) / np.linalg.norm(bisector, axis=1)
+        return np.arccos(np.clip(cosine, -1.0, 1.0))
+
+
+def surface_points(
+    scene: Scene, regions: Regions | None, centre_m: np.ndarray, device: Device
+) -> SurfacePoints:
+    """The points of a scene in its measured pose that are visible from `centre_m`.
+
+    One in every cube of `SPACING_M` that the surface passes, so that their number per area hardly
+    depends on the surface's direction.
+
+    Raises
+    ------
+    CompareError
+        A region, or the whole mesh, is not visible.
+    """
+    density = SAMPLES_PER_POINT / (1e3 * SPACING_M) ** 2
+    reach_m = float(np.linalg.norm(centre_m)) + 1.0
+    with VisibleSurface(scene, density, reach_m, device) as surface:
+        seen = surface.visible_from(centre_m[None])[:, 0]
+        points_m, normals = surface.points_m[seen], surface.normals[seen]
+    if not len(points_m):
+        raise CompareError("sweep: no part of the mesh is visible from the antennas")
+    away = np.einsum("pa,pa->p", normals, centre_m - points_m) < 0
+    normals = np.where(away[:, None], -normals, normals)
+    cell = _cells(points_m, SPACING_M, np.zeros(len(points_m), int))
+    mean_m, normal = _means(points_m, cell), _means(normals, cell)
+    label = np.zeros(len(mean_m), int) if regions is None else _labels(scene, regions, mean_m)
+    if regions is not None:
+        hidden = [name for i, name in enumerate(regions.names) if not (label == i).any()]
+        if hidden:
+            raise CompareError(f"sweep: region '{hidden[0]}' is not visible from the antennas")
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    return SurfacePoints(mean_m, normal, label, _cells(mean_m, PATCH_M, label))
+
+
+def _labels(scene: Scene, regions: Regions, points_m: np.ndarray) -> np.ndarray:
+    """The region of the face whose centroid is nearest."""
+    from scipy.spatial import cKDTree
+
+    _, nearest = cKDTree(scene.triangles_m.mean(axis=1)).query(points_m)
+    return regions.face[nearest]
+
+
+def _cells(points_m: np.ndarray, edge_m: float, label: np.ndarray) -> np.ndarray:
+    """Number of the cube and region that each point is in, from 0, without gaps."""
+    cube = np.floor(points_m / edge_m).astype(np.int64)
+    return np.unique(np.column_stack([label, cube]), axis=0, return_inverse=True)[1].ravel()
+
+
+def _means(values: np.ndarray, cell: np.ndarray) -> np.ndarray:
+    total = np.stack([np.bincount(cell, column) for column in values.T], axis=1)
+    return total / np.bincount(cell)[:, None]
