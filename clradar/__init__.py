@@ -5,7 +5,7 @@ from typing import Any
 
 from clradar import arrays
 from clradar.backproject import backproject
-from clradar.compare import Metrics, compare
+from clradar.compare import Metrics, compare, spread
 from clradar.errors import ClradarWarning
 from clradar.files.own_packages import require_own
 from clradar.imaging.operator import ImagingOperator, forward
@@ -29,6 +29,7 @@ from clradar.model import (
     PermittivityTable,
     PowerLaw,
     Scene,
+    Spread,
     TraceStatistics,
     Volume,
     VoxelGrid,
@@ -64,6 +65,7 @@ __all__ = [
     "PowerLaw",
     "Scene",
     "SimulationSettings",
+    "Spread",
     "TraceStatistics",
     "Volume",
     "VoxelGrid",
@@ -85,6 +87,7 @@ __all__ = [
     "reconstruct",
     "room_capture",
     "simulate",
+    "spread",
     "synthesize",
     "trace",
     "write_materials",

@@ -1,10 +1,11 @@
-"""Comparison of images: metrics, and where two images disagree (``docs/metrics.md``)."""
+"""Comparison of images: metrics, where two images disagree, and their spread over seeds."""
 
 from clradar.compare.comparison import compare, compare_by, metrics_of
 from clradar.compare.disagreement import disagreement
 from clradar.compare.images import clipped_db, depth_map_of
 from clradar.compare.metrics import HEADLINE_METRIC, HIGHER_IS_BETTER, UNDEFINED, Metrics
 from clradar.compare.similarity import METRICS, SSIM_SIGMA, SSIM_WINDOW
+from clradar.compare.spread import spread
 from clradar.compare.unmatched import Disagreement, UnmatchedObject
 
 __all__ = [
@@ -23,4 +24,5 @@ __all__ = [
     "depth_map_of",
     "disagreement",
     "metrics_of",
+    "spread",
 ]

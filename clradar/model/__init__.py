@@ -11,6 +11,7 @@ from clradar.model.pattern import AntennaPattern
 from clradar.model.permittivity import ColeCole, PermittivityTable, PowerLaw
 from clradar.model.scale import ImageScale
 from clradar.model.scene import Scene
+from clradar.model.spread import Spread
 from clradar.model.volume import DepthMap, Volume
 from clradar.model.waveform import Waveform
 
@@ -30,6 +31,7 @@ __all__ = [
     "PermittivityTable",
     "PowerLaw",
     "Scene",
+    "Spread",
     "TraceStatistics",
     "Volume",
     "VoxelGrid",

@@ -9,6 +9,7 @@ from clradar.plot.figures import image_figure, panels_figure
 from clradar.plot.layout import printable
 from clradar.plot.panels import AMPLITUDE_BACKGROUND, DEPTH_BACKGROUND, depth_limits_mm
 from clradar.plot.saving import SUFFIXES, png_bytes, save_figure
+from clradar.plot.spread import spread_figure
 
 __all__ = [
     "AMPLITUDE_BACKGROUND",
@@ -22,6 +23,7 @@ __all__ = [
     "png_bytes",
     "printable",
     "save_figure",
+    "spread_figure",
 ]
 
 

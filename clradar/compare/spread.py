@@ -1,0 +1,246 @@
+"""Mean and standard deviation of a simulated image over seeds."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from clradar.backproject import backproject
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.errors import ClradarWarning
+from clradar.impairments.impair import impair
+from clradar.model import AntennaArray, Scene, Spread, Volume, VoxelGrid, Waveform, checks
+from clradar.model.progress import Progress, part_of
+from clradar.opencl import Device, open_device
+from clradar.simulation import simulate
+from clradar.tracing.settings import SimulationSettings, merged_settings, takes_settings
+
+MOST_SEEDS = 100_000
+
+VARIES = {
+    "stochastic": "shot noise of random rays",
+    "expected": "choice of samples",
+    "physical": "roughness",
+}
+"""What the seed of each estimator changes."""
+
+
+@takes_settings
+def spread(
+    scene: Scene,
+    array: AntennaArray,
+    waveform: Waveform,
+    grid: VoxelGrid,
+    *,
+    seeds: int = 8,
+    impairments: Mapping[str, Any] | None = None,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+    method: str = "fast",
+    window: str | np.ndarray = "rect",
+    settings: SimulationSettings | None = None,
+    device: Device | str | None = None,
+    progress: Progress | None = None,
+    **fields: Any,
+) -> Spread:
+    """Simulate and image a scene with several seeds: mean and standard deviation of the image.
+
+    With ``estimator="physical"`` a seed is one realisation of the surface's roughness, and the
+    spread is that of objects alike but for it. With the other estimators seeds are random numbers
+    of the computation, and the spread says how far to trust one image. One image is held at a time:
+    memory does not depend on the number of seeds.
+
+    Parameters
+    ----------
+    scene : Scene
+    array : AntennaArray
+    waveform : Waveform
+    grid : VoxelGrid
+    seeds : int, from 2
+        How many: `seed` and those after it.
+    impairments : mapping, optional
+        Settings of `clradar.impair`, such as ``{"snr_db": 20}``, which is applied to every capture;
+        its seed counts up, too.
+    dynamic_range_db : float, decibel
+        Of the depth maps.
+    method, window
+        As `clradar.backproject`.
+    settings : SimulationSettings, optional
+    device : Device, str or None
+        See `clradar.open_device`.
+    progress : callable, optional
+        Called with (done, total) units of work.
+    **fields
+        Fields of `SimulationSettings`, in place of those of `settings`.
+
+    Returns
+    -------
+    Spread
+
+    Raises
+    ------
+    ModelError
+        Fewer than two seeds, an unknown impairment, or an argument that `clradar.simulate` or
+        `clradar.backproject` refuses.
+    MeshError, DeviceError
+        As `clradar.simulate`.
+
+    Warns
+    -----
+    ClradarWarning
+        As `clradar.simulate` and `clradar.backproject`, of the first seed.
+
+    Notes
+    -----
+    An image is V = m + e, m the same for all seeds and e independent from seed to seed with mean 0,
+    so that E|V|^2 = |m|^2 + E|e|^2 in every voxel. From n images V_i with mean M, E|e|^2 is
+    estimated without bias by sum |V_i - M|^2 / (n - 1), and E|V|^2 by sum |V_i|^2 / n. The varying
+    share is the ratio of their sums over all voxels, 1 at most. For random rays it is shot noise:
+    paths that arrive independently with amplitudes a add sum a^2 to the power of a pair of
+    antennas [1]_, which falls with the number of rays while |m|^2 relative to it does not.
+
+    Means and squared deviations are updated image by image [2]_.
+
+    References
+    ----------
+    .. [1] N. Campbell, "The study of discontinuous phenomena", Proc. Cambridge Philos. Soc. 15
+       (1909) 117.
+    .. [2] B. P. Welford, "Note on a method for calculating corrected sums of squares and products",
+       Technometrics 4 (1962) 419.
+
+    Examples
+    --------
+    How much of a small diffuse ball's image is shot noise, with few rays and with many.
+
+    >>> import clradar, trimesh
+    >>> ball = trimesh.creation.icosphere(subdivisions=3, radius=0.01)
+    >>> scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), alpha=0.5)
+    >>> imager = clradar.arrays.qar50()
+    >>> array = clradar.AntennaArray(imager.tx_m[::12], imager.rx_m[::12])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> grid = clradar.VoxelGrid.from_extent((-0.02, 0.02), (-0.02, 0.02), (0.28, 0.31), 2e-3)
+    >>> shares = []
+    >>> for density in (10, 100):
+    ...     found = clradar.spread(
+    ...         scene, array, waveform, grid, seeds=4, estimator="stochastic",
+    ...         samples_per_mm2=density,
+    ...     )
+    ...     shares.append(found.varying_share)
+    >>> found.varies, shares[0] > 0.3, shares[1] < 0.1
+    ('shot noise of random rays', True, True)
+    """
+    checks.instance("spread: grid", grid, VoxelGrid)
+    count = checks.whole("spread: seeds", seeds, 2, MOST_SEEDS)
+    checks.dynamic_range("spread: dynamic_range_db", dynamic_range_db)
+    base = merged_settings(settings, **fields)
+    faults = None if impairments is None else dict(impairments)
+    if faults is not None:
+        _check_faults(faults)
+    opened = open_device(device)
+    total: _Accumulated | None = None
+    for i in range(count):
+        part = part_of(progress, i / count, (i + 1) / count)
+        with warnings.catch_warnings():
+            if i:  # the first has said it
+                warnings.simplefilter("ignore", ClradarWarning)
+            capture = simulate(
+                scene, array, waveform, settings=replace(base, seed=base.seed + i),
+                device=opened, progress=part,
+            )  # fmt: skip
+            estimator = capture.meta["settings"]["estimator"]
+            if faults is not None:
+                capture = impair(capture, **{**faults, "seed": faults.get("seed", 0) + i})
+            volume = backproject(capture, grid, method=method, window=window, device=opened)
+        if total is None:
+            total = _Accumulated(volume, dynamic_range_db)
+        total.add(volume)
+    assert total is not None
+    causes = [VARIES[estimator]]
+    if estimator == "physical" and not any(
+        m.roughness_rms_m > 0 or m.micro_roughness_rms_m > 0 for m in scene.materials
+    ):
+        causes = []
+    if faults is not None:
+        causes.append("noise")
+    varies = " and ".join(causes) or "nothing"
+    return total.result(tuple(range(base.seed, base.seed + count)), varies)
+
+
+def _check_faults(faults: Mapping[str, Any]) -> None:
+    import inspect
+
+    known = [n for n, p in inspect.signature(impair).parameters.items() if p.kind is p.KEYWORD_ONLY]
+    unknown = sorted(set(faults) - set(known))
+    if unknown:
+        checks.fail("spread: impairments", f"settings of impair ({', '.join(known)})", unknown[0])
+
+
+class _Running:
+    """Mean and squared deviations of values that come one array at a time, and their number."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.count = np.zeros(shape, np.int32)
+        self.mean = np.zeros(shape)
+        self.squares = np.zeros(shape)
+
+    def add(self, values: np.ndarray, there: np.ndarray) -> None:
+        """Take the values where `there` holds."""
+        self.count += there
+        away = np.where(there, values - self.mean, 0.0)
+        self.mean += away / np.maximum(self.count, 1)
+        self.squares += away * np.where(there, values - self.mean, 0.0)
+
+    def deviation(self) -> np.ndarray:
+        """Standard deviation, NaN where there are fewer than two values."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(self.count > 1, np.sqrt(self.squares / (self.count - 1.0)), np.nan)
+
+
+class _Accumulated:
+    """What is kept of the images so far: nothing of it grows with their number."""
+
+    def __init__(self, first: Volume, dynamic_range_db: float) -> None:
+        self._grid, self._meta, self._scale = first.grid, first.meta, first.scale
+        self._dynamic_range_db = dynamic_range_db
+        self._mean = np.zeros(first.grid.shape, np.complex128)
+        self._varying = self._power = 0.0
+        self._amplitude = _Running(first.grid.shape[1:])
+        self._depth = _Running(first.grid.shape[1:])
+        self._n = 0
+
+    def add(self, volume: Volume) -> None:
+        self._n += 1
+        # Slice by slice: no temporary of the volume's size in double precision.
+        for single, mean in zip(volume.data, self._mean, strict=True):
+            data = single.astype(np.complex128)
+            away = data - mean
+            mean += away / self._n
+            self._varying += float(np.vdot(away, data - mean).real)
+            self._power += float(np.vdot(data, data).real)
+        amplitude = volume.max_projection()
+        self._amplitude.add(amplitude.astype(np.float64), np.ones(amplitude.shape, bool))
+        if amplitude.any():
+            depth = volume.depth_map(self._dynamic_range_db)
+            self._depth.add(np.nan_to_num(depth.depth_m), depth.mask)
+
+    def result(self, seeds: tuple[int, ...], varies: str) -> Spread:
+        share = 0.0
+        if self._power > 0.0:
+            share = self._varying / (self._n - 1) / (self._power / self._n)
+        meta = {**self._meta, "spread": {"seeds": list(seeds), "varies": varies}}
+        depth = self._depth
+        return Spread(
+            mean=Volume(self._mean.astype(np.complex64), self._grid, meta, self._scale),
+            amplitude=self._amplitude.mean,
+            amplitude_sd=self._amplitude.deviation(),
+            depth_m=np.where(depth.count > 0, depth.mean, np.nan),
+            depth_sd_m=depth.deviation(),
+            depth_count=depth.count,
+            seeds=seeds,
+            varying_share=min(1.0, max(0.0, share)),
+            varies=varies,
+            dynamic_range_db=self._dynamic_range_db,
+        )
