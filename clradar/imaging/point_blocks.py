@@ -24,8 +24,9 @@ MOST_POINTS = 1024
 """Points of one smallest block, which one work-item sums: others are cut, so that points that lie
 close together do not wait for one another."""
 
-OUTWARD = 4
-"""Cells of a block of which the one that is farthest in a direction is taken."""
+STRICTER = 0.5
+"""Fraction of the tolerance that is asked of the levels: a few points may reflect alone, and
+errors of neighbours do not cancel."""
 
 LANES = 8
 """Points are summed so many at a time."""
@@ -54,7 +55,9 @@ class PointCells:
     """
 
     def __init__(self, points_m: np.ndarray, wavelength_m: float) -> None:
-        low_m, high_m = points_m.min(axis=0), points_m.max(axis=0)
+        columns_m = points_m.T  # numpy is slow along a short last axis
+        low_m = np.array([x_m.min() for x_m in columns_m])
+        high_m = np.array([x_m.max() for x_m in columns_m])
         self.diagonal_m = float(np.linalg.norm(high_m - low_m))
         edges_m = np.array(LEAF_WAVELENGTHS) * wavelength_m
         while True:
@@ -67,7 +70,9 @@ class PointCells:
                 break
             growing = np.flatnonzero(np.array(self.counts) > 1)
             edges_m[growing[np.argmin(edges_m[growing])]] *= 2.0
-        self.columns_m = np.stack([points_m[:, axis].take(self.order) for axis in range(3)])
+        self.columns_m = np.empty((3, len(points_m)))
+        for axis, column_m in enumerate(self.columns_m):
+            points_m[:, axis].take(self.order, out=column_m, mode="clip")
         self.first = np.append(starts, len(points_m))
         self.low_m = np.minimum.reduceat(self.columns_m, starts, axis=1).T.copy()
         self.high_m = np.maximum.reduceat(self.columns_m, starts, axis=1).T.copy()
@@ -75,7 +80,7 @@ class PointCells:
         self.cells = np.stack([self._cells(x_m, axis) for x_m, axis in firsts_m], axis=1)
         self.level_first = []
         for shift in self._shifts:
-            block = keys[starts] >> shift
+            block = keys[starts].astype(np.int64) >> shift
             new = np.flatnonzero(np.append(True, block[1:] != block[:-1]))
             self.level_first.append(np.append(new, len(starts)))
 
@@ -109,9 +114,10 @@ class PointCells:
                     index = np.arange(self.counts[axis]) // size[axis]
                     tables[axis] |= (index & 1) << at
             self._shifts.append(at)
-        keys = np.zeros(len(points_m), np.int64)
+        # numpy sorts 16 bits in linear time.
+        keys = np.zeros(len(points_m), np.uint16 if total <= 16 else np.int64)
         for axis, table in enumerate(tables):
-            keys += table[self._cells(points_m[:, axis], axis)]
+            keys += table.astype(keys.dtype)[self._cells(points_m[:, axis], axis)]
         return keys
 
     def centres_m(self, cell: np.ndarray, sizes: np.ndarray) -> np.ndarray:
@@ -130,7 +136,7 @@ class PointCells:
 
 
 class _PointSampler:
-    """Draws positions in the boxes around the points of cells; rows are x, y, z and the cell."""
+    """Draws positions in boxes around the points of blocks; rows are x, y, z and a cell."""
 
     def __init__(self, cells: PointCells, array: AntennaArray, rng: np.random.Generator) -> None:
         from scipy.spatial import cKDTree
@@ -142,6 +148,12 @@ class _PointSampler:
         all_m = np.concatenate([array.tx_m, array.rx_m])[nearest_m]
         out_m = all_m - np.clip(all_m, cells.low_m, cells.high_m)
         self._near = np.argsort((out_m**2).sum(axis=1), kind="stable")
+        # Around the points of every block. What lies between them is sampled, too: interpolation is
+        # bad beyond the samples, and a point far from the rest of its block is drawn too rarely.
+        self._boxes_m = [
+            (np.minimum.reduceat(cells.low_m, f[:-1]), np.maximum.reduceat(cells.high_m, f[:-1]))
+            for f in cells.level_first
+        ]
         # The outermost corners of boxes towards the faces, edges and corners of a cube.
         found = []
         for direction in np.indices((3, 3, 3)).reshape(3, -1).T - 1:
@@ -152,21 +164,8 @@ class _PointSampler:
 
     def spread(self, n: int, level: int) -> np.ndarray:
         """Return n positions spread over the blocks of a level and over each of these blocks."""
-        first, rng = self.cells.level_first[level], self.rng
-        block = rng.integers(0, len(first) - 1, n)
-        share = rng.random((OUTWARD, n))
-        some = first[block] + (share * (first[block + 1] - first[block])).astype(np.int64)
-        away_m = 0.5 * (self.cells.low_m + self.cells.high_m)[some]
-        away_m -= self.cells.centres_m(some[0], self.sizes[level])
-        outward = np.sign(rng.normal(size=(n, 3)))
-        farthest = np.einsum("knx,nx->kn", away_m, outward).argmax(axis=0)
-        # Half in any cell, half in the outermost of some; half of these in its outermost corner.
-        extreme = rng.random(n) < EXTREME
-        cell = np.where(extreme, some[farthest, np.arange(n)], some[0])
-        at = self._in_box(cell)
-        corner_m = np.where(outward > 0, self.cells.high_m[cell], self.cells.low_m[cell])
-        at[:, :3] = np.where((extreme & (rng.random(n) < EXTREME))[:, None], corner_m, at[:, :3])
-        return at
+        block = self.rng.integers(0, len(self._boxes_m[level][0]), n)
+        return self._in_box(*self._boxes_m[level], block, self.cells.level_first[level][block])
 
     def corners(self, n: int) -> np.ndarray:
         """Return n of the outermost positions."""
@@ -175,7 +174,8 @@ class _PointSampler:
     def near(self, n: int) -> np.ndarray:
         """Return n positions close to antennas: log-uniform in the rank of their cells."""
         rank = len(self._near) ** self.rng.random(n) - 1.0
-        return self._in_box(self._near[rank.astype(int)])
+        cell = self._near[rank.astype(int)]
+        return self._in_box(self.cells.low_m, self.cells.high_m, cell, cell)
 
     def centres(self, voxel: np.ndarray, levels: int | slice) -> np.ndarray:
         """Return the centres of the blocks that positions are in, shape ([n_levels,] n, 3)."""
@@ -184,12 +184,14 @@ class _PointSampler:
     def metres(self, at: np.ndarray) -> np.ndarray:
         return at[..., :3]
 
-    def _in_box(self, cell: np.ndarray) -> np.ndarray:
-        low_m, high_m = self.cells.low_m[cell], self.cells.high_m[cell]
-        share = self.rng.random((len(cell), 3))
-        ends = self.rng.random((len(cell), 3)) < EXTREME
+    def _in_box(
+        self, low_m: np.ndarray, high_m: np.ndarray, box: np.ndarray, cell: np.ndarray
+    ) -> np.ndarray:
+        """Return positions in some boxes, often at their ends, as rows with a cell of each."""
+        share = self.rng.random((len(box), 3))
+        ends = self.rng.random((len(box), 3)) < EXTREME
         share = np.where(ends, np.round(share), share)
-        return np.column_stack([low_m + share * (high_m - low_m), cell])
+        return np.column_stack([low_m[box] + share * (high_m - low_m)[box], cell])
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,5 +294,5 @@ def point_blocks(
     """Return the blocks of points and their levels, see `clradar.imaging.block_tree`."""
     cells = PointCells(points_m, centre_wavelength_m(waveform))
     sampler = _PointSampler(cells, array, np.random.Generator(np.random.Philox(0)))
-    levels = tree_levels(array, waveform, sampler, cells.level_counts(), tolerance)
+    levels = tree_levels(array, waveform, sampler, cells.level_counts(), STRICTER * tolerance)
     return PointBlocks(levels, cells)
