@@ -489,6 +489,11 @@ def test_the_texture_does_not_move_with_the_hand():
     np.testing.assert_array_equal(moved.texture_m, here.vertices_m)
     scene = clradar.Scene.from_mesh(there)
     np.testing.assert_array_equal(scene.texture_m, here.texture_m)
+    # And its parts.
+    mixed = clradar.Scene.from_mesh(there, material={"thumb": "skin", "palm": "palm"})
+    np.testing.assert_array_equal(mixed.part, here.part)
+    thumb = mixed.material[here.part == PART_NAMES.index("thumb")]
+    assert {mixed.materials[i].name for i in thumb} == {"skin"}
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from clradar.cli.comparison import Comparison
+from clradar.cli.comparison import Comparison, simulated_surface
 from clradar.cli.console import print_line, print_text, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.options.common import (
@@ -177,6 +177,8 @@ def write_registration(
     label = "Simulated"
     if alpha is not None:
         label += f", \N{GREEK SMALL LETTER ALPHA} = {alpha:.2f}"
+    elif result.capture.meta["settings"]["estimator"] == PHYSICAL:
+        label += f", {simulated_surface(result.capture.meta)}"
     compared = Comparison.of([measured, result.volume], [label])
     compared.save_figure(folder / FIGURE, force=False, differences=True)
     simulated = compared.records([Path(VOLUME)])
