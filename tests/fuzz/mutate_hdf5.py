@@ -23,6 +23,7 @@ _ANY = re.compile(b"|".join(_SIGNATURES))
 _NAMES = (
     b"entry", b"data", b"tx_m", b"rx_m", b"frequency_hz", b"x_m", b"origin_m", b"clradar_format",
     b"clradar_version", b"created", b"provenance", b"text_crc32", b"array_name", b"NX_class",
+    b"frequency_weight", b"tx_pattern", b"tx_pattern_field",
     b"axes",
 )  # fmt: skip
 DICTIONARY = (

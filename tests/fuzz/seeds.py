@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,6 +21,7 @@ import trimesh
 import clradar
 from clradar.dataset.store.folder import Aside, Manifest, ShardEntry
 from clradar.files.meshes.ply_parts import ply_of_parts
+from clradar.model import ImageScale
 from measurement_io import save_capture, save_channels, save_volume, write_products
 
 
@@ -63,11 +65,15 @@ def native_captures() -> list[bytes]:
 
 
 def native_volumes() -> list[bytes]:
-    """Native volumes, as saved here."""
+    """Native volumes, as saved here: one on a relative scale, one on an absolute one."""
     grid = clradar.VoxelGrid([-0.1, 0.2, 0.3], [1e-3, 2e-3, 3e-3], (4, 3, 2))
     rng = np.random.default_rng(0)
     data = (rng.normal(size=grid.shape) + 1j * rng.normal(size=grid.shape)).astype(np.complex64)
-    return [_saved(save_volume, clradar.Volume(data, grid, {"method": "exact"}))]
+    pattern = clradar.AntennaPattern(3.0, angle_deg=[0, 90, 180], field=[1, 0.5, 0])
+    array = clradar.AntennaArray(np.eye(3), np.eye(3)[:2], "lab", tx_pattern=pattern)
+    scale = ImageScale(array, clradar.Waveform([76e9, 77e9]), [0.5, 1.0])
+    volume = clradar.Volume(data, grid, {"method": "exact"})
+    return [_saved(save_volume, one) for one in (volume, replace(volume, scale=scale))]
 
 
 _GENERATIONS: tuple[dict[str, Any], ...] = (
