@@ -28,7 +28,8 @@ CHANGE = 2e-3
 POWER_STEPS = 8
 NORM_MARGIN = 1.1
 """Applications of the operator pair that find its largest singular value, and what the square that
-they find, which is from below, is multiplied with: a step that is too long diverges."""
+they find, which is from below, is multiplied with: a step that is too long diverges, and the
+iterations start again with half of it."""
 
 
 @dataclass(slots=True)
@@ -201,22 +202,35 @@ def _sparse(
     """Yield the iterates of accelerated shrinkage."""
     from pylops.optimization.cls_sparsity import FISTA
 
-    vector, square = image, 0.0
+    square = NORM_MARGIN * _largest_eigenvalue(linear)
+    weight = threshold * float(np.abs(image).max())
+    empty = float(np.linalg.norm(samples)) ** 2 / 2
+    solver = FISTA(linear)
+    while True:
+        x = solver.setup(
+            y=samples, x0=np.zeros(image.size, np.complex64), niter=None,
+            eps=2 * weight, alpha=1 / square, tol=0.0,
+        )  # fmt: skip
+        z, converging = x.copy(), True
+        while converging:
+            x, z, _ = solver.step(x, z)
+            # PyLops keeps |r|^2 / 2 + eps sum |x|.
+            data = solver.cost[-1] - solver.eps * float(np.abs(x).sum(dtype=np.float64))
+            converging = data <= 2 * empty
+            if converging:
+                yield _Fit(x, float(np.sqrt(max(2 * data, 0.0))))
+        square *= 2  # the eigenvalue was too small for these steps
+
+
+def _largest_eigenvalue(linear: Any) -> float:
+    """Estimate that of A^H A from below, by powers of it on an image of noise."""
+    random = np.random.default_rng(0)
+    noise = random.standard_normal((2, linear.shape[0]), dtype=np.float32)
+    vector, square = linear.rmatvec((noise[0] + 1j * noise[1]).astype(np.complex64)), 0.0
     for _ in range(POWER_STEPS):
         vector = linear.rmatvec(linear.matvec(vector / np.linalg.norm(vector)))
         square = float(np.linalg.norm(vector))
-    solver = FISTA(linear)
-    weight = threshold * float(np.abs(image).max())
-    x = solver.setup(
-        y=samples, x0=np.zeros(image.size, np.complex64), niter=None,
-        eps=2 * weight, alpha=1 / (NORM_MARGIN * square), tol=0.0,
-    )  # fmt: skip
-    z = x.copy()
-    while True:
-        x, z, _ = solver.step(x, z)
-        # PyLops keeps |r|^2 / 2 + eps sum |x|.
-        data = solver.cost[-1] - solver.eps * float(np.abs(x).sum(dtype=np.float64))
-        yield _Fit(x, float(np.sqrt(max(2 * data, 0.0))))
+    return square
 
 
 def _checked(
