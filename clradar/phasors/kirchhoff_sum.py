@@ -31,7 +31,7 @@ antennas and frequencies, smaller ones are more."""
 TOLERANCE_DB = -60.0
 """RMS error of the capture relative to its RMS that the compression may cause."""
 
-MARGIN = 1.0
+MARGIN = 0.5
 """Part of the tolerance that the skeletons use, shared by Tx, Rx and frequencies."""
 
 FEW_POINTS = 200

@@ -29,6 +29,8 @@ WAVEFORM = clradar.Waveform(np.linspace(72e9, 82e9, 23))
 ROUGH = clradar.Material(
     "rough", conductor=True, roughness_rms_m=0.05e-3, correlation_length_m=1e-3
 )
+SPARSE = 1.5
+"""Points per square millimetre."""
 SKIN = clradar.Material("skin", permittivity=6.56 - 8.91j)
 
 
@@ -49,6 +51,15 @@ def ball_before_plate() -> clradar.Scene:
 
 def db(got: np.ndarray, want: np.ndarray) -> float:
     return float(20 * np.log10(np.linalg.norm(got - want) / np.linalg.norm(want)))
+
+
+def simulated(
+    scene: clradar.Scene, array: clradar.AntennaArray, device: clradar.Device | str = "pocl"
+) -> clradar.Capture:
+    """At the least density that is not warned of, for quick sums in float64."""
+    return clradar.simulate(
+        scene, array, WAVEFORM, estimator="physical", samples_per_mm2=SPARSE, device=device
+    )
 
 
 def lit_points(scene: clradar.Scene, array: clradar.AntennaArray, **fields: object) -> LitPoints:
@@ -99,8 +110,8 @@ def test_shadowed_scene_of_skin_and_metal(width: int) -> None:
     materials = {"mesh": SKIN, "mesh-2": "metal"}
     scene = ball_before_plate().with_material(materials)
     device = open_device("pocl", width=width)
-    capture = clradar.simulate(scene, ARRAY, WAVEFORM, estimator="physical", device=device)
-    lit = lit_points(scene, ARRAY)
+    capture = simulated(scene, ARRAY, device)
+    lit = lit_points(scene, ARRAY, samples_per_mm2=SPARSE)
     some = clradar.Waveform(WAVEFORM.frequencies_hz[::11])
     want = dense(lit, ARRAY, some, scene.materials)
     assert db(capture.data[:, :, ::11], want) < TOLERANCE_DB
@@ -130,18 +141,16 @@ def test_flat_plate_in_the_far_field() -> None:
 def test_exchange_of_tx_and_rx_transposes_the_capture() -> None:
     scene = ball_before_plate().with_material(SKIN)
     other = clradar.AntennaArray(ARRAY.rx_m, ARRAY.tx_m)
-    one, two = (
-        clradar.simulate(scene, array, WAVEFORM, estimator="physical") for array in (ARRAY, other)
-    )
+    one, two = (simulated(scene, array) for array in (ARRAY, other))
     assert db(two.data, one.data.transpose(1, 0, 2)) < -95
 
 
 def test_nothing_depends_on_how_the_sum_is_split(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = ball_before_plate()
-    want = clradar.simulate(scene, ARRAY, WAVEFORM, estimator="physical")
+    want = simulated(scene, ARRAY)
     monkeypatch.setattr(module, "LEG_BYTES", 2**17)
     monkeypatch.setattr(module, "BATCH_BYTES", 2**17)
-    got = clradar.simulate(scene, ARRAY, WAVEFORM, estimator="physical")
+    got = simulated(scene, ARRAY)
     assert np.array_equal(got.data, want.data)
 
 
@@ -151,8 +160,8 @@ def test_patterns_of_antennas() -> None:
     rx = clradar.AntennaPattern(angle_deg=[0, 20, 40, 180], field=[1, 0.8, 0, 0])
     array = clradar.AntennaArray(ARRAY.tx_m, ARRAY.rx_m, tx_pattern=tx, rx_pattern=rx)
     scene = plate(0.06, 0.1)
-    lit = lit_points(scene, array)
-    got = clradar.simulate(scene, array, WAVEFORM, estimator="physical").data[:, :, ::11]
+    lit = lit_points(scene, array, samples_per_mm2=SPARSE)
+    got = simulated(scene, array).data[:, :, ::11]
     some = clradar.Waveform(WAVEFORM.frequencies_hz[::11])
     assert db(got, dense(lit, array, some)) < TOLERANCE_DB
 
@@ -255,3 +264,35 @@ def test_sparse_points_are_warned_of() -> None:
         scene = plate(0.005, 0.3).with_material(material)
         with pytest.warns(clradar.ClradarWarning, match="too far for .*; take at least"):
             clradar.simulate(scene, ARRAY, waveform, estimator="physical", samples_per_mm2=density)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_drawn_arrays_bands_and_scenes_keep_the_tolerance(seed: int) -> None:
+    """From 2 Tx to 100 of lines, planes or clouds of 5 to 60 wavelengths, one frequency to 40 of
+    bands of 1 % to 20 %, a ball before a box from a third to three apertures away."""
+    rng = np.random.default_rng(seed)
+    high_hz = rng.uniform(10e9, 90e9)
+    low_hz = high_hz * (1 - 10 ** rng.uniform(-2, -0.7))
+    waveform = clradar.Waveform(np.sort(rng.uniform(low_hz, high_hz, rng.integers(1, 41))))
+    wavelength_m = SPEED_OF_LIGHT_M_PER_S / high_hz
+    aperture_m = wavelength_m * 10 ** rng.uniform(0.7, 1.8)
+    flat = np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1]])[rng.integers(3)]
+    sides = [
+        aperture_m * flat * rng.uniform(-0.5, 0.5, (rng.integers(2, 101), 3)) for _ in range(2)
+    ]
+    array = clradar.AntennaArray(*sides)
+    away_m = aperture_m * (0.5 * flat[2] + 10 ** rng.uniform(-0.5, 0.5))
+    radius_m = wavelength_m * 10 ** rng.uniform(0, 0.6)
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=radius_m)
+    ball.apply_translation([*rng.uniform(-0.5, 0.5, 2) * away_m, away_m + radius_m])
+    box = trimesh.creation.box([2 * radius_m, radius_m, 0.2 * radius_m])
+    box.apply_translation([*rng.uniform(-1, 1, 2) * radius_m, away_m + 2.5 * radius_m])
+    scene = clradar.Scene.combine([clradar.Scene(m.vertices, m.faces) for m in (ball, box)])
+    density = 1e-6 / (wavelength_m / 5) ** 2
+    got = clradar.simulate(
+        scene, array, waveform, estimator="physical", samples_per_mm2=density
+    ).data
+    some = np.unique([0, waveform.n_freq // 2, waveform.n_freq - 1])
+    lit = lit_points(scene, array, samples_per_mm2=density)
+    want = dense(lit, array, clradar.Waveform(waveform.frequencies_hz[some]))
+    assert db(got[:, :, some], want) < TOLERANCE_DB
