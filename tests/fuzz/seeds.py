@@ -330,7 +330,8 @@ def named_meshes(ending: str) -> list[bytes]:
         content = ball.export(**{"file_type": ending} | options)
         found.append(content.encode() if isinstance(content, str) else content)
     if ending == "ply":
-        found.append(ply_of_parts(ball.vertices, ball.faces, np.arange(20) // 10, ("a", "b c")))
+        part, names = np.arange(20) // 10, ("a", "b c")
+        found.append(ply_of_parts(ball.vertices, ball.faces, part, names, 2 * ball.vertices))
     return found
 
 
