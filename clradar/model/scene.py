@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -292,14 +292,19 @@ class Scene(Record):
 
         Where a face is not of metal, of the materials and the texture, too.
         """
-        normals = [] if self.normals is None else [self.normals[self.faces]]
-        arrays = [self.triangles_m, np.asarray(self.alpha), *normals]
-        texts: list[bytes] = []
+        return sha256_of_blocks(self._blocks())
+
+    def _blocks(self) -> Iterator[bytes]:
+        """The bytes of `digest`, one array in memory at a time."""
+        yield self.triangles_m.tobytes()
+        yield np.asarray(self.alpha).tobytes()
+        if self.normals is not None:
+            yield self.normals[self.faces].tobytes()
         materials, material = once(self.materials, np.asarray(self.material))
         if materials != (METAL,):
-            arrays += [material, self.body_m[self.faces]]
-            texts = [repr(own).encode() for own in materials]
-        return sha256_of_blocks([*(array.tobytes() for array in arrays), *texts])
+            yield material.tobytes()
+            yield self.body_m[self.faces].tobytes()
+            yield from (repr(own).encode() for own in materials)
 
 
 def _index_of_faces(field: str, index: Any, n_faces: int, count: int) -> np.ndarray:
