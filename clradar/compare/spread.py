@@ -41,6 +41,7 @@ def spread(
     dynamic_range_db: float = DYNAMIC_RANGE_DB,
     method: str = "fast",
     window: str | np.ndarray = "rect",
+    tolerance_db: float | None = None,
     settings: SimulationSettings | None = None,
     device: Device | str | None = None,
     progress: Progress | None = None,
@@ -66,7 +67,7 @@ def spread(
         its seed counts up, too.
     dynamic_range_db : float, decibel
         Of the depth maps.
-    method, window
+    method, window, tolerance_db
         As `clradar.backproject`.
     settings : SimulationSettings, optional
     device : Device, str or None
@@ -153,7 +154,10 @@ def spread(
             estimator = capture.meta["settings"]["estimator"]
             if faults is not None:
                 capture = impair(capture, **{**faults, "seed": faults.get("seed", 0) + i})
-            volume = backproject(capture, grid, method=method, window=window, device=opened)
+            volume = backproject(
+                capture, grid, method=method, window=window, tolerance_db=tolerance_db,
+                device=opened,
+            )  # fmt: skip
         if total is None:
             total = _Accumulated(volume, dynamic_range_db)
         total.add(volume)

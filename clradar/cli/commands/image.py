@@ -8,17 +8,19 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
-from clradar.cli.console import print_line, print_warning
+from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.inputs import ImageInput, form_image, grid_for
 from clradar.cli.options.common import DeviceOption, ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.imaging import (
+    MODEL_METHODS,
     DepthMapOptions,
     GridOptions,
     ModelImagingOptions,
     grid_text,
 )
 from clradar.cli.options.recording import FrameOptions
+from clradar.cli.options.seeds import SeedOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_figure, check_outputs, check_suffix, save
 from clradar.cli.provenance import provenance
@@ -26,7 +28,7 @@ from clradar.cli.titles import title_of
 from clradar.files.atomic import write_file
 
 if TYPE_CHECKING:
-    from clradar import Volume
+    from clradar import Volume, VoxelGrid
 
 
 RELATIVE = (
@@ -109,6 +111,7 @@ def command(
         False, "The samples are S-parameters, as those of --estimator physical are anyway."
     ),
     depth: DepthMapOptions,
+    repeated: SeedOptions,
     frames: FrameOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
@@ -123,10 +126,13 @@ def command(
     voxels.grid()  # wrong usage is reported before a file is read
     files.check(force=force, inputs=[capture])
     loaded = ImageInput.open(capture, frames)
+    if repeated.seeds is not None:
+        _check_seeds(files, imaging)
     if files.dbsm and not (absolute or loaded.content.absolute):
         raise MeasurementError(f"{capture}: expected S-parameters for --dbsm, {RELATIVE}")
     if isinstance(loaded.content, Volume):
-        options = {**given(voxels), **given(imaging), **({"--absolute": 1} if absolute else {})}
+        options = {**given(voxels), **given(imaging), **given(repeated)}
+        options |= {"--absolute": 1} if absolute else {}
         _check_no_imaging(files, options, tolerance_db, device)
         volume, origin = loaded.content, provenance("image", {}, loaded.files)
     else:
@@ -135,6 +141,10 @@ def command(
         if absolute:
             samples = replace(samples, meta={**samples.meta, "absolute": True})
         grid = grid_for(samples, voxels, opened)
+        if repeated.seeds is not None:
+            way = {**imaging.arguments, "tolerance_db": tolerance_db, "device": opened}
+            _image_over_seeds(loaded, grid, repeated, files, depth, way, force=force)
+            return
         start_s = perf_counter()
         volume = form_image(samples, grid, imaging, opened, "imaging", tolerance_db)
         took_s = perf_counter() - start_s
@@ -147,6 +157,58 @@ def command(
             print_line(_fit_words(volume.meta))
     title = title_of(capture, volume.meta)
     files.draw(volume, title, str(capture), origin, depth.dynamic_range_db, force=force)
+
+
+def _check_seeds(files: ImageFiles, imaging: ModelImagingOptions) -> None:
+    """Raise where an option has no meaning for an image over seeds."""
+    if files.report is not None or files.view is not None or files.dbsm:
+        name = next(name for name in ("--report", "--view", "--dbsm") if name in given(files))
+        raise wrong_usage(name, "of a single image, not of one over --seeds")
+    if imaging.method in MODEL_METHODS:
+        raise wrong_usage("--method", f"expected back-projection over --seeds: {imaging.method}")
+
+
+def _image_over_seeds(
+    loaded: ImageInput,
+    grid: VoxelGrid,
+    repeated: SeedOptions,
+    files: ImageFiles,
+    depth: DepthMapOptions,
+    way: Mapping[str, Any],
+    *,
+    force: bool,
+) -> None:
+    """Simulate a capture again with several seeds; write the mean image and draw the spread."""
+    from clradar import Capture, spread
+    from clradar.cli.seeds import simulated_again, spread_words
+    from clradar.plot import save_figure, spread_figure
+
+    assert isinstance(loaded.content, Capture)
+    assert repeated.seeds is not None
+    capture = loaded.content
+    scene, settings, meshes = simulated_again(loaded.path, capture, repeated.mesh or [])
+    inputs = [*loaded.files, *meshes]
+    files.check(force=force, inputs=inputs)
+    noise = None if repeated.snr_db is None else {"snr_db": repeated.snr_db}
+    range_db = depth.dynamic_range_db
+    with progress_bar("seeds") as progress:
+        found = spread(
+            scene, capture.array, capture.waveform, grid, seeds=repeated.seeds, settings=settings,
+            impairments=noise, dynamic_range_db=range_db, progress=progress, **way,
+        )  # fmt: skip
+    words = spread_words(found)
+    print_line(words)
+    if files.output is not None:
+        own = {name: value for name, value in way.items() if name != "device"}
+        options = recorded(repeated, grid=grid_text(grid), dynamic_range_db=range_db, **own)
+        save(files.output, found.mean, provenance("image", options, inputs), force=force)
+        print_line(f"{files.output}: mean image, {grid_text(grid)}")
+    reason = _nothing_to_draw(found.mean)
+    if files.png is not None and reason is not None:
+        print_warning(f"{files.png}: not drawn, since the image is {reason}")
+    elif files.png is not None:
+        save_figure(spread_figure(found, f"{loaded.path.name}: {words}"), files.png, force=force)
+        print_line(f"{files.png}: mean and standard deviation over the seeds")
 
 
 def _fit_words(meta: Mapping[str, Any]) -> str:
