@@ -104,11 +104,11 @@ def _mean_field(
         nodes_m = [_nodes_m(axis_m, count) for axis_m in axes_m]
         if 2 * np.prod([len(n) for n in nodes_m]) > np.prod(grid.shape):
             break
-        values = _field_at(antennas_m, pattern, *nodes_m)
+        values = _field_at(antennas_m, pattern, *nodes_m).astype(np.float32)
         with np.errstate(divide="ignore", invalid="ignore"):  # blind antennas, voxels at one
             error = np.abs(_interpolated(values, nodes_m, probes_m) / wanted - 1).max()
         if error <= NODE_ERROR:
-            return _interpolated(values, nodes_m, axes_m).astype(np.float32)
+            return _interpolated(values, nodes_m, axes_m)
     return _field_at(antennas_m, pattern, *axes_m).astype(np.float32)
 
 
@@ -129,7 +129,7 @@ def _interpolated(
         at_nodes, at_axis = (
             chebvander((where - middle_m) / half_m, len(nodes) - 1) for where in (nodes, axis_m)
         )
-        weights = np.linalg.solve(at_nodes.T, at_axis.T).T
+        weights = np.linalg.solve(at_nodes.T, at_axis.T).T.astype(np.float32)
         values = np.tensordot(values, weights, axes=(0, 1))  # the next axis comes to the front
     return values
 
