@@ -80,8 +80,10 @@ class Interval:
         return self.bounded_below or self.bounded_above
 
     def text(self, scale: float, unit: str) -> str:
-        """Median and half the 68 % interval."""
-        value = f"{scale * self.median:.2g} \N{PLUS-MINUS SIGN} {scale * self.std:.1g}"
+        """Median and half the 68 % interval, to the first digit of that."""
+        std = scale * self.std
+        digits = max(0, -math.floor(math.log10(std))) if std > 0 else 3
+        value = f"{scale * self.median:.{digits}f} \N{PLUS-MINUS SIGN} {std:.{digits}f}"
         return f"{value} {unit}".rstrip()
 
     def to_dict(self) -> dict[str, Any]:

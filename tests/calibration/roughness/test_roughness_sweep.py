@@ -340,10 +340,10 @@ def test_what_is_told_and_what_is_not():
         Interval(3e-3, 1e-3, 6e-3, 1, 1),
     )
     slope, any_slope = Interval(0.1, 0.09, 0.11, 0.08, 0.12), Interval(0.1, 0.01, 0.5, 0, 1)
-    assert "l = 3 ± 0.5 mm" in of(sharp, length, slope).text()
+    assert "l = 3.0 ± 0.5 mm" in of(sharp, length, slope).text()
     assert "l alone cannot be told" in of(sharp, any_length, slope).text()
     assert "correlation length cannot be told" in of(sharp, any_length, any_slope).text()
-    assert of(wide, any_length, slope).text().startswith("only the slope 0.1 ± 0.01 can be told")
+    assert of(wide, any_length, slope).text().startswith("only the slope 0.10 ± 0.01 can be told")
     assert "neither" in of(wide, any_length, any_slope).text()
     assert "as given" in of(sharp, length, slope, n_lengths=1).text()
     smooth = Interval(1e-4, 1e-4, 1.1e-4, 1e-4, 1.2e-4, bounded_below=True)
