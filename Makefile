@@ -8,7 +8,7 @@ export CLRADAR_DEVICE ?= pocl
 # Processes that run the tests.
 JOBS ?= 2
 
-.PHONY: demo test test-slow test-intel fuzz memcheck lint format figures bench clean
+.PHONY: demo test test-slow test-intel fuzz memcheck lint format figures validation bench clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
@@ -47,6 +47,10 @@ format: $(VENV)/.installed-dev
 figures: $(VENV)/.installed
 	$(BIN)/clradar demo --full --force -o demo-full
 	cp demo-full/comparison.png docs/images/comparison.png
+
+# docs/validation.md and its figures, against Mie, Kirchhoff theory and closed forms: some minutes.
+validation: $(VENV)/.installed
+	PYTHONPATH=tests $(BIN)/python -m truths
 
 # Against peers, interleaved, for ratios; then ours alone by pytest-benchmark, results checked.
 bench: $(VENV)/.installed-bench

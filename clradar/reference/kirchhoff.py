@@ -205,6 +205,33 @@ def seen_side(surface: Quadrature, scene: Scene, antenna_m: np.ndarray) -> np.nd
     return out
 
 
+def towards_antennas(
+    surface: Quadrature, tx_side: np.ndarray, rx_side: np.ndarray
+) -> tuple[Quadrature, np.ndarray, np.ndarray]:
+    """Points that some Tx and Rx see, turned so that it is from the front, and what sees them.
+
+    A point that is seen from either side is there twice. Roughness then stands out towards the
+    antennas, whichever way a face is wound.
+    """
+    rows, signs = [], []
+    for side in (1, -1):
+        seen = np.flatnonzero((tx_side == side).any(axis=1) & (rx_side == side).any(axis=1))
+        rows.append(seen)
+        signs.append(np.full(len(seen), side))
+    row, sign = np.concatenate(rows), np.concatenate(signs)
+    turn = sign[:, None]
+    turned = Quadrature(
+        surface.point_m[row],
+        surface.area_m2[row] * turn,
+        surface.normal[row] * turn,
+        surface.flat_m[row],
+        surface.face[row],
+        surface.texture_m[row],
+    )
+    front = [(side[row] == turn).astype(np.int8) for side in (tx_side, rx_side)]
+    return turned, front[0], front[1]
+
+
 def fresnel(permittivity: np.ndarray, cosine: np.ndarray) -> np.ndarray:
     """Gamma = (r_s - r_p)/2 of a half space, (n_freq,) and (...) to (..., n_freq); eps' - j eps''.
 

@@ -71,12 +71,12 @@ def reference(
     area_mm2 = np.linalg.norm(across, axis=1) / 2 * 1e6
     cuts = np.maximum(1, np.ceil(np.sqrt(area_mm2 * samples_per_mm2))).astype(int)
     smooth = kirchhoff.quadrature(scene, cuts)
-    sides = [kirchhoff.seen_side(smooth, scene, at_m) for at_m in (array.tx_m, array.rx_m)]
-    surface = smooth
+    seen = [kirchhoff.seen_side(smooth, scene, at_m) for at_m in (array.tx_m, array.rx_m)]
+    surface, *sides = kirchhoff.towards_antennas(smooth, *seen)
     if material.roughness_rms_m > 0:
         length_m = material.correlation_length_m
         assert length_m is not None
-        surface = kirchhoff.roughened(smooth, material.roughness_rms_m, length_m, seed)
+        surface = kirchhoff.roughened(surface, material.roughness_rms_m, length_m, seed)
     legs: list[np.ndarray | float] = [1.0, 1.0]
     if not material.conductor:
         eps = material.permittivity_at(frequencies_hz)

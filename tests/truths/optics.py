@@ -12,7 +12,7 @@ References
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import exp1, fresnel
+from scipy.special import fresnel
 
 
 def cross_section_m2(u: np.ndarray, distance_m: float) -> np.ndarray:
@@ -20,13 +20,21 @@ def cross_section_m2(u: np.ndarray, distance_m: float) -> np.ndarray:
     return 4 * np.pi * distance_m**4 * np.abs(u) ** 2
 
 
+def _beyond(k: np.ndarray, from_m: float) -> np.ndarray:
+    """Integral of exp(-2 j k r) / r^2 from a distance on: E_2(2 j k r) / r.
+
+    E_2(z) = exp(-z)/(z + 2 - 2/(z + 4 - 6/(z + 6 - 12/(...)))), the even form of Abramowitz and
+    Stegun's 5.1.22; z is large here.
+    """
+    z = 2j * k * from_m
+    tail = np.zeros(np.shape(z), complex)
+    for i in range(60, 0, -1):
+        tail = i * (i + 1) / (z + 2 * i + 2 - tail)
+    return np.exp(-z) / (z + 2 - tail) / from_m
+
+
 def _over_distance(k: np.ndarray, near_m: float, far_m: float) -> np.ndarray:
-    """Integral of exp(-2 j k r) / r^2, by parts and the exponential integral."""
-
-    def primitive(r: float) -> np.ndarray:
-        return -np.exp(-2j * k * r) / r + 2j * k * exp1(2j * k * r)
-
-    return primitive(far_m) - primitive(near_m)
+    return _beyond(k, near_m) - _beyond(k, far_m)
 
 
 def sphere(distance_m: float, radius_m: float, k: np.ndarray, gamma: complex = -1.0) -> np.ndarray:
@@ -40,6 +48,38 @@ def sphere(distance_m: float, radius_m: float, k: np.ndarray, gamma: complex = -
     plain = (np.exp(-2j * k * edge) - np.exp(-2j * k * near)) / (-2j * k)
     total = edge**2 * _over_distance(k, near, edge) - plain
     return 1j * k * gamma / (2 * distance_m) * total
+
+
+def sphere_returned_share(
+    distance_m: float, radius_m: float, reach_m: float, k: float, nodes: int = 160
+) -> float:
+    """Power through a sphere of `reach_m` around a metal sphere over what falls on it.
+
+    Physical optics, with sharp shadows for Tx and Rx: sums over equal steps of the longitude and
+    Gauss and Legendre's nodes of the latitude, for as many directions as half of them.
+    """
+    x, weight = np.polynomial.legendre.leggauss(nodes)
+    phi = 2 * np.pi * (np.arange(2 * nodes) + 0.5) / (2 * nodes)
+    ring = np.sqrt(1 - x**2)
+    n = np.stack(
+        [np.outer(ring, np.cos(phi)), np.outer(ring, np.sin(phi)), np.outer(x, 1 + 0 * phi)]
+    )
+    area = radius_m**2 * np.outer(weight, np.full(2 * nodes, np.pi / nodes))
+
+    def leg(at_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        to = at_m[:, None, None] - radius_m * n
+        r = np.sqrt((to**2).sum(axis=0))
+        cosine = (to * n).sum(axis=0) / r
+        return np.where(cosine > 0, np.exp(-1j * k * r) / r, 0), cosine
+
+    wave_t, cos_t = leg(np.array([0, 0, -distance_m]))
+    z, z_weight = np.polynomial.legendre.leggauss(nodes // 2)
+    power = 0.0
+    for c, w in zip(z, z_weight, strict=True):
+        wave_r, cos_r = leg(reach_m * np.array([np.sqrt(1 - c * c), 0, c]))
+        u = k / (4 * np.pi) * np.sum(area * (cos_t + cos_r) * wave_t * wave_r)
+        power += 2 * np.pi * w * abs(u) ** 2 * reach_m**2
+    return float(power / (2 * np.pi * (1 - np.sqrt(1 - (radius_m / distance_m) ** 2))))
 
 
 def fresnel_gamma(permittivity: complex, cosine: np.ndarray) -> np.ndarray:
@@ -62,6 +102,11 @@ def lossy_sphere(
         for q, e in zip(k, permittivity, strict=True)
     ]
     return 1j * k * radius_m / distance_m * np.array(out)
+
+
+def plane(distance_m: float, k: np.ndarray, gamma: complex = -1.0) -> np.ndarray:
+    """Physical optics of a plane without end: `image_source` but for terms of 1/(k R)."""
+    return 1j * k * gamma * distance_m * _beyond(k, distance_m)
 
 
 def disc(distance_m: float, radius_m: float, k: np.ndarray, gamma: complex = -1.0) -> np.ndarray:
