@@ -110,7 +110,9 @@ class LitQuadrature(TracedMesh):
             for column in (relative, heights, corners, faces)
         ]
         body_m = scene.vertices_m if scene.texture_m is None else scene.texture_m
-        texture_m = mended_texture(triangles, body_m[scene.faces])
+        texture_m = body_m[scene.faces]
+        if any(material.roughness_rms_m > 0 for material in scene.materials):
+            texture_m = mended_texture(triangles, texture_m)
         self._texture = up(texture_m.astype(np.float32))
         p = self._pieces
         self._cuts = [up(column) for column in (p.start, p.face, p.corners, p.edge_points)]
