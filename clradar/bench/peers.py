@@ -139,6 +139,18 @@ def exact_by_gemm(capture: Any, points_m: np.ndarray) -> np.ndarray:
     return out / capture.data.size
 
 
+def forward_by_gemm(points_m: np.ndarray, rho: np.ndarray, array: Any, waveform: Any) -> np.ndarray:
+    """The imaging operator, one complex matrix product per frequency, in float64 phases."""
+    to_tx = np.linalg.norm(points_m[:, None] - array.tx_m, axis=2).T
+    to_rx = np.linalg.norm(points_m[:, None] - array.rx_m, axis=2)
+    out = np.empty((array.n_tx, array.n_rx, waveform.n_freq), dtype=np.complex64)
+    for n, f in enumerate(waveform.frequencies_hz):
+        jk = -2j * np.pi * f / SPEED_OF_LIGHT_M_PER_S
+        tx = np.exp(jk * to_tx).astype(np.complex64) * rho
+        out[:, :, n] = tx @ np.exp(jk * to_rx).astype(np.complex64)
+    return out
+
+
 class EmbreeRays:
     """Embree through embreex, two threads."""
 

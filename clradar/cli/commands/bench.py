@@ -24,7 +24,15 @@ def command(
     ),
     only: list[
         Literal[
-            "visibility", "bounces", "trees", "growth", "phasors", "images", "exact", "commands"
+            "visibility",
+            "bounces",
+            "trees",
+            "growth",
+            "phasors",
+            "images",
+            "operators",
+            "exact",
+            "commands",
         ]
     ]
     | None = option(None, "One benchmark; repeat for several. [default: all]"),
