@@ -27,10 +27,12 @@ def corner_heights(triangles_m: np.ndarray, corner_normals: np.ndarray) -> np.nd
         ``[f, i, k]`` is (v_j - v_i) . n_i of face f with j = (i + 1 + k) modulo 3. Zeros for faces
         that are flat but for the rounding of their corners to float32.
     """
-    edges = np.stack([np.roll(triangles_m, -k, axis=1) - triangles_m for k in (1, 2)], axis=2)
-    heights = np.einsum("fika,fia->fik", edges, corner_normals)
+    heights = np.empty((len(triangles_m), 3, 2))
+    for k in (0, 1):
+        edges = np.roll(triangles_m, -1 - k, axis=1) - triangles_m
+        heights[:, :, k] = np.einsum("fia,fia->fi", edges, corner_normals)
     largest_m = np.abs(triangles_m).max(axis=(1, 2)).astype(np.float32)
     limit_m = FLAT_STEPS * np.spacing(largest_m)
     flat = np.abs(heights).max(axis=(1, 2)) <= limit_m
     heights[flat] = 0.0
-    return np.asarray(heights)
+    return heights

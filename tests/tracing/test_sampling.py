@@ -19,6 +19,7 @@ from clradar.opencl.sources import source
 from clradar.tracing.sampled_surface import samples_per_face
 from clradar.tracing.settings import resolve_settings
 from clradar.tracing.stochastic import Tracer
+from clradar.tracing.visible_surface import VisibleSurface
 
 POINT_TOLERANCE_M = 3e-7
 """Three products and two sums of float32 numbers below 0.5 m, and weights wrong by two roundings:
@@ -107,6 +108,18 @@ def test_curved_points_are_those_of_the_reference(name, device):
     np.testing.assert_array_equal(flat, ground)
     # Triangles of a soup share no corner and are flat.
     assert (np.abs(curved - ground).max() == 0) == (name == "soup")
+
+
+def test_points_that_meshes_are_aligned_by_lie_on_the_ball(device):
+    """Of 6 mm edges on 50 mm, whose faces are 0.1 mm inside; rays start from the faces."""
+    radius_m = 0.05
+    vertices, faces = sphere((0, 0, 0), radius_m, 3)
+    scene = clradar.Scene(vertices, faces, normals=vertices / radius_m)
+    with VisibleSurface(scene, 0.3, 1.0, device) as surface:
+        off_m = np.linalg.norm(surface.points_m, axis=1) - radius_m
+        starts_m = surface.ray_origins(np.array([[0.0, 0.0, 1.0]]))[:, 0]
+    assert np.abs(off_m).max() < 2e-6 + POINT_TOLERANCE_M
+    assert np.linalg.norm(starts_m, axis=1).mean() < radius_m - 5e-5
 
 
 def test_the_upper_half_of_the_seed_counts(device):
