@@ -314,6 +314,7 @@ def test_images_by_iteration(run: Run, made: Path, tmp_path: Path) -> None:
         ["--method", "sparse", "--window", "hann"],
         ["--method", "sparse", "--damping-db", "0"],
         ["--method", "least-squares", "--sparsity-db=-20"],
+        ["--method", "sparse", "--dbsm"],
     ],
 )
 def test_options_of_another_method_are_wrong_usage(
@@ -321,5 +322,5 @@ def test_options_of_another_method_are_wrong_usage(
 ) -> None:
     outcome = run("image", made / "sim.h5", "-o", tmp_path / "v.h5", *options)
     assert outcome.status == 2
-    assert "not an option of --method" in outcome.err
+    assert "--method" in outcome.err.replace("\n", " ")
     assert not list(tmp_path.iterdir())

@@ -125,6 +125,8 @@ def command(
 
     voxels.grid()  # wrong usage is reported before a file is read
     files.check(force=force, inputs=[capture])
+    if files.dbsm and imaging.method in MODEL_METHODS:
+        raise wrong_usage("--dbsm", f"images by --method {imaging.method} are relative")
     loaded = ImageInput.open(capture, frames)
     if repeated.seeds is not None:
         _check_seeds(files, imaging)
