@@ -31,6 +31,7 @@ def command(
             "phasors",
             "images",
             "operators",
+            "physical",
             "exact",
             "commands",
         ]
