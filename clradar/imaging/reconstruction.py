@@ -155,7 +155,7 @@ def reconstruct(
     fit, done, stopped = _Fit(np.zeros(image.size, np.complex64), size), 0, "change"
     if image.any():
         solve = _least_squares if method == "least-squares" else _sparse
-        steps = solve(operator.as_linear_operator(), samples, image.ravel(), weight)
+        steps = solve(operator.as_linear_operator(), samples, image.ravel(), weight, most)
         stopped = "iterations"
         for done in range(1, most + 1):
             before, fit = fit, next(steps)
@@ -180,14 +180,14 @@ def reconstruct(
 
 
 def _least_squares(
-    linear: Any, samples: np.ndarray, image: np.ndarray, damping: float
+    linear: Any, samples: np.ndarray, image: np.ndarray, damping: float, most: int
 ) -> Iterator[_Fit]:
     """Yield the iterates of conjugate gradients on the normal equations."""
     from pylops.optimization.cls_basic import CGLS
 
     solver = CGLS(linear)
     # PyLops squares what it is given.
-    x = solver.setup(y=samples, x0=None, damp=np.sqrt(damping * samples.size))
+    x = solver.setup(y=samples, x0=None, niter=most, damp=np.sqrt(damping * samples.size))
     while True:
         x = solver.step(x)
         residual = float(np.linalg.norm(solver.s))
@@ -197,7 +197,7 @@ def _least_squares(
 
 
 def _sparse(
-    linear: Any, samples: np.ndarray, image: np.ndarray, threshold: float
+    linear: Any, samples: np.ndarray, image: np.ndarray, threshold: float, most: int
 ) -> Iterator[_Fit]:
     """Yield the iterates of accelerated shrinkage."""
     from pylops.optimization.cls_sparsity import FISTA
@@ -208,7 +208,7 @@ def _sparse(
     solver = FISTA(linear)
     while True:
         x = solver.setup(
-            y=samples, x0=np.zeros(image.size, np.complex64), niter=None,
+            y=samples, x0=np.zeros(image.size, np.complex64), niter=most,
             eps=2 * weight, alpha=1 / square, tol=0.0,
         )  # fmt: skip
         z, converging = x.copy(), True
