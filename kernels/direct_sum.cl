@@ -54,17 +54,6 @@ __kernel void point_phasors(const uint n_points, const uint n_antennas, const ui
     }
 }
 
-/* Sum of the lanes, in a fixed order. */
-static inline float lane_sum(realw v) {
-#if CLR_WIDTH == 8
-    const float4 four = v.lo + v.hi;
-    const float2 two = four.lo + four.hi;
-    return two.x + two.y;
-#else
-    return v;
-#endif
-}
-
 /* Add conj(sum over points of tx rx) to the capture. Item = CLR_TX_BLOCK x CLR_RX_BLOCK pairs of one
  * frequency.
  *

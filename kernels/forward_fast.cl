@@ -10,17 +10,7 @@
 #error "CLR_GROUPS (groups of CLR_WIDTH voxels whose phasors are in private memory) is missing"
 #endif
 
-/* Sums of the lanes of CLR_TILE vectors, in a fixed order. */
-static inline float4 lane_sums(const realw *v) {
-#if CLR_WIDTH == 8
-    const float4 a = v[0].lo + v[0].hi, b = v[1].lo + v[1].hi;
-    const float4 c = v[2].lo + v[2].hi, d = v[3].lo + v[3].hi;
-    const float4 ab = (float4)(a.lo + a.hi, b.lo + b.hi), cd = (float4)(c.lo + c.hi, d.lo + d.hi);
-    return (float4)(ab.even + ab.odd, cd.even + cd.odd);
-#else
-    return (float4)(v[0], v[1], v[2], v[3]);
-#endif
-}
+#define FOUR_SUMS(v) (float4)(lane_sum(v[0]), lane_sum(v[1]), lane_sum(v[2]), lane_sum(v[3]))
 
 /* The reflectivity of CLR_WIDTH voxels of a block, 0 where there is none. */
 static inline void load_values(const uint n_x, const uint n_y, const uint n_z, const uint voxel,
@@ -120,7 +110,7 @@ __kernel void blocks_of_voxels(const uint n_voxels, const uint n_blocks, const u
                                 im[t] = fused(b, cosine, fused(-a, sine, im[t]));
                             }
                         }
-                    float4 sum_re = lane_sums(re), sum_im = lane_sums(im);
+                    float4 sum_re = FOUR_SUMS(re), sum_im = FOUR_SUMS(im);
                     if (v0 > 0) {
                         sum_re += LOAD4(out + j);
                         sum_im += LOAD4(out + n_padded + j);

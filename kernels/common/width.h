@@ -101,6 +101,17 @@ typedef int intw;
 #define LANE(v, lane) (((const float *)&(v))[lane])
 #define INT_LANE(v, lane) (((const int *)&(v))[lane])
 
+/* Sum of the lanes, in a fixed order. */
+static inline float lane_sum(realw v) {
+#if CLR_WIDTH == 8
+    const float4 four = v.lo + v.hi;
+    const float2 two = four.lo + four.hi;
+    return two.x + two.y;
+#else
+    return v;
+#endif
+}
+
 /* Lane by lane. */
 static inline realw choose(intw condition, realw yes, realw no) {
     return condition ? yes : no;
