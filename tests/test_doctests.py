@@ -43,8 +43,6 @@ DOCUMENTED = documented()
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_example(name: str, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    if name == "clradar.reconstruct":
-        pytest.importorskip("pylops")
     item = DOCUMENTED[name]
     finder = doctest.DocTestFinder(recurse=False)
     (test,) = finder.find(item, name, module=False, globs={})

@@ -296,7 +296,6 @@ def test_inspect_names_the_scale_and_the_echo_of_s_parameters(run: Run, tmp_path
 
 
 def test_images_by_iteration(run: Run, made: Path, tmp_path: Path) -> None:
-    pytest.importorskip("pylops")
     target = tmp_path / "v.h5"
     fit = ["--method", "sparse", "--iterations", "2", "--sparsity-db=-20"]
     outcome = run("image", made / "sim.h5", "-o", target, *fit, *GRID)

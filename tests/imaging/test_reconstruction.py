@@ -40,7 +40,6 @@ def capture_of(points_m: Any, amplitudes: Any, level: float, device: Any) -> Cap
 
 
 def reconstruct(capture: Capture, grid: VoxelGrid, device: Any, **options: Any) -> clradar.Volume:
-    pytest.importorskip("pylops")
     return clradar.reconstruct(capture, grid, check_grid=False, device=device, **options)
 
 
