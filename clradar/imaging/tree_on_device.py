@@ -39,17 +39,23 @@ GROUPS_TIMES_LEAF = 512
 AnyBlocks = GridBlocks | PointBlocks
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _KernelSizes:
-    """Compile-time constants of the kernels."""
+    """Compile-time constants of ``backproject_fast.cl``."""
 
     width: int
     rows: int
     leaf: int
     far: bool
     points: bool
-    groups: int
     tile: int = WEIGHTS_TILE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _ForwardSizes(_KernelSizes):
+    """Those of ``forward_fast.cl``."""
+
+    groups: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,12 +161,16 @@ class TreeOnDevice:
         leaf = max(self.steps[-1].rows.n_skeleton, self.steps[-1].columns.n_skeleton)
         far = float32_phase_error(array, self.k, blocks.diagonal_m) > FLOAT32_SHARE * tolerance
         leaf = padded(leaf, 16)
-        groups = min(MOST_GROUPS, max(1, GROUPS_TIMES_LEAF // leaf))
-        sizes = _KernelSizes(
-            self.width, padded(rows, 32), leaf, far, isinstance(blocks, PointBlocks), groups
-        )
-        self.program = build(device, "backproject_fast.cl", sizes)
-        self.up_program = build(device, "forward_fast.cl", sizes) if upwards else None
+        sizes: dict[str, Any] = {
+            "width": self.width, "rows": padded(rows, 32), "leaf": leaf, "far": far,
+            "points": isinstance(blocks, PointBlocks),
+        }  # fmt: skip
+        self.program = build(device, "backproject_fast.cl", _KernelSizes(**sizes))
+        self.up_program = None
+        if upwards:
+            groups = min(MOST_GROUPS, max(1, GROUPS_TIMES_LEAF // leaf))
+            forward = _ForwardSizes(**sizes, groups=groups)
+            self.up_program = build(device, "forward_fast.cl", forward)
         self.leaf = self._leaf(far)
 
     def __enter__(self) -> TreeOnDevice:

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import re
 from dataclasses import fields
+from pathlib import Path
 
 import pytest
 
 from clradar.geometry.bvh import BuildOptions, TraversalOptions
 from clradar.hand import flesh_field
-from clradar.imaging import fast
+from clradar.imaging import direct_sum, tree_on_device
 from clradar.imaging.exact import ExactSizes
 from clradar.imaging.tiled import KernelSizes
 from clradar.opencl.sources import source
+from clradar.phasors.kirchhoff_sum import KirchhoffOptions
 from clradar.phasors.phasor_sum import SynthesizeOptions
 from clradar.tracing.antenna_packets import VisibilityOptions
 from clradar.tracing.expected import ExpectedOptions
+from clradar.tracing.quadrature import QuadratureOptions, RoughnessOptions
 from clradar.tracing.sampled_surface import SampleOptions
 from clradar.tracing.stochastic import TraceOptions
+
+ROOT = Path(__file__).parents[2]
 
 KERNELS = {
     "build.cl": BuildOptions,
@@ -29,9 +34,18 @@ KERNELS = {
     "synthesize.cl": SynthesizeOptions,
     "backproject_exact.cl": ExactSizes,
     "backproject_range.cl": KernelSizes,
-    "backproject_fast.cl": fast._KernelSizes,
+    "backproject_fast.cl": tree_on_device._KernelSizes,
+    "forward_fast.cl": tree_on_device._ForwardSizes,
+    "direct_sum.cl": direct_sum._Sizes,
+    "quadrature.cl": QuadratureOptions,
+    "roughness.cl": RoughnessOptions,
+    "kirchhoff.cl": KirchhoffOptions,
     "flesh.cl": flesh_field._FleshOptions,
 }
+
+
+def test_the_table_has_every_kernel_file() -> None:
+    assert set(KERNELS) == {path.name for path in (ROOT / "kernels").glob("*.cl")}
 
 
 @pytest.mark.parametrize("name", KERNELS)
