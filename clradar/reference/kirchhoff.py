@@ -13,7 +13,6 @@ References
    11.3 (physical optics).
 .. [2] E. I. Thorsos, "The validity of the Kirchhoff approximation for rough surface scattering
    using a Gaussian roughness spectrum", J. Acoust. Soc. Am. 83 (1988) 78.
-.. [3] T. Boubekeur, M. Alexa, "Phong tessellation", ACM Trans. Graphics 27 (2008) 141.
 """
 
 from __future__ import annotations
@@ -23,7 +22,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clradar.model import AntennaArray, Scene
-from clradar.reference import C_M_PER_S, counters, philox, scene_normals, uniform, visible
+from clradar.reference import (
+    C_M_PER_S,
+    counters,
+    curved_points,
+    philox,
+    scene_normals,
+    uniform,
+    visible,
+)
 
 N_WAVES = 512
 """Plane waves that a height field is made of."""
@@ -68,18 +75,6 @@ def sub_triangles(cuts: int) -> np.ndarray:
     return np.stack([1 - ij[..., 0] - ij[..., 1], ij[..., 0], ij[..., 1]], axis=2)
 
 
-def curved(weight: np.ndarray, corner_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Points of the surface that corner normals describe [3]_: (n, 3) weights to (n, 3) metres.
-
-    A point of the face is moved by half the mean, weighted as itself, of its projections onto the
-    tangent planes of the corners, shape (n, 3, 3). On an arc of a circle of radius R that turns by
-    2 b from corner to corner, its middle is off by 3/8 R b^4, and not by the sagitta R b^2 / 2.
-    """
-    flat = np.einsum("pk,pka->pa", weight, corner_m)
-    off = np.einsum("pka,pka->pk", corner_m - flat[:, None], normal)
-    return flat + 0.5 * np.einsum("pk,pk,pka->pa", weight, off, normal)
-
-
 def quadrature(
     scene: Scene, cuts: np.ndarray, *, facets: str = "curved", crease_deg: float = 30.0
 ) -> Quadrature:
@@ -102,7 +97,7 @@ def quadrature(
     flat_m = np.einsum("pk,pka->pa", weight, corner_m)
     if facets == "flat":
         shading = np.repeat(flat_normal[face][:, None], 3, axis=1)
-    point_m = curved(weight, corner_m, shading)
+    point_m = curved_points(corner_m, shading, weight)
     across = np.cross(*tangents(weight, corner_m, shading))
     across *= np.sign(np.einsum("pa,pa->p", across, flat_normal[face]))[:, None]
     share = 1 / (2 * np.square(cuts)[face])
