@@ -15,7 +15,7 @@ def image(scene: clradar.Scene, alpha: float, seed: int, samples_per_mm2: float)
         samples_per_mm2=samples_per_mm2,
         seed=seed,
     )
-    grid = clradar.VoxelGrid.from_extent((-0.08, 0.08), (-0.1, 0.1), (0.27, 0.33), 4e-3)
+    grid = clradar.VoxelGrid.from_extent((-0.08, 0.08), (-0.12, 0.12), (0.27, 0.33), 4e-3)
     return clradar.backproject(capture, grid)
 
 
