@@ -202,7 +202,7 @@ def sweep_roughness(
     n = int(np.count_nonzero(heights)) * len(lengths) * n_seeds
     if n < LEAST_SIMULATIONS:
         expected = f"at least {LEAST_SIMULATIONS} simulations, heights times lengths times seeds"
-        checks.fail("sweep_roughness", expected, n)
+        checks.fail("sweep_roughness", expected, f"{n}; take more of them, or more seeds")
     settings = resolve_settings(settings, **{"estimator": ESTIMATOR, **fields})
     checks.one_of("sweep_roughness: estimator", settings.estimator, (ESTIMATOR,))
     first = checks.whole("sweep_roughness: seed", settings.seed, 0, 2**64 - n)

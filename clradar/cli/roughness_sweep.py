@@ -32,7 +32,8 @@ class RoughnessOptions:
 
     roughness_mm: str | None = option(
         None,
-        "In place of --alpha: root mean square heights of the surface, for the physical estimator; "
+        "In place of --alpha: root mean square heights of the surface, for the physical estimator, "
+        "at least three; heights times lengths times --seeds are 30 or more; "
         f"{RANGE_RULE}, or a list with commas. Try 0.1:0.6:0.1.",
         metavar="RANGE",
     )

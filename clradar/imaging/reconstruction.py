@@ -165,10 +165,11 @@ def reconstruct(
             if fit.explained or change <= CHANGE * np.linalg.norm(fit.reflectivity):
                 stopped = "noise" if fit.explained else "change"
                 break
+    level_db = SPARSITY_DB if sparsity_db is None else sparsity_db
     meta = {
         "kind": "image",
         "method": method,
-        **({"sparsity_db": sparsity_db} if method == "sparse" else {"damping_db": damping_db}),
+        **({"sparsity_db": level_db} if method == "sparse" else {"damping_db": damping_db}),
         "tolerance_db": operator.tolerance_db,
         "iterations": done,
         "stopped": stopped,

@@ -5,7 +5,7 @@ from clradar.model.capture import Capture
 from clradar.model.channels import ChannelCalibration, ChannelResponse
 from clradar.model.grid import VoxelGrid
 from clradar.model.known_materials import material
-from clradar.model.material import METAL, Coating, Material
+from clradar.model.material import METAL, PERFECT_CONDUCTOR, Coating, Material
 from clradar.model.paths import Paths, TraceStatistics
 from clradar.model.pattern import AntennaPattern
 from clradar.model.permittivity import ColeCole, PermittivityTable, PowerLaw
@@ -17,6 +17,7 @@ from clradar.model.waveform import Waveform
 
 __all__ = [
     "METAL",
+    "PERFECT_CONDUCTOR",
     "AntennaArray",
     "AntennaPattern",
     "Capture",

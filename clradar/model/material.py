@@ -205,6 +205,9 @@ class Material(Record):
 
 METAL = Material("metal", conductor=True, source="perfect conductor")
 
+PERFECT_CONDUCTOR = Material("perfect conductor", conductor=True)
+"""What faces are made of where nobody said it: with another name than metal that was asked for."""
+
 
 def _axes(frequency_hz: Any, cos_incidence: Any) -> tuple[np.ndarray, np.ndarray]:
     frequencies = checks.read_only("frequency_hz", np.atleast_1d(frequency_hz), np.float64, (None,))

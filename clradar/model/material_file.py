@@ -15,6 +15,7 @@ from clradar.files.json_text import indented, parse_object
 from clradar.files.limits import MAX_TOML_BYTES
 from clradar.files.table import StrictTable
 from clradar.files.toml_file import parse_toml, toml_document
+from clradar.model import checks
 from clradar.model.material import Coating, Material
 from clradar.model.permittivity import ColeCole, PermittivityTable, PowerLaw
 
@@ -55,7 +56,7 @@ def read_materials(path: str | os.PathLike[str]) -> dict[str, Material]:
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        fail(path, f"a name that ends in {' or '.join(SUFFIXES)}", f"'{path.suffix}'")
+        fail(path, f"a name that ends in {' or '.join(SUFFIXES)}", f"'{path.name}'")
     content = read_bytes(path, _EXPECTED, MAX_TOML_BYTES)
     with reading(path, _EXPECTED):
         text = content.decode("utf-8-sig")
@@ -82,7 +83,7 @@ def write_materials(
     Raises
     ------
     ModelError
-        Two materials of one name.
+        Not a list of materials, or two of one name.
     OutputError
         The file exists, its folder does not, or it cannot be written.
 
@@ -99,8 +100,11 @@ def write_materials(
             f"{shown(target)}: expected a name that ends in {' or '.join(SUFFIXES)}, "
             f"got '{target.suffix}'"
         )
+    if isinstance(materials, str | Mapping) or not isinstance(materials, Iterable):
+        checks.fail("write_materials: materials", "a list of materials", type(materials).__name__)
     content: dict[str, Any] = {}
     for material in materials:
+        checks.instance("write_materials: materials", material, Material)
         record = material_record(material)
         name = record.pop("name")
         if name in content:

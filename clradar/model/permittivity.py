@@ -19,6 +19,9 @@ MAX_EXPONENT = 10.0
 MAX_TABLE_ROWS = 2000
 """More would not fit into a file of materials."""
 
+LONGEST_TAU_S = 1.0
+"""The slowest relaxations of tissue take some 20 ms; a time in picoseconds is larger."""
+
 
 @dataclass(frozen=True, slots=True, repr=False)
 class ColeCole(Record):
@@ -226,7 +229,14 @@ def _pole(field: str, pole: Any) -> tuple[float, float, float]:
     if alpha >= 1:
         checks.fail(f"{field} alpha", "a number in [0, 1)", f"{alpha:g}")
     delta = _not_negative(f"{field} delta", values[0])
-    return delta, checks.positive(f"{field} tau_s", values[1]), alpha
+    tau_s = checks.positive(f"{field} tau_s", values[1])
+    if tau_s > LONGEST_TAU_S:
+        checks.fail(
+            f"{field} tau_s",
+            f"a relaxation time in seconds, at most {LONGEST_TAU_S:g}",
+            f"{tau_s:g}; did you mean {tau_s:g}e-12?",
+        )
+    return delta, tau_s, alpha
 
 
 def _not_negative(field: str, value: Any) -> float:

@@ -16,7 +16,7 @@ from clradar.files.meshes.parts import Parts
 from clradar.files.meshes.reading import read_mesh_file
 from clradar.files.meshes.trimesh_parts import parts_of
 from clradar.model import checks
-from clradar.model.material import METAL, Material
+from clradar.model.material import METAL, PERFECT_CONDUCTOR, Material
 from clradar.model.plausible import UNITS_M
 from clradar.model.record import Record
 from clradar.model.scene_materials import (
@@ -52,6 +52,7 @@ class Scene(Record):
         0 where unknown. Unknown normals are estimated from the faces.
     materials : tuple of Material
         What the physical estimator takes the faces to be made of; the other estimators use `alpha`.
+        A perfect conductor if not given.
     material : int or array_like, shape (n_faces,), int32
         Index into `materials` of each face.
     texture_m : array_like, shape (n_vertices, 3), float64, metres, optional
@@ -89,7 +90,7 @@ class Scene(Record):
     part: np.ndarray | int = 0
     part_names: tuple[str, ...] = ("mesh",)
     normals: np.ndarray | None = None
-    materials: tuple[Material, ...] = (METAL,)
+    materials: tuple[Material, ...] = (PERFECT_CONDUCTOR,)
     material: np.ndarray | int = 0
     texture_m: np.ndarray | None = None
 
@@ -126,7 +127,7 @@ class Scene(Record):
         alpha: float | np.ndarray | Mapping[str, float] = 0.5,
         unit: str = "m",
         transform: Any = None,
-        material: Materials = METAL,
+        material: Materials | None = None,
     ) -> Scene:
         """Return the scene of a mesh file or mesh.
 
@@ -145,7 +146,7 @@ class Scene(Record):
             Unit of the mesh's coordinates.
         transform : array_like, shape (4, 4), optional
             Affine transform into the antenna frame, applied after the unit.
-        material : Material, str, mapping or sequence
+        material : Material, str, mapping or sequence, optional
             What `with_material` takes.
 
         Raises
@@ -179,7 +180,7 @@ class Scene(Record):
             body = checks.read_only("texture_m", body, np.float64, (len(vertices_m), 3))
             scene = replace(scene, texture_m=stretched(body * UNITS_M[unit], matrix))
         scene = scene.with_alpha(alpha)
-        return scene if material is METAL else scene.with_material(material)
+        return scene if material is None else scene.with_material(material)
 
     @classmethod
     def combine(cls, scenes: Iterable[Scene]) -> Scene:
@@ -301,7 +302,7 @@ class Scene(Record):
         if self.normals is not None:
             yield self.normals[self.faces].tobytes()
         materials, material = once(self.materials, np.asarray(self.material))
-        if materials != (METAL,):
+        if materials not in ((METAL,), (PERFECT_CONDUCTOR,)):
             yield material.tobytes()
             yield self.body_m[self.faces].tobytes()
             yield from (repr(own).encode() for own in materials)

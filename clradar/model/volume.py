@@ -158,8 +158,8 @@ class Volume(Record):
             checks.fail(
                 "Volume.scale",
                 "an image on an absolute scale, of a capture by estimator='physical' or one whose "
-                "meta has 'absolute': True since its samples are S-parameters",
-                "an image that is relative to its own maximum",
+                "meta has 'absolute': True since its samples are S-parameters, by back-projection",
+                "an image on a relative scale, as images by iteration always are",
             )
         reference = self.scale.of_square_metre(self.grid)
         seen = reference > 0

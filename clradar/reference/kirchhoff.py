@@ -17,6 +17,7 @@ References
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -139,13 +140,14 @@ def _in_texture(
     return flat + (frame(texture_m) @ parts)[..., 0]
 
 
-def waves(seed: int, material: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def waves(seed: int, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Wave vectors for a correlation length of 1, shape (N_WAVES, 3), and phases of a height field.
 
-    Every material of a scene, counted from 0, has its own. Each component is normal with the
-    standard deviation sqrt(2) (Box and Muller), so that the correlation over a distance r is
-    E cos(K.r) = exp(-r^2).
+    Every material has its own, by the first 32 bits of the SHA-256 of its name. Each component is
+    normal with the standard deviation sqrt(2) (Box and Muller), so that the correlation over a
+    distance r is E cos(K.r) = exp(-r^2).
     """
+    material = int(np.frombuffer(hashlib.sha256(name.encode()).digest(), "<u4")[0])
     index = np.arange(N_WAVES, dtype=np.uint64)
     first = uniform(philox(counters(index, 0, material, DOMAIN_WAVE), seed))
     second = uniform(philox(counters(index, 1, material, DOMAIN_WAVE), seed))
@@ -157,13 +159,13 @@ def waves(seed: int, material: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def roughened(
-    surface: Quadrature, rms_m: float, correlation_m: float, seed: int, material: int = 0
+    surface: Quadrature, rms_m: float, correlation_m: float, seed: int, name: str
 ) -> Quadrature:
     """The surface displaced along its normals by a height field of Gaussian correlation.
 
     eta(q) = h sqrt(2/M) Sum_m cos(K_m.q / l + phi_m), and N = n - grad eta along the surface.
     """
-    k, phase = waves(seed, material)
+    k, phase = waves(seed, name)
     scale = rms_m * np.sqrt(2 / N_WAVES)
     height = np.empty(len(surface.point_m))
     slope = np.empty((len(surface.point_m), 3))

@@ -9,6 +9,8 @@ noise", Bell Syst. Tech. J. 23 (1944) 282, for the sum of waves).
 
 from __future__ import annotations
 
+from hashlib import sha256
+
 import numpy as np
 
 from clradar.opencl import Buffers
@@ -23,7 +25,7 @@ WAVES = 512
 
 
 def wave_table(
-    program: Program, buffers: Buffers, seed: int, material: int, correlation_length_m: float
+    program: Program, buffers: Buffers, seed: int, name: str, correlation_length_m: float
 ) -> np.ndarray:
     """Return the waves of a material, shape (WAVES, 4), float32.
 
@@ -33,10 +35,10 @@ def wave_table(
         ``roughness.cl``.
     buffers : Buffers
     seed : int
-        Of the simulation. Waves depend on it and on `material` alone.
-    material : int
-        Index of the material in the scene: parts of one material share a height field, other
-        materials have their own.
+        Of the simulation. Waves depend on it and on `name` alone.
+    name : str
+        Of the material: parts of one material share a height field, other materials have their own,
+        whatever else there is in the scene.
     correlation_length_m : float, metres
 
     Returns
@@ -46,8 +48,9 @@ def wave_table(
     """
     u = np.uint32
     bits = buffers.empty(32 * WAVES)
+    key = int.from_bytes(sha256(name.encode()).digest()[:4], "little")
     program.launch(
-        "wave_bits", (WAVES,), u(WAVES), u(material), u(seed & 0xFFFFFFFF), u(seed >> 32), bits
+        "wave_bits", (WAVES,), u(WAVES), u(key), u(seed & 0xFFFFFFFF), u(seed >> 32), bits
     )
     words = buffers.read(bits, (WAVES, 8), np.uint32)
     buffers.release(bits)

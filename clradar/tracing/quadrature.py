@@ -27,9 +27,10 @@ TILE_POINTS = 2**17
 FRAME_ROWS = 18
 """Numbers of a point that its roughness needs, beside the six of `LitPoints`."""
 
-NEAREST_SPACINGS = 0.5
+NEAREST_SPACINGS = 1.5
 """Least distance between points and antennas, in spacings of the points: closer by, 1/R^2 is no
-longer integrated."""
+longer integrated. An antenna on the surface is at most 1.4 of them away from a point: two thirds
+of the longest edge of a cell, `LONGEST`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,9 +131,11 @@ class LitQuadrature(TracedMesh):
         self._size_tiles()
 
     def _wave_table(self, index: int) -> np.ndarray:
-        length_m = self._scene.materials[index].correlation_length_m
+        material = self._scene.materials[index]
+        length_m = material.correlation_length_m
         assert length_m is not None, "checked by Material"
-        return wave_table(self._roughness, self._buffers, self.settings.seed, index, length_m)
+        seed = self.settings.seed
+        return wave_table(self._roughness, self._buffers, seed, material.name, length_m)
 
     def _size_tiles(self) -> None:
         groups = sum(side.groups for side in self._sides)
@@ -194,8 +197,8 @@ class LitQuadrature(TracedMesh):
         if nearest_m < least_m:
             checks.fail(
                 "simulate: array",
-                f"antennas at least {1e3 * least_m:.2g} mm (half the spacing of the points) away "
-                "from the surface with estimator='physical'",
+                f"antennas at least {1e3 * least_m:.2g} mm (1.5 times the spacing of the points) "
+                "away from the surface with estimator='physical'",
                 f"one at {1e3 * nearest_m:.2g} mm; move it, or take more samples_per_mm2",
             )
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.geometry.normals import CREASE_DEG
-from clradar.model import METAL, Scene, TraceStatistics, checks
+from clradar.model import PERFECT_CONDUCTOR, Scene, TraceStatistics, checks
 from clradar.model.plausible import check_plausible
 from clradar.opencl import Device
 
@@ -100,7 +100,7 @@ class SimulationSettings:
     seed : int, 0 to 2^64 - 1
     estimator : "stochastic", "expected" or "physical", optional
         None: "stochastic", the paper's; but `clradar.simulate` takes "physical" where the scene has
-        a material other than the default, and else "expected" unless samples, rays or several
+        a material given to it, and else "expected" unless samples, rays or several
         bounces are asked for or an alpha is below 0.12.
         "expected" is the mean of "stochastic" over the random outgoing directions, for the same
         samples: each of them, Tx and Rx adds one path whose amplitude is `rays_per_sample` times
@@ -197,7 +197,7 @@ class SimulationSettings:
         asked = (self.rays_per_face, self.rays_per_sample, self.estimator)
         if self.max_bounces > 1 or any(value is not None for value in asked):
             return self
-        if scene.materials != (METAL,):
+        if scene.materials != (PERFECT_CONDUCTOR,):
             return replace(self, estimator="physical")
         if self.samples_per_mm2 is not None or np.min(scene.alpha) < EXPECTED_ALPHA:
             return self

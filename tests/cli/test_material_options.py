@@ -43,11 +43,13 @@ def test_materials_of_all_and_of_parts(scene: clradar.Scene, own: Path) -> None:
     assert names(some.on(scene)) == ["palm", "skin", "resin"]
     assert some.files == [own]
     alone = MaterialOptions(material_of=["thumb=skin"]).on(scene)
-    assert names(alone) == ["metal", "skin", "metal"]
+    assert names(alone) == ["perfect conductor", "skin", "perfect conductor"]
     # Names of files come before those that come along, unless the file is named, too.
     mine = MaterialOptions(material="palm", material_of=["thumb=skin"], materials=[own])
-    assert names(mine.on(scene)) == ["palm", "skin", "palm"]
-    assert mine.on(scene).materials[0].permittivity == 3
+    with pytest.warns(clradar.ClradarWarning, match="its own palm, which hide known ones"):
+        found = mine.on(scene)
+    assert names(found) == ["palm", "skin", "palm"]
+    assert found.materials[0].permittivity == 3
     assert mine.files == [own]
     file = MaterialOptions(material=f"{own}:resin").on(scene)
     assert file.materials == (clradar.read_materials(own)["resin"],)

@@ -339,3 +339,8 @@ def test_what_kirchhoff_cannot_do_is_warned_of(h_mm: float, l_mm: float, words: 
     with pytest.warns(ClradarWarning, match="material 'x': roughness of") as caught:
         check_kirchhoff(own, Waveform.sfcw(72e9, 82e9, 2))
     assert words in " ".join(str(w.message) for w in caught)
+
+
+def test_relaxation_times_in_picoseconds_are_refused() -> None:
+    with pytest.raises(ModelError, match=r"in seconds, at most 1, got 7.234; did you mean 7.234e"):
+        ColeCole(4.0, [(32.0, 7.234)])

@@ -15,7 +15,7 @@ from clradar import Scene
 from clradar.errors import MeshError, ModelError
 from clradar.files.meshes.ply_parts import ply_of_parts
 from clradar.model.known_materials import material
-from clradar.model.material import METAL, Material
+from clradar.model.material import METAL, PERFECT_CONDUCTOR, Material
 
 # Some formats store float32: 6e-8 of the largest coordinate, which is below 0.5 m here.
 FLOAT32_M = 3e-8
@@ -472,12 +472,12 @@ def materials_of(scene: Scene) -> list[str]:
 
 def test_materials_are_given_for_all_faces_for_parts_and_for_faces() -> None:
     scene = two_parts()
-    assert scene.materials == (METAL,)
+    assert scene.materials == (PERFECT_CONDUCTOR,)
     assert not np.any(scene.material)
     for palm in ("palm", PALM):
         assert materials_of(scene.with_material(palm)) == ["palm"] * 12
     mixed = scene.with_material({"two": "skin"})
-    assert materials_of(mixed) == ["metal", "skin"] * 6
+    assert materials_of(mixed) == ["perfect conductor", "skin"] * 6
     assert materials_of(mixed.with_material({"one": PALM})) == ["palm", "skin"] * 6
     assert mixed.with_material({"one": SKIN}).materials == (SKIN,)
 
@@ -535,12 +535,12 @@ def test_what_replaces_a_scene_keeps_materials_and_texture() -> None:
     ):
         assert materials_of(again) == materials_of(scene)
         np.testing.assert_array_equal(again.texture_m, box().vertices)
-    assert "materials=(Material(name='metal'" in repr(scene)
+    assert "materials=(Material(name='perfect conductor'" in repr(scene)
 
     plain = Scene.from_mesh(box(0.2), material="plaster")
     both = Scene.combine([scene, plain, scene])
     assert materials_of(both) == [*materials_of(scene), *["plaster"] * 12, *materials_of(scene)]
-    assert [m.name for m in both.materials] == ["metal", "skin", "plaster"]
+    assert [m.name for m in both.materials] == ["perfect conductor", "skin", "plaster"]
     texture_m = [box().vertices, box(0.2).vertices, box().vertices]
     np.testing.assert_array_equal(both.texture_m, np.concatenate(texture_m))
     assert Scene.combine([plain, plain]).texture_m is None

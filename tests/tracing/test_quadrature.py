@@ -88,7 +88,7 @@ def test_points_of_a_rough_ball_are_those_of_the_reference(width: int) -> None:
     lit = points_of(scene, AROUND, width, seed=5)
     pieces = pieces_of(scene.triangles_m, 4.0)
     smooth = reference.quadrature(scene, pieces.edge_points)
-    want = reference.roughened(smooth, 0.15e-3, 2e-3, seed=5)
+    want = reference.roughened(smooth, 0.15e-3, 2e-3, 5, ROUGH.name)
     assert len(lit.sample) > 0.4 * pieces.n_points
     # The reference has its points of a face in another order.
     at = cKDTree(want.point_m).query(lit.position_m)[1]
@@ -181,10 +181,12 @@ def test_antennas_on_both_sides_of_a_sheet() -> None:
     assert len(both.sample) == 2 * len(np.unique(both.sample))
 
 
-def test_an_antenna_on_the_surface_is_refused() -> None:
-    array = clradar.AntennaArray([[0, 0, 0]], [[0.003, 0.002, 0.2]])
-    with pytest.raises(ModelError, match=r"antennas at least 0[.]25 mm"):
-        points_of(plate(0.01, 0.2), array)
+@pytest.mark.parametrize(
+    "at_m", [[0.003, 0.002, 0.2], [0.01, 0.01, 0.2], [0.01, 0.01, 0.2 - 1e-5], [0.01, -0.01, 0.2]]
+)
+def test_an_antenna_on_the_surface_is_refused(at_m: list[float]) -> None:
+    with pytest.raises(ModelError, match=r"antennas at least 0[.]75 mm"):
+        points_of(plate(0.01, 0.2), clradar.AntennaArray([[0, 0, 0]], [at_m]))
 
 
 def test_tiles_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,3 +196,17 @@ def test_tiles_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     got = points_of(scene, AROUND)
     for name in ("position_m", "area_m2", "material", "sample", "tx", "rx"):
         assert np.array_equal(getattr(got, name), getattr(want, name)), name
+
+
+def test_a_material_keeps_its_roughness_whatever_else_is_in_the_scene() -> None:
+    own = ball(1, 0.006).with_material(ROUGH)
+    aside = trimesh.transformations.translation_matrix([0.03, 0.03, 0.03])
+    other = ball(1, 0.002).transformed(aside).with_material("palm")
+    alone = points_of(own, AROUND, seed=5)
+    for scenes in ([own, other], [other, own]):
+        both = clradar.Scene.combine(scenes)
+        lit = points_of(both, AROUND, seed=5)
+        here = lit.position_m[lit.material == both.materials.index(ROUGH)]
+        assert len(here) == len(alone.sample)
+        # float32 relative to the middle of another scene; heights are 0.15 mm.
+        assert cKDTree(here).query(alone.position_m)[0].max() < 2e-8

@@ -137,6 +137,8 @@ def test_materials_are_for_the_physical_estimator_unless_rays_are_asked_for():
     for arguments, estimator in (({}, "physical"), ({"estimator": "expected"}, "expected")):
         capture = clradar.simulate(skin, ARRAY, WAVEFORM, **arguments)
         assert capture.meta["settings"]["estimator"] == estimator
+    metal = SimulationSettings().for_scene(SMALL.with_material("metal"))
+    assert metal.estimator == "physical"  # asked for, though a face is of a conductor anyway
     assert SimulationSettings(max_bounces=2).for_scene(skin).estimator is None
 
 

@@ -76,7 +76,8 @@ def reference(
     if material.roughness_rms_m > 0:
         length_m = material.correlation_length_m
         assert length_m is not None
-        surface = kirchhoff.roughened(surface, material.roughness_rms_m, length_m, seed)
+        rough = (material.roughness_rms_m, length_m, seed, material.name)
+        surface = kirchhoff.roughened(surface, *rough)
     legs: list[np.ndarray | float] = [1.0, 1.0]
     if not material.conductor:
         eps = material.permittivity_at(frequencies_hz)

@@ -23,8 +23,8 @@ class MaterialOptions:
 
     material: str | None = option(
         None,
-        "What the meshes are made of, for --estimator physical, which it implies: a name that "
-        "`clradar materials` lists, or one of a file. [default: metal]",
+        "What the meshes are made of, which chooses the physical estimator: a name that "
+        "`clradar materials` lists, or one of a file. [default: a perfect conductor]",
         metavar="NAME|FILE.toml:NAME",
     )
     material_of: list[str] | None = option(
@@ -94,7 +94,11 @@ class MaterialOptions:
 
         known = dict(KNOWN)
         for path in self.materials or []:
-            known.update(read_materials(path))
+            own = read_materials(path)
+            hidden = sorted(set(own) & set(known))
+            if hidden:
+                warn(f"--materials: {path} has its own {', '.join(hidden)}, which hide known ones")
+            known.update(own)
         return known
 
 
@@ -115,6 +119,6 @@ def _found(option: str, text: str, known: dict[str, Material]) -> Material:
     if file is not None:
         known = read_materials(file)
     if name not in known:
-        where = "" if file is None else f" of {file}"
+        where = " or FILE.toml:NAME" if file is None else f" of {file}"
         raise wrong_usage(option, f"expected one of {', '.join(known)}{where}, got '{name}'")
     return known[name]
