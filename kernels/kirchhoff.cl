@@ -1,5 +1,6 @@
 /* The Kirchhoff sum over lit points (docs/equations.md, E12),
  *     s = c0 sum_p (along_t + along_r) leg_t leg_r exp(-j k (R_t + R_r)),   along = s.N dA,   leg = V g(theta) G / R,
+ * coherent legs times exp(-k^2 (slope.s - level)), the mean of the phase over the point's triangle (clradar.phasors.leg_skeletons),
  * compressed over cubes of space. Relative to the middle of its cube the phase of a point varies slowly over antennas and
  * frequencies, so the sum of a cube is needed at a few frequencies only and, of points that all antennas
  * see, for a few antennas; fixed real weights give the rest (clradar.phasors.leg_skeletons).
@@ -28,6 +29,8 @@
 #define VECTOR 3   /* N dA, square metres */
 #define MATERIAL 6 /* int */
 #define SAMPLE 7   /* uint, its ordinal */
+#define SLOPE 8    /* for its triangle, square metres */
+#define LEVEL 11   /* square metres */
 
 /* Table values by linear interpolation, one lane after the other. x: 0 to 1 */
 static inline realw looked_up(__global const float *table, const uint stride, const uint n_nodes, const realw x) {
@@ -73,6 +76,7 @@ __kernel void legs(const uint n, const uint first, const uint n_padded, const ui
     const realw longer = (p[OFFSET] * (dx + x) + p[OFFSET + 1] * (dy + y) + p[OFFSET + 2] * (dz + z)) / sum;
     const realw inverse = 1.0f / length;
     const realw along = -(x * p[VECTOR] + y * p[VECTOR + 1] + z * p[VECTOR + 2]) * inverse;
+    const realw damping = -39.478417604357f * ((x * p[SLOPE] + y * p[SLOPE + 1] + z * p[SLOPE + 2]) * inverse + p[LEVEL]);
     realw field = inverse;
 #if CLR_PATTERN
     const realw half_square = 0.5f - 0.5f * z * inverse;
@@ -114,6 +118,12 @@ __kernel void legs(const uint n, const uint first, const uint n_padded, const ui
         STOREW(rough_re * zeta_re - rough_im * zeta_im, out + 4 * BLOCK);
         STOREW(rough_re * zeta_im + rough_im * zeta_re, out + 5 * BLOCK);
 #endif
+        if (p[LEVEL] > 0.0f) { /* else the slope is 0, too */
+            const realw spread = damping * (k[m] * k[m]); /* exp(-spread), to second order */
+            const realw mean = 1.0f / (1.0f + spread * (1.0f + 0.5f * spread));
+            re *= mean;
+            im *= mean;
+        }
 #if CLR_MATERIALS
         const realw g_re = looked_up(g, 3, CLR_NODES, slant), g_im = looked_up(g + 1, 3, CLR_NODES, slant);
         const realw turned = re * g_re - im * g_im;

@@ -20,6 +20,7 @@
 typedef struct {
     float b1, b2, share;
     uint piece;
+    float edge[4]; /* b1 and b2 along two edges of its triangle or of its reflection in a point */
 } place;
 
 static inline place place_of(const uint sample, const uint n_pieces, __global const uint *start,
@@ -46,6 +47,7 @@ static inline place place_of(const uint sample, const uint n_pieces, __global co
     at.b2 = c[1] + x * (c[3] - c[1]) + y * (c[5] - c[3]);
     const float twice = (c[2] - c[0]) * (c[5] - c[1]) - (c[4] - c[0]) * (c[3] - c[1]);
     at.share = 0.5f * absolute(twice) / (float)(k * k);
+    for (int j = 0; j < 4; ++j) at.edge[j] = (c[2 + j] - c[j & 1]) / (float)k;
     return at;
 }
 
@@ -159,7 +161,8 @@ static inline float root_inverse(const float x) {
  *
  * sample  uint (n)   ordinal of each point
  * side    float (n)  1: the side of the face's normal, -1 the other
- * out     float (6, n_padded)   position relative to the middle, metres; N dA, metres^2
+ * out     float (12, n_padded)  position relative to the middle, metres; N dA, metres^2; two edges of the point's triangle
+ *         in the plane that touches the smooth surface there, metres
  * frame   float (18, n_padded)  unit normal; place in the coordinates of the roughness, metres; its derivatives by b1
  *         and b2; and the vectors that make of the derivatives of a height by b1 and b2 its gradient, 1/metres */
 __kernel void lit_points(const uint n_pieces, const uint n, const uint n_padded, __global const uint *start,
@@ -186,16 +189,18 @@ __kernel void lit_points(const uint n_pieces, const uint n, const uint n_padded,
 #define TURNED(v) (dot3(v, by1) * t1 + dot3(v, by2) * t2 + dot3(v, n_up) * t_up)
 
     const float square = dot3(s.across, s.across), inverse = inverse_or_0(square);
-    const float3 columns[8] = {flat_point(at, c) + s.offset,
-                               s.across * (outward * at.share),
-                               s.across * (outward * root_inverse(square)),
-                               load3(t) + at.b1 * t1 + at.b2 * t2 + TURNED(s.offset),
-                               TURNED(s.along1),
-                               TURNED(s.along2),
-                               cross3(s.along2, s.across) * inverse,
-                               cross3(s.across, s.along1) * inverse};
-    for (int k = 0; k < 8; ++k) {
-        __global float *to = (k < 2 ? out + 3 * k * (size_t)n_padded : frame + 3 * (k - 2) * (size_t)n_padded) + i;
+    const float3 columns[10] = {flat_point(at, c) + s.offset,
+                                s.across * (outward * at.share),
+                                at.edge[0] * s.along1 + at.edge[1] * s.along2,
+                                at.edge[2] * s.along1 + at.edge[3] * s.along2,
+                                s.across * (outward * root_inverse(square)),
+                                load3(t) + at.b1 * t1 + at.b2 * t2 + TURNED(s.offset),
+                                TURNED(s.along1),
+                                TURNED(s.along2),
+                                cross3(s.along2, s.across) * inverse,
+                                cross3(s.across, s.along1) * inverse};
+    for (int k = 0; k < 10; ++k) {
+        __global float *to = (k < 4 ? out + 3 * k * (size_t)n_padded : frame + 3 * (k - 4) * (size_t)n_padded) + i;
         to[0] = columns[k].x;
         to[n_padded] = columns[k].y;
         to[2 * (size_t)n_padded] = columns[k].z;

@@ -18,7 +18,13 @@ from clradar.opencl import Device, build
 from clradar.opencl.buffers import OnDevice
 from clradar.opencl.double_single import hi_lo
 from clradar.phasors.interpolative import Decomposition
-from clradar.phasors.leg_skeletons import LegPoints, Side, antenna_skeleton, frequency_skeleton
+from clradar.phasors.leg_skeletons import (
+    LegPoints,
+    Side,
+    antenna_skeleton,
+    frequency_skeleton,
+    linear_damping,
+)
 from clradar.phasors.leg_tables import NODES, PATTERN_NODES, pattern_table, reflection_legs
 from clradar.phasors.point_cubes import PointCubes, cubes_of
 from clradar.tracing.antenna_packets import GROUP, n_groups
@@ -43,7 +49,7 @@ BATCH_BYTES = 2**25
 LEG_BYTES = 2**24
 """Most that the legs of a call take, so that they stay in the cache. No result depends on it."""
 
-ROWS, FREQUENCIES, POINT_NUMBERS = 4, 4, 8
+ROWS, FREQUENCIES, POINT_NUMBERS = 4, 4, 12
 """Tx and frequencies of an item, and numbers of a point, in ``kirchhoff.cl``."""
 
 
@@ -151,8 +157,8 @@ class KirchhoffSum(OnDevice):
             return np.zeros(shape, np.complex64)
         wavelength_m = SPEED_OF_LIGHT_M_PER_S / self.waveform.frequencies_hz[-1]
         cubes = cubes_of(lit.position_m, CUBE_WAVELENGTHS * float(wavelength_m))
-        points = _leg_points(lit, cubes)
         tx_bits, rx_bits = lit.tx[cubes.order], lit.rx[cubes.order]
+        points = self._leg_points(lit, cubes, tx_bits, rx_bits)
         of_all = (tx_bits == _all_bits(array.n_tx)).all(axis=1)
         of_all &= (rx_bits == _all_bits(array.n_rx)).all(axis=1)
         if of_all.sum() < FEW_POINTS:
@@ -171,6 +177,21 @@ class KirchhoffSum(OnDevice):
         )  # fmt: skip
         self.counts |= {"cubes": len(cubes.centre_m), "seen_by_all": int(of_all.sum())}
         return self._sum_cubes(cubes, progress)
+
+    def _leg_points(
+        self, lit: LitPoints, cubes: PointCubes, tx_bits: np.ndarray, rx_bits: np.ndarray
+    ) -> LegPoints:
+        centre_m = cubes.centre_m.astype(np.float64)[cubes.cube]
+        position_m = lit.position_m[cubes.order].astype(np.float64)
+        area_m2 = lit.area_m2[cubes.order].astype(np.float64)
+        tx, rx = self._sides
+        to_tx, spread_tx = _towards(position_m, tx, tx_bits)
+        to_rx, spread_rx = _towards(position_m, rx, rx_bits)
+        slope_m2, level_m2 = linear_damping(
+            lit.edges_m[cubes.order], to_tx + to_rx, spread_tx + spread_rx
+        )
+        material = lit.material[cubes.order]
+        return LegPoints(position_m - centre_m, centre_m, area_m2, slope_m2, level_m2, material)
 
     def _choose_skeletons(self, points: LegPoints, of_all: np.ndarray) -> None:
         share = MARGIN * 10.0 ** (TOLERANCE_DB / 20.0) / np.sqrt(3.0)
@@ -313,11 +334,21 @@ class KirchhoffSum(OnDevice):
             buffers.release(buffer)
 
 
-def _leg_points(lit: LitPoints, cubes: PointCubes) -> LegPoints:
-    centre_m = cubes.centre_m.astype(np.float64)[cubes.cube]
-    offset_m = lit.position_m[cubes.order] - centre_m
-    area_m2 = lit.area_m2[cubes.order].astype(np.float64)
-    return LegPoints(offset_m, centre_m, area_m2, lit.material[cubes.order])
+def _towards(position_m: np.ndarray, side: Side, bits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors to the middle of the antennas that see each point, shape (n, 3), and the RMS
+    distance of all antennas from theirs over the distance to it, shape (n,)."""
+    middle_m = np.tile(side.antennas_m.mean(axis=0), (len(bits), 1))
+    some = np.flatnonzero((bits != _all_bits(len(side.antennas_m))).any(axis=1))
+    seen = np.unpackbits(bits[some], axis=1, bitorder="little")[:, : len(side.antennas_m)]
+    seen = seen.astype(np.float32)
+    middle_m[some] = seen @ side.antennas_m.astype(np.float32) / seen.sum(axis=1)[:, None]
+    to = middle_m - position_m
+    length = np.maximum(np.sqrt(np.einsum("pa,pa->p", to, to)), 1e-9)
+    return to / length[:, None], _radius_m(side.antennas_m) / length
+
+
+def _radius_m(at_m: np.ndarray) -> float:
+    return float(np.sqrt(at_m.var(axis=0).sum()))
 
 
 def _packed(points: LegPoints, sample: np.ndarray) -> np.ndarray:
@@ -325,6 +356,7 @@ def _packed(points: LegPoints, sample: np.ndarray) -> np.ndarray:
     out[:, :3], out[:, 3:6] = points.offset_m, points.area_m2
     out[:, 6] = points.material.astype(np.int32).view(np.float32)
     out[:, 7] = sample.astype(np.uint32).view(np.float32)
+    out[:, 8:11], out[:, 11] = points.slope_m2, points.level_m2
     return out
 
 

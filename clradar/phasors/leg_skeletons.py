@@ -7,7 +7,7 @@ give the rest by fixed weights (`clradar.phasors.interpolative`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -34,17 +34,20 @@ class LegPoints:
     offset_m, centre_m : ndarray, shape (n, 3), metres
         From the middle of each point's cube, and that middle.
     area_m2 : ndarray, shape (n, 3), square metres
+    slope_m2, level_m2 : ndarray, shape (n, 3) and (n,), square metres
+        Of `linear_damping`.
     material : ndarray, shape (n,), int
     """
 
     offset_m: np.ndarray
     centre_m: np.ndarray
     area_m2: np.ndarray
+    slope_m2: np.ndarray
+    level_m2: np.ndarray
     material: np.ndarray
 
     def __getitem__(self, which: np.ndarray) -> LegPoints:
-        columns = (self.offset_m, self.centre_m, self.area_m2, self.material)
-        return LegPoints(*(column[which] for column in columns))
+        return LegPoints(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +86,44 @@ class Side:
         wave = field * np.exp(-2j * np.pi * k[m, None] * longer)
         cosine = along / np.linalg.norm(points.area_m2, axis=1)[:, None]
         g, micro = _of_angle(tables, points.material[:, None], m[:, None], cosine)
-        return np.stack([along * g * wave, g * wave, micro * wave])
+        coherent = g * wave * _mean(points, -vector / length[..., None], k[m, None])
+        return np.stack([along * coherent, coherent, micro * wave])
+
+
+def linear_damping(
+    edges_m: np.ndarray, towards: np.ndarray, spread: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what makes of triangles' second moments M damping of either leg.
+
+    The mean of exp(-j q.x) over a triangle about its centroid is exp(-q.M.q / 2) to second order,
+    q = k (s_t + s_r). Its exponent is taken linear in q about k Q, so that it is a sum over legs:
+    k^2 (s_t + s_r).M.Q - k^2 Q.M.Q / 2. That leaves out k^2 d.M.d / 2, d = s_t + s_r - Q.
+    Q is the mean of s_t + s_r along the triangle, shorter by their spread, and 0 where it is less:
+    there some pair sees the triangle as a mirror, where the mean is 1 and the sum the largest.
+
+    Parameters
+    ----------
+    edges_m : ndarray, shape (n, 2, 3), metres
+        Two edges e of each triangle: 18 M = e1 e1 + e2 e2 - (e1 e2 + e2 e1) / 2.
+    towards : ndarray, shape (n, 3)
+        The sum of two unit vectors to the middles of the Tx and the Rx.
+    spread : ndarray, shape (n,)
+        RMS distances of the Tx and of the Rx from their middles, over the distances of those.
+
+    Returns
+    -------
+    slope_m2, level_m2 : ndarray, shape (n, 3) and (n,), square metres
+        A leg's share of the exponent is k^2 (slope.s - level).
+    """
+    e1, e2 = edges_m[:, 0].astype(np.float64), edges_m[:, 1].astype(np.float64)
+    up = np.cross(e1, e2)
+    square = np.einsum("pa,pa->p", up, up)
+    across = np.einsum("pa,pa->p", up, towards) ** 2 / np.where(square > 0, square, 1.0)
+    along = np.sqrt(np.maximum(np.einsum("pa,pa->p", towards, towards) - across, 1e-12))
+    towards = towards * np.maximum(1.0 - spread / along, 0.0)[:, None]
+    a, b = (np.einsum("pa,pa->p", e, towards)[:, None] for e in (e1, e2))
+    slope_m2 = ((a - 0.5 * b) * e1 + (b - 0.5 * a) * e2) / 18.0
+    return slope_m2, 0.25 * np.einsum("pa,pa->p", slope_m2, towards)
 
 
 def antenna_skeleton(
@@ -144,7 +184,7 @@ def frequency_skeleton(
         families = []
         for hard in (False, True):
             some = points[_any(rng, points, CANDIDATES * n if hard else n)]
-            ends, cosines = [], []
+            ends, cosines, means = [], [], []
             for side in sides:
                 longer, length, vector = side.lengths_m(some)
                 one = rng.integers(0, len(side.antennas_m), len(longer))
@@ -156,13 +196,17 @@ def frequency_skeleton(
                 along = -np.einsum("pa,pa->p", vector[every, one], some.area_m2)
                 size = length[every, one] * np.linalg.norm(some.area_m2, axis=1)
                 cosines.append(along / size)
+                unit = -vector[every, one] / length[every, one, None]
+                means.append(_mean(some, unit[:, None], k))
             change = ends[0] + ends[1]
             kept = np.argsort(-np.abs(change), kind="stable")[:n] if hard else np.arange(n)
             wave = np.exp(-2j * np.pi * change[kept, None] * offset)
             material, m = some.material[kept, None], np.arange(len(k))
             legs = [_of_angle(tables, material, m, cosine[kept, None]) for cosine in cosines]
+            both = means[0][kept] * means[1][kept]
             for i in range(n_terms - 1):  # coherent, and the incoherent part
-                families.append(_normalised(legs[0][i] * legs[1][i] * wave))
+                part = legs[0][i] * legs[1][i] * wave
+                families.append(_normalised(part if i else part * both))
         return np.stack(families)
 
     return decompose_sampled(draw, tolerance)
@@ -187,6 +231,16 @@ def _nearest(rng: np.random.Generator, points: LegPoints, side: Side) -> np.ndar
     at_m = points.centre_m[some] + points.offset_m[some]
     distance_m = cKDTree(side.antennas_m).query(at_m)[0]
     return np.asarray(some[np.argsort(distance_m, kind="stable")[:NEAR]])
+
+
+def _mean(points: LegPoints, unit: np.ndarray, k: np.ndarray) -> np.ndarray:
+    """A leg's part of the mean of the phase over each point's triangle, as in ``kirchhoff.cl``.
+
+    Unit vectors to antennas, shape (n, n_antennas, 3), and cycles per metre, broadcast.
+    """
+    along = np.einsum("pxa,pa->px", unit, points.slope_m2) - points.level_m2[:, None]
+    spread = (2.0 * np.pi * k) ** 2 * along
+    return np.asarray(1.0 / (1.0 + spread + 0.5 * spread**2))
 
 
 def _of_angle(

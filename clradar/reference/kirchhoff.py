@@ -54,6 +54,8 @@ class Quadrature:
         The point's place on the flat face, from where visibility is asked, and that face.
     texture_m : ndarray, shape (n, 3), metres
         The point in the coordinates in which roughness is defined.
+    moment_m2 : ndarray, shape (n, 3, 3), square metres
+        Mean of x x^T over the sub-triangle about its centroid, in the surface's tangent plane.
     """
 
     point_m: np.ndarray
@@ -62,6 +64,7 @@ class Quadrature:
     flat_m: np.ndarray
     face: np.ndarray
     texture_m: np.ndarray
+    moment_m2: np.ndarray
 
 
 def sub_triangles(cuts: int) -> np.ndarray:
@@ -99,14 +102,17 @@ def quadrature(
     if facets == "flat":
         shading = np.repeat(flat_normal[face][:, None], 3, axis=1)
     point_m = curved_points(corner_m, shading, weight)
-    across = np.cross(*tangents(weight, corner_m, shading))
+    along = tangents(weight, corner_m, shading)
+    across = np.cross(*along)
+    about = np.einsum("pcj,jpa->pca", (corner - weight[:, None])[..., 1:], np.stack(along))
+    moment_m2 = np.einsum("pca,pcb->pab", about, about) / 12  # exact for a triangle
     across *= np.sign(np.einsum("pa,pa->p", across, flat_normal[face]))[:, None]
     share = 1 / (2 * np.square(cuts)[face])
     normal = across / np.linalg.norm(across, axis=1, keepdims=True)
     at = point_m
     if scene.texture_m is not None:
         at = _in_texture(scene.texture_m[scene.faces][face], corner_m, weight, point_m - flat_m)
-    return Quadrature(point_m, share[:, None] * across, normal, flat_m, face, at)
+    return Quadrature(point_m, share[:, None] * across, normal, flat_m, face, at, moment_m2)
 
 
 def tangents(
@@ -224,6 +230,7 @@ def towards_antennas(
         surface.flat_m[row],
         surface.face[row],
         surface.texture_m[row],
+        surface.moment_m2[row],
     )
     front = [(side[row] == turn).astype(np.int8) for side in (tx_side, rx_side)]
     return turned, front[0], front[1]
@@ -263,6 +270,11 @@ def kirchhoff(
 ) -> np.ndarray:
     """S-parameters of single reflections, complex128 of shape (n_tx, n_rx, n_freq).
 
+    The phase is linear over a sub-triangle of second moment M: its mean is exp(-k^2 q.M.q / 2) to
+    second order, q = s_t + s_r, with the exponent linear about Q: k^2 (q.M.Q - Q.M.Q / 2). Q is the
+    sum of the unit vectors to the middles of the Tx and of the Rx that see the point, along the
+    surface, and shorter by the RMS radii of Tx and Rx over the distances to these middles, or 0.
+
     Parameters
     ----------
     surface : Quadrature
@@ -275,18 +287,32 @@ def kirchhoff(
         Field patterns of the antennas towards the points, times the roots of their gains.
     """
     out = np.zeros((array.n_tx, array.n_rx, len(frequencies_hz)), complex)
+    mean, spread = np.zeros_like(surface.point_m), 0.0
+    for at_m, side in ((array.tx_m, tx_side), (array.rx_m, rx_side)):
+        seen = np.abs(side)
+        middle_m = seen @ at_m / np.maximum(seen.sum(axis=1), 1)[:, None]
+        to = middle_m - surface.point_m
+        distance = np.linalg.norm(to, axis=1, keepdims=True)
+        mean += to / distance
+        spread += np.sqrt(np.mean(np.sum((at_m - at_m.mean(axis=0)) ** 2, axis=1))) / distance
+    mean -= np.einsum("pa,pa->p", mean, surface.normal)[:, None] * surface.normal
+    size = np.linalg.norm(mean, axis=1, keepdims=True)
+    mean *= np.maximum(size - spread, 0) / np.where(size > 0, size, 1)
+    damping = np.einsum("pab,pb->pa", surface.moment_m2, mean)
+    level = np.einsum("pa,pa->p", damping, mean) / 4
     legs = []
     for at_m, g, field in ((array.tx_m, tx_leg, tx_field), (array.rx_m, rx_leg, rx_field)):
         to = at_m - surface.point_m[:, None]
         r = np.linalg.norm(to, axis=2)
         along = np.einsum("pxa,pa->px", to, surface.area_m2) / r
         g = np.broadcast_to(g, (*r.shape, len(frequencies_hz)))
-        legs.append((r, along, g, np.broadcast_to(field, r.shape) / r))
-    (r_t, along_t, g_t, field_t), (r_r, along_r, g_r, field_r) = legs
+        slope = np.einsum("pxa,pa->px", to, damping) / r
+        legs.append((r, along, g, np.broadcast_to(field, r.shape) / r, slope - level[:, None]))
+    (r_t, along_t, g_t, field_t, spread_t), (r_r, along_r, g_r, field_r, spread_r) = legs
     for m, f in enumerate(frequencies_hz):
         k = 2 * np.pi * f / C_M_PER_S
-        wave_t = g_t[:, :, m] * field_t * np.exp(-1j * k * r_t)
-        wave_r = g_r[:, :, m] * field_r * np.exp(-1j * k * r_r)
+        wave_t = g_t[:, :, m] * field_t * np.exp(-1j * k * r_t - k**2 * spread_t)
+        wave_r = g_r[:, :, m] * field_r * np.exp(-1j * k * r_r - k**2 * spread_r)
         for side in (1, -1):
             at, ar = wave_t * (tx_side == side), wave_r * (rx_side == side)
             total = (at * along_t).T @ ar + at.T @ (ar * along_r)

@@ -25,7 +25,10 @@ TILE_POINTS = 2**17
 """Points per tile, fewer where memory is short. No result depends on it."""
 
 FRAME_ROWS = 18
-"""Numbers of a point that its roughness needs, beside the six of `LitPoints`."""
+"""Numbers of a point that its roughness needs, beside those of `LitPoints`."""
+
+OUT_ROWS = 12
+"""Numbers of a point that `LitPoints` holds as floats."""
 
 NEAREST_SPACINGS = 1.5
 """Least distance between points and antennas, in spacings of the points: closer by, 1/R^2 is no
@@ -58,6 +61,8 @@ class LitPoints:
         On the rough surface, relative to `LitQuadrature.middle_m`.
     area_m2 : ndarray, shape (n, 3), float32, square metres
         N dA: on the side that is seen, not normalised.
+    edges_m : ndarray, shape (n, 2, 3), float32, metres
+        Two edges of the triangle that a point stands for, on the smooth surface.
     material : ndarray, shape (n,), int32
     sample : ndarray, shape (n,), uint32
         Ordinals; a point that is seen from either side is there twice.
@@ -67,6 +72,7 @@ class LitPoints:
 
     position_m: np.ndarray
     area_m2: np.ndarray
+    edges_m: np.ndarray
     material: np.ndarray
     sample: np.ndarray
     tx: np.ndarray
@@ -139,7 +145,7 @@ class LitQuadrature(TracedMesh):
 
     def _size_tiles(self) -> None:
         groups = sum(side.groups for side in self._sides)
-        lit = 4 * (6 + FRAME_ROWS + 3)
+        lit = 4 * (OUT_ROWS + FRAME_ROWS + 3)
         per_point = 4 * 12 + 2 * groups + 8 + 4 + 2 * lit
         room = min(self._buffers.free_bytes // 2 // per_point, self.device.max_buffer_bytes // 160)
         self._tile_points = int(max(1, min(TILE_POINTS, self.n_points, room)))
@@ -187,8 +193,9 @@ class LitQuadrature(TracedMesh):
         columns = [side.bits(count, which, back) for side in self._sides]
         sample = (first + which).astype(np.uint32)
         material = self._material_of(sample)
-        position_m, area_m2 = self._displaced(sample, back, material)
-        return LitPoints(position_m, area_m2, material, sample, *columns)
+        vectors = self._displaced(sample, back, material)
+        parts = (vectors[:, 0], vectors[:, 1], vectors[:, 2:])
+        return LitPoints(*map(np.ascontiguousarray, parts), material, sample, *columns)
 
     def _check_distance(self, count: int) -> None:
         nearest_m = float(np.sqrt(self._buffers.read(self._nearest, count, np.float32).min()))
@@ -206,20 +213,18 @@ class LitQuadrature(TracedMesh):
         piece = np.searchsorted(self._pieces.start, sample, side="right") - 1
         return np.asarray(self._scene.material)[self._pieces.face[piece]].astype(np.int32)
 
-    def _displaced(
-        self, sample: np.ndarray, back: np.ndarray, material: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions and N dA of lit points with their roughness, shape (n, 3) each."""
+    def _displaced(self, sample: np.ndarray, back: np.ndarray, material: np.ndarray) -> np.ndarray:
+        """Return positions and N dA of lit points with their roughness, and edges: (n, 4, 3)."""
         n, width, u = len(sample), self.device.width, np.uint32
         if n == 0:
-            return np.empty((0, 3), np.float32), np.empty((0, 3), np.float32)
+            return np.empty((0, 4, 3), np.float32)
         padded = -(-n // width) * width
         fill = (0, padded - n)
         buffers = self._buffers
         samples = buffers.upload(sample)
         side = buffers.upload((1.0 - 2.0 * back).astype(np.float32))
         materials = buffers.upload(np.pad(material, fill, constant_values=-1))
-        out, frame = buffers.zeros(24 * padded), buffers.zeros(4 * FRAME_ROWS * padded)
+        out, frame = (buffers.zeros(4 * n_rows * padded) for n_rows in (OUT_ROWS, FRAME_ROWS))
         self._program.launch(
             "lit_points", (n,), u(len(self._pieces.face)), u(n), u(padded), *self._cuts,
             *self._surface, self._texture, samples, side, out, frame,
@@ -229,10 +234,10 @@ class LitQuadrature(TracedMesh):
                 "roughen", (padded // width,), u(padded), u(WAVES), np.int32(index),
                 np.float32(rms_m * np.sqrt(2.0 / WAVES)), materials, waves, out, frame,
             )  # fmt: skip
-        both = buffers.read(out, (6, padded), np.float32)[:, :n]
+        rows = buffers.read(out, (OUT_ROWS, padded), np.float32)[:, :n]
         for buffer in (samples, side, materials, out, frame):
             buffers.release(buffer)
-        return np.ascontiguousarray(both[:3].T), np.ascontiguousarray(both[3:].T)
+        return rows.T.reshape(n, 4, 3)
 
 
 class _Side:
