@@ -55,7 +55,8 @@ class Quadrature:
     texture_m : ndarray, shape (n, 3), metres
         The point in the coordinates in which roughness is defined.
     moment_m2 : ndarray, shape (n, 3, 3), square metres
-        Mean of x x^T over the sub-triangle about its centroid, in the surface's tangent plane.
+        Mean of x x^T over the sub-triangle about its centroid, in the surface's tangent plane; 0 of
+        rough surfaces, whose phase is not linear over it.
     """
 
     point_m: np.ndarray
@@ -184,7 +185,10 @@ def roughened(
     along = slope - np.einsum("pa,pa->p", slope, n)[:, None] * n
     area = np.einsum("pa,pa->p", surface.area_m2, n)[:, None]
     return replace(
-        surface, point_m=surface.point_m + height[:, None] * n, area_m2=area * (n - along)
+        surface,
+        point_m=surface.point_m + height[:, None] * n,
+        area_m2=area * (n - along),
+        moment_m2=np.zeros_like(surface.moment_m2),
     )
 
 
@@ -287,15 +291,16 @@ def kirchhoff(
         Field patterns of the antennas towards the points, times the roots of their gains.
     """
     out = np.zeros((array.n_tx, array.n_rx, len(frequencies_hz)), complex)
-    mean, spread = np.zeros_like(surface.point_m), 0.0
-    for at_m, side in ((array.tx_m, tx_side), (array.rx_m, rx_side)):
-        seen = np.abs(side)
+    mean = np.zeros_like(surface.point_m)
+    spread = np.zeros((len(mean), 1))
+    for at_m, seen in ((array.tx_m, np.abs(tx_side)), (array.rx_m, np.abs(rx_side))):
         middle_m = seen @ at_m / np.maximum(seen.sum(axis=1), 1)[:, None]
         to = middle_m - surface.point_m
         distance = np.linalg.norm(to, axis=1, keepdims=True)
         mean += to / distance
         spread += np.sqrt(np.mean(np.sum((at_m - at_m.mean(axis=0)) ** 2, axis=1))) / distance
-    mean -= np.einsum("pa,pa->p", mean, surface.normal)[:, None] * surface.normal
+    unit = surface.area_m2 / np.linalg.norm(surface.area_m2, axis=1, keepdims=True)
+    mean -= np.einsum("pa,pa->p", mean, unit)[:, None] * unit
     size = np.linalg.norm(mean, axis=1, keepdims=True)
     mean *= np.maximum(size - spread, 0) / np.where(size > 0, size, 1)
     damping = np.einsum("pab,pb->pa", surface.moment_m2, mean)

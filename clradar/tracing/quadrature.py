@@ -62,7 +62,8 @@ class LitPoints:
     area_m2 : ndarray, shape (n, 3), float32, square metres
         N dA: on the side that is seen, not normalised.
     edges_m : ndarray, shape (n, 2, 3), float32, metres
-        Two edges of the triangle that a point stands for, on the smooth surface.
+        Two edges of the triangle that a point stands for, on the smooth surface; 0 of rough
+        materials, over whose triangles the phase is not linear.
     material : ndarray, shape (n,), int32
     sample : ndarray, shape (n,), uint32
         Ordinals; a point that is seen from either side is there twice.
@@ -194,8 +195,12 @@ class LitQuadrature(TracedMesh):
         sample = (first + which).astype(np.uint32)
         material = self._material_of(sample)
         vectors = self._displaced(sample, back, material)
-        parts = (vectors[:, 0], vectors[:, 1], vectors[:, 2:])
-        return LitPoints(*map(np.ascontiguousarray, parts), material, sample, *columns)
+        position_m, area_m2, edges_m = (
+            np.ascontiguousarray(part) for part in (vectors[:, 0], vectors[:, 1], vectors[:, 2:])
+        )
+        for index, _, _ in self._waves:
+            edges_m[material == index] = 0.0
+        return LitPoints(position_m, area_m2, edges_m, material, sample, *columns)
 
     def _check_distance(self, count: int) -> None:
         nearest_m = float(np.sqrt(self._buffers.read(self._nearest, count, np.float32).min()))
