@@ -12,10 +12,11 @@ def image(scene: clradar.Scene, alpha: float, seed: int, samples_per_mm2: float)
         scene.with_alpha(alpha),
         clradar.arrays.qar50(),
         clradar.Waveform.sfcw(72e9, 82e9, 128),
+        estimator="expected",
         samples_per_mm2=samples_per_mm2,
         seed=seed,
     )
-    grid = clradar.VoxelGrid.from_extent((-0.08, 0.08), (-0.12, 0.12), (0.27, 0.33), 4e-3)
+    grid = clradar.VoxelGrid.from_extent((-0.08, 0.08), (-0.12, 0.12), (0.25, 0.35), 4e-3)
     return clradar.backproject(capture, grid)
 
 

@@ -188,7 +188,7 @@ def sweep_roughness(
     >>> rough = clradar.Material(
     ...     "rough", conductor=True, roughness_rms_m=0.2e-3, correlation_length_m=3e-3)
     >>> capture = clradar.simulate(
-    ...     scene.with_material(rough), array, waveform, estimator="physical", seed=101)
+    ...     scene.with_material(rough), array, waveform, estimator="physical", seed=102)
     >>> found = calibration.sweep_roughness(
     ...     capture, scene, [0.1e-3, 0.2e-3, 0.4e-3], [2e-3, 5e-3], seeds=5)
     >>> height = found.estimates[0].roughness_m
