@@ -19,7 +19,7 @@ from clradar.tracing.placement import check_placement
 from clradar.tracing.settings import (
     SimulationSettings,
     merged_settings,
-    refuse_physical,
+    require_stochastic,
     resolve_settings,
     simulated_meta,
     takes_settings,
@@ -208,8 +208,7 @@ def simulate_alphas(
     check_placement("simulate_alphas", scene, array)
     array.refuse_patterns("simulate_alphas")
     resolved = resolve_settings(settings, **fields)
-    refuse_physical("simulate_alphas", resolved)
-    checks.one_of("simulate_alphas: estimator", resolved.estimator, ("stochastic",))
+    require_stochastic("simulate_alphas", resolved)
     if len(alphas) == 0:
         checks.fail("simulate_alphas: alphas", "at least one", "none")
     scenes = [scene.with_alpha(alpha) for alpha in alphas]

@@ -12,7 +12,7 @@ from clradar.opencl import Device, open_device
 from clradar.tracing.placement import check_placement
 from clradar.tracing.settings import (
     SimulationSettings,
-    refuse_physical,
+    require_stochastic,
     resolve_settings,
     takes_settings,
 )
@@ -85,8 +85,7 @@ def trace(
     check_placement("trace", scene, array)
     array.refuse_patterns("trace")
     resolved = resolve_settings(settings, **fields)
-    refuse_physical("trace", resolved)
-    checks.one_of("trace: estimator", resolved.estimator, ("stochastic",))
+    require_stochastic("trace", resolved)
     with Tracer(scene, array, resolved, open_device(device)) as tracer:
         tiles = list(tracer.tiles(progress))
     return _paths_of(tiles, array)

@@ -57,7 +57,6 @@ def physical_samples(
         )
     statistics = TraceStatistics(n_points, n_seen, 0, 0)
     meta = simulated_meta(scene, settings, statistics, n_paths, device)
-    meta["absolute"] = True
     meta["scene"]["materials"] = [material_record(material) for material in used]
     meta["kirchhoff"] = {"lit": len(lit.sample), **counts, "tolerance_db": TOLERANCE_DB}
     return data, meta

@@ -221,8 +221,8 @@ def merged_settings(
     return replace(settings, **fields)
 
 
-def refuse_physical(function: str, settings: SimulationSettings) -> None:
-    """Raise a `ModelError` for the physical estimator in a function of rays."""
+def require_stochastic(function: str, settings: SimulationSettings) -> None:
+    """Raise a `ModelError` for another estimator in a function of random rays."""
     if settings.estimator == "physical":
         checks.fail(
             f"{function}: estimator",
@@ -230,6 +230,7 @@ def refuse_physical(function: str, settings: SimulationSettings) -> None:
             "Scene.with_material in place of alphas)",
             "'physical'",
         )
+    checks.one_of(f"{function}: estimator", settings.estimator, ("stochastic",))
 
 
 Function = TypeVar("Function", bound=Callable[..., Any])
