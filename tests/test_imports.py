@@ -120,7 +120,7 @@ def test_data_sets_import_downwards(name: str) -> None:
 
 
 def test_packages_of_calibration_import_nothing_from_each_other() -> None:
-    packages = {"registration", "roughness", "channels", "conventions", "clutter"}
+    packages = {"registration", "roughness", "channels", "conventions", "clutter", "hand_fit"}
     found = {name.split(".")[1] for name in modules("calibration") if "." in name}
     assert found == packages | {"scripts"}
     for name in modules("calibration"):
@@ -128,6 +128,9 @@ def test_packages_of_calibration_import_nothing_from_each_other() -> None:
             others = [
                 i for i in IMPORTS[name] if within(i, "calibration") and package_of(i) != here
             ]
+            # The fit of a hand continues the registration of a mesh.
+            if here == "hand_fit":
+                others = [i for i in others if package_of(i) != "registration"]
             assert not others, f"{name} imports {others}"
 
 
