@@ -84,6 +84,11 @@ Pixels = tuple[np.ndarray, np.ndarray]
 """Two images, (n_y, n_x): power, and mean range or power times range."""
 
 
+def knot_weights(angle: np.ndarray) -> np.ndarray:
+    """Share of every knot in the log brightness at angles of incidence, (n_knots, n)."""
+    return np.array([np.interp(angle, KNOTS_RAD, row) for row in np.eye(len(KNOTS_RAD))])
+
+
 class Aperture:
     """The radar of a rendering: its centre, viewpoints and point spread function."""
 
@@ -138,30 +143,20 @@ class Aperture:
         return self._cells_m2[key]
 
 
-class MeshRendering:
-    """Renderings of a mesh on the pixels of a measured image, in any pose.
+class Canvas:
+    """Draws surface samples on the pixels of a measured image.
 
     Parameters
     ----------
-    surface : VisibleSurface
-        Of the mesh as given; entered.
     measured : MeasuredImage
     aperture : Aperture
     blur_m : float, metres
-        Standard deviation of an additional Gaussian blur, for a wider basin of attraction.
+        Standard deviation of an additional Gaussian blur of both, for a wider basin of attraction.
     """
 
-    def __init__(
-        self,
-        surface: VisibleSurface,
-        measured: MeasuredImage,
-        aperture: Aperture,
-        blur_m: float = 0.0,
-    ) -> None:
-        self.surface, self.measured, self.aperture = surface, measured, aperture
+    def __init__(self, measured: MeasuredImage, aperture: Aperture, blur_m: float = 0.0) -> None:
+        self.measured, self.aperture = measured, aperture
         self.reference_m = float(np.nanmedian(measured.range_m))
-        self._visible = np.zeros(0, dtype=np.intp)
-        self._share = np.zeros(0)
         pattern = aperture.point_spread(self.reference_m, measured.step_m)
         self._half = (pattern.shape[0] // 2, pattern.shape[1] // 2)
         shape = measured.power.shape
@@ -180,6 +175,78 @@ class MeshRendering:
             spectrum = fft.rfft2(measured.power, self._padded) * soft
             blurred = fft.irfft2(spectrum, self._padded)[: shape[0], : shape[1]]
             self.power = np.maximum(blurred, 0.0) / blurred.max()
+
+    def sight(self, points_m: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Range beyond `reference_m`, metres, and angle of incidence, radians, both (n,)."""
+        sight_m = points_m - self.aperture.centre_m
+        from_centre_m = np.linalg.norm(sight_m, axis=1)
+        cosine = np.abs((normals * sight_m).sum(axis=1)) / from_centre_m
+        return from_centre_m - self.reference_m, np.arccos(np.minimum(cosine, 1.0))
+
+    def splat(
+        self, points_m: np.ndarray, range_m: np.ndarray, brightness: np.ndarray
+    ) -> np.ndarray:
+        """Samples as bilinear weights of pixels: power and power times range, (k, 2, n_y, n_x).
+
+        `range_m` as of `sight`; one picture per row of `brightness`, (k, n_samples).
+        """
+        n_y, n_x = self.measured.power.shape
+        step_x, step_y = self.measured.step_m
+        u = (points_m[:, 0] - self.measured.x_m[0]) / step_x
+        v = (points_m[:, 1] - self.measured.y_m[0]) / step_y
+        left, low = np.floor(u).astype(np.intp), np.floor(v).astype(np.intp)
+        inside = (left >= 0) & (left < n_x - 1) & (low >= 0) & (low < n_y - 1)
+        right_share, high_share = (u - left)[inside], (v - low)[inside]
+        pixel = (low * n_x + left)[inside]
+        corners = [
+            (pixel, (1 - right_share) * (1 - high_share)),
+            (pixel + 1, right_share * (1 - high_share)),
+            (pixel + n_x, (1 - right_share) * high_share),
+            (pixel + n_x + 1, right_share * high_share),
+        ]
+        drawn = np.zeros((len(brightness), 2, n_y, n_x))
+        for row, targets in zip(brightness[:, inside], drawn, strict=True):
+            for values, target in zip((row, row * range_m[inside]), targets, strict=True):
+                for place, share in corners:
+                    target += np.bincount(place, values * share, n_y * n_x).reshape(n_y, n_x)
+        return drawn
+
+    def convolved(self, drawn: np.ndarray) -> np.ndarray:
+        """Pictures of `splat`, (..., n_y, n_x), seen through the point spread function."""
+        n_y, n_x = self.measured.power.shape
+        spectrum = fft.rfft2(drawn, self._padded) * self._pattern
+        h, w = self._half
+        seen: np.ndarray = fft.irfft2(spectrum, self._padded)[..., h : h + n_y, w : w + n_x]
+        return seen
+
+    def mean_range(self, power: np.ndarray, moment: np.ndarray) -> Pixels:
+        """Power, and the mean range in metres, of one convolved picture."""
+        power = np.maximum(power, 1e-12)
+        return power, self.reference_m + moment / power
+
+
+class MeshRendering(Canvas):
+    """Renderings of a mesh on the pixels of a measured image, in any pose.
+
+    Parameters
+    ----------
+    surface : VisibleSurface
+        Of the mesh as given; entered.
+    measured, aperture, blur_m
+        As of `Canvas`.
+    """
+
+    def __init__(
+        self,
+        surface: VisibleSurface,
+        measured: MeasuredImage,
+        aperture: Aperture,
+        blur_m: float = 0.0,
+    ) -> None:
+        super().__init__(measured, aperture, blur_m)
+        self.surface = surface
+        self._visible = np.zeros(0, dtype=np.intp)
+        self._share = np.zeros(0)
 
     def update_visibility(self, transform: np.ndarray, every: slice = slice(None)) -> None:
         """Compute which samples are visible when the mesh is moved by `transform`, shape (4, 4).
@@ -209,60 +276,20 @@ class MeshRendering:
         log_brightness : ndarray, shape (n_knots,)
             Natural logarithm of the power per area at `KNOTS_RAD`.
         """
-        points_m, from_centre_m, angle = self._geometry(transform)
+        points_m, range_m, angle = self._geometry(transform)
         bright = self._share * np.exp(np.interp(angle, KNOTS_RAD, log_brightness))
-        return self._rendered(points_m, from_centre_m, bright[None])[0]
+        return self.mean_range(*self.convolved(self.splat(points_m, range_m, bright[None])[0]))
 
     def brightness_derivatives(
         self, transform: np.ndarray, log_brightness: np.ndarray
     ) -> list[Pixels]:
         """Derivatives of power and of power x range by each knot's logarithm."""
-        points_m, from_centre_m, angle = self._geometry(transform)
+        points_m, range_m, angle = self._geometry(transform)
         bright = self._share * np.exp(np.interp(angle, KNOTS_RAD, log_brightness))
-        knot_weights = [np.interp(angle, KNOTS_RAD, row) for row in np.eye(len(KNOTS_RAD))]
-        return self._rendered(points_m, from_centre_m, bright * np.array(knot_weights), mean=False)
+        drawn = self.splat(points_m, range_m, bright * knot_weights(angle))
+        return [(power, moment) for power, moment in self.convolved(drawn)]
 
     def _geometry(self, transform: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         points_m = self.visible_points_m(transform)
         normals = self.surface.normals[self._visible] @ transform[:3, :3].T
-        sight_m = points_m - self.aperture.centre_m
-        from_centre_m = np.linalg.norm(sight_m, axis=1)
-        cosine = np.abs((normals * sight_m).sum(axis=1)) / from_centre_m
-        return points_m, from_centre_m - self.reference_m, np.arccos(np.minimum(cosine, 1.0))
-
-    def _rendered(
-        self,
-        points_m: np.ndarray,
-        range_m: np.ndarray,
-        brightness: np.ndarray,
-        mean: bool = True,
-    ) -> list[Pixels]:
-        """Bilinear splatting: power and (mean) range per row of `brightness`, (k, n_samples)."""
-        n_y, n_x = self.measured.power.shape
-        step_x, step_y = self.measured.step_m
-        u = (points_m[:, 0] - self.measured.x_m[0]) / step_x
-        v = (points_m[:, 1] - self.measured.y_m[0]) / step_y
-        left, low = np.floor(u).astype(np.intp), np.floor(v).astype(np.intp)
-        inside = (left >= 0) & (left < n_x - 1) & (low >= 0) & (low < n_y - 1)
-        right_share, high_share = (u - left)[inside], (v - low)[inside]
-        pixel = (low * n_x + left)[inside]
-        corners = [
-            (pixel, (1 - right_share) * (1 - high_share)),
-            (pixel + 1, right_share * (1 - high_share)),
-            (pixel + n_x, (1 - right_share) * high_share),
-            (pixel + n_x + 1, right_share * high_share),
-        ]
-        rendered: list[Pixels] = []
-        for row in brightness[:, inside]:
-            drawn = np.zeros((2, n_y, n_x))
-            for values, target in zip((row, row * range_m[inside]), drawn, strict=True):
-                for place, share in corners:
-                    target += np.bincount(place, values * share, n_y * n_x).reshape(n_y, n_x)
-            spectrum = fft.rfft2(drawn, self._padded) * self._pattern
-            h, w = self._half
-            power, moment = fft.irfft2(spectrum, self._padded)[:, h : h + n_y, w : w + n_x]
-            if mean:
-                power = np.maximum(power, 1e-12)
-                moment = self.reference_m + moment / power
-            rendered.append((power, moment))
-        return rendered
+        return points_m, *self.sight(points_m, normals)

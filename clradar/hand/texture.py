@@ -34,6 +34,34 @@ _RADII_MM = {
 }
 _BONES = tuple(_RADII_MM)
 
+SKIN_BONES: tuple[int, ...] = tuple(JOINT_INDEX[bone] for bone in _BONES)
+"""The joints where the bones begin that carry skin: the columns of `skin_weights`."""
+
+
+def skin_weights(vertices_m: np.ndarray, normals: np.ndarray, posed: Skeleton) -> np.ndarray:
+    """Return by how much every bone moves points of the skin of a posed hand.
+
+    Parameters
+    ----------
+    vertices_m : ndarray, shape (V, 3), metres
+        In the frame of the skeleton.
+    normals : ndarray, shape (V, 3)
+        Outward unit vectors.
+    posed : Skeleton
+
+    Returns
+    -------
+    ndarray, shape (V, len(SKIN_BONES)), float64
+        With sums of 1. The weights of the bones beside the nearest fall to zero as (1 - d / c)^2,
+        where d is how much farther their flesh is than that of the nearest, c = `BLEND_M`.
+    """
+    distance_m = np.stack([_distance_m(vertices_m, normals, posed, b) for b in _BONES], axis=1)
+    nearest = distance_m.argmin(axis=1)
+    distance_m -= distance_m.min(axis=1, keepdims=True)
+    weight: np.ndarray = np.maximum(0.0, 1.0 - distance_m / BLEND_M) ** 2 * _BESIDE[nearest]
+    weight /= weight.sum(axis=1, keepdims=True)
+    return weight
+
 
 def texture_coordinates_m(
     vertices_m: np.ndarray, normals: np.ndarray, posed: Skeleton, flat: Skeleton
@@ -57,11 +85,7 @@ def texture_coordinates_m(
         fall to zero as (1 - d / c)^2, where d is how much farther their flesh is than that of the
         nearest, c = `BLEND_M`.
     """
-    distance_m = np.stack([_distance_m(vertices_m, normals, posed, b) for b in _BONES], axis=1)
-    nearest = distance_m.argmin(axis=1)
-    distance_m -= distance_m.min(axis=1, keepdims=True)
-    weight = np.maximum(0.0, 1.0 - distance_m / BLEND_M) ** 2 * _BESIDE[nearest]
-    weight /= weight.sum(axis=1, keepdims=True)
+    weight = skin_weights(vertices_m, normals, posed)
     texture_m = np.zeros(vertices_m.shape)
     for bone, share in zip(_BONES, weight.T, strict=True):
         at = JOINT_INDEX[bone]

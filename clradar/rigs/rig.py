@@ -203,6 +203,24 @@ class Rig(Record):
         forward kinematics, q_j = q_parent + R_parent (p_j - p_parent).
         """
         centre_m = place("center_m", center_m)
+        places_m = self.joint_places_m(rotations)
+        vertices_m = self._skinned(rotations, places_m)
+        if not np.isfinite(vertices_m).all():
+            raise RigError(f"{self.label}: expected finite vertices, got NaN")
+        middle_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
+        mirror = np.diag([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
+        rest_m = self.influences.summed(self.influences.point_m, self.n_vertices)
+        right = HandMesh(vertices_m, self.faces, places_m, self._parts(), texture_m=rest_m)
+        return right.moved(mirror, centre_m - mirror @ middle_m)
+
+    def joint_places_m(self, rotations: np.ndarray) -> np.ndarray:
+        """Return the joints by forward kinematics, (25, 3), metres; NaN where the rig has none.
+
+        Parameters
+        ----------
+        rotations : ndarray, shape (25, 3, 3), float64
+            As for `turned`.
+        """
         known, parents = self.known, parents_of(self.known)
         places_m = np.full_like(self.joints_m, np.nan)
         places_m[WRIST] = self.joints_m[WRIST]
@@ -212,14 +230,7 @@ class Rig(Record):
                     up = parents[joint]
                     bone_m = self.joints_m[joint] - self.joints_m[up]
                     places_m[joint] = places_m[up] + rotations[up] @ bone_m
-        vertices_m = self._skinned(rotations, places_m)
-        if not np.isfinite(vertices_m).all():
-            raise RigError(f"{self.label}: expected finite vertices, got NaN")
-        middle_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
-        mirror = np.diag([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
-        rest_m = self.influences.summed(self.influences.point_m, self.n_vertices)
-        right = HandMesh(vertices_m, self.faces, places_m, self._parts(), texture_m=rest_m)
-        return right.moved(mirror, centre_m - mirror @ middle_m)
+        return places_m
 
     def _skinned(self, rotations: np.ndarray, places_m: np.ndarray) -> np.ndarray:
         rows = self.influences

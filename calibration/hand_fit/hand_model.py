@@ -1,0 +1,131 @@
+"""The hands that can be fitted, the parametric one and rigs, behind one interface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from calibration.hand_fit.skinned import Bones, Skin
+from clradar.hand import HandMesh, HandPose, HandShape, hand_mesh, posed_skeleton
+from clradar.hand.skeleton import Skeleton
+from clradar.hand.texture import SKIN_BONES, skin_weights
+from clradar.opencl import Device
+from clradar.rigs import Rig
+
+_NEXT_OF_WRIST = 10  # the base of the middle finger's metacarpal
+
+
+class HandModel(Protocol):
+    """A hand that takes poses: the parametric hand, or a rig.
+
+    Everything is in the frame of the hand: `clradar.hand.posed_skeleton`, mirrored in x for a left
+    hand, the wrist at the origin.
+    """
+
+    @property
+    def handedness(self) -> str: ...
+
+    @property
+    def has_shape(self) -> bool:
+        """Whether `HandShape` changes it."""
+
+    def joints_m(self, pose: HandPose, shape: HandShape) -> np.ndarray:
+        """Joint centres, shape (25, 3), metres; NaN where the hand has none."""
+
+    def bones(self, pose: HandPose, shape: HandShape) -> Bones:
+        """Where the bones take their skin."""
+
+    def mesh(self, pose: HandPose, shape: HandShape, edge_m: float) -> HandMesh:
+        """The surface, meshed anew."""
+
+    def skin(
+        self, mesh: HandMesh, pose: HandPose, shape: HandShape, points_m: np.ndarray,
+        normals: np.ndarray,
+    ) -> Skin:  # fmt: skip
+        """Bones and weights of points on a mesh of this hand in a pose, (n, 3), and normals."""
+
+
+@dataclass(frozen=True, slots=True)
+class ParametricHand:
+    """The hand of `clradar.hand`."""
+
+    handedness: str = "right"
+    device: Device | str | None = None
+    has_shape: bool = field(default=True, init=False)
+
+    @property
+    def _mirror(self) -> np.ndarray:
+        return np.array([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
+
+    def joints_m(self, pose: HandPose, shape: HandShape) -> np.ndarray:
+        return posed_skeleton(pose, shape).joints_m * self._mirror
+
+    def bones(self, pose: HandPose, shape: HandShape) -> Bones:
+        """Along a bone the skin scales with its length, across it with the girth."""
+        skeleton = posed_skeleton(pose, shape)
+        ends = np.arange(1, 26)
+        ends[0], ends[-1] = _NEXT_OF_WRIST, 24
+        length_m = np.linalg.norm(skeleton.joints_m[ends] - skeleton.joints_m, axis=1)
+        across = np.full(25, skeleton.thickness)
+        # A tip carries no skin, and its bone has no length.
+        scale = np.stack([across, np.maximum(length_m, 1e-3), across], axis=1)
+        matrix = self._mirror[:, None] * skeleton.frames * scale[:, None, :]
+        return Bones(matrix, skeleton.joints_m * self._mirror)
+
+    def mesh(self, pose: HandPose, shape: HandShape, edge_m: float) -> HandMesh:
+        made = hand_mesh(
+            pose, edge_m, self.handedness, (0.0, 0.0, 0.0), shape=shape, device=self.device
+        )
+        return made.moved(np.eye(3), -made.joints_m[0])
+
+    def skin(
+        self, mesh: HandMesh, pose: HandPose, shape: HandShape, points_m: np.ndarray,
+        normals: np.ndarray,
+    ) -> Skin:  # fmt: skip
+        posed: Skeleton = posed_skeleton(pose, shape)
+        weights = skin_weights(points_m * self._mirror, normals * self._mirror, posed)
+        return Skin.of_weights(weights, np.array(SKIN_BONES))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RiggedHand:
+    """A rigged hand; it keeps its size and its side."""
+
+    rig: Rig
+    has_shape: bool = field(default=False, init=False)
+
+    @property
+    def handedness(self) -> str:
+        return self.rig.handedness
+
+    def _mesh(self, pose: HandPose) -> HandMesh:
+        made = self.rig.posed(pose, (0.0, 0.0, 0.0))
+        return made.moved(np.eye(3), -made.joints_m[0])
+
+    def joints_m(self, pose: HandPose, shape: HandShape) -> np.ndarray:
+        mirror = np.array([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
+        places_m = self.rig.joint_places_m(self.rig.rotations(pose))
+        return (places_m - places_m[0]) * mirror
+
+    def bones(self, pose: HandPose, shape: HandShape) -> Bones:
+        mirror = np.array([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
+        matrix = mirror[:, None] * posed_skeleton(pose).frames
+        return Bones(matrix, np.nan_to_num(self.joints_m(pose, shape)))
+
+    def mesh(self, pose: HandPose, shape: HandShape, edge_m: float) -> HandMesh:
+        """The rig's own triangles, whatever the edge length."""
+        return self._mesh(pose)
+
+    def skin(
+        self, mesh: HandMesh, pose: HandPose, shape: HandShape, points_m: np.ndarray,
+        normals: np.ndarray,
+    ) -> Skin:  # fmt: skip
+        """Those of the nearest vertex."""
+        rows = self.rig.influences
+        weights = np.zeros((self.rig.n_vertices, 25))
+        weights[rows.vertex, rows.joint] = rows.weight
+        _, nearest = KDTree(mesh.vertices_m).query(points_m)
+        return Skin.of_weights(weights[nearest], np.arange(25))
