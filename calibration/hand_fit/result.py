@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
-from clradar.hand import HandPose, HandShape
+from calibration.hand_fit.hand_state import FITTED_ANGLES, angles_of
+from calibration.registration.alignment import USUAL_OVERLAP
+from clradar.hand import JOINT_NAMES, HandPose, HandShape
+from clradar.hand.pose_file import pose_table
 from clradar.model import Capture, Scene, Volume
 
 TIPS = (4, 9, 14, 19, 24)
 """Tips of thumb, index, middle, ring and little finger in `clradar.hand.JOINT_NAMES`."""
+
+DIGITS = ("thumb", "index", "middle", "ring", "pinky")
+
+ANGLE_NAMES = tuple(f"{joint} {angle}" for joint, angle in FITTED_ANGLES)
+"""Such as "index-finger-phalanx-distal flexion"."""
+
+RIVAL_DEVIANCE = 6.0
+"""A basin whose deviance is larger by less is a rival: with Gaussian errors its likelihood is at
+least exp(-3) = 5 % of the best one's."""
+
+APART_M = 10e-3
+"""Poses with a tip farther apart than this are different ones: a finger is 15 mm thick."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,12 +134,109 @@ class HandFit:
 
     def remarks(self) -> tuple[str, ...]:
         """Reasons to doubt the result, one clause each."""
-        return self.notes
+        found = list(self.notes)
+        if not self.converged:
+            found.append("the pose still changed in the last step, and may go on")
+        for basin in self.basins:
+            more, apart_m = basin.deviance - self.deviance, self.tips_apart_m(basin)
+            if more < RIVAL_DEVIANCE and apart_m.max() > APART_M:
+                digit = DIGITS[int(apart_m.argmax())]
+                finger = digit if digit == "thumb" else f"{digit} finger"
+                found.append(
+                    f"another pose fits nearly as well (deviance {more:+.1f}), with the tip of "
+                    f"the {finger} {1e3 * apart_m.max():.0f} mm away"
+                )
+        if self.overlap is not None and self.overlap < USUAL_OVERLAP:
+            found.append(
+                f"an overlap of {self.overlap:.2f} is little, right hands have 0.91 or more in "
+                "simulations: pose or shape may be others; see the figures"
+            )
+        return tuple(found)
+
+    def tips_apart_m(self, basin: Basin) -> np.ndarray:
+        """Distances of the tips of a basin from those of the fit, shape (5,), metres; 0 where a rig
+        has none."""
+        apart_m = np.linalg.norm(basin.joints_m[list(TIPS)] - self.tips_m, axis=1)
+        return np.nan_to_num(apart_m, nan=0.0)
 
     def to_dict(self) -> dict[str, Any]:
-        """The result in types that JSON has."""
-        raise NotImplementedError
+        """The result in types that JSON has, without meshes and simulations.
+
+        `pose` is what a pose file holds, `joints_m` and `joint_std_m` are by joint, and `angles`
+        has value and standard deviation of the fitted angles, degrees, and whether the measurement
+        tells them.
+        """
+        told = [name not in self.untold for name in ANGLE_NAMES]
+        columns = (np.degrees(angles_of(self.pose)), np.degrees(self.angle_std_rad))
+        rows = zip(ANGLE_NAMES, *(column.tolist() for column in columns), told, strict=True)
+        return {
+            "pose": pose_table(self.pose),
+            "shape": asdict(self.shape),
+            "handedness": self.handedness,
+            "transform": self.transform.tolist(),
+            "start": self.start,
+            "converged": self.converged,
+            "deviance": self.deviance,
+            "likeness": self.likeness,
+            "overlap": self.overlap,
+            "alpha": self.alpha,
+            "log_brightness": self.log_brightness.tolist(),
+            "joints_m": _by_joint(self.joints_m),
+            "joint_std_m": _by_joint(self.joint_std_m),
+            "angles": {
+                name: {"value_deg": value, "std_deg": std, "told": known}
+                for name, value, std, known in rows
+            },
+            "untold": list(self.untold),
+            "basins": [
+                {
+                    "start": basin.start,
+                    "deviance": basin.deviance,
+                    "pose": pose_table(basin.pose),
+                    "transform": basin.transform.tolist(),
+                    "joints_m": _by_joint(basin.joints_m),
+                }
+                for basin in self.basins
+            ],
+            "parameter_names": list(self.parameter_names),
+            "covariance": self.covariance.tolist(),
+            "remarks": list(self.remarks()),
+            "report": self.report(),
+        }
 
     def report(self) -> str:
         """The result as a few lines of text."""
-        raise NotImplementedError
+        lines = [f"A {self.handedness} hand, fitted from '{self.start}'."]
+        lines[0] += f" Its rendering correlates with the measurement by {self.likeness:.2f}."
+        if self.alpha is not None:
+            lines[0] += f" Alpha is {self.alpha:.2f}."
+        if self.overlap is not None:
+            lines[0] += f" Simulated there, the overlap is {self.overlap:.2f}."
+        tips = (
+            f"{digit} {', '.join(f'{v:.1f}' for v in 1e3 * tip_m)} ± {1e3 * std_m:.1f}"
+            for digit, tip_m, std_m in zip(DIGITS, self.tips_m, self.tip_std_m, strict=True)
+            if np.isfinite(tip_m).all()
+        )
+        lines.append(f"Tips (x, y, z ± one standard deviation, mm): {'; '.join(tips)}.")
+        n_told = len(ANGLE_NAMES) - len(self.untold)
+        lines.append(f"The measurement tells {n_told} of {len(ANGLE_NAMES)} angles.")
+        if self.untold:
+            lines[-1] += f" It does not tell, and the start gave: {', '.join(self.untold)}."
+        if len(self.basins) > 1:
+            others = (
+                f"from '{basin.start}' with deviance {basin.deviance - self.deviance:+.1f}, tips "
+                f"up to {1e3 * self.tips_apart_m(basin).max():.0f} mm away"
+                for basin in self.basins[1:]
+            )
+            lines.append(f"Other poses that it came to rest in: {'; '.join(others)}.")
+        lines.append("Converged." if self.converged else "NOT converged: still moving.")
+        lines += [f"Doubtful: {remark}." for remark in self.remarks()]
+        return "\n".join(lines)
+
+
+def _by_joint(values: np.ndarray) -> dict[str, Any]:
+    """Values (25, ...) by the name of the joint; None where the hand has no such joint."""
+    return {
+        name: value.tolist() if np.isfinite(value).all() else None
+        for name, value in zip(JOINT_NAMES, values, strict=True)
+    }

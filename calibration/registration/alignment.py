@@ -117,7 +117,7 @@ class Alignment:
             if largest > LARGEST:
                 checks.fail(field, f"numbers up to {LARGEST:g}", f"{largest:g}")
             object.__setattr__(self, name, array)
-        _check_rigid("Alignment.transform", self.transform)
+        check_rigid("Alignment.transform", self.transform)
         least = float(np.diag(self.covariance).min())
         if least < 0.0:
             checks.fail("Alignment.covariance", "variances of 0 or more", f"{least:g}")
@@ -229,7 +229,7 @@ class Alignment:
         return "\n".join(lines)
 
 
-def _check_rigid(field: str, transform: np.ndarray) -> None:
+def check_rigid(field: str, transform: np.ndarray) -> None:
     """Raise `ModelError` unless a finite matrix, shape (4, 4), is a rotation and a shift."""
     rotation = transform[:3, :3]
     off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())

@@ -52,7 +52,7 @@ def parse_pose(content: bytes, path: Path) -> HandPose:
     with reading(path, _EXPECTED):
         text = content.decode("utf-8-sig")
         parsed = parse_json(text) if path.suffix.lower() == ".json" else parse_toml(text)
-    return _pose(path, parsed)
+    return pose_of_table(parsed, path)
 
 
 def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = False) -> None:
@@ -88,7 +88,7 @@ def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = Fa
             f"{shown(target)}: expected a name that ends in {' or '.join(SUFFIXES)}, "
             f"got '{target.suffix}'"
         )
-    text = (indented if suffix == ".json" else toml_document)(_record(pose))
+    text = (indented if suffix == ".json" else toml_document)(pose_table(pose))
     write_file(target, text.encode("utf-8"), force=force)
 
 
@@ -106,7 +106,8 @@ def _table(
     return value
 
 
-def _pose(path: Path, parsed: Any) -> HandPose:
+def pose_of_table(parsed: Any, path: Path) -> HandPose:
+    """Return the pose of a parsed file; `path` is what errors name."""
     top = _table(path, "the pose", parsed, _KEYS)
     texts = {key: top.get(key, "") for key in _KEYS[:3]}
     for key, text in texts.items():
@@ -145,7 +146,8 @@ def _angles(angles: JointAngles) -> dict[str, float]:
     return {key: _decimal_deg(value) for key, value in pairs if value != 0.0}
 
 
-def _record(pose: HandPose) -> dict[str, Any]:
+def pose_table(pose: HandPose) -> dict[str, Any]:
+    """Return what a pose file holds, in types that JSON has."""
     record: dict[str, Any] = {"name": pose.name}
     record |= {k: v for k in ("description", "source") if (v := getattr(pose, k))}
     record["joints"] = {joint: _angles(angles) for joint, angles in pose.joints.items()}

@@ -1,0 +1,135 @@
+"""Where the fit of a hand starts: poses by name, of files, or of earlier fits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from calibration.hand_fit.result import HandFit
+from calibration.registration.alignment import check_rigid
+from clradar.errors import ClradarError, MeasurementError, ModelError, quoted
+from clradar.files.failures import fail, shown
+from clradar.files.json_file import read_json_object
+from clradar.hand import LETTERS, POSES, HandPose, HandShape, pose_by_name, read_pose
+from clradar.hand.pose_file import SUFFIXES, pose_of_table
+from clradar.model import checks
+
+FIT_FILE = "fit.json"
+"""In the folder of a fit; `HandFit.to_dict` with what made it."""
+
+ALL = "all"
+"""All letters of the alphabet."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """Where a fit starts.
+
+    Attributes
+    ----------
+    pose : HandPose
+        The mean of the prior; its name is that of the start.
+    shape : HandShape, optional
+        None: the one that the fit is given.
+    handedness : "right" or "left", optional
+        None: the one that the fit is given.
+    transform : ndarray, shape (4, 4), metres, optional
+        As `HandFit.transform`; None: the place is searched for.
+    """
+
+    pose: HandPose
+    shape: HandShape | None = None
+    handedness: str | None = None
+    transform: np.ndarray | None = None
+
+
+PoseLike: TypeAlias = "str | Path | HandPose | HandFit | Start"
+
+
+def starts_of(pose: PoseLike | Iterable[PoseLike]) -> tuple[Start, ...]:
+    """Return the starts that the argument `pose` of `fit_hand` names.
+
+    Parameters
+    ----------
+    pose : str, Path, HandPose, HandFit, Start, or several of them
+        A name in `clradar.hand.POSES`, "all" for all letters, a pose file (.toml, .json), a pose,
+        an earlier fit, its folder, or its file fit.json. A string that is a name is one, whatever
+        files there are.
+
+    Raises
+    ------
+    ModelError
+        No such pose, none at all, or another type.
+    MeasurementError
+        A file that cannot be read.
+    """
+    if isinstance(pose, str | Path | HandPose | HandFit | Start):
+        return _starts(pose)
+    if not isinstance(pose, Iterable):
+        checks.fail("pose", "a name, a pose, an earlier fit, or several", type(pose).__name__)
+    found = tuple(start for one in pose for start in _starts(one))
+    if not found:
+        checks.fail("pose", "at least one", "none")
+    return found
+
+
+def _starts(pose: Any) -> tuple[Start, ...]:
+    if isinstance(pose, Start):
+        return (pose,)
+    if isinstance(pose, HandPose):
+        return (Start(pose),)
+    if isinstance(pose, HandFit):
+        return (Start(pose.pose, pose.shape, pose.handedness, pose.transform),)
+    if isinstance(pose, str) and pose.strip().casefold() == ALL:
+        return tuple(Start(POSES[letter]) for letter in LETTERS)
+    if isinstance(pose, str) and not _is_file(pose):
+        return (Start(pose_by_name(pose)),)
+    if isinstance(pose, str | Path):
+        return (read_start(Path(pose)),)
+    checks.fail("pose", "a name, a pose file, a HandPose or a HandFit", type(pose).__name__)
+
+
+def _is_file(text: str) -> bool:
+    """Whether a string is the name of a file or of a folder, and not that of a pose."""
+    if text.strip().casefold() in {name.casefold() for name in POSES}:
+        return False
+    return Path(text).suffix.lower() in SUFFIXES or Path(text).is_dir()
+
+
+def read_start(path: Path) -> Start:
+    """Return the start in a pose file, a fit.json, or the folder of a fit.
+
+    Raises
+    ------
+    MeasurementError
+        The file is missing or neither; the message names it.
+    """
+    if path.is_dir():
+        if not (path / FIT_FILE).is_file():
+            fail(path, f"the folder of a fit, which holds {FIT_FILE}", "none")
+        path = path / FIT_FILE
+    if path.suffix.lower() != ".json":
+        return Start(read_pose(path))
+    record = read_json_object(path)
+    return _start_of_fit(record, path) if "transform" in record else Start(read_pose(path))
+
+
+def _start_of_fit(record: dict[str, Any], path: Path) -> Start:
+    for key, kind in (("pose", dict), ("shape", dict), ("handedness", str)):
+        if not isinstance(record.get(key), kind):
+            got = "none" if key not in record else quoted(repr(record[key]))
+            fail(path, f"'{key}' of a fitted hand", got)
+    pose = pose_of_table(record["pose"], path)
+    try:
+        shape = HandShape(**record["shape"])
+        handedness = checks.one_of("handedness", record["handedness"], ("right", "left"))
+        transform = checks.read_only("transform", record["transform"], np.float64, (4, 4))
+        check_rigid("transform", transform)
+    except (ModelError, TypeError) as error:
+        said = str(error) if isinstance(error, ClradarError) else f"shape: {error}"
+        raise MeasurementError(f"{shown(path)}: {said}") from error
+    return Start(pose, shape, handedness, transform)

@@ -1,0 +1,156 @@
+"""The result of the fit of a hand in words and in JSON, and as the start of the next fit."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hand_fits import UNTOLD, made_up_fit
+
+from calibration.hand_fit.hand_state import angles_of
+from calibration.hand_fit.result import TIPS, HandFit
+from calibration.hand_fit.starts import Start, starts_of
+from clradar.errors import MeasurementError, ModelError
+from clradar.files.json_file import write_json
+from clradar.hand import JOINT_NAMES, LETTERS, POSES, HandShape, pose_by_name, write_pose
+
+
+@pytest.fixture(scope="module")
+def fit() -> HandFit:
+    return made_up_fit(shape=HandShape(length_m=0.18, girth=0.95))
+
+
+def test_the_record_is_strict_json_with_joints_and_angles_by_name(fit: HandFit) -> None:
+    record = json.loads(json.dumps(fit.to_dict(), allow_nan=False))
+    assert list(record["joints_m"]) == list(JOINT_NAMES)
+    assert record["joints_m"]["thumb-tip"] == fit.tips_m[0].tolist()
+    assert record["joint_std_m"]["index-finger-tip"] == 5e-3
+    assert {name for name, row in record["angles"].items() if not row["told"]} == set(UNTOLD)
+    middle = record["angles"]["ring-finger-phalanx-intermediate flexion"]
+    assert middle["value_deg"] == pytest.approx(
+        POSES["F"].angles("ring-finger-phalanx-intermediate").degrees()[0]
+    )
+    assert middle["std_deg"] == pytest.approx(3.0)
+    assert [basin["deviance"] for basin in record["basins"]] == [100.0, 130.0]
+
+
+def test_joints_that_a_rig_lacks_are_null(fit: HandFit) -> None:
+    joints_m = np.array(fit.joints_m)
+    joints_m[TIPS[0]] = np.nan
+    lacking = replace(fit, joints_m=joints_m)
+    record = json.loads(json.dumps(lacking.to_dict(), allow_nan=False))
+    assert record["joints_m"]["thumb-tip"] is None
+    assert "thumb" not in lacking.report().splitlines()[1]
+    assert not lacking.remarks()
+
+
+def test_the_report_has_tips_and_what_is_not_told(fit: HandFit) -> None:
+    lines = fit.report().splitlines()
+    assert "fitted from 'L'" in lines[0]
+    assert "Alpha is 0.30" in lines[0]
+    x, y, z = 1e3 * fit.tips_m[1]
+    assert f"index {x:.1f}, {y:.1f}, {z:.1f} ± 5.0;" in lines[1]
+    assert lines[2].startswith("The measurement tells 21 of 23 angles.")
+    assert all(name in lines[2] for name in UNTOLD)
+    assert "from 'D' with deviance +30.0" in lines[3]
+    assert lines[4:] == ["Converged."]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"converged": False}, "the pose still changed"),
+        ({"overlap": 0.7}, "an overlap of 0.70 is little"),
+        ({"notes": ("the thumb is hidden",)}, "the thumb is hidden"),
+    ],
+)
+def test_doubts_are_remarks(fit: HandFit, changes: dict[str, Any], said: str) -> None:
+    assert not fit.remarks()
+    doubtful = replace(fit, **changes)
+    (remark,) = doubtful.remarks()
+    assert said in remark
+    assert f"Doubtful: {remark}." in doubtful.report()
+
+
+def test_only_a_different_pose_that_fits_as_well_is_a_rival(fit: HandFit) -> None:
+    best, other = fit.basins
+    near = replace(other, deviance=fit.deviance + 3.0)
+    (remark,) = replace(fit, basins=(best, near)).remarks()
+    farthest = np.linalg.norm(other.joints_m - fit.joints_m, axis=1)[list(TIPS)].max()
+    where = f"the tip of the middle finger {1e3 * farthest:.0f} mm away"
+    assert f"deviance +3.0), with {where}" in remark
+    same = replace(near, joints_m=fit.joints_m + 2e-3)
+    assert not replace(fit, basins=(best, same)).remarks()
+
+
+def test_a_fit_is_read_as_the_next_start(fit: HandFit, tmp_path: Path) -> None:
+    folder = tmp_path / "fit"
+    folder.mkdir()
+    write_json(folder / "fit.json", {**fit.to_dict(), "command": "fit-hand"}, force=False)
+    for source in (fit, folder, str(folder), folder / "fit.json", str(folder / "fit.json")):
+        (start,) = starts_of(source)
+        # Pose files have degrees: the last bit may change.
+        assert np.allclose(angles_of(start.pose), angles_of(fit.pose), rtol=0.0, atol=1e-12)
+        assert start.pose.name == fit.pose.name
+        assert (start.shape, start.handedness) == (fit.shape, "right")
+        assert start.transform is not None
+        assert np.array_equal(start.transform, fit.transform)
+
+
+def test_starts_by_name_file_pose_and_several(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "F").mkdir()  # a name is a name, whatever lies there
+    write_pose("mine.toml", replace(POSES["L"], name="mine"))
+    write_pose("mine.json", replace(POSES["L"], name="mine"))
+    assert [s.pose.name for s in starts_of("all")] == list(LETTERS)
+    several = starts_of(["f", "mine.toml", Path("mine.json"), pose_by_name("Y"), Start(POSES["B"])])
+    assert [s.pose.name for s in several] == ["F", "mine", "mine", "Y", "B"]
+    assert several[1].pose.joints == POSES["L"].joints
+    assert {(s.shape, s.handedness, s.transform) for s in several} == {(None, None, None)}
+
+
+@pytest.mark.parametrize(
+    ("pose", "said"),
+    [
+        ("ZZ", "pose: expected one of 'flat', 'A'"),
+        ([], "pose: expected at least one, got none"),
+        (3, "pose: expected a name, a pose, an earlier fit, or several, got int"),
+        (["F", 3], "pose: expected a name, a pose file, a HandPose or a HandFit, got int"),
+    ],
+)
+def test_wrong_starts_are_named(pose: Any, said: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        starts_of(pose)
+    assert str(caught.value).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"pose": None}, "expected 'pose' of a fitted hand, got None"),
+        ({"shape": {"size_m": 1}}, "shape: "),
+        ({"shape": {"length_m": 9}}, "HandShape.length_m: expected"),
+        ({"handedness": "up"}, "handedness: expected"),
+        ({"transform": [[1, 2]]}, "transform: expected"),
+        ({"transform": np.diag([2.0, 1, 1, 1]).tolist()}, "transform: expected a rotation"),
+    ],
+)
+def test_a_broken_fit_is_named(
+    fit: HandFit, tmp_path: Path, change: dict[str, Any], said: str
+) -> None:
+    write_json(tmp_path / "fit.json", {**fit.to_dict(), **change}, force=False)
+    with pytest.raises(MeasurementError) as caught:
+        starts_of(tmp_path)
+    assert str(caught.value).startswith(f"{tmp_path / 'fit.json'}: ")
+    assert said in str(caught.value)
+
+
+def test_a_folder_without_a_fit_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MeasurementError, match=r"expected the folder of a fit, which holds fit"):
+        starts_of(tmp_path)
