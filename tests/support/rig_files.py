@@ -24,8 +24,16 @@ from pygltflib import (
 )
 
 from clradar.cli import main
-from clradar.hand import JOINT_NAMES, HandPose, Skeleton, hand_mesh, posed_skeleton
+from clradar.hand import (
+    JOINT_NAMES,
+    HandPose,
+    HandShape,
+    Skeleton,
+    hand_mesh,
+    posed_skeleton,
+)
 from clradar.hand.known_poses import pose_by_name
+from clradar.hand.shape import AVERAGE
 
 PARENTS = [
     -1 if name == "wrist" else 0 if name.endswith("metacarpal") else i - 1
@@ -57,8 +65,8 @@ def bone_weights(vertices: np.ndarray, joints: np.ndarray) -> np.ndarray:
     return weights / weights.sum(axis=1, keepdims=True)
 
 
-def posed(pose: str | HandPose) -> Skeleton:
-    return posed_skeleton(pose if isinstance(pose, HandPose) else pose_by_name(pose))
+def posed(pose: str | HandPose, shape: HandShape = AVERAGE) -> Skeleton:
+    return posed_skeleton(pose if isinstance(pose, HandPose) else pose_by_name(pose), shape)
 
 
 @dataclass
@@ -69,12 +77,14 @@ class RigMaker:
     ----------
     pose : str or HandPose
         The pose at rest.
+    shape : HandShape
     units : float
         File units per metre, in the vertices.
     scale : float
         Scale of a node above the joints; the joints are in `units / scale`.
     turn : ndarray, shape (3, 3)
-        Orthogonal; with a determinant of -1 the hand is mirrored.
+        Orthogonal; with a determinant of -1 the hand is mirrored. Without `local_turns` any matrix,
+        which stretches the hand.
     called : callable
         WebXR name -> name of the node.
     bones : bool
@@ -93,6 +103,7 @@ class RigMaker:
     """
 
     pose: str | HandPose = "flat"
+    shape: HandShape = AVERAGE
     units: float = 1.0
     scale: float = 1.0
     turn: np.ndarray = field(default_factory=lambda: np.eye(3))
@@ -112,8 +123,8 @@ class RigMaker:
     edit: Callable[[RigMaker], None] | None = None
 
     def build(self) -> GLTF2:
-        mesh = hand_mesh(self.pose, edge_length_m=self.edge_length_m)
-        skeleton = posed(self.pose)
+        mesh = hand_mesh(self.pose, edge_length_m=self.edge_length_m, shape=self.shape)
+        skeleton = posed(self.pose, self.shape)
         shift = skeleton.joints_m[0] - mesh.joints_m[0]
         weights = bone_weights(mesh.vertices_m + shift, skeleton.joints_m)
         parents = list(PARENTS)
@@ -159,7 +170,7 @@ class RigMaker:
             self.weights[:, own] *= 0.5
 
     def _stand(self, shrink, keep) -> dict[int, np.ndarray]:
-        skeleton = posed(self.standing)
+        skeleton = posed(self.standing, self.shape)
         return {b: shrink @ self.placed_node(skeleton, b) for b in keep}
 
     def placed_node(self, skeleton, joint: int) -> np.ndarray:
