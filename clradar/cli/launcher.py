@@ -22,6 +22,7 @@ COMMANDS = {
     "materials": "List materials: permittivity, reflectance over the band, roughness, source.",
     "demo": "Simulate, image and compare the embedded hand, with figure and metrics.",
     "hand": "Write the mesh of a posed hand.",
+    "record-hand": "Simulate the recording of a moving hand, with the truth of every frame.",
     "simulate": "Simulate what the radar would record of one or several meshes.",
     "image": "Form the image of a capture.",
     "convert": "Turn any supported recording into native captures, or captures into a recording.",
@@ -37,7 +38,7 @@ COMMANDS = {
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
     "bench": "Time the core against other libraries on this machine.",
 }
-"""Subcommand, which is also the name of its module, and the line that describes it."""
+"""Subcommand, which names its module (`module_of`), and the line that describes it."""
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it: 128 + SIGINT."""
@@ -91,11 +92,16 @@ def _app(requested: str | None, debug: bool) -> typer.Typer:
     for name, summary in COMMANDS.items():
         function: Callable[..., Any] = _not_loaded
         if name == requested:
-            module = import_module(f"clradar.cli.commands.{name}")
+            module = import_module(module_of(name))
             function = _guarded(expanded(module.command), debug)
             summary = f"{summary}\n\n{inspect.getdoc(module.command)}"
         app.command(name, help=summary, short_help=COMMANDS[name])(function)
     return app
+
+
+def module_of(name: str) -> str:
+    """The module of a subcommand."""
+    return f"clradar.cli.commands.{name.replace('-', '_')}"
 
 
 def _show_version(wanted: bool) -> None:

@@ -319,16 +319,17 @@ class _Frames:
             self.latest = path
             capture = opened()
             inputs = [*recording_files(path, capture.meta), *self.antenna_files]
-            yield described(capture, {"source": str(path), **self.options}, inputs)
+            options = {"source": str(path), **self.options}
+            yield described(capture, provenance("convert", options, inputs))
 
 
-def described(capture: Capture, options: Mapping[str, Any], inputs: Sequence[Path]) -> Capture:
+def described(capture: Capture, origin: Mapping[str, Any]) -> Capture:
     """A capture whose provenance is a JSON text, which the file format can hold.
 
     A frame holds numbers and strings alone, so all of `meta` goes into one string: that of the
-    capture, and how it was converted.
+    capture, and `origin`, how it was converted or made.
     """
-    record = {**capture.meta, **provenance("convert", options, inputs)}
+    record = {**capture.meta, **origin}
     with suppress(KeyError, TypeError, ValueError):
         # An earlier conversion's is text; as text in text its escapes would double every time.
         record["provenance"] = json.loads(record["provenance"])

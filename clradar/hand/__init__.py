@@ -8,6 +8,7 @@ from clradar.hand.flesh import PART_NAMES
 from clradar.hand.joints import ANGLES, JOINT_NAMES, LIMITS_DEG
 from clradar.hand.known_poses import DIGITS, LETTERS, POSES, pose_by_name
 from clradar.hand.mesh import HandMesh, hand_joints, hand_mesh
+from clradar.hand.movement import HandMovement, hand_movement
 from clradar.hand.pose import HandPose, JointAngles, interpolate_poses
 from clradar.hand.pose_file import read_pose, write_pose
 from clradar.hand.sampler import random_pose
@@ -24,12 +25,14 @@ __all__ = [
     "PART_NAMES",
     "POSES",
     "HandMesh",
+    "HandMovement",
     "HandPose",
     "HandShape",
     "JointAngles",
     "Skeleton",
     "hand_joints",
     "hand_mesh",
+    "hand_movement",
     "interpolate_poses",
     "pose_by_name",
     "posed_skeleton",

@@ -12,7 +12,7 @@ from command_line import GRID, Run, one_error_line
 
 import clradar
 from clradar.cli import main
-from clradar.cli.launcher import COMMANDS
+from clradar.cli.launcher import COMMANDS, module_of
 from clradar.errors import MeshError
 
 HEAVY = ("trimesh", "scipy", "skimage", "matplotlib", "h5py", "measurement_io", "rich.progress")
@@ -42,6 +42,8 @@ HELP = {
     "materials": "[FILE.toml]... --band-ghz FIRST:LAST --json docs/materials.md metres",
     "demo": "--full --force --device SNR",
     "hand": "--edge-mm --left --list --joints --length-mm --device metres",
+    "record-hand": "POSE... --frames --rate-hz --center-mm --shift-mm --turn-deg --rig --left "
+    "--alpha --material --snr-db --seed truth.json",
     "simulate": "--alpha --unit --transform --samples-per-mm2 --rays-per-sample --rays-per-face "
     "--reception-radius-mm --max-bounces --normals --crease-deg --amplitude --start-ghz --stop-ghz "
     "--steps --seed --device --force MESH[:ALPHA] PART=ALPHA",
@@ -107,7 +109,7 @@ def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
     new = set(done.stdout.splitlines()[-1].split())
     assert not [name for name in new if name.split(".")[0] in HEAVY or name in HEAVY]
     assert "clradar.cli.launcher" in new
-    others = {f"clradar.cli.commands.{name}" for name in COMMANDS if name != arguments[0]}
+    others = {module_of(name) for name in COMMANDS if name != arguments[0]}
     assert not others & new
 
 

@@ -12,7 +12,7 @@ from typing import Any, get_args
 import pytest
 from command_line import Run, one_error_line
 
-from clradar.cli.launcher import COMMANDS
+from clradar.cli.launcher import COMMANDS, module_of
 from clradar.cli.options.groups import expanded
 
 FILE_OUTPUTS = (
@@ -44,6 +44,7 @@ FOLDER_OUTPUTS = (
     "register in.h5 in.ply -o {} --force",
     "sweep in.h5 in.ply -o {} --force",
     "dataset plan.toml --device abacus -o {} --force",
+    "record-hand A --rig in.ply -o {} --force",
 )
 OUTPUTS = {"output", "png", "joints", "plot", "json", "json_file", "fix_to", "report"}
 INPUTS = {
@@ -60,7 +61,7 @@ def is_path(hint: Any) -> bool:
 
 def path_parameters(name: str) -> dict[str, Any]:
     """The parameters of a command that are paths: name -> typer's declaration."""
-    command = expanded(import_module(f"clradar.cli.commands.{name}").command)
+    command = expanded(import_module(module_of(name)).command)
     found = {}
     for parameter in inspect.signature(command).parameters.values():
         hint, declared = get_args(parameter.annotation)

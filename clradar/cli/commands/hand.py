@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,57 +10,14 @@ from clradar.cli.console import print_line, print_table
 from clradar.cli.hand_mesh import SUFFIXES, save_hand, turned
 from clradar.cli.options.common import DeviceOption, ForceOption
 from clradar.cli.options.groups import argument, given, option, output_option
+from clradar.cli.options.hand import EmbeddedHandOptions
 from clradar.cli.options.rig import RigOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, check_suffix
 from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
-    from clradar.hand import HandMesh, HandPose
-
-EDGE_MM = 1.7
-
-
-@dataclass(frozen=True, kw_only=True)
-class EmbeddedHandOptions:
-    """Size and shape of the embedded hand."""
-
-    edge_mm: float | None = option(
-        None, f"About the length of an edge. [default: {EDGE_MM}]", metavar="MM"
-    )
-    left: bool = option(False, "A left hand.")
-    length_mm: float | None = option(
-        None, "Wrist crease to middle fingertip. [default: 187.4]", metavar="MM"
-    )
-    breadth_mm: float | None = option(None, "Across the knuckles. [default: 85.6]", metavar="MM")
-    finger_lengths: tuple[float, float, float, float, float] | None = option(
-        None,
-        "Thumb to little finger, relative to an average hand of this length.",
-        metavar="T I M R P",
-    )
-    girth: float | None = option(
-        None, "Thickness, relative to that of an average hand of this breadth."
-    )
-
-    def posed(self, pose: HandPose, center_m: Sequence[float], device: str | None) -> HandMesh:
-        """The surface of the embedded hand in a pose."""
-        from clradar.hand import HandShape, hand_mesh
-
-        average = HandShape()
-        shape = HandShape(
-            length_m=average.length_m if self.length_mm is None else self.length_mm / 1e3,
-            breadth_m=average.breadth_m if self.breadth_mm is None else self.breadth_mm / 1e3,
-            finger_lengths=self.finger_lengths or average.finger_lengths,
-            girth=average.girth if self.girth is None else self.girth,
-        )
-        return hand_mesh(
-            pose,
-            edge_length_m=(EDGE_MM if self.edge_mm is None else self.edge_mm) / 1e3,
-            handedness="left" if self.left else "right",
-            center_m=center_m,
-            shape=shape,
-            device=device,
-        )
+    from clradar.hand import HandPose
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,12 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, progress_bar
+from clradar.cli.options.alphas import (
+    AlphaOptions,
+    read_alpha,
+    read_part_alphas,
+    with_part_alphas,
+)
 from clradar.cli.options.common import CaptureOutput, DeviceOption, ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, option, recorded
 from clradar.cli.options.materials import PHYSICAL, MaterialOptions
@@ -20,31 +25,22 @@ from clradar.cli.options.simulation import (
     SimulationOptions,
     WaveformOptions,
 )
-from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, save
 from clradar.cli.provenance import provenance
-from clradar.errors import ModelError, warn
+from clradar.errors import warn
 
 if TYPE_CHECKING:
     from clradar import Capture, Scene
 
-DEFAULT_ALPHA = 0.5
-
 
 @dataclass(frozen=True, kw_only=True)
-class SceneOptions(PlacementOptions):
+class SceneOptions(PlacementOptions, AlphaOptions):
     """Meshes, their position and their alpha."""
 
     meshes: list[str] = argument(
         REQUIRED,
         "Mesh files, each with an alpha of its own if it differs: hand.ply table.stl:0.1",
         metavar="MESH[:ALPHA]",
-    )
-    alpha: list[str] | None = option(
-        None,
-        "0 specular to 1 diffuse; may be repeated for named parts: --alpha palm=0.6. "
-        f"[default: {DEFAULT_ALPHA:g}]",
-        metavar="ALPHA|PART=ALPHA",
     )
 
 
@@ -115,39 +111,9 @@ def split_alpha(text: str) -> tuple[Path, float | None]:
     if not colon or not name or Path(text).exists():
         return Path(text), None
     try:
-        return Path(name), _alpha("MESH:ALPHA", number)
+        return Path(name), read_alpha("MESH:ALPHA", number)
     except ValueError:
         return Path(text), None
-
-
-def read_part_alphas(values: Sequence[str]) -> tuple[float, dict[str, float]]:
-    """The alpha of the parts that are not named, and that of each named part."""
-    default = None
-    by_part: dict[str, float] = {}
-    for text in values:
-        name, equals, number = text.rpartition("=")
-        try:
-            value = _alpha("--alpha", number)
-        except ValueError:
-            raise wrong_usage(
-                "--alpha", f"expected a number or PART=number, got '{text}'"
-            ) from None
-        if equals:
-            if name in by_part:
-                raise wrong_usage("--alpha", f"part '{name}' is given twice")
-            by_part[name] = value
-        elif default is not None:
-            raise wrong_usage("--alpha", "expected one value without a part's name, got two")
-        else:
-            default = value
-    return DEFAULT_ALPHA if default is None else default, by_part
-
-
-def _alpha(option: str, text: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and 0.0 <= value <= 1.0):
-        raise wrong_usage(option, f"expected an alpha in [0, 1], got '{text}'")
-    return value
 
 
 def load_scene(
@@ -158,24 +124,13 @@ def load_scene(
     transform: Any,
 ) -> Scene:
     """All meshes as one scene."""
-    import numpy as np
-
     from clradar import Scene
 
     scene = Scene.combine(
         Scene.from_mesh(path, alpha=default if a is None else a, unit=unit, transform=transform)
         for path, a in meshes
     )
-    unknown = sorted(set(by_part) - set(scene.part_names))
-    if unknown:
-        raise ModelError(
-            f"--alpha: expected parts of the meshes ({', '.join(scene.part_names)}), got "
-            f"{', '.join(unknown)}"
-        )
-    values = np.array(scene.alpha)
-    for name, value in by_part.items():
-        values[np.asarray(scene.part) == scene.part_names.index(name)] = value
-    return scene.with_alpha(values)
+    return with_part_alphas(scene, by_part)
 
 
 def summary(capture: Capture) -> str:

@@ -75,7 +75,7 @@ class RigOptions:
         from clradar.rigs import rotations_of_theta
         from clradar.tracing.facets import warn_of_coarse_facets
 
-        rig = self._read()
+        rig = self.read()
         if self.theta is None:
             mesh, shown = rig.posed(pose, center_m), f"'{name}'"
         else:
@@ -89,7 +89,8 @@ class RigOptions:
         hand = f"{rig.handedness} hand, unit {unit_text(rig.unit_m)}"
         return mesh, f"{self.rig}: {hand}, {joints}, {shown}"
 
-    def _read(self) -> Rig:
+    def read(self) -> Rig:
+        """The rigged hand."""
         from clradar.rigs import read_rig
 
         assert self.rig is not None

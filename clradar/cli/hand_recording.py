@@ -1,0 +1,123 @@
+"""The recording of a moving hand, simulated frame by frame, and the truth of every frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from clradar.cli.recording_conversion import described
+from clradar.files.atomic import move_folder, new_folder, swap_folder
+from clradar.files.json_file import write_json
+
+if TYPE_CHECKING:
+    from clradar import Capture, Device, Scene, SimulationSettings, Waveform
+    from clradar.hand import HandMesh, HandMovement, HandPose
+    from clradar.model.progress import Progress
+
+TRUTH = "truth"
+"""Folder beside the radar folder, with `TRUTH_FILE` and a pose file per frame."""
+
+TRUTH_FILE = "truth.json"
+
+
+@dataclass(frozen=True, slots=True)
+class HandRecording:
+    """What a recording is simulated from.
+
+    Attributes
+    ----------
+    movement : HandMovement
+    posed : callable
+        The mesh of the hand in a pose, anywhere.
+    scene_of : callable
+        The scene of a mesh: its alpha and materials.
+    waveform : Waveform
+    settings : SimulationSettings
+        The same seed in all frames: the roughness of a material is that of one hand.
+    snr_db : float or None
+        Of noise that differs from frame to frame.
+    """
+
+    movement: HandMovement
+    posed: Callable[[HandPose], HandMesh]
+    scene_of: Callable[[HandMesh], Scene]
+    waveform: Waveform
+    settings: SimulationSettings
+    snr_db: float | None
+
+    def write(
+        self,
+        folder: Path,
+        origin: Mapping[str, Any],
+        about: Mapping[str, Any],
+        device: Device,
+        progress: Progress | None,
+    ) -> Path:
+        """Write `folder/radar_<low>_<high>_<points>` and `folder/truth`, whole or not at all.
+
+        One frame is in memory at a time. What is there is replaced.
+
+        Parameters
+        ----------
+        folder : Path
+        origin : mapping
+            From `clradar.cli.provenance.provenance`; part of every frame.
+        about : mapping
+            Entries of the truth file that are the same in all frames.
+        device : Device
+        progress : callable, optional
+            Called with (done, total) frames.
+
+        Returns
+        -------
+        Path
+            The radar folder.
+        """
+        from clradar.hand import write_pose
+        from measurement_io import save_recording
+
+        frames: list[dict[str, Any]] = []
+        with new_folder(folder) as temporary:
+            radar = save_recording(
+                temporary / "new", self._captures(frames, origin, device),
+                timestamps_us=self.movement.timestamps_us, progress=progress,
+            )  # fmt: skip
+            (radar.parent / TRUTH).mkdir()
+            for record, pose in zip(frames, self.movement.poses, strict=True):
+                write_pose(radar.parent / TRUTH / record["pose"], pose)
+            truth = {**about, "frames": frames, **origin}
+            write_json(radar.parent / TRUTH / TRUTH_FILE, truth, force=False)
+            if folder.is_dir() and any(folder.iterdir()):
+                swap_folder(radar.parent, folder.absolute(), aside=temporary / "replaced")
+            else:
+                move_folder(radar.parent, folder.absolute())
+        return folder / radar.name
+
+    def _captures(
+        self, frames: list[dict[str, Any]], origin: Mapping[str, Any], device: Device
+    ) -> Iterator[Capture]:
+        """The frames one after the other; the truth of each is added to `frames`."""
+        from clradar import arrays, impair, simulate
+        from clradar.cli.region_files import joints_record
+
+        array = arrays.qar50()
+        for i, (pose, stamp_us) in enumerate(
+            zip(self.movement.poses, self.movement.timestamps_us, strict=True)
+        ):
+            mesh = self.movement.placed(i, self.posed(pose))
+            scene = self.scene_of(mesh)
+            capture = simulate(scene, array, self.waveform, settings=self.settings, device=device)
+            if self.snr_db is not None:
+                capture = impair(capture, seed=self.settings.seed, frame=i, snr_db=self.snr_db)
+            frames.append(
+                {
+                    "frame": i,
+                    "timestamp_us": stamp_us,
+                    "pose": f"{i:06d}.toml",
+                    "transform": self.movement.transforms[i].tolist(),
+                    "joints_m": joints_record(mesh.joints_m),
+                }
+            )
+            yield described(replace(capture, meta={**capture.meta, "frame": i}), origin)
