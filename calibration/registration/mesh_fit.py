@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.registration.depth_surface import not_aligned
-from calibration.registration.mesh_rendering import KNOTS_RAD, MeshRendering
+from calibration.registration.mesh_rendering import KNOTS_RAD, Canvas, MeshRendering
 from calibration.registration.rigid_motion import exp_twist, orthonormal
 
 POWER_FLOOR = 10.0 ** (-15.0 / 10.0)
@@ -96,7 +96,7 @@ class Residuals:
         return float(speckle.sum() + off[self.measured].sum())
 
 
-def residuals(image: MeshRendering, power: np.ndarray, range_m: np.ndarray) -> Residuals:
+def residuals(image: Canvas, power: np.ndarray, range_m: np.ndarray) -> Residuals:
     """Residuals of the measured image against a rendering."""
     dark = power + POWER_FLOOR
     measured = np.isfinite(image.measured.range_m)
@@ -205,7 +205,7 @@ def shared_information(image: MeshRendering, fit: MeshFit) -> np.ndarray:
     return motion - mixed @ np.linalg.solve(rest, mixed.T)
 
 
-def cell_pixels(image: MeshRendering) -> float:
+def cell_pixels(image: Canvas) -> float:
     """Pixels per resolution cell, at least one."""
     step_x, step_y = image.measured.step_m
     return max(1.0, image.aperture.cell_m2(image.reference_m) / (step_x * step_y))

@@ -24,6 +24,8 @@ class VisibleSurface(SampledSurface):
     reach_m : float, metres
         How far from the origin a viewpoint may be: bounds the rounding of the rays.
     device : Device
+    seed : int
+        Of the samples.
 
     Attributes
     ----------
@@ -34,10 +36,16 @@ class VisibleSurface(SampledSurface):
     """
 
     def __init__(
-        self, scene: Scene, samples_per_mm2: float, reach_m: float, device: Device
+        self,
+        scene: Scene,
+        samples_per_mm2: float,
+        reach_m: float,
+        device: Device,
+        seed: int = 0,
     ) -> None:
         checks.instance("VisibleSurface: scene", scene, Scene)
-        super().__init__(scene, resolve_settings(samples_per_mm2=samples_per_mm2), device)
+        settings = resolve_settings(samples_per_mm2=samples_per_mm2, seed=seed)
+        super().__init__(scene, settings, device)
         self._reach_m = checks.positive("VisibleSurface: reach_m", reach_m)
         self.points_m = self.normals = np.zeros((0, 3))
 

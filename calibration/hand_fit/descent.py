@@ -1,0 +1,225 @@
+"""Fit of a hand by Fisher scoring on brightness, range and prior, from coarse to fine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.hand_fit.hand_model import HandModel
+from calibration.hand_fit.hand_rendering import (
+    ANGLES,
+    N_GEOMETRY,
+    N_PARAMETERS,
+    SHAPE,
+    HandRendering,
+    stepped,
+)
+from calibration.hand_fit.hand_state import HandState
+from calibration.hand_fit.misfit import deviance, misfit
+from calibration.hand_fit.prior import Prior
+from calibration.registration.mesh_fit import FALL_PER_KNOT, MOST_DARK, SMOOTH, cell_pixels
+from calibration.registration.mesh_rendering import Aperture, MeasuredImage
+from clradar.model import DepthMap
+from clradar.opencl import Device
+
+BRIGHTNESS = slice(N_GEOMETRY, N_PARAMETERS)
+
+_MOST = np.zeros(N_PARAMETERS)
+_MOST[:3], _MOST[3:6], _MOST[ANGLES], _MOST[SHAPE], _MOST[BRIGHTNESS] = 0.1, 6e-3, 0.35, 0.05, 1.5
+"""Of one step."""
+
+_SETTLED = 0.05
+"""A fall of the deviance below which surfaces are not drawn anew."""
+
+_DAMPING = 1e-2
+_TRIALS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """Pixels of a picture, its blur, the factor of the ranges' scatter, and the work on it.
+
+    `surfaces`: how often the hand is meshed anew at most; `steps`, on each surface.
+    """
+
+    step_m: float
+    blur_m: float
+    range_scale: float
+    surfaces: int
+    steps: int
+
+
+COARSE, MIDDLE, FINE = (
+    Level(4e-3, 4e-3, 4.0, 3, 3),
+    Level(2e-3, 2e-3, 2.0, 3, 3),
+    Level(2e-3, 0.0, 1.0, 4, 3),
+)
+LEVELS = (COARSE, MIDDLE, FINE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """A state, its brightness, shape (7,), and deviance without and with that of the prior."""
+
+    state: HandState
+    log_brightness: np.ndarray
+    misfit: float
+    deviance: float
+
+
+class HandFitter:
+    """Fits states of a hand to one measured image.
+
+    Parameters
+    ----------
+    model : HandModel
+    depth : DepthMap
+        On pixels of about 2 mm or finer.
+    aperture : Aperture
+    device : Device
+    fitted : ndarray of bool, shape (44,)
+        The parameters that are fitted; the others stay.
+    """
+
+    def __init__(
+        self,
+        model: HandModel,
+        depth: DepthMap,
+        aperture: Aperture,
+        device: Device,
+        fitted: np.ndarray,
+    ) -> None:
+        self.model, self.fitted = model, fitted
+        self._pictures = {
+            level: HandRendering(
+                model,
+                MeasuredImage.of(depth, level.step_m, aperture.centre_m),
+                aperture,
+                device,
+                level.blur_m,
+            )
+            for level in LEVELS
+        }
+
+    def picture(self, level: Level) -> HandRendering:
+        """The renderer of a level."""
+        return self._pictures[level]
+
+    def descend(
+        self,
+        state: HandState,
+        log_brightness: np.ndarray,
+        prior: Prior,
+        levels: tuple[Level, ...] = LEVELS,
+        seed: int = 0,
+    ) -> Fitted:
+        """Fit from a start, level by level."""
+        found = Fitted(state, log_brightness, np.inf, np.inf)
+        for level in levels:
+            for surface in range(level.surfaces):
+                before = found
+                found, fall = self._on_one_surface(before, prior, level, seed + surface)
+                if fall < _SETTLED:
+                    break
+        return found
+
+    def judged(self, found: Fitted, prior: Prior, level: Level = FINE, seed: int = 0) -> Fitted:
+        """The same with its deviance on a freshly drawn surface, brightness fitted to that."""
+        picture = self.picture(level)
+        picture.draw_surface(found.state, seed)
+        log_brightness = found.log_brightness
+        loss = self._loss(found.state, log_brightness, prior, level)
+        return Fitted(found.state, log_brightness, loss - prior.loss(found.state), loss)
+
+    def scaled(self, state: HandState, log_brightness: np.ndarray, level: Level) -> np.ndarray:
+        """The brightness, scaled to the power of the measured image."""
+        picture = self.picture(level)
+        power, _ = picture.render(state, log_brightness)
+        scaled: np.ndarray = log_brightness + np.log(picture.power.sum() / power.sum())
+        return scaled
+
+    def _loss(
+        self, state: HandState, log_brightness: np.ndarray, prior: Prior, level: Level
+    ) -> float:
+        picture = self.picture(level)
+        fall = np.diff(log_brightness) + FALL_PER_KNOT
+        return (
+            deviance(picture, picture.render(state, log_brightness), level.range_scale)
+            + prior.loss(state)
+            + 0.5 * SMOOTH * float(fall @ fall)
+        )
+
+    def _on_one_surface(
+        self, start: Fitted, prior: Prior, level: Level, seed: int
+    ) -> tuple[Fitted, float]:
+        """Steps on one surface, and by how much the deviance fell."""
+        picture = self.picture(level)
+        state, log_brightness = start.state, start.log_brightness
+        picture.draw_surface(state, seed)
+        if not np.isfinite(start.misfit):
+            log_brightness = self.scaled(state, log_brightness, level)
+        first = loss = self._loss(state, log_brightness, prior, level)
+        damping = _DAMPING
+        for _ in range(level.steps):
+            information, score, centre_m = self.scoring(state, log_brightness, prior, level)
+            for _ in range(_TRIALS):
+                step = self._step(information, score, damping)
+                ahead = stepped(state, step[:N_GEOMETRY], centre_m)
+                brighter = log_brightness + step[BRIGHTNESS]
+                brighter = np.maximum(brighter, brighter.max() - MOST_DARK)
+                there = self._loss(ahead, brighter, prior, level)
+                if there < loss:
+                    break
+                damping *= 8.0
+            else:
+                break
+            fall, loss = loss - there, there
+            state, log_brightness, damping = ahead, brighter, max(damping / 4.0, 1e-4)
+            if fall < _SETTLED:
+                break
+        return Fitted(state, log_brightness, loss - prior.loss(state), loss), first - loss
+
+    def _step(self, information: np.ndarray, score: np.ndarray, damping: float) -> np.ndarray:
+        fitted = np.flatnonzero(self.fitted)
+        damped = information + damping * np.diag(np.diag(information) + 1e-12)
+        step = np.zeros(N_PARAMETERS)
+        step[fitted] = np.linalg.solve(damped[np.ix_(fitted, fitted)], score[fitted])
+        step /= max(1.0, float((np.abs(step) / _MOST).max()))
+        return step
+
+    def scoring(
+        self, state: HandState, log_brightness: np.ndarray, prior: Prior, level: Level
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Information, (44, 44), and score, (44,), of all parameters, and the centre of twists."""
+        picture = self.picture(level)
+        rendered = picture.render(state, log_brightness)
+        points_m, _ = picture.samples.posed(picture.bones_at(state))
+        centre_m = points_m.mean(axis=0)
+        by_power, by_range = np.zeros((2, N_PARAMETERS, picture.power.size))
+        rows = np.flatnonzero(self.fitted)
+        by_power[rows], by_range[rows] = picture.derivatives(
+            state, log_brightness, centre_m, self.fitted, rendered
+        )
+        found = misfit(picture, rendered, level.range_scale)
+        by_power /= found.dark.ravel()
+        per_cell = cell_pixels(picture)
+        speckle_weights = found.speckle_weights.ravel() / per_cell
+        range_weights = (found.range_weights / found.range_std_m**2).ravel() / per_cell
+        information = (by_power * speckle_weights) @ by_power.T
+        information += (by_range * range_weights) @ by_range.T
+        score = (by_power * speckle_weights) @ found.speckle.ravel()
+        score += (by_range * range_weights) @ found.range_m.ravel()
+        information += prior.information
+        score -= prior.information @ prior.away(state)
+        fall = np.diff(np.eye(N_PARAMETERS)[BRIGHTNESS], axis=0)
+        information += SMOOTH * fall.T @ fall
+        score -= SMOOTH * fall.T @ (np.diff(log_brightness) + FALL_PER_KNOT)
+        return information, score, centre_m
+
+
+def fitted_parameters(shape: bool) -> np.ndarray:
+    """Mask (44,) of the parameters of a fit, with or without the shape."""
+    wanted = np.ones(N_PARAMETERS, dtype=bool)
+    wanted[SHAPE] = shape
+    return wanted
