@@ -91,6 +91,7 @@ class HandFitter:
         fitted: np.ndarray,
     ) -> None:
         self.model, self.fitted = model, fitted
+        self.depth, self.aperture = depth, aperture
         self._pictures = {
             level: HandRendering(
                 model,
