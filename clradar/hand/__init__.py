@@ -11,7 +11,7 @@ from clradar.hand.mesh import HandMesh, hand_joints, hand_mesh
 from clradar.hand.movement import HandMovement, hand_movement
 from clradar.hand.pose import HandPose, JointAngles, interpolate_poses
 from clradar.hand.pose_file import read_pose, write_pose
-from clradar.hand.sampler import random_pose
+from clradar.hand.sampler import pose_around, random_pose
 from clradar.hand.shape import ADULT_RANGES, HandShape, random_shape
 from clradar.hand.skeleton import Skeleton, posed_skeleton
 
@@ -34,6 +34,7 @@ __all__ = [
     "hand_mesh",
     "hand_movement",
     "interpolate_poses",
+    "pose_around",
     "pose_by_name",
     "posed_skeleton",
     "random_pose",

@@ -1,12 +1,15 @@
-"""Random plausible poses: correlated joint angles, with rejection of poses that penetrate."""
+"""Random plausible poses, free or around a known one; those that penetrate are rejected."""
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
 import numpy as np
 
-from clradar.hand.contact import overlaps
+from clradar.hand.contact import Overlap, overlaps
 from clradar.hand.joints import FINGERS, LIMITS_DEG
 from clradar.hand.pose import HandPose, JointAngles
+from clradar.model import checks
 
 MOST_OVERLAP_M = 1.5e-3
 """Largest penetration depth of two digits of a random pose: skin in contact deforms."""
@@ -58,11 +61,108 @@ def random_pose(rng: np.random.Generator) -> HandPose:
     """
     while True:
         pose = _drawn(rng)
-        if all(
-            found.depth_m <= (MOST_PALM_OVERLAP_M if "palm" in found.parts else MOST_OVERLAP_M)
-            for found in overlaps(pose)
-        ):
+        if all(found.depth_m <= _most_m(found) for found in overlaps(pose)):
             return pose
+
+
+SPREAD_DEG = 12.0
+"""Standard deviation by which flexions, and all angles of the thumb, are drawn around a pose."""
+
+MOST_SPREAD_DEG = 45.0
+
+_ABDUCTION_SHARE, _HOLLOW_SHARE = 7.0 / 12.0, 5.0 / 12.0
+"""Standard deviations of the fingers' abductions and of the palm's arch, as shares of it."""
+
+_SWEEPS = 6
+"""Over the five digits. Of fists about every third draw of a digit fits between the others."""
+
+
+def pose_around(
+    pose: HandPose, rng: np.random.Generator, spread_deg: float = SPREAD_DEG
+) -> HandPose:
+    """Draw a plausible pose around another one; it depends on the state of the generator alone.
+
+    Flexions of the fingers and all angles of the thumb deviate by `spread_deg`, abductions of the
+    fingers by 7/12 and the arch of the palm by 5/12 of it. Middle joint and knuckle of a finger are
+    correlated by 0.6, and the last joint follows the middle one by two thirds. Twists of the
+    fingers and the wrist stay. Angles are clipped to the limits of the joints. No parts penetrate
+    more than in `random_pose`, or than they do in `pose` itself.
+
+    Parameters
+    ----------
+    pose : HandPose
+    rng : numpy.random.Generator
+    spread_deg : float, degrees
+        Standard deviation, from 0 to 45.
+
+    Returns
+    -------
+    HandPose
+        Of the same name.
+
+    Raises
+    ------
+    ModelError
+        `spread_deg` is out of range.
+
+    Notes
+    -----
+    Whole hands around a fist would nearly all penetrate. So digits are drawn one at a time, six
+    times over, and a draw is kept if it fits between the other digits as they are: independence
+    sampling (Metropolis within Gibbs) of the normal distribution cut where digits penetrate.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from clradar.hand import pose_around, pose_by_name
+    >>> drawn = pose_around(pose_by_name("L"), np.random.default_rng(1))
+    >>> [round(drawn.angles(f"{name}-finger-phalanx-proximal").degrees()[0])
+    ...  for name in ("index", "middle", "ring", "pinky")]
+    [-1, 87, 82, 81]
+    """
+    checks.instance("pose", pose, HandPose)
+    spread_deg = checks.real("spread_deg", spread_deg)
+    if not 0.0 <= spread_deg <= MOST_SPREAD_DEG:
+        checks.fail("spread_deg", f"degrees from 0 to {MOST_SPREAD_DEG:g}", repr(spread_deg))
+    most_m = {found.parts: max(found.depth_m, _most_m(found)) for found in overlaps(pose)}
+    drawn = pose
+    for _ in range(_SWEEPS):
+        for digit in ("thumb", *FINGERS):
+            tried = _with_digit(drawn, pose, digit, spread_deg * rng.standard_normal(5))
+            if all(found.depth_m <= most_m[found.parts] for found in overlaps(tried)):
+                drawn = tried
+    return drawn
+
+
+def _most_m(found: Overlap) -> float:
+    return MOST_PALM_OVERLAP_M if "palm" in found.parts else MOST_OVERLAP_M
+
+
+def _with_digit(pose: HandPose, mean: HandPose, digit: str, deviates_deg: np.ndarray) -> HandPose:
+    """Return `pose` with a digit drawn around that of `mean`; `deviates_deg` are independent."""
+    knuckle, own, last, abduction, hollow = deviates_deg.tolist()
+    if digit == "thumb":
+        turns = {
+            "thumb-metacarpal": (knuckle, abduction, hollow),
+            "thumb-phalanx-proximal": (own,),
+            "thumb-phalanx-distal": (last,),
+        }
+    else:
+        middle = _mixed(knuckle, own, _KNUCKLE)
+        turns = {
+            f"{digit}-finger-phalanx-proximal": (knuckle, _ABDUCTION_SHARE * abduction),
+            f"{digit}-finger-phalanx-intermediate": (middle,),
+            f"{digit}-finger-phalanx-distal": (_mixed(middle, last, _LAST_SHARE),),
+        }
+        if digit in _HOLLOW_DEG:
+            turns[f"{digit}-finger-metacarpal"] = (_HOLLOW_SHARE * hollow,)
+    joints = dict(pose.joints)
+    for joint, turned_deg in turns.items():
+        wanted_rad = np.array(astuple(mean.angles(joint)))
+        wanted_rad[: len(turned_deg)] += np.deg2rad(turned_deg)
+        limits_rad = np.deg2rad(list(LIMITS_DEG[joint].values()))
+        joints[joint] = JointAngles(*np.clip(wanted_rad, *limits_rad.T).tolist())
+    return HandPose(pose.name, joints, pose.description, pose.source)
 
 
 def _between(ends: tuple[float, float], normal: float) -> float:

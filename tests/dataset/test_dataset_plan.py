@@ -70,6 +70,7 @@ def test_a_plan_comes_back_from_its_record() -> None:
         plan_of(),
         plan_of(poses={"kind": "interpolation", "share": {"uniform": [0.2, 0.8]}}),
         plan_of(poses={"kind": "sampler", "names": None}, alpha=0.25),
+        plan_of(poses={"kind": "around", "spread_deg": 7.5}),
         plan_of(
             impairments={
                 "coupling_db": 20,
@@ -106,6 +107,8 @@ def test_the_record_of_a_plan_keeps_the_decimals_of_the_reception_radius() -> No
         ({"poses": {"kind": "sampler"}}, "poses.kind", "got 3 poses"),
         ({"poses": {"kind": "interpolation", "names": ["A"]}}, "poses.names", "at least two"),
         ({"poses": {"share": {"uniform": [0, 1]}}}, "poses.share", "no share unless"),
+        ({"poses": {"spread_deg": 5}}, "poses.spread_deg", 'kind = "around"'),
+        ({"poses": {"kind": "around", "spread_deg": 46}}, "poses.spread_deg", "from 0 to 45"),
         ({"poses": {"files": ["none.toml"]}}, "poses.files[0]", "none.toml"),
         ({"hands": {"handedness": "rihgt"}}, "hands.handedness", "did you mean 'right'?"),
         ({"hands": {"shape": "list"}}, "hands.shapes", "a list of shapes"),
@@ -304,6 +307,17 @@ def test_poses_come_in_cycles_at_random_between_or_sampled() -> None:
         made = pose_of(recipe(between, i)["pose"])
         ends = [p for n, p in poses.items() if n != names[i % 3]]
         assert made in [interpolate_poses(poses[names[i % 3]], end, 0.25) for end in ends]
+    near = plan_of(poses={"kind": "around", "spread_deg": 3})
+    for i in range(4):
+        made = pose_of(recipe(near, i)["pose"])
+        letter = poses[names[i % 3]]
+        assert made.name == letter.name
+        assert made != letter
+        off_deg = np.subtract(
+            [made.angles(joint).degrees() for joint in JOINT_NAMES],
+            [letter.angles(joint).degrees() for joint in JOINT_NAMES],
+        )
+        assert np.abs(off_deg).max() < 6 * 3  # the plan's bound of normal draws
     sampled = plan_of(poses={"kind": "sampler", "names": None})
     angles = [json.dumps(recipe(sampled, i)["pose"]) for i in range(5)]
     assert len(set(angles)) == 5

@@ -24,6 +24,7 @@ from clradar.hand import (
     pose_by_name,
     read_pose,
 )
+from clradar.hand.sampler import MOST_SPREAD_DEG, SPREAD_DEG
 from clradar.hand.shape import BREADTH_LIMITS_M, FACTOR_LIMITS, LENGTH_LIMITS_M
 
 POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
@@ -39,7 +40,7 @@ SIDE_MM = 1000.0
 
 
 def poses_of(table: PlanTable, folder: Path) -> Poses:
-    kind = table.one_of("kind", "list", ("list", "interpolation", "sampler"))
+    kind = table.one_of("kind", "list", ("list", "interpolation", "around", "sampler"))
     found: list[HandPose] = []
     for name in _names(table):
         if not any(known.casefold() == name.casefold() for known in POSES):
@@ -54,6 +55,9 @@ def poses_of(table: PlanTable, folder: Path) -> Poses:
     share = table.draw("share", Draw("uniform", (0.0, 1.0)), 0.0, 1.0, ("uniform", "choice"))
     if table.has("share") and kind != "interpolation":
         table.refuse("share", 'no share unless kind = "interpolation"', table.raw("share"))
+    spread_deg = table.number("spread_deg", SPREAD_DEG, 0.0, MOST_SPREAD_DEG)
+    if table.has("spread_deg") and kind != "around":
+        table.refuse("spread_deg", 'none unless kind = "around"', table.raw("spread_deg"))
     if kind == "sampler" and found:
         table.mistake("kind", 'no poses with "sampler", which makes its own', f"{len(found)} poses")
     elif kind != "sampler" and not any(table.has(k) for k in ("names", "files", "resolved")):
@@ -64,7 +68,7 @@ def poses_of(table: PlanTable, folder: Path) -> Poses:
     for name in sorted({n for n in counts if counts.count(n) > 1}):
         table.mistake("files", "poses with different names", f"'{name}' more than once")
     table.done()
-    return Poses(kind, tuple(found), order, share)
+    return Poses(kind, tuple(found), order, share, spread_deg)
 
 
 def _names(table: PlanTable) -> tuple[str, ...]:

@@ -24,19 +24,23 @@ class Poses:
 
     Attributes
     ----------
-    kind : "list", "interpolation" or "sampler"
-        A pose of the list; a pose between two of them; or a random one within the limits of joints.
+    kind : "list", "interpolation", "around" or "sampler"
+        A pose of the list; a pose between two of them; one drawn around a pose of the list; or a
+        random one within the limits of joints.
     poses : tuple of HandPose
     order : "cycle" or "random"
         Sample i has pose i modulo their number, or a random one.
     share : Draw
         Interpolation parameter: 0 is the first of the two poses, 1 the second.
+    spread_deg : float
+        Standard deviation of "around"; see `clradar.hand.pose_around`.
     """
 
     kind: str
     poses: tuple[Any, ...]
     order: str
     share: Draw
+    spread_deg: float
 
 
 @dataclass(frozen=True, slots=True)

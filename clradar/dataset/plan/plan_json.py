@@ -26,6 +26,8 @@ def plan_record(plan: Plan) -> dict[str, Any]:
     poses["resolved"] = poses.pop("poses", [])
     if plan.poses.kind != "interpolation":
         del poses["share"]
+    if plan.poses.kind != "around":
+        del poses["spread_deg"]
     return record
 
 

@@ -22,6 +22,7 @@ from clradar.hand import (
     HandPose,
     HandShape,
     interpolate_poses,
+    pose_around,
     random_pose,
     random_shape,
 )
@@ -106,10 +107,12 @@ def _pose(poses: Poses, drawn: _Drawn, index: int) -> HandPose:
         return random_pose(drawn.stream("poses"))
     count = len(poses.poses)
     random = drawn.stream("poses")
-    if poses.kind == "list":
-        return poses.poses[index % count if poses.order == "cycle" else int(random.integers(count))]
-    # Two different ones: the second is any but the first.
     first = index % count if poses.order == "cycle" else int(random.integers(count))
+    if poses.kind == "list":
+        return poses.poses[first]
+    if poses.kind == "around":
+        return pose_around(poses.poses[first], drawn.stream("poses.spread"), poses.spread_deg)
+    # Two different ones: the second is any but the first.
     second = (first + 1 + int(random.integers(count - 1))) % count
     share = drawn.number("poses.share", poses.share)
     return interpolate_poses(poses.poses[first], poses.poses[second], share)
