@@ -18,7 +18,7 @@ from calibration.registration.mesh_rendering import (
     Pixels,
     knot_weights,
 )
-from calibration.registration.rigid_motion import exp_twist, orthonormal
+from calibration.registration.rigid_motion import exp_twist, moved, orthonormal
 from clradar.model import Scene
 from clradar.opencl import Device
 from clradar.tracing.visible_surface import VisibleSurface
@@ -142,12 +142,17 @@ class HandRendering(Canvas):
         drawn = np.zeros((n, 2, *self.measured.power.shape))
         for row, k in enumerate(np.flatnonzero(wanted[:N_GEOMETRY])):
             step = np.where(np.arange(N_GEOMETRY) == k, _STEPS, 0.0)
-            ahead = self.bones_at(stepped(state, step, centre_m))
-            if not _moved(bones, ahead).any():  # at its limit
-                step = -step
+            if k < RIGID.stop:
+                moving = np.arange(len(points_m))
+                motion = exp_twist(step[RIGID], centre_m)
+                there_m, turned = moved(motion, points_m), normals @ motion[:3, :3].T
+            else:
                 ahead = self.bones_at(stepped(state, step, centre_m))
-            moving = np.flatnonzero(self.samples.on_any(_moved(bones, ahead)))
-            there_m, turned = self.samples[moving].posed(ahead)
+                if not _elsewhere(bones, ahead).any():  # at its limit
+                    step = -step
+                    ahead = self.bones_at(stepped(state, step, centre_m))
+                moving = np.flatnonzero(self.samples.on_any(_elsewhere(bones, ahead)))
+                there_m, turned = self.samples[moving].posed(ahead)
             far_m, tilted = self.sight(there_m, turned)
             brightened = self._share[moving] * np.exp(np.interp(tilted, KNOTS_RAD, log_brightness))
             drawn[row] = self.splat(
@@ -166,8 +171,8 @@ class HandRendering(Canvas):
         return d_power.reshape(n, -1), d_range.reshape(n, -1)
 
 
-def _moved(bones: Bones, ahead: Bones) -> np.ndarray:
-    """Mask (25,) of the bones that are elsewhere."""
+def _elsewhere(bones: Bones, ahead: Bones) -> np.ndarray:
+    """Mask (25,) of the bones that are not where they were."""
     turned = (bones.matrix != ahead.matrix).any(axis=(1, 2))
-    moved: np.ndarray = turned | (bones.origin_m != ahead.origin_m).any(axis=1)
-    return moved
+    found: np.ndarray = turned | (bones.origin_m != ahead.origin_m).any(axis=1)
+    return found
