@@ -153,7 +153,7 @@ ESTIMATORS: dict[str, Callable[[Case, clradar.Volume, str], dict[str, Any]]] = {
 """In this order: a free pose's other estimates take the letter that the fit started at."""
 
 
-def run_case(folder: Path, number: int, null: bool, first_seed: int) -> str:
+def run_case(folder: Path, number: int, null: bool, first_seed: int, only: list[str]) -> str:
     """Make a case, estimate what is not known of it, write its record; return a line about it."""
     warnings.simplefilter("ignore", clradar.ClradarWarning)  # remarks are in the record
     make_case(folder / "cases", number, first_seed, null)
@@ -164,7 +164,8 @@ def run_case(folder: Path, number: int, null: bool, first_seed: int) -> str:
         record[name] = getattr(case, name)
     start = case.letter or "all"
     for name, estimate in ESTIMATORS.items():
-        if name not in record:
+        # Without its fit, a free pose has no letter.
+        if name in only and name not in record and (start != "all" or name == "fit"):
             record[name] = timed(lambda: estimate(case, volume, start))  # noqa: B023
             part = path.with_suffix(f".{os.getpid()}")
             part.write_text(json.dumps(record, indent=1))
@@ -189,7 +190,9 @@ def timed(estimate: Callable[[], dict[str, Any]]) -> dict[str, Any]:
 def line(case: Case, record: dict[str, Any]) -> str:
     said = []
     for name in ESTIMATORS:
-        found = record[name]
+        found = record.get(name)
+        if found is None:
+            continue
         if "failure" in found:
             said.append(f"{name}: {found['failure'].strip().splitlines()[-1]}")
         else:
@@ -218,6 +221,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=N_CASES)
     parser.add_argument("--nulls", type=int, default=N_NULLS)
     parser.add_argument("--number", type=int, nargs="*", help="only these cases")
+    parser.add_argument("--only", nargs="*", choices=ESTIMATORS, default=list(ESTIMATORS))
     parser.add_argument("--first-seed", type=int, default=BENCHMARK_SEED)
     parser.add_argument("--table", action="store_true", help="only print the table")
     given = parser.parse_args()
@@ -228,7 +232,9 @@ def main() -> None:
         numbers = given.number or order(given.cases, given.nulls)
         with ProcessPoolExecutor(given.workers, get_context("spawn")) as pool:
             runs = [
-                pool.submit(run_case, given.folder, n, n >= given.cases, given.first_seed)
+                pool.submit(
+                    run_case, given.folder, n, n >= given.cases, given.first_seed, given.only
+                )
                 for n in numbers
             ]
             for done in as_completed(runs):
