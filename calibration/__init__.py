@@ -8,6 +8,8 @@ from calibration.clutter.gating import Gate, gate, range_gate
 from calibration.clutter.subtraction import average_frames, subtract_background
 from calibration.conventions.diagnose import Diagnosis, Score, diagnose
 from calibration.conventions.hypotheses import HYPOTHESES, Hypothesis, apply_convention
+from calibration.hand_fit.fit_hand import fit_hand
+from calibration.hand_fit.result import Basin, HandFit
 from calibration.registration.align_images import align
 from calibration.registration.align_mesh import align_mesh
 from calibration.registration.alignment import Alignment
@@ -26,11 +28,13 @@ __all__ = [
     "HYPOTHESES",
     "Alignment",
     "AlphaEstimate",
+    "Basin",
     "CornerReflector",
     "Diagnosis",
     "Echo",
     "FlatPlate",
     "Gate",
+    "HandFit",
     "Hypothesis",
     "Place",
     "RegionSweep",
@@ -51,6 +55,7 @@ __all__ = [
     "correct",
     "diagnose",
     "estimate_channels",
+    "fit_hand",
     "gate",
     "range_gate",
     "register",

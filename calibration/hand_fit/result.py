@@ -204,14 +204,20 @@ class HandFit:
             "report": self.report(),
         }
 
+    def summary(self) -> str:
+        """What was fitted, and how well, in one line."""
+        text = f"A {self.handedness} hand, fitted from '{self.start}'"
+        text += ": converged." if self.converged else ": NOT converged, still moving."
+        text += f" Its rendering correlates with the measurement by {self.likeness:.2f}."
+        if self.alpha is not None:
+            text += f" Alpha is {self.alpha:.2f}."
+        if self.overlap is not None:
+            text += f" Simulated there, the overlap is {self.overlap:.2f}."
+        return text
+
     def report(self) -> str:
         """The result as a few lines of text."""
-        lines = [f"A {self.handedness} hand, fitted from '{self.start}'."]
-        lines[0] += f" Its rendering correlates with the measurement by {self.likeness:.2f}."
-        if self.alpha is not None:
-            lines[0] += f" Alpha is {self.alpha:.2f}."
-        if self.overlap is not None:
-            lines[0] += f" Simulated there, the overlap is {self.overlap:.2f}."
+        lines = [self.summary()]
         tips = (
             f"{digit} {', '.join(f'{v:.1f}' for v in 1e3 * tip_m)} ± {1e3 * std_m:.1f}"
             for digit, tip_m, std_m in zip(DIGITS, self.tips_m, self.tip_std_m, strict=True)
@@ -229,7 +235,6 @@ class HandFit:
                 for basin in self.basins[1:]
             )
             lines.append(f"Other poses that it came to rest in: {'; '.join(others)}.")
-        lines.append("Converged." if self.converged else "NOT converged: still moving.")
         lines += [f"Doubtful: {remark}." for remark in self.remarks()]
         return "\n".join(lines)
 

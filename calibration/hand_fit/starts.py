@@ -86,18 +86,22 @@ def _starts(pose: Any) -> tuple[Start, ...]:
         return (Start(pose.pose, pose.shape, pose.handedness, pose.transform),)
     if isinstance(pose, str) and pose.strip().casefold() == ALL:
         return tuple(Start(POSES[letter]) for letter in LETTERS)
-    if isinstance(pose, str) and not _is_file(pose):
+    if isinstance(pose, str) and start_file(pose) is None:
         return (Start(pose_by_name(pose)),)
     if isinstance(pose, str | Path):
         return (read_start(Path(pose)),)
     checks.fail("pose", "a name, a pose file, a HandPose or a HandFit", type(pose).__name__)
 
 
-def _is_file(text: str) -> bool:
-    """Whether a string is the name of a file or of a folder, and not that of a pose."""
-    if text.strip().casefold() in {name.casefold() for name in POSES}:
-        return False
-    return Path(text).suffix.lower() in SUFFIXES or Path(text).is_dir()
+def start_file(text: str) -> Path | None:
+    """The file that a string names, in the folder of a fit its fit.json; None if it names none: a
+    pose of that name comes first."""
+    if text.strip().casefold() in {ALL, *(name.casefold() for name in POSES)}:
+        return None
+    path = Path(text)
+    if path.is_dir():
+        return path / FIT_FILE
+    return path if path.suffix.lower() in SUFFIXES else None
 
 
 def read_start(path: Path) -> Start:

@@ -30,6 +30,7 @@ COMMANDS = {
     "inspect": "Describe what a file or a recording holds, or verify it.",
     "align": "Find the motion that brings a simulated image, or a mesh, onto a measured image.",
     "register": "Find the pose of a measured mesh, and simulate it there.",
+    "fit-hand": "Find the pose of a measured hand, joint by joint, and simulate it there.",
     "sweep": "Find the alpha whose simulation is most like a measurement.",
     "channels": "Estimate gain and delay of every channel from a capture of a known target.",
     "correct": "Correct a capture for gain and delay of its channels.",

@@ -179,6 +179,23 @@ def made_folder(folder: Path) -> Iterator[None]:
         raise
 
 
+@contextmanager
+def whole_folder(folder: Path, *, force: bool, replaced: Collection[str]) -> Iterator[Path]:
+    """Yield a folder to fill, which becomes `folder` at the end, in place of an earlier result.
+
+    A failure leaves everything as it was. `replaced` as in `check_folder`.
+    """
+    from clradar.files.atomic import new_folder, swap_folder
+
+    with new_folder(folder) as temporary:
+        made = temporary / "made"
+        made.mkdir()
+        yield made
+        # Another process may have made it meanwhile.
+        check_folder(folder, force=force, replaced=replaced)
+        swap_folder(made, folder, temporary / "replaced")
+
+
 def check_suffix(path: Path | None, suffixes: Sequence[str]) -> None:
     """Raise unless the name ends as its kind of file does; None: it was not requested."""
     if path is not None and path.suffix.lower() not in suffixes:

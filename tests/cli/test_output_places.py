@@ -43,6 +43,7 @@ FOLDER_OUTPUTS = (
     "convert in.h5 --to maroon -o {} --force",
     "register in.h5 in.ply -o {} --force",
     "sweep in.h5 in.ply -o {} --force",
+    "fit-hand in.h5 -o {} --force",
     "dataset plan.toml --device abacus -o {} --force",
     "record-hand A --rig in.ply -o {} --force",
 )
@@ -200,13 +201,14 @@ def test_a_device_or_a_pipe_is_not_replaced(run: Run, place: Path, line: str) ->
 
 def test_an_input_is_not_replaced_with_its_folder(run: Run, place: Path) -> None:
     (place / "old").mkdir()
-    for name in ("placed.ply", "transform.json", "metadata.json"):
+    for name in ("placed.ply", "transform.json", "metadata.json", "fit.json"):
         (place / "old" / name).write_text("as it was")
     before = tree(place)
     for line in (
         "register in.h5 old/placed.ply -o old --force",
         "sweep in.h5 in.ply --transform old/transform.json -o old --force",
         "convert in.h5 --to maroon --rx-file old/metadata.json -o old --force",
+        "fit-hand in.h5 --pose old -o old --force",
     ):
         one_error_line(run(*line.split()), "old: holds the input 'old/")
     assert tree(place) == before

@@ -21,8 +21,8 @@ from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.materials import PHYSICAL, MaterialOptions
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.simulation import ESTIMATORS, Estimator, SamplingOptions
-from clradar.cli.options.values import finite, numbers, wrong_usage
-from clradar.cli.outputs import check_folder, save
+from clradar.cli.options.values import FIT, alpha_or_fit, wrong_usage
+from clradar.cli.outputs import check_folder, save, whole_folder
 from clradar.cli.provenance import provenance
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
@@ -35,8 +35,6 @@ PLACED, TRANSFORM, CAPTURE = "placed.ply", "transform.json", "capture.h5"
 VOLUME, FIGURE, METRICS = "volume.h5", "comparison.png", "metrics.json"
 
 FILES = (PLACED, TRANSFORM, CAPTURE, VOLUME, FIGURE, METRICS)
-
-FIT = "fit"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,16 +59,9 @@ class RegistrationOptions(UnitOptions, SamplingOptions, SearchOptions):
 
     def alpha_value(self, physical: bool) -> float | None:
         """The number, or None for `fit` and where materials take its place."""
-        if self.alpha == FIT:
-            return None
-        if physical:
+        if physical and self.alpha != FIT:
             raise wrong_usage("--alpha", f"--estimator {PHYSICAL} knows --material, no alpha")
-        values = numbers(self.alpha)
-        if len(values) != 1 or not finite(values) or not 0.0 <= values[0] <= 1.0:
-            raise wrong_usage(
-                "--alpha", f"expected a number in [0, 1] or '{FIT}', got '{self.alpha}'"
-            )
-        return values[0]
+        return alpha_or_fit(self.alpha)
 
 
 def command(
@@ -90,7 +81,6 @@ def command(
     first, on the grid of the options. Done when a round moves the mesh by less than 0.1 mm.
     """
     from clradar import Scene, open_device
-    from clradar.files.atomic import new_folder, swap_folder
 
     registration = replace(registration, estimator=made_of.estimator(registration.estimator))
     alpha = registration.alpha_value(registration.estimator == PHYSICAL)
@@ -109,13 +99,8 @@ def command(
         measured=measured, mesh=mesh, grid=grid_text(volume.grid),
     )  # fmt: skip
     origin = provenance("register", options, [*recorded_image.files, *read])
-    with new_folder(output) as temporary:
-        made = temporary / "made"
-        made.mkdir()
+    with whole_folder(output, force=force, replaced=FILES) as made:
         write_registration(made, volume, result, str(measured), origin)
-        # Another process may have made it meanwhile.
-        check_folder(output, force=force, replaced=FILES)
-        swap_folder(made, output, temporary / "replaced")
     print_text(result.alignment.report())
     print_line(f"{output}: {', '.join(FILES)}")
 

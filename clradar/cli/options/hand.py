@@ -15,13 +15,9 @@ EDGE_MM = 1.7
 
 
 @dataclass(frozen=True, kw_only=True)
-class EmbeddedHandOptions:
-    """Size and shape of the embedded hand."""
+class ShapeOptions:
+    """Size and proportions of the embedded hand."""
 
-    edge_mm: float | None = option(
-        None, f"About the length of an edge. [default: {EDGE_MM}]", metavar="MM"
-    )
-    left: bool = option(False, "A left hand.")
     length_mm: float | None = option(
         None, "Wrist crease to middle fingertip. [default: 187.4]", metavar="MM"
     )
@@ -36,11 +32,6 @@ class EmbeddedHandOptions:
     )
 
     @property
-    def handedness(self) -> str:
-        """Which hand it is, right or left."""
-        return "left" if self.left else "right"
-
-    @property
     def shape(self) -> HandShape:
         """Length, breadth, finger lengths, girth; an average adult's where not given."""
         from clradar.hand import HandShape
@@ -52,6 +43,21 @@ class EmbeddedHandOptions:
             finger_lengths=self.finger_lengths or average.finger_lengths,
             girth=average.girth if self.girth is None else self.girth,
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmbeddedHandOptions(ShapeOptions):
+    """Size, shape and mesh of the embedded hand."""
+
+    edge_mm: float | None = option(
+        None, f"About the length of an edge. [default: {EDGE_MM}]", metavar="MM"
+    )
+    left: bool = option(False, "A left hand.")
+
+    @property
+    def handedness(self) -> str:
+        """Which hand it is, right or left."""
+        return "left" if self.left else "right"
 
     def posed(self, pose: HandPose, center_m: Sequence[float], device: str | None) -> HandMesh:
         """The surface of the embedded hand in a pose."""

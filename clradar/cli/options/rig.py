@@ -26,8 +26,8 @@ HIGHEST_HZ = 82e9
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigOptions:
-    """A rigged hand, and its pose in its own parameters."""
+class RigFileOptions:
+    """A rigged hand."""
 
     rig: Path | None = option(
         None,
@@ -53,11 +53,6 @@ class RigOptions:
         metavar="SIDE",
     )
     betas: str | None = option(None, "Shape of a MANO hand, up to 10 numbers.", metavar="B,B,...")
-    theta: Path | None = option(
-        None,
-        "Pose of a MANO hand instead of POSE: a list of 48 numbers, axis times angle, radians.",
-        metavar="THETA.json",
-    )
 
     def __post_init__(self) -> None:
         if self.rig is None:
@@ -67,7 +62,41 @@ class RigOptions:
     @property
     def files(self) -> list[Path]:
         """The files that were given."""
-        return [path for path in (self.rig, self.mapping, self.theta) if path is not None]
+        return [path for path in (self.rig, self.mapping) if path is not None]
+
+    def read(self) -> Rig:
+        """The rig of the file."""
+        from clradar.rigs import read_rig
+
+        assert self.rig is not None
+        if self.rig_hand not in (None, "right", "left"):
+            raise wrong_usage("--rig-hand", f"expected right or left, got '{self.rig_hand}'")
+        betas = None if self.betas is None else numbers(self.betas)
+        if betas == []:
+            raise wrong_usage("--betas", f"expected numbers, got '{self.betas}'")
+        return read_rig(
+            self.rig,
+            mapping=self.mapping,
+            unit=None if self.rig_unit is None else _unit(self.rig_unit),
+            handedness=self.rig_hand,
+            betas=betas,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigOptions(RigFileOptions):
+    """A rigged hand, and its pose in its own parameters."""
+
+    theta: Path | None = option(
+        None,
+        "Pose of a MANO hand instead of POSE: a list of 48 numbers, axis times angle, radians.",
+        metavar="THETA.json",
+    )
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that were given."""
+        return [*super().files, *([] if self.theta is None else [self.theta])]
 
     def posed(self, pose: HandPose, name: str, center_m: Sequence[float]) -> tuple[HandMesh, str]:
         """The rig's surface in a pose, or at a theta of MANO; and both in words."""
@@ -88,24 +117,6 @@ class RigOptions:
         joints = f"{int(rig.known.sum())} of {len(rig.known)} joints"
         hand = f"{rig.handedness} hand, unit {unit_text(rig.unit_m)}"
         return mesh, f"{self.rig}: {hand}, {joints}, {shown}"
-
-    def read(self) -> Rig:
-        """The rigged hand."""
-        from clradar.rigs import read_rig
-
-        assert self.rig is not None
-        if self.rig_hand not in (None, "right", "left"):
-            raise wrong_usage("--rig-hand", f"expected right or left, got '{self.rig_hand}'")
-        betas = None if self.betas is None else numbers(self.betas)
-        if betas == []:
-            raise wrong_usage("--betas", f"expected numbers, got '{self.betas}'")
-        return read_rig(
-            self.rig,
-            mapping=self.mapping,
-            unit=None if self.rig_unit is None else _unit(self.rig_unit),
-            handedness=self.rig_hand,
-            betas=betas,
-        )
 
 
 def read_theta(path: Path) -> list[float]:

@@ -18,6 +18,9 @@ MOST_STEPS = 2**31
 DECIMALS = 9
 """Of a number in a range: 3 * 0.1 is then 0.3, as where it is typed."""
 
+FIT = "fit"
+"""In place of a value that is to be found."""
+
 RANGE_RULE = "FIRST:LAST:STEP, both ends included"
 
 
@@ -41,6 +44,16 @@ def numbers(text: str, separator: str = ",") -> list[float]:
         return [float(part) for part in text.split(separator)]
     except ValueError:
         return []
+
+
+def alpha_or_fit(text: str) -> float | None:
+    """The alpha of an option, or None for `fit`."""
+    if text == FIT:
+        return None
+    values = numbers(text)
+    if len(values) != 1 or not finite(values) or not 0.0 <= values[0] <= 1.0:
+        raise wrong_usage("--alpha", f"expected a number in [0, 1] or '{FIT}', got '{text}'")
+    return values[0]
 
 
 def finite(values: list[float]) -> bool:

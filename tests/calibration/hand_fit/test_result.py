@@ -50,14 +50,14 @@ def test_joints_that_a_rig_lacks_are_null(fit: HandFit) -> None:
 
 def test_the_report_has_tips_and_what_is_not_told(fit: HandFit) -> None:
     lines = fit.report().splitlines()
-    assert "fitted from 'L'" in lines[0]
+    assert "fitted from 'L': converged." in lines[0]
     assert "Alpha is 0.30" in lines[0]
     x, y, z = 1e3 * fit.tips_m[1]
     assert f"index {x:.1f}, {y:.1f}, {z:.1f} ± 5.0;" in lines[1]
     assert lines[2].startswith("The measurement tells 21 of 23 angles.")
     assert all(name in lines[2] for name in UNTOLD)
     assert "from 'D' with deviance +30.0" in lines[3]
-    assert lines[4:] == ["Converged."]
+    assert len(lines) == 4
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,161 @@
+"""Figure of a fitted hand over its measured image."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibration.hand_fit.result import TIPS, HandFit
+from clradar.compare import depth_map_of
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.hand import JOINT_NAMES
+from clradar.model import DepthMap, Scene, Volume
+from clradar.plot.layout import (
+    BAR_GAP,
+    BAR_LABELS,
+    BAR_WIDTH,
+    BOTTOM,
+    LABEL_PT,
+    LEFT,
+    SINGLE_PANEL_WIDTH,
+    TICK_PT,
+    TOP,
+    Extent,
+    LengthUnit,
+    add_axes,
+    new_figure,
+    panel_size,
+    text_height,
+)
+from clradar.plot.panels import (
+    amplitude_bar,
+    depth_bar,
+    depth_limits_mm,
+    draw_amplitude,
+    draw_depth,
+    draw_frame,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+CHAINS = ((0, 1, 2, 3, 4), *((0, *range(tip - 4, tip + 1)) for tip in TIPS[1:]))
+"""Joints from the wrist to each tip."""
+
+SILHOUETTE_PIXEL_M = 0.25e-3
+"""A tenth of what the imager resolves."""
+
+BONES, OTHERS = "#56b4e9", "#d55e00"
+"""Of the palette of Okabe and Ito (2008), which colour-blind readers distinguish; on a black
+background, and on both scales."""
+
+LEGEND_ROWS = 2
+
+
+def hand_fit_figure(
+    measured: Volume | DepthMap, fit: HandFit, *, dynamic_range_db: float = DYNAMIC_RANGE_DB
+) -> Figure:
+    """Draw a fitted hand over its measured image.
+
+    Parameters
+    ----------
+    measured : Volume or DepthMap
+    fit : HandFit
+    dynamic_range_db : float, decibel
+        Pixels further below the maximum are background.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes: amplitude and depth, both with the outline of the mesh, its bones and joints; their
+        colour bars. A joint is hollow, and its bone dashed, if the measurement does not tell one of
+        its angles. Circles are two standard deviations of a tip, crosses the tips of other basins.
+    """
+    shown = depth_map_of(measured, dynamic_range_db, "measured image")
+    extent = Extent.around([shown])
+    panel_w, panel_h = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
+    step = LEFT + panel_w + BAR_GAP + BAR_WIDTH + BAR_LABELS
+    legend_h = text_height(LEGEND_ROWS, LABEL_PT) + TOP
+    bottom = legend_h + BOTTOM
+    height = bottom + panel_h + text_height(1, LABEL_PT) + 2 * TOP
+    figure = new_figure(2 * step, height)
+    lefts = [LEFT, LEFT + step]
+    panels = [add_axes(figure, left, bottom, panel_w, panel_h) for left in lefts]
+    bars = [
+        add_axes(figure, left + panel_w + BAR_GAP, bottom, BAR_WIDTH, panel_h) for left in lefts
+    ]
+    for axes, title in zip(panels, ("Amplitude, maximum over depth", "Depth"), strict=True):
+        draw_frame(axes, extent, panel_w, panel_h, x_labels=True, y_labels=True, margin=0.0)
+        axes.set_title(title, fontsize=LABEL_PT, pad=4)
+    limits_mm = depth_limits_mm([shown])
+    amplitude_bar(bars[0], draw_amplitude(panels[0], shown, extent.unit), dynamic_range_db)
+    depth_bar(bars[1], draw_depth(panels[1], shown, extent.unit, limits_mm), limits_mm, [shown])
+    for axes, colour in zip(panels, ("white", "black"), strict=True):
+        draw_outline(axes, fit.scene, extent.unit, colour)
+        draw_tips(axes, fit, extent.unit, colour)
+    draw_skeleton(panels[1], fit, extent.unit)
+    handles, labels = panels[1].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="lower center", ncols=-(-len(labels) // LEGEND_ROWS),
+        fontsize=TICK_PT, frameon=False, borderaxespad=0.2,
+    )  # fmt: skip
+    return figure
+
+
+def draw_outline(axes: Axes, scene: Scene, unit: LengthUnit, colour: str) -> None:
+    """Draw the silhouette of a mesh along z."""
+    from PIL import Image, ImageDraw
+
+    corners_m = scene.vertices_m[:, :2]
+    margin_m = 2 * SILHOUETTE_PIXEL_M
+    low_m = corners_m.min(axis=0) - margin_m
+    counts = np.ceil((corners_m.max(axis=0) + margin_m - low_m) / SILHOUETTE_PIXEL_M).astype(int)
+    image = Image.new("1", tuple(counts.tolist()))
+    draw = ImageDraw.Draw(image)
+    pixels = (corners_m - low_m) / SILHOUETTE_PIXEL_M
+    for face in pixels[scene.faces].reshape(-1, 6).tolist():
+        draw.polygon(face, fill=1)
+    x, y = (
+        unit.per_m * (low_m[i] + SILHOUETTE_PIXEL_M * (np.arange(counts[i]) + 0.5)) for i in (0, 1)
+    )
+    axes.contour(x, y, np.asarray(image, dtype=float), levels=[0.5], colors=colour, linewidths=0.8)
+
+
+def draw_tips(axes: Axes, fit: HandFit, unit: LengthUnit, colour: str) -> None:
+    """Draw the uncertainty of the tips, and the tips of other basins."""
+    from matplotlib.patches import Circle
+
+    tips = unit.per_m * fit.tips_m[:, :2]
+    for tip, std_m in zip(tips, fit.tip_std_m, strict=True):
+        if np.isfinite([*tip, std_m]).all():
+            ring = Circle(tuple(tip), 2 * unit.per_m * std_m, fill=False, color=colour, linewidth=1)
+            axes.add_patch(ring)
+    named: dict[str, Any] = {"linestyle": "none", "markersize": 5.0}
+    ring_label = "two standard deviations of a tip"
+    axes.plot([], marker="o", color=colour, markerfacecolor="none", label=ring_label, **named)
+    others = [unit.per_m * basin.joints_m[list(TIPS), :2] for basin in fit.basins[1:]]
+    if others:
+        axes.plot(
+            *np.concatenate(others).T, marker="x", color=OTHERS, alpha=0.6,
+            label="tips of other poses found", **named,
+        )  # fmt: skip
+
+
+def draw_skeleton(axes: Axes, fit: HandFit, unit: LengthUnit) -> None:
+    """Draw bones and joints."""
+    joints = unit.per_m * fit.joints_m[:, :2]
+    untold = {name.split()[0] for name in fit.untold}
+    told = np.array([name not in untold for name in JOINT_NAMES])
+    for chain in CHAINS:
+        for begin, end in pairwise(chain):
+            line = "-" if told[begin] else (0, (1.5, 1.0))
+            axes.plot(*joints[[begin, end]].T, color=BONES, linestyle=line, linewidth=1.2)
+    dots: dict[str, Any] = {"linestyle": "none", "marker": "o", "color": BONES, "markersize": 3.0}
+    axes.plot(*joints[told].T, label="joint", **dots)
+    axes.plot(
+        *joints[~told].T, markerfacecolor=axes.get_facecolor(), markeredgewidth=0.8,
+        label="joint with an angle that the measurement does not tell", **dots,
+    )  # fmt: skip

@@ -1,0 +1,153 @@
+"""``clradar fit-hand``: find the pose of a measured hand, joint by joint, and simulate it there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from clradar.cli.console import print_line, progress_bar
+from clradar.cli.hand_fit_folder import FILES, FittedImages, print_fit, write_fit
+from clradar.cli.inputs import ImageInput, common_grid
+from clradar.cli.options.common import (
+    DeviceOption,
+    ForceOption,
+    MeasuredArgument,
+    SearchOptions,
+)
+from clradar.cli.options.groups import REQUIRED, given, option, output_option, recorded
+from clradar.cli.options.hand import ShapeOptions
+from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.recording import FrameOptions
+from clradar.cli.options.rig import RigFileOptions
+from clradar.cli.options.values import FIT, alpha_or_fit, wrong_usage
+from clradar.cli.outputs import check_folder, whole_folder
+from clradar.cli.provenance import provenance
+
+if TYPE_CHECKING:
+    from calibration.hand_fit.starts import Start
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandFitOptions(SearchOptions):
+    """Where the fit starts, what it fits, and how it searches."""
+
+    pose: str = option(
+        "all",
+        "Where the fit starts: a name (`clradar hand --list`), a pose file (.toml, .json), the "
+        "folder of an earlier fit, several of them with commas, or all: every letter.",
+        metavar="POSE,...",
+    )
+    hand: Literal["right", "left", "either"] | None = option(
+        None, "Which hand it is. [default: right; that of an earlier fit, or of the rig]"
+    )
+    fit_shape: bool = option(False, "Fit size and proportions of the hand, too.")
+    alpha: str = option(
+        FIT,
+        "0 specular to 1 diffuse, or fit: found from how the brightness falls with the angle.",
+        metavar="ALPHA|fit",
+    )
+    quick: bool = option(
+        False,
+        "Without the simulations that correct the bias and find alpha: less exact where the hand "
+        "is specular.",
+    )
+    angle_std_deg: float = option(
+        12.0,
+        "How far joints are from those of the starting pose: standard deviation of flexion and of "
+        "the thumb; less at the joints that move less.",
+        metavar="DEG",
+    )
+    seed: int = option(0, "Of all that is drawn.", metavar="N")
+
+    @property
+    def poses(self) -> list[str]:
+        """The starts, one by one; a comma in the name of a file that exists separates nothing."""
+        return [self.pose] if Path(self.pose).exists() else self.pose.split(",")
+
+    @property
+    def files(self) -> list[Path]:
+        """The files of the starts."""
+        from calibration.hand_fit.starts import start_file
+
+        return [path for text in self.poses if (path := start_file(text)) is not None]
+
+    def starts(self) -> tuple[Start, ...]:
+        """The starts; an earlier fit has to be of the hand that was given, if it was."""
+        from calibration.hand_fit.starts import starts_of
+
+        starts = starts_of(self.poses)
+        for start in starts:
+            if self.hand is not None and start.handedness not in (None, self.hand):
+                raise wrong_usage(
+                    "--hand", f"expected {start.handedness}, as in --pose, got '{self.hand}'"
+                )
+        return starts
+
+
+def command(
+    *,
+    measured: MeasuredArgument,
+    output: Path = output_option(REQUIRED, "New folder.", metavar="DIR"),
+    fitting: HandFitOptions,
+    shape: ShapeOptions,
+    rigged: RigFileOptions,
+    voxels: GridOptions,
+    imaging: ImagingOptions,
+    frames: FrameOptions,
+    device: DeviceOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Joint angles within their limits, place, alpha, and with --fit-shape the hand's size, so that
+    the hand looks like MEASURED. No mesh is needed. DIR gets pose.toml (for `clradar hand` and data
+    sets), placed.ply (for `clradar simulate`), fit.json with what the measurement tells and what
+    not, the last simulation (not with --quick), two pictures and the metrics: all or nothing.
+    Captures are imaged first, on the grid of the options. See docs/hand-fit.md.
+    """
+    from calibration import fit_hand
+    from clradar import open_device
+
+    read = [*fitting.files, *rigged.files]
+    check_folder(output, force=force, replaced=FILES, inputs=[measured, *read])
+    settings = fit_settings(fitting, shape, rigged)
+    voxels.grid()  # wrong usage is reported before a file is read
+    image = ImageInput.open(measured, frames)
+    opened = open_device(device)
+    grid = common_grid(voxels, image, device=opened)
+    volume = image.volume(grid, imaging, opened)
+    with progress_bar("fitting") as progress:
+        fit = fit_hand(volume, device=opened, progress=progress, **settings, **image.radar)
+    images = FittedImages.of(volume, fit, image.radar, fitting.seed, opened)
+    options = recorded(
+        fitting, shape, rigged, imaging, frames, measured=measured, grid=grid_text(volume.grid)
+    )
+    origin = provenance("fit-hand", options, [*image.files, *read])
+    with whole_folder(output, force=force, replaced=FILES) as made:
+        names = write_fit(made, images, str(measured), origin)
+    print_fit(fit)
+    print_line(f"{output}: {', '.join(names)}")
+
+
+def fit_settings(
+    fitting: HandFitOptions, shape: ShapeOptions, rigged: RigFileOptions
+) -> dict[str, Any]:
+    """The arguments of `calibration.fit_hand`."""
+    settings = {
+        "pose": fitting.starts(),
+        "fit_shape": fitting.fit_shape,
+        "alpha": alpha_or_fit(fitting.alpha),
+        "closed_loop": not fitting.quick,
+        "angle_std_deg": fitting.angle_std_deg,
+        "search_deg": fitting.search_deg,
+        "seed": fitting.seed,
+    }
+    if rigged.rig is None:
+        return {**settings, "handedness": fitting.hand or "right", "shape": shape.shape}
+    for name in given(shape):
+        raise wrong_usage(name, "a rig keeps its size and proportions")
+    if fitting.fit_shape:
+        raise wrong_usage("--fit-shape", "a rig keeps its size and proportions")
+    if fitting.hand is not None:
+        raise wrong_usage("--hand", "a rig is one hand: --rig-hand says which")
+    rig = rigged.read()
+    return {**settings, "rig": rig, "handedness": rig.handedness}

@@ -1,0 +1,133 @@
+"""The folder and the tables of ``clradar fit-hand``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clradar.cli.comparison import Comparison, simulated_surface
+from clradar.cli.console import print_line, print_table
+from clradar.cli.outputs import save
+from clradar.files.atomic import write_file
+from clradar.files.json_file import write_json
+
+if TYPE_CHECKING:
+    from calibration import HandFit
+    from clradar import Device, Scene, Volume
+
+POSE, PLACED, FIT, OVERLAY = "pose.toml", "placed.ply", "fit.json", "overlay.png"
+FIGURE, METRICS, CAPTURE, VOLUME = "comparison.png", "metrics.json", "capture.h5", "volume.h5"
+
+FILES = (POSE, PLACED, FIT, OVERLAY, FIGURE, METRICS, CAPTURE, VOLUME)
+"""The last two only where the loop was closed."""
+
+DIGIT_COLUMNS = ("tip", "x, y, z (mm)", "sd (mm)", "told", "not told: as in the start")
+BASIN_COLUMNS = ("pose", "start", "deviance", "tips apart (mm)")
+
+
+@dataclass(frozen=True, slots=True)
+class FittedImages:
+    """A fitted hand, and its simulations in the starting pose and in the one found."""
+
+    measured: Volume
+    fit: HandFit
+    before: Volume
+    after: Volume
+
+    @classmethod
+    def of(
+        cls, measured: Volume, fit: HandFit, radar: dict[str, Any], seed: int, device: Device
+    ) -> FittedImages:
+        """Simulate what the fit did not: the starting pose, and without a closed loop both."""
+        from calibration.hand_fit.simulated import simulated
+
+        def image(scene: Scene) -> Volume:
+            return simulated(scene, measured.grid, seed=seed, device=device, **radar)[1]
+
+        after = image(fit.scene) if fit.volume is None else fit.volume
+        return cls(measured, fit, image(fit.started), after)
+
+    def compared(self) -> Comparison:
+        """Measured image, before, after."""
+        labels = [f"Before: '{self.fit.start}', moved", f"After: '{self.fit.pose.name}', fitted"]
+        surface = simulated_surface(self.after.meta)
+        if surface is not None:
+            labels[1] += f", {surface}"
+        return Comparison.of([self.measured, self.before, self.after], labels)
+
+
+def write_fit(folder: Path, images: FittedImages, source: str, origin: dict[str, Any]) -> list[str]:
+    """Write all files of a fit into `folder`; return their names."""
+    from calibration.hand_fit.figure import hand_fit_figure
+    from clradar.files.meshes.ply_parts import ply_of_parts
+    from clradar.hand import write_pose
+    from clradar.plot import save_figure
+
+    fit, scene = images.fit, images.fit.scene
+    write_pose(folder / POSE, fit.pose)
+    placed = ply_of_parts(
+        scene.vertices_m, scene.faces, np.asarray(scene.part), scene.part_names, scene.texture_m
+    )
+    write_file(folder / PLACED, placed, force=False)
+    write_json(folder / FIT, {**fit.to_dict(), **origin}, force=False)
+    save_figure(hand_fit_figure(images.measured, fit), folder / OVERLAY)
+    compared = images.compared()
+    compared.save_figure(folder / FIGURE, force=False, differences=True)
+    before, after = (found.to_dict() for found in compared.metrics)
+    metrics = {"measured": source, "before": before, "after": after, **origin}
+    write_json(folder / METRICS, metrics, force=False)
+    if fit.capture is not None and fit.volume is not None:
+        save(folder / CAPTURE, fit.capture, origin, force=False)
+        save(folder / VOLUME, fit.volume, origin, force=False)
+    compared.print()
+    return [name for name in FILES if (folder / name).is_file()]
+
+
+def print_fit(fit: HandFit) -> None:
+    """Print tips, told angles and basins as tables, and what remains of the report."""
+    print_table(DIGIT_COLUMNS, digit_rows(fit), right=DIGIT_COLUMNS[1:3])
+    if len(fit.basins) > 1:
+        print_table(BASIN_COLUMNS, basin_rows(fit), right=BASIN_COLUMNS[2:])
+    print_line(fit.summary())
+
+
+def digit_rows(fit: HandFit) -> list[list[str]]:
+    """One row for each digit, and one for the arch of the palm."""
+    from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT
+    from calibration.hand_fit.result import ANGLE_NAMES, DIGITS
+
+    rows = []
+    for digit, angles in ANGLES_OF_DIGIT.items():
+        names = ANGLE_NAMES[angles]
+        untold = [short_name(name, digit) for name in names if name in fit.untold]
+        where = ["", ""]
+        if digit in DIGITS:
+            at_m, std_m = fit.tips_m[DIGITS.index(digit)], fit.tip_std_m[DIGITS.index(digit)]
+            if np.isfinite(at_m).all():
+                where = [", ".join(f"{1e3 * v:.1f}" for v in at_m), f"{1e3 * std_m:.1f}"]
+        told = f"{len(names) - len(untold)} of {len(names)}"
+        rows.append([digit, *where, told, ", ".join(untold)])
+    return rows
+
+
+def short_name(angle: str, digit: str) -> str:
+    """The name of an angle in the row of its digit: "phalanx-distal flexion"."""
+    for prefix in (f"{digit}-finger-", f"{digit}-"):
+        angle = angle.removeprefix(prefix)
+    return angle
+
+
+def basin_rows(fit: HandFit) -> list[list[str]]:
+    """One row for each pose in which the fit came to rest, with the tips' largest distance."""
+    return [
+        [
+            str(number),
+            basin.start,
+            f"{basin.deviance:.1f}",
+            f"{1e3 * fit.tips_apart_m(basin).max():.0f}",
+        ]
+        for number, basin in enumerate(fit.basins, start=1)
+    ]

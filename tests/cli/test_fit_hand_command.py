@@ -1,0 +1,184 @@
+"""The command that fits a hand: its folder, its tables, its refusals. The fit itself is made up."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import GRID, Run, one_error_line
+from hand_fits import UNTOLD, made_up_fit
+
+import calibration
+import clradar
+from calibration import HandFit
+from calibration.hand_fit.starts import read_start
+from clradar.cli.hand_fit_folder import CAPTURE, FILES, VOLUME
+from clradar.files.json_file import write_json
+from clradar.hand import HandShape, read_pose
+from clradar.model import Volume
+from measurement_io import open_capture, open_volume
+
+
+class Recorded:
+    """Stands for `calibration.fit_hand`: returns a made-up fit, and keeps its arguments."""
+
+    def __init__(self, fit: HandFit) -> None:
+        self.fit = fit
+        self.calls: list[dict[str, Any]] = []
+
+    def __call__(self, measured: Volume, **settings: Any) -> HandFit:
+        self.calls.append({"measured": measured, **settings})
+        return self.fit
+
+
+@pytest.fixture
+def recorded_fit(made: Path, monkeypatch: pytest.MonkeyPatch) -> Recorded:
+    monkeypatch.chdir(made)
+    quick = Recorded(made_up_fit())
+    monkeypatch.setattr(calibration, "fit_hand", quick)
+    # The letter F, as it was simulated already; the letter in which the fit starts is the same.
+    images = (open_capture("sim.h5"), open_volume("volume.h5"))
+    monkeypatch.setattr("calibration.hand_fit.simulated.simulated", lambda *_, **__: images)
+    return quick
+
+
+def test_a_folder_with_all_that_was_found(
+    run: Run, made: Path, recorded_fit: Recorded, tmp_path: Path
+) -> None:
+    closed = made_up_fit(capture=open_capture("sim.h5"), volume=open_volume("volume.h5"))
+    recorded_fit.fit = closed
+    folder = tmp_path / "fit"
+    outcome = run("fit-hand", "sim.h5", "--pose", "L", "-o", folder, *GRID)
+    assert outcome.status == 0, outcome.err
+    assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
+    assert read_pose(folder / "pose.toml").name == "F"
+    record = json.loads((folder / "fit.json").read_text())
+    assert record["transform"] == closed.transform.tolist()
+    assert record["command"] == "fit-hand"
+    assert record["options"]["pose"] == "L"
+    assert [one["file"] for one in record["inputs"]] == ["sim.h5"]
+    placed = clradar.Scene.from_mesh(folder / "placed.ply")
+    assert placed.part_names == closed.scene.part_names
+    assert placed.texture_m is not None
+    # float32 in metres: 2^-24 of 0.4 m is 2.4e-8.
+    assert np.allclose(placed.vertices_m, closed.scene.vertices_m, rtol=0.0, atol=1e-7)
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert metrics["after"]["overlap"] == metrics["before"]["overlap"] == pytest.approx(1.0)
+    assert open_capture(folder / CAPTURE).meta["command"] == "fit-hand"
+    for name in ("overlay.png", "comparison.png"):
+        assert (folder / name).read_bytes().startswith(b"\x89PNG")
+    start = read_start(folder)
+    assert start.transform is not None
+    assert np.array_equal(start.transform, closed.transform)
+    # The tables: a tip with its standard deviation, what is not told, the other basin.
+    lines = [line.split("  ") for line in outcome.out.splitlines()]
+    rows = {line[0].strip(): [cell.strip() for cell in line[1:] if cell.strip()] for line in lines}
+    x, y, z = 1e3 * closed.tips_m[1]
+    told = ["5.0", "3 of 4", "phalanx-distal flexion"]
+    assert rows["index"] == [f"{x:.1f}, {y:.1f}, {z:.1f}", *told]
+    assert rows["palm"] == ["2 of 2"]
+    assert rows["2"][:2] == ["D", "130.0"]
+    assert "Simulated there, the overlap is 0.95." in outcome.out
+
+
+def test_what_the_options_say_goes_into_the_fit(
+    run: Run, made: Path, recorded_fit: Recorded, tmp_path: Path
+) -> None:
+    options = (
+        "--pose F,l --hand left --fit-shape --alpha 0.2 --quick --angle-std-deg 9 --search-deg 60 "
+        "--length-mm 180 --girth 0.95 --seed 5"
+    )
+    outcome = run("fit-hand", "volume.h5", *options.split(), "-o", tmp_path / "fit")
+    assert outcome.status == 0, outcome.err
+    (call,) = recorded_fit.calls
+    assert [start.pose.name for start in call.pop("pose")] == ["F", "L"]
+    assert call.pop("shape") == HandShape(length_m=0.18, girth=0.95)
+    assert call.pop("measured").grid.same_voxels(open_volume("volume.h5").grid)
+    assert isinstance(call.pop("device"), clradar.Device)
+    assert call == {
+        "handedness": "left", "fit_shape": True, "alpha": 0.2, "closed_loop": False,
+        "angle_std_deg": 9.0, "search_deg": 60.0, "seed": 5, "progress": None,
+    }  # fmt: skip
+    # Without the simulations of a closed loop there are none to keep.
+    names = {path.name for path in (tmp_path / "fit").iterdir()}
+    assert names == set(FILES) - {CAPTURE, VOLUME}
+
+
+def test_a_fit_goes_on_from_an_earlier_one(
+    run: Run, made: Path, recorded_fit: Recorded, tmp_path: Path
+) -> None:
+    one, two = tmp_path / "one", tmp_path / "two"
+    one.mkdir()
+    write_json(one / "fit.json", recorded_fit.fit.to_dict(), force=False)
+    assert run("fit-hand", "volume.h5", "--pose", one, "-o", two).status == 0
+    ((start,),) = (call["pose"] for call in recorded_fit.calls)
+    assert np.array_equal(start.transform, recorded_fit.fit.transform)
+    record = json.loads((two / "fit.json").read_text())
+    assert [file["file"] for file in record["inputs"]] == ["volume.h5", "fit.json"]
+    outcome = run("fit-hand", "volume.h5", "--pose", one, "--hand", "left", "-o", tmp_path / "x")
+    assert outcome.status == 2
+    assert "expected right, as in --pose, got 'left'" in " ".join(outcome.err.split())
+    # A file that is no result is not replaced, not even with --force.
+    again = ("fit-hand", "volume.h5", "-o", two)
+    one_error_line(run(*again), "holds files already")
+    (two / "notes.txt").write_text("mine")
+    one_error_line(run(*again, "--force"), "holds 'notes.txt', which --force would delete")
+    (two / "notes.txt").unlink()
+    assert run(*again, "--force").status == 0
+    assert len(recorded_fit.calls[-1]["pose"]) == 24
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        ("--alpha 1.5", "expected a number in [0, 1] or 'fit', got '1.5'"),
+        ("--hand both", "--hand"),
+        ("--mapping m.toml", "expected together with --rig"),
+        ("--rig hand.glb --girth 1.1", "a rig keeps its size and proportions"),
+        ("--rig hand.glb --fit-shape", "a rig keeps its size and proportions"),
+        ("--rig hand.glb --hand left", "--rig-hand says which"),
+        ("--x-mm 10:0:1", "--x-mm"),
+    ],
+)
+def test_wrong_usage(
+    run: Run, recorded_fit: Recorded, tmp_path: Path, arguments: str, part: str
+) -> None:
+    outcome = run("fit-hand", "volume.h5", "-o", tmp_path / "fit", *arguments.split())
+    assert outcome.status == 2
+    assert part in " ".join(outcome.err.replace("│", " ").split())
+    assert not (tmp_path / "fit").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        ("volume.h5 --pose J", "pose: expected one of 'flat'"),
+        ("volume.h5 --pose none.toml", "none.toml: "),
+        ("volume.h5 --pose recording", "recording: expected the folder of a fit"),
+        ("volume.h5 --pose F,hand.ply", "pose: expected one of"),
+        ("volume.h5 --length-mm 20", "HandShape.length_m: expected"),
+        ("volume.h5 --rig hand.ply", "hand.ply: "),
+        ("hand.ply", "hand.ply: "),
+        ("none.h5", "none.h5: "),
+        ("volume.h5 --device abacus", "abacus"),
+    ],
+)
+def test_errors_are_one_line_and_leave_nothing(
+    run: Run, recorded_fit: Recorded, tmp_path: Path, arguments: str, part: str
+) -> None:
+    one_error_line(run("fit-hand", "-o", tmp_path / "fit", *arguments.split()), part)
+    assert not recorded_fit.calls
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_untold_angles_are_in_the_table_of_their_digit() -> None:
+    from clradar.cli.hand_fit_folder import digit_rows
+
+    rows = {row[0]: row for row in digit_rows(made_up_fit())}
+    assert set(rows) == {"thumb", "index", "middle", "ring", "pinky", "palm"}
+    assert rows["thumb"][3:] == ["4 of 5", "phalanx-distal flexion"]
+    assert len(UNTOLD) == 2
+    assert all(rows[digit][4] == "" for digit in ("middle", "ring", "pinky", "palm"))
