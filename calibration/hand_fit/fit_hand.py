@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from calibration.registration.mesh_fit import POWER_FLOOR, initial_log_brightnes
 from calibration.registration.mesh_pose import depth_for_mesh
 from calibration.registration.radar import Radar
 from clradar.backproject import backproject
-from clradar.errors import CompareError
+from clradar.errors import CompareError, warn
 from clradar.hand import HandShape
 from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M
 from clradar.hand.shape import AVERAGE
@@ -28,6 +29,8 @@ from clradar.model import AntennaArray, Capture, DepthMap, Scene, Volume, Wavefo
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 from clradar.rigs import Rig
+
+SIDES = ("right", "left", "either")
 
 
 def fit_hand(
@@ -48,8 +51,81 @@ def fit_hand(
     device: Device | str | None = None,
     progress: Progress | None = None,
 ) -> HandFit:
-    """Fit joint angles, shape, place, brightness and alpha of a hand to its measurement."""
+    """Fit joint angles, shape, place, brightness and alpha of a hand to its measurement.
+
+    Parameters
+    ----------
+    measured : Capture, Volume or DepthMap
+        In the antenna frame, on evenly spaced pixels. A capture is imaged first, on the grid of
+        `clradar.place_grid`.
+    pose : str, Path, HandPose, HandFit, Start, or several of them
+        Where the fit starts, and the mean of its prior: a name in `clradar.hand.POSES`, "all" for
+        all letters, a pose file, a pose, or an earlier fit, which brings its shape, its place and
+        which hand it is, too (also as the folder that `clradar fit-hand` wrote). Of several starts
+        the best fit is returned, and the others are among its `basins`.
+    rig : Rig, optional
+        Fit this hand (`clradar.rigs.read_rig`) instead of the one of `clradar.hand`.
+    handedness : "right", "left" or "either"
+        Which hand it is; "either" tries both. A rig is one hand already.
+    shape : HandShape
+        Size and proportions, of an average adult by default; not of a rig.
+    fit_shape : bool
+        Fit them, too.
+    alpha : float, optional
+        Of the simulations, 0 specular to 1 diffuse. None: estimated where the loop is closed.
+    closed_loop : bool
+        Simulate the hand that was found, and correct what the fit to the simulation shows.
+    angle_std_deg : float, degrees
+        Standard deviation of the prior, of flexion and of the thumb's angles; that of abduction is
+        7/12, that of the palm's arch 5/12 of it.
+    array : AntennaArray, optional
+    waveform : Waveform, optional
+        Of the measurement. Default: those of a capture; else the 94 x 94 imager and 72 to 82 GHz in
+        128 steps.
+    search_deg : float, degrees
+        Largest rotation about boresight of the search for the place of the hand.
+    seed : int
+        Of all that is drawn.
+    device : Device, str or None
+        See `clradar.open_device`.
+    progress : callable, optional
+        Called with (done, total).
+
+    Returns
+    -------
+    HandFit
+
+    Raises
+    ------
+    CompareError
+        "could not fit the hand, because ...": nothing or too little is seen, or it is no hand.
+    ModelError
+        An unknown pose, or an argument out of its range.
+    MeasurementError
+        A pose file or an earlier fit that cannot be read.
+
+    Warns
+    -----
+    ClradarWarning
+        Every remark of the result (`HandFit.remarks`).
+
+    Notes
+    -----
+    docs/hand-fit.md has the equations, what is told and what is not, and how exact it is.
+
+    Examples
+    --------
+    `examples/fit_hand.py` fits a simulated hand; that takes seconds. Where nothing is seen:
+
+    >>> import calibration, clradar, numpy as np
+    >>> grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.28, 0.32), 4e-3)
+    >>> dark = clradar.Volume(np.zeros(grid.counts[::-1], np.complex64), grid)
+    >>> calibration.fit_hand(dark, "F", device="pocl")
+    Traceback (most recent call last):
+    clradar.errors.CompareError: could not ...
+    """
     seed = checks.whole("fit_hand: seed", seed, 0)
+    checks.one_of("fit_hand: handedness", handedness, SIDES)
     angle_std_deg = checks.positive("fit_hand: angle_std_deg", angle_std_deg)
     opened = open_device(device)
     if isinstance(measured, Capture):
@@ -57,25 +133,45 @@ def fit_hand(
         measured = backproject(measured, place_grid(measured, device=opened), device=opened)
     radar = Radar.of("fit_hand", array, waveform)
     depth = depth_for_mesh(measured, None)
-    model: HandModel = ParametricHand(handedness, opened) if rig is None else RiggedHand(rig)
-    fitter = HandFitter(
-        model, depth, radar.aperture, opened, fitted_parameters(fit_shape and model.has_shape)
-    )
+
+    @cache
+    def fitter_of(side: str) -> HandFitter:
+        model: HandModel = ParametricHand(side, opened) if rig is None else RiggedHand(rig)
+        parameters = fitted_parameters(fit_shape and model.has_shape)
+        return HandFitter(model, depth, radar.aperture, opened, parameters)
+
     tried = []
-    for start in starts_of(pose):
+    starts = starts_of(pose)
+    for start, side in ((s, side) for s in starts for side in _sides(s, handedness, rig)):
+        fitter = fitter_of(side)
         prior_shape = start.shape or shape
         state = _placed(start, prior_shape, fitter, search_deg, opened)
         prior = Prior.about(state, angle_covariance(angle_std_deg))
         found = fitter.descend(state, initial_log_brightness(), prior, seed=seed)
-        tried.append(_Tried(start, state, prior, fitter.judged(found, prior, seed=seed + 1000)))
+        tried.append(
+            _Tried(fitter, start, state, prior, fitter.judged(found, prior, seed=seed + 1000))
+        )
     tried.sort(key=lambda one: one.found.deviance)
-    return _result(tried, fitter, alpha, seed)
+    fit = _result(tried, alpha, seed)
+    for remark in fit.remarks():
+        warn(f"fit_hand: {remark}")
+    return fit
+
+
+def _sides(start: Start, handedness: str, rig: Rig | None) -> tuple[str, ...]:
+    """The hands that a start is fitted as."""
+    if rig is not None:
+        return (rig.handedness,)
+    if start.handedness is not None:
+        return (start.handedness,)
+    return ("right", "left") if handedness == "either" else (handedness,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tried:
-    """A start, the hand placed there, its prior, and the fit that it led to."""
+    """The fitter of one hand, a start, the hand placed there, its prior, and what it led to."""
 
+    fitter: HandFitter
     start: Start
     placed: HandState
     prior: Prior
@@ -99,8 +195,9 @@ def _placed(
     return found[0][0]
 
 
-def _result(tried: list[_Tried], fitter: HandFitter, alpha: float | None, seed: int) -> HandFit:
+def _result(tried: list[_Tried], alpha: float | None, seed: int) -> HandFit:
     best = tried[0]
+    fitter = best.fitter
     state = best.found.state
     known = certainty(fitter, best.found, best.prior, seed + 1000)
     basins = tuple(
@@ -108,8 +205,9 @@ def _result(tried: list[_Tried], fitter: HandFitter, alpha: float | None, seed: 
             one.start.pose.name,
             one.found.state.pose,
             one.found.state.transform,
-            joints_at(fitter, one.found.state),
+            joints_at(one.fitter, one.found.state),
             one.found.deviance,
+            one.fitter.model.handedness,
         )
         for one in tried
     )

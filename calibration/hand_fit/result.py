@@ -44,6 +44,17 @@ class Basin:
     deviance : float
         Robust deviance per resolution cell plus that of the prior, on freshly drawn surfaces;
         smaller is better, and a difference of 2 is noise.
+    handedness : "right" or "left"
+
+    Examples
+    --------
+    >>> import calibration, numpy as np
+    >>> from clradar.hand import pose_by_name
+    >>> pose, place, joints_m = pose_by_name("S"), np.eye(4), np.zeros((25, 3))
+    >>> one = calibration.Basin("S", pose, place, joints_m, 2310.5, "right")
+    >>> other = calibration.Basin("A", pose, place, joints_m, 2288.0, "right")
+    >>> min(one, other, key=lambda basin: basin.deviance).start
+    'A'
     """
 
     start: str
@@ -51,6 +62,7 @@ class Basin:
     transform: np.ndarray
     joints_m: np.ndarray
     deviance: float
+    handedness: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,6 +108,30 @@ class HandFit:
     covariance : ndarray, shape (n, n)
         Of `parameter_names`, radians, metres and natural logarithms of factors.
     parameter_names : tuple of str
+    notes : tuple of str
+        Reasons to doubt the result that the fit found on its way; `remarks` has all.
+
+    Examples
+    --------
+    What `calibration.fit_hand` returns, here made up:
+
+    >>> import calibration, clradar, numpy as np
+    >>> from clradar.hand import HandShape, hand_mesh, pose_by_name
+    >>> hand = hand_mesh("L", edge_length_m=4e-3)
+    >>> scene = clradar.Scene.from_mesh(hand, alpha=0.3)
+    >>> fit = calibration.HandFit(
+    ...     pose=pose_by_name("L"), shape=HandShape(), handedness="right", transform=np.eye(4),
+    ...     scene=scene, started=scene, joints_m=hand.joints_m, joint_std_m=np.full(25, 2e-3),
+    ...     angle_std_rad=np.full(23, 0.1), untold=("thumb-phalanx-distal flexion",), alpha=0.3,
+    ...     log_brightness=np.zeros(7), deviance=2288.0, basins=(), start="L", likeness=0.91,
+    ...     overlap=0.96, converged=True, covariance=np.eye(23), parameter_names=())
+    >>> print(fit.report())
+    A right hand, fitted from 'L': converged. Its rendering correlates with the measurement by 0.91.
+    Alpha is 0.30. Simulated there, the overlap is 0.96.
+    Tips (x, y, z ± one standard deviation, mm): thumb ... ± 2.0; index ... ± 2.0; middle ... ± 2.0;
+    ring ... ± 2.0; pinky ... ± 2.0.
+    The measurement tells 22 of 23 angles. It does not tell, and the start gave:
+    thumb-phalanx-distal flexion.
     """
 
     pose: HandPose
@@ -191,6 +227,7 @@ class HandFit:
             "basins": [
                 {
                     "start": basin.start,
+                    "handedness": basin.handedness,
                     "deviance": basin.deviance,
                     "pose": pose_table(basin.pose),
                     "transform": basin.transform.tolist(),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ FILES = (POSE, PLACED, FIT, OVERLAY, FIGURE, METRICS, CAPTURE, VOLUME)
 """The last two only where the loop was closed."""
 
 DIGIT_COLUMNS = ("tip", "x, y, z (mm)", "sd (mm)", "told", "not told: as in the start")
-BASIN_COLUMNS = ("pose", "start", "deviance", "tips apart (mm)")
+BASIN_COLUMNS = ("pose", "start", "hand", "deviance", "tips apart (mm)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,8 @@ def write_fit(folder: Path, images: FittedImages, source: str, origin: dict[str,
     from clradar.plot import save_figure
 
     fit, scene = images.fit, images.fit.scene
-    write_pose(folder / POSE, fit.pose)
+    name = f"{fit.pose.name}, fitted to {Path(source).name}"
+    write_pose(folder / POSE, replace(fit.pose, name=name, description="", source=source))
     placed = ply_of_parts(
         scene.vertices_m, scene.faces, np.asarray(scene.part), scene.part_names, scene.texture_m
     )
@@ -90,7 +91,7 @@ def print_fit(fit: HandFit) -> None:
     """Print tips, told angles and basins as tables, and what remains of the report."""
     print_table(DIGIT_COLUMNS, digit_rows(fit), right=DIGIT_COLUMNS[1:3])
     if len(fit.basins) > 1:
-        print_table(BASIN_COLUMNS, basin_rows(fit), right=BASIN_COLUMNS[2:])
+        print_table(BASIN_COLUMNS, basin_rows(fit), right=BASIN_COLUMNS[3:])
     print_line(fit.summary())
 
 
@@ -126,6 +127,7 @@ def basin_rows(fit: HandFit) -> list[list[str]]:
         [
             str(number),
             basin.start,
+            basin.handedness,
             f"{basin.deviance:.1f}",
             f"{1e3 * fit.tips_apart_m(basin).max():.0f}",
         ]

@@ -54,7 +54,7 @@ def test_a_folder_with_all_that_was_found(
     outcome = run("fit-hand", "sim.h5", "--pose", "L", "-o", folder, *GRID)
     assert outcome.status == 0, outcome.err
     assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
-    assert read_pose(folder / "pose.toml").name == "F"
+    assert read_pose(folder / "pose.toml").name == "F, fitted to sim.h5"
     record = json.loads((folder / "fit.json").read_text())
     assert record["transform"] == closed.transform.tolist()
     assert record["command"] == "fit-hand"
@@ -80,7 +80,7 @@ def test_a_folder_with_all_that_was_found(
     told = ["5.0", "3 of 4", "phalanx-distal flexion"]
     assert rows["index"] == [f"{x:.1f}, {y:.1f}, {z:.1f}", *told]
     assert rows["palm"] == ["2 of 2"]
-    assert rows["2"][:2] == ["D", "130.0"]
+    assert rows["2"][:3] == ["D", "right", "130.0"]
     assert "Simulated there, the overlap is 0.95." in outcome.out
 
 

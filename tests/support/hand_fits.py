@@ -44,8 +44,8 @@ def made_up_fit(letter: str = "F", start: str = "L", **changes: Any) -> HandFit:
         log_brightness=np.linspace(0.0, -3.0, 7),
         deviance=100.0,
         basins=(
-            Basin(start, pose, transform, np.array(mesh.joints_m), 100.0),
-            Basin("D", pose_by_name(start), transform, np.array(before.joints_m), 130.0),
+            Basin(start, pose, transform, np.array(mesh.joints_m), 100.0, "right"),
+            Basin("D", pose_by_name(start), transform, np.array(before.joints_m), 130.0, "right"),
         ),
         start=start,
         likeness=0.8,
