@@ -30,15 +30,21 @@ class Certainty:
     """What a fit is certain of.
 
     `covariance`, shape (n, n), of the fitted geometry, and the `names` of its parameters; standard
-    deviations `angle_std_rad`, shape (23,), and `joint_std_m`, (25,); the names of the angles that
-    the measurement does not tell, `untold`.
+    deviations `angle_std_rad`, shape (23,); `joint_covariance_m2`, (25, 3, 3); the names of the
+    angles that the measurement does not tell, `untold`.
     """
 
     covariance: np.ndarray
     names: tuple[str, ...]
     angle_std_rad: np.ndarray
-    joint_std_m: np.ndarray
+    joint_covariance_m2: np.ndarray
     untold: tuple[str, ...]
+
+    @property
+    def joint_std_m(self) -> np.ndarray:
+        """As `HandFit.joint_std_m`."""
+        std_m: np.ndarray = np.sqrt(np.trace(self.joint_covariance_m2, axis1=1, axis2=2))
+        return std_m
 
 
 def certainty(fitter: HandFitter, found: Fitted, prior: Prior, seed: int) -> Certainty:
@@ -51,7 +57,7 @@ def certainty(fitter: HandFitter, found: Fitted, prior: Prior, seed: int) -> Cer
     kept = fitted < N_GEOMETRY
     fitted, covariance = fitted[kept], covariance[np.ix_(kept, kept)]
     by_parameter = _joint_derivatives(fitter, found.state, centre_m)[fitted]
-    variance = np.einsum("kjc,kl,ljc->jc", by_parameter, covariance, by_parameter)
+    of_joints = np.einsum("kjc,kl,ljd->jcd", by_parameter, covariance, by_parameter)
     std = np.sqrt(np.diag(covariance))
     angle_std = std[(fitted >= ANGLES.start) & (fitted < SHAPE.start)]
     before = np.sqrt(np.diag(np.linalg.inv(prior.information[ANGLES, ANGLES])))
@@ -61,7 +67,7 @@ def certainty(fitter: HandFitter, found: Fitted, prior: Prior, seed: int) -> Cer
         covariance=covariance,
         names=names,
         angle_std_rad=angle_std,
-        joint_std_m=np.sqrt(variance.mean(axis=1)),
+        joint_covariance_m2=of_joints,
         untold=tuple(
             name
             for name, share in zip(angle_names, angle_std / before, strict=True)

@@ -25,6 +25,9 @@ from clradar.opencl import Device
 
 BRIGHTNESS = slice(N_GEOMETRY, N_PARAMETERS)
 
+FALLS = np.diff(np.eye(N_PARAMETERS)[BRIGHTNESS], axis=0)
+"""Differences of the log brightness from knot to knot, as rows of all parameters."""
+
 _MOST = np.zeros(N_PARAMETERS)
 _MOST[:3], _MOST[3:6], _MOST[ANGLES], _MOST[SHAPE], _MOST[BRIGHTNESS] = 0.1, 6e-3, 0.35, 0.05, 1.5
 """Of one step."""
@@ -189,10 +192,14 @@ class HandFitter:
         step /= max(1.0, float((np.abs(step) / _MOST).max()))
         return step
 
-    def scoring(
-        self, state: HandState, log_brightness: np.ndarray, prior: Prior, level: Level
+    def linearised(
+        self, state: HandState, log_brightness: np.ndarray, level: Level
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Information, (44, 44), and score, (44,), of all parameters, and the centre of twists."""
+        """Residuals of all pixels, in brightness and in range, (n,), and their slopes, (44, n).
+
+        Both in units of their scatter, with the robust weights and the pixels per resolution cell,
+        so that the squares of the slopes are information. Third, the centre of twists.
+        """
         picture = self.picture(level)
         rendered = picture.render(state, log_brightness)
         points_m, _ = picture.samples.posed(picture.bones_at(state))
@@ -203,19 +210,23 @@ class HandFitter:
             state, log_brightness, centre_m, self.fitted, rendered
         )
         found = misfit(picture, rendered, level.range_scale)
-        by_power /= found.dark.ravel()
         per_cell = cell_pixels(picture)
-        speckle_weights = found.speckle_weights.ravel() / per_cell
-        range_weights = (found.range_weights / found.range_std_m**2).ravel() / per_cell
-        information = (by_power * speckle_weights) @ by_power.T
-        information += (by_range * range_weights) @ by_range.T
-        score = (by_power * speckle_weights) @ found.speckle.ravel()
-        score += (by_range * range_weights) @ found.range_m.ravel()
-        information += prior.information
-        score -= prior.information @ prior.away(state)
-        fall = np.diff(np.eye(N_PARAMETERS)[BRIGHTNESS], axis=0)
-        information += SMOOTH * fall.T @ fall
-        score -= SMOOTH * fall.T @ (np.diff(log_brightness) + FALL_PER_KNOT)
+        by_speckle = np.sqrt(found.speckle_weights / per_cell).ravel()
+        by_scatter = (np.sqrt(found.range_weights / per_cell) / found.range_std_m).ravel()
+        residual = np.concatenate(
+            [by_speckle * found.speckle.ravel(), by_scatter * found.range_m.ravel()]
+        )
+        slopes = np.hstack([by_power * (by_speckle / found.dark.ravel()), by_range * by_scatter])
+        return residual, slopes, centre_m
+
+    def scoring(
+        self, state: HandState, log_brightness: np.ndarray, prior: Prior, level: Level
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Information, (44, 44), and score, (44,), of all parameters, and the centre of twists."""
+        residual, slopes, centre_m = self.linearised(state, log_brightness, level)
+        information = slopes @ slopes.T + prior.information + SMOOTH * FALLS.T @ FALLS
+        score = slopes @ residual - prior.information @ prior.away(state)
+        score -= SMOOTH * FALLS.T @ (np.diff(log_brightness) + FALL_PER_KNOT)
         return information, score, centre_m
 
 

@@ -219,7 +219,7 @@ def _result(tried: list[_Tried], alpha: float | None, seed: int) -> HandFit:
         scene=_scene(fitter, state, alpha),
         started=_scene(fitter, best.placed, alpha),
         joints_m=joints_at(fitter, state),
-        joint_std_m=known.joint_std_m,
+        joint_covariance_m2=known.joint_covariance_m2,
         angle_std_rad=known.angle_std_rad,
         untold=known.untold,
         alpha=alpha,

@@ -25,6 +25,9 @@ RIVAL_DEVIANCE = 6.0
 """A basin whose deviance is larger by less is a rival: with Gaussian errors its likelihood is at
 least exp(-3) = 5 % of the best one's."""
 
+TOLD_M = 4e-3
+"""A tip whose standard deviation is below is told by the measurement: about a resolution cell."""
+
 APART_M = 10e-3
 """Poses with a tip farther apart than this are different ones: a finger is 15 mm thick."""
 
@@ -80,9 +83,10 @@ class HandFit:
         mirror image in x) to the antenna frame.
     scene : Scene
         The mesh, placed, with its parts and texture and the alpha found.
-    joints_m, joint_std_m : ndarray, shape (25, 3) and (25,), metres
-        Joint centres in the antenna frame, NaN where a rig has none, and the root mean square of
-        their standard deviation along the three axes.
+    joints_m : ndarray, shape (25, 3), metres
+        Joint centres in the antenna frame, NaN where a rig has none.
+    joint_covariance_m2 : ndarray, shape (25, 3, 3), square metres
+        Of each along x, y and z, with the spread over the `basins` by their likelihood.
     angle_std_rad : ndarray, shape (23,), radians
         Standard deviation of the angles of `FITTED_ANGLES`, of prior and measurement together.
     untold : tuple of str
@@ -121,7 +125,8 @@ class HandFit:
     >>> scene = clradar.Scene.from_mesh(hand, alpha=0.3)
     >>> fit = calibration.HandFit(
     ...     pose=pose_by_name("L"), shape=HandShape(), handedness="right", transform=np.eye(4),
-    ...     scene=scene, started=scene, joints_m=hand.joints_m, joint_std_m=np.full(25, 2e-3),
+    ...     scene=scene, started=scene, joints_m=hand.joints_m,
+    ...     joint_covariance_m2=np.tile(np.diag([1e-6, 1e-6, 2e-6]), (25, 1, 1)),
     ...     angle_std_rad=np.full(23, 0.1), untold=("thumb-phalanx-distal flexion",), alpha=0.3,
     ...     log_brightness=np.zeros(7), deviance=2288.0, basins=(), start="L", likeness=0.91,
     ...     overlap=0.96, converged=True, covariance=np.eye(23), parameter_names=())
@@ -141,7 +146,7 @@ class HandFit:
     scene: Scene
     started: Scene
     joints_m: np.ndarray
-    joint_std_m: np.ndarray
+    joint_covariance_m2: np.ndarray
     angle_std_rad: np.ndarray
     untold: tuple[str, ...]
     alpha: float | None
@@ -164,9 +169,24 @@ class HandFit:
         return self.joints_m[list(TIPS)]
 
     @property
+    def joint_std_m(self) -> np.ndarray:
+        """Standard deviation of the joints' distance from the true ones, shape (25,), metres.
+
+        The root of the sum of the variances along the three axes: within two of it are 95 % of the
+        joints whose errors lie along one direction, and more where all directions are uncertain.
+        """
+        std_m: np.ndarray = np.sqrt(np.trace(self.joint_covariance_m2, axis1=1, axis2=2))
+        return std_m
+
+    @property
     def tip_std_m(self) -> np.ndarray:
         """Standard deviation of the tips, shape (5,), metres, as `joint_std_m`."""
         return self.joint_std_m[list(TIPS)]
+
+    @property
+    def told_tips(self) -> np.ndarray:
+        """Mask, shape (5,), of the tips whose standard deviation is below `TOLD_M`."""
+        return self.tip_std_m < TOLD_M
 
     def remarks(self) -> tuple[str, ...]:
         """Reasons to doubt the result, one clause each."""
@@ -198,9 +218,9 @@ class HandFit:
     def to_dict(self) -> dict[str, Any]:
         """The result in types that JSON has, without meshes and simulations.
 
-        `pose` is what a pose file holds, `joints_m` and `joint_std_m` are by joint, and `angles`
-        has value and standard deviation of the fitted angles, degrees, and whether the measurement
-        tells them.
+        `pose` is what a pose file holds, `joints_m`, `joint_std_m` and `joint_covariance_m2` are by
+        joint, `told_tips` by digit, and `angles` has value and standard deviation of the fitted
+        angles, degrees, and whether the measurement tells them.
         """
         told = [name not in self.untold for name in ANGLE_NAMES]
         columns = (np.degrees(angles_of(self.pose)), np.degrees(self.angle_std_rad))
@@ -219,6 +239,8 @@ class HandFit:
             "log_brightness": self.log_brightness.tolist(),
             "joints_m": _by_joint(self.joints_m),
             "joint_std_m": _by_joint(self.joint_std_m),
+            "joint_covariance_m2": _by_joint(self.joint_covariance_m2),
+            "told_tips": dict(zip(DIGITS, self.told_tips.tolist(), strict=True)),
             "angles": {
                 name: {"value_deg": value, "std_deg": std, "told": known}
                 for name, value, std, known in rows

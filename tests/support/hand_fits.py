@@ -37,7 +37,7 @@ def made_up_fit(letter: str = "F", start: str = "L", **changes: Any) -> HandFit:
         scene=Scene.from_mesh(mesh, alpha=0.3),
         started=Scene.from_mesh(before, alpha=0.3),
         joints_m=np.array(mesh.joints_m),
-        joint_std_m=joint_std_m,
+        joint_covariance_m2=joint_std_m[:, None, None] ** 2 * np.eye(3) / 3.0,
         angle_std_rad=np.radians(np.full(len(ANGLE_NAMES), 3.0)),
         untold=UNTOLD,
         alpha=0.3,

@@ -28,7 +28,9 @@ def test_the_record_is_strict_json_with_joints_and_angles_by_name(fit: HandFit) 
     record = json.loads(json.dumps(fit.to_dict(), allow_nan=False))
     assert list(record["joints_m"]) == list(JOINT_NAMES)
     assert record["joints_m"]["thumb-tip"] == fit.tips_m[0].tolist()
-    assert record["joint_std_m"]["index-finger-tip"] == 5e-3
+    assert record["joint_std_m"]["index-finger-tip"] == pytest.approx(5e-3)
+    assert np.trace(record["joint_covariance_m2"]["index-finger-tip"]) == pytest.approx(25e-6)
+    assert [digit for digit, told in record["told_tips"].items() if not told] == ["thumb", "index"]
     assert {name for name, row in record["angles"].items() if not row["told"]} == set(UNTOLD)
     middle = record["angles"]["ring-finger-phalanx-intermediate flexion"]
     assert middle["value_deg"] == pytest.approx(
