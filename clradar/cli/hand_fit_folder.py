@@ -9,58 +9,63 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clradar.cli.comparison import Comparison, simulated_surface
-from clradar.cli.console import print_line, print_table
+from clradar.cli.console import print_line, print_table, progress_bar
 from clradar.cli.outputs import save
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
     from calibration import HandFit
-    from clradar import Device, Scene, Volume
+    from clradar import Capture, Device, Scene, Volume
 
 POSE, PLACED, FIT, OVERLAY = "pose.toml", "placed.ply", "fit.json", "overlay.png"
 FIGURE, METRICS, CAPTURE, VOLUME = "comparison.png", "metrics.json", "capture.h5", "volume.h5"
 
 FILES = (POSE, PLACED, FIT, OVERLAY, FIGURE, METRICS, CAPTURE, VOLUME)
-"""The last two only where the loop was closed."""
-
 DIGIT_COLUMNS = ("tip", "x, y, z (mm)", "sd (mm)", "told", "not told: as in the start")
 BASIN_COLUMNS = ("pose", "start", "hand", "deviance", "tips apart (mm)")
 
 
 @dataclass(frozen=True, slots=True)
 class FittedImages:
-    """A fitted hand, and its simulations in the starting pose and in the one found."""
+    """A fitted hand, its simulation, and before that one of the starting pose, moved rigidly."""
 
     measured: Volume
     fit: HandFit
     before: Volume
+    capture: Capture
     after: Volume
 
     @classmethod
     def of(
         cls, measured: Volume, fit: HandFit, radar: dict[str, Any], seed: int, device: Device
     ) -> FittedImages:
-        """Simulate what the fit did not: the starting pose, and without a closed loop both."""
-        from calibration.hand_fit.simulated import simulated
+        """Simulate both as `clradar simulate` does; `radar` as in `ImageInput.radar`."""
+        from calibration.registration.radar import Radar
+        from clradar import backproject, simulate
 
-        def image(scene: Scene) -> Volume:
-            return simulated(scene, measured.grid, seed=seed, device=device, **radar)[1]
+        used = Radar.of("fit_hand", radar.get("array"), radar.get("waveform"))
 
-        after = image(fit.scene) if fit.volume is None else fit.volume
-        return cls(measured, fit, image(fit.started), after)
+        def imaged(scene: Scene) -> tuple[Capture, Volume]:
+            with progress_bar("simulating") as progress:
+                capture = simulate(
+                    scene, used.array, used.waveform, seed=seed, device=device, progress=progress
+                )
+            return capture, backproject(capture, measured.grid, device=device)
+
+        return cls(measured, fit, imaged(fit.started)[1], *imaged(fit.scene))
 
     def compared(self) -> Comparison:
         """Measured image, before, after."""
-        labels = [f"Before: '{self.fit.start}', moved", f"After: '{self.fit.pose.name}', fitted"]
+        labels = [f"Before: '{self.fit.start}', moved", "After"]
         surface = simulated_surface(self.after.meta)
         if surface is not None:
             labels[1] += f", {surface}"
         return Comparison.of([self.measured, self.before, self.after], labels)
 
 
-def write_fit(folder: Path, images: FittedImages, source: str, origin: dict[str, Any]) -> list[str]:
-    """Write all files of a fit into `folder`; return their names."""
+def write_fit(folder: Path, images: FittedImages, source: str, origin: dict[str, Any]) -> None:
+    """Write all files of a fit into `folder`."""
     from calibration.hand_fit.figure import hand_fit_figure
     from clradar.files.meshes.ply_parts import ply_of_parts
     from clradar.hand import write_pose
@@ -80,11 +85,9 @@ def write_fit(folder: Path, images: FittedImages, source: str, origin: dict[str,
     before, after = (found.to_dict() for found in compared.metrics)
     metrics = {"measured": source, "before": before, "after": after, **origin}
     write_json(folder / METRICS, metrics, force=False)
-    if fit.capture is not None and fit.volume is not None:
-        save(folder / CAPTURE, fit.capture, origin, force=False)
-        save(folder / VOLUME, fit.volume, origin, force=False)
+    save(folder / CAPTURE, images.capture, origin, force=False)
+    save(folder / VOLUME, images.after, origin, force=False)
     compared.print()
-    return [name for name in FILES if (folder / name).is_file()]
 
 
 def print_fit(fit: HandFit) -> None:

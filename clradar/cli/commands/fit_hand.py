@@ -101,8 +101,8 @@ def command(
     """Joint angles within their limits, place, alpha, and with --fit-shape the hand's size, so that
     the hand looks like MEASURED. No mesh is needed. DIR gets pose.toml (for `clradar hand` and data
     sets), placed.ply (for `clradar simulate`), fit.json with what the measurement tells and what
-    not, the last simulation (not with --quick), two pictures and the metrics: all or nothing.
-    Captures are imaged first, on the grid of the options. See docs/hand-fit.md.
+    not, the hand's simulation (capture.h5, volume.h5), two pictures and the metrics: all or
+    nothing. Captures are imaged first, on the grid of the options. See docs/hand-fit.md.
     """
     from calibration import fit_hand
     from clradar import open_device
@@ -123,9 +123,9 @@ def command(
     )
     origin = provenance("fit-hand", options, [*image.files, *read])
     with whole_folder(output, force=force, replaced=FILES) as made:
-        names = write_fit(made, images, str(measured), origin)
+        write_fit(made, images, str(measured), origin)
     print_fit(fit)
-    print_line(f"{output}: {', '.join(names)}")
+    print_line(f"{output}: {', '.join(FILES)}")
 
 
 def fit_settings(
