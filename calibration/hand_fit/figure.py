@@ -72,7 +72,7 @@ def hand_fit_figure(
     matplotlib.figure.Figure
         Axes: amplitude and depth, both with the outline of the mesh, its bones and joints; their
         colour bars. A joint is hollow, and its bone dashed, if the measurement does not tell one of
-        its angles. Circles are two standard deviations of a tip, crosses the tips of other basins.
+        its angles. Ellipses are two standard deviations of a tip, crosses the tips of other basins.
     """
     shown = depth_map_of(measured, dynamic_range_db, "measured image")
     extent = Extent.around([shown])
@@ -126,12 +126,17 @@ def draw_outline(axes: Axes, scene: Scene, unit: LengthUnit, colour: str) -> Non
 
 def draw_tips(axes: Axes, fit: HandFit, unit: LengthUnit, colour: str) -> None:
     """Draw the uncertainty of the tips, and the tips of other basins."""
-    from matplotlib.patches import Circle
+    from matplotlib.patches import Ellipse
 
     tips = unit.per_m * fit.tips_m[:, :2]
-    for tip, std_m in zip(tips, fit.tip_std_m, strict=True):
-        if np.isfinite([*tip, std_m]).all():
-            ring = Circle(tuple(tip), 2 * unit.per_m * std_m, fill=False, color=colour, linewidth=1)
+    for tip, covariance_m2 in zip(tips, fit.joint_covariance_m2[list(TIPS), :2, :2], strict=True):
+        if np.isfinite([*tip, *covariance_m2.ravel()]).all():
+            variance_m2, across = np.linalg.eigh(covariance_m2)
+            diameters = 4 * unit.per_m * np.sqrt(np.maximum(variance_m2, 0.0))
+            angle_deg = float(np.degrees(np.arctan2(across[1, 0], across[0, 0])))
+            ring = Ellipse(
+                tuple(tip), *diameters, angle=angle_deg, fill=False, color=colour, linewidth=1
+            )
             axes.add_patch(ring)
     named: dict[str, Any] = {"linestyle": "none", "markersize": 5.0}
     ring_label = "two standard deviations of a tip"

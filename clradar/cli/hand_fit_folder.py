@@ -22,7 +22,14 @@ POSE, PLACED, FIT, OVERLAY = "pose.toml", "placed.ply", "fit.json", "overlay.png
 FIGURE, METRICS, CAPTURE, VOLUME = "comparison.png", "metrics.json", "capture.h5", "volume.h5"
 
 FILES = (POSE, PLACED, FIT, OVERLAY, FIGURE, METRICS, CAPTURE, VOLUME)
-DIGIT_COLUMNS = ("tip", "x, y, z (mm)", "sd (mm)", "told", "not told: as in the start")
+DIGIT_COLUMNS = (
+    "digit",
+    "tip x, y, z (mm)",
+    "sd (mm)",
+    "tip told",
+    "angles told",
+    "not told: as in the start",
+)
 BASIN_COLUMNS = ("pose", "start", "hand", "deviance", "tips apart (mm)")
 
 
@@ -107,11 +114,13 @@ def digit_rows(fit: HandFit) -> list[list[str]]:
     for digit, angles in ANGLES_OF_DIGIT.items():
         names = ANGLE_NAMES[angles]
         untold = [short_name(name, digit) for name in names if name in fit.untold]
-        where = ["", ""]
+        where = ["", "", ""]
         if digit in DIGITS:
-            at_m, std_m = fit.tips_m[DIGITS.index(digit)], fit.tip_std_m[DIGITS.index(digit)]
+            number = DIGITS.index(digit)
+            at_m, std_m = fit.tips_m[number], fit.tip_std_m[number]
             if np.isfinite(at_m).all():
-                where = [", ".join(f"{1e3 * v:.1f}" for v in at_m), f"{1e3 * std_m:.1f}"]
+                place = ", ".join(f"{1e3 * v:.1f}" for v in at_m)
+                where = [place, f"{1e3 * std_m:.1f}", "yes" if fit.told_tips[number] else "no"]
         told = f"{len(names) - len(untold)} of {len(names)}"
         rows.append([digit, *where, told, ", ".join(untold)])
     return rows

@@ -78,7 +78,7 @@ def test_a_folder_with_all_that_was_found(
     lines = [line.split("  ") for line in outcome.out.splitlines()]
     rows = {line[0].strip(): [cell.strip() for cell in line[1:] if cell.strip()] for line in lines}
     x, y, z = 1e3 * closed.tips_m[1]
-    told = ["5.0", "3 of 4", "phalanx-distal flexion"]
+    told = ["5.0", "no", "3 of 4", "phalanx-distal flexion"]
     assert rows["index"] == [f"{x:.1f}, {y:.1f}, {z:.1f}", *told]
     assert rows["palm"] == ["2 of 2"]
     assert rows["2"][:3] == ["D", "right", "130.0"]
@@ -177,6 +177,6 @@ def test_untold_angles_are_in_the_table_of_their_digit() -> None:
 
     rows = {row[0]: row for row in digit_rows(made_up_fit())}
     assert set(rows) == {"thumb", "index", "middle", "ring", "pinky", "palm"}
-    assert rows["thumb"][3:] == ["4 of 5", "phalanx-distal flexion"]
+    assert rows["thumb"][4:] == ["4 of 5", "phalanx-distal flexion"]
     assert len(UNTOLD) == 2
-    assert all(rows[digit][4] == "" for digit in ("middle", "ring", "pinky", "palm"))
+    assert all(rows[digit][5] == "" for digit in ("middle", "ring", "pinky", "palm"))
