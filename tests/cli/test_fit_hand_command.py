@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from command_line import GRID, Run, one_error_line
 from hand_fits import UNTOLD, made_up_fit
+from rig_files import RigMaker
 
 import calibration
 import clradar
 from calibration import HandFit
 from calibration.hand_fit.starts import read_start
-from clradar.cli.hand_fit_folder import CAPTURE, FILES, VOLUME
+from clradar.cli.commands import fit_hand as command
+from clradar.cli.hand_fit_folder import CAPTURE, FILES, VOLUME, FittedImages
 from clradar.files.json_file import write_json
 from clradar.hand import HandShape, read_pose
 from clradar.model import Volume
@@ -44,6 +46,16 @@ def recorded_fit(made: Path, monkeypatch: pytest.MonkeyPatch) -> Recorded:
     monkeypatch.setattr(clradar, "simulate", lambda *_, **__: capture)
     monkeypatch.setattr(clradar, "backproject", lambda *_, **__: volume)
     return quick
+
+
+@pytest.fixture
+def record_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Writes fit.json and no pictures, which take most of the time."""
+
+    def written(folder: Path, images: FittedImages, source: str, origin: dict[str, Any]) -> None:
+        write_json(folder / "fit.json", {**images.fit.to_dict(), **origin}, force=False)
+
+    monkeypatch.setattr(command, "write_fit", written)
 
 
 def test_a_folder_with_all_that_was_found(
@@ -85,6 +97,7 @@ def test_a_folder_with_all_that_was_found(
     assert "Simulated there, the overlap is 0.95." in outcome.out
 
 
+@pytest.mark.usefixtures("record_alone")
 def test_what_the_options_say_goes_into_the_fit(
     run: Run, made: Path, recorded_fit: Recorded, tmp_path: Path
 ) -> None:
@@ -105,6 +118,21 @@ def test_what_the_options_say_goes_into_the_fit(
     }  # fmt: skip
 
 
+@pytest.mark.usefixtures("record_alone")
+def test_a_rig_is_fitted_as_the_hand_that_it_is(
+    run: Run, recorded_fit: Recorded, tmp_path: Path
+) -> None:
+    RigMaker(turn=np.diag([-1.0, 1.0, 1.0])).save(tmp_path / "left.glb")
+    outcome = run("fit-hand", "volume.h5", "--rig", tmp_path / "left.glb", "-o", tmp_path / "fit")
+    assert outcome.status == 0, outcome.err
+    (call,) = recorded_fit.calls
+    assert (call["rig"].handedness, call["handedness"]) == ("left", "left")
+    assert "shape" not in call
+    record = json.loads((tmp_path / "fit" / "fit.json").read_text())
+    assert [file["file"] for file in record["inputs"]] == ["volume.h5", "left.glb"]
+
+
+@pytest.mark.usefixtures("record_alone")
 def test_a_fit_goes_on_from_an_earlier_one(
     run: Run, made: Path, recorded_fit: Recorded, tmp_path: Path
 ) -> None:
@@ -113,7 +141,7 @@ def test_a_fit_goes_on_from_an_earlier_one(
     write_json(one / "fit.json", recorded_fit.fit.to_dict(), force=False)
     assert run("fit-hand", "volume.h5", "--pose", one, "-o", two).status == 0
     ((start,),) = (call["pose"] for call in recorded_fit.calls)
-    assert np.array_equal(start.transform, recorded_fit.fit.transform)
+    assert start.transform.tolist() == recorded_fit.fit.transform.tolist()
     record = json.loads((two / "fit.json").read_text())
     assert [file["file"] for file in record["inputs"]] == ["volume.h5", "fit.json"]
     outcome = run("fit-hand", "volume.h5", "--pose", one, "--hand", "left", "-o", tmp_path / "x")
