@@ -83,6 +83,8 @@ class HandFitter:
     device : Device
     fitted : ndarray of bool, shape (44,)
         The parameters that are fitted; the others stay.
+    levels : tuple of Level
+        Those that it will be asked for.
     """
 
     def __init__(
@@ -92,6 +94,7 @@ class HandFitter:
         aperture: Aperture,
         device: Device,
         fitted: np.ndarray,
+        levels: tuple[Level, ...] = LEVELS,
     ) -> None:
         self.model, self.fitted = model, fitted
         self.depth, self.aperture = depth, aperture
@@ -103,7 +106,7 @@ class HandFitter:
                 device,
                 level.blur_m,
             )
-            for level in LEVELS
+            for level in levels
         }
 
     def picture(self, level: Level) -> HandRendering:
@@ -144,12 +147,17 @@ class HandFitter:
         return scaled
 
     def _loss(
-        self, state: HandState, log_brightness: np.ndarray, prior: Prior, level: Level
+        self,
+        state: HandState,
+        log_brightness: np.ndarray,
+        prior: Prior,
+        level: Level,
+        covered: np.ndarray | None = None,
     ) -> float:
         picture = self.picture(level)
         fall = np.diff(log_brightness) + FALL_PER_KNOT
         return (
-            deviance(picture, picture.render(state, log_brightness), level.range_scale)
+            deviance(picture, picture.render(state, log_brightness), level.range_scale, covered)
             + prior.loss(state)
             + 0.5 * SMOOTH * float(fall @ fall)
         )
@@ -163,26 +171,35 @@ class HandFitter:
         picture.draw_surface(state, seed)
         if not np.isfinite(start.misfit):
             log_brightness = self.scaled(state, log_brightness, level)
-        first = loss = self._loss(state, log_brightness, prior, level)
         damping = _DAMPING
+        fell = 0.0
         for _ in range(level.steps):
             information, score, centre_m = self.scoring(state, log_brightness, prior, level)
+            covered = self._covered(state, log_brightness, level)
+            loss = self._loss(state, log_brightness, prior, level, covered)
             for _ in range(_TRIALS):
                 step = self._step(information, score, damping)
                 ahead = stepped(state, step[:N_GEOMETRY], centre_m)
                 brighter = log_brightness + step[BRIGHTNESS]
                 brighter = np.maximum(brighter, brighter.max() - MOST_DARK)
-                there = self._loss(ahead, brighter, prior, level)
-                if there < loss:
+                fall = loss - self._loss(ahead, brighter, prior, level, covered)
+                if fall > 0.0:
                     break
                 damping *= 8.0
             else:
                 break
-            fall, loss = loss - there, there
+            fell += fall
             state, log_brightness, damping = ahead, brighter, max(damping / 4.0, 1e-4)
             if fall < _SETTLED:
                 break
-        return Fitted(state, log_brightness, loss - prior.loss(state), loss), first - loss
+        loss = self._loss(state, log_brightness, prior, level)
+        return Fitted(state, log_brightness, loss - prior.loss(state), loss), fell
+
+    def _covered(self, state: HandState, log_brightness: np.ndarray, level: Level) -> np.ndarray:
+        """Weight of the ranges, which the score takes as given: with it free, steps that follow the
+        score were refused, and those that follow its gradient brightened the hand to cover more."""
+        picture = self.picture(level)
+        return misfit(picture, picture.render(state, log_brightness)).covered
 
     def _step(self, information: np.ndarray, score: np.ndarray, damping: float) -> np.ndarray:
         fitted = np.flatnonzero(self.fitted)
