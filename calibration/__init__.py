@@ -9,6 +9,7 @@ from calibration.clutter.subtraction import average_frames, subtract_background
 from calibration.conventions.diagnose import Diagnosis, Score, diagnose
 from calibration.conventions.hypotheses import HYPOTHESES, Hypothesis, apply_convention
 from calibration.hand_fit.fit_hand import fit_hand
+from calibration.hand_fit.learned_start import LearnedStart
 from calibration.hand_fit.result import Basin, HandFit
 from calibration.registration.align_images import align
 from calibration.registration.align_mesh import align_mesh
@@ -36,6 +37,7 @@ __all__ = [
     "Gate",
     "HandFit",
     "Hypothesis",
+    "LearnedStart",
     "Place",
     "RegionSweep",
     "Regions",

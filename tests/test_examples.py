@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from dataset_plans import tiny
 
+import clradar
+from calibration import LearnedStart
 from clradar.dataset import run
 from clradar.dataset.plan.reader import plan_from
 
@@ -73,6 +75,7 @@ def test_all_are_tried() -> None:
         "convert_lab_file",
         "sim_vs_measurement",
         "train_letters",
+        "train_pose",
     }
     assert {p.stem for p in EXAMPLES.glob("*.py")} == tried
 
@@ -162,10 +165,10 @@ def test_convert_lab_file(folder: Path, output_of: OutputOf) -> None:
     assert output_of("convert_lab_file.py") == lines
 
 
-def test_train_letters(
+def test_train_letters_and_poses(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output_of: OutputOf
 ) -> None:
-    """A fist and a flat hand are distinguished from a few samples of each."""
+    """A fist and a flat hand are distinguished from a few samples, and their angles found."""
     plan = plan_from(
         tiny(
             samples=24,
@@ -191,3 +194,19 @@ def test_train_letters(
     assert numbers(right)[0] == 6
     assert numbers(right)[1] >= 0.8
     assert (folder / "confusion.png").read_bytes().startswith(b"\x89PNG")
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "skl2onnx", None)
+        with pytest.raises(SystemExit, match="pip install"):
+            output_of("train_pose.py", "letters")
+    with pytest.raises(SystemExit, match="expected at least four samples"):
+        output_of("train_pose.py", "few")
+    counts, learned, mean = map(numbers, output_of("train_pose.py", "letters"))
+    assert counts == [18, 6]
+    # The mean of a fist and a flat hand is neither; the same letters were learned as they are.
+    assert learned[0] < 0.5 * mean[0]
+    assert learned[-1] >= 0.8
+    data = clradar.open_dataset(folder / "letters")
+    last = data.isel(sample=-1)
+    arrays = (last[key].values for key in ("depth_map", "max_projection", "x_m", "y_m"))
+    found = LearnedStart.read(folder / "start.onnx").predict(clradar.DepthMap(*arrays))
+    assert found.letters()[0] == last.pose.item()

@@ -58,11 +58,12 @@ def fit_hand(
     measured : Capture, Volume or DepthMap
         In the antenna frame, on evenly spaced pixels. A capture is imaged first, on the grid of
         `clradar.place_grid`.
-    pose : str, Path, HandPose, HandFit, Start, or several of them
+    pose : str, Path, HandPose, HandFit, LearnedStart, Start, or several of them
         Where the fit starts, and the mean of its prior: a name in `clradar.hand.POSES`, "all" for
         all letters, a pose file, a pose, or an earlier fit, which brings its shape, its place and
-        which hand it is, too (also as the folder that `clradar fit-hand` wrote). Of several starts
-        the best fit is returned, and the others are among its `basins`.
+        which hand it is, too (also as the folder that `clradar fit-hand` wrote); or what a model
+        predicts (`LearnedStart`, or its ONNX file). Of several starts the best fit is returned, and
+        the others are among its `basins`.
     rig : Rig, optional
         Fit this hand (`clradar.rigs.read_rig`) instead of the one of `clradar.hand`.
     handedness : "right", "left" or "either"
@@ -141,8 +142,13 @@ def fit_hand(
         return HandFitter(model, depth, radar.aperture, opened, parameters)
 
     tried = []
-    starts = starts_of(pose)
-    for start, side in ((s, side) for s in starts for side in _sides(s, handedness, rig)):
+    starts = [
+        (seen, side)
+        for start in starts_of(pose)
+        for side in _sides(start, handedness, rig)
+        for seen in start.seen_in(depth, side)
+    ]
+    for start, side in starts:
         fitter = fitter_of(side)
         prior_shape = start.shape or shape
         state = _placed(start, prior_shape, fitter, search_deg, opened)
