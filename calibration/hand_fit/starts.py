@@ -100,16 +100,25 @@ def _starts(pose: Any) -> tuple[Start, ...]:
     if isinstance(pose, str) and pose.strip().casefold() == ALL:
         return tuple(Start(POSES[letter]) for letter in LETTERS)
     if isinstance(pose, str) and start_file(pose) is None:
-        return (Start(pose_by_name(pose)),)
+        return (Start(_named(pose)),)
     if isinstance(pose, str | Path):
         return (read_start(Path(pose)),)
     checks.fail("pose", "a name, a pose file, a HandPose or a HandFit", type(pose).__name__)
 
 
+def _named(name: str) -> HandPose:
+    try:
+        return pose_by_name(name)
+    except ModelError:
+        known = ", ".join(repr(known) for known in POSES)
+        others = f"'{ALL}', a pose file ({', '.join(SUFFIXES)}), or the folder of an earlier fit"
+        checks.fail("pose", f"one of {known}, {others}", repr(name))
+
+
 def start_file(text: str) -> Path | None:
     """The file that a string names, in the folder of a fit its fit.json; None if it names none: a
     pose of that name comes first."""
-    if text.strip().casefold() in {ALL, *(name.casefold() for name in POSES)}:
+    if text.strip().casefold() in {"", ALL, *(name.casefold() for name in POSES)}:
         return None
     path = Path(text)
     if path.is_dir():

@@ -182,6 +182,8 @@ def test_wrong_usage(
     ("arguments", "part"),
     [
         ("volume.h5 --pose J", "pose: expected one of 'flat'"),
+        ("volume.h5 --pose F,,L", "or the folder of an earlier fit, got ''"),
+        ("volume.h5 --angle-std-deg 0", "--angle-std-deg: expected a positive number"),
         ("volume.h5 --pose none.toml", "none.toml: "),
         ("volume.h5 --pose recording", "recording: expected the folder of a fit"),
         ("volume.h5 --pose F,hand.ply", "pose: expected one of"),

@@ -132,13 +132,15 @@ def fit_settings(
     fitting: HandFitOptions, shape: ShapeOptions, rigged: RigFileOptions
 ) -> dict[str, Any]:
     """The arguments of `calibration.fit_hand`."""
+    from clradar.model import checks
+
     settings = {
         "pose": fitting.starts(),
         "fit_shape": fitting.fit_shape,
         "alpha": alpha_or_fit(fitting.alpha),
         "closed_loop": not fitting.quick,
-        "angle_std_deg": fitting.angle_std_deg,
-        "search_deg": fitting.search_deg,
+        "angle_std_deg": checks.positive("--angle-std-deg", fitting.angle_std_deg),
+        "search_deg": checks.positive("--search-deg", fitting.search_deg),
         "seed": fitting.seed,
     }
     if rigged.rig is None:
