@@ -37,14 +37,13 @@ from hand_fit_cases import (
 from hand_fit_table import table
 
 import clradar
-from calibration import align_mesh
+from calibration import HandFit, align_mesh, fit_hand
 from calibration.hand_fit.certainty import certainty, joints_at
 from calibration.hand_fit.descent import HandFitter, fitted_parameters
-from calibration.hand_fit.fit_hand import fit_hand
 from calibration.hand_fit.hand_model import ParametricHand
 from calibration.hand_fit.hand_state import HandState
 from calibration.hand_fit.prior import Prior, angle_covariance
-from calibration.hand_fit.result import TIPS, HandFit
+from calibration.hand_fit.result import TIPS
 from calibration.registration.mesh_fit import initial_log_brightness
 from calibration.registration.mesh_pose import depth_for_mesh
 from calibration.registration.radar import Radar
@@ -74,6 +73,7 @@ def record_of(case: Case, found: HandFit) -> dict[str, Any]:
     return errors(case, found.joints_m) | {
         "tip_std_mm": (1e3 * found.tip_std_m).tolist(),
         "joint_std_mm": (1e3 * found.joint_std_m).tolist(),
+        "told": found.told_tips.tolist(),
         "untold": list(found.untold),
         "overlap": found.overlap,
         "likeness": found.likeness,

@@ -1,8 +1,7 @@
 """Tables of `hand_fit.py`: errors of fitted hands by row of cases, each figure with its count.
 
-A record of a case has what `Case` tells of it, and under the name of an estimator its errors:
-`tips_mm` and `joints_mm`, for "fit" also `tip_std_mm`, `overlap`, `deviance` and `time_s`; or a
-`failure`.
+A record of a case has what `Case` tells of it, and under the name of an estimator its errors,
+`tips_mm` and `joints_mm`, and what else `hand_fit.record_of` takes from a fit; or a `failure`.
 """
 
 from __future__ import annotations
@@ -13,9 +12,6 @@ from typing import Any
 import numpy as np
 
 Record = dict[str, Any]
-
-TOLD_MM = 4.0
-"""A tip is told if the standard deviation that the fit states is smaller."""
 
 MISSED_MM, MISSED_DEVIANCE = 6.0, 2.0
 """The search missed if the fit from the truth has a deviance that is smaller by more than drawing
@@ -90,8 +86,8 @@ def missed(record: Record) -> bool | None:
 
 
 def fit_line(label: str, records: Sequence[Record]) -> str:
-    tips, std = (values(records, "fit", key) for key in ("tips_mm", "tip_std_mm"))
-    told = std < TOLD_MM
+    tips, std, told = (values(records, "fit", key) for key in ("tips_mm", "tip_std_mm", "told"))
+    told = told.astype(bool)
     joints = values(records, "fit", "joints_mm")
     overlap, time_s = (values(records, "fit", key) for key in ("overlap", "time_s"))
     failed = sum("failure" in r["fit"] for r in records if "fit" in r)

@@ -95,6 +95,7 @@ def record(number: int, tips_mm: float, **changes: Any) -> dict[str, Any]:
         "tips_mm": [tips_mm] * 5,
         "joints_mm": [0.5 * tips_mm] * 25,
         "tip_std_mm": [2.0] * 4 + [6.0],
+        "told": [True] * 4 + [False],
         "at_mm": [[0.0, 0.0, 300.0]] * 5,
         "overlap": 0.95,
         "deviance": 100.0,
