@@ -111,7 +111,8 @@ def _named(name: str) -> HandPose:
         return pose_by_name(name)
     except ModelError:
         known = ", ".join(repr(known) for known in POSES)
-        others = f"'{ALL}', a pose file ({', '.join(SUFFIXES)}), or the folder of an earlier fit"
+        files = f"a pose file ({', '.join(SUFFIXES)}), a learned start ({SUFFIX})"
+        others = f"'{ALL}', {files}, or the folder of an earlier fit"
         checks.fail("pose", f"one of {known}, {others}", repr(name))
 
 

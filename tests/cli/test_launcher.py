@@ -63,8 +63,8 @@ HELP = {
     "--report",
     "align": "MEASURED [SIMULATED] --mesh --unit -o --search-deg",
     "register": "MEASURED MESH -o --alpha fit --max-rounds --force",
-    "fit-hand": "MEASURED -o --pose all --hand --fit-shape --alpha fit --quick --angle-std-deg "
-    "--search-deg --length-mm --rig --x-mm --frame --force docs/hand-fit.md",
+    "fit-hand": "MEASURED -o --pose --start all --hand --fit-shape --alpha fit --quick "
+    "--angle-std-deg --search-deg --length-mm --rig --x-mm --frame --force docs/hand-fit.md",
     "sweep": "MEASURED MESH --alpha FIRST:LAST:STEP --seeds --metric --regions "
     "parts|fingers|FILE --joints --transform --align --samples-per-mm2 --max-bounces --x-mm "
     "--device --force docs/sweep.md",

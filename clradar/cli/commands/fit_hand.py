@@ -35,7 +35,9 @@ class HandFitOptions(SearchOptions):
     pose: str = option(
         "all",
         "Where the fit starts: a name (`clradar hand --list`), a pose file (.toml, .json), the "
-        "folder of an earlier fit, several of them with commas, or all: every letter.",
+        "folder of an earlier fit, a learned start (.onnx), several of them with commas, or all: "
+        "every letter.",
+        names=("--pose", "--start"),
         metavar="POSE,...",
     )
     hand: Literal["right", "left", "either"] | None = option(

@@ -1,0 +1,33 @@
+"""Which hand a start is fitted as."""
+
+from __future__ import annotations
+
+import pytest
+from rig_files import RigMaker
+
+from calibration.hand_fit.fit_hand import _sides
+from calibration.hand_fit.starts import Start
+from clradar.hand import POSES
+from clradar.rigs import read_rig
+
+
+@pytest.mark.parametrize(
+    ("known", "asked", "sides"),
+    [
+        (None, "right", ("right",)),
+        (None, "left", ("left",)),
+        (None, "either", ("right", "left")),
+        ("left", "right", ("left",)),
+        ("left", "either", ("left",)),
+    ],
+)
+def test_an_earlier_fit_knows_its_hand(
+    known: str | None, asked: str, sides: tuple[str, ...]
+) -> None:
+    assert _sides(Start(POSES["F"], handedness=known), asked, None) == sides
+
+
+def test_a_rig_is_one_hand(tmp_path) -> None:
+    RigMaker().save(tmp_path / "hand.glb")
+    rig = read_rig(tmp_path / "hand.glb")
+    assert _sides(Start(POSES["F"], handedness="left"), "either", rig) == ("right",)
