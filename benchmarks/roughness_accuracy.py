@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 import clradar
 from calibration import Regions, RoughnessSweep, sweep_roughness
-from clradar.cli.sweep_folder import FolderStore
+from clradar.cli.resumable import FolderStore
 from clradar.hand import hand_mesh
 from measurement_io import open_capture, save_capture
 

@@ -9,6 +9,8 @@ from calibration.clutter.subtraction import average_frames, subtract_background
 from calibration.conventions.diagnose import Diagnosis, Score, diagnose
 from calibration.conventions.hypotheses import HYPOTHESES, Hypothesis, apply_convention
 from calibration.hand_fit.fit_hand import fit_hand
+from calibration.hand_fit.fit_hands import fit_hands
+from calibration.hand_fit.frame_fit import FrameFit
 from calibration.hand_fit.learned_start import LearnedStart
 from calibration.hand_fit.result import Basin, HandFit
 from calibration.registration.align_images import align
@@ -34,6 +36,7 @@ __all__ = [
     "Diagnosis",
     "Echo",
     "FlatPlate",
+    "FrameFit",
     "Gate",
     "HandFit",
     "Hypothesis",
@@ -58,6 +61,7 @@ __all__ = [
     "diagnose",
     "estimate_channels",
     "fit_hand",
+    "fit_hands",
     "gate",
     "range_gate",
     "register",

@@ -83,8 +83,6 @@ class HandFitter:
     device : Device
     fitted : ndarray of bool, shape (44,)
         The parameters that are fitted; the others stay.
-    levels : tuple of Level
-        Those that it will be asked for.
     """
 
     def __init__(
@@ -94,24 +92,21 @@ class HandFitter:
         aperture: Aperture,
         device: Device,
         fitted: np.ndarray,
-        levels: tuple[Level, ...] = LEVELS,
     ) -> None:
         self.model, self.fitted = model, fitted
         self.depth, self.aperture = depth, aperture
-        self._pictures = {
-            level: HandRendering(
-                model,
-                MeasuredImage.of(depth, level.step_m, aperture.centre_m),
-                aperture,
-                device,
-                level.blur_m,
-            )
-            for level in levels
-        }
+        self._device = device
+        self._pictures: dict[tuple[float, float], HandRendering] = {}
 
     def picture(self, level: Level) -> HandRendering:
         """The renderer of a level."""
-        return self._pictures[level]
+        key = level.step_m, level.blur_m
+        if key not in self._pictures:
+            measured = MeasuredImage.of(self.depth, level.step_m, self.aperture.centre_m)
+            self._pictures[key] = HandRendering(
+                self.model, measured, self.aperture, self._device, level.blur_m
+            )
+        return self._pictures[key]
 
     def descend(
         self,
@@ -147,17 +142,12 @@ class HandFitter:
         return scaled
 
     def _loss(
-        self,
-        state: HandState,
-        log_brightness: np.ndarray,
-        prior: Prior,
-        level: Level,
-        covered: np.ndarray | None = None,
+        self, state: HandState, log_brightness: np.ndarray, prior: Prior, level: Level
     ) -> float:
         picture = self.picture(level)
         fall = np.diff(log_brightness) + FALL_PER_KNOT
         return (
-            deviance(picture, picture.render(state, log_brightness), level.range_scale, covered)
+            deviance(picture, picture.render(state, log_brightness), level.range_scale)
             + prior.loss(state)
             + 0.5 * SMOOTH * float(fall @ fall)
         )
@@ -171,35 +161,26 @@ class HandFitter:
         picture.draw_surface(state, seed)
         if not np.isfinite(start.misfit):
             log_brightness = self.scaled(state, log_brightness, level)
+        first = loss = self._loss(state, log_brightness, prior, level)
         damping = _DAMPING
-        fell = 0.0
         for _ in range(level.steps):
             information, score, centre_m = self.scoring(state, log_brightness, prior, level)
-            covered = self._covered(state, log_brightness, level)
-            loss = self._loss(state, log_brightness, prior, level, covered)
             for _ in range(_TRIALS):
                 step = self._step(information, score, damping)
                 ahead = stepped(state, step[:N_GEOMETRY], centre_m)
                 brighter = log_brightness + step[BRIGHTNESS]
                 brighter = np.maximum(brighter, brighter.max() - MOST_DARK)
-                fall = loss - self._loss(ahead, brighter, prior, level, covered)
-                if fall > 0.0:
+                there = self._loss(ahead, brighter, prior, level)
+                if there < loss:
                     break
                 damping *= 8.0
             else:
                 break
-            fell += fall
+            fall, loss = loss - there, there
             state, log_brightness, damping = ahead, brighter, max(damping / 4.0, 1e-4)
             if fall < _SETTLED:
                 break
-        loss = self._loss(state, log_brightness, prior, level)
-        return Fitted(state, log_brightness, loss - prior.loss(state), loss), fell
-
-    def _covered(self, state: HandState, log_brightness: np.ndarray, level: Level) -> np.ndarray:
-        """Weight of the ranges, which the score takes as given: with it free, steps that follow the
-        score were refused, and those that follow its gradient brightened the hand to cover more."""
-        picture = self.picture(level)
-        return misfit(picture, picture.render(state, log_brightness)).covered
+        return Fitted(state, log_brightness, loss - prior.loss(state), loss), first - loss
 
     def _step(self, information: np.ndarray, score: np.ndarray, damping: float) -> np.ndarray:
         fitted = np.flatnonzero(self.fitted)

@@ -44,14 +44,7 @@ def deviance_map(canvas: Canvas, rendered: Pixels, found: Residuals) -> np.ndarr
     return c**2 / (1.0 + c**2) * speckle + np.where(found.measured, off, 0.0)
 
 
-def deviance(
-    canvas: Canvas, rendered: Pixels, range_scale: float = 1.0, covered: np.ndarray | None = None
-) -> float:
-    """Sum over the pixels, where those of a resolution cell count as one.
-
-    `covered`, (n_y, n_x), in place of that of the rendering.
-    """
+def deviance(canvas: Canvas, rendered: Pixels, range_scale: float = 1.0) -> float:
+    """Sum over the pixels, where those of a resolution cell count as one."""
     found = misfit(canvas, rendered, range_scale)
-    if covered is not None:
-        found = replace(found, covered=covered)
     return float(deviance_map(canvas, rendered, found).sum()) / cell_pixels(canvas)

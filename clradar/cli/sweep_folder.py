@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -15,33 +14,32 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from clradar.cli.console import print_line, print_text, progress_bar
+from clradar.cli.resumable import SETTINGS, FolderStore, begin_work, clear
 from clradar.compare import METRICS
-from clradar.errors import OutputError
 from clradar.files import work_folder
-from clradar.files.atomic import replacing, write_file
-from clradar.files.failures import fail, reading
-from clradar.files.json_differences import differences, listed_differences
-from clradar.files.json_file import read_json, write_json
-from clradar.files.limits import MAX_SMALL_JSON_BYTES
-from clradar.files.work_folder import LOCK, remove_temporaries
+from clradar.files.atomic import write_file
+from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
     from calibration import Sweep
     from clradar import Device, Scene, Volume
 
-SETTINGS, TRANSFORM, RESULT = "settings.json", "transform.json", "sweep.json"
+TRANSFORM, RESULT = "transform.json", "sweep.json"
 TABLE, REGION_TABLE, FIGURE = "sweep.csv", "regions.csv", "sweep.png"
 WORK = "work"
 
 RESULTS = (FIGURE, TABLE, RESULT)
-# The settings first: the rest of a removal that is cut short then belongs to no sweep.
 FILES = (SETTINGS, TRANSFORM, RESULT, TABLE, REGION_TABLE, FIGURE)
 
 OWN_NAMES = (*FILES, WORK)
-"""Names in the folder of a sweep that are its own; --force replaces no others."""
+"""Names in the folder of a sweep that are its own; --force replaces no others. The settings first:
+the rest of a removal that is cut short then belongs to no sweep."""
 
 held = partial(work_folder.held, work="sweep")
 """Make the folder, and keep other sweeps out of it while the block runs."""
+
+begin_sweep = partial(begin_work, own=OWN_NAMES, work="sweep")
+"""Check that the content of the folder was made with some settings; see `begin_work`."""
 
 
 Swept = TypeVar("Swept")
@@ -117,7 +115,7 @@ def _removed_if_nothing_is_done(folder: Path) -> Iterator[None]:
     except Exception:  # an interruption is to be resumed
         done = [folder / TRANSFORM, *(folder / WORK).glob("*.npz")]
         if not any(path.is_file() for path in done):
-            _clear(folder)
+            clear(folder, OWN_NAMES)
         raise
 
 
@@ -179,100 +177,6 @@ def write_csv(path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]]) -
     writer.writerow(names)
     writer.writerows(rows)
     write_file(path, text.getvalue().encode(), force=True)
-
-
-class FolderStore(MutableMapping[str, dict[str, np.ndarray]]):
-    """Arrays by name, each name a file that is there whole or not at all."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        folder.mkdir(exist_ok=True)
-        remove_temporaries(folder)
-
-    def _path(self, name: str) -> Path:
-        return self._folder / f"{name}.npz"
-
-    def __contains__(self, name: object) -> bool:
-        return isinstance(name, str) and self._path(name).is_file()
-
-    def __getitem__(self, name: str) -> dict[str, np.ndarray]:
-        if name not in self:
-            raise KeyError(name)
-        path = self._path(name)
-        with reading(path, "the arrays of an image"), np.load(path, allow_pickle=False) as arrays:
-            return {key: arrays[key] for key in arrays.files}
-
-    def __setitem__(self, name: str, arrays: dict[str, np.ndarray]) -> None:
-        with replacing(self._path(name), force=True) as temporary, open(temporary, "xb") as file:
-            values: dict[str, Any] = dict(arrays)
-            np.savez(file, **values)
-
-    def __delitem__(self, name: str) -> None:
-        self._path(name).unlink()
-
-    def __iter__(self) -> Iterator[str]:
-        return (path.stem for path in sorted(self._folder.glob("*.npz")))
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
-
-
-def begin_sweep(folder: Path, settings: Mapping[str, Any], *, force: bool) -> None:
-    """Check that the content of the folder was made with these settings.
-
-    An empty folder takes them on. With `force` one that was begun with others is cleared: of the
-    files of a sweep, and of nothing else.
-
-    Raises
-    ------
-    OutputError
-        It was begun with other settings, or holds files but no sweep.
-    """
-    remove_temporaries(folder)
-    path = folder / SETTINGS
-    if path.exists() or path.is_symlink():
-        different = differences(_read_settings(path, force), _plain(settings))
-        if not different:
-            return
-        if not force:
-            raise OutputError(
-                f"{folder}: was begun with other settings: {listed_differences(different)}. Repeat "
-                "them to resume, choose another folder, or begin anew with --force"
-            )
-    elif not force and any(entry.name != LOCK for entry in folder.iterdir()):
-        raise OutputError(
-            f"{folder}: holds files, but no sweep; choose another folder, or write among them with "
-            "--force"
-        )
-    _clear(folder)
-    write_json(path, dict(settings), force=False)
-
-
-def _clear(folder: Path) -> None:
-    try:
-        for name in FILES:
-            (folder / name).unlink(missing_ok=True)
-        if (folder / WORK).exists():
-            shutil.rmtree(folder / WORK)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be cleared: {error}") from error
-
-
-def _read_settings(path: Path, force: bool) -> dict[str, Any]:
-    expected = "the settings of a sweep, as JSON"
-    try:
-        value = read_json(path, expected, MAX_SMALL_JSON_BYTES)
-        if not isinstance(value, dict):
-            fail(path, expected, "no JSON object")
-        return value
-    except ValueError:  # MeasurementError is one
-        if force:
-            return {}
-        raise
-
-
-def _plain(settings: Mapping[str, Any]) -> Any:
-    return json.loads(json.dumps(settings, allow_nan=False))
 
 
 def is_finished(folder: Path) -> bool:

@@ -39,6 +39,14 @@ class HandMovement(Record):
     handedness : "right" or "left"
     rate_hz : float, hertz
         Frames per second.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from clradar.hand import HandMovement, pose_by_name
+    >>> still = HandMovement([pose_by_name("F")] * 2, np.tile(np.eye(4), (2, 1, 1)), rate_hz=10.0)
+    >>> still.timestamps_us, still.joints_m(1)[0].tolist()
+    ((0, 100000), [0.0, 0.0, 0.0])
     """
 
     poses: tuple[HandPose, ...]

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.hand_fit_folder import FILES, FittedImages, print_fit, write_fit
+from clradar.cli.hand_sequence import SequenceOptions, fit_sequences
 from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.options.common import (
     DeviceOption,
     ForceOption,
-    MeasuredArgument,
     SearchOptions,
 )
-from clradar.cli.options.groups import REQUIRED, given, option, output_option, recorded
+from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.hand import ShapeOptions
 from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
@@ -89,14 +89,19 @@ class HandFitOptions(SearchOptions):
 
 def command(
     *,
-    measured: MeasuredArgument,
+    measured: list[Path] = argument(
+        REQUIRED,
+        "Volume, capture or recording; several recordings with --frames.",
+        metavar="MEASURED...",
+    ),
     output: Path = output_option(REQUIRED, "New folder.", metavar="DIR"),
     fitting: HandFitOptions,
     shape: ShapeOptions,
     rigged: RigFileOptions,
     voxels: GridOptions,
     imaging: ImagingOptions,
-    frames: FrameOptions,
+    frame: FrameOptions,
+    sequence: SequenceOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -105,15 +110,28 @@ def command(
     sets), placed.ply (for `clradar simulate`), fit.json with what the measurement tells and what
     not, the hand's simulation (capture.h5, volume.h5), two pictures and the metrics: all or
     nothing. Captures are imaged first, on the grid of the options. See docs/hand-fit.md.
+
+    With --frames each frame of a recording is fitted from the one before, without simulations; DIR
+    gets frames/, a table and figures over time, and resumes. Of several recordings each gets a
+    folder in DIR. See docs/hand-movement.md.
     """
     from calibration import fit_hand
     from clradar import open_device
 
     read = [*fitting.files, *rigged.files]
-    check_folder(output, force=force, replaced=FILES, inputs=[measured, *read])
+    if sequence.of_frames(measured):
+        made_by = recorded(fitting, shape, rigged, imaging, frame, voxels)
+        fit_sequences(
+            sequence, measured, output, frame, voxels, imaging,
+            settings=sequence_settings(fitting, shape, rigged),
+            origin=provenance("fit-hand", made_by, read), device=device, force=force,
+        )  # fmt: skip
+        return
+    source = measured[0]
+    check_folder(output, force=force, replaced=FILES, inputs=[source, *read])
     settings = fit_settings(fitting, shape, rigged)
     voxels.grid()  # wrong usage is reported before a file is read
-    image = ImageInput.open(measured, frames)
+    image = ImageInput.open(source, frame)
     opened = open_device(device)
     grid = common_grid(voxels, image, device=opened)
     volume = image.volume(grid, imaging, opened)
@@ -121,13 +139,23 @@ def command(
         fit = fit_hand(volume, device=opened, progress=progress, **settings, **image.radar)
     images = FittedImages.of(volume, fit, image.radar, fitting.seed, opened)
     options = recorded(
-        fitting, shape, rigged, imaging, frames, measured=measured, grid=grid_text(volume.grid)
+        fitting, shape, rigged, imaging, frame, measured=source, grid=grid_text(volume.grid)
     )
     origin = provenance("fit-hand", options, [*image.files, *read])
     with whole_folder(output, force=force, replaced=FILES) as made:
-        write_fit(made, images, str(measured), origin)
+        write_fit(made, images, str(source), origin)
     print_fit(fit)
     print_line(f"{output}: {', '.join(FILES)}")
+
+
+def sequence_settings(
+    fitting: HandFitOptions, shape: ShapeOptions, rigged: RigFileOptions
+) -> dict[str, Any]:
+    """The arguments of `calibration.fit_hands`, which runs no simulations."""
+    if fitting.alpha != FIT:
+        raise wrong_usage("--alpha", "frames are fitted without simulations, which alpha is of")
+    settings = fit_settings(fitting, shape, rigged)
+    return {key: value for key, value in settings.items() if key not in ("alpha", "closed_loop")}
 
 
 def fit_settings(

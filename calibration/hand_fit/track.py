@@ -1,0 +1,98 @@
+"""What is remembered of a moving hand from frame to frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calibration.hand_fit.belief import Belief
+from calibration.hand_fit.hand_shape_vector import N_SHAPE
+from calibration.hand_fit.hand_state import HandState
+from clradar.hand import JOINT_NAMES, HandPose, HandShape, JointAngles
+from clradar.hand.joints import ANGLES
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """The hand after a frame.
+
+    Attributes
+    ----------
+    frame : int
+        The last frame that was fitted, whether or not a hand was found in it.
+    seen : int
+        The last frame with a hand; less than 0 before there is any.
+    seen_s : float, seconds
+        When that was.
+    handedness : "right" or "left"
+    state : HandState
+    joints_m : ndarray, shape (25, 3), metres
+    log_brightness : ndarray, shape (7,)
+    belief : Belief
+    moved : ndarray, shape (4, 4)
+        Rigid motion of the hand from the frame before that one.
+    misfits : tuple of float
+        Per cell, of the last frames since a search.
+    """
+
+    frame: int
+    seen: int
+    seen_s: float
+    handedness: str
+    state: HandState
+    joints_m: np.ndarray
+    log_brightness: np.ndarray
+    belief: Belief
+    moved: np.ndarray
+    misfits: tuple[float, ...]
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """All of it as arrays, from which `from_arrays` makes it again bit by bit."""
+        joints = [self.state.pose.angles(joint) for joint in JOINT_NAMES]
+        shape = self.state.shape
+        return {
+            "frames": np.array([self.frame, self.seen]),
+            "seen_s": np.array(self.seen_s),
+            "handedness": np.array(self.handedness),
+            "joints_m": self.joints_m,
+            "pose": np.array(self.state.pose.name),
+            "angles_rad": np.array(
+                [[getattr(j, f"{name}_rad") for name in ANGLES] for j in joints]
+            ),
+            "shape": np.array(
+                [shape.length_m, shape.breadth_m, *shape.finger_lengths, shape.girth]
+            ),
+            "transform": self.state.transform,
+            "log_brightness": self.log_brightness,
+            "mean": self.belief.mean,
+            "covariance": self.belief.covariance,
+            "moved": self.moved,
+            "misfits": np.array(self.misfits),
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Any]) -> Track:
+        """The track of the arrays of `to_arrays`."""
+        angles = {
+            joint: JointAngles(*row)
+            for joint, row in zip(JOINT_NAMES, arrays["angles_rad"].tolist(), strict=True)
+        }
+        length_m, breadth_m, *fingers, girth = arrays["shape"].tolist()
+        assert len(fingers) == N_SHAPE - 3
+        shape = HandShape(length_m, breadth_m, tuple(fingers), girth)
+        frame, seen = arrays["frames"].tolist()
+        return cls(
+            frame,
+            seen,
+            float(arrays["seen_s"]),
+            str(arrays["handedness"]),
+            HandState(HandPose(str(arrays["pose"]), angles), shape, arrays["transform"]),
+            arrays["joints_m"],
+            arrays["log_brightness"],
+            Belief(arrays["mean"], arrays["covariance"]),
+            arrays["moved"],
+            tuple(arrays["misfits"].tolist()),
+        )

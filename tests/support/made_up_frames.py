@@ -1,0 +1,99 @@
+"""Fits of frames that know the truth, for tests of what is done with them.
+
+A preload of Dask workers (`dask.config`: distributed.worker.preload), and of this process by
+`made_up_fit_hands` in place of `calibration.fit_hands`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import calibration
+import clradar.plot
+from calibration.hand_fit.belief import Belief
+from calibration.hand_fit.certainty import Certainty
+from calibration.hand_fit.descent import Fitted
+from calibration.hand_fit.fit_hands import FRAME_S, Found, followed
+from calibration.hand_fit.following import Settled
+from calibration.hand_fit.frame_fit import FrameFit
+from calibration.hand_fit.hand_state import HandState
+from calibration.hand_fit.result import ANGLE_NAMES
+from calibration.hand_fit.track import Track
+from clradar.errors import CompareError
+from clradar.hand import hand_movement
+from clradar.hand.shape import AVERAGE
+from clradar.model import Volume
+
+MOVEMENT = hand_movement(["F", "flat"], 8, shift_m=(0.0, 0.0, 0.01))
+
+
+def settled(frame: int, misfit: float, belief: Belief) -> Settled:
+    """A made-up fit at the truth of a frame."""
+    state = HandState(MOVEMENT.poses[frame], AVERAGE, MOVEMENT.transforms[frame])
+    known = np.linalg.inv(np.linalg.inv(belief.covariance[belief.known, belief.known]) + np.eye(31))
+    joints_m = MOVEMENT.joints_m(frame)
+    certainty = Certainty(
+        known, (), np.sqrt(np.diag(known)[:23]), np.tile(1e-6 * np.eye(3), (25, 1, 1)),
+        (ANGLE_NAMES[3],),
+    )  # fmt: skip
+    fitted = Fitted(state, np.linspace(0.0, -3.0, 7), misfit, misfit)
+    return Settled(fitted, certainty, joints_m, belief.measured(state, known), 300.0)
+
+
+@dataclass
+class MadeUp:
+    """Fits that know the truth; frames are their numbers."""
+
+    misfits: dict[int, float] = field(default_factory=dict)
+    """Of frames that are followed, where it is not 270."""
+    searched: dict[int, float] = field(default_factory=dict)
+    """Of frames that are searched for, where it is not 270; NaN: nothing is found."""
+    calls: list[tuple[str, int]] = field(default_factory=list)
+
+    def image(self, measured: Any) -> int:
+        if isinstance(measured, Volume):
+            return int(measured.meta["capture"]["frame"])
+        if measured is None:
+            raise CompareError("could not fit the hand, because nothing is there")
+        return int(measured)
+
+    def follow(self, image: int, track: Track, passed_s: float) -> Settled:
+        self.calls.append(("follow", image))
+        assert passed_s == pytest.approx((image - track.seen) * FRAME_S)
+        return settled(image, self.misfits.get(image, 270.0), track.belief.after(passed_s))
+
+    def search(self, image: int, track: Track | None) -> Found:
+        self.calls.append(("search", image))
+        misfit = self.searched.get(image, 270.0)
+        if np.isnan(misfit):
+            raise CompareError("could not fit the hand, because it is none")
+        state = HandState(MOVEMENT.poses[0], AVERAGE, np.eye(4))
+        belief = Belief.of_start(state, 12.0, True)
+        if track is not None:
+            belief = track.belief.restarted(state, 12.0)
+        return Found(settled(image, misfit, belief), "F", (), "right")
+
+
+def made_up_fit_hands(
+    images: Any, *, frames: list[int], after: Track | None, progress: Any = None, **settings: Any
+) -> Iterator[tuple[FrameFit, Track | None]]:
+    """Stands for `calibration.fit_hands`; frame 2 is searched for."""
+    assert {"pose", "fit_shape", "array", "waveform", "seed"} <= set(settings)
+    numbers = [(number, images.frame_numbers.index(number)) for number in frames]
+    return followed(MadeUp(misfits={2: 390.0}), images, numbers, after, progress)
+
+
+def no_figure(figure: Any, path: Path, **options: Any) -> None:
+    """Stands for `clradar.plot.save_figure`, which takes a second."""
+    path.write_bytes(b"drawn")
+
+
+def dask_setup(worker: Any) -> None:
+    calibration.fit_hands = made_up_fit_hands  # type: ignore[assignment]
+    clradar.plot.save_figure = no_figure
