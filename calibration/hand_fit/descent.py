@@ -15,8 +15,8 @@ from calibration.hand_fit.hand_rendering import (
     HandRendering,
     stepped,
 )
-from calibration.hand_fit.hand_state import HandState
-from calibration.hand_fit.misfit import deviance, misfit
+from calibration.hand_fit.hand_state import HIGHEST_RAD, LOWEST_RAD, HandState
+from calibration.hand_fit.misfit import RANGE_CELLS, deviance, misfit
 from calibration.hand_fit.prior import Prior
 from calibration.registration.mesh_fit import FALL_PER_KNOT, MOST_DARK, SMOOTH, cell_pixels
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage
@@ -83,6 +83,8 @@ class HandFitter:
     device : Device
     fitted : ndarray of bool, shape (44,)
         The parameters that are fitted; the others stay.
+    levels : tuple of Level
+        Those that it will be asked for.
     """
 
     def __init__(
@@ -92,21 +94,24 @@ class HandFitter:
         aperture: Aperture,
         device: Device,
         fitted: np.ndarray,
+        levels: tuple[Level, ...] = LEVELS,
     ) -> None:
         self.model, self.fitted = model, fitted
         self.depth, self.aperture = depth, aperture
-        self._device = device
-        self._pictures: dict[tuple[float, float], HandRendering] = {}
+        self._pictures = {
+            level: HandRendering(
+                model,
+                MeasuredImage.of(depth, level.step_m, aperture.centre_m),
+                aperture,
+                device,
+                level.blur_m,
+            )
+            for level in levels
+        }
 
     def picture(self, level: Level) -> HandRendering:
         """The renderer of a level."""
-        key = level.step_m, level.blur_m
-        if key not in self._pictures:
-            measured = MeasuredImage.of(self.depth, level.step_m, self.aperture.centre_m)
-            self._pictures[key] = HandRendering(
-                self.model, measured, self.aperture, self._device, level.blur_m
-            )
-        return self._pictures[key]
+        return self._pictures[level]
 
     def descend(
         self,
@@ -142,12 +147,17 @@ class HandFitter:
         return scaled
 
     def _loss(
-        self, state: HandState, log_brightness: np.ndarray, prior: Prior, level: Level
+        self,
+        state: HandState,
+        log_brightness: np.ndarray,
+        prior: Prior,
+        level: Level,
+        covered: np.ndarray | None = None,
     ) -> float:
         picture = self.picture(level)
         fall = np.diff(log_brightness) + FALL_PER_KNOT
         return (
-            deviance(picture, picture.render(state, log_brightness), level.range_scale)
+            deviance(picture, picture.render(state, log_brightness), level.range_scale, covered)
             + prior.loss(state)
             + 0.5 * SMOOTH * float(fall @ fall)
         )
@@ -161,56 +171,81 @@ class HandFitter:
         picture.draw_surface(state, seed)
         if not np.isfinite(start.misfit):
             log_brightness = self.scaled(state, log_brightness, level)
-        first = loss = self._loss(state, log_brightness, prior, level)
         damping = _DAMPING
+        fell = 0.0
         for _ in range(level.steps):
             information, score, centre_m = self.scoring(state, log_brightness, prior, level)
+            covered = self._covered(state, log_brightness, level)
+            loss = self._loss(state, log_brightness, prior, level, covered)
             for _ in range(_TRIALS):
-                step = self._step(information, score, damping)
+                step = self._step(information, score, damping, state.angles_rad)
                 ahead = stepped(state, step[:N_GEOMETRY], centre_m)
                 brighter = log_brightness + step[BRIGHTNESS]
                 brighter = np.maximum(brighter, brighter.max() - MOST_DARK)
-                there = self._loss(ahead, brighter, prior, level)
-                if there < loss:
+                fall = loss - self._loss(ahead, brighter, prior, level, covered)
+                if fall > 0.0:
                     break
                 damping *= 8.0
             else:
                 break
-            fall, loss = loss - there, there
+            fell += fall
             state, log_brightness, damping = ahead, brighter, max(damping / 4.0, 1e-4)
             if fall < _SETTLED:
                 break
-        return Fitted(state, log_brightness, loss - prior.loss(state), loss), first - loss
+        loss = self._loss(state, log_brightness, prior, level)
+        return Fitted(state, log_brightness, loss - prior.loss(state), loss), fell
 
-    def _step(self, information: np.ndarray, score: np.ndarray, damping: float) -> np.ndarray:
-        fitted = np.flatnonzero(self.fitted)
+    def _covered(self, state: HandState, log_brightness: np.ndarray, level: Level) -> np.ndarray:
+        """Weight of the ranges, which the score takes as given: with it free, steps that follow the
+        score were refused, and those that follow its gradient brightened the hand to cover more."""
+        picture = self.picture(level)
+        return misfit(picture, picture.render(state, log_brightness)).covered
+
+    def _step(
+        self, information: np.ndarray, score: np.ndarray, damping: float, angles_rad: np.ndarray
+    ) -> np.ndarray:
+        """The step of all parameters but those angles that would leave their limits."""
         damped = information + damping * np.diag(np.diag(information) + 1e-12)
-        step = np.zeros(N_PARAMETERS)
-        step[fitted] = np.linalg.solve(damped[np.ix_(fitted, fitted)], score[fitted])
+        free = self.fitted.copy()
+        lowest, highest = angles_rad <= LOWEST_RAD, angles_rad >= HIGHEST_RAD
+        while True:
+            moving = np.flatnonzero(free)
+            step = np.zeros(N_PARAMETERS)
+            step[moving] = np.linalg.solve(damped[np.ix_(moving, moving)], score[moving])
+            out = (lowest & (step[ANGLES] < 0.0)) | (highest & (step[ANGLES] > 0.0))
+            if not out.any():
+                break
+            free[ANGLES] &= ~out
         step /= max(1.0, float((np.abs(step) / _MOST).max()))
         return step
 
     def linearised(
-        self, state: HandState, log_brightness: np.ndarray, level: Level
+        self,
+        state: HandState,
+        log_brightness: np.ndarray,
+        level: Level,
+        wanted: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals of all pixels, in brightness and in range, (n,), and their slopes, (44, n).
 
         Both in units of their scatter, with the robust weights and the pixels per resolution cell,
-        so that the squares of the slopes are information. Third, the centre of twists.
+        so that the squares of the slopes are information; those of parameters that are not wanted,
+        by default those that are not fitted, are 0. Third, the centre of twists.
         """
         picture = self.picture(level)
         rendered = picture.render(state, log_brightness)
         points_m, _ = picture.samples.posed(picture.bones_at(state))
         centre_m = points_m.mean(axis=0)
         by_power, by_range = np.zeros((2, N_PARAMETERS, picture.power.size))
-        rows = np.flatnonzero(self.fitted)
-        by_power[rows], by_range[rows] = picture.derivatives(
-            state, log_brightness, centre_m, self.fitted, rendered
+        wanted = self.fitted if wanted is None else wanted
+        by_power[wanted], by_range[wanted] = picture.derivatives(
+            state, log_brightness, centre_m, wanted, rendered
         )
         found = misfit(picture, rendered, level.range_scale)
         per_cell = cell_pixels(picture)
         by_speckle = np.sqrt(found.speckle_weights / per_cell).ravel()
-        by_scatter = (np.sqrt(found.range_weights / per_cell) / found.range_std_m).ravel()
+        by_scatter = np.sqrt(found.range_weights / per_cell / RANGE_CELLS) / found.range_std_m
+        by_scatter = by_scatter.ravel()
         residual = np.concatenate(
             [by_speckle * found.speckle.ravel(), by_scatter * found.range_m.ravel()]
         )

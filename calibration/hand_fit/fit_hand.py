@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
-from calibration.hand_fit.certainty import certainty, joints_at
+from calibration.hand_fit.certainty import (
+    certainty,
+    information_at,
+    joints_at,
+    leaving_untold,
+    with_spread,
+)
 from calibration.hand_fit.descent import FINE, Fitted, HandFitter, fitted_parameters
 from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
-from calibration.hand_fit.hand_state import HandState
+from calibration.hand_fit.hand_state import HandState, angles_of
 from calibration.hand_fit.placing import placed
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.result import Basin, HandFit
@@ -202,10 +208,12 @@ def _placed(
 
 
 def _result(tried: list[_Tried], alpha: float | None, seed: int) -> HandFit:
-    best = tried[0]
-    fitter = best.fitter
-    state = best.found.state
-    known = certainty(fitter, best.found, best.prior, seed + 1000)
+    best, fitter = tried[0], tried[0].fitter
+    information = information_at(fitter, best.found, best.prior, seed + 1000)
+    found = leaving_untold(fitter, best.found, best.prior, information, seed + 1000)
+    tried = [replace(best, found=found), *tried[1:]]
+    state = found.state
+    known = certainty(fitter, found, best.prior, seed + 1000, information)
     basins = tuple(
         Basin(
             one.start.pose.name,
@@ -217,6 +225,15 @@ def _result(tried: list[_Tried], alpha: float | None, seed: int) -> HandFit:
         )
         for one in tried
     )
+    rivals = [(basin, basin.deviance - found.deviance) for basin in basins[1:]]
+    of_joints = with_spread(
+        known.joint_covariance_m2, basins[0].joints_m, [(b.joints_m, more) for b, more in rivals]
+    )
+    of_angles = with_spread(
+        known.angle_std_rad[:, None, None] ** 2,
+        angles_of(state.pose)[:, None],
+        [(angles_of(b.pose)[:, None], more) for b, more in rivals],
+    )
     return HandFit(
         pose=state.pose,
         shape=state.shape,
@@ -224,16 +241,16 @@ def _result(tried: list[_Tried], alpha: float | None, seed: int) -> HandFit:
         transform=state.transform,
         scene=_scene(fitter, state, alpha),
         started=_scene(fitter, best.placed, alpha),
-        joints_m=joints_at(fitter, state),
-        joint_covariance_m2=known.joint_covariance_m2,
-        angle_std_rad=known.angle_std_rad,
+        joints_m=basins[0].joints_m,
+        joint_covariance_m2=of_joints,
+        angle_std_rad=np.sqrt(of_angles[:, 0, 0]),
         untold=known.untold,
         alpha=alpha,
-        log_brightness=best.found.log_brightness,
-        deviance=best.found.deviance,
+        log_brightness=found.log_brightness,
+        deviance=found.deviance,
         basins=basins,
         start=best.start.pose.name,
-        likeness=_likeness(fitter, best.found),
+        likeness=_likeness(fitter, found),
         overlap=None,
         converged=True,
         covariance=known.covariance,

@@ -9,6 +9,7 @@ import numpy as np
 from calibration.hand_fit.hand_model import HandModel
 from calibration.hand_fit.hand_shape_vector import N_SHAPE, shape_of, vector_of
 from calibration.hand_fit.hand_state import N_ANGLES, HandState
+from calibration.hand_fit.range_scatter import range_scatter_m
 from calibration.hand_fit.skinned import Bones, SkinnedSamples
 from calibration.registration.mesh_rendering import (
     KNOTS_RAD,
@@ -82,6 +83,7 @@ class HandRendering(Canvas):
     ) -> None:
         super().__init__(measured, aperture, blur_m)
         self.model, self.device = model, device
+        self.range_std_m = range_scatter_m(measured)
         self._samples: SkinnedSamples | None = None
         self._share = np.zeros(0)
 

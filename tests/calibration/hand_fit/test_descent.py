@@ -161,6 +161,7 @@ def test_the_gradient_of_the_deviance_is_the_score() -> None:
     picture.measured = MeasuredImage(
         np.arange(4.0), np.zeros(1), picture.power, np.full((1, 4), np.nan), (1.0, 1.0)
     )
+    picture.range_std_m = np.ones((1, 4))
     power = np.array([[0.3, 0.1, 0.1, 0.02]])
     step = 1e-5
 
