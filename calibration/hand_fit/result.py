@@ -106,7 +106,7 @@ class HandFit:
         Correlation of rendering and measurement in decibels; overlap of the last simulation.
     capture, volume : Capture and Volume, optional
         The last simulation of the closed loop, on the grid of the measured volume.
-    started : HandFit-like Scene
+    started : Scene
         The mesh in the starting pose, moved rigidly onto the measurement: the picture before.
     converged : bool
     covariance : ndarray, shape (n, n)
