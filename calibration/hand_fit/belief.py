@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.hand_fit.hand_rendering import ANGLES, N_PARAMETERS
+from calibration.hand_fit.hand_rendering import ANGLES, N_PARAMETERS, SHAPE
 from calibration.hand_fit.hand_shape_vector import shape_covariance, vector_of
 from calibration.hand_fit.hand_state import HIGHEST_RAD, LOWEST_RAD, N_ANGLES, HandState
 from calibration.hand_fit.prior import Prior, angle_covariance
@@ -94,6 +94,7 @@ class Belief:
         """Of the fit of the next frame; a shape that is not fitted is that of `state`."""
         mean = self.mean[self.known]
         information = np.zeros((N_PARAMETERS, N_PARAMETERS))
+        information[SHAPE, SHAPE] = np.linalg.inv(shape_covariance())  # where it is not fitted
         own = slice(ANGLES.start, ANGLES.start + len(mean))
         information[own, own] = np.linalg.inv(self.covariance[self.known, self.known])
         shape = mean[N_ANGLES:] if len(mean) > N_ANGLES else vector_of(state.shape)

@@ -345,8 +345,9 @@ class _HandFitting:
                 waveform=image.radar.waveform, search_deg=self.search_deg, seed=self.seed,
                 device=self.device,
             )  # fmt: skip
-        pose = next(start.pose for start in self.starts if start.pose.name == fit.start)
-        nominal = HandState(pose, shape, fit.transform)
+        # A learned start has no pose before it has seen the image.
+        known = (start.pose for start in self.starts if start.pose.name == fit.start)
+        nominal = HandState(next(known, fit.pose), shape, fit.transform)
         belief = Belief.of_start(nominal, self.angle_std_deg, self.fit_shape)
         if track is not None:
             belief = track.belief.restarted(nominal, self.angle_std_deg)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.hand_fit.belief import Belief
-from calibration.hand_fit.certainty import Certainty, certainty, joints_at
+from calibration.hand_fit.certainty import Certainty, certainty, information_at, joints_at
 from calibration.hand_fit.descent import FINE, Fitted, HandFitter, Level, fitted_parameters
 from calibration.hand_fit.hand_model import HandModel
-from calibration.hand_fit.hand_rendering import RIGID
+from calibration.hand_fit.hand_rendering import ANGLES, N_GEOMETRY
 from calibration.hand_fit.hand_shape_vector import shape_of
 from calibration.hand_fit.hand_state import N_ANGLES, HandState, pose_with
 from calibration.hand_fit.track import Track
@@ -82,16 +82,18 @@ class Follower:
     ) -> Settled:
         """Fit a frame from a state, with what is believed of the hand before it."""
         fitted = fitted_parameters(self.fit_shape)
-        fitter = HandFitter(self.model, depth, self.aperture, self.device, fitted)
+        levels = (*FOLLOWING, FINE)
+        fitter = HandFitter(self.model, depth, self.aperture, self.device, fitted, levels)
         prior = belief.prior(start)
         found = fitter.descend(start, log_brightness, prior, FOLLOWING, self.seed)
         found = fitter.judged(found, prior, seed=self.seed + _FRESH)
-        known = certainty(fitter, found, prior, self.seed + _FRESH)
+        known = information_at(fitter, found, prior, self.seed + _FRESH)
+        own = (known.fitted >= ANGLES.start) & (known.fitted < N_GEOMETRY)
         return Settled(
             found,
-            known,
+            certainty(fitter, found, prior, self.seed + _FRESH, known),
             joints_at(fitter, found.state),
-            belief.measured(found.state, known.covariance[RIGID.stop :, RIGID.stop :]),
+            belief.measured(found.state, known.covariance()[np.ix_(own, own)]),
             _cells(fitter, found),
         )
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from clradar.cli.outputs import whole_folder
 from clradar.cli.recording_conversion import described
-from clradar.files.atomic import move_folder, new_folder, swap_folder
 from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
@@ -54,10 +54,13 @@ class HandRecording:
         about: Mapping[str, Any],
         device: Device,
         progress: Progress | None,
+        *,
+        force: bool,
+        replaced: Collection[str],
     ) -> Path:
         """Write `folder/radar_<low>_<high>_<points>` and `folder/truth`, whole or not at all.
 
-        One frame is in memory at a time. What is there is replaced.
+        One frame is in memory at a time.
 
         Parameters
         ----------
@@ -69,6 +72,8 @@ class HandRecording:
         device : Device
         progress : callable, optional
             Called with (done, total) frames.
+        force, replaced
+            As of `clradar.cli.outputs.check_folder`.
 
         Returns
         -------
@@ -79,20 +84,16 @@ class HandRecording:
         from measurement_io import save_recording
 
         frames: list[dict[str, Any]] = []
-        with new_folder(folder) as temporary:
+        with whole_folder(folder, force=force, replaced=replaced) as made:
             radar = save_recording(
-                temporary / "new", self._captures(frames, origin, device),
+                made, self._captures(frames, origin, device),
                 timestamps_us=self.movement.timestamps_us, progress=progress,
             )  # fmt: skip
-            (radar.parent / TRUTH).mkdir()
+            (made / TRUTH).mkdir()
             for record, pose in zip(frames, self.movement.poses, strict=True):
-                write_pose(radar.parent / TRUTH / record["pose"], pose)
+                write_pose(made / TRUTH / record["pose"], pose)
             truth = {**about, "frames": frames, **origin}
-            write_json(radar.parent / TRUTH / TRUTH_FILE, truth, force=False)
-            if folder.is_dir() and any(folder.iterdir()):
-                swap_folder(radar.parent, folder.absolute(), aside=temporary / "replaced")
-            else:
-                move_folder(radar.parent, folder.absolute())
+            write_json(made / TRUTH / TRUTH_FILE, truth, force=False)
         return folder / radar.name
 
     def _captures(

@@ -158,8 +158,9 @@ def command(
     about = {"handedness": handedness, **_hand_record(embedded, rigged)}
     with progress_bar("simulating") as progress:
         radar = recording.write(
-            output, provenance("record-hand", options, inputs), about, opened, progress
-        )
+            output, provenance("record-hand", options, inputs), about, opened, progress,
+            force=force, replaced=replaced,
+        )  # fmt: skip
     took_s = perf_counter() - start_s
     print_line(f"{radar}: {len(movement)} frames, {took_s:.1f} s on {opened.info.label}")
     print_line(f"{output / TRUTH}: their joints, transforms and poses")

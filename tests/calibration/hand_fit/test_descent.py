@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hand_renderings import rendered_depth, state_of
 from rig_files import RigMaker
 from scipy.spatial import KDTree
 
@@ -19,15 +20,15 @@ from calibration.hand_fit.descent import (
     fitted_parameters,
 )
 from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
-from calibration.hand_fit.hand_rendering import ANGLES, N_GEOMETRY, HandRendering, stepped
+from calibration.hand_fit.hand_rendering import ANGLES, N_GEOMETRY, stepped
 from calibration.hand_fit.hand_shape_vector import shape_of, vector_of
-from calibration.hand_fit.hand_state import FITTED_ANGLES, HandState, angles_of, pose_with
+from calibration.hand_fit.hand_state import FITTED_ANGLES, angles_of, pose_with
 from calibration.hand_fit.misfit import deviance_map, misfit
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.skinned import SkinnedSamples
 from calibration.registration.mesh_fit import POWER_FLOOR, initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage
-from clradar import DepthMap, arrays
+from clradar import arrays
 from clradar.hand import HandShape, hand_joints, pose_by_name
 from clradar.hand.shape import AVERAGE
 from clradar.opencl import open_device
@@ -50,28 +51,6 @@ def hands(tmp_path_factory) -> dict[str, HandModel]:
         "left": ParametricHand("left", "pocl"),
         "rig": RiggedHand(read_rig(file)),
     }
-
-
-def state_of(pose, model: HandModel, shape: HandShape = AVERAGE) -> HandState:
-    """A hand 30 cm in front of the radar."""
-    transform = np.eye(4)
-    transform[:3, 3] = [0.0, -0.09, 0.3]
-    return HandState(pose, shape, transform)
-
-
-def rendered_depth(model: HandModel, state: HandState, aperture: Aperture) -> DepthMap:
-    """The picture that the rendering itself has of a hand."""
-    axis_m = np.arange(-55, 56) * 2e-3
-    blank = MeasuredImage(
-        axis_m, axis_m, np.ones((111, 111)), np.full((111, 111), 0.3), (2e-3, 2e-3)
-    )
-    picture = HandRendering(model, blank, aperture, open_device("pocl"))
-    picture.draw_surface(state, seed=7)
-    power, range_m = picture.render(state, initial_log_brightness())
-    x, y = np.meshgrid(axis_m, axis_m)
-    lit = power > 1e-2 * power.max()
-    depth_m = np.where(lit, np.sqrt(np.maximum(range_m**2 - x**2 - y**2, 0.0)), np.nan)
-    return DepthMap(depth_m, np.sqrt(power / power.max()), axis_m, axis_m, 20.0)
 
 
 @pytest.mark.parametrize("kind", ["right", "left", "rig"])
