@@ -9,12 +9,14 @@ from functools import cache
 import numpy as np
 
 from calibration.hand_fit.certainty import (
+    Information,
     certainty,
     information_at,
     joints_at,
     leaving_untold,
     with_spread,
 )
+from calibration.hand_fit.closed_loop import ClosedLoop, LoopSettings, close_loop, image_of
 from calibration.hand_fit.descent import FINE, Fitted, HandFitter, fitted_parameters
 from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
 from calibration.hand_fit.hand_state import HandState, angles_of
@@ -32,9 +34,12 @@ from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M
 from clradar.hand.shape import AVERAGE
 from clradar.imaging.placement import place_grid
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Volume, Waveform, checks
-from clradar.model.progress import Progress
+from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, open_device
 from clradar.rigs import Rig
+
+LOOP_SHARE = 0.5
+"""Of the time of a fit from one start, for the progress."""
 
 SIDES = ("right", "left", "either")
 
@@ -154,17 +159,35 @@ def fit_hand(
         for side in _sides(start, handedness, rig)
         for seen in start.seen_in(depth, side)
     ]
-    for start, side in starts:
+    first_share = 1.0 - LOOP_SHARE if closed_loop else 1.0
+    for number, (start, side) in enumerate(starts):
         fitter = fitter_of(side)
         prior_shape = start.shape or shape
-        state = _placed(start, prior_shape, fitter, search_deg, opened)
+        begin, end = (first_share * (number + k) / len(starts) for k in (0, 1))
+        placing = part_of(progress, begin, 0.5 * (begin + end))
+        state = _placed(start, prior_shape, fitter, search_deg, opened, placing)
         prior = Prior.about(state, angle_covariance(angle_std_deg))
         found = fitter.descend(state, initial_log_brightness(), prior, seed=seed)
         tried.append(
             _Tried(fitter, start, state, prior, fitter.judged(found, prior, seed=seed + 1000))
         )
+        fitted = part_of(progress, begin, end)
+        if fitted is not None:
+            fitted(1, 1)
     tried.sort(key=lambda one: one.found.deviance)
-    fit = _result(tried, alpha, seed)
+    best, loop = tried[0], None
+    information = information_at(best.fitter, best.found, best.prior, seed + 1000)
+    found = leaving_untold(best.fitter, best.found, best.prior, information, seed + 1000)
+    if closed_loop:
+        settings = LoopSettings(radar, alpha, seed, opened)
+        looping = part_of(progress, 1.0 - LOOP_SHARE, 1.0)
+        loop = close_loop(best.fitter, found, best.prior, settings, looping)
+        found = replace(found, state=loop.best.state)
+    best = replace(best, found=found)
+    fit = _result(best, tried[1:], information, loop, alpha, seed)
+    if loop is not None:
+        capture, scene = loop.best.capture, loop.best.scene
+        fit = replace(fit, capture=capture, volume=image_of(capture, measured, scene, opened))
     for remark in fit.remarks():
         warn(f"fit_hand: {remark}")
     return fit
@@ -191,13 +214,18 @@ class _Tried:
 
 
 def _placed(
-    start: Start, shape: HandShape, fitter: HandFitter, search_deg: float, device: Device
+    start: Start,
+    shape: HandShape,
+    fitter: HandFitter,
+    search_deg: float,
+    device: Device,
+    progress: Progress | None = None,
 ) -> HandState:
     """The start, where it is known to be or else where the rigid search puts it."""
     if start.transform is not None:
         return HandState(start.pose, shape, start.transform)
     found = placed(
-        fitter.model, start.pose, shape, fitter.depth, fitter.aperture, search_deg, device
+        fitter.model, start.pose, shape, fitter.depth, fitter.aperture, search_deg, device, progress
     )
     if not found:
         raise CompareError(
@@ -207,13 +235,18 @@ def _placed(
     return found[0][0]
 
 
-def _result(tried: list[_Tried], alpha: float | None, seed: int) -> HandFit:
-    best, fitter = tried[0], tried[0].fitter
-    information = information_at(fitter, best.found, best.prior, seed + 1000)
-    found = leaving_untold(fitter, best.found, best.prior, information, seed + 1000)
-    tried = [replace(best, found=found), *tried[1:]]
+def _result(
+    best: _Tried,
+    others: list[_Tried],
+    information: Information,
+    loop: ClosedLoop | None,
+    alpha: float | None,
+    seed: int,
+) -> HandFit:
+    fitter, found = best.fitter, best.found
     state = found.state
     known = certainty(fitter, found, best.prior, seed + 1000, information)
+    alpha = alpha if loop is None else loop.best.alpha
     basins = tuple(
         Basin(
             one.start.pose.name,
@@ -223,7 +256,7 @@ def _result(tried: list[_Tried], alpha: float | None, seed: int) -> HandFit:
             one.found.deviance,
             one.fitter.model.handedness,
         )
-        for one in tried
+        for one in (best, *others)
     )
     rivals = [(basin, basin.deviance - found.deviance) for basin in basins[1:]]
     of_joints = with_spread(
@@ -251,8 +284,8 @@ def _result(tried: list[_Tried], alpha: float | None, seed: int) -> HandFit:
         basins=basins,
         start=best.start.pose.name,
         likeness=_likeness(fitter, found),
-        overlap=None,
-        converged=True,
+        overlap=None if loop is None else loop.best.overlap,
+        converged=loop is None or loop.converged,
         covariance=known.covariance,
         parameter_names=known.names,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.registration.mesh_fit import POWER_FLOOR, MeshFit
-from calibration.registration.mesh_rendering import KNOTS_RAD, MeshRendering
+from calibration.registration.mesh_rendering import KNOTS_RAD, Canvas, MeshRendering
 
 ALPHA_STARTS = (0.3, 0.0, 0.6, 0.1)
 """Simulated first. Most of the change is between 0 and 0.1, from a mirror to a rough surface."""
@@ -29,19 +29,26 @@ _KNOTS_COMPARED = 6  # without the last, at grazing incidence
 
 
 def pose_invariant_features(image: MeshRendering, fit: MeshFit) -> np.ndarray:
-    """Features that depend on alpha but hardly on the pose, in units of their scatter.
-
-    The fitted fall of the brightness with the angle, and the areas of the mesh's silhouette within
-    several levels of its brightest pixel.
-    """
+    """`brightness_features` of a fitted mesh."""
     image.update_visibility(fit.transform)
     silhouette, _ = image.render(fit.transform, np.zeros(len(KNOTS_RAD)))
+    return brightness_features(image, silhouette, fit.log_brightness)
+
+
+def brightness_features(
+    image: Canvas, silhouette: np.ndarray, log_brightness: np.ndarray
+) -> np.ndarray:
+    """Features that depend on alpha but hardly on the pose, in units of their scatter.
+
+    The fitted fall of the brightness with the angle, and the areas of the object's silhouette, its
+    rendering with a brightness of 1, within several levels of its brightest pixel.
+    """
     power = image.power[silhouette > POWER_FLOOR * silhouette.max()]
     step_x, step_y = image.measured.step_m
     cells = step_x * step_y / image.aperture.cell_m2(image.reference_m)
     brighter = [(power > 10.0 ** (-level / 10.0) * power.max()).sum() for level in LEVELS_DB]
     area = np.log(np.maximum(cells * np.array(brighter), cells))
-    profile = (fit.log_brightness - fit.log_brightness.max())[:_KNOTS_COMPARED]
+    profile = (log_brightness - log_brightness.max())[:_KNOTS_COMPARED]
     return np.concatenate([profile / PROFILE_STD, area / AREA_STD])
 
 

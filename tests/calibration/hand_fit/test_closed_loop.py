@@ -1,0 +1,163 @@
+"""The closed loop of the fit of a hand: bias and alpha from simulations of it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibration.hand_fit import closed_loop
+from calibration.hand_fit.closed_loop import (
+    ALPHA_FIRST,
+    ALPHA_HIGH,
+    ALPHA_LOW,
+    CORRECTED_SHARE,
+    MAX_ROUNDS,
+    LoopSettings,
+    Round,
+    _difference,
+    close_loop,
+)
+from calibration.hand_fit.descent import FINE, Fitted, HandFitter, fitted_parameters
+from calibration.hand_fit.hand_model import ParametricHand
+from calibration.hand_fit.hand_rendering import ANGLES, N_GEOMETRY, SHAPE, stepped
+from calibration.hand_fit.hand_state import HandState
+from calibration.hand_fit.prior import Prior, angle_covariance
+from calibration.registration.mesh_fit import initial_log_brightness
+from calibration.registration.radar import Radar
+from clradar import AntennaArray, DepthMap, Scene, Waveform, arrays
+from clradar.errors import CompareError
+from clradar.hand import pose_by_name
+from clradar.hand.shape import AVERAGE
+from clradar.opencl import open_device
+
+CENTRE_M = np.array([0.01, 0.0, 0.3])
+
+
+@pytest.fixture
+def state() -> HandState:
+    transform = np.eye(4)
+    transform[:3, 3] = [0.0, -0.09, 0.3]
+    return HandState(pose_by_name("B"), AVERAGE, transform)
+
+
+@pytest.fixture
+def fitter() -> HandFitter:
+    """On a blank image of few pixels."""
+    q = arrays.qar50()
+    array = AntennaArray(q.tx_m[::8], q.rx_m[::8])
+    radar = Radar.of("test", array, Waveform.sfcw(72e9, 82e9, 16))
+    axis_m = np.arange(-12, 13) * 8e-3
+    depth = DepthMap(np.full((25, 25), 0.3), np.ones((25, 25)), axis_m, axis_m, 20.0)
+    model = ParametricHand("right", "pocl")
+    parameters = fitted_parameters(True)
+    return HandFitter(model, depth, radar.aperture, open_device("pocl"), parameters, (FINE,))
+
+
+def settings(fitter: HandFitter, alpha: float | None) -> LoopSettings:
+    radar = Radar(fitter.aperture.array, Waveform.sfcw(72e9, 82e9, 16), fitter.aperture)
+    return LoopSettings(radar, alpha, 3, open_device("pocl"))
+
+
+def test_the_difference_of_two_states_takes_one_to_the_other(state) -> None:
+    rng = np.random.default_rng(0)
+    step = rng.normal(size=N_GEOMETRY) * 1e-3
+    there = stepped(state, step, CENTRE_M)
+    inside = np.abs(there.angles_rad - state.angles_rad) > 0  # others are at their limits
+    expected = step.copy()
+    expected[ANGLES] *= inside
+    # exp_twist and the shift of the centre differ by half the rotation times the shift, 2e-6.
+    np.testing.assert_allclose(_difference(there, state, CENTRE_M), expected, atol=4e-6)
+
+
+@pytest.fixture
+def loop(monkeypatch, fitter, state):
+    """The loop with made-up simulations: a constant bias, features of a true alpha of 0.4."""
+    bias = np.zeros(N_GEOMETRY)
+    bias[5], bias[9], bias[SHAPE.start] = 2e-3, 0.05, 0.02
+    calls = []
+
+    def made_up(fitter, measured, state, alpha, found, prior, settings, centre_m) -> Round:
+        calls.append(SimpleNamespace(state=state, alpha=alpha, seed=settings.seed))
+        features = np.full(11, 10.0 * (alpha - 0.4))
+        return Round(state, alpha, None, None, 0.9 - abs(alpha - 0.4), features, bias)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(closed_loop, "_round", made_up)
+    monkeypatch.setattr(closed_loop, "_features", lambda *_: np.zeros(11))
+    found = Fitted(state, initial_log_brightness(), 0.0, 0.0)
+    prior = Prior.about(state, angle_covariance())
+
+    def run(alpha: float | None, progress=None):
+        return close_loop(fitter, found, prior, settings(fitter, alpha), progress), calls
+
+    return run, bias
+
+
+def test_the_loop_corrects_a_share_of_a_bias_that_stays_and_finds_alpha(loop, state) -> None:
+    run, bias = loop
+    seen: list[tuple[int, int]] = []
+    found, calls = run(None, lambda done, total: seen.append((done, total)))
+    moved = _difference(found.best.state, state, CENTRE_M)
+    # About another centre; but the bias has no rotation.
+    np.testing.assert_allclose(moved, -CORRECTED_SHARE * bias, atol=1e-9)
+    assert found.best.alpha == pytest.approx(0.4)
+    assert found.converged
+    assert [call.alpha for call in calls[:2]] == [ALPHA_FIRST, ALPHA_HIGH]
+    assert len({call.seed for call in calls}) == len(calls)
+    assert seen[-1] == (MAX_ROUNDS, MAX_ROUNDS)
+    assert sorted(seen) == seen
+
+
+def test_alpha_is_searched_on_the_side_where_the_measurement_is(loop, monkeypatch) -> None:
+    run, _ = loop
+    monkeypatch.setattr(closed_loop, "_features", lambda *_: np.full(11, -20.0))
+    _, calls = run(None)
+    assert calls[1].alpha == ALPHA_LOW
+
+
+def test_a_given_alpha_stays(loop) -> None:
+    run, _ = loop
+    found, calls = run(0.25)
+    assert {call.alpha for call in calls} == {0.25}
+    assert found.converged
+    assert len(calls) == 2
+
+
+def test_the_round_that_overlaps_most_is_kept(loop, monkeypatch, state) -> None:
+    run, _ = loop
+    plain, shares = closed_loop._round, iter([0.95, 0.9, 0.9, 0.9])
+
+    def worse(*given) -> Round:
+        made = plain(*given)
+        return Round(
+            made.state, made.alpha, made.scene, made.capture, next(shares), made.features, made.bias
+        )
+
+    monkeypatch.setattr(closed_loop, "_round", worse)
+    found, _ = run(0.3)
+    assert found.best.state is state
+
+
+def test_a_round_simulates_the_hand_and_finds_it_where_it_is(fitter, state) -> None:
+    """With its few antennas the image is poor: the fit to it stays within some millimetres."""
+    found = Fitted(state, initial_log_brightness(), 0.0, 0.0)
+    prior = Prior.about(state, angle_covariance())
+    given = settings(fitter, None)
+    one = closed_loop._round(fitter, fitter.depth, state, 0.5, found, prior, given, CENTRE_M)
+    assert one.alpha == 0.5
+    assert one.scene.alpha.max() == one.scene.alpha.min() == 0.5
+    assert one.capture.meta["rays"]["paths"] > 0
+    assert np.isfinite(one.features).all()
+    assert np.abs(one.bias).max() > 0
+    assert np.linalg.norm(one.bias[3:6]) < 10e-3
+    volume = closed_loop.image_of(one.capture, fitter.depth, one.scene, given.device)
+    assert volume.grid.shape[1:] == fitter.depth.depth_m.shape
+    assert closed_loop.shared(volume.depth_map(20.0), volume.depth_map(20.0)) == pytest.approx(1.0)
+
+
+def test_a_hand_that_no_ray_leaves_for_a_receiver_is_refused(fitter) -> None:
+    corners_m = [[0.0, 0.0, 0.3], [0.01, 0.0, 0.3], [0.0, 0.002, 0.31]]
+    mirror = Scene(corners_m, [[0, 1, 2]], 0.0)  # it reflects upwards, past the radar
+    with pytest.raises(CompareError, match="could not fit the hand, because no ray"):
+        closed_loop._simulated(mirror, settings(fitter, None))
