@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from calibration.hand_fit.hand_rendering import (
     ANGLES,
     N_GEOMETRY,
     N_PARAMETERS,
+    SAMPLES_PER_MM2,
     SHAPE,
     HandRendering,
     stepped,
@@ -32,6 +33,8 @@ _MOST = np.zeros(N_PARAMETERS)
 _MOST[:3], _MOST[3:6], _MOST[ANGLES], _MOST[SHAPE], _MOST[BRIGHTNESS] = 0.1, 6e-3, 0.35, 0.05, 1.5
 """Of one step."""
 
+_BRIGHTNESS_ONLY = np.arange(N_PARAMETERS) >= N_GEOMETRY
+
 _SETTLED = 0.05
 """A fall of the deviance below which surfaces are not drawn anew."""
 
@@ -43,7 +46,8 @@ _TRIALS = 4
 class Level:
     """Pixels of a picture, its blur, the factor of the ranges' scatter, and the work on it.
 
-    `surfaces`: how often the hand is meshed anew at most; `steps`, on each surface.
+    `surfaces`: how often the hand is meshed anew at most; `steps`, on each surface;
+    `samples_per_mm2`, of it.
     """
 
     step_m: float
@@ -51,11 +55,12 @@ class Level:
     range_scale: float
     surfaces: int
     steps: int
+    samples_per_mm2: float = SAMPLES_PER_MM2
 
 
 COARSE, MIDDLE, FINE = (
-    Level(4e-3, 4e-3, 4.0, 3, 3),
-    Level(2e-3, 2e-3, 2.0, 3, 3),
+    Level(4e-3, 4e-3, 4.0, 3, 3, 0.25),
+    Level(2e-3, 2e-3, 2.0, 3, 3, 0.4),
     Level(2e-3, 0.0, 1.0, 4, 3),
 )
 LEVELS = (COARSE, MIDDLE, FINE)
@@ -99,19 +104,20 @@ class HandFitter:
         self.model, self.fitted = model, fitted
         self.depth, self.aperture = depth, aperture
         self._pictures = {
-            level: HandRendering(
+            (level.step_m, level.blur_m): HandRendering(
                 model,
                 MeasuredImage.of(depth, level.step_m, aperture.centre_m),
                 aperture,
                 device,
                 level.blur_m,
+                level.samples_per_mm2,
             )
             for level in levels
         }
 
     def picture(self, level: Level) -> HandRendering:
         """The renderer of a level."""
-        return self._pictures[level]
+        return self._pictures[level.step_m, level.blur_m]
 
     def descend(
         self,
@@ -135,9 +141,7 @@ class HandFitter:
         """The same with its deviance on a freshly drawn surface, brightness fitted to that."""
         picture = self.picture(level)
         picture.draw_surface(found.state, seed)
-        log_brightness = found.log_brightness
-        loss = self._loss(found.state, log_brightness, prior, level)
-        return Fitted(found.state, log_brightness, loss - prior.loss(found.state), loss)
+        return self._stepped(found, prior, level, _BRIGHTNESS_ONLY)[0]
 
     def scaled(self, state: HandState, log_brightness: np.ndarray, level: Level) -> np.ndarray:
         """The brightness, scaled to the power of the measured image."""
@@ -171,14 +175,22 @@ class HandFitter:
         picture.draw_surface(state, seed)
         if not np.isfinite(start.misfit):
             log_brightness = self.scaled(state, log_brightness, level)
+        return self._stepped(replace(start, log_brightness=log_brightness), prior, level)
+
+    def _stepped(
+        self, start: Fitted, prior: Prior, level: Level, wanted: np.ndarray | None = None
+    ) -> tuple[Fitted, float]:
+        """Steps of the `wanted` parameters on the surface that was drawn last."""
+        wanted = self.fitted if wanted is None else wanted
+        state, log_brightness = start.state, start.log_brightness
         damping = _DAMPING
         fell = 0.0
         for _ in range(level.steps):
-            information, score, centre_m = self.scoring(state, log_brightness, prior, level)
+            information, score, centre_m = self.scoring(state, log_brightness, prior, level, wanted)
             covered = self._covered(state, log_brightness, level)
             loss = self._loss(state, log_brightness, prior, level, covered)
             for _ in range(_TRIALS):
-                step = self._step(information, score, damping, state.angles_rad)
+                step = _step(information, score, damping, wanted, state.angles_rad)
                 ahead = stepped(state, step[:N_GEOMETRY], centre_m)
                 brighter = log_brightness + step[BRIGHTNESS]
                 brighter = np.maximum(brighter, brighter.max() - MOST_DARK)
@@ -200,24 +212,6 @@ class HandFitter:
         score were refused, and those that follow its gradient brightened the hand to cover more."""
         picture = self.picture(level)
         return misfit(picture, picture.render(state, log_brightness)).covered
-
-    def _step(
-        self, information: np.ndarray, score: np.ndarray, damping: float, angles_rad: np.ndarray
-    ) -> np.ndarray:
-        """The step of all parameters but those angles that would leave their limits."""
-        damped = information + damping * np.diag(np.diag(information) + 1e-12)
-        free = self.fitted.copy()
-        lowest, highest = angles_rad <= LOWEST_RAD, angles_rad >= HIGHEST_RAD
-        while True:
-            moving = np.flatnonzero(free)
-            step = np.zeros(N_PARAMETERS)
-            step[moving] = np.linalg.solve(damped[np.ix_(moving, moving)], score[moving])
-            out = (lowest & (step[ANGLES] < 0.0)) | (highest & (step[ANGLES] > 0.0))
-            if not out.any():
-                break
-            free[ANGLES] &= ~out
-        step /= max(1.0, float((np.abs(step) / _MOST).max()))
-        return step
 
     def linearised(
         self,
@@ -253,14 +247,42 @@ class HandFitter:
         return residual, slopes, centre_m
 
     def scoring(
-        self, state: HandState, log_brightness: np.ndarray, prior: Prior, level: Level
+        self,
+        state: HandState,
+        log_brightness: np.ndarray,
+        prior: Prior,
+        level: Level,
+        wanted: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Information, (44, 44), and score, (44,), of all parameters, and the centre of twists."""
-        residual, slopes, centre_m = self.linearised(state, log_brightness, level)
+        residual, slopes, centre_m = self.linearised(state, log_brightness, level, wanted)
         information = slopes @ slopes.T + prior.information + SMOOTH * FALLS.T @ FALLS
         score = slopes @ residual - prior.information @ prior.away(state)
         score -= SMOOTH * FALLS.T @ (np.diff(log_brightness) + FALL_PER_KNOT)
         return information, score, centre_m
+
+
+def _step(
+    information: np.ndarray,
+    score: np.ndarray,
+    damping: float,
+    wanted: np.ndarray,
+    angles_rad: np.ndarray,
+) -> np.ndarray:
+    """The step of the `wanted` parameters but those angles that would leave their limits."""
+    damped = information + damping * np.diag(np.diag(information) + 1e-12)
+    free = wanted.copy()
+    lowest, highest = angles_rad <= LOWEST_RAD, angles_rad >= HIGHEST_RAD
+    while True:
+        moving = np.flatnonzero(free)
+        step = np.zeros(N_PARAMETERS)
+        step[moving] = np.linalg.solve(damped[np.ix_(moving, moving)], score[moving])
+        out = (lowest & (step[ANGLES] < 0.0)) | (highest & (step[ANGLES] > 0.0))
+        if not out.any():
+            break
+        free[ANGLES] &= ~out
+    step /= max(1.0, float((np.abs(step) / _MOST).max()))
+    return step
 
 
 def fitted_parameters(shape: bool) -> np.ndarray:

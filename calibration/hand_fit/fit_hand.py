@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 
+from calibration.hand_fit.basins import PLACES, basins_from, roughly
 from calibration.hand_fit.certainty import (
     Information,
     certainty,
@@ -20,11 +21,12 @@ from calibration.hand_fit.closed_loop import ClosedLoop, LoopSettings, close_loo
 from calibration.hand_fit.descent import FINE, Fitted, HandFitter, fitted_parameters
 from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
 from calibration.hand_fit.hand_state import HandState, angles_of
+from calibration.hand_fit.layers import HandSkin
 from calibration.hand_fit.placing import placed
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.result import Basin, HandFit
 from calibration.hand_fit.starts import PoseLike, Start, starts_of
-from calibration.registration.mesh_fit import POWER_FLOOR, initial_log_brightness
+from calibration.registration.mesh_fit import POWER_FLOOR
 from calibration.registration.mesh_pose import depth_for_mesh
 from calibration.registration.radar import Radar
 from clradar.backproject import backproject
@@ -40,6 +42,13 @@ from clradar.rigs import Rig
 
 LOOP_SHARE = 0.5
 """Of the time of a fit from one start, for the progress."""
+
+PLACING_SHARE = 0.3
+"""Of that of a fit without the loop."""
+
+SEARCHED = 3
+"""Of several starts so many, after a coarse fit of all, have their digits searched."""
+
 
 SIDES = ("right", "left", "either")
 
@@ -160,20 +169,17 @@ def fit_hand(
         for seen in start.seen_in(depth, side)
     ]
     first_share = 1.0 - LOOP_SHARE if closed_loop else 1.0
+    placing_share = first_share * PLACING_SHARE
     for number, (start, side) in enumerate(starts):
         fitter = fitter_of(side)
-        prior_shape = start.shape or shape
-        begin, end = (first_share * (number + k) / len(starts) for k in (0, 1))
-        placing = part_of(progress, begin, 0.5 * (begin + end))
-        state = _placed(start, prior_shape, fitter, search_deg, opened, placing)
-        prior = Prior.about(state, angle_covariance(angle_std_deg))
-        found = fitter.descend(state, initial_log_brightness(), prior, seed=seed)
-        tried.append(
-            _Tried(fitter, start, state, prior, fitter.judged(found, prior, seed=seed + 1000))
-        )
-        fitted = part_of(progress, begin, end)
-        if fitted is not None:
-            fitted(1, 1)
+        begin, end = (placing_share * (number + k) / len(starts) for k in (0, 1))
+        placing = part_of(progress, begin, end)
+        places = _places(start, start.shape or shape, fitter, search_deg, opened, placing)
+        prior = Prior.about(places[0], angle_covariance(angle_std_deg))
+        found = roughly(places, fitter, prior, seed, PLACES if len(starts) == 1 else 1)
+        tried.append(_Tried(fitter, start, places[0], prior, found))
+    searching = part_of(progress, placing_share, first_share)
+    tried = _searched(tried, seed, opened, searching)
     tried.sort(key=lambda one: one.found.deviance)
     best, loop = tried[0], None
     information = information_at(best.fitter, best.found, best.prior, seed + 1000)
@@ -213,17 +219,17 @@ class _Tried:
     found: Fitted
 
 
-def _placed(
+def _places(
     start: Start,
     shape: HandShape,
     fitter: HandFitter,
     search_deg: float,
     device: Device,
     progress: Progress | None = None,
-) -> HandState:
+) -> list[HandState]:
     """The start, where it is known to be or else where the rigid search puts it."""
     if start.transform is not None:
-        return HandState(start.pose, shape, start.transform)
+        return [HandState(start.pose, shape, start.transform)]
     found = placed(
         fitter.model, start.pose, shape, fitter.depth, fitter.aperture, search_deg, device, progress
     )
@@ -232,7 +238,26 @@ def _placed(
             f"could not fit the hand, because no part of '{start.pose.name}' is visible in any "
             "pose of the search"
         )
-    return found[0][0]
+    return [place for place, _ in found]
+
+
+def _searched(
+    tried: list[_Tried], seed: int, device: Device, progress: Progress | None
+) -> list[_Tried]:
+    """The basins of the best of coarse fits."""
+    skins: dict[tuple[str, HandShape], HandSkin] = {}
+    ended = []
+    best = sorted(tried, key=lambda one: one.found.deviance)[:SEARCHED]
+    for done, one in enumerate(best):
+        model, shape = one.fitter.model, one.placed.shape
+        key = (model.handedness, shape)
+        if key not in skins:
+            skins[key] = HandSkin(model, one.start.pose, shape, device)
+        basins = basins_from(one.found, one.fitter, one.prior, skins[key], seed)
+        ended += [replace(one, found=found) for found in basins]
+        if progress is not None:
+            progress(done + 1, len(best))
+    return ended
 
 
 def _result(

@@ -28,6 +28,7 @@ EDGE_M = 3e-3
 """Of the triangles of a surface that is rendered: 13 000 faces, curved between their corners."""
 
 SAMPLES_PER_MM2 = 0.7
+"""Of the finest pictures, and what the brightness of a sample is for; others may have fewer."""
 
 _ROTATION_STEP_RAD, _SHIFT_STEP_M = 2e-3, 1e-4
 _ANGLE_STEP_RAD, _SHAPE_STEP = 3e-3, 2e-3
@@ -71,6 +72,7 @@ class HandRendering(Canvas):
     device : Device
     blur_m : float, metres
         As of `Canvas`.
+    samples_per_mm2 : float, 1/mm^2
     """
 
     def __init__(
@@ -80,9 +82,11 @@ class HandRendering(Canvas):
         aperture: Aperture,
         device: Device,
         blur_m: float = 0.0,
+        samples_per_mm2: float = SAMPLES_PER_MM2,
     ) -> None:
         super().__init__(measured, aperture, blur_m)
         self.model, self.device = model, device
+        self.samples_per_mm2 = samples_per_mm2
         self.range_std_m = range_scatter_m(measured)
         self._samples: SkinnedSamples | None = None
         self._share = np.zeros(0)
@@ -94,14 +98,14 @@ class HandRendering(Canvas):
         back = np.linalg.inv(state.transform)
         viewpoints_m = self.aperture.viewpoints_m @ back[:3, :3].T + back[:3, 3]
         reach_m = 2.0 * float(np.linalg.norm(viewpoints_m, axis=1).max())
-        with VisibleSurface(scene, SAMPLES_PER_MM2, reach_m, self.device, seed) as surface:
+        with VisibleSurface(scene, self.samples_per_mm2, reach_m, self.device, seed) as surface:
             share = surface.visible_from(viewpoints_m).mean(axis=1)
             seen = np.flatnonzero(share > 0)
             points_m, normals = surface.points_m[seen], surface.normals[seen]
         skin = self.model.skin(mesh, state.pose, state.shape, points_m, normals)
         bones = self.model.bones(state.pose, state.shape)
         self._samples = SkinnedSamples.of(points_m, normals, skin, bones)
-        self._share = share[seen]
+        self._share = share[seen] * (SAMPLES_PER_MM2 / self.samples_per_mm2)
 
     @property
     def samples(self) -> SkinnedSamples:

@@ -191,6 +191,22 @@ class Canvas:
         `range_m` as of `sight`; one picture per row of `brightness`, (k, n_samples).
         """
         n_y, n_x = self.measured.power.shape
+        inside, corners = self.corners(points_m)
+        drawn = np.zeros((len(brightness), 2, n_y, n_x))
+        for row, targets in zip(brightness[:, inside], drawn, strict=True):
+            for values, target in zip((row, row * range_m[inside]), targets, strict=True):
+                for place, share in corners:
+                    target += np.bincount(place, values * share, n_y * n_x).reshape(n_y, n_x)
+        return drawn
+
+    def corners(
+        self, points_m: np.ndarray
+    ) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
+        """Mask (n,) of the points in the picture; for these four pixels and their bilinear shares.
+
+        Pixels count row by row.
+        """
+        n_y, n_x = self.measured.power.shape
         step_x, step_y = self.measured.step_m
         u = (points_m[:, 0] - self.measured.x_m[0]) / step_x
         v = (points_m[:, 1] - self.measured.y_m[0]) / step_y
@@ -198,18 +214,12 @@ class Canvas:
         inside = (left >= 0) & (left < n_x - 1) & (low >= 0) & (low < n_y - 1)
         right_share, high_share = (u - left)[inside], (v - low)[inside]
         pixel = (low * n_x + left)[inside]
-        corners = [
+        return inside, [
             (pixel, (1 - right_share) * (1 - high_share)),
             (pixel + 1, right_share * (1 - high_share)),
             (pixel + n_x, (1 - right_share) * high_share),
             (pixel + n_x + 1, right_share * high_share),
         ]
-        drawn = np.zeros((len(brightness), 2, n_y, n_x))
-        for row, targets in zip(brightness[:, inside], drawn, strict=True):
-            for values, target in zip((row, row * range_m[inside]), targets, strict=True):
-                for place, share in corners:
-                    target += np.bincount(place, values * share, n_y * n_x).reshape(n_y, n_x)
-        return drawn
 
     def convolved(self, drawn: np.ndarray) -> np.ndarray:
         """Pictures of `splat`, (..., n_y, n_x), seen through the point spread function."""

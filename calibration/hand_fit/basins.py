@@ -1,0 +1,106 @@
+"""From places of a hand to the poses in which its fit comes to rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.hand_fit.certainty import joints_at
+from calibration.hand_fit.descent import COARSE, FINE, LEVELS, MIDDLE, Fitted, HandFitter, Level
+from calibration.hand_fit.digit_search import DigitSearch
+from calibration.hand_fit.hand_state import HandState
+from calibration.hand_fit.layers import HandSkin
+from calibration.hand_fit.prior import Prior
+from calibration.hand_fit.result import APART_M, TIPS
+from calibration.registration.mesh_fit import initial_log_brightness
+
+PLACES = 3
+"""That are told apart by `APART_M` and tried."""
+
+SWEEPS = 2
+POOL = 4
+FINALS = 2
+
+RIVAL_ROUGHLY = 20.0
+"""After a rough descent, by how much one may be worse that goes on to the end."""
+
+JUDGED_SEED = 1000
+"""Added to the seed of the surfaces that a fit is judged on: none of those that it was made on."""
+
+
+def roughly(
+    places: list[HandState], fitter: HandFitter, prior: Prior, seed: int, most: int = PLACES
+) -> Fitted:
+    """The best coarse fit from places of a hand, of which at most so many are tried."""
+    brightness = initial_log_brightness()
+    found = [
+        fitter.descend(place, brightness, prior, (COARSE,), seed)
+        for place in distinct(places, fitter)[:most]
+    ]
+    return min(found, key=lambda one: one.deviance)
+
+
+def basins_from(
+    rough: Fitted, fitter: HandFitter, prior: Prior, skin: HandSkin, seed: int
+) -> list[Fitted]:
+    """The poses that fits from a coarse one come to rest in, judged on fresh surfaces, best first.
+
+    The digits are searched one by one. The result, that of no search, and poses of single digits
+    that picture nearly as well go down together, level by level, and the best stay.
+    """
+    pool = [rough, *searched(rough, fitter, prior, skin)]
+    first = (replace(COARSE, surfaces=1), replace(MIDDLE, surfaces=1))
+    pool = _refined(pool, fitter, prior, first, seed)
+    finals = [one for one in pool[:FINALS] if one.deviance < pool[0].deviance + RIVAL_ROUGHLY]
+    return _refined(finals, fitter, prior, (replace(MIDDLE, surfaces=2), FINE), seed + len(LEVELS))
+
+
+def _refined(
+    pool: list[Fitted], fitter: HandFitter, prior: Prior, levels: tuple[Level, ...], seed: int
+) -> list[Fitted]:
+    """After a descent, judged on fresh surfaces on the finest pictures, best first, and apart."""
+    ended = [fitter.descend(one.state, one.log_brightness, prior, levels, seed) for one in pool]
+    return best_apart([fitter.judged(one, prior, seed=seed + JUDGED_SEED) for one in ended], fitter)
+
+
+def searched(found: Fitted, fitter: HandFitter, prior: Prior, skin: HandSkin) -> list[Fitted]:
+    """The state to which sweeps over the digits lead, and the best of those they did not take."""
+    search = DigitSearch(fitter, skin, prior, COARSE)
+    state = found.state
+    for _ in range(SWEEPS):
+        before, swept = state, search.sweep(state, found.log_brightness)
+        state = swept.state
+        if tips_apart_m(before, state, fitter).max() < APART_M:
+            break
+    others = sorted(swept.others, key=lambda other: other.worse)
+    return [
+        Fitted(one, found.log_brightness, np.inf, np.inf)
+        for one in (state, *(other.state for other in others[: POOL - 2]))
+    ]
+
+
+def tips_apart_m(one: HandState, other: HandState, fitter: HandFitter) -> np.ndarray:
+    """Distances of the tips, (5,), metres; 0 where a rig has none."""
+    apart = (joints_at(fitter, one) - joints_at(fitter, other))[list(TIPS)]
+    return np.nan_to_num(np.linalg.norm(apart, axis=1))
+
+
+def best_apart(found: list[Fitted], fitter: HandFitter) -> list[Fitted]:
+    """Best first, without those all of whose tips are near those of a better one."""
+    kept: list[Fitted] = []
+    for one in sorted(found, key=lambda one: one.deviance):
+        if all(tips_apart_m(one.state, k.state, fitter).max() > APART_M for k in kept):
+            kept.append(one)
+    return kept
+
+
+def distinct(places: list[HandState], fitter: HandFitter) -> list[HandState]:
+    """Those whose joints are on average more than `APART_M` from all before."""
+    kept: list[HandState] = []
+    for place in places:
+        here_m = joints_at(fitter, place)
+        away_m = [np.nanmean(np.linalg.norm(here_m - joints_at(fitter, k), axis=1)) for k in kept]
+        if min(away_m, default=np.inf) > APART_M:
+            kept.append(place)
+    return kept

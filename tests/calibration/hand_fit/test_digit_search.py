@@ -1,0 +1,172 @@
+"""The search for the pose of one digit: its pictures, its chain, its limits, and what it finds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.hand_fit.basins import best_apart, distinct
+from calibration.hand_fit.certainty import joints_at
+from calibration.hand_fit.descent import COARSE, FINE, Fitted, HandFitter, fitted_parameters
+from calibration.hand_fit.digit_chain import DigitChain, bones_of_digit
+from calibration.hand_fit.digit_search import DigitSearch
+from calibration.hand_fit.hand_model import ParametricHand
+from calibration.hand_fit.hand_state import (
+    ANGLES_OF_DIGIT,
+    HIGHEST_RAD,
+    LOWEST_RAD,
+    HandState,
+    pose_with,
+)
+from calibration.hand_fit.layers import HandSkin, LayeredRendering, on_digit
+from calibration.hand_fit.prior import Prior, angle_covariance
+from calibration.hand_fit.result import DIGITS, TIPS
+from calibration.registration.mesh_fit import POWER_FLOOR, initial_log_brightness
+from calibration.registration.mesh_rendering import Aperture
+from clradar import DepthMap, arrays
+from clradar.hand import pose_by_name
+from clradar.hand.shape import AVERAGE
+from clradar.opencl import open_device
+
+PLACE = np.array([[1, 0, 0, 0.0], [0, 1, 0, -0.09], [0, 0, 1, 0.3], [0, 0, 0, 1]])
+NOMINAL = HandState(pose_by_name("B"), AVERAGE, PLACE)
+KNUCKLE = ANGLES_OF_DIGIT["ring"].start
+
+
+@pytest.fixture(scope="module")
+def bent() -> HandState:
+    """The knuckle of the ring finger bent by 35 degrees."""
+    angles = NOMINAL.angles_rad
+    angles[KNUCKLE] += np.radians(35.0)
+    return NOMINAL.with_angles(angles)
+
+
+def fitter_on(depth: DepthMap) -> HandFitter:
+    model, aperture = ParametricHand("right", "pocl"), Aperture(arrays.qar50(), 77e9)
+    fitted = fitted_parameters(shape=False)
+    return HandFitter(model, depth, aperture, open_device("pocl"), fitted, (COARSE, FINE))
+
+
+@pytest.fixture(scope="module")
+def fitter(bent) -> HandFitter:
+    """On the picture that the rendering itself has of the hand with the bent finger."""
+    axis_m = np.arange(-55, 56) * 2e-3
+    blank = DepthMap(np.full((111, 111), 0.3), np.ones((111, 111)), axis_m, axis_m, 20.0)
+    picture = fitter_on(blank).picture(FINE)
+    picture.draw_surface(bent, seed=7)
+    power, range_m = picture.render(bent, initial_log_brightness())
+    x, y = np.meshgrid(axis_m, axis_m)
+    lit = power > 1e-2 * power.max()
+    depth_m = np.where(lit, np.sqrt(np.maximum(range_m**2 - x**2 - y**2, 0.0)), np.nan)
+    amplitude = np.sqrt(power / power.max())
+    return fitter_on(DepthMap(depth_m, amplitude, axis_m, axis_m, 20.0))
+
+
+def brightness_on(fitter: HandFitter, state: HandState) -> np.ndarray:
+    fitter.picture(COARSE).draw_surface(state)
+    return fitter.scaled(state, initial_log_brightness(), COARSE)
+
+
+@pytest.fixture(scope="module")
+def skin(fitter) -> HandSkin:
+    return HandSkin(fitter.model, NOMINAL.pose, AVERAGE, open_device("pocl"))
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("digit", DIGITS)
+def test_a_chain_takes_bones_where_the_skeleton_does(side, digit) -> None:
+    model = ParametricHand(side, "pocl")
+    rng = np.random.default_rng(3)
+    own = ANGLES_OF_DIGIT[digit]
+    angles = np.repeat(NOMINAL.angles_rad[None], 3, axis=0)
+    angles[:, own] += 0.5 * rng.normal(size=angles[:, own].shape)
+    angles = np.clip(angles, LOWEST_RAD, HIGHEST_RAD)
+    places = DigitChain(model, NOMINAL, digit).places(angles)
+    carrying = np.delete(np.arange(25), TIPS)  # a tip carries no skin, its axes have no meaning
+    for k, row in enumerate(angles):
+        there = model.bones(pose_with(NOMINAL.pose, row), AVERAGE).moved(PLACE)
+        # 1e-12: products of five rotations in double precision.
+        assert np.abs(places.origin_m[k] - there.origin_m).max() < 1e-12
+        assert np.abs(places.matrix[k] - there.matrix)[carrying].max() < 1e-12
+
+
+@pytest.mark.parametrize("digit", ["thumb", "ring"])
+def test_layers_picture_a_hand_as_its_rendering_does(fitter, skin, bent, digit) -> None:
+    """The rest drawn with the finger straight, the digit by blended skin of another pose."""
+    picture, brightness = fitter.picture(COARSE), initial_log_brightness()
+    picture.draw_surface(bent)
+    power, range_m = picture.render(bent, brightness)
+    whole = skin.drawn(NOMINAL.pose, AVERAGE)
+    rest = whole[~on_digit(whole, digit)]
+    start = bent if digit == "thumb" else NOMINAL
+    layers = LayeredRendering(picture, rest, picture.bones_at(start), brightness)
+    angles = bent.angles_rad[None]
+    ((_, samples),) = skin.of_digit(digit, angles)
+    places = DigitChain(fitter.model, start, digit).places(angles)
+    ((found, found_m),) = layers.pictures(samples, places)
+    one, other = (np.log1p(p / power.max() / POWER_FLOOR).ravel() for p in (power, found[0]))
+    assert np.corrcoef(one, other)[0, 1] > 0.98
+    lit = power > POWER_FLOOR * power.max()
+    assert np.median(np.abs(found_m[0] - range_m)[lit]) < 0.5e-3
+
+
+def test_what_a_digit_hides_is_not_seen(fitter, skin) -> None:
+    """A middle finger bent over the palm: the palm's light behind it is gone."""
+    picture, brightness = fitter.picture(COARSE), initial_log_brightness()
+    whole = skin.drawn(NOMINAL.pose, AVERAGE)
+    rest = whole[~on_digit(whole, "middle")]
+    layers = LayeredRendering(picture, rest, picture.bones_at(NOMINAL), brightness)
+    angles = NOMINAL.angles_rad
+    angles[ANGLES_OF_DIGIT["middle"]] = np.radians([85.0, 0.0, 95.0, 20.0])
+    chain = DigitChain(fitter.model, NOMINAL, "middle")
+    ((_, samples),) = skin.of_digit("middle", angles[None])
+    ((_, range_m),) = layers.pictures(samples, chain.places(angles[None]))
+    ((_, without_m),) = layers.pictures(samples[:1], chain.places(angles[None]))
+    # A finger's thickness and more in front of the palm.
+    assert (without_m - range_m).max() > 10e-3
+
+
+def test_a_finger_far_from_its_start_is_found(fitter, skin, bent) -> None:
+    """By the coarse pictures alone, within the reach of the descent: 8 mm."""
+    prior = Prior.about(NOMINAL, angle_covariance())
+    search = DigitSearch(fitter, skin, prior, COARSE)
+    brightness = brightness_on(fitter, NOMINAL)
+    whole = skin.drawn(NOMINAL.pose, AVERAGE)
+    tip = TIPS[DIGITS.index("ring")]
+    true_m, start_m = (joints_at(fitter, state)[tip] for state in (bent, NOMINAL))
+    assert np.linalg.norm(true_m - start_m) > 30e-3
+    found = search.digit(NOMINAL, brightness, whole, "ring")
+    there_m = joints_at(fitter, found[0].state)[tip]
+    assert np.linalg.norm(there_m - true_m) < 8e-3
+    again = search.digit(NOMINAL, brightness, whole, "ring")
+    assert [one.deviance for one in again] == [one.deviance for one in found]
+    for one in found:
+        angles = one.state.angles_rad
+        assert (angles >= LOWEST_RAD - 1e-9).all()
+        assert (angles <= HIGHEST_RAD + 1e-9).all()
+        others = np.delete(np.arange(23), np.r_[ANGLES_OF_DIGIT["ring"]])
+        assert np.array_equal(angles[others], NOMINAL.angles_rad[others])
+
+
+def test_basins_with_the_same_tips_are_one(fitter, bent) -> None:
+    brightness = initial_log_brightness()
+    angles = bent.angles_rad
+    angles[KNUCKLE] += np.radians(2.0)
+    near = bent.with_angles(angles)
+    found = [
+        Fitted(state, brightness, deviance, deviance)
+        for state, deviance in ((near, 3.0), (NOMINAL, 2.0), (bent, 1.0))
+    ]
+    assert [one.deviance for one in best_apart(found, fitter)] == [1.0, 2.0]
+
+
+def test_places_less_than_a_finger_apart_are_one(fitter) -> None:
+    near, far = PLACE.copy(), PLACE.copy()
+    near[0, 3], far[0, 3] = 5e-3, 15e-3
+    places = [HandState(NOMINAL.pose, AVERAGE, place) for place in (PLACE, near, far)]
+    kept = distinct(places, fitter)
+    assert [place.transform[0, 3] for place in kept] == [0.0, 15e-3]
+
+
+def test_the_bones_of_a_digit_end_at_its_tip() -> None:
+    assert [bones_of_digit(digit).stop - 1 for digit in DIGITS] == list(TIPS)
