@@ -69,6 +69,7 @@ class Track:
             "log_brightness": self.log_brightness,
             "mean": self.belief.mean,
             "covariance": self.belief.covariance,
+            "nominal_shape": self.belief.nominal_shape,
             "moved": self.moved,
             "misfits": np.array(self.misfits),
         }
@@ -92,7 +93,7 @@ class Track:
             HandState(HandPose(str(arrays["pose"]), angles), shape, arrays["transform"]),
             arrays["joints_m"],
             arrays["log_brightness"],
-            Belief(arrays["mean"], arrays["covariance"]),
+            Belief(arrays["mean"], arrays["covariance"], arrays["nominal_shape"]),
             arrays["moved"],
             tuple(arrays["misfits"].tolist()),
         )

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from calibration.hand_fit.belief import MOST_STD_RAD, SPEED_LASTS_S, SPEED_STD_DEG_S, Belief
+from calibration.hand_fit.belief import (
+    MOST_STD_RAD,
+    SHAPE_FRAMES,
+    SPEED_LASTS_S,
+    SPEED_STD_DEG_S,
+    Belief,
+)
 from calibration.hand_fit.hand_shape_vector import shape_covariance, shape_of, vector_of
 from calibration.hand_fit.hand_state import HIGHEST_RAD, LOWEST_RAD, N_ANGLES, HandState
 from calibration.hand_fit.prior import angle_covariance
@@ -70,18 +78,28 @@ def test_a_measured_belief_is_that_of_the_normal_distribution() -> None:
                                rtol=0, atol=1e-12)  # fmt: skip
 
 
-def test_the_information_on_the_shape_adds_up() -> None:
-    """n frames of the same information leave the variance of n times as much."""
+def test_the_information_on_the_shape_adds_up_to_that_of_two_frames() -> None:
+    """Each frame has all of its own, half of the one before, a quarter ...: twice one's in all."""
     belief = Belief.of_start(STATE, 12.0, True)
     each = 1.0 / 0.03**2
-    for frame in range(5):
+    seen = replace(STATE, shape=shape_of(vector_of(AVERAGE) + 0.01))
+    for frame in range(40):
         belief = belief if frame == 0 else belief.after(STEP_S)
         known = belief.known
         information = np.linalg.inv(belief.covariance[known, known])
+        told = information[N_ANGLES:, N_ANGLES:] @ belief.mean[N_ANGLES : known.stop]
         information[N_ANGLES:, N_ANGLES:] += each * np.eye(8)
-        belief = belief.measured(STATE, np.linalg.inv(information))
-    all_of_it = np.linalg.inv(np.linalg.inv(shape_covariance()) + 5 * each * np.eye(8))
+        # The mean of a normal distribution, whose angles have no part in that of the shape.
+        shape = np.linalg.solve(
+            information[N_ANGLES:, N_ANGLES:], told + each * vector_of(seen.shape)
+        )
+        state = replace(STATE, shape=shape_of(shape))
+        belief = belief.measured(state, np.linalg.inv(information))
+    inner = np.linalg.inv(shape_covariance())
+    all_of_it = np.linalg.inv(inner + SHAPE_FRAMES * each * np.eye(8))
     np.testing.assert_allclose(belief.shape_std, np.sqrt(np.diag(all_of_it)), rtol=1e-9)
+    mean = SHAPE_FRAMES * each * all_of_it @ vector_of(seen.shape)
+    np.testing.assert_allclose(belief.mean[N_ANGLES : known.stop], mean, rtol=0, atol=1e-9)
 
 
 def test_what_is_not_measured_stays_within_the_limits() -> None:
