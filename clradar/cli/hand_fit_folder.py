@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ import numpy as np
 from clradar.cli.comparison import Comparison, simulated_surface
 from clradar.cli.console import print_line, print_table, progress_bar
 from clradar.cli.outputs import save
+from clradar.errors import ClradarWarning
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
 
@@ -68,7 +70,10 @@ class FittedImages:
         surface = simulated_surface(self.after.meta)
         if surface is not None:
             labels[1] += f", {surface}"
-        return Comparison.of([self.measured, self.before, self.after], labels)
+        with warnings.catch_warnings():
+            # That the start is another pose is no news; the table has what differs.
+            warnings.simplefilter("ignore", ClradarWarning)
+            return Comparison.of([self.measured, self.before, self.after], labels)
 
 
 def write_fit(folder: Path, images: FittedImages, source: str, origin: dict[str, Any]) -> None:
