@@ -21,6 +21,7 @@ from calibration.hand_fit.hand_rendering import ANGLES, N_GEOMETRY, SHAPE, HandR
 from calibration.hand_fit.hand_shape_vector import vector_of
 from calibration.hand_fit.hand_state import HandState
 from calibration.hand_fit.prior import Prior
+from calibration.hand_fit.recognition import not_fitted
 from calibration.registration.alpha_cue import ALPHA_TOLERANCE, brightness_features, next_alpha
 from calibration.registration.mesh_rendering import KNOTS_RAD, decimated
 from calibration.registration.radar import Radar
@@ -28,7 +29,7 @@ from calibration.registration.rigid_motion import moved
 from clradar.backproject import backproject
 from clradar.compare import depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.errors import ClradarWarning, CompareError
+from clradar.errors import ClradarWarning
 from clradar.model import Capture, DepthMap, Scene, Volume, VoxelGrid
 from clradar.model.progress import Progress
 from clradar.opencl import Device
@@ -202,10 +203,7 @@ def _simulated(scene: Scene, settings: LoopSettings) -> Capture:
             device=settings.device,
         )
     if capture.meta["rays"]["paths"] == 0:
-        raise CompareError(
-            "could not fit the hand, because no ray from it, simulated where it was found, reaches "
-            "a receiver"
-        )
+        raise not_fitted("no ray from it, simulated where it was found, reaches a receiver")
     return capture
 
 

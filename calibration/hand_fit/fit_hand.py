@@ -24,6 +24,12 @@ from calibration.hand_fit.hand_state import HandState, angles_of
 from calibration.hand_fit.layers import HandSkin
 from calibration.hand_fit.placing import placed
 from calibration.hand_fit.prior import Prior, angle_covariance
+from calibration.hand_fit.recognition import (
+    check_likeness,
+    check_overlap,
+    doubts,
+    said_of_the_hand,
+)
 from calibration.hand_fit.result import Basin, HandFit
 from calibration.hand_fit.starts import PoseLike, Start, starts_of
 from calibration.registration.mesh_fit import POWER_FLOOR
@@ -153,7 +159,8 @@ def fit_hand(
         array, waveform = array or measured.array, waveform or measured.waveform
         measured = backproject(measured, place_grid(measured, device=opened), device=opened)
     radar = Radar.of("fit_hand", array, waveform)
-    depth = depth_for_mesh(measured, None)
+    with said_of_the_hand():
+        depth = depth_for_mesh(measured, None)
 
     @cache
     def fitter_of(side: str) -> HandFitter:
@@ -174,7 +181,8 @@ def fit_hand(
         fitter = fitter_of(side)
         begin, end = (placing_share * (number + k) / len(starts) for k in (0, 1))
         placing = part_of(progress, begin, end)
-        places = _places(start, start.shape or shape, fitter, search_deg, opened, placing)
+        with said_of_the_hand():
+            places = _places(start, start.shape or shape, fitter, search_deg, opened, placing)
         prior = Prior.about(places[0], angle_covariance(angle_std_deg))
         found = roughly(places, fitter, prior, seed, PLACES if len(starts) == 1 else 1)
         tried.append(_Tried(fitter, start, places[0], prior, found))
@@ -184,16 +192,19 @@ def fit_hand(
     best, loop = tried[0], None
     information = information_at(best.fitter, best.found, best.prior, seed + 1000)
     found = leaving_untold(best.fitter, best.found, best.prior, information, seed + 1000)
+    check_likeness(_likeness(best.fitter, found))
     if closed_loop:
         settings = LoopSettings(radar, alpha, seed, opened)
         looping = part_of(progress, 1.0 - LOOP_SHARE, 1.0)
         loop = close_loop(best.fitter, found, best.prior, settings, looping)
+        check_overlap(loop.best.overlap, best.start.pose.name)
         found = replace(found, state=loop.best.state)
     best = replace(best, found=found)
     fit = _result(best, tried[1:], information, loop, alpha, seed)
     if loop is not None:
         capture, scene = loop.best.capture, loop.best.scene
         fit = replace(fit, capture=capture, volume=image_of(capture, measured, scene, opened))
+    fit = replace(fit, notes=(*fit.notes, *doubts(fit, measured)))
     for remark in fit.remarks():
         warn(f"fit_hand: {remark}")
     return fit

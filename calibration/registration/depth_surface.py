@@ -18,6 +18,8 @@ MIN_POINTS = 30
 NORMAL_RADIUS_M = 5e-3
 """Neighbourhood of the plane fits for normals, about the lateral resolution of the imager."""
 
+NOT_ALIGNED = "could not align, because "
+
 _COARSE_POINTS = 500  # of each image, drawn for the coarse start
 _NEIGHBOURS = 128  # at most, for a normal
 _PLANES = 4  # interpolated for each point
@@ -138,7 +140,7 @@ def weighted_quantile(values: np.ndarray, weights: np.ndarray, share: float) -> 
 
 
 def not_aligned(reason: str) -> CompareError:
-    return CompareError(f"could not align, because {reason}")
+    return CompareError(f"{NOT_ALIGNED}{reason}")
 
 
 def checked_depth_map(image: Volume | DepthMap, dynamic_range_db: float, label: str) -> DepthMap:

@@ -1,0 +1,102 @@
+"""Whether what was measured is the hand that was fitted, and what of it is in the image."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from calibration.hand_fit.hand_shape_vector import SHAPE_NAMES, SHAPE_STD, vector_of
+from calibration.hand_fit.result import DIGITS, HandFit
+from calibration.registration.depth_surface import NOT_ALIGNED
+from calibration.registration.mesh_pose import MIN_LIKENESS
+from clradar.errors import CompareError
+from clradar.model import DepthMap, Volume
+
+MIN_OVERLAP = 0.65
+"""Least overlap of a simulation of the fit with the measurement. Of 14 hands it is 0.79 or more, of
+a box, a sphere and a plate 0.52 to 0.60 (docs/hand-fit.md)."""
+
+DOUBTFUL_OVERLAP = 0.8
+"""Below, it may be no hand, or its pose is another: 0.68 to 0.77 of a small box and a cylinder."""
+
+MARGIN_M = 4e-3
+"""Of the image, about a resolution cell: what is nearer to its edge is cut."""
+
+UNUSUAL_STD = 3.0
+"""Standard deviations among adults beyond which a shape is remarked: one adult of 400."""
+
+
+def not_fitted(reason: str) -> CompareError:
+    return CompareError(f"could not fit the hand, because {reason}")
+
+
+@contextmanager
+def said_of_the_hand() -> Iterator[None]:
+    """Say of the hand what could not be aligned."""
+    try:
+        yield
+    except CompareError as error:
+        if not str(error).startswith(NOT_ALIGNED):
+            raise
+        raise not_fitted(str(error).removeprefix(NOT_ALIGNED)) from error
+
+
+def check_likeness(likeness: float) -> None:
+    """Raise where the rendering of the fit correlates as little as with noise."""
+    if not likeness >= MIN_LIKENESS:
+        raise not_fitted(
+            "the measurement disagrees with it: its image and the rendering correlate by "
+            f"{likeness:.2f}, and {MIN_LIKENESS:.2f} is the least; it shows noise, or another "
+            "object"
+        )
+
+
+def check_overlap(overlap: float, start: str) -> None:
+    """Raise where a simulation of the fit overlaps as little as with other objects."""
+    if overlap < MIN_OVERLAP:
+        raise not_fitted(
+            f"simulated as it was found from '{start}', it overlaps with the measurement by "
+            f"{overlap:.2f}, and {MIN_OVERLAP:.2f} is the least: it is another object, the other "
+            "hand, or in another pose (try pose='all', handedness='either')"
+        )
+
+
+def doubts(fit: HandFit, measured: Volume | DepthMap) -> tuple[str, ...]:
+    """Remarks on a fit, one clause each."""
+    found = []
+    if fit.overlap is not None and fit.overlap < DOUBTFUL_OVERLAP:
+        found.append(
+            f"the measurement does not fit a {fit.handedness} hand in or near '{fit.start}': it is "
+            "another object, the other hand (handedness='either'), or in another pose (pose='all')"
+        )
+    cut = [
+        digit for digit, tip_m in zip(DIGITS, fit.tips_m, strict=True) if _is_cut(tip_m, measured)
+    ]
+    if cut:
+        found.append(
+            f"outside of the measured image, or within {1e3 * MARGIN_M:.0f} mm of its edge, are "
+            f"the tips of: {', '.join(cut)}"
+        )
+    if any(name.startswith("shape") for name in fit.parameter_names):
+        away = vector_of(fit.shape) / SHAPE_STD
+        found += [
+            f"its shape is unusual: {name} {abs(value):.1f} standard deviations "
+            f"{'above' if value > 0 else 'below'} the average adult's"
+            for name, value in zip(SHAPE_NAMES, away, strict=True)
+            if abs(value) > UNUSUAL_STD
+        ]
+    return tuple(found)
+
+
+def _is_cut(point_m: np.ndarray, measured: Volume | DepthMap) -> bool:
+    """Whether a point is not in the image, or at its edge; False for NaN."""
+    image = measured.grid if isinstance(measured, Volume) else measured
+    axes_m = [image.x_m, image.y_m]
+    if isinstance(measured, Volume):
+        axes_m.append(measured.grid.z_m)
+    return any(
+        value_m < axis_m[0] + MARGIN_M or value_m > axis_m[-1] - MARGIN_M
+        for value_m, axis_m in zip(point_m, axes_m, strict=False)
+    )

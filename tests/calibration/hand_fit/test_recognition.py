@@ -1,0 +1,105 @@
+"""Refusals and remarks of the fit of a hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_fits import made_up_fit
+
+from calibration import fit_hand
+from calibration.hand_fit.recognition import (
+    DOUBTFUL_OVERLAP,
+    MARGIN_M,
+    MIN_OVERLAP,
+    check_likeness,
+    check_overlap,
+    doubts,
+    said_of_the_hand,
+)
+from calibration.registration.depth_surface import not_aligned
+from clradar import AntennaArray, Capture, DepthMap, Volume, VoxelGrid, Waveform, arrays
+from clradar.errors import CompareError
+from clradar.hand import HandShape
+
+
+def image_to(end_m: float) -> Volume:
+    """A grid around a hand at 0.3 m, whose x ends somewhere."""
+    grid = VoxelGrid.from_extent((-0.14, end_m), (-0.14, 0.14), (0.2, 0.4), 20e-3)
+    return Volume(np.zeros(grid.shape, np.complex64), grid)
+
+
+def test_a_dark_volume_is_refused_by_one_line_about_the_hand() -> None:
+    with pytest.raises(CompareError, match=r"^could not fit the hand, because .*0 everywhere"):
+        fit_hand(image_to(0.14), "F", device="pocl")
+
+
+def test_a_capture_without_signal_is_refused_by_one_line_about_the_hand() -> None:
+    q = arrays.qar50()
+    array = AntennaArray(q.tx_m[::24], q.rx_m[::24])
+    waveform = Waveform.sfcw(72e9, 82e9, 8)
+    silent = np.zeros((len(array.tx_m), len(array.rx_m), 8), np.complex64)
+    with pytest.raises(CompareError, match=r"^could not fit the hand, because [^\n]*$"):
+        fit_hand(Capture(silent, array, waveform), "F", device="pocl")
+
+
+def test_only_errors_of_the_alignment_are_said_of_the_hand() -> None:
+    with (
+        pytest.raises(CompareError, match=r"^could not fit the hand, because it is dark$"),
+        said_of_the_hand(),
+    ):
+        raise not_aligned("it is dark")
+    with pytest.raises(CompareError, match=r"^other$"), said_of_the_hand():
+        raise CompareError("other")
+
+
+@pytest.mark.parametrize("likeness", [0.1, -0.2, float("nan")])
+def test_noise_is_refused(likeness) -> None:
+    with pytest.raises(CompareError, match=r"correlate by .* 0.60 is the least"):
+        check_likeness(likeness)
+    check_likeness(0.7)
+
+
+def test_a_simulation_that_overlaps_like_another_object_is_refused_with_advice() -> None:
+    with pytest.raises(CompareError, match=r"from 'F', it overlaps .* by 0.52, .*pose='all'"):
+        check_overlap(0.52, "F")
+    check_overlap(MIN_OVERLAP, "F")
+
+
+def test_a_fit_that_overlaps_little_is_doubted_and_a_good_one_is_not() -> None:
+    image = image_to(0.14)
+    assert doubts(made_up_fit(overlap=0.95), image) == ()
+    assert doubts(made_up_fit(overlap=None), image) == ()
+    (remark,) = doubts(made_up_fit("F", "L", overlap=DOUBTFUL_OVERLAP - 0.01), image)
+    assert "does not fit a right hand in or near 'L'" in remark
+
+
+def test_the_digits_that_are_cut_are_named() -> None:
+    fit = made_up_fit("B")
+    order = np.argsort(-fit.tips_m[:, 0])  # the little finger is farthest along x
+    assert order[0] == 4
+    end_m = 0.5 * (fit.tips_m[4, 0] + fit.tips_m[3, 0])
+    assert end_m - MARGIN_M > fit.tips_m[3, 0]
+    axis_m = np.linspace(-0.14, 0.14, 15)
+    x_m = np.linspace(-0.14, end_m, 15)
+    depth = DepthMap(np.full((15, 15), 0.3), np.ones((15, 15)), x_m, axis_m, 20.0)
+    (remark,) = doubts(fit, depth)
+    assert remark.endswith("are the tips of: pinky")
+    near = VoxelGrid.from_extent((-0.14, 0.14), (-0.14, 0.14), (0.32, 0.4), 20e-3)
+    (remark,) = doubts(fit, Volume(np.zeros(near.shape, np.complex64), near))
+    assert remark.endswith("thumb, index, middle, ring, pinky")
+
+
+def test_a_rig_without_a_tip_is_not_cut() -> None:
+    joints_m = np.array(made_up_fit().joints_m)
+    joints_m[4] = np.nan
+    assert doubts(made_up_fit(joints_m=joints_m), image_to(0.14)) == ()
+
+
+def test_an_unusual_shape_is_remarked_where_it_was_fitted() -> None:
+    fit = made_up_fit(shape=HandShape(girth=1.2))  # log 1.2 / 0.045 = 4.05
+    assert doubts(fit, image_to(0.14)) == ()
+    fitted = replace(fit, parameter_names=(*fit.parameter_names, "shape girth"))
+    (remark,) = doubts(fitted, image_to(0.14))
+    assert remark == "its shape is unusual: girth 4.1 standard deviations above the average adult's"
