@@ -42,6 +42,10 @@ LOST_RATIO = 1.2
 to 20 % with the pose of a hand that is followed well, and grows by 20 to 40 % where fingers are
 lost (docs/hand-movement.md)."""
 
+GONE_RATIO = 1.6
+"""A misfit per cell above the median by this, after a search too, is no hand: in synthetic images
+that of hands is 0.75 to 1.05, with lost fingers up to 1.25, of a box 1.85, of noise 2.0."""
+
 FASTEST_M_S = 4.0
 """No tip of a gesture moves faster: signers' hands reach 2 m/s, fingers about as much more."""
 
@@ -247,8 +251,10 @@ def _continued(
             notes = (doubt, f"a search found nothing: {error}")
         else:
             if found.settled.misfit < settled.misfit - RIVAL_DEVIANCE:
+                _check_seen(found.settled, track)
                 return _begun(found, number, time_s, (doubt, *found.remarks))
             notes = (doubt, "a search found no better pose")
+        _check_seen(settled, track)
         misfits = (settled.misfit_per_cell,)  # what is usual now
     start = f"frame {track.seen}"
     fit = _frame_fit(settled, number, time_s, FOLLOWED, start, notes, track.handedness)
@@ -267,6 +273,16 @@ def doubt_of(settled: Settled, track: Track, passed_s: float) -> str | None:
     if way_m[fastest] > FASTEST_M_S * passed_s:
         return f"the tip of the {DIGITS[fastest]} moved by {1e3 * way_m[fastest]:.0f} mm"
     return None
+
+
+def _check_seen(settled: Settled, track: Track) -> None:
+    """Raise `CompareError` unless the image of a frame is like a hand in some pose."""
+    usual, now = float(np.median(track.misfits)), settled.misfit_per_cell
+    if now > GONE_RATIO * usual:
+        raise CompareError(
+            f"could not fit the hand, because none is seen: the misfit per cell is {now:.2f}, also "
+            f"where the hand is searched for, and was {usual:.2f} in the frames before"
+        )
 
 
 def _frame_fit(

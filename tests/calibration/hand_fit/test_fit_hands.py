@@ -97,6 +97,19 @@ def test_frames_without_a_hand_are_passed_over() -> None:
     assert np.isnan(outcome[3][0].tips_m).all()
 
 
+@pytest.mark.parametrize("searched", [590.0, 450.0, np.nan])
+def test_a_hand_that_is_gone_is_not_fitted_to_something_else(searched: float) -> None:
+    """A box has twice the misfit of a hand; a search finds one again that has left and come."""
+    fitting = MadeUp(misfits={4: 600.0}, searched={4: searched})
+    outcome = run(fitting)
+    fit, track = outcome[4]
+    assert (fit.how, fit.state) == (NOTHING, None)
+    assert "none is seen: the misfit per cell is" in fit.notes[0]
+    assert track is not None
+    assert (track.frame, track.seen) == (4, 3)
+    assert outcome[5][0].start == "frame 3"
+
+
 def test_no_hand_at_all_is_an_error() -> None:
     with pytest.raises(CompareError, match="nothing is there; and no hand in any other frame"):
         run(MadeUp(), [None, None])
