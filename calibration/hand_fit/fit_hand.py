@@ -101,7 +101,8 @@ def fit_hand(
     alpha : float, optional
         Of the simulations, 0 specular to 1 diffuse. None: estimated where the loop is closed.
     closed_loop : bool
-        Simulate the hand that was found, and correct what the fit to the simulation shows.
+        Simulate the hand that was found, and correct half of what the fit to the simulation is off,
+        where the simulation does not overlap less with the measurement then.
     angle_std_deg : float, degrees
         Standard deviation of the prior, of flexion and of the thumb's angles; that of abduction is
         7/12, that of the palm's arch 5/12 of it.
@@ -116,7 +117,7 @@ def fit_hand(
     device : Device, str or None
         See `clradar.open_device`.
     progress : callable, optional
-        Called with (done, total).
+        Called with (done, total), from 0 to the total once, over search, descent and simulations.
 
     Returns
     -------
@@ -125,7 +126,9 @@ def fit_hand(
     Raises
     ------
     CompareError
-        "could not fit the hand, because ...": nothing or too little is seen, or it is no hand.
+        "could not fit the hand, because ...": nothing or too little is seen, the rendering of the
+        fit and the image correlate by less than 0.6, or the fit, simulated, overlaps with the
+        measurement by less than 0.65: it is no hand, the other one, or in another pose.
     ModelError
         An unknown pose, or an argument out of its range.
     MeasurementError
@@ -138,7 +141,17 @@ def fit_hand(
 
     Notes
     -----
-    docs/hand-fit.md has the equations, what is told and what is not, and how exact it is.
+    The rendering of the hand, its expected power and range in every pixel with the skin moving with
+    its bones [1]_, is fitted by Fisher scoring on the likelihood of speckle [2]_ with a correlated
+    prior about the start. With the closed loop the fit F is corrected by simulations of the hand S
+    and the fits G to these, ``S <- F - mean(G - S) / 2``. docs/hand-fit.md has the equations, what
+    is told and what is not, what is refused, and how exact it is.
+
+    References
+    ----------
+    .. [1] A. Tagliasacchi et al., "Robust articulated-ICP for real-time hand tracking", Computer
+       Graphics Forum 34(5), 2015.
+    .. [2] J. W. Goodman, "Speckle Phenomena in Optics", 2007.
 
     Examples
     --------
@@ -149,7 +162,7 @@ def fit_hand(
     >>> dark = clradar.Volume(np.zeros(grid.counts[::-1], np.complex64), grid)
     >>> calibration.fit_hand(dark, "F", device="pocl")
     Traceback (most recent call last):
-    clradar.errors.CompareError: could not ...
+    clradar.errors.CompareError: could not fit the hand, because ...
     """
     seed = checks.whole("fit_hand: seed", seed, 0)
     checks.one_of("fit_hand: handedness", handedness, SIDES)
