@@ -12,18 +12,23 @@ from calibration.hand_fit.digit_search import DigitSearch
 from calibration.hand_fit.hand_state import HandState
 from calibration.hand_fit.layers import HandSkin
 from calibration.hand_fit.prior import Prior
-from calibration.hand_fit.result import APART_M, TIPS
+from calibration.hand_fit.result import APART_M, RIVAL_DEVIANCE, TIPS
 from calibration.registration.mesh_fit import initial_log_brightness
 
 PLACES = 3
 """That are told apart by `APART_M` and tried."""
 
 SWEEPS = 2
-POOL = 4
-FINALS = 2
+POOL = 3
+"""States that go down from the search."""
 
-RIVAL_ROUGHLY = 20.0
-"""After a rough descent, by how much one may be worse that goes on to the end."""
+ROUNDS = (
+    ((replace(COARSE, surfaces=1), replace(MIDDLE, surfaces=1)), 2, 20.0),
+    ((replace(MIDDLE, surfaces=1), replace(FINE, surfaces=1)), 2, RIVAL_DEVIANCE + 4.0),
+    ((replace(FINE, surfaces=3),), 2, np.inf),
+)
+"""Levels of a descent, how many go on after it at most, and by how much they may be worse: after a
+rough one the deviance is still 10 to 20 above where it comes to rest, and as often of either."""
 
 JUDGED_SEED = 1000
 """Added to the seed of the surfaces that a fit is judged on: none of those that it was made on."""
@@ -50,10 +55,11 @@ def basins_from(
     that picture nearly as well go down together, level by level, and the best stay.
     """
     pool = [rough, *searched(rough, fitter, prior, skin)]
-    first = (replace(COARSE, surfaces=1), replace(MIDDLE, surfaces=1))
-    pool = _refined(pool, fitter, prior, first, seed)
-    finals = [one for one in pool[:FINALS] if one.deviance < pool[0].deviance + RIVAL_ROUGHLY]
-    return _refined(finals, fitter, prior, (replace(MIDDLE, surfaces=2), FINE), seed + len(LEVELS))
+    for number, (levels, most, worse) in enumerate(ROUNDS):
+        # Every round has surfaces of its own.
+        pool = _refined(pool, fitter, prior, levels, seed + len(LEVELS) * number)
+        pool = [one for one in pool[:most] if one.deviance <= pool[0].deviance + worse]
+    return pool
 
 
 def _refined(
@@ -65,7 +71,7 @@ def _refined(
 
 
 def searched(found: Fitted, fitter: HandFitter, prior: Prior, skin: HandSkin) -> list[Fitted]:
-    """The state to which sweeps over the digits lead, and the best of those they did not take."""
+    """The state to which sweeps over the digits lead, and those of single digits that come next."""
     search = DigitSearch(fitter, skin, prior, COARSE)
     state = found.state
     for _ in range(SWEEPS):
@@ -73,10 +79,12 @@ def searched(found: Fitted, fitter: HandFitter, prior: Prior, skin: HandSkin) ->
         state = swept.state
         if tips_apart_m(before, state, fitter).max() < APART_M:
             break
-    others = sorted(swept.others, key=lambda other: other.worse)
+    other_of: dict[str, HandState] = {}
+    for other in sorted(swept.others, key=lambda other: other.worse):
+        other_of.setdefault(other.digit, other.state)
     return [
         Fitted(one, found.log_brightness, np.inf, np.inf)
-        for one in (state, *(other.state for other in others[: POOL - 2]))
+        for one in (state, *list(other_of.values())[: POOL - 2])
     ]
 
 

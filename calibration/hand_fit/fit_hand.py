@@ -34,6 +34,7 @@ from calibration.hand_fit.result import Basin, HandFit
 from calibration.hand_fit.starts import PoseLike, Start, starts_of
 from calibration.registration.mesh_fit import POWER_FLOOR
 from calibration.registration.mesh_pose import depth_for_mesh
+from calibration.registration.mesh_search import TRIED
 from calibration.registration.radar import Radar
 from clradar.backproject import backproject
 from clradar.errors import CompareError, warn
@@ -54,6 +55,9 @@ PLACING_SHARE = 0.3
 
 SEARCHED = 3
 """Of several starts so many, after a coarse fit of all, have their digits searched."""
+
+TRIED_OF_SEVERAL = 2
+"""Rotations that are refined of each of several starts, only the best of which is gone on from."""
 
 
 SIDES = ("right", "left", "either")
@@ -194,10 +198,12 @@ def fit_hand(
         fitter = fitter_of(side)
         begin, end = (placing_share * (number + k) / len(starts) for k in (0, 1))
         placing = part_of(progress, begin, end)
+        tries = (TRIED, PLACES) if len(starts) == 1 else (TRIED_OF_SEVERAL, 1)
+        own_shape = start.shape or shape
         with said_of_the_hand():
-            places = _places(start, start.shape or shape, fitter, search_deg, opened, placing)
+            places = _places(start, own_shape, fitter, search_deg, opened, tries[0], placing)
         prior = Prior.about(places[0], angle_covariance(angle_std_deg))
-        found = roughly(places, fitter, prior, seed, PLACES if len(starts) == 1 else 1)
+        found = roughly(places, fitter, prior, seed, tries[1])
         tried.append(_Tried(fitter, start, places[0], prior, found))
     searching = part_of(progress, placing_share, first_share)
     tried = _searched(tried, seed, opened, searching)
@@ -249,14 +255,16 @@ def _places(
     fitter: HandFitter,
     search_deg: float,
     device: Device,
-    progress: Progress | None = None,
+    tried: int,
+    progress: Progress | None,
 ) -> list[HandState]:
     """The start, where it is known to be or else where the rigid search puts it."""
     if start.transform is not None:
         return [HandState(start.pose, shape, start.transform)]
     found = placed(
-        fitter.model, start.pose, shape, fitter.depth, fitter.aperture, search_deg, device, progress
-    )
+        fitter.model, start.pose, shape, fitter.depth, fitter.aperture, search_deg, device,
+        progress, tried,
+    )  # fmt: skip
     if not found:
         raise CompareError(
             f"could not fit the hand, because no part of '{start.pose.name}' is visible in any "

@@ -55,9 +55,10 @@ def pose_with(pose: HandPose, angles_rad: np.ndarray, name: str | None = None) -
     """`pose` with other fitted angles, (23,), clipped to the limits; the rest stays."""
     clipped = np.clip(angles_rad, LOWEST_RAD, HIGHEST_RAD)
     joints = dict(pose.joints)
-    for (joint, angle), value in zip(FITTED_ANGLES, clipped, strict=True):
+    for k in np.flatnonzero(clipped != angles_of(pose)):
+        joint, angle = FITTED_ANGLES[k]
         known = joints.get(joint, JointAngles())
-        joints[joint] = replace(known, **{f"{angle}_rad": float(value)})
+        joints[joint] = replace(known, **{f"{angle}_rad": float(clipped[k])})
     return HandPose(pose.name if name is None else name, joints)
 
 

@@ -9,7 +9,12 @@ from calibration.hand_fit.hand_rendering import EDGE_M
 from calibration.hand_fit.hand_state import HandState
 from calibration.registration.mesh_fit import MeshFit
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage
-from calibration.registration.mesh_search import COARSE_SAMPLES_PER_MM2, COARSE_STEP_M, search
+from calibration.registration.mesh_search import (
+    COARSE_SAMPLES_PER_MM2,
+    COARSE_STEP_M,
+    TRIED,
+    search,
+)
 from clradar.hand import HandPose, HandShape
 from clradar.model import DepthMap, Scene
 from clradar.model.progress import Progress
@@ -26,11 +31,12 @@ def placed(
     search_deg: float,
     device: Device,
     progress: Progress | None = None,
+    tried: int = TRIED,
 ) -> list[tuple[HandState, MeshFit]]:
     """Places of a hand in a pose on a measured image, the best first, and their coarse fits."""
     scene = Scene.from_mesh(model.mesh(pose, shape, EDGE_M))
     coarse = MeasuredImage.of(depth, COARSE_STEP_M, aperture.centre_m)
     reach_m = 2.0 + 2.0 * float(np.linalg.norm(scene.vertices_m, axis=1).max())
     with VisibleSurface(scene, COARSE_SAMPLES_PER_MM2, reach_m, device) as surface:
-        fits = search(surface, coarse, aperture, search_deg, progress)
+        fits = search(surface, coarse, aperture, search_deg, progress, tried)
     return [(HandState(pose, shape, fit.transform), fit) for fit in fits]

@@ -20,7 +20,9 @@ COARSE_BLUR_M = 4e-3
 COARSE_SAMPLES_PER_MM2 = 0.2
 """Three samples per pixel of the search."""
 
-_TRIED = 6  # candidates refined on the coarse image
+TRIED = 6
+"""Candidates that are refined on the coarse image."""
+
 _COARSE_STEPS = 12
 _RANGE_SPREAD_M = 10e-3  # median range difference that cancels a perfect correlation
 
@@ -31,6 +33,7 @@ def search(
     aperture: Aperture,
     search_deg: float,
     progress: Progress | None = None,
+    tried: int = TRIED,
 ) -> list[MeshFit]:
     """Coarse fits of the mesh, best first.
 
@@ -44,6 +47,8 @@ def search(
         Largest rotation about boresight.
     progress : callable, optional
         Called with (done, total) rotations.
+    tried : int
+        How many of the best rotations are refined.
 
     Notes
     -----
@@ -74,7 +79,7 @@ def search(
         if progress is not None:
             progress(done + 1, len(rotations))
     scored.sort(key=lambda pair: -pair[0])
-    starts = [scored[i][1] for i in range(min(_TRIED, len(scored)))]
+    starts = [scored[i][1] for i in range(min(tried, len(scored)))]
     fits = []
     for start in starts:
         image.update_visibility(start)
