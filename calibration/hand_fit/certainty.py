@@ -25,7 +25,7 @@ from calibration.hand_fit.prior import Prior
 from calibration.registration.mesh_fit import SMOOTH
 from clradar.hand.shape import AVERAGE
 
-COVARIANCE_RATIO = 1.3
+COVARIANCE_RATIO = 1.2
 """Errors in simulations relative to the standard deviations of the measurement alone: residuals are
 correlated over more than a resolution cell (docs/hand-fit.md)."""
 

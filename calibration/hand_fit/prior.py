@@ -14,36 +14,49 @@ from clradar.hand.joints import FINGERS
 FLEXION_STD_DEG, ABDUCTION_STD_DEG, ARCH_STD_DEG = 12.0, 7.0, 5.0
 """Of a hand about the pose that it means to make, before the measurement."""
 
-KNUCKLE_CORRELATION = 0.6
-"""Of knuckle and middle joint (`clradar.hand.random_pose` has the sources)."""
+LAST_SHARE, LAST_STD_DEG = 2.0 / 3.0, 6.0
+"""The last joint bends by this share of the middle one, and this much otherwise."""
 
-LAST_SHARE = 2.0 / 3.0
-"""The last joint follows the middle one by this share."""
+KNUCKLE_CORRELATION, NEIGHBOUR_CORRELATION = 0.6, 0.6
+"""Of knuckle and middle joint, and of the middle joints of neighbouring fingers; the latter of the
+two metacarpals of the palm's arch, too (`clradar.hand.random_pose` has the sources)."""
 
 
 def angle_covariance(flexion_std_deg: float = FLEXION_STD_DEG) -> np.ndarray:
-    """Covariance of `FITTED_ANGLES`, (23, 23), radians squared."""
-    std = np.array(
+    """Covariance of `FITTED_ANGLES`, (23, 23), radians squared.
+
+    Of middle joints m of covariance C, knuckles k and last joints l follow as in a random pose:
+    k = 0.6 m + 0.8 m', l = 2/3 m + l', with an m' of the same variance and an l' of their own.
+    """
+    covariance = np.diag(
         [
-            ARCH_STD_DEG
-            if joint.endswith("finger-metacarpal")
-            else ABDUCTION_STD_DEG
+            ABDUCTION_STD_DEG**2
             if angle == "abduction" and not joint.startswith("thumb")
-            else FLEXION_STD_DEG
+            else FLEXION_STD_DEG**2
             for joint, angle in FITTED_ANGLES
         ]
     )
-    correlation = np.eye(N_ANGLES)
-    for finger in FINGERS:
-        knuckle, _, middle, last = range(N_ANGLES)[ANGLES_OF_DIGIT[finger]]
-        for one, other, value in (
-            (knuckle, middle, KNUCKLE_CORRELATION),
-            (middle, last, LAST_SHARE),
-            (knuckle, last, KNUCKLE_CORRELATION * LAST_SHARE),
-        ):
-            correlation[one, other] = correlation[other, one] = value
-    std = np.radians(std) * flexion_std_deg / FLEXION_STD_DEG
-    return correlation * np.outer(std, std)
+    numbers = np.arange(len(FINGERS))
+    middle = FLEXION_STD_DEG**2 * NEIGHBOUR_CORRELATION ** np.abs(numbers[:, None] - numbers)
+    rows = np.array([np.arange(N_ANGLES)[ANGLES_OF_DIGIT[finger]] for finger in FINGERS])
+    follows = {0: KNUCKLE_CORRELATION, 2: 1.0, 3: LAST_SHARE}
+    alone = {
+        0: (1.0 - KNUCKLE_CORRELATION**2) * FLEXION_STD_DEG**2,
+        2: 0.0,
+        3: LAST_STD_DEG**2,
+    }
+    for one, share in follows.items():
+        for other, another in follows.items():
+            covariance[np.ix_(rows[:, one], rows[:, other])] = share * another * middle
+        covariance[rows[:, one], rows[:, one]] += alone[one]
+    *_, knuckle, last = range(N_ANGLES)[ANGLES_OF_DIGIT["thumb"]]
+    covariance[knuckle, last] = covariance[last, knuckle] = KNUCKLE_CORRELATION * FLEXION_STD_DEG**2
+    palm = ANGLES_OF_DIGIT["palm"]
+    covariance[palm, palm] = ARCH_STD_DEG**2 * np.array(
+        [[1.0, NEIGHBOUR_CORRELATION], [NEIGHBOUR_CORRELATION, 1.0]]
+    )
+    scaled: np.ndarray = covariance * np.radians(flexion_std_deg / FLEXION_STD_DEG) ** 2
+    return scaled
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,16 +22,22 @@ def state_of(pose: HandPose, model: HandModel, shape: HandShape = AVERAGE) -> Ha
     return HandState(pose, shape, transform)
 
 
-def rendered_depth(model: HandModel, state: HandState, aperture: Aperture) -> DepthMap:
-    """The picture that the rendering itself has of a hand."""
-    axis_m = np.arange(-55, 56) * 2e-3
-    blank = MeasuredImage(
-        axis_m, axis_m, np.ones((111, 111)), np.full((111, 111), 0.3), (2e-3, 2e-3)
-    )
-    picture = HandRendering(model, blank, aperture, open_device("pocl"))
-    picture.draw_surface(state, seed=7)
-    power, range_m = picture.render(state, initial_log_brightness())
+def rendered_depth(
+    model: HandModel, state: HandState, aperture: Aperture, step_m: float = 2e-3
+) -> DepthMap:
+    """The picture that the rendering itself has of a hand, 0.22 m wide."""
+    n = int(0.11 / step_m)
+    axis_m = np.arange(-n, n + 1) * step_m
     x, y = np.meshgrid(axis_m, axis_m)
-    lit = power > 1e-2 * power.max()
+    median_m = 0.3
+    for _ in range(2):  # seen from the hand's range, which the first tells
+        blank = MeasuredImage(
+            axis_m, axis_m, np.ones_like(x), np.full_like(x, median_m), (step_m, step_m)
+        )
+        picture = HandRendering(model, blank, aperture, open_device("pocl"))
+        picture.draw_surface(state, seed=7)
+        power, range_m = picture.render(state, initial_log_brightness())
+        lit = power > 1e-2 * power.max()
+        median_m = float(np.median(range_m[lit]))
     depth_m = np.where(lit, np.sqrt(np.maximum(range_m**2 - x**2 - y**2, 0.0)), np.nan)
     return DepthMap(depth_m, np.sqrt(power / power.max()), axis_m, axis_m, 20.0)

@@ -1,0 +1,198 @@
+"""What a measurement tells of a hand: covariance, angles left to the prior, spread over basins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_renderings import rendered_depth, state_of
+from rig_files import RigMaker
+
+from calibration.hand_fit.certainty import (
+    COVARIANCE_RATIO,
+    Information,
+    certainty,
+    information_at,
+    joints_at,
+    leaving_untold,
+    with_spread,
+)
+from calibration.hand_fit.descent import FINE, Fitted, HandFitter, fitted_parameters
+from calibration.hand_fit.hand_model import ParametricHand, RiggedHand
+from calibration.hand_fit.hand_rendering import ANGLES, N_PARAMETERS, stepped
+from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT, HandState, pose_with
+from calibration.hand_fit.prior import Prior, angle_covariance
+from calibration.hand_fit.range_scatter import RANGE_STD_M, range_scatter_m, roughness_m
+from calibration.registration.mesh_fit import initial_log_brightness
+from calibration.registration.mesh_rendering import Aperture, MeasuredImage
+from clradar import arrays
+from clradar.hand import JOINT_NAMES, HandShape, pose_by_name
+from clradar.hand.shape import AVERAGE
+from clradar.opencl import open_device
+from clradar.rigs import read_rig
+
+TIPS = [4, 9, 14, 19, 24]
+STEP_M = 4e-3
+"""Pixels are about a resolution cell then: their noise is independent."""
+
+N_DRAWS = 6
+
+KNOWN = HandShape(length_m=AVERAGE.length_m + 1e-6)
+"""That of somebody: only the average hand's is taken as unknown."""
+
+
+@pytest.fixture(scope="module")
+def fitter() -> HandFitter:
+    """Of a bent hand without limits near, in its own rendering."""
+    aperture, model = Aperture(arrays.qar50(), 77e9), ParametricHand("right", "pocl")
+    depth = rendered_depth(model, truth(), aperture, STEP_M)
+    return HandFitter(model, depth, aperture, open_device("pocl"), fitted_parameters(False))
+
+
+def truth(shape: HandShape = AVERAGE) -> HandState:
+    state = state_of(pose_by_name("flat"), ParametricHand("right", "pocl"), shape)
+    return state.with_angles(state.angles_rad + np.radians(12.0))
+
+
+def prior_about(angles_rad: np.ndarray) -> Prior:
+    state = truth()
+    return Prior.about(
+        replace(state, pose=pose_with(state.pose, angles_rad)), angle_covariance(12.0)
+    )
+
+
+def test_errors_in_speckle_are_as_large_as_the_covariance_says(fitter: HandFitter) -> None:
+    """Pictures with exponential speckle, ranges with noise, and a prior that is drawn, too.
+
+    Errors of one step of the scoring from the truth. Their variance is below that stated: of the
+    prior it is 1, of brightness 0.41 (E (r w)^2 / E w, r exponential less 1, w its weight), of
+    ranges 0.25 to 0.5, since in simulations neighbouring cells err together, which those drawn here
+    do not, and since the scatter that the image shows is an upper bound.
+    """
+    rng = np.random.default_rng(3)
+    state, picture = truth(KNOWN), fitter.picture(FINE)
+    picture.draw_surface(state)
+    brightness = fitter.scaled(state, initial_log_brightness(), FINE)
+    power, range_m = picture.power.copy(), picture.measured.range_m.copy()
+    angles_rad = state.angles_rad
+    spread = np.linalg.cholesky(angle_covariance(12.0))
+    squares = []
+    for draw in range(N_DRAWS):
+        picture.power[:] = power * rng.exponential(size=power.shape)
+        picture.measured.range_m[:] = range_m + RANGE_STD_M * rng.standard_normal(power.shape)
+        prior = prior_about(angles_rad + spread @ rng.standard_normal(23))
+        picture.draw_surface(state, draw)
+        information, score, centre_m = fitter.scoring(state, brightness, prior, FINE)
+        own = np.flatnonzero(fitter.fitted)
+        step = np.zeros(N_PARAMETERS)
+        step[own] = np.linalg.solve(information[np.ix_(own, own)], score[own])
+        there = stepped(state, 1e-2 * step[:37], centre_m)  # linear
+        errors_m = 1e2 * (joints_at(fitter, there) - joints_at(fitter, state))
+        squares.append((errors_m[TIPS] ** 2).sum(axis=1))
+    known = certainty(fitter, Fitted(state, brightness, 0.0, 0.0), prior, N_DRAWS)
+    picture.power[:], picture.measured.range_m[:] = power, range_m
+    ratio = COVARIANCE_RATIO**2 * np.mean(squares, axis=0) / known.joint_std_m[TIPS] ** 2
+    assert 0.2 < ratio.mean() < 0.8
+
+
+def test_what_is_not_told_has_the_mean_of_the_prior_given_the_rest(fitter: HandFitter) -> None:
+    state = truth()
+    knuckle, spread, middle, last = range(23)[ANGLES_OF_DIGIT["index"]]
+    moved = state.angles_rad.copy()
+    moved[middle] += np.radians(20.0)
+    moved[last] -= np.radians(15.0)
+    moved[spread] += np.radians(3.0)
+    prior = prior_about(state.angles_rad)
+    measured = np.zeros((N_PARAMETERS, N_PARAMETERS))
+    told = np.r_[0:6, ANGLES.start + middle, 37:N_PARAMETERS]
+    measured[told, told] = 1e6
+    known = Information(measured, prior.information, np.flatnonzero(fitter.fitted), np.zeros(3))
+    assert np.flatnonzero(known.told()).tolist() == [middle]
+    found = Fitted(
+        replace(state, pose=pose_with(state.pose, moved)), initial_log_brightness(), 0.0, np.inf
+    )
+    left = leaving_untold(fitter, found, prior, known, seed=0)
+    change_deg = np.degrees(left.state.angles_rad - state.angles_rad)
+    covariance = angle_covariance(12.0)
+    expected_deg = 20.0 * covariance[middle] / covariance[middle, middle]
+    assert expected_deg[[knuckle, last]] == pytest.approx([12.0, 40.0 / 3.0])
+    assert change_deg == pytest.approx(expected_deg, abs=1e-2)
+    # A picture that contradicts is believed.
+    contradicted = replace(found, deviance=left.deviance - 10.0)
+    assert leaving_untold(fitter, contradicted, prior, known, seed=0) is contradicted
+
+
+def test_the_pattern_of_the_samples_is_no_information(fitter: HandFitter) -> None:
+    """Products of two surfaces have less than the squares of one, and tell all of an open hand."""
+    state = truth()
+    prior = prior_about(state.angles_rad)
+    found = Fitted(state, initial_log_brightness(), 0.0, 0.0)
+    known = information_at(fitter, found, prior, 0)
+    assert known.told().all()
+    picture = fitter.picture(FINE)
+    picture.draw_surface(state, 0)
+    slopes = fitter.linearised(state, found.log_brightness, FINE)[1]
+    single = (slopes**2).sum(axis=1)[ANGLES]
+    shared = COVARIANCE_RATIO**2 * np.diag(known.measured)[ANGLES]
+    print(shared / single)
+    assert (shared < 1.02 * single).all()
+    assert (shared / single).min() > 0.5
+
+
+def test_the_shape_of_nobody_in_particular_is_uncertain(fitter: HandFitter) -> None:
+    prior = prior_about(truth().angles_rad)
+    average, other = (
+        certainty(
+            fitter, Fitted(truth(shape), initial_log_brightness(), 0.0, 0.0), prior, 0
+        ).joint_std_m
+        for shape in (AVERAGE, KNOWN)
+    )
+    assert (average > other).all()
+    assert average[TIPS].mean() > 1.2 * other[TIPS].mean()
+
+
+def test_another_solution_that_is_as_likely_widens(fitter: HandFitter) -> None:
+    joints_m = joints_at(fitter, truth())
+    own = np.tile(1e-6 * np.eye(3), (25, 1, 1))
+    other_m = joints_m.copy()
+    other_m[TIPS[1]] += [0.0, 20e-3, 0.0]
+    joints_m[3] = other_m[3] = np.nan
+    as_likely = with_spread(own, joints_m, [(other_m, 0.0)])
+    assert as_likely[TIPS[1]] == pytest.approx(own[0] + np.diag([0.0, 2e-4, 0.0]))
+    assert as_likely[TIPS[0]] == pytest.approx(own[0])
+    assert np.isnan(as_likely[3]).all()
+    assert with_spread(own, joints_m, [(other_m, 40.0)])[TIPS[1]] == pytest.approx(own[0])
+    assert with_spread(own, joints_m, []) == pytest.approx(own)
+
+
+def test_joints_that_a_rig_lacks_have_no_covariance(tmp_path, fitter: HandFitter) -> None:
+    skip = tuple(JOINT_NAMES[tip] for tip in TIPS)
+    rig = read_rig(RigMaker(edge_length_m=4e-3, skip=skip).save(tmp_path / "rig.glb"))
+    parameters = fitted_parameters(False)
+    rigged = HandFitter(
+        RiggedHand(rig), fitter.depth, fitter.aperture, open_device("pocl"), parameters
+    )
+    prior = prior_about(truth().angles_rad)
+    found = Fitted(truth(), initial_log_brightness(), 0.0, 0.0)
+    known = certainty(rigged, found, prior, 0)
+    assert np.isnan(known.joint_std_m[TIPS]).all()
+    others = np.delete(np.arange(25), TIPS)
+    assert np.isfinite(known.joint_std_m[others]).all()
+    assert np.isfinite(known.angle_std_rad).all()
+
+
+def test_ranges_scatter_more_where_the_measured_ones_do() -> None:
+    axis_m = np.arange(20) * 2e-3
+    x, y = np.meshgrid(axis_m, axis_m)
+    plane_m = 0.3 + 0.5 * x - 0.2 * y
+    step_m = plane_m + np.where(x > 0.019, 15e-3, 0.0)
+    images = [
+        MeasuredImage(axis_m, axis_m, np.ones((20, 20)), range_m, (2e-3, 2e-3))
+        for range_m in (plane_m, step_m)
+    ]
+    assert roughness_m(images[0]).max() < 1e-7
+    flat, edge = (range_scatter_m(image) for image in images)
+    assert flat == pytest.approx(RANGE_STD_M, rel=0.04)
+    assert edge[:, 9:11].min() > 4e-3
+    assert edge[:, :3] == pytest.approx(flat[:, :3], rel=1e-3)
