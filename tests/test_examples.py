@@ -74,6 +74,7 @@ def test_all_are_tried() -> None:
         "read_recording",
         "convert_lab_file",
         "sim_vs_measurement",
+        "fit_hand",
         "train_letters",
         "train_pose",
     }
@@ -163,6 +164,16 @@ def test_convert_lab_file(folder: Path, output_of: OutputOf) -> None:
     assert lines[-1] == "strongest: 20, -10, 250 mm"
     assert {"lab.npz", "lab.h5"} <= {p.name for p in folder.iterdir()}
     assert output_of("convert_lab_file.py") == lines
+
+
+@pytest.mark.slow
+def test_fit_hand(folder: Path, output_of: OutputOf) -> None:
+    """The index finger, whose tip starts 30 mm off, is found within a quarter of that."""
+    lines = output_of("fit_hand.py", closed_loop=False)
+    tips = dict(line.split(": ", 1) for line in lines[-5:])
+    assert list(tips) == ["thumb", "index", "middle", "ring", "pinky"]
+    assert numbers(tips["index"])[0] < 7.5
+    assert (folder / "fitted-hand.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_train_letters_and_poses(
