@@ -37,14 +37,14 @@ FRAME_S = 0.125
 MEMORY = 8
 """Frames whose median misfit the next one is held against: a second."""
 
-LOST_RATIO = 1.2
-"""A misfit per cell above the median by this is searched. On synthetic recordings it changes by up
-to 20 % with the pose of a hand that is followed well, and grows by 20 to 40 % where fingers are
-lost (docs/hand-movement.md)."""
+LOST_RATIO = 1.1
+"""A misfit per cell above the median by this is searched. On a synthetic recording it is at most
+9 % above while the hand is followed well, and 12 to 20 % where fingers are lost
+(docs/hand-movement.md)."""
 
 GONE_RATIO = 1.6
 """A misfit per cell above the median by this, after a search too, is no hand: in synthetic images
-that of hands is 0.75 to 1.05, with lost fingers up to 1.25, of a box 1.85, of noise 2.0."""
+that of hands is 0.61 to 0.83, with lost fingers up to 0.85, of a box 1.85, of noise 2.0."""
 
 FASTEST_M_S = 4.0
 """No tip of a gesture moves faster: signers' hands reach 2 m/s, fingers about as much more."""
