@@ -53,6 +53,9 @@ SIMILAR_ALPHA = 0.15
 TOLERANCE_M = 5e-4
 """At rest when a round moves the joints by less, root mean square: a third of their error."""
 
+CONVERGED_M = 1e-3
+"""The same of the last round that there is time for."""
+
 EDGE_M, VOXEL_M, MARGIN_M = 2.4e-3, 2e-3, 20e-3
 """Of simulations: edges of triangles, voxels, and what is imaged in front of and behind a hand."""
 
@@ -93,7 +96,7 @@ class Round:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClosedLoop:
-    """The `best` round, by its overlap, of all `rounds`; whether the last came to rest."""
+    """The `best` round, by its overlap, of all `rounds`; whether the last hardly moved."""
 
     best: Round
     rounds: tuple[Round, ...]
@@ -122,7 +125,7 @@ def close_loop(
     centre_m = picture.samples.posed(picture.bones_at(found.state))[0].mean(axis=0)
     wanted = _features(picture, found.state, found.log_brightness)
     alpha = ALPHA_FIRST if settings.alpha is None else settings.alpha
-    state, converged, rounds = found.state, False, list[Round]()
+    state, moved_m, rounds = found.state, np.inf, list[Round]()
     for number in range(MAX_ROUNDS):
         seeded = replace(settings, seed=settings.seed + number)
         rounds.append(_round(fitter, measured, state, alpha, found, prior, seeded, centre_m))
@@ -132,18 +135,15 @@ def close_loop(
             alpha = _next_alpha(rounds, wanted)
         following = _corrected(found.state, rounds, alpha, centre_m)
         step_m = joints_at(fitter, following) - joints_at(fitter, state)
+        moved_m = float(np.sqrt(np.nanmean((step_m**2).sum(axis=1))))
         state = following
-        converged = (
-            number > 0
-            and np.sqrt(np.nanmean((step_m**2).sum(axis=1))) < TOLERANCE_M
-            and abs(alpha - rounds[-1].alpha) < ALPHA_TOLERANCE
-        )
-        if converged:
+        alpha_rests = abs(alpha - rounds[-1].alpha) < ALPHA_TOLERANCE
+        if number > 0 and moved_m < TOLERANCE_M and alpha_rests:
             break
     if progress is not None:
         progress(MAX_ROUNDS, MAX_ROUNDS)
     best = max(rounds, key=lambda one: one.overlap)
-    return ClosedLoop(best, tuple(rounds), converged)
+    return ClosedLoop(best, tuple(rounds), moved_m < CONVERGED_M)
 
 
 def _round(
