@@ -37,6 +37,11 @@ simulations, as the value fitted: rms 9.4 against 9.5 degrees (docs/hand-fit.md)
 SURFACE_NOISE = 2.0
 """By so much the deviance differs between surfaces that are drawn anew."""
 
+DEVIANCE_PER_E = COVARIANCE_RATIO**2 * np.sqrt(1.0 + np.pi / 8.0 * SURFACE_NOISE**2)
+"""Difference of the deviances of two poses that makes one e times as likely: 1 but for what makes
+errors larger and, with a normal distribution of this width, for the noise of the surfaces (D.
+MacKay, "The evidence framework applied to classification networks", Neural Computation 4, 1992)."""
+
 MOTION_NAMES = ("turn x", "turn y", "turn z", "shift x", "shift y", "shift z")
 
 GEOMETRY_NAMES = (
@@ -203,11 +208,11 @@ def with_spread(
 ) -> np.ndarray:
     """Covariances, (n, d, d), of values, (n, d), with other solutions as likely as they are.
 
-    `others` are values, (n, d), and by how much their deviance is larger, which is minus their log
-    likelihood: together with the covariances it is shared by those that fit.
+    `others` are values, (n, d), and by how much their deviance is larger, minus their log
+    likelihood. The spread is about the values given.
     """
-    more = np.array([0.0, *(more for _, more in others)]) / COVARIANCE_RATIO**2
-    weights = np.exp(-np.maximum(more, 0.0))
+    more = np.array([0.0, *(more for _, more in others)])
+    weights = np.exp(-np.maximum(more, 0.0) / DEVIANCE_PER_E)
     weights /= weights.sum()
     apart = [other - values for other, _ in others]
     spread = sum(
