@@ -162,7 +162,7 @@ def test_another_solution_that_is_as_likely_widens(fitter: HandFitter) -> None:
     assert as_likely[TIPS[1]] == pytest.approx(own[0] + np.diag([0.0, 2e-4, 0.0]))
     assert as_likely[TIPS[0]] == pytest.approx(own[0])
     assert np.isnan(as_likely[3]).all()
-    assert with_spread(own, joints_m, [(other_m, 40.0)])[TIPS[1]] == pytest.approx(own[0])
+    assert with_spread(own, joints_m, [(other_m, 100.0)])[TIPS[1]] == pytest.approx(own[0])
     assert with_spread(own, joints_m, []) == pytest.approx(own)
 
 
