@@ -39,11 +39,14 @@ def roughly(
 ) -> Fitted:
     """The best coarse fit from places of a hand, of which at most so many are tried."""
     brightness = initial_log_brightness()
-    found = [
-        fitter.descend(place, brightness, prior, (COARSE,), seed)
+    first = replace(COARSE, surfaces=1)
+    tried = [
+        fitter.descend(place, brightness, prior, (first,), seed)
         for place in distinct(places, fitter)[:most]
     ]
-    return min(found, key=lambda one: one.deviance)
+    best = min(tried, key=lambda one: one.deviance)
+    rest = replace(COARSE, surfaces=COARSE.surfaces - 1)
+    return fitter.descend(best.state, best.log_brightness, prior, (rest,), seed + 1)
 
 
 def basins_from(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rig_files import RigMaker
 
 from calibration.hand_fit.basins import best_apart, distinct
 from calibration.hand_fit.certainty import joints_at
 from calibration.hand_fit.descent import COARSE, FINE, Fitted, HandFitter, fitted_parameters
 from calibration.hand_fit.digit_chain import DigitChain, bones_of_digit
 from calibration.hand_fit.digit_search import DigitSearch
-from calibration.hand_fit.hand_model import ParametricHand
+from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
 from calibration.hand_fit.hand_state import (
     ANGLES_OF_DIGIT,
     HIGHEST_RAD,
@@ -27,6 +28,7 @@ from clradar import DepthMap, arrays
 from clradar.hand import pose_by_name
 from clradar.hand.shape import AVERAGE
 from clradar.opencl import open_device
+from clradar.rigs import read_rig
 
 PLACE = np.array([[1, 0, 0, 0.0], [0, 1, 0, -0.09], [0, 0, 1, 0.3], [0, 0, 0, 1]])
 NOMINAL = HandState(pose_by_name("B"), AVERAGE, PLACE)
@@ -72,10 +74,22 @@ def skin(fitter) -> HandSkin:
     return HandSkin(fitter.model, NOMINAL.pose, AVERAGE, open_device("pocl"))
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.fixture(scope="module")
+def hands(tmp_path_factory) -> dict[str, HandModel]:
+    """A rig that is stretched along each axis, too."""
+    turn = np.diag([1.05, 0.95, 1.02])
+    maker = RigMaker(turn=turn, local_turns=False, edge_length_m=4e-3)
+    return {
+        "right": ParametricHand("right", "pocl"),
+        "left": ParametricHand("left", "pocl"),
+        "rig": RiggedHand(read_rig(maker.save(tmp_path_factory.mktemp("rig") / "rig.glb"))),
+    }
+
+
+@pytest.mark.parametrize("kind", ["right", "left", "rig"])
 @pytest.mark.parametrize("digit", DIGITS)
-def test_a_chain_takes_bones_where_the_skeleton_does(side, digit) -> None:
-    model = ParametricHand(side, "pocl")
+def test_a_chain_takes_bones_where_the_skeleton_does(hands, kind, digit) -> None:
+    model = hands[kind]
     rng = np.random.default_rng(3)
     own = ANGLES_OF_DIGIT[digit]
     angles = np.repeat(NOMINAL.angles_rad[None], 3, axis=0)
