@@ -90,10 +90,9 @@ class Other:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Swept:
-    """The best state of a sweep over the digits, its deviance, and the poses it did not take."""
+    """The state to which a sweep over the digits leads, and the poses that it did not take."""
 
     state: HandState
-    deviance: float
     others: tuple[Other, ...]
 
 
@@ -154,7 +153,7 @@ class DigitSearch:
                 Other(other.state, other.deviance - best.deviance, digit) for other in found[1:]
             ]
             state = best.state
-        return Swept(state, best.deviance, tuple(others))
+        return Swept(state, tuple(others))
 
     def digit(
         self, state: HandState, log_brightness: np.ndarray, whole: SkinnedSamples, digit: str

@@ -92,8 +92,8 @@ def fit_hand(
         Where the fit starts, and the mean of its prior: a name in `clradar.hand.POSES`, "all" for
         all letters, a pose file, a pose, or an earlier fit, which brings its shape, its place and
         which hand it is, too (also as the folder that `clradar fit-hand` wrote); or what a model
-        predicts (`LearnedStart`, or its ONNX file). Of several starts the best fit is returned, and
-        the others are among its `basins`.
+        predicts (`LearnedStart`, or its ONNX file). Several starts are fitted coarsely, and the
+        best three to the end; the best is returned, and the others are among its `basins`.
     rig : Rig, optional
         Fit this hand (`clradar.rigs.read_rig`) instead of the one of `clradar.hand`.
     handedness : "right", "left" or "either"
