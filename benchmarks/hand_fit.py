@@ -173,7 +173,7 @@ def run_case(folder: Path, number: int, null: bool, first_seed: int, only: list[
             part.write_text(json.dumps(record, indent=1))
             part.replace(path)
         if name == "fit":
-            start = record[name].get("start", start)
+            start = record.get(name, {}).get("start", start)
     return line(case, record)
 
 

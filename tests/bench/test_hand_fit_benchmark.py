@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clradar import Volume, VoxelGrid
 from clradar.hand import JOINT_NAMES, LIMITS_DEG, pose_by_name, posed_skeleton
 from clradar.hand.contact import overlaps
 from clradar.hand.sampler import MOST_OVERLAP_M
 from clradar.hand.shape import AVERAGE
+from measurement_io import save_volume
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
@@ -88,6 +91,27 @@ def test_the_priors_mean_of_an_unperturbed_letter_is_the_truth() -> None:
     case = drawn(24, null=True)
     found = hand_fit.prior_mean(case, None, case.letter)
     np.testing.assert_allclose(found["joints_mm"], 0.0, atol=1e-9)
+
+
+def test_a_run_makes_what_is_asked_for_and_keeps_what_is_there(tmp_path: Path) -> None:
+    for name in ("cases", "results"):
+        (tmp_path / name).mkdir()
+    case = drawn(24, null=True)
+    image_path, record_path = hand_fit_cases.paths(tmp_path / "cases", 24)
+    grid = VoxelGrid((0.0, 0.0, 0.3), (2e-3, 2e-3, 2e-3), (2, 2, 2))
+    save_volume(image_path, Volume(np.ones(grid.shape, np.complex64), grid))
+    record_path.write_text(case.to_json())
+    asked = (tmp_path, 24, True, hand_fit_cases.DEVELOPMENT_SEED)
+    assert "mean 0.0 0.0" in hand_fit.run_case(*asked, only=["mean"])
+    first = json.loads((tmp_path / "results" / "24.json").read_text())
+    hand_fit.run_case(*asked, only=["mean"])
+    assert hand_fit.records(tmp_path) == [first]
+    assert "fit" not in first
+    # No hand is in that image, which is a result of the estimator.
+    hand_fit.run_case(*asked, only=["mean", "rigid"])
+    (second,) = hand_fit.records(tmp_path)
+    assert second["mean"] == first["mean"]
+    assert "could not align" in second["rigid"]["failure"]
 
 
 def record(number: int, tips_mm: float, **changes: Any) -> dict[str, Any]:
