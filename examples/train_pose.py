@@ -26,7 +26,7 @@ import clradar
 from calibration.hand_fit.learned_start import prediction_of, samples_of, start_metadata
 from clradar.hand import LETTERS, HandPose, JointAngles, posed_skeleton
 
-COMPONENTS, NOISE, WIDTH = 200, 0.3, 0.7  # width in units of the pictures' RMS deviation
+COMPONENTS, NOISE, WIDTH = 100, 0.1, 0.7  # width in units of the pictures' RMS deviation
 
 
 def joints_mm(row: np.ndarray) -> np.ndarray:

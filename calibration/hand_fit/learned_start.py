@@ -186,9 +186,13 @@ class LearnedStart:
         MeasurementError
             The model's numbers are not finite.
         """
-        inputs = picture.hand_picture(depth, handedness).reshape(1, N_INPUTS)
+        return self.predict_picture(picture.hand_picture(depth, handedness))
+
+    def predict_picture(self, inputs: np.ndarray) -> Prediction:
+        """Return what the model sees in a picture of `hand_picture`; raises as `predict` does."""
         (name,) = (node.name for node in self._session.get_inputs())
-        found = np.asarray(self._session.run(None, {name: inputs})[0], np.float64).ravel()
+        given = {name: inputs.reshape(1, N_INPUTS)}
+        found = np.asarray(self._session.run(None, given)[0], np.float64).ravel()
         if not np.isfinite(found).all():
             raise MeasurementError(f"{clean(self.name)}: the model's prediction is not finite")
         return prediction_of(found, self.name)
