@@ -176,9 +176,15 @@ def _axis_rotation(axis: int, angle_rad: float) -> np.ndarray:
 def _frame_along(direction: np.ndarray) -> np.ndarray:
     """Return axes (3, 3) whose second column is `direction` and whose third is nearly +z."""
     along = direction / np.linalg.norm(direction)
-    side = np.cross(along, [0.0, 0.0, 1.0])
+    # Cross products, written out: numpy's takes most of the time of a skeleton.
+    side = np.array([along[1], -along[0], 0.0])
     side /= np.linalg.norm(side)
-    return np.stack([side, along, np.cross(side, along)], axis=1)
+    dorsal = [
+        side[1] * along[2] - side[2] * along[1],
+        side[2] * along[0] - side[0] * along[2],
+        side[0] * along[1] - side[1] * along[0],
+    ]
+    return np.stack([side, along, dorsal], axis=1)
 
 
 def _rotation(angles: JointAngles, abduction_sign: float, twist_sign: float) -> np.ndarray:

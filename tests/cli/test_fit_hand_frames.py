@@ -156,6 +156,7 @@ def test_what_does_not_go_together(
     assert not (tmp_path / "fit").exists()
 
 
+@pytest.mark.slow
 def test_recordings_on_workers_give_what_one_process_gives(
     run: Run, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
