@@ -23,7 +23,6 @@ from calibration.hand_fit.hand_shape_vector import SHAPE_NAMES
 from calibration.hand_fit.hand_state import FITTED_ANGLES, HandState
 from calibration.hand_fit.prior import Prior
 from calibration.registration.mesh_fit import SMOOTH
-from clradar.hand.shape import AVERAGE
 
 COVARIANCE_RATIO = 1.2
 """Errors in simulations relative to the standard deviations of the measurement alone: residuals are
@@ -137,11 +136,11 @@ def certainty(
     prior: Prior,
     seed: int,
     known: Information | None = None,
+    shape_is_known: bool = True,
 ) -> Certainty:
     """The covariance at a fit, from information there or near it.
 
-    A shape that is not fitted is taken as known, but for that of an average adult, which nobody
-    has: then the spread among adults is added.
+    Where the shape is neither fitted nor known, the spread among adults is added.
     """
     known = information_at(fitter, found, prior, seed) if known is None else known
     covariance = known.covariance()
@@ -150,7 +149,7 @@ def certainty(
     own = known.fitted[geometry]
     inner = covariance[np.ix_(geometry, geometry)]
     angles = (own >= ANGLES.start) & (own < ANGLES.stop)
-    if fitter.model.has_shape and SHAPE.start not in own and found.state.shape == AVERAGE:
+    if fitter.model.has_shape and SHAPE.start not in own and not shape_is_known:
         # What the fitted parameters take on for each wrong number of the shape.
         taken = (covariance @ known.measured[known.fitted, SHAPE])[geometry]
         spread = np.linalg.inv(prior.information[SHAPE, SHAPE])

@@ -69,7 +69,7 @@ def fit_hand(
     *,
     rig: Rig | None = None,
     handedness: str = "right",
-    shape: HandShape = AVERAGE,
+    shape: HandShape | None = None,
     fit_shape: bool = False,
     alpha: float | None = None,
     closed_loop: bool = True,
@@ -98,8 +98,9 @@ def fit_hand(
         Fit this hand (`clradar.rigs.read_rig`) instead of the one of `clradar.hand`.
     handedness : "right", "left" or "either"
         Which hand it is; "either" tries both. A rig is one hand already.
-    shape : HandShape
-        Size and proportions, of an average adult by default; not of a rig.
+    shape : HandShape, optional
+        Size and proportions, where they are known; not of a rig. None: those of an average adult,
+        whose spread among adults is part of the standard deviations.
     fit_shape : bool
         Fit them, too.
     alpha : float, optional
@@ -199,7 +200,7 @@ def fit_hand(
         begin, end = (placing_share * (number + k) / len(starts) for k in (0, 1))
         placing = part_of(progress, begin, end)
         tries = (TRIED, PLACES) if len(starts) == 1 else (TRIED_OF_SEVERAL, 1)
-        own_shape = start.shape or shape
+        own_shape = start.shape or shape or AVERAGE
         with said_of_the_hand():
             places = _places(start, own_shape, fitter, search_deg, opened, tries[0], placing)
         prior = Prior.about(places[0], angle_covariance(angle_std_deg))
@@ -219,7 +220,8 @@ def fit_hand(
         check_overlap(loop.best.overlap, best.start.pose.name)
         found = replace(found, state=loop.best.state)
     best = replace(best, found=found)
-    fit = _result(best, tried[1:], information, loop, alpha, seed)
+    known = best.start.shape is not None or shape is not None
+    fit = _result(best, tried[1:], information, loop, alpha, seed, known)
     if loop is not None:
         capture, scene = loop.best.capture, loop.best.scene
         fit = replace(fit, capture=capture, volume=image_of(capture, measured, scene, opened))
@@ -299,10 +301,11 @@ def _result(
     loop: ClosedLoop | None,
     alpha: float | None,
     seed: int,
+    shape_is_known: bool,
 ) -> HandFit:
     fitter, found = best.fitter, best.found
     state = found.state
-    known = certainty(fitter, found, best.prior, seed + 1000, information)
+    known = certainty(fitter, found, best.prior, seed + 1000, information, shape_is_known)
     alpha = alpha if loop is None else loop.best.alpha
     basins = tuple(
         Basin(

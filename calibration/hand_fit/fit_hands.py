@@ -57,7 +57,7 @@ def fit_hands(
     frames: Sequence[int] | None = None,
     rig: Rig | None = None,
     handedness: str = "right",
-    shape: HandShape = AVERAGE,
+    shape: HandShape | None = None,
     fit_shape: bool = True,
     angle_std_deg: float = 12.0,
     array: AntennaArray | None = None,
@@ -329,7 +329,7 @@ class _HandFitting:
     starts: tuple[Start, ...]
     rig: Rig | None
     handedness: str
-    shape: HandShape
+    shape: HandShape | None
     fit_shape: bool
     angle_std_deg: float
     array: AntennaArray | None
@@ -363,7 +363,7 @@ class _HandFitting:
             )  # fmt: skip
         # A learned start has no pose before it has seen the image.
         known = (start.pose for start in self.starts if start.pose.name == fit.start)
-        nominal = HandState(next(known, fit.pose), shape, fit.transform)
+        nominal = HandState(next(known, fit.pose), shape or AVERAGE, fit.transform)
         belief = Belief.of_start(nominal, self.angle_std_deg, self.fit_shape)
         if track is not None:
             belief = track.belief.restarted(nominal, self.angle_std_deg)
@@ -377,4 +377,5 @@ class _HandFitting:
             ParametricHand(handedness, self.device) if self.rig is None else RiggedHand(self.rig)
         )
         aperture = image.radar.aperture
-        return Follower(model, aperture, self.device, self.fit_shape, self.seed)
+        shape_is_known = self.shape is not None
+        return Follower(model, aperture, self.device, self.fit_shape, self.seed, shape_is_known)

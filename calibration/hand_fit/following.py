@@ -58,6 +58,8 @@ class Follower:
     fit_shape : bool
     seed : int
         Of the surfaces that are drawn.
+    shape_is_known : bool
+        Of a shape that is not fitted.
     """
 
     model: HandModel
@@ -65,6 +67,7 @@ class Follower:
     device: Device
     fit_shape: bool
     seed: int
+    shape_is_known: bool = True
 
     def follow(self, depth: DepthMap, track: Track, time_s: float) -> Settled:
         """Fit a frame that is `time_s` after the last one with a hand."""
@@ -91,7 +94,7 @@ class Follower:
         own = (known.fitted >= ANGLES.start) & (known.fitted < N_GEOMETRY)
         return Settled(
             found,
-            certainty(fitter, found, prior, self.seed + _FRESH, known),
+            certainty(fitter, found, prior, self.seed + _FRESH, known, self.shape_is_known),
             joints_at(fitter, found.state),
             belief.measured(found.state, known.covariance()[np.ix_(own, own)]),
             _cells(fitter, found),

@@ -18,9 +18,6 @@ MIN_OVERLAP = 0.65
 """Least overlap of a simulation of the fit with the measurement. Of 11 hands it is 0.79 or more, of
 a box, a sphere and a plate 0.52 to 0.62 (docs/hand-fit.md)."""
 
-DOUBTFUL_OVERLAP = 0.8
-"""Below, it may be no hand, or its pose is another: 0.68 to 0.77 of a small box and a cylinder."""
-
 MARGIN_M = 4e-3
 """Of the image, about a resolution cell: what is nearer to its edge is cut."""
 
@@ -59,25 +56,20 @@ def check_overlap(overlap: float, start: str) -> None:
         raise not_fitted(
             f"simulated as it was found from '{start}', it overlaps with the measurement by "
             f"{overlap:.2f}, and {MIN_OVERLAP:.2f} is the least: it is another object, the other "
-            "hand, or in another pose (try pose='all', handedness='either')"
+            "hand (handedness='either', --hand either), or in another pose (pose='all', --pose all)"
         )
 
 
 def doubts(fit: HandFit, measured: Volume | DepthMap) -> tuple[str, ...]:
     """Remarks on a fit, one clause each."""
     found = []
-    if fit.overlap is not None and fit.overlap < DOUBTFUL_OVERLAP:
-        found.append(
-            f"the measurement does not fit a {fit.handedness} hand in or near '{fit.start}': it is "
-            "another object, the other hand (handedness='either'), or in another pose (pose='all')"
-        )
     cut = [
         digit for digit, tip_m in zip(DIGITS, fit.tips_m, strict=True) if _is_cut(tip_m, measured)
     ]
     if cut:
         found.append(
             f"outside of the measured image, or within {1e3 * MARGIN_M:.0f} mm of its edge, are "
-            f"the tips of: {', '.join(cut)}"
+            f"the tips of: {', '.join(cut)} (a larger grid shows them: --x-mm, --y-mm, --z-mm)"
         )
     if any(name.startswith("shape") for name in fit.parameter_names):
         away = vector_of(fit.shape) / SHAPE_STD

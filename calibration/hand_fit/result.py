@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from calibration.hand_fit.hand_state import FITTED_ANGLES, angles_of
-from calibration.registration.alignment import USUAL_OVERLAP
 from clradar.hand import JOINT_NAMES, HandPose, HandShape
 from clradar.hand.pose_file import pose_table
 from clradar.model import Capture, Scene, Volume
@@ -30,6 +29,15 @@ TOLD_M = 4e-3
 
 APART_M = 10e-3
 """Poses with a tip farther apart than this are different ones: a finger is 15 mm thick."""
+
+
+DOUBTFUL_OVERLAP = 0.8
+"""Overlap of the simulation below which it may be no hand, or its pose is another: a small box and
+a cylinder have 0.68 to 0.77, other poses and the other hand up to 0.75 (docs/hand-fit.md)."""
+
+DOUBTFUL_LIKENESS = 0.84
+"""The same of the correlation of the rendering, where nothing is simulated: wrong letters and the
+other hand had 0.81 to 0.83."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,9 +192,22 @@ class HandFit:
         return self.joint_std_m[list(TIPS)]
 
     @property
+    def doubtful(self) -> bool:
+        """Whether it may be another object, the other hand or another pose, whatever is stated.
+
+        By the overlap of its simulation, or without one by the likeness of its rendering.
+        """
+        if self.overlap is None:
+            return self.likeness < DOUBTFUL_LIKENESS
+        return self.overlap < DOUBTFUL_OVERLAP
+
+    @property
     def told_tips(self) -> np.ndarray:
-        """Mask, shape (5,), of the tips whose standard deviation is below `TOLD_M`."""
-        return self.tip_std_m < TOLD_M
+        """Mask, shape (5,), of the tips whose standard deviation is below `TOLD_M`.
+
+        None is told where the fit is doubtful.
+        """
+        return (self.tip_std_m < TOLD_M) & (not self.doubtful)
 
     def remarks(self) -> tuple[str, ...]:
         """Reasons to doubt the result, one clause each."""
@@ -202,10 +223,11 @@ class HandFit:
                     f"another pose fits nearly as well (deviance {more:+.1f}), with the tip of "
                     f"the {finger} {1e3 * apart_m.max():.0f} mm away"
                 )
-        if self.overlap is not None and self.overlap < USUAL_OVERLAP:
+        if self.doubtful:
             found.append(
-                f"an overlap of {self.overlap:.2f} is little, right hands have 0.91 or more in "
-                "simulations: pose or shape may be others; see the figures"
+                f"the measurement does not fit a {self.handedness} hand in or near '{self.start}': "
+                "it is another object, the other hand (handedness='either', --hand either), or in "
+                "another pose (pose='all', --pose all); standard deviations say nothing then"
             )
         return tuple(found)
 

@@ -54,9 +54,9 @@ def counted(count: int, noun: str) -> str:
 def print_table(
     columns: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()
 ) -> None:
-    """Print a table; the columns named in `right` are aligned to the right."""
+    """Print a table; the columns named in `right` are aligned to the right, the last one wraps."""
     from rich import box
-    from rich.console import Console
+    from rich.console import Console, JustifyMethod
     from rich.table import Table
     from rich.text import Text
 
@@ -64,7 +64,8 @@ def print_table(
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 10_000)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold")
     for name in columns:
-        table.add_column(Text(name), justify="right" if name in right else "left", no_wrap=True)
+        justify: JustifyMethod = "right" if name in right else "left"
+        table.add_column(Text(name), justify=justify, no_wrap=name != columns[-1], overflow="fold")
     for row in rows:
         table.add_row(*(Text(one_line(cell)) for cell in row))  # Text: brackets are no markup
     console.print(table)

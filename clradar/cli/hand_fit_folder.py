@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clradar.cli.comparison import Comparison, simulated_surface
-from clradar.cli.console import print_line, print_table, progress_bar
+from clradar.cli.console import counted, print_line, print_table, progress_bar
 from clradar.cli.outputs import save
 from clradar.errors import ClradarWarning
 from clradar.files.atomic import write_file
@@ -60,7 +60,7 @@ class FittedImages:
                 capture = simulate(
                     scene, used.array, used.waveform, seed=seed, device=device, progress=progress
                 )
-            return capture, backproject(capture, measured.grid, device=device)
+            return capture, backproject(capture, measured.grid, check_grid=False, device=device)
 
         return cls(measured, fit, imaged(fit.started)[1], *imaged(fit.scene))
 
@@ -108,6 +108,8 @@ def print_fit(fit: HandFit) -> None:
     if len(fit.basins) > 1:
         print_table(BASIN_COLUMNS, basin_rows(fit), right=BASIN_COLUMNS[3:])
     print_line(fit.summary())
+    if fit.remarks():
+        print_line(f"Doubtful: see the {counted(len(fit.remarks()), 'warning')} above.")
 
 
 def digit_rows(fit: HandFit) -> list[list[str]]:

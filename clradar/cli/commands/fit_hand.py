@@ -174,7 +174,8 @@ def fit_settings(
         "seed": fitting.seed,
     }
     if rigged.rig is None:
-        return {**settings, "handedness": fitting.hand or "right", "shape": shape.shape}
+        known = shape.shape if given(shape) else None
+        return {**settings, "handedness": fitting.hand or "right", "shape": known}
     for name in given(shape):
         raise wrong_usage(name, "a rig keeps its size and proportions")
     if fitting.fit_shape:

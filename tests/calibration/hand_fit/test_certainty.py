@@ -27,8 +27,7 @@ from calibration.hand_fit.range_scatter import RANGE_STD_M, range_scatter_m, rou
 from calibration.registration.mesh_fit import initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage
 from clradar import arrays
-from clradar.hand import JOINT_NAMES, HandShape, pose_by_name
-from clradar.hand.shape import AVERAGE
+from clradar.hand import JOINT_NAMES, pose_by_name
 from clradar.opencl import open_device
 from clradar.rigs import read_rig
 
@@ -37,9 +36,6 @@ STEP_M = 4e-3
 """Pixels are about a resolution cell then: their noise is independent."""
 
 N_DRAWS = 6
-
-KNOWN = HandShape(length_m=AVERAGE.length_m + 1e-6)
-"""That of somebody: only the average hand's is taken as unknown."""
 
 
 @pytest.fixture(scope="module")
@@ -50,8 +46,8 @@ def fitter() -> HandFitter:
     return HandFitter(model, depth, aperture, open_device("pocl"), fitted_parameters(False))
 
 
-def truth(shape: HandShape = AVERAGE) -> HandState:
-    state = state_of(pose_by_name("flat"), ParametricHand("right", "pocl"), shape)
+def truth() -> HandState:
+    state = state_of(pose_by_name("flat"), ParametricHand("right", "pocl"))
     return state.with_angles(state.angles_rad + np.radians(12.0))
 
 
@@ -71,7 +67,7 @@ def test_errors_in_speckle_are_as_large_as_the_covariance_says(fitter: HandFitte
     do not, and since the scatter that the image shows is an upper bound.
     """
     rng = np.random.default_rng(3)
-    state, picture = truth(KNOWN), fitter.picture(FINE)
+    state, picture = truth(), fitter.picture(FINE)
     picture.draw_surface(state)
     brightness = fitter.scaled(state, initial_log_brightness(), FINE)
     power, range_m = picture.power.copy(), picture.measured.range_m.copy()
@@ -144,9 +140,9 @@ def test_the_shape_of_nobody_in_particular_is_uncertain(fitter: HandFitter) -> N
     prior = prior_about(truth().angles_rad)
     average, other = (
         certainty(
-            fitter, Fitted(truth(shape), initial_log_brightness(), 0.0, 0.0), prior, 0
+            fitter, Fitted(truth(), initial_log_brightness(), 0.0, 0.0), prior, 0, None, known
         ).joint_std_m
-        for shape in (AVERAGE, KNOWN)
+        for known in (False, True)
     )
     assert (average > other).all()
     assert average[TIPS].mean() > 1.2 * other[TIPS].mean()

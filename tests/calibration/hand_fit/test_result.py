@@ -66,7 +66,7 @@ def test_the_report_has_tips_and_what_is_not_told(fit: HandFit) -> None:
     ("changes", "said"),
     [
         ({"converged": False}, "the pose still changed"),
-        ({"overlap": 0.7}, "an overlap of 0.70 is little"),
+        ({"overlap": 0.7}, "does not fit a right hand"),
         ({"notes": ("the thumb is hidden",)}, "the thumb is hidden"),
     ],
 )
