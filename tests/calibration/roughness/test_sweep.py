@@ -30,6 +30,7 @@ from clradar.cli.commands.sweep import RegionOptions
 from clradar.cli.options.groups import expanded
 from clradar.compare import METRICS, Metrics, compare, compare_by
 from clradar.errors import ClradarWarning, CompareError, ModelError, OutputError
+from clradar.files.work_folder import LOCK
 from clradar.hand import hand_mesh
 from clradar.simulation import simulate_alphas
 from clradar.tracing.stochastic import Tracer
@@ -618,7 +619,7 @@ def test_a_folder_takes_one_kind_of_settings(tmp_path):
         assert np.array_equal(store["one"]["x"], [0, 1, 2])
         assert (list(store), "one" in store, "two" in store) == (["one"], True, False)
         folder.begin_sweep(at, {"a": {"b": 3, "c": 2}}, force=True)
-        assert {p.name for p in at.iterdir()} == {folder.SETTINGS, folder.LOCK, "thesis.tex"}
+        assert {p.name for p in at.iterdir()} == {folder.SETTINGS, LOCK, "thesis.tex"}
         with pytest.raises(OutputError, match="another sweep"), folder.held(at):
             pass
 
