@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from calibration.hand_fit.basins import PLACES, basins_from, roughly
+from calibration.hand_fit.basins import JUDGED_SEED, PLACES, basins_from, roughly
 from calibration.hand_fit.certainty import (
     Information,
     certainty,
@@ -32,8 +32,7 @@ from calibration.hand_fit.recognition import (
 )
 from calibration.hand_fit.result import Basin, HandFit
 from calibration.hand_fit.starts import PoseLike, Start, starts_of
-from calibration.registration.mesh_fit import POWER_FLOOR
-from calibration.registration.mesh_pose import depth_for_mesh
+from calibration.registration.mesh_pose import depth_for_mesh, likeness
 from calibration.registration.mesh_search import TRIED
 from calibration.registration.radar import Radar
 from clradar.backproject import backproject
@@ -173,10 +172,7 @@ def fit_hand(
     checks.one_of("fit_hand: handedness", handedness, SIDES)
     angle_std_deg = checks.positive("fit_hand: angle_std_deg", angle_std_deg)
     opened = open_device(device)
-    if isinstance(measured, Capture):
-        array, waveform = array or measured.array, waveform or measured.waveform
-        measured = backproject(measured, place_grid(measured, device=opened), device=opened)
-    radar = Radar.of("fit_hand", array, waveform)
+    measured, radar = imaged("fit_hand", measured, array, waveform, opened)
     with said_of_the_hand():
         depth = depth_for_mesh(measured, None)
 
@@ -210,8 +206,8 @@ def fit_hand(
     tried = _searched(tried, seed, opened, searching)
     tried.sort(key=lambda one: one.found.deviance)
     best, loop = tried[0], None
-    information = information_at(best.fitter, best.found, best.prior, seed + 1000)
-    found = leaving_untold(best.fitter, best.found, best.prior, information, seed + 1000)
+    information = information_at(best.fitter, best.found, best.prior, seed + JUDGED_SEED)
+    found = leaving_untold(best.fitter, best.found, best.prior, information, seed + JUDGED_SEED)
     check_likeness(_likeness(best.fitter, found))
     if closed_loop:
         settings = LoopSettings(radar, alpha, seed, opened)
@@ -229,6 +225,20 @@ def fit_hand(
     for remark in fit.remarks():
         warn(f"fit_hand: {remark}")
     return fit
+
+
+def imaged(
+    function: str,
+    measured: Capture | Volume | DepthMap,
+    array: AntennaArray | None,
+    waveform: Waveform | None,
+    device: Device,
+) -> tuple[Volume | DepthMap, Radar]:
+    """An image, that of a capture on a grid of its own, and the radar that recorded it."""
+    if isinstance(measured, Capture):
+        array, waveform = array or measured.array, waveform or measured.waveform
+        measured = backproject(measured, place_grid(measured, device=device), device=device)
+    return measured, Radar.of(function, array, waveform)
 
 
 def _sides(start: Start, handedness: str, rig: Rig | None) -> tuple[str, ...]:
@@ -305,7 +315,7 @@ def _result(
 ) -> HandFit:
     fitter, found = best.fitter, best.found
     state = found.state
-    known = certainty(fitter, found, best.prior, seed + 1000, information, shape_is_known)
+    known = certainty(fitter, found, best.prior, seed + JUDGED_SEED, information, shape_is_known)
     alpha = alpha if loop is None else loop.best.alpha
     basins = tuple(
         Basin(
@@ -361,5 +371,4 @@ def _likeness(fitter: HandFitter, found: Fitted) -> float:
     """Correlation of rendering and measurement, in decibels."""
     picture = fitter.picture(FINE)
     power, _ = picture.render(found.state, found.log_brightness)
-    one, other = (np.log1p(p / POWER_FLOOR).ravel() for p in (picture.power, power))
-    return float(np.corrcoef(one, other)[0, 1])
+    return likeness(picture.power, power)

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from calibration.hand_fit.belief import Belief
-from calibration.hand_fit.fit_hand import SIDES, fit_hand
+from calibration.hand_fit.fit_hand import SIDES, fit_hand, imaged
 from calibration.hand_fit.following import Follower, Settled
 from calibration.hand_fit.frame_fit import FOLLOWED, SEARCHED, FrameFit
 from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
@@ -21,11 +21,9 @@ from calibration.hand_fit.starts import PoseLike, Start, starts_of
 from calibration.hand_fit.track import Track
 from calibration.registration.mesh_pose import depth_for_mesh
 from calibration.registration.radar import Radar
-from clradar.backproject import backproject
 from clradar.errors import ClradarWarning, CompareError, MeasurementError
 from clradar.hand import HandShape
 from clradar.hand.shape import AVERAGE
-from clradar.imaging.placement import place_grid
 from clradar.model import AntennaArray, Capture, DepthMap, Volume, Waveform, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
@@ -339,12 +337,8 @@ class _HandFitting:
     device: Device
 
     def image(self, measured: Any) -> Image:
-        array, waveform = self.array, self.waveform
-        if isinstance(measured, Capture):
-            array, waveform = array or measured.array, waveform or measured.waveform
-            grid = place_grid(measured, device=self.device)
-            measured = backproject(measured, grid, device=self.device)
-        return Image(depth_for_mesh(measured, None), Radar.of("fit_hands", array, waveform))
+        seen, radar = imaged("fit_hands", measured, self.array, self.waveform, self.device)
+        return Image(depth_for_mesh(seen, None), radar)
 
     def follow(self, image: Image, track: Track, passed_s: float) -> Settled:
         return self._follower(image, track.handedness).follow(image.depth, track, passed_s)

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.hand_fit.hand_shape_vector import N_SHAPE, SHAPE_NAMES
 from calibration.hand_fit.hand_state import N_ANGLES, HandState, angles_of
-from calibration.hand_fit.result import ANGLE_NAMES, TIPS
+from calibration.hand_fit.result import ANGLE_NAMES, TIPS, by_joint
 from clradar.hand import JOINT_NAMES, HandShape
 from clradar.hand.pose_file import pose_of_table, pose_table
 
@@ -102,8 +102,8 @@ class FrameFit:
             "shape": asdict(self.state.shape),
             "shape_std": dict(zip(SHAPE_NAMES, self.shape_std.tolist(), strict=True)),
             "transform": self.state.transform.tolist(),
-            "joints_m": _by_joint(self.joints_m),
-            "joint_std_m": _by_joint(self.joint_std_m),
+            "joints_m": by_joint(self.joints_m),
+            "joint_std_m": by_joint(self.joint_std_m),
             "angles": {
                 name: {"value_deg": value, "std_deg": std, "told": name not in self.untold}
                 for name, value, std in rows
@@ -149,14 +149,6 @@ class FrameFit:
             np.full(n, np.nan), np.full(N_ANGLES, np.nan), np.full(N_SHAPE, np.nan), (), np.nan,
             np.nan,
         )  # fmt: skip
-
-
-def _by_joint(values: np.ndarray) -> dict[str, Any]:
-    """Values (25, ...) by the name of the joint; None where a rig has no such joint."""
-    return {
-        name: value.tolist() if np.isfinite(value).all() else None
-        for name, value in zip(JOINT_NAMES, values, strict=True)
-    }
 
 
 def _of_joints(by_joint: Mapping[str, Any], n: int) -> np.ndarray:

@@ -56,12 +56,8 @@ class ParametricHand:
     device: Device | str | None = None
     has_shape: bool = field(default=True, init=False)
 
-    @property
-    def _mirror(self) -> np.ndarray:
-        return np.array([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
-
     def joints_m(self, pose: HandPose, shape: HandShape) -> np.ndarray:
-        return posed_skeleton(pose, shape).joints_m * self._mirror
+        return posed_skeleton(pose, shape).joints_m * _mirror(self.handedness)
 
     def bones(self, pose: HandPose, shape: HandShape) -> Bones:
         """Along a bone the skin scales with its length, across it with the girth."""
@@ -72,8 +68,8 @@ class ParametricHand:
         across = np.full(25, skeleton.thickness)
         # A tip carries no skin, and its bone has no length.
         scale = np.stack([across, np.maximum(length_m, 1e-3), across], axis=1)
-        matrix = self._mirror[:, None] * skeleton.frames * scale[:, None, :]
-        return Bones(matrix, skeleton.joints_m * self._mirror)
+        matrix = _mirror(self.handedness)[:, None] * skeleton.frames * scale[:, None, :]
+        return Bones(matrix, skeleton.joints_m * _mirror(self.handedness))
 
     def mesh(self, pose: HandPose, shape: HandShape, edge_m: float) -> HandMesh:
         made = hand_mesh(
@@ -86,7 +82,9 @@ class ParametricHand:
         normals: np.ndarray,
     ) -> Skin:  # fmt: skip
         posed: Skeleton = posed_skeleton(pose, shape)
-        weights = skin_weights(points_m * self._mirror, normals * self._mirror, posed)
+        weights = skin_weights(
+            points_m * _mirror(self.handedness), normals * _mirror(self.handedness), posed
+        )
         return Skin.of_weights(weights, np.array(SKIN_BONES))
 
 
@@ -101,23 +99,18 @@ class RiggedHand:
     def handedness(self) -> str:
         return self.rig.handedness
 
-    def _mesh(self, pose: HandPose) -> HandMesh:
-        made = self.rig.posed(pose, (0.0, 0.0, 0.0))
-        return made.moved(np.eye(3), -made.joints_m[0])
-
     def joints_m(self, pose: HandPose, shape: HandShape) -> np.ndarray:
-        mirror = np.array([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
         places_m = self.rig.joint_places_m(self.rig.rotations(pose))
-        return (places_m - places_m[0]) * mirror
+        return (places_m - places_m[0]) * _mirror(self.handedness)
 
     def bones(self, pose: HandPose, shape: HandShape) -> Bones:
-        mirror = np.array([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
-        matrix = mirror[:, None] * posed_skeleton(pose).frames
+        matrix = _mirror(self.handedness)[:, None] * posed_skeleton(pose).frames
         return Bones(matrix, np.nan_to_num(self.joints_m(pose, shape)))
 
     def mesh(self, pose: HandPose, shape: HandShape, edge_m: float) -> HandMesh:
         """The rig's own triangles, whatever the edge length."""
-        return self._mesh(pose)
+        made = self.rig.posed(pose, (0.0, 0.0, 0.0))
+        return made.moved(np.eye(3), -made.joints_m[0])
 
     def skin(
         self, mesh: HandMesh, pose: HandPose, shape: HandShape, points_m: np.ndarray,
@@ -129,3 +122,8 @@ class RiggedHand:
         weights[rows.vertex, rows.joint] = rows.weight
         _, nearest = KDTree(mesh.vertices_m).query(points_m)
         return Skin.of_weights(weights[nearest], np.arange(25))
+
+
+def _mirror(handedness: str) -> np.ndarray:
+    """Factors of the coordinates, (3,), from the right hand's frame to that of the hand."""
+    return np.array([-1.0 if handedness == "left" else 1.0, 1.0, 1.0])

@@ -113,10 +113,6 @@ class HandRendering(Canvas):
         assert self._samples is not None, "draw_surface comes first"
         return self._samples
 
-    @property
-    def n_visible(self) -> int:
-        return 0 if self._samples is None else len(self._samples)
-
     def bones_at(self, state: HandState) -> Bones:
         """The bones in the antenna frame."""
         return self.model.bones(state.pose, state.shape).moved(state.transform)

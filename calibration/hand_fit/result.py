@@ -259,9 +259,9 @@ class HandFit:
             "overlap": self.overlap,
             "alpha": self.alpha,
             "log_brightness": self.log_brightness.tolist(),
-            "joints_m": _by_joint(self.joints_m),
-            "joint_std_m": _by_joint(self.joint_std_m),
-            "joint_covariance_m2": _by_joint(self.joint_covariance_m2),
+            "joints_m": by_joint(self.joints_m),
+            "joint_std_m": by_joint(self.joint_std_m),
+            "joint_covariance_m2": by_joint(self.joint_covariance_m2),
             "told_tips": dict(zip(DIGITS, self.told_tips.tolist(), strict=True)),
             "angles": {
                 name: {"value_deg": value, "std_deg": std, "told": known}
@@ -275,7 +275,7 @@ class HandFit:
                     "deviance": basin.deviance,
                     "pose": pose_table(basin.pose),
                     "transform": basin.transform.tolist(),
-                    "joints_m": _by_joint(basin.joints_m),
+                    "joints_m": by_joint(basin.joints_m),
                 }
                 for basin in self.basins
             ],
@@ -320,7 +320,7 @@ class HandFit:
         return "\n".join(lines)
 
 
-def _by_joint(values: np.ndarray) -> dict[str, Any]:
+def by_joint(values: np.ndarray) -> dict[str, Any]:
     """Values (25, ...) by the name of the joint; None where the hand has no such joint."""
     return {
         name: value.tolist() if np.isfinite(value).all() else None

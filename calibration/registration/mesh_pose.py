@@ -243,6 +243,10 @@ def _image_quality(image: MeshRendering, fit: MeshFit) -> tuple[float, float, fl
     on_mesh = amplitude * found.covered * near
     rms_m = np.sqrt((on_mesh * found.range_m**2).sum() / max(on_mesh.sum(), 1e-12))
     share = on_mesh.sum() / (amplitude * found.measured).sum()
-    one, other = (np.log1p(p / POWER_FLOOR).ravel() for p in (image.power, power))
-    alike = 0.0 if min(np.ptp(one), np.ptp(other)) == 0.0 else np.corrcoef(one, other)[0, 1]
-    return float(rms_m), float(share), float(alike)
+    return float(rms_m), float(share), likeness(image.power, power)
+
+
+def likeness(power: np.ndarray, other_power: np.ndarray) -> float:
+    """Correlation of two images in decibels; 0 where one is constant."""
+    one, other = (np.log1p(p / POWER_FLOOR).ravel() for p in (power, other_power))
+    return 0.0 if min(np.ptp(one), np.ptp(other)) == 0.0 else float(np.corrcoef(one, other)[0, 1])
