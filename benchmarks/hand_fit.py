@@ -20,6 +20,7 @@ import traceback
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -101,7 +102,11 @@ def fitted(case: Case, volume: clradar.Volume, start: str) -> dict[str, Any]:
 
 
 def from_truth(case: Case, volume: clradar.Volume, start: str) -> dict[str, Any]:
-    """The descent from the truth, with the prior of the fit from `start` and without a search."""
+    """The descent from the truth, with the prior of the fit from `start` and without a search.
+
+    `limit_mm2`, (5, 3, 3), is the covariance of the tips that information and prior have at the
+    truth itself.
+    """
     opened = clradar.open_device()
     fitter = HandFitter(
         ParametricHand(case.handedness, opened),
@@ -115,10 +120,14 @@ def from_truth(case: Case, volume: clradar.Volume, start: str) -> dict[str, Any]
     truth = HandState(case.pose, case.shape, case.transform)
     seed = FIT_SEED + case.number
     found = fitter.descend(truth, initial_log_brightness(), prior, seed=seed)
+    # Brightness alone is fitted there.
+    there = fitter.judged(replace(found, state=truth), prior, seed=seed + 1000)
+    limit = certainty(fitter, there, prior, seed + 1000)
     found = fitter.judged(found, prior, seed=seed + 1000)
     known = certainty(fitter, found, prior, seed + 1000)
     return errors(case, joints_at(fitter, found.state)) | {
         "tip_std_mm": (1e3 * known.joint_std_m[list(TIPS)]).tolist(),
+        "limit_mm2": (1e6 * limit.joint_covariance_m2[list(TIPS)]).tolist(),
         "deviance": found.deviance,
     }
 

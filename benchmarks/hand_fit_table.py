@@ -17,6 +17,9 @@ MISSED_MM, MISSED_DEVIANCE = 6.0, 2.0
 """The search missed if the fit from the truth has a deviance that is smaller by more than drawing
 surfaces anew changes it, and a tip elsewhere by more than this."""
 
+LIMIT_DRAWS = 2000
+"""Errors that are drawn of every covariance."""
+
 TURNED_LETTERS = "GHPQ"
 """The hand points to the side or at the radar, which sees its edge."""
 
@@ -26,6 +29,10 @@ OTHERS = {
     "fit": "fit",
     "truth": "fit that starts at the truth",
 }
+
+LIMIT = "what the truth's information allows"
+"""Errors that information and prior at the true pose predict: of a fit that neither misses nor has
+any bias. What nothing shows errs there as the prior does."""
 
 
 def _letter(record: Record) -> bool:
@@ -59,7 +66,7 @@ ROWS: dict[str, Callable[[Record], bool]] = {
 def values(records: Sequence[Record], estimator: str, key: str) -> np.ndarray:
     """Numbers of all records in which the estimator found something, one after the other."""
     found = [
-        np.atleast_1d(np.array(r[estimator][key], float))
+        np.array(r[estimator][key], float).ravel()
         for r in records
         if key in r.get(estimator, {}) and r[estimator][key] is not None
     ]
@@ -68,11 +75,20 @@ def values(records: Sequence[Record], estimator: str, key: str) -> np.ndarray:
 
 
 def median_and_95(errors: np.ndarray) -> str:
-    """Median and 95 %, with the count."""
+    """Median and 95 % of errors, (n,) or of n tips (n, draws), with the count n."""
     if not len(errors):
         return f"{'-':>17s}"
     middle, high = np.median(errors), np.quantile(errors, 0.95)
     return f"{middle:5.1f}{high:6.1f} ({len(errors):3d})"
+
+
+def allowed(covariances: np.ndarray) -> np.ndarray:
+    """Lengths, (n, LIMIT_DRAWS), of normal errors that are drawn of covariances, (n, 3, 3)."""
+    variances, axes = np.linalg.eigh(covariances)
+    along = axes * np.sqrt(np.maximum(variances, 0.0))[:, None]
+    normal = np.random.default_rng(0).standard_normal((len(covariances), 3, LIMIT_DRAWS))
+    lengths: np.ndarray = np.linalg.norm(along @ normal, axis=1)
+    return lengths
 
 
 def missed(record: Record) -> bool | None:
@@ -126,10 +142,12 @@ def table(records: Sequence[Record]) -> str:
     """Errors of the fit, and of what stands next to it: median, 95 % and (count) in millimetres."""
     rows = [(label, [r for r in records if chosen(r)]) for label, chosen in ROWS.items()]
     lines = [HEADER] + [fit_line(label, mine) for label, mine in rows if mine]
-    lines += ["", f"{'':26s}" + " | ".join(f"{name:30s}" for name in OTHERS.values()) + " | missed"]
+    lines += ["", f"{'':26s}" + " | ".join(f"{name:30s}" for name in OTHERS.values())]
+    lines[-1] += f" | {LIMIT:35s} | missed"
     for label, mine in rows:
         if mine:
             cells = " | ".join(f"{median_and_95(values(mine, o, 'tips_mm')):30s}" for o in OTHERS)
+            limit = median_and_95(allowed(values(mine, "truth", "limit_mm2").reshape(-1, 3, 3)))
             known = [m for m in map(missed, mine) if m is not None]
-            lines.append(f"{label:26s}{cells} | {sum(known)} of {len(known)}")
+            lines.append(f"{label:26s}{cells} | {limit:35s} | {sum(known)} of {len(known)}")
     return "\n".join(lines)

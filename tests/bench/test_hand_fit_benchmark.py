@@ -126,6 +126,7 @@ def record(number: int, tips_mm: float, **changes: Any) -> dict[str, Any]:
         "time_s": 10.0,
     }
     truth = dict(fit, deviance=90.0, at_mm=[[tips_mm, 0.0, 300.0]] * 5)
+    truth["limit_mm2"] = [np.diag([tips_mm**2] * 3).tolist()] * 5
     case = {"number": number, "kind": "alpha", "letter": "F", "lowest_alpha": 0.4}
     return case | {"fit": fit, "truth": truth} | changes
 
@@ -145,8 +146,23 @@ def test_the_table_counts_what_is_there() -> None:
     assert row.split("|")[6].split() == ["73%", "(", "15)"]
     last = next(line for line in text.splitlines()[::-1] if line.startswith("letter, alpha >= 0.3"))
     assert last.endswith("0 of 3")
+    assert last.split("|")[-2].split()[2:] == ["(", "20)"]  # refused or not, the truth has a limit
     assert hand_fit_table.missed(records[3])
     assert hand_fit_table.missed(records[5]) is None
+
+
+def test_what_information_allows_has_the_law_of_its_covariances() -> None:
+    """Isotropic ones: Maxwell's; along one direction: the normal distribution's; of draws, the
+    standard error of a median is 1.25 / sqrt(80 000) = 0.4 %, and that of 95 % 0.7 %."""
+    many = np.ones((40, 1, 1))
+    for covariance, median, most in ((4.0 * np.eye(3), 2 * 1.5382, 2 * 2.7955),
+                                     (np.diag([0.0, 0.0, 9.0]), 3 * 0.6745, 3 * 1.9600)):  # fmt: skip
+        lengths = hand_fit_table.allowed(many * covariance)
+        assert np.median(lengths) == pytest.approx(median, rel=0.02)
+        assert np.quantile(lengths, 0.95) == pytest.approx(most, rel=0.02)
+    # Half of the tips hidden: the pooled 95 % is theirs.
+    pooled = hand_fit_table.allowed(np.concatenate([many, 100.0 * many]) * np.eye(3))
+    assert np.quantile(pooled, 0.95) == pytest.approx(10 * 2.5003, rel=0.02)
 
 
 def test_any_part_of_a_run_has_all_kinds() -> None:
