@@ -12,7 +12,7 @@ from calibration.hand_fit.digit_search import DigitSearch
 from calibration.hand_fit.hand_state import HandState
 from calibration.hand_fit.layers import HandSkin
 from calibration.hand_fit.prior import Prior
-from calibration.hand_fit.result import APART_M, RIVAL_DEVIANCE, TIPS
+from calibration.hand_fit.result import APART_M, RIVAL_DEVIANCE, ends_apart_m
 from calibration.registration.mesh_fit import initial_log_brightness
 
 PLACES = 3
@@ -92,9 +92,8 @@ def searched(found: Fitted, fitter: HandFitter, prior: Prior, skin: HandSkin) ->
 
 
 def tips_apart_m(one: HandState, other: HandState, fitter: HandFitter) -> np.ndarray:
-    """Distances of the tips, (5,), metres; 0 where a rig has none."""
-    apart = (joints_at(fitter, one) - joints_at(fitter, other))[list(TIPS)]
-    return np.nan_to_num(np.linalg.norm(apart, axis=1))
+    """Distances of the tips, (5,), metres; of the last joints where a rig has no tips."""
+    return ends_apart_m(joints_at(fitter, one), joints_at(fitter, other))
 
 
 def best_apart(found: list[Fitted], fitter: HandFitter) -> list[Fitted]:

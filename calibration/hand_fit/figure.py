@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibration.hand_fit.result import TIPS, HandFit
+from calibration.hand_fit.result import TIPS, HandFit, end_joints
 from clradar.compare import depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.hand import JOINT_NAMES
@@ -139,9 +140,11 @@ def draw_tips(axes: Axes, fit: HandFit, unit: LengthUnit, colour: str) -> None:
             )
             axes.add_patch(ring)
     named: dict[str, Any] = {"linestyle": "none", "markersize": 5.0}
-    ring_label = "two standard deviations of a tip"
-    axes.plot([], marker="o", color=colour, markerfacecolor="none", label=ring_label, **named)
-    others = [unit.per_m * basin.joints_m[list(TIPS), :2] for basin in fit.basins[1:]]
+    if axes.patches:  # not of a rig without tips
+        ring_label = "two standard deviations of a tip"
+        axes.plot([], marker="o", color=colour, markerfacecolor="none", label=ring_label, **named)
+    ends = end_joints(fit.joints_m)
+    others = [unit.per_m * basin.joints_m[ends, :2] for basin in fit.basins[1:]]
     if others:
         axes.plot(
             *np.concatenate(others).T, marker="x", color=OTHERS, alpha=0.6,
@@ -149,15 +152,20 @@ def draw_tips(axes: Axes, fit: HandFit, unit: LengthUnit, colour: str) -> None:
         )  # fmt: skip
 
 
+def bones_between(joints: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Pairs of joints, of (25, ...), that a bone joins; what a rig does not have is left out."""
+    for chain in CHAINS:
+        yield from pairwise(joint for joint in chain if np.isfinite(joints[joint]).all())
+
+
 def draw_skeleton(axes: Axes, fit: HandFit, unit: LengthUnit) -> None:
     """Draw bones and joints."""
     joints = unit.per_m * fit.joints_m[:, :2]
     untold = {name.split()[0] for name in fit.untold}
     told = np.array([name not in untold for name in JOINT_NAMES])
-    for chain in CHAINS:
-        for begin, end in pairwise(chain):
-            line = "-" if told[begin] else (0, (1.5, 1.0))
-            axes.plot(*joints[[begin, end]].T, color=BONES, linestyle=line, linewidth=1.2)
+    for begin, end in bones_between(joints):
+        line = "-" if told[begin] else (0, (1.5, 1.0))
+        axes.plot(*joints[[begin, end]].T, color=BONES, linestyle=line, linewidth=1.2)
     dots: dict[str, Any] = {"linestyle": "none", "marker": "o", "color": BONES, "markersize": 3.0}
     axes.plot(*joints[told].T, label="joint", **dots)
     axes.plot(

@@ -16,7 +16,7 @@ from calibration.hand_fit.frame_fit import FOLLOWED, SEARCHED, FrameFit
 from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
 from calibration.hand_fit.hand_shape_vector import N_SHAPE
 from calibration.hand_fit.hand_state import N_ANGLES, HandState
-from calibration.hand_fit.result import DIGITS, RIVAL_DEVIANCE, TIPS
+from calibration.hand_fit.result import DIGITS, RIVAL_DEVIANCE, ends_apart_m
 from calibration.hand_fit.starts import PoseLike, Start, starts_of
 from calibration.hand_fit.track import Track
 from calibration.registration.mesh_pose import depth_for_mesh
@@ -265,8 +265,7 @@ def doubt_of(settled: Settled, track: Track, passed_s: float) -> str | None:
     usual, now = float(np.median(track.misfits)), settled.misfit_per_cell
     if now > LOST_RATIO * usual:
         return f"the misfit per cell is {now:.2f}, and was {usual:.2f} in the frames before"
-    way_m = np.linalg.norm(settled.joints_m - track.joints_m, axis=1)[list(TIPS)]
-    way_m = np.nan_to_num(way_m)  # of a tip that a rig does not have
+    way_m = ends_apart_m(settled.joints_m, track.joints_m)
     fastest = int(way_m.argmax())
     if way_m[fastest] > FASTEST_M_S * passed_s:
         return f"the tip of the {DIGITS[fastest]} moved by {1e3 * way_m[fastest]:.0f} mm"

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial import KDTree
 
+from calibration.hand_fit.result import TIPS, end_joints
 from calibration.hand_fit.skinned import Bones, Skin
 from clradar.hand import HandMesh, HandPose, HandShape, hand_mesh, posed_skeleton
 from clradar.hand.skeleton import Skeleton
@@ -105,7 +106,9 @@ class RiggedHand:
 
     def bones(self, pose: HandPose, shape: HandShape) -> Bones:
         matrix = _mirror(self.handedness)[:, None] * posed_skeleton(pose).frames
-        return Bones(matrix, np.nan_to_num(self.joints_m(pose, shape)))
+        origin_m = self.joints_m(pose, shape)
+        origin_m[list(TIPS)] = origin_m[end_joints(origin_m)]
+        return Bones(matrix, np.nan_to_num(origin_m))
 
     def mesh(self, pose: HandPose, shape: HandShape, edge_m: float) -> HandMesh:
         """The rig's own triangles, whatever the edge length."""

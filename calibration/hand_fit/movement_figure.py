@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibration.hand_fit.figure import BONES, CHAINS, OTHERS
+from calibration.hand_fit.figure import BONES, OTHERS, bones_between
 from calibration.hand_fit.frame_fit import SEARCHED, FrameFit
 from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT, FITTED_ANGLES, angles_of
-from calibration.hand_fit.result import DIGITS
+from calibration.hand_fit.result import DIGITS, end_joints
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.plot.layout import LABEL_PT, TICK_PT, TITLE_PT
 
@@ -41,8 +40,9 @@ def movement_figure(fits: Sequence[FrameFit], title: str) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        One row per digit: its angles, and the position of its tip relative to the wrist; bands are
-        one standard deviation. Dotted lines: frames that were searched for.
+        One row per digit: its angles, and the position of its tip relative to the wrist (of its
+        last joint where a rig has no tip); bands are one standard deviation. Dotted lines:
+        frames that were searched for.
     """
     from matplotlib.figure import Figure
 
@@ -52,8 +52,11 @@ def movement_figure(fits: Sequence[FrameFit], title: str) -> Figure:
     time_s = np.array([fit.time_s for fit in seen])
     angles = np.degrees([angles_of(fit.state.pose) for fit in seen if fit.state is not None])
     angle_std = np.degrees([fit.angle_std_rad for fit in seen])
-    tips_mm = 1e3 * np.array([fit.tips_m - fit.joints_m[0] for fit in seen])
-    tip_std_mm = 1e3 * np.array([fit.tip_std_m for fit in seen])
+    ends = [end_joints(fit.joints_m) for fit in seen]
+    tips_mm = 1e3 * np.array(
+        [fit.joints_m[own] - fit.joints_m[0] for fit, own in zip(seen, ends, strict=True)]
+    )
+    tip_std_mm = 1e3 * np.array([fit.joint_std_m[own] for fit, own in zip(seen, ends, strict=True)])
     for row, digit in enumerate(DIGITS):
         left, right = panels[row]
         own = range(len(FITTED_ANGLES))[ANGLES_OF_DIGIT[digit]]
@@ -126,9 +129,8 @@ def movement_sheet(fits: Sequence[FrameFit], pictures: Sequence[Picture | None])
             axes.set_xlim(edges[1], edges[0])
             axes.set_ylim(edges[2], edges[3])
         if fit.state is not None:
-            for chain in CHAINS:
-                for begin, end in pairwise(chain):
-                    axes.plot(*fit.joints_m[[begin, end], :2].T, color=BONES, linewidth=0.9)
+            for begin, end in bones_between(fit.joints_m):
+                axes.plot(*fit.joints_m[[begin, end], :2].T, color=BONES, linewidth=0.9)
         colour = "black" if fit.how not in (SEARCHED,) and fit.state is not None else OTHERS
         axes.set_title(f"{fit.frame}, {fit.how}", fontsize=TICK_PT, pad=2, color=colour)
     figure.subplots_adjust(left=0.01, right=0.99, bottom=0.01, top=0.95, wspace=0.04, hspace=0.16)

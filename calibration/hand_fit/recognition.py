@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from calibration.hand_fit.hand_shape_vector import SHAPE_NAMES, SHAPE_STD, vector_of
-from calibration.hand_fit.result import DIGITS, HandFit
+from calibration.hand_fit.result import DIGITS, HandFit, end_joints
 from calibration.registration.depth_surface import NOT_ALIGNED
 from calibration.registration.mesh_pose import MIN_LIKENESS
 from clradar.errors import CompareError
@@ -64,7 +64,9 @@ def doubts(fit: HandFit, measured: Volume | DepthMap) -> tuple[str, ...]:
     """Remarks on a fit, one clause each."""
     found = []
     cut = [
-        digit for digit, tip_m in zip(DIGITS, fit.tips_m, strict=True) if _is_cut(tip_m, measured)
+        digit
+        for digit, end in zip(DIGITS, end_joints(fit.joints_m), strict=True)
+        if _is_cut(fit.joints_m[end], measured)
     ]
     if cut:
         found.append(
@@ -83,7 +85,7 @@ def doubts(fit: HandFit, measured: Volume | DepthMap) -> tuple[str, ...]:
 
 
 def _is_cut(point_m: np.ndarray, measured: Volume | DepthMap) -> bool:
-    """Whether a point is not in the image, or at its edge; False for NaN."""
+    """Whether a point is not in the image, or at its edge."""
     image = measured.grid if isinstance(measured, Volume) else measured
     axes_m = [image.x_m, image.y_m]
     if isinstance(measured, Volume):

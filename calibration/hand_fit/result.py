@@ -219,8 +219,9 @@ class HandFit:
             if more < RIVAL_DEVIANCE and apart_m.max() > APART_M:
                 digit = DIGITS[int(apart_m.argmax())]
                 finger = digit if digit == "thumb" else f"{digit} finger"
+                end = "tip" if np.isfinite(self.tips_m).all() else "end"
                 found.append(
-                    f"another pose fits nearly as well (deviance {more:+.1f}), with the tip of "
+                    f"another pose fits nearly as well (deviance {more:+.1f}), with the {end} of "
                     f"the {finger} {1e3 * apart_m.max():.0f} mm away"
                 )
         if self.doubtful:
@@ -232,10 +233,9 @@ class HandFit:
         return tuple(found)
 
     def tips_apart_m(self, basin: Basin) -> np.ndarray:
-        """Distances of the tips of a basin from those of the fit, shape (5,), metres; 0 where a rig
-        has none."""
-        apart_m = np.linalg.norm(basin.joints_m[list(TIPS)] - self.tips_m, axis=1)
-        return np.nan_to_num(apart_m, nan=0.0)
+        """Distances of the tips of a basin from those of the fit, shape (5,), metres; of the last
+        joints where a rig has no tips."""
+        return ends_apart_m(basin.joints_m, self.joints_m)
 
     def to_dict(self) -> dict[str, Any]:
         """The result in types that JSON has, without meshes and simulations.
@@ -299,12 +299,15 @@ class HandFit:
     def report(self) -> str:
         """The result as a few lines of text."""
         lines = [self.summary()]
-        tips = (
+        tips = [
             f"{digit} {', '.join(f'{v:.1f}' for v in 1e3 * tip_m)} ± {1e3 * std_m:.1f}"
             for digit, tip_m, std_m in zip(DIGITS, self.tips_m, self.tip_std_m, strict=True)
             if np.isfinite(tip_m).all()
-        )
-        lines.append(f"Tips (x, y, z ± one standard deviation, mm): {'; '.join(tips)}.")
+        ]
+        if tips:
+            lines.append(f"Tips (x, y, z ± one standard deviation, mm): {'; '.join(tips)}.")
+        else:
+            lines.append("The rig has no tips: its last joints are in joints_m.")
         n_told = len(ANGLE_NAMES) - len(self.untold)
         lines.append(f"The measurement tells {n_told} of {len(ANGLE_NAMES)} angles.")
         if self.untold:
@@ -318,6 +321,17 @@ class HandFit:
             lines.append(f"Other poses that it came to rest in: {'; '.join(others)}.")
         lines += [f"Doubtful: {remark}." for remark in self.remarks()]
         return "\n".join(lines)
+
+
+def end_joints(joints_m: np.ndarray) -> list[int]:
+    """The last joint of every digit that a hand with joints (25, 3) has: a rig may have no tip."""
+    return [tip if np.isfinite(joints_m[tip]).all() else tip - 1 for tip in TIPS]
+
+
+def ends_apart_m(one_m: np.ndarray, other_m: np.ndarray) -> np.ndarray:
+    """Distances, (5,), between the digits' ends of one hand with joints, (25, 3), in two poses."""
+    apart_m: np.ndarray = np.linalg.norm((one_m - other_m)[end_joints(one_m)], axis=1)
+    return apart_m
 
 
 def by_joint(values: np.ndarray) -> dict[str, Any]:

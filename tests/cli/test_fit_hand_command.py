@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from command_line import GRID, Run, one_error_line
 from hand_fits import UNTOLD, made_up_fit
+from mano_files import mano_model, mano_pickle
 from rig_files import RigMaker
 
 import calibration
@@ -119,17 +120,21 @@ def test_what_the_options_say_goes_into_the_fit(
 
 
 @pytest.mark.usefixtures("record_alone")
+@pytest.mark.parametrize("name", ["left.glb", "MANO_LEFT.pkl"])
 def test_a_rig_is_fitted_as_the_hand_that_it_is(
-    run: Run, recorded_fit: Recorded, tmp_path: Path
+    run: Run, recorded_fit: Recorded, tmp_path: Path, name: str
 ) -> None:
-    RigMaker(turn=np.diag([-1.0, 1.0, 1.0])).save(tmp_path / "left.glb")
-    outcome = run("fit-hand", "volume.h5", "--rig", tmp_path / "left.glb", "-o", tmp_path / "fit")
+    if name.endswith(".glb"):
+        RigMaker(turn=np.diag([-1.0, 1.0, 1.0])).save(tmp_path / name)
+    else:
+        (tmp_path / name).write_bytes(mano_pickle(mano_model("left")))
+    outcome = run("fit-hand", "volume.h5", "--rig", tmp_path / name, "-o", tmp_path / "fit")
     assert outcome.status == 0, outcome.err
     (call,) = recorded_fit.calls
     assert (call["rig"].handedness, call["handedness"]) == ("left", "left")
     assert "shape" not in call
     record = json.loads((tmp_path / "fit" / "fit.json").read_text())
-    assert [file["file"] for file in record["inputs"]] == ["volume.h5", "left.glb"]
+    assert [file["file"] for file in record["inputs"]] == ["volume.h5", name]
 
 
 @pytest.mark.usefixtures("record_alone")

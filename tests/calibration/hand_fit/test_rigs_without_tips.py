@@ -1,0 +1,126 @@
+"""Rigs that have no tips, as MANO models: what is said of the last joints instead."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hand_fits import made_up_fit
+from hand_renderings import rendered_depth, state_of
+from mano_files import mano_model, mano_pickle
+
+from calibration import HandFit, fit_hand
+from calibration.hand_fit.figure import bones_between, hand_fit_figure
+from calibration.hand_fit.hand_model import RiggedHand
+from calibration.hand_fit.recognition import doubts
+from calibration.hand_fit.result import TIPS
+from calibration.registration.radar import Radar
+from clradar import DepthMap
+from clradar.cli.hand_fit_folder import digit_rows
+from clradar.hand import POSES
+from clradar.hand.shape import AVERAGE
+from clradar.rigs import Rig, read_rig
+
+LAST = [tip - 1 for tip in TIPS]
+
+
+def mano(folder: Path, side: str = "right") -> Rig:
+    path = folder / f"MANO_{side.upper()}.pkl"
+    path.write_bytes(mano_pickle(mano_model(side)))
+    return read_rig(path)
+
+
+def without_tips(fit: HandFit, more: float = 30.0) -> HandFit:
+    """The fit without tips, the deviance of its other basin larger by so much."""
+
+    def cut(joints_m: np.ndarray) -> np.ndarray:
+        cut_m = np.array(joints_m)
+        cut_m[list(TIPS)] = np.nan
+        return cut_m
+
+    covariance_m2 = np.array(fit.joint_covariance_m2)
+    covariance_m2[list(TIPS)] = np.nan
+    best, other = (replace(basin, joints_m=cut(basin.joints_m)) for basin in fit.basins)
+    return replace(
+        fit, joints_m=cut(fit.joints_m), joint_covariance_m2=covariance_m2,
+        basins=(best, replace(other, deviance=fit.deviance + more)),
+    )  # fmt: skip
+
+
+def test_other_poses_are_told_apart_by_the_last_joints() -> None:
+    fit = without_tips(made_up_fit("F", "L"), more=1.0)
+    apart_m = np.linalg.norm((fit.basins[1].joints_m - fit.joints_m)[LAST], axis=1)
+    np.testing.assert_array_equal(fit.tips_apart_m(fit.basins[1]), apart_m)
+    (remark,) = fit.remarks()
+    assert "(deviance +1.0), with the end of the " in remark
+    assert f" {1e3 * apart_m.max():.0f} mm away" in remark
+
+
+def test_the_result_says_that_there_are_no_tips() -> None:
+    fit = without_tips(made_up_fit())
+    assert "Tips" not in fit.report()
+    assert "The rig has no tips" in fit.report()
+    assert not fit.told_tips.any()
+    record = json.loads(json.dumps(fit.to_dict(), allow_nan=False))
+    assert record["joints_m"]["thumb-tip"] is record["joint_std_m"]["thumb-tip"] is None
+    assert record["basins"][1]["joints_m"]["thumb-phalanx-distal"] is not None
+    assert [row[1:4] for row in digit_rows(fit)] == [["", "", ""]] * 6
+
+
+def test_a_last_joint_outside_of_the_image_is_named() -> None:
+    fit = without_tips(made_up_fit("B"))
+    axis_m = np.linspace(-0.14, 0.14, 15)
+    edge_m = fit.joints_m[LAST[4], 0] - 1e-3  # the little finger is farthest along x
+    x_m = np.linspace(-0.14, edge_m, 15)
+    depth = DepthMap(np.full((15, 15), 0.3), np.ones((15, 15)), x_m, axis_m, 20.0)
+    (remark,) = doubts(fit, depth)
+    assert "are the tips of: pinky (" in remark
+
+
+def test_the_figure_joins_what_is_there() -> None:
+    axis_m = np.linspace(-0.12, 0.12, 13)
+    depth = DepthMap(np.full((13, 13), 0.3), np.ones((13, 13)), axis_m, axis_m, 15.0)
+    fit = without_tips(made_up_fit())
+    figure = hand_fit_figure(depth, fit)
+    assert not figure.axes[0].patches
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "two standard deviations of a tip" not in labels
+    assert "tips of other poses found" in labels
+    joints_m = np.array(fit.joints_m)
+    joints_m[6 - 1] = np.nan  # the metacarpal of the index finger, as of MANO
+    pairs = list(bones_between(joints_m))
+    assert (0, 6) in pairs
+    assert all(np.isfinite(joints_m[list(pair)]).all() for pair in pairs)
+
+
+def test_the_search_tells_poses_apart_by_the_last_joints(tmp_path: Path) -> None:
+    """The bone of a tip that is missing begins at the last joint, not at the wrist."""
+    hand = RiggedHand(mano(tmp_path))
+    bones, joints_m = hand.bones(POSES["L"], AVERAGE), hand.joints_m(POSES["L"], AVERAGE)
+    np.testing.assert_array_equal(bones.origin_m[list(TIPS)], joints_m[LAST])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_mano_model_is_fitted(tmp_path: Path, side: str) -> None:
+    """To the rendering's own picture of a pose 8 degrees off the letter in one joint."""
+    rig = mano(tmp_path, side)
+    hand, radar = RiggedHand(rig), Radar.of("test", None, None)
+    state = state_of(POSES["L"], hand)
+    angles = state.angles_rad
+    angles[5] += np.radians(8.0)  # the knuckle of the index finger
+    true = state.with_angles(angles)
+    depth = rendered_depth(hand, true, radar.aperture)
+    fit = fit_hand(depth, "L", rig=rig, closed_loop=False, device="pocl")
+    assert fit.handedness == side
+    known = np.isfinite(fit.joints_m).all(axis=1)
+    assert known.sum() == 16
+    true_m = hand.joints_m(true.pose, true.shape) + true.transform[:3, 3]
+    apart_m = np.linalg.norm(fit.joints_m - true_m, axis=1)[known]
+    assert apart_m.max() < 2e-3
+    assert np.isfinite(fit.joint_std_m[known]).all()
+    assert len(fit.scene.faces) == len(rig.faces)
+    json.dumps(fit.to_dict(), allow_nan=False)
