@@ -155,8 +155,11 @@ def test_what_information_allows_has_the_law_of_its_covariances() -> None:
     """Isotropic ones: Maxwell's; along one direction: the normal distribution's; of draws, the
     standard error of a median is 1.25 / sqrt(80 000) = 0.4 %, and that of 95 % 0.7 %."""
     many = np.ones((40, 1, 1))
-    for covariance, median, most in ((4.0 * np.eye(3), 2 * 1.5382, 2 * 2.7955),
-                                     (np.diag([0.0, 0.0, 9.0]), 3 * 0.6745, 3 * 1.9600)):  # fmt: skip
+    isotropic, along_z = 4.0 * np.eye(3), np.diag([0.0, 0.0, 9.0])
+    for covariance, median, most in (
+        (isotropic, 2 * 1.5382, 2 * 2.7955),
+        (along_z, 3 * 0.6745, 3 * 1.9600),
+    ):
         lengths = hand_fit_table.allowed(many * covariance)
         assert np.median(lengths) == pytest.approx(median, rel=0.02)
         assert np.quantile(lengths, 0.95) == pytest.approx(most, rel=0.02)
