@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.hand_fit_folder import FILES, FittedImages, print_fit, write_fit
-from clradar.cli.hand_sequence import SequenceOptions, fit_sequences
+from clradar.cli.hand_sequences import fit_sequences
 from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.options.common import (
     DeviceOption,
@@ -20,6 +20,7 @@ from clradar.cli.options.hand import ShapeOptions
 from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.rig import RigFileOptions
+from clradar.cli.options.sequence import SequenceOptions
 from clradar.cli.options.values import FIT, alpha_or_fit, wrong_usage
 from clradar.cli.outputs import check_folder, whole_folder
 from clradar.cli.provenance import provenance

@@ -1,0 +1,64 @@
+"""Which frames of recordings of a moving hand are fitted, and on how many workers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from clradar.cli.options.groups import option
+from clradar.cli.options.values import wrong_usage
+from clradar.errors import ModelError
+
+ALL = "all"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceOptions:
+    """Which frames of recordings of a moving hand, and on how many workers."""
+
+    frames: str | None = option(
+        None,
+        "Fit a moving hand to these frames of a recording, each from the one before: all, "
+        "FIRST:LAST, or numbers with commas. The folder resumes.",
+        metavar="all|FIRST:LAST|N,...",
+    )
+    workers: int | None = option(
+        None,
+        "With --frames: worker processes for several recordings "
+        '(pip install "clradar[dataset]"). [default: one after the other, here]',
+        metavar="N",
+        min=1,
+    )
+
+    def __post_init__(self) -> None:
+        if self.frames is None and self.workers is not None:
+            raise wrong_usage("--workers", "expected together with --frames")
+
+    def of_frames(self, sources: Sequence[Path]) -> bool:
+        """Whether frames of recordings are fitted, and not a single image."""
+        if self.frames is None and len(sources) > 1:
+            raise wrong_usage("MEASURED", "expected one, or --frames with several recordings")
+        return self.frames is not None
+
+    def numbers(self, there: Sequence[int]) -> list[int]:
+        """The chosen ones of the frames that are there."""
+        text = str(self.frames).strip()
+        if text == ALL:
+            return list(there)
+        try:
+            if ":" in text:
+                first, last = map(int, text.split(":"))
+                chosen = [number for number in there if first <= number <= last]
+            else:
+                chosen = sorted({int(part) for part in text.split(",")})
+        except ValueError:
+            raise wrong_usage(
+                "--frames", f"expected all, FIRST:LAST or numbers with commas, got '{text}'"
+            ) from None
+        missing = sorted(set(chosen) - set(there))
+        if missing or not chosen:
+            raise ModelError(
+                f"--frames: expected some of the frames {there[0]} to {there[-1]}, got '{text}'"
+            )
+        return chosen
