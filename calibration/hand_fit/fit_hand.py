@@ -42,15 +42,12 @@ from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M
 from clradar.hand.shape import AVERAGE
 from clradar.imaging.placement import place_grid
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Volume, Waveform, checks
-from clradar.model.progress import Progress, part_of
+from clradar.model.progress import Progress, part_of, say_stage
 from clradar.opencl import Device, open_device
 from clradar.rigs import Rig
 
-LOOP_SHARE = 0.5
-"""Of the time of a fit from one start, for the progress."""
-
-PLACING_SHARE = 0.3
-"""Of that of a fit without the loop."""
+ROUGH_COST, SEARCH_COST, LOOP_COST = 0.3, 0.7, 1.0
+"""Times of the coarse fit of a start, the search of its digits, and the loop, for the progress."""
 
 SEARCHED = 3
 """Of several starts so many, after a coarse fit of all, have their digits searched."""
@@ -189,11 +186,14 @@ def fit_hand(
         for side in _sides(start, handedness, rig)
         for seen in start.seen_in(depth, side)
     ]
-    first_share = 1.0 - LOOP_SHARE if closed_loop else 1.0
-    placing_share = first_share * PLACING_SHARE
+    costs = (
+        ROUGH_COST * len(starts), SEARCH_COST * min(len(starts), SEARCHED), LOOP_COST * closed_loop
+    )  # fmt: skip
+    rough_share, search_share, _ = np.divide(costs, sum(costs))
     for number, (start, side) in enumerate(starts):
         fitter = fitter_of(side)
-        begin, end = (placing_share * (number + k) / len(starts) for k in (0, 1))
+        say_stage(progress, _counted(start, number, len(starts)))
+        begin, end = (rough_share * (number + k) / len(starts) for k in (0, 1))
         placing = part_of(progress, begin, end)
         tries = (TRIED, PLACES) if len(starts) == 1 else (TRIED_OF_SEVERAL, 1)
         own_shape = start.shape or shape or AVERAGE
@@ -202,8 +202,7 @@ def fit_hand(
         prior = Prior.about(places[0], angle_covariance(angle_std_deg))
         found = roughly(places, fitter, prior, seed, tries[1])
         tried.append(_Tried(fitter, start, places[0], prior, found))
-    searching = part_of(progress, placing_share, first_share)
-    tried = _searched(tried, seed, opened, searching)
+    tried = _searched(tried, seed, opened, progress, (rough_share, rough_share + search_share))
     tried.sort(key=lambda one: one.found.deviance)
     best, loop = tried[0], None
     information = information_at(best.fitter, best.found, best.prior, seed + JUDGED_SEED)
@@ -211,9 +210,10 @@ def fit_hand(
     check_likeness(_likeness(best.fitter, found))
     if closed_loop:
         settings = LoopSettings(radar, alpha, seed, opened)
-        looping = part_of(progress, 1.0 - LOOP_SHARE, 1.0)
+        say_stage(progress, "simulating")
+        looping = part_of(progress, rough_share + search_share, 1.0)
         loop = close_loop(best.fitter, found, best.prior, settings, looping)
-        check_overlap(loop.best.overlap, best.start.pose.name)
+        check_overlap(loop.best.overlap, best.start.name)
         found = replace(found, state=loop.best.state)
     best = replace(best, found=found)
     known = best.start.shape is not None or shape is not None
@@ -279,28 +279,38 @@ def _places(
     )  # fmt: skip
     if not found:
         raise CompareError(
-            f"could not fit the hand, because no part of '{start.pose.name}' is visible in any "
+            f"could not fit the hand, because no part of '{start.name}' is visible in any "
             "pose of the search"
         )
     return [place for place, _ in found]
 
 
+def _counted(start: Start, number: int, total: int) -> str:
+    return f"'{start.name}'" + (f", {number + 1} of {total}" if total > 1 else "")
+
+
 def _searched(
-    tried: list[_Tried], seed: int, device: Device, progress: Progress | None
+    tried: list[_Tried],
+    seed: int,
+    device: Device,
+    progress: Progress | None,
+    shares: tuple[float, float],
 ) -> list[_Tried]:
-    """The basins of the best of coarse fits."""
+    """The basins of the best of coarse fits; the progress runs between the shares."""
+    searching = part_of(progress, *shares)
     skins: dict[tuple[str, HandShape], HandSkin] = {}
     ended = []
     best = sorted(tried, key=lambda one: one.found.deviance)[:SEARCHED]
     for done, one in enumerate(best):
+        say_stage(progress, f"digits of {_counted(one.start, done, len(best))}")
         model, shape = one.fitter.model, one.placed.shape
         key = (model.handedness, shape)
         if key not in skins:
             skins[key] = HandSkin(model, one.start.pose, shape, device)
         basins = basins_from(one.found, one.fitter, one.prior, skins[key], seed)
         ended += [replace(one, found=found) for found in basins]
-        if progress is not None:
-            progress(done + 1, len(best))
+        if searching is not None:
+            searching(done + 1, len(best))
     return ended
 
 
@@ -319,7 +329,7 @@ def _result(
     alpha = alpha if loop is None else loop.best.alpha
     basins = tuple(
         Basin(
-            one.start.pose.name,
+            one.start.name,
             one.found.state.pose,
             one.found.state.transform,
             joints_at(one.fitter, one.found.state),
@@ -352,7 +362,7 @@ def _result(
         log_brightness=found.log_brightness,
         deviance=found.deviance,
         basins=basins,
-        start=best.start.pose.name,
+        start=best.start.name,
         likeness=_likeness(fitter, found),
         overlap=None if loop is None else loop.best.overlap,
         converged=loop is None or loop.converged,

@@ -355,7 +355,7 @@ class _HandFitting:
                 device=self.device,
             )  # fmt: skip
         # A learned start has no pose before it has seen the image.
-        known = (start.pose for start in self.starts if start.pose.name == fit.start)
+        known = (start.pose for start in self.starts if start.name == fit.start)
         nominal = HandState(next(known, fit.pose), shape or AVERAGE, fit.transform)
         belief = Belief.of_start(nominal, self.angle_std_deg, self.fit_shape)
         if track is not None:

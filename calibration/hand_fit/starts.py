@@ -15,6 +15,7 @@ from calibration.registration.alignment import check_rigid
 from clradar.errors import ClradarError, MeasurementError, ModelError, quoted
 from clradar.files.failures import fail, shown
 from clradar.files.json_file import read_json_object
+from clradar.files.table import nearest
 from clradar.hand import LETTERS, POSES, HandPose, HandShape, pose_by_name, read_pose
 from clradar.hand.pose_file import SUFFIXES, pose_of_table
 from clradar.model import DepthMap, checks
@@ -25,6 +26,8 @@ FIT_FILE = "fit.json"
 ALL = "all"
 """All letters of the alphabet."""
 
+EARLIER_FIT = "an earlier fit"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
@@ -33,7 +36,7 @@ class Start:
     Attributes
     ----------
     pose : HandPose
-        The mean of the prior; its name is that of the start.
+        The mean of the prior.
     shape : HandShape, optional
         None: the one that the fit is given.
     handedness : "right" or "left", optional
@@ -42,6 +45,8 @@ class Start:
         As `HandFit.transform`; None: the place is searched for.
     learned : LearnedStart, optional
         Predicts poses from the image; until `seen_in` has asked it, `pose` has its name alone.
+    source : str
+        What the pose was taken from, where that is no pose: an earlier fit.
     """
 
     pose: HandPose
@@ -49,6 +54,12 @@ class Start:
     handedness: str | None = None
     transform: np.ndarray | None = None
     learned: LearnedStart | None = None
+    source: str = ""
+
+    @property
+    def name(self) -> str:
+        """What results call the start: the earlier fit, or the name of the pose."""
+        return self.source or self.pose.name
 
     def seen_in(self, depth: DepthMap, handedness: str) -> tuple[Start, ...]:
         """The starts for a measured hand, "right" or "left": itself, unless it is a learned one."""
@@ -96,7 +107,7 @@ def _starts(pose: Any) -> tuple[Start, ...]:
     if isinstance(pose, HandPose):
         return (Start(pose),)
     if isinstance(pose, HandFit):
-        return (Start(pose.pose, pose.shape, pose.handedness, pose.transform),)
+        return (Start(pose.pose, pose.shape, pose.handedness, pose.transform, source=EARLIER_FIT),)
     if isinstance(pose, str) and pose.strip().casefold() == ALL:
         return tuple(Start(POSES[letter]) for letter in LETTERS)
     if isinstance(pose, str) and start_file(pose) is None:
@@ -113,7 +124,8 @@ def _named(name: str) -> HandPose:
         known = ", ".join(repr(known) for known in POSES)
         files = f"a pose file ({', '.join(SUFFIXES)}), a learned start ({SUFFIX})"
         others = f"'{ALL}', {files}, or the folder of an earlier fit"
-        checks.fail("pose", f"one of {known}, {others}", repr(name))
+        meant = nearest(name, (*POSES, ALL))
+        checks.fail("pose", f"one of {known}, {others}", f"{name!r}{meant}")
 
 
 def start_file(text: str) -> Path | None:
@@ -161,4 +173,5 @@ def _start_of_fit(record: dict[str, Any], path: Path) -> Start:
     except (ModelError, TypeError) as error:
         said = str(error) if isinstance(error, ClradarError) else f"shape: {error}"
         raise MeasurementError(f"{shown(path)}: {said}") from error
-    return Start(pose, shape, handedness, transform)
+    fit = path.resolve().parent if path.name == FIT_FILE else path
+    return Start(pose, shape, handedness, transform, source=fit.name)

@@ -5,10 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from typing import TextIO
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TextIO
 
 from clradar.errors import handled_warnings, quoted
 from clradar.model.progress import Progress
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bars
+    from rich.progress import TaskID
 
 
 def one_line(text: object) -> str:
@@ -71,6 +76,19 @@ def print_table(
     console.print(table)
 
 
+@dataclass(frozen=True, slots=True)
+class _Bar:
+    bars: Bars
+    task: TaskID
+    label: str
+
+    def __call__(self, done: int, total: int) -> None:
+        self.bars.update(self.task, completed=done, total=total)
+
+    def stage(self, words: str) -> None:
+        self.bars.update(self.task, description=f"{self.label}: {words}")
+
+
 @contextmanager
 def progress_bar(label: str) -> Iterator[Progress | None]:
     """Show a progress bar on stderr while the block runs, where stderr is a terminal.
@@ -78,7 +96,8 @@ def progress_bar(label: str) -> Iterator[Progress | None]:
     Yields
     ------
     callable or None
-        To be passed on as ``progress=``: called with (done, total). None in a pipe.
+        To be passed on as ``progress=``: called with (done, total); its method `stage` shows what
+        is done now after the label. None in a pipe.
     """
     if not sys.stderr.isatty():
         yield None
@@ -94,9 +113,4 @@ def progress_bar(label: str) -> Iterator[Progress | None]:
         TimeRemainingColumn(),
     )
     with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task(label, total=None)
-
-        def show(done: int, total: int) -> None:
-            bars.update(task, completed=done, total=total)
-
-        yield show
+        yield _Bar(bars, bars.add_task(label, total=None), label)

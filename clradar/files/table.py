@@ -195,9 +195,13 @@ def is_whole(value: object) -> bool:
 
 
 def nearest(given: object, known: Sequence[str]) -> str:
-    """Return "; did you mean ...?" where a known word is near to what was given, else nothing."""
-    found = get_close_matches(str(given), known, n=1)
-    return f" (did you mean '{found[0]}'?)" if found else ""
+    """Return " (did you mean ...?)" where a known word is near to what was given, else nothing.
+
+    Upper and lower case count as the same.
+    """
+    folded = {word.casefold(): word for word in known}
+    found = get_close_matches(str(given).casefold(), folded, n=1)
+    return f" (did you mean '{folded[found[0]]}'?)" if found else ""
 
 
 def choice_text(given: object, choices: Sequence[str]) -> str:

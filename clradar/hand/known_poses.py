@@ -7,6 +7,7 @@ from functools import cache
 from importlib import resources
 from pathlib import Path
 
+from clradar.files.table import nearest
 from clradar.hand.pose import HandPose
 from clradar.hand.pose_file import parse_pose
 from clradar.model import checks
@@ -63,4 +64,5 @@ def pose_by_name(name: str) -> HandPose:
     for known in POSES:
         if known.casefold() == wanted:
             return POSES[known]
-    checks.fail("pose", "one of " + ", ".join(repr(known) for known in POSES), repr(name))
+    got = f"{name!r}{nearest(name, tuple(POSES))}"
+    checks.fail("pose", "one of " + ", ".join(repr(known) for known in POSES), got)

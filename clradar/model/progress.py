@@ -10,6 +10,22 @@ Progress = Callable[[int, int], None]
 _STEPS = 1000  # of a computation that consists of parts
 
 
+def say_stage(progress: Progress | None, words: str) -> None:
+    """Say what is done now to a callback that shows it: one with a method `stage`.
+
+    Examples
+    --------
+    >>> class Printed:
+    ...     stage = staticmethod(print)
+    ...     def __call__(self, done, total): pass
+    >>> say_stage(Printed(), "simulating")
+    simulating
+    """
+    show = getattr(progress, "stage", None)
+    if show is not None:
+        show(words)
+
+
 def part_of(progress: Progress | None, begin: float, end: float) -> Progress | None:
     """The callback for a part of a longer computation, from its share `begin` to `end`.
 

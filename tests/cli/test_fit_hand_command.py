@@ -147,6 +147,7 @@ def test_a_fit_goes_on_from_an_earlier_one(
     assert run("fit-hand", "volume.h5", "--pose", one, "-o", two).status == 0
     ((start,),) = (call["pose"] for call in recorded_fit.calls)
     assert start.transform.tolist() == recorded_fit.fit.transform.tolist()
+    assert (start.name, start.pose.name) == ("one", "F")
     record = json.loads((two / "fit.json").read_text())
     assert [file["file"] for file in record["inputs"]] == ["volume.h5", "fit.json"]
     outcome = run("fit-hand", "volume.h5", "--pose", one, "--hand", "left", "-o", tmp_path / "x")
@@ -187,6 +188,8 @@ def test_wrong_usage(
     ("arguments", "part"),
     [
         ("volume.h5 --pose J", "pose: expected one of 'flat'"),
+        ("volume.h5 --pose ff", "got 'ff' (did you mean 'F'?)"),
+        ("volume.h5 --pose F,al", "got 'al' (did you mean 'all'?)"),
         ("volume.h5 --pose F,,L", "or the folder of an earlier fit, got ''"),
         ("volume.h5 --angle-std-deg 0", "--angle-std-deg: expected a positive number"),
         ("volume.h5 --pose none.toml", "none.toml: "),
