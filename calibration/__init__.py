@@ -1,5 +1,6 @@
 """Calibration of recordings, and registration of simulations to them."""
 
+# A package of clradar: clradar/files/own_packages.py looks for this line.
 # Functions take the names of their modules: `from calibration import align` gives the function.
 from calibration.channels.correction import correct
 from calibration.channels.estimate import estimate_channels

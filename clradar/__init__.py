@@ -7,7 +7,6 @@ from clradar import arrays
 from clradar.backproject import backproject
 from clradar.compare import Metrics, compare, spread
 from clradar.errors import ClradarWarning
-from clradar.files.own_packages import require_own
 from clradar.imaging.operator import ImagingOperator, forward
 from clradar.imaging.placement import place_grid
 from clradar.imaging.reconstruction import reconstruct
@@ -99,9 +98,7 @@ def __getattr__(name: str) -> Any:
     if name == "open_dataset":
         return import_module("clradar.dataset").open_dataset
     if name in ("calibration", "measurement_io"):
-        # The same modules as by `import calibration`, for scripts beside a file of that name.
-        require_own(name)
-        return import_module(name)
+        return import_module(f"clradar.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

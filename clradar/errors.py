@@ -62,7 +62,7 @@ class ClusterError(ClradarError, RuntimeError):
 
 
 class PackageError(ClradarError, ImportError):
-    """A file of the user has the name of one of our packages and hides it."""
+    """A user's file or another package has the name of one of our packages and hides it."""
 
 
 class ClradarWarning(UserWarning):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import clradar
-from measurement_io import LayoutNeeded, open_capture, save_capture
+from clradar.measurement_io import LayoutNeeded, open_capture, save_capture
 
 LAYOUT = Path(__file__).parent / "layouts" / "split_parts.toml"
 

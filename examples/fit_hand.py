@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from clradar.calibration.hand_fit.figure import hand_fit_figure
 
 import clradar
-from calibration import fit_hand
-from calibration.hand_fit.figure import hand_fit_figure
+from clradar.calibration import fit_hand
 from clradar.hand import JointAngles, hand_mesh, pose_by_name
 from clradar.plot import save_figure
 
@@ -26,7 +26,7 @@ def main(closed_loop: bool = True, spacing_m: float = 2e-3) -> None:
     clean = clradar.simulate(scene, array, waveform, samples_per_mm2=1, seed=1)
     capture = clradar.impair(clean, snr_db=20, seed=1)
 
-    # Of a recording: measurement_io.open_capture("hand/30", frame=0) instead of all above.
+    # Of a recording: clradar.measurement_io.open_capture("hand/30", frame=0) instead of all above.
     grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.11, 0.11), (0.25, 0.34), spacing_m)
     measured = clradar.backproject(capture, grid)
     radar = {"array": capture.array, "waveform": capture.waveform}

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 import clradar
+from clradar.measurement_io import describe, open_capture, save_capture, save_maroon_frame
 from clradar.plot import image_figure, save_figure
-from measurement_io import describe, open_capture, save_capture, save_maroon_frame
 
 
 def write_recording(folder: Path) -> None:

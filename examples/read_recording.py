@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 
 import clradar
-from measurement_io import describe, open_recording, save_recording
+from clradar.measurement_io import describe, open_recording, save_recording
 
 GRID = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.27, 0.33), 2e-3)
 

@@ -1,4 +1,4 @@
-"""Learn the joint angles of hands from their images: a start for `calibration.fit_hand`.
+"""Learn the joint angles of hands from their images: a start for `clradar.calibration.fit_hand`.
 
 pip install 'clradar[dataset,learned]'; for kind in pose_letters pose_free; do
 clradar dataset plans/$kind.toml -o $kind; done; python train_pose.py pose_letters pose_free
@@ -22,8 +22,9 @@ try:
 except ImportError as error:
     sys.exit(f"train_pose.py: needs pip install 'clradar[dataset,learned]' ({error})")
 
+from clradar.calibration.hand_fit.learned_start import prediction_of, samples_of, start_metadata
+
 import clradar
-from calibration.hand_fit.learned_start import prediction_of, samples_of, start_metadata
 from clradar.hand import LETTERS, HandPose, JointAngles, posed_skeleton
 
 COMPONENTS, NOISE, WIDTH = 100, 0.1, 0.7  # width in units of the pictures' RMS deviation

@@ -1,5 +1,7 @@
 """Recorded captures and the native HDF5 file, as records of `clradar`."""
 
+# A package of clradar: clradar/files/own_packages.py looks for this line.
+
 from measurement_io.check import CheckReport, check_file
 from measurement_io.describe import describe
 from measurement_io.layouts.capture_by_layout import open_with_layout

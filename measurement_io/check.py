@@ -33,7 +33,7 @@ class CheckReport:
 
     Examples
     --------
-    >>> from measurement_io import CheckReport
+    >>> from clradar.measurement_io import CheckReport
     >>> print(CheckReport("capture.h5", ("checksums",), ("/@created: expected a time, got x",)))
     capture.h5: not all right
       ok: checksums
@@ -72,7 +72,7 @@ def check_file(path: str | os.PathLike[str]) -> CheckReport:
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from measurement_io import check_file, save_capture
+    >>> from clradar.measurement_io import check_file, save_capture
     >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
     >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
     >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S

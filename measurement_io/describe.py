@@ -34,7 +34,7 @@ def describe(path: str | os.PathLike[str]) -> Description:
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from measurement_io import describe, save_capture
+    >>> from clradar.measurement_io import describe, save_capture
     >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
     >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
     >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S

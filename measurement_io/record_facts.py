@@ -41,7 +41,7 @@ class Fact:
 
     Examples
     --------
-    >>> from measurement_io import Fact
+    >>> from clradar.measurement_io import Fact
     >>> Fact("frequencies", "3 from 76 to 78 GHz", {"count": 3, "low_hz": 76e9}).value["count"]
     3
     """
@@ -73,7 +73,7 @@ class Description:
 
     Examples
     --------
-    >>> from measurement_io import Description, Fact
+    >>> from clradar.measurement_io import Description, Fact
     >>> description = Description("a.h5", "native capture", (Fact("array", "lab: 2 Tx, 1 Rx", {}),))
     >>> print(description)
     a.h5: native capture

@@ -38,7 +38,8 @@ class Gate:
 
     Examples
     --------
-    >>> import calibration, clradar
+    >>> import clradar
+    >>> from clradar import calibration
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
     >>> window = calibration.gate(waveform, near_m=0.1, far_m=0.2)
     >>> window.matrix.shape, round(window.edge_m, 3)
@@ -105,7 +106,8 @@ def range_gate(
     --------
     An echo at 0.15 m is kept, one at 0.4 m is rejected:
 
-    >>> import calibration, clradar, numpy as np
+    >>> import clradar, numpy as np
+    >>> from clradar import calibration
     >>> from clradar import reference
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
@@ -159,7 +161,8 @@ def gate(
 
     Examples
     --------
-    >>> import calibration, clradar
+    >>> import clradar
+    >>> from clradar import calibration
     >>> window = calibration.gate(clradar.Waveform.sfcw(72e9, 82e9, 32), near_m=0.1, far_m=0.2)
     >>> round(window.passband_db, 1), round(window.rejection_db)
     (-0.5, 51)

@@ -49,7 +49,8 @@ def average_frames(captures: Iterable[Capture], *, align_phase: bool = False) ->
 
     Examples
     --------
-    >>> import calibration, clradar, numpy as np
+    >>> import clradar, numpy as np
+    >>> from clradar import calibration
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
     >>> waveform = clradar.Waveform([77e9])
     >>> frames = [clradar.Capture(np.full((1, 1, 1), v), array, waveform) for v in (2, 2j)]
@@ -128,7 +129,8 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
 
     Examples
     --------
-    >>> import calibration, clradar, numpy as np
+    >>> import clradar, numpy as np
+    >>> from clradar import calibration
     >>> from clradar import reference
     >>> q = clradar.arrays.qar50()
     >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])

@@ -90,7 +90,8 @@ class Score:
 
     Examples
     --------
-    >>> import calibration, numpy as np
+    >>> import numpy as np
+    >>> from clradar import calibration
     >>> score = calibration.Score(calibration.Hypothesis(), 0.5, np.array([0, 0, 0.3]), None)
     >>> round(score.relative_db, 2)
     -3.01
@@ -140,7 +141,8 @@ class Diagnosis:
 
     Examples
     --------
-    >>> import calibration, clradar
+    >>> import clradar
+    >>> from clradar import calibration
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
     >>> zero = clradar.Capture([[[0j]]], array, clradar.Waveform([77e9]))
     >>> found = calibration.diagnose(zero)
@@ -240,7 +242,8 @@ def diagnose(
 
     Examples
     --------
-    >>> import calibration, clradar, numpy as np
+    >>> import clradar, numpy as np
+    >>> from clradar import calibration
     >>> from clradar import reference
     >>> place = np.random.default_rng(4)
     >>> tx, rx = (np.c_[place.uniform(-0.07, 0.07, (12, 2)), np.zeros(12)] for _ in range(2))

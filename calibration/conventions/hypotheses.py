@@ -36,7 +36,7 @@ class Hypothesis:
 
     Examples
     --------
-    >>> import calibration
+    >>> from clradar import calibration
     >>> calibration.Hypothesis(swapped=True, mirrored=True).label
     'swapped, mirrored'
     """
@@ -94,7 +94,8 @@ def apply_convention(
 
     Examples
     --------
-    >>> import calibration, clradar
+    >>> import clradar
+    >>> from clradar import calibration
     >>> array = clradar.AntennaArray([[0.01, 0, 0]], [[0, 0, 0]])
     >>> capture = clradar.Capture([[[1j]]], array, clradar.Waveform([77e9]))
     >>> other = calibration.Hypothesis(conjugated=True, mirrored=True)

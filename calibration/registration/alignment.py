@@ -84,7 +84,8 @@ class Alignment:
 
     Examples
     --------
-    >>> import calibration, numpy as np
+    >>> import numpy as np
+    >>> from clradar import calibration
     >>> quarter = np.eye(4)
     >>> quarter[:3] = [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0.01]]
     >>> found = calibration.Alignment(

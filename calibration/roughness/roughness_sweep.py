@@ -61,8 +61,9 @@ class RoughnessSweep:
 
     Examples
     --------
-    >>> import calibration, numpy as np
-    >>> from calibration.roughness.roughness_estimate import Interval
+    >>> import numpy as np
+    >>> from clradar import calibration
+    >>> from clradar.calibration.roughness.roughness_estimate import Interval
     >>> heights_m, gain_db = np.array([1e-4, 2e-4]), Interval(-3, -4, -2, -5, -1)
     >>> found = calibration.RoughnessSweep(
     ...     (), heights_m, np.array([3e-3]), (0, 1), gain_db, calibrated=False)
@@ -178,7 +179,8 @@ def sweep_roughness(
     --------
     A plate, measured with another seed than the simulations':
 
-    >>> import calibration, clradar, numpy as np, trimesh, warnings
+    >>> import clradar, numpy as np, trimesh, warnings
+    >>> from clradar import calibration
     >>> warnings.simplefilter("ignore", clradar.ClradarWarning)  # of a coarse surface
     >>> plate = trimesh.creation.box((0.04, 0.04, 0.001)).apply_translation([0, 0, 0.3])
     >>> scene = clradar.Scene.from_mesh(plate)

@@ -68,7 +68,8 @@ class Sweep:
 
     Examples
     --------
-    >>> import calibration, clradar, numpy as np
+    >>> import clradar, numpy as np
+    >>> from clradar import calibration
     >>> axis_m = np.arange(12) * 1e-3
     >>> level = 1.0 + np.add.outer(axis_m, axis_m)
     >>> image = clradar.DepthMap(np.full((12, 12), 0.3), level, axis_m, axis_m, 15.0)
@@ -217,7 +218,8 @@ def sweep(
     --------
     A simulation with the sweep's seed in place of a measurement: at its alpha the images are equal.
 
-    >>> import calibration, clradar, trimesh
+    >>> import clradar, trimesh
+    >>> from clradar import calibration
     >>> mesh = trimesh.creation.icosphere(3, 0.04)
     >>> scene = clradar.Scene(mesh.vertices + [0, 0, 0.3], mesh.faces)
     >>> q = clradar.arrays.qar50()

@@ -60,7 +60,7 @@ def open_with_layout(
     --------
     >>> import numpy as np
     >>> from pathlib import Path
-    >>> from measurement_io import open_with_layout
+    >>> from clradar.measurement_io import open_with_layout
     >>> _ = Path("lab.toml").write_text('''
     ... data = {key = "s", axes = ["tx", "rx", "freq"]}
     ... tx.key = "tx_mm"

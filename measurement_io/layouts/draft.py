@@ -37,7 +37,7 @@ class LayoutNeeded(MeasurementError):
     Examples
     --------
     >>> import numpy as np
-    >>> from measurement_io import LayoutNeeded, open_capture
+    >>> from clradar.measurement_io import LayoutNeeded, open_capture
     >>> np.savez("lab.npz", signal=np.ones((4, 3, 8), np.complex64), f_ghz=np.linspace(72, 82, 8))
     >>> try:
     ...     open_capture("lab.npz")

@@ -185,7 +185,7 @@ class Layout:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from measurement_io import read_layout
+    >>> from clradar.measurement_io import read_layout
     >>> _ = Path("lab.toml").write_text('''
     ... data = {key = "array", axes = ["tx", "rx", "freq"]}
     ... tx.array = "qar50"

@@ -41,7 +41,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from measurement_io import read_layout
+    >>> from clradar.measurement_io import read_layout
     >>> _ = Path("lab.toml").write_text('''
     ... data = {key = "s", axes = ["tx", "rx", "freq"]}
     ... tx.key = "tx_mm"

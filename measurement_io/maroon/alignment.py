@@ -56,7 +56,7 @@ class SensorAlignment:
     Examples
     --------
     >>> import numpy as np
-    >>> from measurement_io import SensorAlignment
+    >>> from clradar.measurement_io import SensorAlignment
     >>> matrix = np.diag([0.001, 0.001, 0.001, 1.0])  # of millimetres
     >>> alignment = SensorAlignment("alignment.json", {("kinect", "radar"): matrix})
     >>> alignment.to_antenna("kinect").diagonal().tolist()  # x mirrored
@@ -189,7 +189,7 @@ def read_alignment(path: str | os.PathLike[str]) -> SensorAlignment:
     --------
     >>> import json
     >>> from pathlib import Path
-    >>> from measurement_io import read_alignment
+    >>> from clradar.measurement_io import read_alignment
     >>> matrix = [[0.001, 0, 0, 0.1], [0, 0.001, 0, 0], [0, 0, 0.001, 0], [0, 0, 0, 1]]
     >>> _ = Path("alignment.json").write_text(json.dumps({"kinect2radar": matrix}))
     >>> alignment = read_alignment("alignment.json")

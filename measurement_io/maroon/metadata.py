@@ -32,7 +32,7 @@ class MaskBox:
 
     Examples
     --------
-    >>> from measurement_io import MaskBox
+    >>> from clradar.measurement_io import MaskBox
     >>> box = MaskBox(x_min_m=-0.2, x_max_m=0.1)
     >>> box.x_max_m, box.z_min_m
     (0.1, None)
@@ -116,7 +116,7 @@ class RecordingMetadata:
 
     Examples
     --------
-    >>> from measurement_io import MaskBox, RecordingMetadata
+    >>> from clradar.measurement_io import MaskBox, RecordingMetadata
     >>> metadata = RecordingMetadata(distance_meters=0.3, mask_bb=MaskBox(x_min_m=-0.2))
     >>> metadata.mask_bb_antenna.x_max_m  # x changes sign
     0.2
@@ -163,7 +163,7 @@ def read_metadata(path: str | os.PathLike[str]) -> RecordingMetadata:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from measurement_io import read_metadata
+    >>> from clradar.measurement_io import read_metadata
     >>> _ = Path("metadata.json").write_text(
     ...     '{"distance_meters": 0.3, "mask_bb": {"xmin": -0.2, "xmax": 0.1}}'
     ... )

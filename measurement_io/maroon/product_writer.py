@@ -89,7 +89,7 @@ def write_products(
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from measurement_io import save_recording, write_products
+    >>> from clradar.measurement_io import save_recording, write_products
     >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
     >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
     >>> capture = clradar.Capture(data, array, waveform)
@@ -100,7 +100,7 @@ def write_products(
     >>> paths = write_products(radar, 0, clradar.Volume(image, grid))
     >>> [path.parent.name for path in paths]
     ['depth', 'maxproj', 'volume', 'xyz']
-    >>> from measurement_io.maroon.products import read_depth_map
+    >>> from clradar.measurement_io.maroon.products import read_depth_map
     >>> depth = read_depth_map(radar, 0)
     >>> round(float(depth.depth_m[depth.mask][0]), 3)
     0.31

@@ -126,7 +126,7 @@ def save_recording(
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from measurement_io import open_recording, save_recording
+    >>> from clradar.measurement_io import open_recording, save_recording
     >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
     >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
     >>> captures = [clradar.Capture((i + 1) * data, array, waveform) for i in range(3)]

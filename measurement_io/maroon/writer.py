@@ -111,7 +111,7 @@ def save_maroon_frame(
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from measurement_io import open_capture, save_maroon_frame
+    >>> from clradar.measurement_io import open_capture, save_maroon_frame
     >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
     >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
     >>> capture = clradar.Capture(data, array, waveform, {"object": "plate"})

@@ -61,7 +61,7 @@ def save_capture(path: str | os.PathLike[str], capture: Capture, *, force: bool 
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from measurement_io import open_capture, save_capture
+    >>> from clradar.measurement_io import open_capture, save_capture
     >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
     >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
     >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
@@ -94,7 +94,7 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from measurement_io import open_volume, save_volume
+    >>> from clradar.measurement_io import open_volume, save_volume
     >>> grid = clradar.VoxelGrid([-0.01, -0.01, 0.3], [0.01, 0.01, 0.01], (3, 3, 2))
     >>> data = np.zeros(grid.shape, np.complex64)
     >>> data[1, 1, 2] = 1j
@@ -215,7 +215,7 @@ def open_volume(path: str | os.PathLike[str]) -> Volume:
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from measurement_io import open_volume, save_volume
+    >>> from clradar.measurement_io import open_volume, save_volume
     >>> grid = clradar.VoxelGrid([-0.01, -0.01, 0.3], [0.01, 0.01, 0.01], (3, 3, 2))
     >>> data = np.zeros(grid.shape, np.complex64)
     >>> data[1, 1, 2] = 1j

@@ -72,7 +72,7 @@ def save_channels(
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from measurement_io import open_channels, save_channels
+    >>> from clradar.measurement_io import open_channels, save_channels
     >>> channels = clradar.ChannelCalibration(
     ...     response=clradar.ChannelResponse([1, 1j], [2], [0, 1e-12], [0], 77e9),
     ...     array=clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab"),
@@ -140,7 +140,7 @@ def open_channels(path: str | os.PathLike[str]) -> ChannelCalibration:
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from measurement_io import open_channels, save_channels
+    >>> from clradar.measurement_io import open_channels, save_channels
     >>> channels = clradar.ChannelCalibration(
     ...     response=clradar.ChannelResponse([1, 1j], [2], [0, 1e-12], [0], 77e9),
     ...     array=clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab"),
