@@ -39,7 +39,7 @@ from hand_fit_table import table
 
 import clradar
 from calibration import HandFit, align_mesh, fit_hand
-from calibration.hand_fit.certainty import certainty, joints_at
+from calibration.hand_fit.certainty import certainty, information_at, joints_at
 from calibration.hand_fit.descent import HandFitter, fitted_parameters
 from calibration.hand_fit.hand_model import ParametricHand
 from calibration.hand_fit.hand_state import HandState
@@ -122,7 +122,8 @@ def from_truth(case: Case, volume: clradar.Volume, start: str) -> dict[str, Any]
     found = fitter.descend(truth, initial_log_brightness(), prior, seed=seed)
     # Brightness alone is fitted there.
     there = fitter.judged(replace(found, state=truth), prior, seed=seed + 1000)
-    limit = certainty(fitter, there, prior, seed + 1000)
+    told = replace(information_at(fitter, there, prior, seed + 1000), widening=1.0)
+    limit = certainty(fitter, there, prior, seed + 1000, told)
     found = fitter.judged(found, prior, seed=seed + 1000)
     known = certainty(fitter, found, prior, seed + 1000)
     return errors(case, joints_at(fitter, found.state)) | {

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.hand_fit.agreement import range_ratio
 from calibration.hand_fit.descent import FALLS, FINE, Fitted, HandFitter
 from calibration.hand_fit.hand_rendering import (
     ANGLES,
@@ -77,16 +78,18 @@ class Certainty:
 class Information:
     """Information at a fit on all parameters, of the measurement and of the prior, (44, 44).
 
-    `fitted`, indices of the parameters that were fitted; `centre_m`, of the twists.
+    `fitted`, indices of the parameters that were fitted; `centre_m`, of the twists; `widening`, 1
+    or more, by which variances are larger than both say (`agreement.range_ratio`).
     """
 
     measured: np.ndarray
     before: np.ndarray
     fitted: np.ndarray
     centre_m: np.ndarray
+    widening: float = 1.0
 
     def covariance(self) -> np.ndarray:
-        """Of the fitted parameters: (n, n), the brightness among them."""
+        """Of the fitted parameters: (n, n), the brightness among them; not widened."""
         own = np.ix_(self.fitted, self.fitted)
         inverse: np.ndarray = np.linalg.inv((self.measured + self.before)[own])
         return inverse
@@ -116,17 +119,19 @@ def information_at(fitter: HandFitter, found: Fitted, prior: Prior, seed: int) -
     wanted = fitter.fitted.copy()
     wanted[SHAPE] = fitter.model.has_shape
     picture = fitter.picture(FINE)
-    slopes = []
+    slopes, ratios = [], []
     for drawn in (seed, seed + 1):
         picture.draw_surface(found.state, drawn)
         _, rows, centre_m = fitter.linearised(found.state, found.log_brightness, FINE, wanted)
         slopes.append(rows)
+        ratios.append(range_ratio(picture, picture.render(found.state, found.log_brightness)))
     product = slopes[0] @ slopes[1].T
     return Information(
         measured=_without_negative(0.5 * (product + product.T)) / COVARIANCE_RATIO**2,
         before=prior.information + SMOOTH * FALLS.T @ FALLS,
         fitted=np.flatnonzero(fitter.fitted),
         centre_m=centre_m,
+        widening=max(1.0, float(np.mean(ratios))),
     )
 
 
@@ -138,9 +143,11 @@ def certainty(
     known: Information | None = None,
     shape_is_known: bool = True,
 ) -> Certainty:
-    """The covariance at a fit, from information there or near it.
+    """The covariance at a fit, from information there or near it, widened where ranges disagree.
 
-    Where the shape is neither fitted nor known, the spread among adults is added.
+    The prior's part, too: where whole parts of the surface are elsewhere, neither the minimum nor
+    what it was weighed against holds. Where the shape is neither fitted nor known, the spread among
+    adults is added.
     """
     known = information_at(fitter, found, prior, seed) if known is None else known
     covariance = known.covariance()
@@ -161,11 +168,12 @@ def certainty(
     fitted_part = covariance[np.ix_(geometry, geometry)]
     of_joints = np.einsum("kjc,kl,ljd->jcd", by_parameter[own], fitted_part, by_parameter[own])
     names = tuple(GEOMETRY_NAMES[k] for k in own)
+    inner = known.widening * inner
     return Certainty(
         covariance=inner,
         names=names,
         angle_std_rad=np.sqrt(np.diag(inner))[angles],
-        joint_covariance_m2=of_joints + of_shape,
+        joint_covariance_m2=known.widening * (of_joints + of_shape),
         untold=tuple(
             name
             for name, told in zip(GEOMETRY_NAMES[ANGLES], known.told(), strict=True)
