@@ -9,13 +9,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from calibration.hand_fit.bone_rates import axes_of
 from calibration.hand_fit.hand_model import HandModel
-from calibration.hand_fit.hand_state import (
-    ANGLES_OF_DIGIT,
-    HIGHEST_RAD,
-    N_ANGLES,
-    HandState,
-)
+from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT, HandState
 from calibration.hand_fit.skinned import Bones
 from clradar.hand.joints import FINGERS
 
@@ -24,8 +20,6 @@ BONES_OF_ANGLES = {
     **{finger: (6 + 5 * i, 6 + 5 * i, 7 + 5 * i, 8 + 5 * i) for i, finger in enumerate(FINGERS)},
 }
 """Which bone each of a digit's angles turns, from the base to the tip."""
-
-_STEP_RAD = 0.1  # finite: about a fixed axis any rotation tells it
 
 
 def bones_of_digit(digit: str) -> slice:
@@ -48,15 +42,7 @@ class DigitChain:
         self.own, self.turned = ANGLES_OF_DIGIT[digit], BONES_OF_ANGLES[digit]
         self.bones = model.bones(state.pose, state.shape).moved(state.transform)
         self._angles_rad = state.angles_rad
-        self._axes = []
-        for k, bone in zip(range(N_ANGLES)[self.own], self.turned, strict=True):
-            angles = self._angles_rad.copy()
-            step = _STEP_RAD if angles[k] + _STEP_RAD <= HIGHEST_RAD[k] else -_STEP_RAD
-            angles[k] += step
-            ahead = state.with_angles(angles)
-            there = model.bones(ahead.pose, ahead.shape).moved(state.transform).matrix[bone]
-            turn = Rotation.from_matrix(there @ np.linalg.inv(self.bones.matrix[bone]))
-            self._axes.append(turn.as_rotvec() / step)
+        self._axes = axes_of(self.bones, state.pose)[self.own]
 
     def places(self, angles_rad: np.ndarray) -> Bones:
         """The bones for rows of `angles_rad`, (n, 23): arrays (n, 25, 3, 3) and (n, 25, 3).

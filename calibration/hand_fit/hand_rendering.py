@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibration.hand_fit.bone_rates import SAME_DIGIT, bone_rates
 from calibration.hand_fit.hand_model import HandModel
 from calibration.hand_fit.hand_shape_vector import N_SHAPE, shape_of, vector_of
 from calibration.hand_fit.hand_state import N_ANGLES, HandState
+from calibration.hand_fit.picture_rates import drawn_rates
 from calibration.hand_fit.range_scatter import range_scatter_m
 from calibration.hand_fit.skinned import Bones, SkinnedSamples
 from calibration.registration.mesh_rendering import (
@@ -19,7 +21,7 @@ from calibration.registration.mesh_rendering import (
     Pixels,
     knot_weights,
 )
-from calibration.registration.rigid_motion import exp_twist, moved, orthonormal
+from calibration.registration.rigid_motion import exp_twist, orthonormal
 from clradar.model import Scene
 from clradar.opencl import Device
 from clradar.tracing.visible_surface import VisibleSurface
@@ -30,19 +32,18 @@ EDGE_M = 3e-3
 SAMPLES_PER_MM2 = 0.7
 """Of the finest pictures, and what the brightness of a sample is for; others may have fewer."""
 
-_ROTATION_STEP_RAD, _SHIFT_STEP_M = 2e-3, 1e-4
-_ANGLE_STEP_RAD, _SHAPE_STEP = 3e-3, 2e-3
-_STEPS = np.concatenate(
-    [[_ROTATION_STEP_RAD] * 3, [_SHIFT_STEP_M] * 3, [_ANGLE_STEP_RAD] * N_ANGLES,
-     [_SHAPE_STEP] * N_SHAPE]
-)  # fmt: skip
-"""Of the numerical derivatives: they move a fingertip by some tenths of a millimetre."""
-
-RIGID, ANGLES, SHAPE = slice(0, 6), slice(6, 6 + N_ANGLES), slice(6 + N_ANGLES, len(_STEPS))
+RIGID, ANGLES = slice(0, 6), slice(6, 6 + N_ANGLES)
+SHAPE = slice(ANGLES.stop, ANGLES.stop + N_SHAPE)
 """Where the motion, the angles and the shape are among the parameters; brightness follows."""
 
-N_GEOMETRY = len(_STEPS)
+N_GEOMETRY = SHAPE.stop
 N_PARAMETERS = N_GEOMETRY + len(KNOTS_RAD)
+
+_GROUPS = (
+    np.r_[RIGID, SHAPE],
+    *(ANGLES.start + angles for angles in SAME_DIGIT),
+)
+"""Parameters that move about the same samples."""
 
 
 def stepped(state: HandState, step: np.ndarray, centre_m: np.ndarray) -> HandState:
@@ -138,43 +139,26 @@ class HandRendering(Canvas):
         """
         bones = self.bones_at(state)
         points_m, normals = self.samples.posed(bones)
-        range_m, angle = self.sight(points_m, normals)
-        bright = self._share * np.exp(np.interp(angle, KNOTS_RAD, log_brightness))
-        n = int(wanted.sum())
-        drawn = np.zeros((n, 2, *self.measured.power.shape))
-        for row, k in enumerate(np.flatnonzero(wanted[:N_GEOMETRY])):
-            step = np.where(np.arange(N_GEOMETRY) == k, _STEPS, 0.0)
-            if k < RIGID.stop:
-                moving = np.arange(len(points_m))
-                motion = exp_twist(step[RIGID], centre_m)
-                there_m, turned = moved(motion, points_m), normals @ motion[:3, :3].T
-            else:
-                ahead = self.bones_at(stepped(state, step, centre_m))
-                if not _elsewhere(bones, ahead).any():  # at its limit
-                    step = -step
-                    ahead = self.bones_at(stepped(state, step, centre_m))
-                moving = np.flatnonzero(self.samples.on_any(_elsewhere(bones, ahead)))
-                there_m, turned = self.samples[moving].posed(ahead)
-            far_m, tilted = self.sight(there_m, turned)
-            brightened = self._share[moving] * np.exp(np.interp(tilted, KNOTS_RAD, log_brightness))
-            drawn[row] = self.splat(
-                np.concatenate([there_m, points_m[moving]]),
-                np.concatenate([far_m, range_m[moving]]),
-                np.concatenate([brightened, -bright[moving]])[None] / step[k],
-            )[0]
+        rates = bone_rates(self.model, state, bones, centre_m)
+        seen = np.zeros((N_PARAMETERS, 2, *self.measured.power.shape))
+        for group in _GROUPS:
+            own = group[wanted[group]]
+            if not own.size:
+                continue
+            rows = np.flatnonzero(self.samples.on_any(rates[own].moving))
+            moving = self.samples.velocities(bones, rates[own], rows)
+            seen[own] = self.convolved(
+                drawn_rates(
+                    self, points_m[rows], normals[rows], moving, self._share[rows], log_brightness
+                )
+            )
         knots = wanted[N_GEOMETRY:]
         if knots.any():
-            drawn[n - int(knots.sum()) :] = self.splat(
-                points_m, range_m, bright * knot_weights(angle)[knots]
-            )
-        d_power, d_moment = np.moveaxis(self.convolved(drawn), 1, 0)
+            range_m, angle = self.sight(points_m, normals)
+            bright = self._share * np.exp(np.interp(angle, KNOTS_RAD, log_brightness))
+            drawn = self.splat(points_m, range_m, bright * knot_weights(angle)[knots])
+            seen[N_GEOMETRY:][knots] = self.convolved(drawn)
+        d_power, d_moment = np.moveaxis(seen[wanted], 1, 0)
         power, mean_range_m = rendered
         d_range = (d_moment - (mean_range_m - self.reference_m) * d_power) / power
-        return d_power.reshape(n, -1), d_range.reshape(n, -1)
-
-
-def _elsewhere(bones: Bones, ahead: Bones) -> np.ndarray:
-    """Mask (25,) of the bones that are not where they were."""
-    turned = (bones.matrix != ahead.matrix).any(axis=(1, 2))
-    found: np.ndarray = turned | (bones.origin_m != ahead.origin_m).any(axis=1)
-    return found
+        return d_power.reshape(len(d_power), -1), d_range.reshape(len(d_power), -1)

@@ -7,8 +7,10 @@ and object grasping", Graphics Interface 1988.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 BONES_PER_POINT = 3
 
@@ -31,6 +33,24 @@ class Bones:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class BoneRates:
+    """Derivatives of `Bones` by k parameters: arrays (k, 25, 3, 3) and (k, 25, 3)."""
+
+    matrix: np.ndarray
+    origin_m: np.ndarray
+
+    def __getitem__(self, rows: np.ndarray) -> BoneRates:
+        return BoneRates(self.matrix[rows], self.origin_m[rows])
+
+    @property
+    def moving(self) -> np.ndarray:
+        """Mask (25,) of the bones that any of the parameters moves."""
+        turned = (self.matrix != 0.0).any(axis=(0, 2, 3))
+        found: np.ndarray = turned | (self.origin_m != 0.0).any(axis=(0, 2))
+        return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Skin:
     """Bones of points and their weights, both of shape (n, `BONES_PER_POINT`)."""
 
@@ -48,7 +68,7 @@ class Skin:
         return Skin(self.bone[rows], self.weight[rows])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SkinnedSamples:
     """Samples of a surface in the coordinates of their bones.
 
@@ -84,16 +104,48 @@ class SkinnedSamples:
         found: np.ndarray = (bones[self.skin.bone] & (self.skin.weight > 0)).any(axis=1)
         return found
 
+    @cached_property
+    def _weighted(self) -> tuple[csr_array, csr_array]:
+        """The weighted coordinates as matrices: (n, 100) homogeneous of points, (n, 75) normals."""
+        carried = self.skin.weight > 0
+        share = self.skin.weight[..., None]
+        homogeneous = np.concatenate([self.own, np.ones_like(share)], axis=2)
+        made = []
+        for values in (share * homogeneous, share * self.own_normal):
+            width = values.shape[2]
+            columns = width * self.skin.bone[..., None] + np.arange(width)
+            ends = width * np.concatenate([[0], np.cumsum(carried.sum(axis=1))])
+            parts = values[carried].ravel(), columns[carried].ravel(), ends
+            made.append(csr_array(parts, shape=(len(self), 25 * width)))
+        return made[0], made[1]
+
     def posed(self, bones: Bones) -> tuple[np.ndarray, np.ndarray]:
         """Points, metres, and unit normals, both (n, 3), where these bones take them."""
-        weight = self.skin.weight
-        points_m = np.zeros((len(self), 3))
-        normals = np.zeros((len(self), 3))
+        points, normals = self._weighted
+        maps = np.concatenate([np.swapaxes(bones.matrix, 1, 2), bones.origin_m[:, None]], axis=1)
+        points_m = points @ maps.reshape(-1, 3)
+        turned = normals @ np.linalg.inv(bones.matrix).reshape(-1, 3)
+        length = np.linalg.norm(turned, axis=1, keepdims=True)
+        return points_m, turned / np.maximum(length, 1e-12)
+
+    def velocities(
+        self, bones: Bones, rates: BoneRates, rows: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the points, metres, and unit normals of `rows` where `bones` take them.
+
+        Both of shape (n_rows, 3, k), by the k parameters of the rates.
+        """
+        shape = len(rows), 3, len(rates.matrix)
+        points, normals = (each[rows] for each in self._weighted)
+        maps = np.concatenate([np.swapaxes(rates.matrix, 2, 3), rates.origin_m[:, :, None]], axis=2)
+        d_points = points @ np.moveaxis(maps, 0, 3).reshape(-1, shape[1] * shape[2])
         inverse = np.linalg.inv(bones.matrix)
-        for k in range(weight.shape[1]):
-            bone, share = self.skin.bone[:, k], weight[:, k, None]
-            own_m = np.einsum("nij,nj->ni", bones.matrix[bone], self.own[:, k])
-            points_m += share * (own_m + bones.origin_m[bone])
-            normals += share * np.einsum("nji,nj->ni", inverse[bone], self.own_normal[:, k])
-        length = np.linalg.norm(normals, axis=1, keepdims=True)
-        return points_m, normals / np.maximum(length, 1e-12)
+        tilts = -inverse @ rates.matrix @ inverse
+        d_normals = normals @ np.moveaxis(tilts, 0, 3).reshape(-1, shape[1] * shape[2])
+        d_normals = d_normals.reshape(shape)
+        turned = normals @ inverse.reshape(-1, 3)
+        length = np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12)
+        unit = turned / length
+        d_normals -= unit[..., None] * np.einsum("nik,ni->nk", d_normals, unit)[:, None]
+        d_normals /= length[..., None]
+        return d_points.reshape(shape), d_normals

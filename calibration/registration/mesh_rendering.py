@@ -25,6 +25,9 @@ them: dense in the specular lobe of a smooth surface."""
 PATTERN_HALF_WIDTH_M = 24e-3
 """Half width of the point spread function: five sidelobes of the 94 x 94 imager."""
 
+_BLUR_REACH = 5.0
+"""Standard deviations beyond which a Gaussian, 4e-6 of its middle, is left out."""
+
 VIEWS = 3
 """Visibility is computed from a square grid of so many by so many viewpoints over the aperture,
 without the centre: eight, the group size of the kernel."""
@@ -158,23 +161,15 @@ class Canvas:
         self.measured, self.aperture = measured, aperture
         self.reference_m = float(np.nanmedian(measured.range_m))
         pattern = aperture.point_spread(self.reference_m, measured.step_m)
-        self._half = (pattern.shape[0] // 2, pattern.shape[1] // 2)
-        shape = measured.power.shape
-        self._padded = tuple(
-            fft.next_fast_len(n + 2 * h, real=True) for n, h in zip(shape, self._half, strict=True)
-        )
-        soft = np.ones(1)
-        if blur_m > 0.0:
-            step_x, step_y = measured.step_m
-            along_y = np.fft.fftfreq(self._padded[0], step_y)[:, None]
-            along_x = np.fft.rfftfreq(self._padded[1], step_x)[None, :]
-            soft = np.exp(-2.0 * (np.pi * blur_m) ** 2 * (along_x**2 + along_y**2))
-        self._pattern = fft.rfft2(pattern, self._padded) * soft
         self.power = measured.power
         if blur_m > 0.0:
-            spectrum = fft.rfft2(measured.power, self._padded) * soft
-            blurred = fft.irfft2(spectrum, self._padded)[: shape[0], : shape[1]]
+            pattern = _blurred(pattern, blur_m, measured.step_m)
+            blurred = _blurred(self.power, blur_m, measured.step_m)
+            reach_y, reach_x = (n - m for n, m in zip(blurred.shape, self.power.shape, strict=True))
+            blurred = blurred[reach_y // 2 : -(reach_y // 2), reach_x // 2 : -(reach_x // 2)]
             self.power = np.maximum(blurred, 0.0) / blurred.max()
+        self._pattern = pattern
+        self._spectra: dict[tuple[int, int], np.ndarray] = {}
 
     def sight(self, points_m: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Range beyond `reference_m`, metres, and angle of incidence, radians, both (n,)."""
@@ -222,17 +217,48 @@ class Canvas:
         ]
 
     def convolved(self, drawn: np.ndarray) -> np.ndarray:
-        """Pictures of `splat`, (..., n_y, n_x), seen through the point spread function."""
-        n_y, n_x = self.measured.power.shape
-        spectrum = fft.rfft2(drawn, self._padded) * self._pattern
-        h, w = self._half
-        seen: np.ndarray = fft.irfft2(spectrum, self._padded)[..., h : h + n_y, w : w + n_x]
+        """Pictures of `splat`, (..., n_y, n_x), seen through the point spread function.
+
+        Only the part of the pictures that has anything in it takes time.
+        """
+        seen = np.zeros(drawn.shape, drawn.dtype)
+        lit = (drawn != 0.0).any(axis=tuple(range(drawn.ndim - 2)))
+        if not lit.any():
+            return seen
+        part, into, of, padded = [], [], [], []
+        for axis, size in enumerate(self._pattern.shape):
+            first, last = np.flatnonzero(lit.any(axis=1 - axis))[[0, -1]]
+            half = size // 2
+            begin, end = max(0, first - half), min(lit.shape[axis], last + half + 1)
+            part.append(slice(first, last + 1))
+            into.append(slice(begin, end))
+            of.append(slice(begin - first + half, end - first + half))
+            padded.append(fft.next_fast_len(int(last - first + size), real=True))
+        spectrum = fft.rfft2(drawn[..., part[0], part[1]], padded) * self._spectrum(*padded)
+        seen[..., into[0], into[1]] = fft.irfft2(spectrum, padded)[..., of[0], of[1]]
         return seen
+
+    def _spectrum(self, n_y: int, n_x: int) -> np.ndarray:
+        """That of the point spread function, on so many pixels."""
+        if (n_y, n_x) not in self._spectra:
+            self._spectra[n_y, n_x] = fft.rfft2(self._pattern, (n_y, n_x))
+        return self._spectra[n_y, n_x]
 
     def mean_range(self, power: np.ndarray, moment: np.ndarray) -> Pixels:
         """Power, and the mean range in metres, of one convolved picture."""
         power = np.maximum(power, 1e-12)
         return power, self.reference_m + moment / power
+
+
+def _blurred(image: np.ndarray, blur_m: float, step_m: tuple[float, float]) -> np.ndarray:
+    """An image with a wider margin of zeros, through a Gaussian of this standard deviation."""
+    margin = [int(np.ceil(_BLUR_REACH * blur_m / step)) for step in step_m[::-1]]
+    wide = np.pad(image, [(m, m) for m in margin])
+    along_y = np.fft.fftfreq(wide.shape[0], step_m[1])[:, None]
+    along_x = np.fft.rfftfreq(wide.shape[1], step_m[0])[None, :]
+    soft = np.exp(-2.0 * (np.pi * blur_m) ** 2 * (along_x**2 + along_y**2))
+    found: np.ndarray = fft.irfft2(fft.rfft2(wide) * soft, wide.shape)
+    return found
 
 
 class MeshRendering(Canvas):

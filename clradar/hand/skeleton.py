@@ -202,9 +202,44 @@ def _rotation(angles: JointAngles, abduction_sign: float, twist_sign: float) -> 
     )
 
 
-def _aimed(angles: JointAngles) -> np.ndarray:
-    """Return the rotation (3, 3) of a joint of the thumb, or of the wrist."""
-    return _rotation(angles, 1.0, -1.0)
+def _signs(joint: str) -> tuple[float, float]:
+    """Return the signs of abduction and twist, for `_rotation`."""
+    if joint.startswith(("wrist", "thumb")):
+        return 1.0, -1.0
+    return 1.0 if joint.startswith(("index", "middle")) else -1.0, 1.0
+
+
+def _turn(pose: HandPose, joint: str) -> np.ndarray:
+    """Return the rotation (3, 3) of a joint of a pose."""
+    return _rotation(pose.angles(joint), *_signs(joint))
+
+
+def turning_axes(pose: HandPose, joint: str) -> np.ndarray:
+    """Return the axes about which the angles of a joint turn its bone, and all that follows.
+
+    Parameters
+    ----------
+    pose : HandPose
+    joint : str
+
+    Returns
+    -------
+    ndarray, shape (3, 3), float64
+        Unit vectors as columns, of flexion, abduction and twist in this order, in the axes of the
+        bone (`Skeleton.frames`). Right-handed rotations about them are growing angles.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from clradar.hand import HandPose
+    >>> turning_axes(HandPose("straight"), "index-finger-phalanx-distal")[:, 0].tolist()
+    [-1.0, 0.0, 0.0]
+    """
+    angles = pose.angles(joint)
+    abduction_sign, twist_sign = _signs(joint)
+    untwist = _axis_rotation(1, -twist_sign * angles.twist_rad)
+    flexion = _turn(pose, joint).T[:, 0]
+    return np.stack([-flexion, abduction_sign * untwist[:, 2], [0.0, twist_sign, 0.0]], axis=1)
 
 
 _Chain = tuple[list[np.ndarray], list[np.ndarray]]
@@ -221,18 +256,17 @@ def _chain(base_m: np.ndarray, frames: list[np.ndarray], lengths_m: np.ndarray) 
 def _finger(finger: str, pose: HandPose, size: Proportions) -> _Chain:
     metacarpal, *bones = (f"{finger}-finger-{bone}" for bone in FINGER_BONES[:-1])
     base_m, head_m = np.array(_METACARPALS_MM[finger]) * size.palm * MILLIMETRE_M
-    away = 1.0 if finger in ("index", "middle") else -1.0
     palm_frame = _frame_along(head_m - base_m)
     roll = _axis_rotation(1, np.deg2rad(_FINGER_ROLL_DEG[finger]))
     if metacarpal in pose.joints:
-        frame = palm_frame @ _rotation(pose.angles(metacarpal), away, 1.0)
+        frame = palm_frame @ _turn(pose, metacarpal)
         # The finger rotates with the metacarpal.
         turn = frame @ palm_frame.T
         head_m, palm_frame, roll = base_m + turn @ (head_m - base_m), frame, turn @ roll
     frames = []
     frame = roll
     for bone in bones:
-        frame = frame @ _rotation(pose.angles(bone), away, 1.0)
+        frame = frame @ _turn(pose, bone)
         frames.append(frame)
     lengths_m = np.array(PHALANGES_MM[finger]) * size.digits[finger] * MILLIMETRE_M
     joints_m, frames = _chain(head_m, frames, lengths_m)
@@ -243,7 +277,7 @@ def _thumb(pose: HandPose, size: Proportions) -> _Chain:
     base_m = np.array(_THUMB_BASE_MM) * size.palm * MILLIMETRE_M
     frame, frames = _THUMB_REST, []
     for bone in THUMB_BONES[:-1]:
-        frame = frame @ _aimed(pose.angles(f"thumb-{bone}"))
+        frame = frame @ _turn(pose, f"thumb-{bone}")
         frames.append(frame)
     return _chain(base_m, frames, np.array(THUMB_MM) * size.digits["thumb"] * MILLIMETRE_M)
 
@@ -272,4 +306,4 @@ def posed_skeleton(pose: HandPose, shape: HandShape = AVERAGE) -> Skeleton:
         joints_m += joints
         frames += axes
     bones = Skeleton(np.stack(joints_m), np.stack(frames), size.thickness)
-    return bones.turned(_aimed(pose.angles("wrist"))) if "wrist" in pose.joints else bones
+    return bones.turned(_turn(pose, "wrist")) if "wrist" in pose.joints else bones
