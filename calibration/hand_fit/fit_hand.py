@@ -221,7 +221,7 @@ def fit_hand(
     if loop is not None:
         capture, scene = loop.best.capture, loop.best.scene
         fit = replace(fit, capture=capture, volume=image_of(capture, measured, scene, opened))
-    fit = replace(fit, notes=(*fit.notes, *doubts(fit, measured)))
+    fit = replace(fit, notes=(*fit.notes, *doubts(fit, measured, information.widening)))
     for remark in fit.remarks():
         warn(f"fit_hand: {remark}")
     return fit

@@ -24,6 +24,10 @@ MARGIN_M = 4e-3
 UNUSUAL_STD = 3.0
 """Standard deviations among adults beyond which a shape is remarked: one adult of 400."""
 
+ELSEWHERE = 4.0
+"""`Information.widening` from which it is remarked: standard deviations are doubled there. In
+development it was above in fits with a tip that was 9 to 97 mm off (docs/hand-fit.md)."""
+
 
 def not_fitted(reason: str) -> CompareError:
     return CompareError(f"could not fit the hand, because {reason}")
@@ -60,9 +64,14 @@ def check_overlap(overlap: float, start: str) -> None:
         )
 
 
-def doubts(fit: HandFit, measured: Volume | DepthMap) -> tuple[str, ...]:
-    """Remarks on a fit, one clause each."""
+def doubts(fit: HandFit, measured: Volume | DepthMap, widening: float = 1.0) -> tuple[str, ...]:
+    """Remarks on a fit, one clause each; `widening` as of `Information`."""
     found = []
+    if widening > ELSEWHERE:
+        found.append(
+            "whole parts of it lie in front of or behind what was measured, as with digits in "
+            f"wrong places: standard deviations are {np.sqrt(widening):.1f} times as large for it"
+        )
     cut = [
         digit
         for digit, end in zip(DIGITS, end_joints(fit.joints_m), strict=True)

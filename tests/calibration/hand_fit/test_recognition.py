@@ -10,6 +10,7 @@ from hand_fits import made_up_fit
 
 from calibration import fit_hand
 from calibration.hand_fit.recognition import (
+    ELSEWHERE,
     MARGIN_M,
     MIN_OVERLAP,
     check_likeness,
@@ -71,7 +72,10 @@ def test_a_fit_that_overlaps_little_is_doubted_and_a_good_one_is_not() -> None:
     sure = {"joint_covariance_m2": np.tile(1e-6 * np.eye(3), (25, 1, 1))}
     right = (made_up_fit(**sure), made_up_fit(overlap=None, likeness=0.93, **sure))
     for fit in right:
-        assert doubts(fit, image_to(0.14)) == ()
+        assert doubts(fit, image_to(0.14), ELSEWHERE) == ()
+        (remark,) = doubts(fit, image_to(0.14), 9.0)
+        assert "in front of or behind" in remark
+        assert "3.0 times as large" in remark
         assert fit.told_tips.all()
         assert not fit.doubtful
     wrong = (
