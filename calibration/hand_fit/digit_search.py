@@ -80,6 +80,33 @@ class Pictured:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Tried:
+    """Poses of one digit, the present one first: `angles_rad`, (n, 23), of the hand; `deviance`,
+    (n,), with that of the prior; `tips_m`, (n, 3), in the antenna frame."""
+
+    angles_rad: np.ndarray
+    deviance: np.ndarray
+    tips_m: np.ndarray
+
+    def apart(self, worse: float) -> list[int]:
+        """Those whose tips are `APART_M` apart, best first, down to so much worse than the best."""
+        tips_m, kept = self.tips_m, list[int]()
+        for k in np.argsort(self.deviance, kind="stable"):
+            if self.deviance[k] > self.deviance.min() + worse:
+                break
+            if all(np.linalg.norm(tips_m[k] - tips_m[j]) > APART_M for j in kept):
+                kept.append(int(k))
+        return kept
+
+    def best_elsewhere(self) -> int | None:
+        """The best whose tip is `APART_M` from the present one."""
+        away_m = np.linalg.norm(self.tips_m - self.tips_m[0], axis=1)
+        judged = np.where(away_m > APART_M, self.deviance, np.inf)
+        best = int(judged.argmin())
+        return best if np.isfinite(judged[best]) else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Other:
     """A state in which one digit has another pose, and how much worse that pictures."""
 
@@ -159,6 +186,16 @@ class DigitSearch:
         self, state: HandState, log_brightness: np.ndarray, whole: SkinnedSamples, digit: str
     ) -> list[Pictured]:
         """The best poses of a digit, best first, whose tips are `APART_M` apart."""
+        tried = self.tried(state, log_brightness, whole, digit)
+        return [
+            Pictured(state.with_angles(tried.angles_rad[k]), float(tried.deviance[k]))
+            for k in tried.apart(WORSE)
+        ]
+
+    def tried(
+        self, state: HandState, log_brightness: np.ndarray, whole: SkinnedSamples, digit: str
+    ) -> Tried:
+        """A digit as it is and in many other poses about the prior's mean, judged."""
         own = ANGLES_OF_DIGIT[digit]
 
         def judge(angles_rad: np.ndarray) -> np.ndarray:
@@ -178,14 +215,7 @@ class DigitSearch:
             tried = np.concatenate([tried, near])
             judged = np.concatenate([judged, judge(near)])
         chain = DigitChain(self.fitter.model, state, digit)
-        tips_m = chain.places(tried).origin_m[:, bones_of_digit(digit).stop - 1]
-        kept: list[int] = []
-        for k in np.argsort(judged, kind="stable"):
-            if judged[k] > judged.min() + WORSE:
-                break
-            if all(np.linalg.norm(tips_m[k] - tips_m[j]) > APART_M for j in kept):
-                kept.append(int(k))
-        return [Pictured(state.with_angles(tried[k]), float(judged[k])) for k in kept]
+        return Tried(tried, judged, chain.places(tried).origin_m[:, bones_of_digit(digit).stop - 1])
 
 
 def _within_limits(angles_rad: np.ndarray) -> np.ndarray:
