@@ -8,7 +8,7 @@ export CLRADAR_DEVICE ?= pocl
 # Processes that run the tests.
 JOBS ?= 2
 
-.PHONY: demo test test-slow test-intel fuzz memcheck lint format figures validation bench clean
+.PHONY: demo test test-slow test-intel fuzz memcheck lint format figures validation docs bench clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
@@ -52,6 +52,11 @@ figures: $(VENV)/.installed
 validation: $(VENV)/.installed
 	PYTHONPATH=tests $(BIN)/python -m truths
 
+# build/site/index.html. Runs the tutorials whose files changed; DOCS=-Dplot_gallery=0 runs none.
+docs: export OPENBLAS_NUM_THREADS := 1
+docs: $(VENV)/.installed-docs
+	$(BIN)/python -m sphinx -W --keep-going -b html -d build/doctrees $(DOCS) docs build/site
+
 # Against peers, interleaved, for ratios; then ours alone by pytest-benchmark, results checked.
 bench: $(VENV)/.installed-bench
 	$(BIN)/clradar bench
@@ -72,6 +77,10 @@ $(VENV)/.installed-fuzz: $(VENV)/.installed pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[test,fuzz]"
 	touch $@
 
+$(VENV)/.installed-docs: $(VENV)/.installed pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable ".[docs]"
+	touch $@
+
 $(VENV)/.installed-bench: $(VENV)/.installed pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[bench]"
 	touch $@
@@ -88,4 +97,5 @@ $(VENV)-intel/.installed: pyproject.toml
 
 clean:
 	rm -rf $(VENV) $(VENV)-intel $(VENV)-memcheck demo demo-full fuzz-faults dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf docs/tutorials
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

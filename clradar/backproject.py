@@ -49,10 +49,10 @@ def backproject(
     device: Device | str | None = None,
     progress: Progress | None = None,
 ) -> Volume:
-    """Form the complex image of a capture by back-projection.
+    """Form the complex image of a capture by back-projection::
 
-    V(v) = 1 / (n_tx n_rx n_freq) sum_{tx, rx, n} w_n s[tx, rx, n]
-    exp(+j 2 pi f_n (|v - tx| + |v - rx|) / c)
+        V(v) = 1 / (n_tx n_rx n_freq) sum_{tx, rx, n} w_n s[tx, rx, n]
+               exp(+j 2 pi f_n (|v - tx| + |v - rx|) / c)
 
     Parameters
     ----------

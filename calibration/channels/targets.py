@@ -86,8 +86,9 @@ class Target(Protocol):
 class CornerReflector:
     """A trihedral corner reflector, or a point target: all paths lead via its apex.
 
-    Three reflections return a ray as if from the apex, with path length |tx - p| + |p - rx|:
-    exactly for monostatic antennas, and for Tx and Rx closer together than the opening.
+    Three reflections return a ray as if from the apex, with path length
+    ``|tx - p| + |p - rx|``: exactly for monostatic antennas, and for Tx and Rx closer together than
+    the opening.
 
     Parameters
     ----------
@@ -136,11 +137,11 @@ class Sphere:
     """A sphere: one specular path per pair by the law of reflection (Alhazen's problem).
 
     The point of reflection lies in the plane of centre, Tx and Rx. With a and b the distances of
-    the two from the centre, g the angle between them there and t the angle from Tx to the point,
+    the two from the centre, g the angle between them there and t the angle from Tx to the point::
 
-        L(t) = sqrt(a^2 + r^2 - 2 a r cos t) + sqrt(b^2 + r^2 - 2 b r cos(g - t)),
+        L(t) = sqrt(a^2 + r^2 - 2 a r cos t) + sqrt(b^2 + r^2 - 2 b r cos(g - t))
 
-    which is convex where the point faces both antennas; the path length is its minimum (Fermat's
+    It is convex where the point faces both antennas; the path length is its minimum (Fermat's
     principle), found by Newton's method on L'(t) = 0.
 
     Parameters
@@ -203,7 +204,7 @@ class FlatPlate:
     """A flat mirror, by the image-source method.
 
     The plane is z = distance_m + x tan(tilt_x) + y tan(tilt_y). With h the distances of the two
-    antennas from it, the path length is sqrt(|tx - rx|^2 + 4 h_tx h_rx).
+    antennas from it, the path length is ``sqrt(|tx - rx|^2 + 4 h_tx h_rx)``.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ class Gate:
         The window, in half path length, and the width of each transition band outside it.
     clutter_db : float, dB
     passband_db : float, dB
-        Smallest gain of an echo in the window, |<s, G s>| / <s, s>.
+        Smallest gain of an echo in the window, ``|<s, G s>| / <s, s>``.
     rejection_db : float, dB
         Smallest suppression of the RMS of an echo beyond the transition bands.
 
@@ -70,9 +70,10 @@ def range_gate(
 ) -> Capture:
     """Remove the echoes from outside a range window.
 
-    Range is half of the path length, (|p - tx| + |p - rx|) / 2, the same window for every pair. The
-    direct coupling, whose path is |tx - rx|, lies below half of the aperture's diagonal (0.1 m for
-    the 14 cm imager); a point (x, y, z) lies between z and the distance from the farthest antenna.
+    Range is half of the path length, ``(|p - tx| + |p - rx|) / 2``, the same window for every pair.
+    The direct coupling, whose path is ``|tx - rx|``, lies below half of the aperture's diagonal
+    (0.1 m for the 14 cm imager); a point (x, y, z) lies between z and the distance from the
+    farthest antenna.
 
     Parameters
     ----------
@@ -149,12 +150,12 @@ def gate(
     -----
     A window over the inverse Fourier transform treats the band as one period of a periodic signal,
     and so mixes its two ends. Instead, this is the linear map G with the least mean square error
-    for echoes of every path length d within one period D = c / df,
+    for echoes of every path length d within one period D = c / df::
 
         G = argmin  int p(d) |G a(d) - w(d) a(d)|^2 dd + eps |G|^2,  a(d)_n = exp(-j 2 pi f_n d / c)
-          = [int p w a a^H] [int p a a^H + eps I]^-1,
+          = [int p w a a^H] [int p a a^H + eps I]^-1
 
-    with p = 1, w = 1 in the window, w = 0 and p = 10^(clutter_db / 10) outside, and p = 0.03,
+    Here p = 1, w = 1 in the window, w = 0 and p = 10^(clutter_db / 10) outside, and p = 0.03,
     w = 1/2 in the transition bands: the Wiener filter for clutter of that power. Every integral has
     a closed form (a sinc), so the frequency steps may differ; D is then that of the largest. Delays
     below zero are the end of the period, so mirror images from IQ imbalance are rejected as well.

@@ -118,7 +118,7 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
 
     Notes
     -----
-    The factors minimise sum_q w_q |Y_q - u_tx v_rx E_q|^2 over the delay bins q of both (Hann
+    The factors minimise ``sum_q w_q |Y_q - u_tx v_rx E_q|^2`` over the delay bins q of both (Hann
     window over frequency). Ordinary least squares (w = 1) would fit the background to the object as
     well. The object is the disturbance here, so each bin is weighted by the inverse of its residual
     power, averaged over the pairs, and the fit is repeated (feasible generalised least squares):

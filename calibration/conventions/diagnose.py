@@ -81,7 +81,7 @@ class Score:
     ----------
     hypothesis : Hypothesis
     sharpness : float
-        Sum of |V|^4 over the image, relative to the sharpest that the sign of range allows. NaN
+        Sum of ``|V|^4`` over the image, relative to the sharpest that the sign of range allows. NaN
         for an impossible hypothesis.
     peak_m : ndarray, shape (3,), metres
         Brightest voxel, x, y, z. NaN for an impossible hypothesis.

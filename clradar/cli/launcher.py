@@ -100,6 +100,14 @@ def _app(requested: str | None, debug: bool) -> typer.Typer:
     return app
 
 
+def context_of(name: str | None = None) -> Any:
+    """The context of the program, or of a subcommand, without arguments: for its documentation."""
+    command = typer.main.get_command(_app(name, debug=False))
+    if name is not None:
+        command = command.commands[name]  # type: ignore[attr-defined]
+    return command.make_context(name or "clradar", [], resilient_parsing=True)
+
+
 def module_of(name: str) -> str:
     """The module of a subcommand."""
     return f"clradar.cli.commands.{name.replace('-', '_')}"

@@ -97,11 +97,11 @@ def spread(
     Notes
     -----
     An image is V = m + e, m the same for all seeds and e independent from seed to seed with mean 0,
-    so that E|V|^2 = |m|^2 + E|e|^2 in every voxel. From n images V_i with mean M, E|e|^2 is
-    estimated without bias by sum |V_i - M|^2 / (n - 1), and E|V|^2 by sum |V_i|^2 / n. The varying
-    share is the ratio of their sums over all voxels, 1 at most. For random rays it is shot noise:
-    paths that arrive independently with amplitudes a add sum a^2 to the power of a pair of
-    antennas [1]_, which falls with the number of rays while |m|^2 relative to it does not.
+    so that ``E|V|^2 = |m|^2 + E|e|^2`` in every voxel. From n images V_i with mean M, ``E|e|^2`` is
+    estimated without bias by ``sum |V_i - M|^2 / (n - 1)``, and ``E|V|^2`` by ``sum |V_i|^2 / n``.
+    The varying share is the ratio of their sums over all voxels, 1 at most. For random rays it is
+    shot noise: paths that arrive independently with amplitudes a add sum a^2 to the power of a pair
+    of antennas [1]_, which falls with the number of rays while ``|m|^2`` relative to it does not.
 
     Means and squared deviations are updated image by image [2]_.
 

@@ -1,4 +1,4 @@
-"""Training data: from a plan to shards of samples, each of which can be reproduced alone.
+"""Training data: from a plan to shards of samples, each of which can be reproduced alone::
 
     plan.toml ──read_plan──> Plan ──recipe(plan, i)──> recipe ──make_sample──> Sample ──> shard
 

@@ -34,11 +34,12 @@ _Part = FastSum | DirectSum
 
 
 class ImagingOperator:
-    """The linear map from reflectivity, of voxels or points, to a capture; and its adjoint.
+    """The linear map from reflectivity, of voxels or points, to a capture; and its adjoint::
 
-    s[tx, rx, n] = sum_p rho_p exp(-j 2 pi f_n (|p - tx| + |p - rx|) / c), and
-    V(p) = sum_{tx, rx, n} s[tx, rx, n] exp(+j 2 pi f_n (|p - tx| + |p - rx|) / c): the image by
-    `backproject` times the number of samples.
+        s[tx, rx, n] = sum_p rho_p exp(-j 2 pi f_n (|p - tx| + |p - rx|) / c)
+        V(p) = sum_{tx, rx, n} s[tx, rx, n] exp(+j 2 pi f_n (|p - tx| + |p - rx|) / c)
+
+    V is the image by `backproject` times the number of samples.
 
     Parameters
     ----------
@@ -272,10 +273,11 @@ def forward(
     device: Device | str | None = None,
     progress: Progress | None = None,
 ) -> Capture:
-    """Return what an array records of points that reflect: one path per point and pair.
+    """Return what an array records of points that reflect: one path per point and pair::
 
-    s[tx, rx, n] = sum_p rho_p exp(-j 2 pi f_n (|p - tx| + |p - rx|) / c), without spreading loss.
-    For several captures of the same points make one `ImagingOperator`.
+        s[tx, rx, n] = sum_p rho_p exp(-j 2 pi f_n (|p - tx| + |p - rx|) / c)
+
+    There is no spreading loss. For several captures of the same points make one `ImagingOperator`.
 
     Parameters
     ----------

@@ -57,8 +57,8 @@ def reconstruct(
     """Find the reflectivity of the voxels that explains a capture, by iteration.
 
     With A the imaging operator (`ImagingOperator`), s the samples and N their number,
-    "least-squares" looks for the minimum of |A rho - s|^2 + d N |rho|^2 and "sparse" for that of
-    |A rho - s|^2 / 2 + m sum |rho|.
+    "least-squares" looks for the minimum of ``|A rho - s|^2 + d N |rho|^2`` and "sparse" for that
+    of ``|A rho - s|^2 / 2 + m sum |rho|``.
 
     Parameters
     ----------
@@ -71,8 +71,8 @@ def reconstruct(
     damping_db : float, optional
         For "least-squares": d in decibel; none if not given, since stopping early regularises.
     sparsity_db : float, optional
-        For "sparse": m relative to the largest |A^H s|, the maximum of the back-projected image,
-        below 0; default -30. At 0 dB all voxels are 0.
+        For "sparse": m relative to the largest ``|A^H s|``, the maximum of the back-projected
+        image, below 0; default -30. At 0 dB all voxels are 0.
     iterations : int, optional
         At most; default 30 for "least-squares", 100 for "sparse".
     tolerance_db : float, optional
@@ -87,8 +87,8 @@ def reconstruct(
     Returns
     -------
     Volume
-        complex64. `meta` has `iterations`, the `residual_db` |A rho - s| / |s| that is left, and
-        why it `stopped`: see Notes. Not on an absolute scale.
+        complex64. `meta` has `iterations`, the `residual_db` ``|A rho - s| / |s|`` that is left,
+        and why it `stopped`: see Notes. Not on an absolute scale.
 
     Raises
     ------
@@ -108,9 +108,9 @@ def reconstruct(
     -----
     It stops for one of three reasons, `meta["stopped"]`:
 
-    - "noise": least squares alone. |A^H r| <= |r| sqrt(n_voxels), r the residual: its image is no
-      stronger than that of white noise of its power, so there is nothing left to explain. The level
-      of the noise is not asked for.
+    - "noise": least squares alone. ``|A^H r| <= |r| sqrt(n_voxels)``, r the residual: its image is
+      no stronger than that of white noise of its power, so there is nothing left to explain. The
+      level of the noise is not asked for.
     - "change": the reflectivity changes by less than 0.2 % per iteration.
     - "iterations": as many as asked for.
 

@@ -90,7 +90,7 @@ def room_capture(
     Notes
     -----
     The image of a Tx at t behind the plane through q with unit normal n is t - 2 n (n . (t - q)),
-    and the length of the path its distance from the Rx (docs/equations.md, E10):
+    and the length of the path its distance from the Rx (docs/equations.md, E10)::
 
         s[tx, rx, n] = a (1/d) / rms(1/d) exp(-j 2 pi f_n d / c),  d = |image(tx) - rx|.
 
@@ -105,7 +105,7 @@ def room_capture(
     >>> print(f"{abs(room.data[0, 0, 0]):.3f}")
     2.000
 
-    The slope of the phase gives the path by way of the wall: 2 |(0.3 m, 0.4 m)| = 1 m.
+    The slope of the phase gives the path by way of the wall: ``2 |(0.3 m, 0.4 m)| = 1 m``.
 
     >>> k = 2 * np.pi * waveform.frequencies_hz / 299_792_458
     >>> print(f"{-np.polyfit(k, np.unwrap(np.angle(room.data[0, 0])), 1)[0]:.3f} m")

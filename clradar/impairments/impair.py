@@ -55,13 +55,13 @@ def impair(
     frame : int, 0 to 999999
         Which frame of a recording: new noise, and more drift with every frame.
     reference_power : float, optional
-        The mean |s|^2 per sample that the decibels of `coupling_db` and `snr_db` are relative to.
-        That of `capture` by default. Give that of the scene to record the empty room.
+        The mean ``|s|^2`` per sample that the decibels of `coupling_db` and `snr_db` are relative
+        to. That of `capture` by default. Give that of the scene to record the empty room.
     room : Capture, optional
         Added as it is; see `clradar.room_capture`. Same array and waveform.
     coupling_db : float, dB, optional
         Mean power of the direct coupling Tx -> Rx over all pairs. Its amplitude is
-        proportional to 1 / |tx - rx|, and it arrives after |tx - rx| / c.
+        proportional to ``1 / |tx - rx|``, and it arrives after ``|tx - rx| / c``.
     coupling_delay_s : float, seconds
         Delay of the instrument, added to that.
     channels : ChannelResponse, optional

@@ -88,8 +88,9 @@ class Capture(Record):
         Returns
         -------
         ndarray, shape (n_tx, n_rx, n_freq), float64, dBsm
-            sigma = 4 pi R_t^2 R_r^2 |u|^2 with u = s (4 pi / lambda) / (a_t a_r), a the patterns'
-            field amplitudes; -inf where a sample is 0, NaN where an antenna does not look.
+            ``sigma = 4 pi R_t^2 R_r^2 |u|^2`` with ``u = s (4 pi / lambda) / (a_t a_r)``, a the
+            patterns' field amplitudes; -inf where a sample is 0, NaN where an antenna does not
+            look.
 
         Raises
         ------
@@ -98,7 +99,7 @@ class Capture(Record):
 
         Examples
         --------
-        A large metal plate mirrors the Tx, |u| = 1/2R: pi R^2.
+        A large metal plate mirrors the Tx, ``|u| = 1/2R``: pi R^2.
 
         >>> import clradar, numpy as np
         >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])

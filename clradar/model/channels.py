@@ -18,12 +18,12 @@ from clradar.model.waveform import Waveform
 class ChannelResponse(Record):
     """Complex gain and delay of every transmit and receive channel.
 
-    The response of channel k at frequency f is
+    The response of channel k at frequency f is::
 
-        h_k(f) = g_k exp(-j 2 pi (f - f_ref) tau_k),
+        h_k(f) = g_k exp(-j 2 pi (f - f_ref) tau_k)
 
-    so that the gain is the response at `reference_hz`, and a capture s becomes
-    s[tx, rx, n] h_tx(f_n) h_rx(f_n).
+    The gain is the response at `reference_hz`, and a capture s becomes
+    ``s[tx, rx, n] h_tx(f_n) h_rx(f_n)``.
 
     Parameters
     ----------

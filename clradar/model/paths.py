@@ -74,7 +74,7 @@ class Paths(Record):
     tx, rx : array_like, shape (n_paths,), int32
         Indices into the array's antennas.
     length_m : array_like, shape (n_paths,), float64, metres
-        Total length |Tx -> p| + ... + |p -> Rx centre|, positive.
+        Total length ``|Tx -> p| + ... + |p -> Rx centre|``, positive.
     amplitude : array_like, shape (n_paths,), float32
         Real weight of the path in the phasor sum.
     bounces : array_like, shape (n_paths,), uint8

@@ -66,15 +66,16 @@ class ImageScale(Record):
 
         Notes
         -----
-        By the radar equation a target of radar cross section sigma at v gives (E9)
+        By the radar equation a target of radar cross section sigma at v gives (E9)::
 
             s[t, r, n] = (lambda_n / 4 pi) a_t a_r sqrt(sigma / 4 pi) / (R_t R_r)
-                         exp(-j k_n (R_t + R_r)),
+                         exp(-j k_n (R_t + R_r))
 
-        a the pattern's field amplitude. Back-projection takes the phase away at v and averages, so
+        with a the pattern's field amplitude. Back-projection takes the phase away at v and
+        averages::
 
             V(v) = sqrt(sigma / 4 pi) mean_n(w_n lambda_n / 4 pi)
-                   mean_t(a_t / R_t) mean_r(a_r / R_r).
+                   mean_t(a_t / R_t) mean_r(a_r / R_r)
         """
         wavelengths_m = SPEED_OF_LIGHT_M_PER_S / self.waveform.frequencies_hz
         factor = abs(float((self.weights * wavelengths_m).mean())) / (4 * np.pi) ** 1.5

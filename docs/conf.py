@@ -1,0 +1,72 @@
+"""The documentation site: `make docs` builds it, warnings are errors (docs/documentation.md)."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "extensions"))
+
+from figures import FigureScraper  # noqa: E402
+
+import clradar  # noqa: E402
+
+project = "clradar"
+author = "The clradar founders"
+copyright = author
+release = version = clradar.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx_gallery.gen_gallery",
+    "public_names",
+    "command_line",
+]
+exclude_patterns = ["extensions", "tutorials/*.ipynb", "tutorials/*.py", "tutorials/*.zip"]
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
+
+# Single backticks of docstrings: a link where the name has a page, else code.
+default_role = "py:obj"
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+# "Attributes" become fields of their class: descriptions of their own would be given twice.
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+napoleon_custom_sections = [("Warns", "params_style")]
+
+public_packages = (HERE / "api" / "index.md").read_text().split("```")[1].split()[3:]
+
+myst_enable_extensions = ["colon_fence", "deflist"]
+myst_heading_anchors = 4
+
+# Executed beside copies of themselves: what they write stays out of the source tree. The files are
+# copied with their times, and only those that changed run again.
+TUTORIALS = HERE.parent / "build" / "tutorials"
+shutil.rmtree(TUTORIALS, ignore_errors=True)
+shutil.copytree(
+    HERE.parent / "examples" / "tutorials",
+    TUTORIALS,
+    ignore=shutil.ignore_patterns("__pycache__"),
+)
+sphinx_gallery_conf = {
+    "examples_dirs": str(TUTORIALS),
+    "gallery_dirs": "tutorials",
+    "filename_pattern": r"\.py$",
+    "within_subsection_order": "FileNameSortKey",
+    "image_scrapers": (FigureScraper(),),
+    "capture_repr": (),
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "show_signature": False,
+    "write_computation_times": False,
+    "remove_config_comments": True,
+}
+
+html_theme = "furo"
+html_title = f"clradar {release}"
+html_show_sphinx = False
+html_copy_source = False

@@ -1,0 +1,86 @@
+"""The directive ``command-line``: every subcommand with its arguments and options, from typer."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from docutils import nodes
+from sphinx import addnodes
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+from clradar.cli.launcher import COMMANDS, context_of
+
+CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--?[a-zA-Z][\w-]*|docs/[\w-]+\.md)")
+PAGE = re.compile(r"docs/([\w-]+)\.md")
+
+
+class CommandLine(SphinxDirective):
+    """Documents the program and each of its subcommands in a section of its own."""
+
+    has_content = False
+
+    def run(self) -> list[nodes.Node]:
+        """Return the sections."""
+        root = context_of()
+        return [
+            nodes.paragraph("", "", *words(help_of(root.command))),
+            *parameters(root),
+            *(section(name, context_of(name)) for name in COMMANDS),
+        ]
+
+
+def section(name: str, context: Any) -> nodes.section:
+    """A subcommand: what it does, how it is called, and what each option means."""
+    made = nodes.section(ids=[f"clradar-{name}"], names=[name])
+    made += nodes.title("", name)
+    for text in help_of(context.command).split("\n\n"):
+        made += nodes.paragraph("", "", *words(text))
+    pieces = " ".join(context.command.collect_usage_pieces(context))
+    usage = f"clradar {name} {pieces}"
+    made += nodes.literal_block(usage, usage, language="text")
+    made += parameters(context)
+    return made
+
+
+def parameters(context: Any) -> list[nodes.Node]:
+    """A definition list of arguments and options, as in the help."""
+    rows = [p.get_help_record(context) for p in context.command.get_params(context)]
+    items = []
+    for names, text in filter(None, rows):
+        term = nodes.term("", "", nodes.literal(names, names))
+        body = nodes.definition("", nodes.paragraph("", "", *words(" ".join(text.split()))))
+        items.append(nodes.definition_list_item("", term, body))
+    return [nodes.definition_list("", *items)]
+
+
+def help_of(command: Any) -> str:
+    """The help of a command, a paragraph per line."""
+    text = inspect.cleandoc(command.help or "")
+    return "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
+
+
+def words(text: str) -> Iterable[nodes.Node]:
+    """Text in which options and what stands in backticks are code, and pages are links."""
+    end = 0
+    for match in CODE.finditer(text):
+        yield nodes.Text(text[end : match.start()])
+        end = match.end()
+        page = PAGE.fullmatch(match[0])
+        yield reference(page[1]) if page else nodes.literal("", match[1] or match[0])
+    yield nodes.Text(text[end:])
+
+
+def reference(page: str) -> nodes.Node:
+    """A link to a page, with its title."""
+    target = {"refdomain": "std", "reftype": "doc", "reftarget": f"/{page}", "refwarn": True}
+    return addnodes.pending_xref("", nodes.inline("", page), refexplicit=False, **target)
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register the directive."""
+    app.add_directive("command-line", CommandLine)
+    return {"parallel_read_safe": True}

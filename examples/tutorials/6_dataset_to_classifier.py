@@ -1,0 +1,109 @@
+"""
+A data set to a classifier
+==========================
+
+Make radar images of many hands, and learn to tell fists from flat hands. Needs
+``pip install ".[dataset]" scikit-learn``.
+"""
+
+# %%
+# A plan
+# ------
+# What the samples are, and what is drawn at random for each: hands of random adults, left and
+# right, in random places, of random roughness, in noise. This one is tiny: 40 hands, every sixth
+# antenna and voxels of 6 mm, a fraction of a second each. ``examples/plans/letters.toml`` in the
+# repository is one to learn letters from.
+
+from pathlib import Path
+
+import matplotlib.figure
+import numpy as np
+from sklearn.decomposition import PCA
+from sklearn.pipeline import make_pipeline
+from sklearn.svm import SVC
+
+import clradar
+from clradar.dataset import read_plan, run
+
+Path("plan.toml").write_text(
+    """
+seed = 1
+samples = 40
+
+[poses]
+names = ["A", "B"]
+
+[hands]
+handedness = "both"
+shape = "sampled"
+edge_mm = 4
+
+[placement]
+x_mm = { uniform = [-10, 10] }
+y_mm = { uniform = [-10, 10] }
+z_mm = { uniform = [290, 310] }
+
+[alpha]
+palm = { uniform = [0.3, 0.8] }
+others = { uniform = [0.2, 0.7] }
+
+[impairments]
+snr_db = { uniform = [0, 20] }
+
+[radar]
+every = 6
+steps = 32
+
+[simulation]
+samples_per_mm2 = 0.1
+
+[image]
+step_mm = 6
+
+[output]
+products = ["max_projection", "depth_map"]
+"""
+)
+
+# %%
+# The data set
+# ------------
+# ``clradar dataset plan.toml -o hands`` does the same. Called again it resumes, and when nothing
+# is missing it is done at once.
+
+run(read_plan("plan.toml"), Path("hands"))
+data = clradar.open_dataset("hands")
+print(dict(data.sizes), sorted(set(data.pose.values)))
+
+# %%
+# Learn and test
+# --------------
+# Bright pixels, in decibels, each image relative to its maximum. The first 30 hands are learned,
+# the other 10 are new.
+
+images = data.max_projection.values
+decibels = 20 * np.log10(images / images.max(axis=(1, 2), keepdims=True) + 1e-3)
+x, y = np.maximum(decibels, -25).reshape(len(images), -1), data.pose.values
+known = np.arange(len(y)) < 30
+model = make_pipeline(PCA(8, random_state=0), SVC()).fit(x[known], y[known])
+guessed = model.predict(x[~known])
+print(f"{np.count_nonzero(guessed == y[~known])} of {len(guessed)} new hands are right")
+
+# %%
+# The new hands, and what they were taken for
+# -------------------------------------------
+# A is the fist, B the flat hand.
+
+figure = matplotlib.figure.Figure(figsize=(9, 4.5), layout="constrained")
+for axes, image, pose, guess in zip(
+    figure.subplots(2, 5).flat, decibels[~known], y[~known], guessed, strict=True
+):
+    # x increases to the left, as the radar sees it.
+    axes.imshow(image[:, ::-1], origin="lower", vmin=-25, vmax=0, cmap="inferno")
+    axes.set_title(f"{pose}, taken for {guess}")
+    axes.set_axis_off()
+figure.savefig("hands.png", dpi=100)
+
+# %%
+# Keys of a plan, files and costs: :doc:`/datasets`; several cores and machines:
+# :doc:`/datasets-cluster`. ``examples/train_letters.py`` does this with all letters.

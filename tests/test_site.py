@@ -1,0 +1,76 @@
+"""The documentation site: nothing is left out of it, and it asks for nothing from elsewhere."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from subprocess import run
+
+import pytest
+from test_doctests import PACKAGES
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+TOCTREE = re.compile(r"```\{toctree\}\n(.*?)```", re.DOTALL)
+ASSET = re.compile(r'<(?:script|link|img|iframe|source)\b[^>]*\b(?:src|href)="((?:https?:)?//[^"]+)')
+
+
+def entries(page: Path) -> list[str]:
+    """The pages in the toctrees of a page, relative to the folder of the documentation."""
+    lines = [line for tree in TOCTREE.findall(page.read_text("utf-8")) for line in tree.split("\n")]
+    names = (line.strip() for line in lines if line.strip() and not line.startswith(":"))
+    return [str((page.parent / name).relative_to(DOCS)) for name in names]
+
+
+def test_every_page_is_in_a_toctree_once() -> None:
+    listed, waiting = ["index"], ["index"]
+    while waiting:
+        page = DOCS / f"{waiting.pop()}.md"
+        found = entries(page) if page.exists() else []
+        listed += found
+        waiting += found
+    pages = {
+        str(path.relative_to(DOCS).with_suffix(""))
+        for suffix in ("md", "rst")
+        for path in DOCS.rglob(f"*.{suffix}")
+        if path.relative_to(DOCS).parts[0] != "tutorials"
+    }
+    assert sorted(listed) == sorted({*pages, "tutorials/index"})
+
+
+def test_every_public_name_has_a_page() -> None:
+    """Of the packages whose examples are run, and of two that others' pages refer to."""
+    packages = entries(DOCS / "api" / "index.md")
+    assert {Path(p).name for p in packages} == {*PACKAGES, "clradar.plot", "clradar.model"}
+    for package in packages:
+        page = (DOCS / f"{package}.rst").read_text("utf-8")
+        assert page.endswith(f"\n.. public-names:: {Path(package).name}\n")
+
+
+def test_terms_are_explained_once() -> None:
+    page = (DOCS / "glossary.md").read_text("utf-8")
+    blocks = re.findall(r"```\{glossary\}\n(.*?)```", page, re.DOTALL)
+    terms = [t for block in blocks for t in block.split("\n") if t and not t.startswith(" ")]
+    assert len(terms) > 100
+    assert len({t.casefold() for t in terms}) == len(terms)
+
+
+@pytest.mark.slow
+def test_site_is_built_without_warnings_and_needs_no_network(tmp_path: Path) -> None:
+    """All but the tutorials, which `test_examples` runs."""
+    pytest.importorskip("sphinx", reason="needs pip install '.[docs]'")
+    folders = ["-d", str(tmp_path / "doctrees"), str(DOCS), str(tmp_path / "site")]
+    done = run(
+        [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-Dplot_gallery=0", *folders],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    pages = sorted((tmp_path / "site").rglob("*.html"))
+    assert len(pages) > 50
+    outside = {str(p): ASSET.findall(p.read_text("utf-8")) for p in pages}
+    assert not any(outside.values()), outside
+    for sheet in (tmp_path / "site" / "_static").rglob("*.css"):
+        assert not re.search(r"url\([\"']?(https?:)?//", sheet.read_text("utf-8")), sheet
