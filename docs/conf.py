@@ -52,6 +52,10 @@ shutil.copytree(
     TUTORIALS,
     ignore=shutil.ignore_patterns("__pycache__"),
 )
+# Pages of tutorials that have another name now.
+for page in (HERE / "tutorials").glob("*.rst"):
+    if page.stem != "index" and not (TUTORIALS / f"{page.stem}.py").exists():
+        page.unlink()
 sphinx_gallery_conf = {
     "examples_dirs": str(TUTORIALS),
     "gallery_dirs": "tutorials",

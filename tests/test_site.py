@@ -13,7 +13,9 @@ from test_doctests import PACKAGES
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 TOCTREE = re.compile(r"```\{toctree\}\n(.*?)```", re.DOTALL)
-ASSET = re.compile(r'<(?:script|link|img|iframe|source)\b[^>]*\b(?:src|href)="((?:https?:)?//[^"]+)')
+ASSET = re.compile(
+    r'<(?:script|link|img|iframe|source)\b[^>]*\b(?:src|href)="((?:https?:)?//[^"]+)'
+)
 
 
 def entries(page: Path) -> list[str]:
@@ -42,7 +44,8 @@ def test_every_page_is_in_a_toctree_once() -> None:
 def test_every_public_name_has_a_page() -> None:
     """Of the packages whose examples are run, and of two that others' pages refer to."""
     packages = entries(DOCS / "api" / "index.md")
-    assert {Path(p).name for p in packages} == {*PACKAGES, "clradar.plot", "clradar.model"}
+    names = {p if p.startswith("clradar") else f"clradar.{p}" for p in PACKAGES}
+    assert {Path(p).name for p in packages} == {*names, "clradar.plot", "clradar.model"}
     for package in packages:
         page = (DOCS / f"{package}.rst").read_text("utf-8")
         assert page.endswith(f"\n.. public-names:: {Path(package).name}\n")
