@@ -16,10 +16,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibration.hand_fit.certainty import joints_at
-from calibration.hand_fit.descent import FINE, Fitted, HandFitter
+from calibration.hand_fit.descent import FINE, Fitted, HandFitter, Missed
 from calibration.hand_fit.hand_rendering import ANGLES, N_GEOMETRY, SHAPE, HandRendering, stepped
 from calibration.hand_fit.hand_shape_vector import vector_of
 from calibration.hand_fit.hand_state import HandState
+from calibration.hand_fit.meshed_anew import settled
 from calibration.hand_fit.prior import Prior
 from calibration.hand_fit.recognition import not_fitted
 from calibration.registration.alpha_cue import ALPHA_TOLERANCE, brightness_features, next_alpha
@@ -63,9 +64,6 @@ SIMULATION = SimulationSettings(estimator="expected", samples_per_mm2=0.5)
 """Images of hands in their true pose overlap with the measured ones by 0.98 to 0.996, as with
 twelve times as many samples of the stochastic estimator, and twice its time."""
 
-SIMULATION_LEVEL = replace(FINE, surfaces=2)
-"""Of the fit to a simulation, which starts where the hand is."""
-
 
 @dataclass(frozen=True, slots=True)
 class LoopSettings:
@@ -107,11 +105,13 @@ def close_loop(
     fitter: HandFitter,
     found: Fitted,
     prior: Prior,
+    missed: Missed,
     settings: LoopSettings,
     progress: Progress | None = None,
 ) -> ClosedLoop:
     """Correct a fit by simulations of it until they rest.
 
+    `missed` are the slopes with which the fit was settled, and with which simulations are fitted.
     `progress` is called with the number of rounds and that of all, which it reaches in any case.
 
     Raises
@@ -128,7 +128,9 @@ def close_loop(
     state, moved_m, rounds = found.state, np.inf, list[Round]()
     for number in range(MAX_ROUNDS):
         seeded = replace(settings, seed=settings.seed + number)
-        rounds.append(_round(fitter, measured, state, alpha, found, prior, seeded, centre_m))
+        rounds.append(
+            _round(fitter, measured, state, alpha, found, prior, missed, seeded, centre_m)
+        )
         if progress is not None:
             progress(number + 1, MAX_ROUNDS)
         if settings.alpha is None:
@@ -153,6 +155,7 @@ def _round(
     alpha: float,
     found: Fitted,
     prior: Prior,
+    missed: Missed,
     settings: LoopSettings,
     centre_m: np.ndarray,
 ) -> Round:
@@ -162,17 +165,21 @@ def _round(
     image = image_of(capture, measured, scene, settings.device)
     range_db = measured.dynamic_range_db
     depth = depth_map_of(image, range_db, "simulation")
-    level = SIMULATION_LEVEL
     here = replace(prior, mean_rad=state.angles_rad, mean_shape=vector_of(state.shape))
-    own = HandFitter(fitter.model, depth, fitter.aperture, settings.device, fitter.fitted, (level,))
-    refound = own.descend(state, found.log_brightness, here, (level,), settings.seed)
+    own = HandFitter(fitter.model, depth, fitter.aperture, settings.device, fitter.fitted, (FINE,))
+    picture = own.picture(FINE)
+    picture.draw_surface(state, settings.seed)
+    start = replace(
+        found, state=state, log_brightness=own.scaled(state, found.log_brightness, FINE)
+    )
+    refound = settled(own, start, here, missed, settings.seed)
     return Round(
         state=state,
         alpha=alpha,
         scene=scene,
         capture=capture,
         overlap=shared(measured, depth),
-        features=_features(own.picture(level), refound.state, refound.log_brightness),
+        features=_features(picture, refound.state, refound.log_brightness),
         bias=_difference(refound.state, state, centre_m),
     )
 

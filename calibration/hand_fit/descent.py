@@ -67,6 +67,17 @@ LEVELS = (COARSE, MIDDLE, FINE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Missed:
+    """What slopes of moving samples miss by the geometry, both of shape (37, n_pixels).
+
+    `by_power`, of the logarithm of power and floor; `by_range`, of the range, metres.
+    """
+
+    by_power: np.ndarray
+    by_range: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
     """A state, its brightness, shape (7,), and deviance without and with that of the prior."""
 
@@ -150,6 +161,15 @@ class HandFitter:
         scaled: np.ndarray = log_brightness + np.log(picture.power.sum() / power.sum())
         return scaled
 
+    def step(self, found: Fitted, prior: Prior, missed: Missed) -> tuple[np.ndarray, np.ndarray]:
+        """A step of all fitted parameters, (44,), on the surface of `FINE` that was drawn last, and
+        the centre of twists."""
+        state = found.state
+        information, score, centre_m = self.scoring(
+            state, found.log_brightness, prior, FINE, missed=missed
+        )
+        return _step(information, score, _DAMPING, self.fitted, state.angles_rad), centre_m
+
     def _loss(
         self,
         state: HandState,
@@ -219,12 +239,13 @@ class HandFitter:
         log_brightness: np.ndarray,
         level: Level,
         wanted: np.ndarray | None = None,
+        missed: Missed | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals of all pixels, in brightness and in range, (n,), and their slopes, (44, n).
 
         Both in units of their scatter, with the robust weights and the pixels per resolution cell,
         so that the squares of the slopes are information; those of parameters that are not wanted,
-        by default those that are not fitted, are 0. Third, the centre of twists.
+        by default those that are not fitted, are 0; `missed` is added. Third, the centre of twists.
         """
         picture = self.picture(level)
         rendered = picture.render(state, log_brightness)
@@ -236,6 +257,9 @@ class HandFitter:
             state, log_brightness, centre_m, wanted, rendered
         )
         found = misfit(picture, rendered, level.range_scale)
+        if missed is not None:
+            by_power[:N_GEOMETRY] += missed.by_power * found.dark.ravel()
+            by_range[:N_GEOMETRY] += missed.by_range
         per_cell = cell_pixels(picture)
         by_speckle = np.sqrt(found.speckle_weights / per_cell).ravel()
         by_scatter = np.sqrt(found.range_weights / per_cell / RANGE_CELLS) / found.range_std_m
@@ -253,9 +277,10 @@ class HandFitter:
         prior: Prior,
         level: Level,
         wanted: np.ndarray | None = None,
+        missed: Missed | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Information, (44, 44), and score, (44,), of all parameters, and the centre of twists."""
-        residual, slopes, centre_m = self.linearised(state, log_brightness, level, wanted)
+        residual, slopes, centre_m = self.linearised(state, log_brightness, level, wanted, missed)
         information = slopes @ slopes.T + prior.information + SMOOTH * FALLS.T @ FALLS
         score = slopes @ residual - prior.information @ prior.away(state)
         score -= SMOOTH * FALLS.T @ (np.diff(log_brightness) + FALL_PER_KNOT)

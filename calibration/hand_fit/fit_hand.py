@@ -22,6 +22,7 @@ from calibration.hand_fit.descent import FINE, Fitted, HandFitter, fitted_parame
 from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
 from calibration.hand_fit.hand_state import HandState, angles_of
 from calibration.hand_fit.layers import HandSkin
+from calibration.hand_fit.meshed_anew import missed_slopes, settled
 from calibration.hand_fit.placing import placed
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.recognition import (
@@ -205,6 +206,15 @@ def fit_hand(
     tried = _searched(tried, seed, opened, progress, (rough_share, rough_share + search_share))
     tried.sort(key=lambda one: one.found.deviance)
     best, loop = tried[0], None
+    missed = missed_slopes(best.fitter, best.found, seed)
+    found = settled(best.fitter, best.found, best.prior, missed, seed + JUDGED_SEED)
+    # The others, which are not returned, would gain as much.
+    gain = best.found.deviance - found.deviance
+    others = [
+        replace(one, found=replace(one.found, deviance=one.found.deviance - gain))
+        for one in tried[1:]
+    ]
+    best = replace(best, found=found)
     information = information_at(best.fitter, best.found, best.prior, seed + JUDGED_SEED)
     found = leaving_untold(best.fitter, best.found, best.prior, information, seed + JUDGED_SEED)
     check_likeness(_likeness(best.fitter, found))
@@ -212,12 +222,12 @@ def fit_hand(
         settings = LoopSettings(radar, alpha, seed, opened)
         say_stage(progress, "simulating")
         looping = part_of(progress, rough_share + search_share, 1.0)
-        loop = close_loop(best.fitter, found, best.prior, settings, looping)
+        loop = close_loop(best.fitter, found, best.prior, missed, settings, looping)
         check_overlap(loop.best.overlap, best.start.name)
         found = replace(found, state=loop.best.state)
     best = replace(best, found=found)
     known = best.start.shape is not None or shape is not None
-    fit = _result(best, tried[1:], information, loop, alpha, seed, known)
+    fit = _result(best, others, information, loop, alpha, seed, known)
     if loop is not None:
         capture, scene = loop.best.capture, loop.best.scene
         fit = replace(fit, capture=capture, volume=image_of(capture, measured, scene, opened))

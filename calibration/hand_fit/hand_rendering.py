@@ -21,7 +21,8 @@ from calibration.registration.mesh_rendering import (
     Pixels,
     knot_weights,
 )
-from calibration.registration.rigid_motion import exp_twist, orthonormal
+from calibration.registration.rigid_motion import exp_twist, moved, orthonormal
+from clradar.hand import HandMesh
 from clradar.model import Scene
 from clradar.opencl import Device
 from clradar.tracing.visible_surface import VisibleSurface
@@ -94,19 +95,31 @@ class HandRendering(Canvas):
 
     def draw_surface(self, state: HandState, seed: int = 0) -> None:
         """Mesh the hand in a state, draw samples and find those that the aperture sees."""
+        mesh, points_m, normals, self._share = self._visible(state, seed)
+        skin = self.model.skin(mesh, state.pose, state.shape, points_m, normals)
+        bones = self.model.bones(state.pose, state.shape)
+        self._samples = SkinnedSamples.of(points_m, normals, skin, bones)
+
+    def meshed_anew(self, state: HandState, log_brightness: np.ndarray, seed: int) -> Pixels:
+        """As `render`, of a surface that is meshed in this very state, and not kept."""
+        _, points_m, normals, share = self._visible(state, seed)
+        turned = normals @ state.transform[:3, :3].T
+        return self._rendered(moved(state.transform, points_m), turned, share, log_brightness)
+
+    def _visible(
+        self, state: HandState, seed: int
+    ) -> tuple[HandMesh, np.ndarray, np.ndarray, np.ndarray]:
+        """A mesh in a state, and those samples that are visible, in the frame of the hand: points,
+        normals, and in what share of the viewpoints each is seen."""
         mesh = self.model.mesh(state.pose, state.shape, EDGE_M)
         scene = Scene.from_mesh(mesh)
-        back = np.linalg.inv(state.transform)
-        viewpoints_m = self.aperture.viewpoints_m @ back[:3, :3].T + back[:3, 3]
+        viewpoints_m = moved(np.linalg.inv(state.transform), self.aperture.viewpoints_m)
         reach_m = 2.0 * float(np.linalg.norm(viewpoints_m, axis=1).max())
         with VisibleSurface(scene, self.samples_per_mm2, reach_m, self.device, seed) as surface:
             share = surface.visible_from(viewpoints_m).mean(axis=1)
             seen = np.flatnonzero(share > 0)
             points_m, normals = surface.points_m[seen], surface.normals[seen]
-        skin = self.model.skin(mesh, state.pose, state.shape, points_m, normals)
-        bones = self.model.bones(state.pose, state.shape)
-        self._samples = SkinnedSamples.of(points_m, normals, skin, bones)
-        self._share = share[seen] * (SAMPLES_PER_MM2 / self.samples_per_mm2)
+        return mesh, points_m, normals, share[seen] * (SAMPLES_PER_MM2 / self.samples_per_mm2)
 
     @property
     def samples(self) -> SkinnedSamples:
@@ -121,8 +134,17 @@ class HandRendering(Canvas):
     def render(self, state: HandState, log_brightness: np.ndarray) -> Pixels:
         """Power and mean range of every pixel, both (n_y, n_x); range is in metres."""
         points_m, normals = self.samples.posed(self.bones_at(state))
+        return self._rendered(points_m, normals, self._share, log_brightness)
+
+    def _rendered(
+        self,
+        points_m: np.ndarray,
+        normals: np.ndarray,
+        share: np.ndarray,
+        log_brightness: np.ndarray,
+    ) -> Pixels:
         range_m, angle = self.sight(points_m, normals)
-        bright = self._share * np.exp(np.interp(angle, KNOTS_RAD, log_brightness))
+        bright = share * np.exp(np.interp(angle, KNOTS_RAD, log_brightness))
         return self.mean_range(*self.convolved(self.splat(points_m, range_m, bright[None])[0]))
 
     def derivatives(

@@ -19,7 +19,7 @@ from calibration.hand_fit.closed_loop import (
     _difference,
     close_loop,
 )
-from calibration.hand_fit.descent import FINE, Fitted, HandFitter, fitted_parameters
+from calibration.hand_fit.descent import FINE, Fitted, HandFitter, Missed, fitted_parameters
 from calibration.hand_fit.hand_model import ParametricHand
 from calibration.hand_fit.hand_rendering import ANGLES, N_GEOMETRY, SHAPE, stepped
 from calibration.hand_fit.hand_state import HandState
@@ -33,6 +33,8 @@ from clradar.hand.shape import AVERAGE
 from clradar.opencl import open_device
 
 CENTRE_M = np.array([0.01, 0.0, 0.3])
+
+NOTHING_MISSED = Missed(*np.zeros((2, N_GEOMETRY, 625)))
 
 
 @pytest.fixture
@@ -78,7 +80,7 @@ def loop(monkeypatch, fitter, state):
     bias[5], bias[9], bias[SHAPE.start] = 2e-3, 0.05, 0.02
     calls = []
 
-    def made_up(fitter, measured, state, alpha, found, prior, settings, centre_m) -> Round:
+    def made_up(fitter, measured, state, alpha, found, prior, missed, settings, centre_m) -> Round:
         calls.append(SimpleNamespace(state=state, alpha=alpha, seed=settings.seed))
         features = np.full(11, 10.0 * (alpha - 0.4))
         return Round(state, alpha, None, None, 0.9 - abs(alpha - 0.4), features, bias)  # type: ignore[arg-type]
@@ -89,7 +91,8 @@ def loop(monkeypatch, fitter, state):
     prior = Prior.about(state, angle_covariance())
 
     def run(alpha: float | None, progress=None):
-        return close_loop(fitter, found, prior, settings(fitter, alpha), progress), calls
+        given = settings(fitter, alpha)
+        return close_loop(fitter, found, prior, NOTHING_MISSED, given, progress), calls
 
     return run, bias
 
@@ -144,7 +147,9 @@ def test_a_round_simulates_the_hand_and_finds_it_where_it_is(fitter, state) -> N
     found = Fitted(state, initial_log_brightness(), 0.0, 0.0)
     prior = Prior.about(state, angle_covariance())
     given = settings(fitter, None)
-    one = closed_loop._round(fitter, fitter.depth, state, 0.5, found, prior, given, CENTRE_M)
+    one = closed_loop._round(
+        fitter, fitter.depth, state, 0.5, found, prior, NOTHING_MISSED, given, CENTRE_M
+    )
     assert one.alpha == 0.5
     assert one.scene.alpha.max() == one.scene.alpha.min() == 0.5
     assert one.capture.meta["rays"]["paths"] > 0
