@@ -208,7 +208,7 @@ def table(records: list[Record]) -> str:
         return "no case is around a letter"
 
     def share(name: str, right: list[bool]) -> str:
-        return f"{name:46s}{sum(right):4d} of {len(right)}"
+        return f"{name:55s}{sum(right):4d} of {len(right)}"
 
     true = [r["letter"] for r in records]
     lines = []
@@ -225,7 +225,9 @@ def table(records: list[Record]) -> str:
         lines.append(f"  taken: {', '.join(wrong) or 'none for another'}")
     for name in (LETTER, MODEL, BOTH):
         lost = [missed({"fit": r["whole"].get(name, {}), **r["whole"]}) for r in records]
-        lines.append(share(f"search missed, from {name}", [one for one in lost if one is not None]))
+        known = [one for one in lost if one is not None]
+        if known:
+            lines.append(share(f"search missed, from {name}", known))
     return "\n".join(lines)
 
 
