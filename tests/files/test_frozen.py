@@ -1,0 +1,240 @@
+"""Files that were written earlier are read as they were meant (docs/file-versions.md).
+
+Each folder of `frozen/` is named by when `support/frozen_files.py` wrote it. Nothing in them is ever
+changed; whoever changes what is written adds a folder.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import clradar
+import clradar.dataset
+from calibration import LearnedStart
+from calibration.hand_fit.frame_fit import FrameFit
+from calibration.hand_fit.starts import read_start
+from clradar.cli.region_files import read_joints
+from clradar.dataset.store.check import check_dataset
+from clradar.hand import HandShape, read_pose
+from measurement_io import (
+    check_file,
+    describe,
+    open_capture,
+    open_channels,
+    open_recording,
+    open_volume,
+    read_transform,
+)
+
+FROZEN = sorted(path for path in Path(__file__).with_name("frozen").iterdir() if path.is_dir())
+
+
+@pytest.fixture(params=FROZEN, ids=lambda path: path.name)
+def frozen(request: pytest.FixtureRequest) -> Path:
+    return request.param
+
+
+def counted(*shape: int) -> np.ndarray:
+    n = np.arange(np.prod(shape)).reshape(shape)
+    return (n + 1 - 1j * n).astype(np.complex64)
+
+
+def check_meta(meta: Any) -> None:
+    assert dict(meta) == {"seed": 7, "note": "frozen", "list": [1, 2.5, None, True]}
+
+
+def check_radar(array: clradar.AntennaArray, waveform: clradar.Waveform, patterns: bool) -> None:
+    n = np.arange(15).reshape(5, 3) / 100
+    assert (array.name, array.has_patterns) == ("frozen", patterns)
+    np.testing.assert_array_equal(array.tx_m, n[:3])
+    np.testing.assert_array_equal(array.rx_m, n[3:])
+    np.testing.assert_array_equal(waveform.frequencies_hz, [76e9, 77e9, 78e9, 79e9, 81e9])
+    if patterns:
+        tx, rx = array.tx_pattern, array.rx_pattern
+        assert (tx.gain_dbi, tx.exponent, tx.angle_deg) == (3.5, 1.5, None)
+        assert rx.gain_dbi == 2.0
+        assert (rx.angle_deg.tolist(), rx.field.tolist()) == ([0, 30, 180], [1, 0.5, 0])
+
+
+def test_there_are_frozen_files() -> None:
+    assert [path.name for path in FROZEN] == sorted({"2026-11"} | {path.name for path in FROZEN})
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_captures(frozen: Path, version: int) -> None:
+    path = frozen / f"capture-{version}.h5"
+    with h5py.File(path) as file:
+        assert file.attrs["clradar_version"] == version
+    capture = open_capture(path)
+    assert capture.data.dtype == np.complex64
+    np.testing.assert_array_equal(capture.data, counted(3, 2, 5))
+    check_radar(capture.array, capture.waveform, patterns=version == 2)
+    check_meta(capture.meta)
+    assert check_file(path).ok
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_volumes(frozen: Path, version: int) -> None:
+    path = frozen / f"volume-{version}.h5"
+    with h5py.File(path) as file:
+        assert file.attrs["clradar_version"] == version
+    volume = open_volume(path)
+    np.testing.assert_array_equal(volume.data, counted(5, 3, 4))
+    assert volume.grid.counts == (4, 3, 5)
+    np.testing.assert_array_equal(volume.grid.origin_m, [-0.02, -0.01, 0.3])
+    np.testing.assert_array_equal(volume.grid.spacing_m, [1e-2, 2e-2, 5e-3])
+    check_meta(volume.meta)
+    assert volume.absolute == (version == 2)
+    if volume.scale is not None:
+        check_radar(volume.scale.array, volume.scale.waveform, patterns=True)
+        assert volume.scale.weights.tolist() == [0.5, 1.0, 1.5, 1.0, 1.0]
+    assert check_file(path).ok
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_channels(frozen: Path, version: int) -> None:
+    channels = open_channels(frozen / f"channels-{version}.h5")
+    check_radar(channels.array, channels.waveform, patterns=version == 2)
+    check_meta(channels.meta)
+    response = channels.response
+    assert response.tx_gain.tolist() == [1, 0, 2j]
+    assert response.rx_delay_s.tolist() == [2e-12, 0]
+    assert (response.reference_hz, channels.target) == (77e9, "corner")
+    assert dict(channels.target_position) == {"x_m": 0.0, "y_m": 0.125, "z_m": 0.25}
+    assert np.diag(channels.target_covariance).tolist() == [1, 2, 3]
+    assert [list(v) for v in (channels.dead_tx, channels.noisy_rx)] == [[1], [1]]
+    assert channels.tx_phase_std_rad.tolist() == [0.25, 0.5, 0.75]
+    assert (channels.residual_db, channels.noise_residual_db) == (-20.0, -21.0)
+    assert check_file(frozen / f"channels-{version}.h5").ok
+
+
+def test_recordings(frozen: Path) -> None:
+    folder = frozen / "recording" / "30"
+    recording = open_recording(folder)
+    assert (len(recording), recording.timestamps_us) == (1, (1000,))
+    expected = np.zeros((94, 94, 2), np.complex64)
+    expected[0, 0], expected[3, 5], expected[93, 93] = counted(3, 2)
+    np.testing.assert_array_equal(recording[0].data, expected)
+    np.testing.assert_array_equal(recording.with_variant("emptyfiltered")[0].data, expected / 2)
+    assert recording[0].waveform.frequencies_hz.tolist() == [72e9, 82e9]
+    assert recording[0].meta["gain"] == 0.5
+    assert recording.metadata.distance_meters == 0.3
+    np.testing.assert_array_equal(
+        recording.alignment.to_antenna("photogrammetry"), np.diag([1.0, 1, 1, 1])
+    )
+    largest = np.abs(counted(3, 2)).max()
+    seen = recording.max_projection(0).amplitude
+    wanted = 2 * largest * np.abs(counted(5, 3, 4)).max(axis=0)  # times the number of frequencies
+    assert np.abs(seen - wanted).max() < 1  # stored without its fraction
+    assert np.nanmax(recording.depth_map(0).depth_m) == 0.32
+    assert check_file(folder).ok
+
+
+def test_data_sets(frozen: Path) -> None:
+    folder = frozen / "data-set"
+    with clradar.dataset.open_dataset(folder) as view:
+        assert (view.attrs["complete"], view.sizes["sample"]) == (1, 2)
+        assert view.pose.values.tolist() == ["A", "F"]
+        assert view.frequency_hz.values.tolist() == np.linspace(72e9, 82e9, 4).tolist()
+        for i, path in enumerate(sorted((folder / "shards").iterdir())):
+            with h5py.File(path) as file:
+                for name in ("capture", "volume", "max_projection", "depth_map", "joints"):
+                    stored = file[f"entry/{name}/data"][0]
+                    np.testing.assert_array_equal(view[name].values[i], stored)
+        largest = np.abs(view.volume.values).max(axis=1)
+        np.testing.assert_allclose(view.max_projection.values, largest, rtol=1e-6)
+        palm = view.joints.sel(joint="wrist", coordinate="z").values
+        assert ((palm > 0.25) & (palm < 0.35)).all()
+        assert int(view.mesh_faces_end[-1]) == len(view.mesh_faces)
+    assert check_dataset(folder).ok
+
+
+def test_a_data_set_that_was_stopped_is_completed(frozen: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    shutil.copytree(frozen / "data-set-stopped", folder)
+    (folder / "parts").mkdir(exist_ok=True)
+    before = (folder / "shards" / "shard-00000.h5").read_bytes()
+    with h5py.File(folder / "parts" / "00000002.h5") as file:
+        part = file["entry/max_projection/data"][0]
+    plan = clradar.dataset.store.folder.read_manifest(folder).plan
+    with pytest.warns(clradar.ClradarWarning, match="sample 1 was set aside"):
+        result = clradar.dataset.run(plan, folder, device="pocl")
+    assert result.made == 2  # of five: one was set aside, one in the shard, one in the part
+    assert (folder / "shards" / "shard-00000.h5").read_bytes() == before
+    with clradar.dataset.open_dataset(folder) as view:
+        assert view.sample.values.tolist() == [0, 2, 3, 4]
+        np.testing.assert_array_equal(view.max_projection.sel(sample=2).values, part)
+
+
+@pytest.mark.parametrize("suffix", ["toml", "json"])
+def test_poses_and_materials(frozen: Path, suffix: str) -> None:
+    pose = read_pose(frozen / f"pose.{suffix}")
+    assert pose.name == "W"
+    flexed = pose.angles("thumb-phalanx-distal").degrees()[0]
+    stored = json.loads((frozen / "pose.json").read_text())
+    assert flexed == stored["joints"]["thumb-phalanx-distal"]["flexion_deg"]
+    found = clradar.read_materials(frozen / f"materials.{suffix}")
+    assert list(found) == ["palm", "metal"]
+    assert found["palm"].roughness_rms_m == 0.15e-3
+    assert found["palm"].coating.thickness_m == 0.14e-3
+    assert found["metal"].permittivity is None
+
+
+def test_fits_of_hands(frozen: Path) -> None:
+    start = read_start(frozen / "fit.json")
+    assert (start.pose.name, start.handedness, start.shape) == ("F", "right", HandShape())
+    assert 0.2 < start.transform[2, 3] < 0.4
+    record = json.loads((frozen / "frame-fit.json").read_text())
+    seen = FrameFit.from_dict(record, frozen)
+    assert (seen.frame, seen.time_s, seen.how, seen.notes) == (3, 0.5, "followed", ("a note",))
+    assert (seen.misfit, seen.joint_std_m.tolist()) == (12.5, 25 * [2e-3])
+    again = seen.to_dict()
+    assert again.keys() == record.keys()
+    assert again["pose"] == record["pose"]
+    assert again["transform"] == record["transform"]
+    nothing = json.loads((frozen / "frame-nothing.json").read_text())
+    assert FrameFit.from_dict(nothing, frozen).state is None
+    assert FrameFit.from_dict(nothing, frozen).notes == ("dark",)
+
+
+def test_truths_of_recorded_hands(frozen: Path) -> None:
+    folder = frozen / "movement" / "truth"
+    truth = json.loads((folder / "truth.json").read_text())
+    assert [frame["timestamp_us"] for frame in truth["frames"]] == [0, 125_000]
+    for frame in truth["frames"]:
+        assert read_pose(folder / frame["pose"]).name
+        assert np.shape(frame["transform"]) == (4, 4)
+        assert frame["joints_m"].keys() == json.loads((frozen / "joints.json").read_text()).keys()
+    assert read_joints(frozen / "joints.json").shape == (25, 3)
+
+
+def test_transforms(frozen: Path) -> None:
+    wanted = [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0.01], [0, 0, 0, 1]]
+    assert read_transform(frozen / "transform.json").tolist() == wanted
+
+
+def test_learned_starts(frozen: Path) -> None:
+    start = LearnedStart.read(frozen / "start.onnx")
+    found = start.predict_picture(np.zeros((3, 40, 40), np.float32))
+    assert (start.name, found.letters()[0]) == ("start", "L")
+
+
+def test_every_frozen_file_is_described(frozen: Path) -> None:
+    """Nothing lies in the folder that no test reads."""
+    names = {path.name for path in frozen.iterdir()}
+    native = {f"{kind}-{v}.h5" for kind in ("capture", "volume", "channels") for v in (1, 2)}
+    assert names == native | {
+        *("recording", "movement", "data-set", "data-set-stopped"),
+        *("pose.toml", "pose.json", "materials.toml", "materials.json"),
+        *("fit.json", "frame-fit.json", "frame-nothing.json", "joints.json"),
+        *("transform.json", "start.onnx"),
+    }
+    for name in native:
+        assert describe(frozen / name).kind == f"native {name.partition('-')[0]}"

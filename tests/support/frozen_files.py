@@ -1,0 +1,201 @@
+"""Write a small example of every format that the project writes: python frozen_files.py FOLDER.
+
+`tests/files/frozen/` holds what it wrote at different times; `tests/files/test_frozen.py` reads all
+of it. Arrays are made of whole numbers, so that tests can say what a file has to hold.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+from dataset_plans import Engine, plan_of
+from hand_fits import made_up_fit
+
+import calibration
+import clradar
+import clradar.dataset
+from calibration.hand_fit.frame_fit import FrameFit
+from calibration.hand_fit.hand_shape_vector import SHAPE_NAMES
+from calibration.hand_fit.hand_state import HandState
+from calibration.hand_fit.learned_start import N_INPUTS, start_metadata, target_of
+from calibration.hand_fit.result import ANGLE_NAMES
+from clradar.cli import main
+from clradar.files.json_file import write_json
+from clradar.hand import POSES, write_pose
+from clradar.model import ImageScale
+from measurement_io import (
+    save_capture,
+    save_channels,
+    save_recording,
+    save_volume,
+)
+
+META = {"seed": 7, "note": "frozen", "list": [1, 2.5, None, True]}
+
+
+def counted(*shape: int) -> np.ndarray:
+    """1 + 0j, 2 - 1j, 3 - 2j ..., complex64."""
+    n = np.arange(np.prod(shape)).reshape(shape)
+    return (n + 1 - 1j * n).astype(np.complex64)
+
+
+def capture(*, patterns: bool = False) -> clradar.Capture:
+    """3 Tx, 2 Rx, 5 frequencies; with two antenna patterns, one of them a table."""
+    n = np.arange(15).reshape(5, 3) / 100
+    array = clradar.AntennaArray(n[:3], n[3:], "frozen")
+    if patterns:
+        table = clradar.AntennaPattern(2.0, angle_deg=[0.0, 30.0, 180.0], field=[1.0, 0.5, 0.0])
+        lobe = clradar.AntennaPattern(3.5, 1.5)
+        array = replace(array, tx_pattern=lobe, rx_pattern=table)
+    waveform = clradar.Waveform([76e9, 77e9, 78e9, 79e9, 81e9])
+    return clradar.Capture(counted(3, 2, 5), array, waveform, META)
+
+
+def volume(*, scale: bool = False) -> clradar.Volume:
+    """4 x 3 x 5 voxels along x, y, z; the amplitude grows with the index."""
+    grid = clradar.VoxelGrid([-0.02, -0.01, 0.3], [1e-2, 2e-2, 5e-3], (4, 3, 5))
+    of = capture(patterns=True)
+    window = ImageScale(of.array, of.waveform, np.array([0.5, 1.0, 1.5, 1.0, 1.0]))
+    return clradar.Volume(counted(*grid.shape), grid, META, window if scale else None)
+
+
+def channels(*, patterns: bool = False) -> clradar.ChannelCalibration:
+    """Calibrated channels of the capture, Tx 1 dead, Rx 1 noisy."""
+    of = capture(patterns=patterns)
+    return clradar.ChannelCalibration(
+        response=clradar.ChannelResponse(
+            [1, 0, 2j], [0.5, 1], [0, 0, 1e-12], [2e-12, 0], of.waveform.frequencies_hz[1]
+        ),
+        array=of.array, waveform=of.waveform, target="corner",
+        target_position={"x_m": 0.0, "y_m": 0.125, "z_m": 0.25},
+        target_covariance=np.diag([1.0, 2.0, 3.0]), target_amplitude=1.5,
+        dead_tx=[1], dead_rx=[], noisy_tx=[], noisy_rx=[1],
+        tx_noise=[0, 1, 2], rx_noise=[0, 3], tx_phase_std_rad=[0.25, 0.5, 0.75],
+        rx_phase_std_rad=[0.125, 0.25], tx_delay_std_s=[0, 1e-12, 2e-12], rx_delay_std_s=[0, 1e-12],
+        residual_db=-20.0, noise_residual_db=-21.0, meta=META,
+    )  # fmt: skip
+
+
+def write_native(folder: Path) -> None:
+    save_capture(folder / "capture-1.h5", capture())
+    save_capture(folder / "capture-2.h5", capture(patterns=True))
+    save_volume(folder / "volume-1.h5", volume())
+    save_volume(folder / "volume-2.h5", volume(scale=True))
+    save_channels(folder / "channels-1.h5", channels())
+    save_channels(folder / "channels-2.h5", channels(patterns=True))
+
+
+def write_recording(folder: Path) -> None:
+    """One frame of two frequencies in both variants, most of it zero, with its images."""
+    array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 2)
+    data = np.zeros((94, 94, 2), np.complex64)
+    data[0, 0], data[3, 5], data[93, 93] = counted(3, 2)
+    raw = clradar.Capture(data, array, waveform, {"timestamp_us": 1000, "gain": 0.5})
+    grid = clradar.VoxelGrid([-0.02, -0.01, 0.3], [1e-2, 2e-2, 5e-3], (4, 3, 5))
+    turn = np.diag([-1.0, 1, 1, 1])
+    save_recording(
+        folder / "recording" / "30", [raw], emptyfiltered=[replace(raw, data=data / 2)],
+        image=lambda one: clradar.Volume(counted(*grid.shape) * np.abs(one.data).max(), grid),
+        metadata={"distance_meters": 0.3, "labels": ["frozen"]},
+        alignment={"photogrammetry2radar": turn.tolist()},
+    )  # fmt: skip
+
+
+def write_data_sets(folder: Path) -> None:
+    """A complete one of every product, and one that was stopped, with a shard and a part."""
+    small = {"radar": {"every": 24, "steps": 4}, "image": {"step_mm": [25, 25, 50]}}
+    whole = plan_of(samples=2, poses={"names": ["A", "F"]}, output={"shard_size": 1}, **small)
+    clradar.dataset.run(whole, folder / "data-set", device="pocl")
+    products = ["max_projection", "depth_map", "joints"]
+    stopped = plan_of(samples=5, output={"products": products}, **small)
+    with suppress(KeyboardInterrupt):
+        clradar.dataset.run(stopped, folder / "data-set-stopped", engine=Engine(2, aside=[1]))
+
+
+def write_hands(folder: Path) -> None:
+    """Poses, materials, fits of hands, a truth, joints and a learned start."""
+    for suffix in ("toml", "json"):
+        write_pose(folder / f"pose.{suffix}", POSES["W"])
+        palm = clradar.material("palm")
+        clradar.write_materials(folder / f"materials.{suffix}", [palm, clradar.material("metal")])
+    fit = made_up_fit()
+    write_json(folder / "fit.json", {**fit.to_dict(), "clradar": clradar.__version__}, force=False)
+    n, n_angles, n_shape = 25, len(ANGLE_NAMES), len(SHAPE_NAMES)
+    seen = FrameFit(
+        3, 0.5, "followed", "F", ("a note",), "right",
+        HandState(fit.pose, fit.shape, fit.transform), fit.joints_m, np.full(n, 2e-3),
+        np.radians(np.full(n_angles, 3.0)), np.full(n_shape, 0.25), fit.untold, 12.5, 0.75,
+    )  # fmt: skip
+    write_json(folder / "frame-fit.json", seen.to_dict(), force=False)
+    nothing = FrameFit.nothing(4, 0.625, ("dark",), "right")
+    write_json(folder / "frame-nothing.json", nothing.to_dict(), force=False)
+    run(
+        *("record-hand", "A", "--frames", "2", "--steps", "2", "--samples-per-mm2", "0.01"),
+        *("-o", folder / "movement"),
+    )
+    shutil.rmtree(next((folder / "movement").glob("radar_*")))  # its frames are as above
+    run("hand", "F", "-o", folder / "hand.ply", "--joints", folder / "joints.json")
+    (folder / "hand.ply").unlink()
+    write_start(folder / "start.onnx")
+
+
+def run(*arguments: object) -> None:
+    """Run a command, which has to succeed."""
+    try:
+        main([str(argument) for argument in arguments])
+    except SystemExit as ended:
+        if ended.code:
+            raise
+
+
+def write_start(path: Path) -> None:
+    """A learned start that sees the same pose, that of L, in whatever it is shown."""
+    bias = target_of(POSES["L"], np.zeros(3)).astype(np.float32)
+    shapes = {"x": [None, N_INPUTS], "y": [None, len(bias)]}
+    infos = {
+        name: onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape)
+        for name, shape in shapes.items()
+    }
+    graph = onnx.helper.make_graph(
+        [
+            onnx.helper.make_node("ReduceMean", ["x"], ["mean"], axes=[1], keepdims=1),
+            onnx.helper.make_node("Gemm", ["mean", "weights", "bias"], ["y"]),
+        ],
+        "frozen",
+        [infos["x"]],
+        [infos["y"]],
+        [
+            onnx.numpy_helper.from_array(np.zeros((1, len(bias)), np.float32), "weights"),
+            onnx.numpy_helper.from_array(bias, "bias"),
+        ],
+    )
+    opset = [onnx.helper.make_opsetid("", 17)]
+    model = onnx.helper.make_model(graph, opset_imports=opset, ir_version=8)
+    onnx.helper.set_model_props(model, start_metadata())
+    path.write_bytes(model.SerializeToString())
+
+
+def write_alignment(folder: Path) -> None:
+    quarter = np.eye(4)
+    quarter[:3] = [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0.01]]
+    found = calibration.Alignment(
+        quarter, rms_m=1e-3, inlier_share=0.9, iterations=5, converged=True,
+        covariance=1e-6 * np.eye(6), degenerate_directions=(), centre_m=np.array([0, 0, 0.3]),
+    )  # fmt: skip
+    write_json(folder / "transform.json", found.to_dict(), force=False)
+
+
+def write_all(folder: Path) -> None:
+    folder.mkdir(parents=True)
+    for write in (write_native, write_recording, write_data_sets, write_hands, write_alignment):
+        write(folder)
+
+
+if __name__ == "__main__":
+    write_all(Path(sys.argv[1]))
