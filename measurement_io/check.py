@@ -59,9 +59,9 @@ def check_file(path: str | os.PathLike[str]) -> CheckReport:
     """Verify a native file, a recorded frame or a recording; all of its data is read.
 
     Of a native file: format and version, types and shapes, checksums of every dataset, finite
-    values, axes against the grid, NeXus attributes. Of a recording: every frame of both variants,
-    all with the same frequencies, numbering, time stamps, cached products, `calibration.json`,
-    `alignment.json`, `metadata.json`, meshes and where they are placed.
+    values, axes against the grid, NeXus attributes, the images for viewers. Of a recording: every
+    frame of both variants, all with the same frequencies, numbering, time stamps, cached products,
+    `calibration.json`, `alignment.json`, `metadata.json`, meshes and where they are placed.
 
     Returns
     -------
@@ -116,14 +116,15 @@ def _check_native(path: Path, checked: list[str], problems: list[str]) -> None:
     header = native.read_header(path)
     noun = native_scheme.SCHEMES[header.format].noun
     checked.append(f"native: {noun}, version {header.version}, text attributes intact")
+    found: list[str] = []
     if header.format == "capture":
         native.read_capture(path)
     elif header.format == "channels":
         channels_file.read_channels(path)
     else:
-        native.read_volume(path)
+        found = native.view_problems(path, native.read_volume(path)[1])
     checked.append("all data read: types, shapes, stored in full, values finite")
-    found = native.nexus_problems(path)
+    found += native.nexus_problems(path)
     problems += found
     if not found:
         checked.append("every dataset has its Fletcher-32 checksums and they are right")

@@ -1,4 +1,4 @@
-"""The native HDF5 file of captures and volumes, version 1 (docs/files.md)."""
+"""The native HDF5 file of captures and volumes (docs/files.md)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from clradar.errors import ModelError
 from clradar.files import json_text
 from clradar.files.failures import clean, fail, reading
 from clradar.model import (
@@ -25,7 +26,10 @@ from measurement_io.confined import hdf5_process
 from measurement_io.native import contents as native_contents
 from measurement_io.native.scheme import (
     EXPECTED,
+    VIEW_AXES,
+    VIEWS,
     NativeHeader,
+    View,
     check_hdf5,
     instrument_bytes,
     instrument_version,
@@ -125,7 +129,26 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
     if scale is not None:
         size += instrument_bytes(scale.array, scale.waveform) + scale.weights.nbytes
     version = 1 if scale is None else 2
-    write(Path(path), "volume", text, texts, fill, size_bytes=size, force=force, version=version)
+    write(
+        Path(path), "volume", text, texts, fill, size_bytes=size, force=force, version=version,
+        views=_views(volume),
+    )  # fmt: skip
+
+
+def _views(volume: Volume) -> list[View]:
+    """Return what viewers show of a volume; nothing where an amplitude is beyond float32."""
+    try:
+        depth = volume.depth_map()
+    except ModelError:
+        return []
+    titles = (
+        "Maximum amplitude along z",
+        f"Depth of the maximum along z, within {depth.dynamic_range_db:g} dB of the strongest",
+    )
+    return [
+        View(VIEWS[0], titles[0], VIEW_AXES, depth.amplitude, "amplitude", None),
+        View(VIEWS[1], titles[1], VIEW_AXES, depth.depth_m, "depth", "m"),
+    ]
 
 
 def read_capture(path: Path) -> tuple[NativeHeader, Capture]:
@@ -172,6 +195,24 @@ def nexus_problems(path: Path) -> list[str]:
     """Return missing NeXus attributes and checksums, which reading does not need."""
     with reading(path, EXPECTED):
         return [clean(line) for line in hdf5_process.run(native_contents.nexus_problems, path)]
+
+
+VIEW_TOLERANCE = 1e-6
+"""Relative: another processor may round an amplitude's root to the neighbouring float32, 1.2e-7."""
+
+
+def view_problems(path: Path, volume: Volume) -> list[str]:
+    """Return which of the images that viewers show are not those of the volume in the file."""
+    with reading(path, EXPECTED):
+        found = hdf5_process.run(native_contents.read_views, path)
+        wanted = {view.name: view.data for view in _views(volume)}
+    problems = [f"/entry/{name}: expected none, got one" for name in found if name not in wanted]
+    for name in wanted.keys() & found.keys():
+        # Where two depths are equally bright, rounding may choose the other one.
+        off = ~np.isclose(found[name], wanted[name], VIEW_TOLERANCE, 0.0, equal_nan=True)
+        if off.mean() > (0.0 if name == VIEWS[0] else 1e-3):
+            problems.append(f"/entry/{name}: {off.sum()} of {off.size} pixels are not the data's")
+    return sorted(problems)
 
 
 def contents(

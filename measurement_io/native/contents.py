@@ -6,6 +6,7 @@ records of them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,15 @@ import numpy as np
 
 from clradar.files.failures import clean, fail
 from measurement_io.confined import hdf5_guard
-from measurement_io.native.scheme import EXPECTED, NX_CLASSES, SCHEMES, VERSION, text_crc32
+from measurement_io.native.scheme import (
+    EXPECTED,
+    NX_CLASSES,
+    SCHEMES,
+    VERSION,
+    VIEW_AXES,
+    VIEWS,
+    text_crc32,
+)
 
 Contents = dict[str, Any]
 _FORMAT = "clradar_format"
@@ -106,15 +115,18 @@ def nexus_problems(path: Path) -> list[str]:
     with hdf5_guard.opened(path, EXPECTED) as file:
         header, data = _header(path, file, None)
         scheme = SCHEMES[header["format"]]
-        nodes = {"/": file, "/entry": file["entry"], "/entry/data": data}
-        for name, node in nodes.items():
+        entry = file["entry"]
+        for name, node in (("/", file), ("/entry", entry)):
             problems += _attribute_problem(path, node, "NX_class", NX_CLASSES[name])
         problems += _attribute_problem(path, file, "default", "entry")
-        problems += _attribute_problem(path, nodes["/entry"], "default", "data")
-        problems += _attribute_problem(path, data, "signal", scheme.signal)
-        axes = list(scheme.axes)
-        if "axes" not in data.attrs or hdf5_guard.texts(path, data, "axes") != axes:
-            problems.append(f"/entry/data@axes: expected {axes}")
+        views = _views(path, entry) if header["format"] == "volume" else {}
+        # Files before the views have the data as their default, and so have those without any.
+        problems += _attribute_problem(path, entry, "default", next(iter(views), "data"))
+        problems += _group_problems(path, data, scheme.signal, scheme.axes)
+        for view in views.values():
+            problems += _group_problems(path, view, "data", VIEW_AXES)
+            if not hdf5_guard.has_checksum(hdf5_guard.dataset(path, view, "data")):
+                problems.append(f"{view.name}/data: carries no Fletcher-32 checksum")
         optional = [name for name in (*PATTERN_DATASETS, WEIGHTS) if name in data]
         for name in (*scheme.datasets, *optional):
             if name in ("tx", "rx") and name not in data:
@@ -132,6 +144,33 @@ def nexus_problems(path: Path) -> list[str]:
             datetime.fromisoformat(created)
         except ValueError:
             problems.append(f"/@created: expected an ISO 8601 time, got {clean(created)}")
+    return problems
+
+
+def read_views(path: Path) -> Contents:
+    """Return the views of a native volume, those that there are, each shape (n_y, n_x)."""
+    types = dict(zip(VIEWS, (np.float32, np.float64), strict=True))
+    with hdf5_guard.opened(path, EXPECTED) as file:
+        _, data = _header(path, file, "volume")
+        shape = tuple(hdf5_guard.dataset(path, data, axis).size for axis in VIEW_AXES)
+        views = _views(path, file["entry"])
+        return {
+            name: hdf5_guard.array(path, view, "data", types[name], shape)
+            for name, view in views.items()
+        }
+
+
+def _views(path: Path, entry: Any) -> dict[str, Any]:
+    """Return the groups of the views, in the order of `VIEWS`."""
+    return {name: hdf5_guard.group(path, entry, name) for name in VIEWS if name in entry.keys()}  # noqa: SIM118 - `in entry` would follow links
+
+
+def _group_problems(path: Path, group: Any, signal: str, axes: Sequence[str]) -> list[str]:
+    problems = _attribute_problem(path, group, "NX_class", NX_CLASSES["/entry/data"])
+    problems += _attribute_problem(path, group, "signal", signal)
+    wanted = list(axes)
+    if "axes" not in group.attrs or hdf5_guard.texts(path, group, "axes") != wanted:
+        problems.append(f"{group.name}@axes: expected {wanted}")
     return problems
 
 

@@ -8,7 +8,7 @@ when it was made and, as JSON, where it comes from.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -45,10 +45,14 @@ class Scheme:
         What a file of it holds.
     opener : str
         The function that opens it.
+    title : str
+        What viewers write above it.
     signal : str
         The dataset that viewers show.
     axes : tuple of str
         Of the signal.
+    interpretation : "spectrum" or "image"
+        Whether viewers show the last axis of the signal as curves, or the last two as images.
     datasets : tuple of str
     texts : tuple of str
         String attributes, which the checksum of the file's text covers.
@@ -58,8 +62,10 @@ class Scheme:
 
     noun: str
     opener: str
+    title: str
     signal: str
     axes: tuple[str, ...]
+    interpretation: str
     datasets: tuple[str, ...]
     texts: tuple[str, ...]
     optional_texts: tuple[str, ...] = ()
@@ -69,16 +75,20 @@ SCHEMES = {
     "capture": Scheme(
         noun="a capture",
         opener="open_capture",
+        title="Response of each pair of antennas",
         signal="data",
         axes=("tx", "rx", "frequency_hz"),
+        interpretation="spectrum",
         datasets=("data", "tx", "rx", "frequency_hz", "tx_m", "rx_m"),
         texts=("array_name",),
     ),
     "volume": Scheme(
         noun="a volume",
         opener="open_volume",
+        title="Complex image, slice by slice",
         signal="data",
         axes=("z_m", "y_m", "x_m"),
+        interpretation="image",
         datasets=("data", "x_m", "y_m", "z_m", "origin_m", "spacing_m"),
         texts=(),
         optional_texts=("array_name",),
@@ -86,8 +96,10 @@ SCHEMES = {
     "channels": Scheme(
         noun="channels",
         opener="open_channels",
+        title="Complex gain of the Tx channels",
         signal="tx_gain",
         axes=("tx",),
+        interpretation="spectrum",
         datasets=(
             *("tx", "rx", "frequency_hz", "tx_m", "rx_m", "tx_gain", "rx_gain"),
             *("tx_delay_s", "rx_delay_s", "tx_state", "rx_state", "tx_noise", "rx_noise"),
@@ -99,6 +111,35 @@ SCHEMES = {
     ),
 }
 """The formats there are, by the root's `clradar_format`."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """An image that is drawn from the data, for viewers alone: an NXdata group beside it.
+
+    Attributes
+    ----------
+    name : str
+        Of the group.
+    title : str
+    axes : tuple of str
+        Datasets of `/entry/data`.
+    data : ndarray
+    long_name : str
+    unit : str or None
+    """
+
+    name: str
+    title: str
+    axes: tuple[str, ...]
+    data: np.ndarray
+    long_name: str
+    unit: str | None
+
+
+VIEW_AXES = ("y_m", "x_m")
+VIEWS = ("max_projection", "depth_map")
+"""Views of a volume; the first one is what viewers show at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +194,7 @@ def write(
     size_bytes: int,
     force: bool,
     version: int = 1,
+    views: Sequence[View] = (),
 ) -> None:
     """Write a native file whole or not at all.
 
@@ -173,6 +215,8 @@ def write(
         Replace an existing file.
     version : int
         The lowest whose readers understand the file.
+    views : sequence of View
+        The first is what viewers show; without one it is the data.
     """
     refuse_existing(path, force=force)
     import h5py
@@ -182,6 +226,7 @@ def write(
     # From version 1.10 on HDF5 keeps checksums of its own structures, and long attributes.
     with ExitStack() as stack:
         temporary = stack.enter_context(replacing(path, force=force))
+        size_bytes += stored_bytes(*(view.data for view in views))
         require_space(temporary, size_bytes + len(text) + _STRUCTURE_BYTES)
         file = stack.enter_context(h5py.File(temporary, "x", libver=("v110", "v110")))
         file.attrs["NX_class"] = NX_CLASSES["/"]
@@ -196,14 +241,27 @@ def write(
         file.attrs["text_crc32"] = np.uint32(crc32)
         entry = file.create_group("entry")
         entry.attrs["NX_class"] = NX_CLASSES["/entry"]
-        entry.attrs["default"] = "data"
-        data = entry.create_group("data")
-        data.attrs["NX_class"] = NX_CLASSES["/entry/data"]
-        data.attrs["signal"] = scheme.signal
-        data.attrs["axes"] = list(scheme.axes)
+        entry.attrs["default"] = views[0].name if views else "data"
+        data = _data_group(entry, "data", scheme.title, scheme.signal, scheme.axes)
         for name in kept:
             data.attrs[name] = texts[name]
         fill(data)
+        data[scheme.signal].attrs["interpretation"] = scheme.interpretation
+        for view in views:
+            group = _data_group(entry, view.name, view.title, "data", view.axes)
+            write_dataset(group, "data", view.data, view.long_name, view.unit)
+            group["data"].attrs["interpretation"] = "image"
+            for axis in view.axes:
+                group[axis] = data[axis]
+
+
+def _data_group(entry: Any, name: str, title: str, signal: str, axes: Sequence[str]) -> Any:
+    group = entry.create_group(name)
+    group.attrs["NX_class"] = NX_CLASSES["/entry/data"]
+    group.attrs["signal"] = signal
+    group.attrs["axes"] = list(axes)
+    group.create_dataset("title", data=title)
+    return group
 
 
 def write_dataset(
@@ -212,7 +270,8 @@ def write_dataset(
     """Write a dataset with checksums and the names that viewers show."""
     chunks = (_rows_per_chunk(value), *value.shape[1:])
     made = group.create_dataset(name, data=value, chunks=chunks, shuffle=True, fletcher32=True)
-    made.attrs["long_name"] = long_name
+    # Viewers write either the long name or the name and the unit.
+    made.attrs["long_name"] = long_name if unit is None else f"{long_name} ({unit})"
     if unit is not None:
         made.attrs["units"] = unit
 

@@ -1,7 +1,7 @@
 """Files that were written earlier are read as they were meant (docs/file-versions.md).
 
-Each folder of `frozen/` is named by when `support/frozen_files.py` wrote it. Nothing in them is ever
-changed; whoever changes what is written adds a folder.
+Each folder of `frozen/` is named by when `support/frozen_files.py` wrote it. Nothing in them is
+ever changed; whoever changes what is written adds a folder.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+import silx.io
+from silx.io import nxdata
 
 import clradar
 import clradar.dataset
@@ -25,7 +27,6 @@ from clradar.dataset.store.check import check_dataset
 from clradar.hand import HandShape, read_pose
 from measurement_io import (
     check_file,
-    describe,
     open_capture,
     open_channels,
     open_recording,
@@ -35,10 +36,19 @@ from measurement_io import (
 
 FROZEN = sorted(path for path in Path(__file__).with_name("frozen").iterdir() if path.is_dir())
 
+NATIVE = tuple(f"{kind}-{v}.h5" for kind in ("capture", "volume", "channels") for v in (1, 2))
+OTHERS = (
+    *("recording", "movement", "data-set", "data-set-stopped"),
+    *("pose.toml", "pose.json", "materials.toml", "materials.json"),
+    *("fit.json", "frame-fit.json", "frame-nothing.json", "joints.json"),
+    *("transform.json", "start.onnx"),
+)
 
-@pytest.fixture(params=FROZEN, ids=lambda path: path.name)
-def frozen(request: pytest.FixtureRequest) -> Path:
-    return request.param
+
+def folders_with(name: str) -> pytest.MarkDecorator:
+    """Try a test with each folder that holds a file: a folder has what was new when it was made."""
+    found = [path for path in FROZEN if (path / name).exists()]
+    return pytest.mark.parametrize("frozen", found, ids=lambda path: path.name)
 
 
 def counted(*shape: int) -> np.ndarray:
@@ -63,10 +73,14 @@ def check_radar(array: clradar.AntennaArray, waveform: clradar.Waveform, pattern
         assert (rx.angle_deg.tolist(), rx.field.tolist()) == ([0, 30, 180], [1, 0.5, 0])
 
 
-def test_there_are_frozen_files() -> None:
-    assert [path.name for path in FROZEN] == sorted({"2026-11"} | {path.name for path in FROZEN})
+def test_what_is_frozen() -> None:
+    """Every kind of file, and nothing that no test reads."""
+    assert {path.name for path in FROZEN[0].iterdir()} == {*NATIVE, *OTHERS}
+    for folder in FROZEN[1:]:
+        assert {path.name for path in folder.iterdir()} <= {*NATIVE, *OTHERS}
 
 
+@folders_with("capture-1.h5")
 @pytest.mark.parametrize("version", [1, 2])
 def test_captures(frozen: Path, version: int) -> None:
     path = frozen / f"capture-{version}.h5"
@@ -80,6 +94,7 @@ def test_captures(frozen: Path, version: int) -> None:
     assert check_file(path).ok
 
 
+@folders_with("volume-1.h5")
 @pytest.mark.parametrize("version", [1, 2])
 def test_volumes(frozen: Path, version: int) -> None:
     path = frozen / f"volume-{version}.h5"
@@ -98,6 +113,38 @@ def test_volumes(frozen: Path, version: int) -> None:
     assert check_file(path).ok
 
 
+@folders_with("volume-1.h5")
+@pytest.mark.parametrize("name", NATIVE)
+def test_viewers_show_native_files(frozen: Path, name: str) -> None:
+    """By silx, which h5web follows: what is drawn at once is valid, and has its units."""
+    with silx.io.open(str(frozen / name)) as file:
+        default = nxdata.get_default(file)
+        assert default is not None
+        assert default.is_valid
+        groups = [group for group in file["entry"].values() if "NX_class" in group.attrs]
+        found = {group.name: nxdata.NXdata(group) for group in groups}
+        assert all(one.is_valid for one in found.values())
+        if frozen.name == "2026-11":  # before there were images and titles
+            assert (default.group.name, default.title) == ("/entry/data", "")
+            return
+        labels = [label for one in found.values() for label in one.axes_names]
+        if name.startswith("volume"):
+            assert default.group.name == "/entry/max_projection"
+            assert set(found) == {"/entry/data", "/entry/depth_map", "/entry/max_projection"}
+            assert {label[-3:] for label in labels} == {"(m)"}
+            largest = np.abs(counted(5, 3, 4)).max(axis=0)
+            np.testing.assert_array_equal(default.signal[()], largest)
+            assert found["/entry/depth_map"].signal_name == "depth (m)"
+            assert default.axes[1][()].tolist() == pytest.approx([-0.02, -0.01, 0, 0.01])
+        elif name.startswith("capture"):
+            assert labels[2] == "frequency (Hz)"
+        assert {one.interpretation for one in found.values()} == {
+            "image" if name.startswith("volume") else "spectrum"
+        }
+        assert all(one.title for one in found.values())
+
+
+@folders_with("channels-1.h5")
 @pytest.mark.parametrize("version", [1, 2])
 def test_channels(frozen: Path, version: int) -> None:
     channels = open_channels(frozen / f"channels-{version}.h5")
@@ -115,6 +162,7 @@ def test_channels(frozen: Path, version: int) -> None:
     assert check_file(frozen / f"channels-{version}.h5").ok
 
 
+@folders_with("recording")
 def test_recordings(frozen: Path) -> None:
     folder = frozen / "recording" / "30"
     recording = open_recording(folder)
@@ -137,6 +185,7 @@ def test_recordings(frozen: Path) -> None:
     assert check_file(folder).ok
 
 
+@folders_with("data-set")
 def test_data_sets(frozen: Path) -> None:
     folder = frozen / "data-set"
     with clradar.dataset.open_dataset(folder) as view:
@@ -156,6 +205,7 @@ def test_data_sets(frozen: Path) -> None:
     assert check_dataset(folder).ok
 
 
+@folders_with("data-set-stopped")
 def test_a_data_set_that_was_stopped_is_completed(frozen: Path, tmp_path: Path) -> None:
     folder = tmp_path / "set"
     shutil.copytree(frozen / "data-set-stopped", folder)
@@ -173,6 +223,7 @@ def test_a_data_set_that_was_stopped_is_completed(frozen: Path, tmp_path: Path) 
         np.testing.assert_array_equal(view.max_projection.sel(sample=2).values, part)
 
 
+@folders_with("pose.toml")
 @pytest.mark.parametrize("suffix", ["toml", "json"])
 def test_poses_and_materials(frozen: Path, suffix: str) -> None:
     pose = read_pose(frozen / f"pose.{suffix}")
@@ -187,6 +238,7 @@ def test_poses_and_materials(frozen: Path, suffix: str) -> None:
     assert found["metal"].permittivity is None
 
 
+@folders_with("fit.json")
 def test_fits_of_hands(frozen: Path) -> None:
     start = read_start(frozen / "fit.json")
     assert (start.pose.name, start.handedness, start.shape) == ("F", "right", HandShape())
@@ -204,6 +256,7 @@ def test_fits_of_hands(frozen: Path) -> None:
     assert FrameFit.from_dict(nothing, frozen).notes == ("dark",)
 
 
+@folders_with("movement")
 def test_truths_of_recorded_hands(frozen: Path) -> None:
     folder = frozen / "movement" / "truth"
     truth = json.loads((folder / "truth.json").read_text())
@@ -215,26 +268,14 @@ def test_truths_of_recorded_hands(frozen: Path) -> None:
     assert read_joints(frozen / "joints.json").shape == (25, 3)
 
 
+@folders_with("transform.json")
 def test_transforms(frozen: Path) -> None:
     wanted = [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0.01], [0, 0, 0, 1]]
     assert read_transform(frozen / "transform.json").tolist() == wanted
 
 
+@folders_with("start.onnx")
 def test_learned_starts(frozen: Path) -> None:
     start = LearnedStart.read(frozen / "start.onnx")
     found = start.predict_picture(np.zeros((3, 40, 40), np.float32))
     assert (start.name, found.letters()[0]) == ("start", "L")
-
-
-def test_every_frozen_file_is_described(frozen: Path) -> None:
-    """Nothing lies in the folder that no test reads."""
-    names = {path.name for path in frozen.iterdir()}
-    native = {f"{kind}-{v}.h5" for kind in ("capture", "volume", "channels") for v in (1, 2)}
-    assert names == native | {
-        *("recording", "movement", "data-set", "data-set-stopped"),
-        *("pose.toml", "pose.json", "materials.toml", "materials.json"),
-        *("fit.json", "frame-fit.json", "frame-nothing.json", "joints.json"),
-        *("transform.json", "start.onnx"),
-    }
-    for name in native:
-        assert describe(frozen / name).kind == f"native {name.partition('-')[0]}"

@@ -1,4 +1,4 @@
-"""Write a small example of every format that the project writes: python frozen_files.py FOLDER.
+"""Write a small example of every format that is written: python frozen_files.py FOLDER [KIND...].
 
 `tests/files/frozen/` holds what it wrote at different times; `tests/files/test_frozen.py` reads all
 of it. Arrays are made of whole numbers, so that tests can say what a file has to hold.
@@ -191,11 +191,17 @@ def write_alignment(folder: Path) -> None:
     write_json(folder / "transform.json", found.to_dict(), force=False)
 
 
-def write_all(folder: Path) -> None:
-    folder.mkdir(parents=True)
-    for write in (write_native, write_recording, write_data_sets, write_hands, write_alignment):
-        write(folder)
+KINDS = {
+    "native": write_native,
+    "recording": write_recording,
+    "data-sets": write_data_sets,
+    "hands": write_hands,
+    "alignment": write_alignment,
+}
 
 
 if __name__ == "__main__":
-    write_all(Path(sys.argv[1]))
+    made = Path(sys.argv[1])
+    made.mkdir(parents=True)
+    for kind in sys.argv[2:] or KINDS:
+        KINDS[kind](made)
