@@ -65,6 +65,10 @@ class PackageError(ClradarError, ImportError):
     """A user's file or another package has the name of one of our packages and hides it."""
 
 
+class MissingPackage(ClradarError, ImportError):
+    """A package that only some functions need is not installed."""
+
+
 class ClradarWarning(UserWarning):
     """A result is probably not as intended: the text says why, and what to change.
 

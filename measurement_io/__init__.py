@@ -1,9 +1,10 @@
-"""Recorded captures and the native HDF5 file, as records of `clradar`."""
+"""Recorded captures and the native HDF5 file, as records of `clradar`; files for others."""
 
 # A package of clradar: clradar/files/own_packages.py looks for this line.
 
 from measurement_io.check import CheckReport, check_file
 from measurement_io.describe import describe
+from measurement_io.export.exporting import export_file
 from measurement_io.layouts.capture_by_layout import open_with_layout
 from measurement_io.layouts.draft import LayoutNeeded
 from measurement_io.layouts.layout import Layout
@@ -32,6 +33,7 @@ __all__ = [
     "SensorAlignment",
     "check_file",
     "describe",
+    "export_file",
     "open_capture",
     "open_channels",
     "open_recording",

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import checks
+from clradar.model import checks, html, labelled
 from clradar.model.array import AntennaArray
 from clradar.model.pattern import AntennaPattern
 from clradar.model.record import Record
 from clradar.model.waveform import Waveform
+
+if TYPE_CHECKING:
+    import xarray
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -73,6 +76,44 @@ class Capture(Record):
         and which belongs to measurements whose level has been calibrated.
         """
         return self.meta.get("absolute") is True
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return self._own_array(dtype, copy)
+
+    def _repr_html_(self) -> str:
+        strength = np.abs(self.data.astype(np.complex128)).mean(axis=2)
+        band_ghz = self.waveform.frequencies_hz[[0, -1]] / 1e9
+        facts = {
+            "array": f"{self.array.name}: {self.array.n_tx} Tx, {self.array.n_rx} Rx",
+            "frequencies": f"{band_ghz[0]:g} to {band_ghz[1]:g} GHz, {self.waveform.n_freq}",
+            "strongest": f"{strength.max():.3g}",
+            **html.meta_facts(self.meta),
+        }
+        caption = "mean magnitude over frequency, Tx downwards, Rx to the right, 30 dB"
+        return html.page_of("Capture", facts, html.level_picture(strength), caption)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return `capture` along tx, rx and frequency_hz, with antennas, units and `meta` as JSON.
+
+        Names are those of `clradar.open_dataset`.
+
+        Raises
+        ------
+        MissingPackage
+            xarray is not installed.
+        ModelError
+            `meta` holds what JSON cannot hold.
+
+        Examples
+        --------
+        >>> import clradar
+        >>> array = clradar.AntennaArray([[0, 0, 0], [0.01, 0, 0]], [[0, 0.01, 0]])
+        >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
+        >>> capture = clradar.Capture([[[1, 2, 3]], [[4, 5, 6]]], array, waveform)
+        >>> capture.to_xarray().capture.sel(tx=1, frequency_hz=77e9).values
+        array([5.+0.j], dtype=complex64)
+        """
+        return labelled.capture_dataset(self)
 
     def rcs_dbsm(self, at_m: Any) -> np.ndarray:
         """Return the radar cross section that each sample tells of all that is around a point.

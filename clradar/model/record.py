@@ -32,6 +32,14 @@ class Record:
         plain = (dict(v) if isinstance(v, MappingProxyType) else v for v in values)
         return type(self), tuple(plain)
 
+    def _own_array(self, dtype: Any, copy: bool | None) -> np.ndarray:
+        """Return the array that numpy makes of the record: its first field."""
+        own: Any = self
+        array: np.ndarray = getattr(own, fields(own)[0].name)
+        if copy is None:
+            return np.asarray(array, dtype)
+        return np.array(array, dtype, copy=copy)
+
     def _set(self, **values: Any) -> None:
         """Store fields in their checked form; for `__post_init__` alone."""
         for name, value in values.items():

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.model import checks
+from clradar.model import checks, html, labelled
 from clradar.model.grid import VoxelGrid
 from clradar.model.record import Record
 from clradar.model.scale import ImageScale
+
+if TYPE_CHECKING:
+    import xarray
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -69,6 +72,39 @@ class DepthMap(Record):
         level_db = checks.dynamic_range("DepthMap.dynamic_range_db", self.dynamic_range_db)
         self._set(x_m=x_m, y_m=y_m, dynamic_range_db=level_db)
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return self._own_array(dtype, copy)
+
+    def _repr_html_(self) -> str:
+        facts = {
+            "x": html.extent_text("pixels", self.x_m),
+            "y": html.extent_text("pixels", self.y_m),
+            "seen": f"{self.mask.sum()} of {self.mask.size} pixels",
+        }
+        if self.mask.any():
+            near, far = 1e3 * np.nanmin(self.depth_m), 1e3 * np.nanmax(self.depth_m)
+            facts["depth"] = f"{near:.1f} to {far:.1f} mm"
+        caption = f"depth, near is bright, {self.dynamic_range_db:g} dB; x to the left, y up"
+        picture = html.depth_picture(html.as_seen(self.depth_m))
+        return html.page_of("DepthMap", facts, picture, caption)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return `depth_m` and `amplitude` along y_m and x_m, with units.
+
+        Raises
+        ------
+        MissingPackage
+            xarray is not installed.
+
+        Examples
+        --------
+        >>> import clradar
+        >>> image = clradar.DepthMap([[0.30], [0.31]], [[1.0], [0.5]], x_m=[0.0], y_m=[0.0, 0.01])
+        >>> float(image.to_xarray().depth_m.sel(y_m=0.01).item())
+        0.31
+        """
+        return labelled.depth_dataset(self)
+
     @property
     def mask(self) -> np.ndarray:
         """Where there is a depth, shape (n_y, n_x), bool."""
@@ -123,6 +159,42 @@ class Volume(Record):
         checks.instance("Volume.grid", self.grid, VoxelGrid)
         self._set_array("data", np.complex64, self.grid.shape, " (z, y, x)")
         self._set(meta=checks.frozen_mapping("Volume.meta", self.meta))
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return self._own_array(dtype, copy)
+
+    def _repr_html_(self) -> str:
+        amplitude = self.max_projection()
+        facts = {
+            "x": html.extent_text("voxels", self.grid.x_m),
+            "y": html.extent_text("voxels", self.grid.y_m),
+            "z": html.extent_text("voxels", self.grid.z_m),
+            "strongest": f"{amplitude.max():.3g}",
+            **html.meta_facts(self.meta),
+        }
+        caption = f"maximum along z, {-html.FLOOR_DB:g} dB; x to the left, y up"
+        picture = html.level_picture(html.as_seen(amplitude))
+        return html.page_of("Volume", facts, picture, caption)
+
+    def to_xarray(self) -> xarray.DataArray:
+        """Return the voxels along z_m, y_m and x_m, with units and `meta` as JSON.
+
+        Raises
+        ------
+        MissingPackage
+            xarray is not installed.
+        ModelError
+            `meta` holds what JSON cannot hold.
+
+        Examples
+        --------
+        >>> import clradar
+        >>> grid = clradar.VoxelGrid([0, 0, 0.30], [1e-3, 1e-3, 1e-3], (1, 1, 3))
+        >>> voxels = clradar.Volume([[[0.2]], [[1.0]], [[0.8]]], grid).to_xarray()
+        >>> voxels.dims, abs(voxels).max("z_m").item()
+        (('z_m', 'y_m', 'x_m'), 1.0)
+        """
+        return labelled.volume_array(self)
 
     @property
     def absolute(self) -> bool:

@@ -15,7 +15,7 @@ from clradar.dataset.readers.index import Index, read_index
 from clradar.dataset.store.folder import Manifest
 from clradar.dataset.store.shard_reader import fields_of, opened_shard
 from clradar.dataset.store.shard_schema import FIELDS, LABELS, Field
-from clradar.errors import ClradarError
+from clradar.errors import MissingPackage
 from clradar.files.json_text import to_json
 
 if TYPE_CHECKING:
@@ -28,10 +28,6 @@ NAMES = ("pose", "handedness", "rig")
 """Labels that are coordinates of the samples."""
 
 INSTALL = "pip install 'clradar[dataset]'"
-
-
-class MissingPackage(ClradarError, ImportError):
-    """A package that only readers of data sets need is not installed."""
 
 
 def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:

@@ -1,0 +1,1 @@
+"""Captures, volumes and depth maps in files that other programs open."""
