@@ -1,4 +1,7 @@
-"""Records as xarray objects: arrays with their axes, units and provenance."""
+"""Records as xarray objects: arrays with their axes, units and provenance.
+
+The modules of the records import this one, so their classes are not named here.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,6 @@ from clradar.files.json_text import to_json
 if TYPE_CHECKING:
     import xarray
 
-    from clradar.model.capture import Capture
-    from clradar.model.volume import DepthMap, Volume
-
 INSTALL = "pip install 'clradar[dataset]'"
 
 
@@ -28,7 +28,7 @@ def import_xarray(function: str) -> Any:
     return xarray
 
 
-def capture_dataset(capture: Capture) -> xarray.Dataset:
+def capture_dataset(capture: Any) -> xarray.Dataset:
     """Return the samples of a capture along tx, rx and frequency_hz, named as in data sets."""
     xarray = import_xarray("Capture.to_xarray")
     array = capture.array
@@ -50,7 +50,7 @@ def capture_dataset(capture: Capture) -> xarray.Dataset:
     return xarray.Dataset({"capture": samples}, coordinates, attributes)
 
 
-def volume_array(volume: Volume) -> xarray.DataArray:
+def volume_array(volume: Any) -> xarray.DataArray:
     """Return the voxels of a volume along z_m, y_m and x_m."""
     xarray = import_xarray("Volume.to_xarray")
     dims = ("z_m", "y_m", "x_m")
@@ -62,7 +62,7 @@ def volume_array(volume: Volume) -> xarray.DataArray:
     return xarray.DataArray(volume.data, coordinates, dims, "volume", attributes)
 
 
-def depth_dataset(depth: DepthMap) -> xarray.Dataset:
+def depth_dataset(depth: Any) -> xarray.Dataset:
     """Return depth and amplitude of a depth map along y_m and x_m."""
     xarray = import_xarray("DepthMap.to_xarray")
     dims = ("y_m", "x_m")
