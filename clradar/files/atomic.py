@@ -113,8 +113,14 @@ def _reason(error: BaseException) -> str:
 
 
 def _sync(path: Path) -> None:
-    # A folder is synced too: the new name is part of the folder, not of the file.
-    handle = os.open(path, os.O_RDONLY)
+    # A folder is synced too: the new name is part of the folder, not of the file. Windows opens no
+    # folders, and syncs only files that were opened for writing.
+    if path.is_dir():
+        if not hasattr(os, "O_DIRECTORY"):
+            return
+        handle = os.open(path, os.O_RDONLY)
+    else:
+        handle = os.open(path, os.O_RDWR)
     try:
         os.fsync(handle)
     finally:

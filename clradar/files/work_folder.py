@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -56,6 +57,8 @@ def held(folder: Path, work: str) -> Iterator[None]:
     try:
         yield
     finally:
+        if sys.platform == "win32":  # where no open file can be removed: of another one, neither
+            lock.close()
         with suppress(OSError):
             (folder / LOCK).unlink()
         lock.close()
@@ -66,13 +69,11 @@ def held(folder: Path, work: str) -> Iterator[None]:
 
 def _locked(path: Path) -> IO[bytes] | None:
     """Open the file and lock it; None if another process has it."""
-    import fcntl
-
     while True:
         lock = open(path, "ab")  # noqa: SIM115 - closed by the caller
         try:
             # The system lets go of it when the process ends, however it ends.
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _take(lock)
         except OSError:
             lock.close()
             return None
@@ -80,3 +81,15 @@ def _locked(path: Path) -> IO[bytes] | None:
         if path.exists() and os.path.samestat(os.fstat(lock.fileno()), path.stat()):
             return lock
         lock.close()
+
+
+def _take(lock: IO[bytes]) -> None:
+    """Lock the open file; OSError if another process has."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        msvcrt.locking(lock.fileno(), msvcrt.LK_NBLCK, 1)
+    else:
+        import fcntl
+
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

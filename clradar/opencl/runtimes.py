@@ -1,9 +1,10 @@
 """Discovery of Intel's CPU runtime where it is installed as a Python package.
 
-The package (`pip install clradar[intel]`) puts its library into the environment, where the OpenCL
-loader does not look. The loader reads one folder of `.icd` files, each naming a library, once per
-process; `OCL_ICD_VENDORS` names it. While the platforms are listed for the first time it names a
-temporary folder with the system's entries and one more.
+The package (`pip install clradar[intel]`; on Windows it comes with the install) puts its library
+into the environment, where the OpenCL loader does not look. On Linux the loader reads one folder of
+`.icd` files, each naming a library, once per process; `OCL_ICD_VENDORS` names it. While the
+platforms are listed for the first time it names a temporary folder with the system's entries and
+one more. On Windows `OCL_ICD_FILENAMES` names libraries beside those of the registry.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from typing import Any
 
 import pyopencl as cl
 
-INTEL_PACKAGE, INTEL_LIBRARY = "intel-opencl-rt", "libintelocl.so"
+INTEL_PACKAGE = "intel-opencl-rt"
+INTEL_LIBRARY, INTEL_LIBRARY_WINDOWS = "libintelocl.so", "intelocl64.dll"
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 VARIABLES = ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH", "OCL_ICD_FILENAMES")
 """Where one of these is set, the user has chosen the platforms, and nothing is added."""
@@ -53,7 +55,7 @@ def intel_library() -> Path | None:
     except PackageNotFoundError:
         return None
     for file in files:
-        if file.name == INTEL_LIBRARY:
+        if file.name in (INTEL_LIBRARY, INTEL_LIBRARY_WINDOWS):
             found = Path(str(file.locate())).resolve()
             return found if found.is_file() else None
     return None
@@ -62,6 +64,15 @@ def intel_library() -> Path | None:
 @contextmanager
 def _vendors(library: Path) -> Iterator[None]:
     """Show the loader the system's platforms and `library` while the block runs."""
+    if library.suffix == ".dll":
+        # It finds the libraries that it needs beside it, some of them when it is used.
+        os.environ["PATH"] = f"{library.parent}{os.pathsep}{os.environ.get('PATH', '')}"
+        os.environ["OCL_ICD_FILENAMES"] = str(library)
+        try:
+            yield
+        finally:
+            del os.environ["OCL_ICD_FILENAMES"]
+        return
     with tempfile.TemporaryDirectory(prefix="clradar-icd-") as name:
         folder = Path(name)
         known = sorted(SYSTEM_VENDORS.glob("*.icd")) if SYSTEM_VENDORS.is_dir() else []

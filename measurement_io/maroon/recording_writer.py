@@ -165,7 +165,7 @@ def save_recording(
         for name, content in zip(SIDE_FILES, (metadata, alignment), strict=True):
             if content is not None:
                 text = json.dumps(json.loads(to_json(f"{_NAME}: {name}", content)), indent=2)
-                (temporary / name).write_text(text + "\n", encoding="ascii")
+                (temporary / name).write_bytes(f"{text}\n".encode("ascii"))
         for mesh in meshes:
             _copy(Path(mesh), temporary / MESH_FOLDER / Path(mesh).name)
         if image is not None:

@@ -686,6 +686,20 @@ def test_intel_runtime_is_added_to_the_systems(listed, monkeypatch, tmp_path):
     assert listed[1:] == [{}]
 
 
+def test_intel_runtime_is_added_on_windows(listed, monkeypatch, tmp_path):
+    library, path = tmp_path / "intelocl64.dll", os.environ["PATH"]
+    monkeypatch.setenv("PATH", path)  # put back at the end
+    monkeypatch.setattr(runtimes, "intel_library", lambda: library)
+    named = []
+    monkeypatch.setattr(
+        runtimes.cl, "get_platforms", lambda: named.append(os.environ["OCL_ICD_FILENAMES"]) or []
+    )
+    runtimes.platforms()
+    assert named == [str(library)]
+    assert "OCL_ICD_FILENAMES" not in os.environ
+    assert os.environ["PATH"] == f"{tmp_path}{os.pathsep}{path}"  # of what it needs later
+
+
 def test_platforms_chosen_by_the_environment_are_kept(listed, monkeypatch, tmp_path):
     monkeypatch.setattr(runtimes, "intel_library", lambda: tmp_path / "libintelocl.so")
     chosen = tmp_path / "chosen"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -133,7 +134,8 @@ class KeepToCores(WorkerPlugin):
         self.cores = tuple(cores)
 
     def setup(self, worker: Any) -> None:
-        os.sched_setaffinity(0, self.cores)
+        if hasattr(os, "sched_setaffinity"):  # elsewhere the number of threads has to do
+            os.sched_setaffinity(0, self.cores)
 
 
 @contextmanager
@@ -143,6 +145,9 @@ def _interrupts_blocked() -> Iterator[None]:
     A terminal sends Ctrl-C to all processes. Workers inherit the signal mask of the thread that
     starts them, so only this process receives it, and ends them in order.
     """
+    if sys.platform == "win32":  # there the workers receive it, too
+        yield
+        return
     # Starting a resource tracker unblocks the signal, so it must run before.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

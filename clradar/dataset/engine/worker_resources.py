@@ -61,7 +61,14 @@ def worker_resources(workers: int, device: str | None = None) -> list[WorkerReso
     DeviceError
         No such device.
     """
-    return partition(workers, devices_like(device), sorted(os.sched_getaffinity(0)))
+    return partition(workers, devices_like(device), own_cores())
+
+
+def own_cores() -> list[int]:
+    """The processors that this process may use; all where the system does not tell."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
 
 
 def partition(workers: int, devices: list[DeviceInfo], cores: list[int]) -> list[WorkerResources]:

@@ -8,7 +8,8 @@ milliseconds). That process has a limit of memory and of time, cannot write file
 programs, and once the reader has its files open it cannot open anything else.
 
 Systems other than Linux cannot do that: there a process is started for each file, which takes a
-second or two. macOS does not limit its memory; Windows limits nothing but the time.
+second or two. macOS does not limit its memory; Windows limits nothing but the time. With
+CLRADAR_READERS=spawn in the environment Linux starts one for each file, too: a way to try it.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ _ENCODINGS = ("ascii", "latin-1", "utf-8", "utf-8-sig", "raw-unicode-escape", "c
 """Of what is read; the last one is that of names in ZIP archives."""
 
 _START = "import sys; sys.path[:] = {path!r}; from {module} import {call}"
-_FORKS = sys.platform == "linux"
+_FORKS = sys.platform == "linux" and os.environ.get("CLRADAR_READERS") != "spawn"
 """Whether the server works: it passes on sockets, and reads /proc."""
 
 _lock = threading.Lock()
@@ -145,6 +146,8 @@ class NoServer(Exception):
 
 def _answer_of(message: bytes, most_bytes: int) -> Any:
     """Send a request, and once more if the server itself died, which no file can cause."""
+    if sys.platform == "win32":  # which has no such sockets
+        raise NotImplementedError
     for last in (False, True):
         process, link = _running_server()
         ours, theirs = socket.socketpair()
@@ -172,6 +175,8 @@ def _running_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
 
 
 def _start_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
+    if sys.platform == "win32":  # which has no such sockets
+        raise NotImplementedError
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs:
         process = _started(
@@ -254,6 +259,8 @@ if hasattr(os, "register_at_fork"):
 
 def serve(link_number: int) -> None:
     """Answer requests, each in a forked process, until the other end closes."""
+    if sys.platform == "win32":  # which has no such sockets
+        raise NotImplementedError
     warnings.simplefilter("ignore")  # of forks, which are intended here
     with socket.socket(fileno=link_number) as link:
         for encoding in _ENCODINGS:
@@ -316,7 +323,7 @@ def _limit(cpu_s: int, memory_bytes: int) -> None:
     Only Linux says how much memory a process has, and holds it to its limit.
     """
     global _confined
-    if resource is None:
+    if resource is None or sys.platform == "win32":
         return
     _confined = True
     limits = [
@@ -337,7 +344,7 @@ def _limit(cpu_s: int, memory_bytes: int) -> None:
 
 def forbid_opening() -> None:
     """Let this process open nothing any more, if it is one that reads for another."""
-    if not _confined:
+    if not _confined or sys.platform == "win32":
         return
     free = os.dup(0)
     os.close(free)

@@ -1,0 +1,77 @@
+"""What Windows and macOS have not, taken away from this process: a simulation of them on Linux.
+
+Runs before clradar is imported, after the libraries that it uses, which know the real system.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import socket
+import sys
+from types import ModuleType
+
+LIBRARIES = (
+    "asyncio ctypes h5py matplotlib.pyplot multiprocessing.resource_tracker numpy PIL.Image "
+    "pyopencl rich.console rich.progress scipy.ndimage scipy.optimize scipy.spatial.transform "
+    "skimage.measure skimage.metrics subprocess tempfile trimesh typer uuid xarray dask.array "
+    "dask.distributed onnxruntime pylops"
+)
+MISSING = {
+    "darwin": {os: "sched_getaffinity sched_setaffinity posix_fallocate"},
+    "win32": {
+        os: (
+            "fork forkpty register_at_fork sched_getaffinity sched_setaffinity posix_fallocate "
+            "fchmod fchown getuid geteuid getpgid killpg mkfifo setsid O_DIRECTORY O_NONBLOCK "
+            "O_NOFOLLOW pread pwrite uname wait3 wait4"
+        ),
+        signal: (
+            "alarm pthread_sigmask setitimer sigwait SIGALRM SIGCHLD SIGHUP SIGPIPE "
+            "SIG_BLOCK SIG_SETMASK SIG_UNBLOCK"
+        ),
+        socket: "AF_UNIX send_fds recv_fds",
+    },
+}
+MODULES = {
+    "darwin": "",
+    "win32": "fcntl grp posix pty pwd readline resource syslog termios",
+}
+
+
+class Locks(ModuleType):
+    """Windows' `msvcrt`, as far as it locks files."""
+
+    LK_NBLCK = 2
+
+    def __init__(self) -> None:
+        super().__init__("msvcrt")
+        self.held: dict[tuple[int, int], int] = {}
+
+    def locking(self, handle: int, mode: int, count: int) -> None:
+        assert (mode, count) == (self.LK_NBLCK, 1)
+        status = os.fstat(handle)
+        here = self.held.setdefault((status.st_dev, status.st_ino), handle)
+        if here != handle:
+            try:
+                os.fstat(here)  # closing the file lets go of the lock
+            except OSError:
+                self.held[status.st_dev, status.st_ino] = handle
+            else:
+                raise PermissionError("locked")
+
+
+def become(system: str) -> None:
+    """Take away what `system`, "win32" or "darwin", has not; this process never gets it back."""
+    for name in LIBRARIES.split():
+        importlib.import_module(name)
+    assert not any(name.split(".")[0] == "clradar" for name in sys.modules)
+    for module, names in MISSING[system].items():
+        for name in names.split():
+            if hasattr(module, name):  # some Pythons lack some
+                delattr(module, name)
+    for name in MODULES[system].split():
+        sys.modules[name] = None  # type: ignore[assignment]
+    if system == "win32":
+        sys.modules["msvcrt"] = Locks()
+    sys.platform = system

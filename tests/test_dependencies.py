@@ -1,0 +1,90 @@
+"""What would be installed on the systems of docs/platforms.md, resolved here without them."""
+
+from __future__ import annotations
+
+import functools
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+PLATFORMS = {
+    "x86_64-manylinux_2_28": ("linux", "x86_64", {"pyopencl[pocl]"}),
+    "aarch64-manylinux_2_28": ("linux", "aarch64", set()),
+    "aarch64-apple-darwin": ("darwin", "arm64", set()),
+    "x86_64-apple-darwin": ("darwin", "x86_64", set()),
+    "x86_64-pc-windows-msvc": ("win32", "AMD64", {"intel-opencl-rt"}),
+}
+"""By its name for uv: sys_platform, platform_machine, and what brings an OpenCL device there."""
+
+VERSIONS = ("3.10", "3.14")
+
+REQUIRE_INDEX = "CLRADAR_REQUIRE_INDEX"
+"""Where it is set, a package index that does not answer is a failure, and no reason to skip."""
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_an_opencl_device_comes_with_the_install_where_there_is_one(platform: str) -> None:
+    system, machine, expected = PLATFORMS[platform]
+    environment = {"sys_platform": system, "platform_machine": machine, "python_version": "3.12"}
+    wanted = {
+        requirement.name + ("[pocl]" if requirement.extras else "")
+        for requirement in map(Requirement, PROJECT["dependencies"])
+        if requirement.marker is None or requirement.marker.evaluate(environment)
+    }
+    runtimes = {"pyopencl", "pyopencl[pocl]", "intel-opencl-rt"}
+    assert wanted & runtimes == expected | {"pyopencl"}
+
+
+def resolved(platform: str, version: str, source: Path, *options: str) -> tuple[int, str]:
+    """Exit status and output of resolving wheels alone."""
+    command = ("uv", "pip", "compile", "--quiet", "--no-header", "--no-annotate")
+    wheels = ("--only-binary", ":all:")
+    chosen = ["--python-platform", platform, "--python-version", version, *options, str(source)]
+    done = subprocess.run(
+        [sys.executable, "-m", *command, *wheels, *chosen],
+        cwd=ROOT,
+        env=os.environ | {"MACOSX_DEPLOYMENT_TARGET": "14.0"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stdout
+
+
+@functools.cache
+def what_the_index_lacks(folder: Path) -> str:
+    """Why nothing can be resolved here; empty where one package can, so that failures are ours."""
+    source = folder / "one.in"
+    source.write_text("packaging\n", encoding="utf-8")
+    status, said = resolved("x86_64-manylinux_2_28", "3.12", source)
+    return said if status else ""
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_there_are_wheels_for_all_that_is_needed(
+    platform: str, version: str, tmp_path_factory
+) -> None:
+    lacking = what_the_index_lacks(tmp_path_factory.getbasetemp())
+    if lacking:
+        assert not os.environ.get(REQUIRE_INDEX), lacking
+        pytest.skip("no package index answers: wheels for five systems were not looked for")
+    status, said = resolved(platform, version, ROOT / "pyproject.toml", "--extra", "test")
+    assert status == 0, said
+    expected = PLATFORMS[platform][2]
+    assert ("\npocl-binary-distribution==" in said) == ("pyopencl[pocl]" in expected), said
+    assert ("\nintel-opencl-rt==" in said) == ("intel-opencl-rt" in expected), said
+    assert "\npyopencl==" in said
