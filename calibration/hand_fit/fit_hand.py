@@ -157,7 +157,7 @@ def fit_hand(
 
     Examples
     --------
-    `examples/fit_hand.py` fits a simulated hand; that takes seconds. Where nothing is seen:
+    `examples/tutorials/9_hand_from_capture.py` fits a simulated hand. Where nothing is seen:
 
     >>> import calibration, clradar, numpy as np
     >>> grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.28, 0.32), 4e-3)

@@ -11,7 +11,7 @@ Make radar images of many hands, and learn to tell fists from flat hands. Needs
 # ------
 # What the samples are, and what is drawn at random for each: hands of random adults, left and
 # right, in random places, of random roughness, in noise. This one is tiny: 40 hands, every sixth
-# antenna and voxels of 6 mm, a fraction of a second each. ``examples/plans/letters.toml`` in the
+# antenna and voxels of 5 mm, a fraction of a second each. ``examples/plans/letters.toml`` in the
 # repository is one to learn letters from.
 
 from pathlib import Path
@@ -58,7 +58,7 @@ steps = 32
 samples_per_mm2 = 0.1
 
 [image]
-step_mm = 6
+step_mm = 5
 
 [output]
 products = ["max_projection", "depth_map"]

@@ -10,7 +10,8 @@ Surfaces of materials with a roughness in millimetres: echoes on an absolute sca
 # --------------------
 # The radar cross section of a metal ball much larger than the wavelength is its disc, pi r^2. A
 # scene with a material is simulated by the *physical* estimator, and its capture holds
-# S-parameters.
+# S-parameters. A voxel reads a little less than the ball has, since the glint is elsewhere for
+# other antennas (:doc:`/absolute-scale`).
 
 import numpy as np
 import trimesh
@@ -38,7 +39,7 @@ print(f"theory {10 * np.log10(np.pi * radius_m**2):.1f} dBsm, read {volume.rcs_d
 # %%
 # Other materials
 # ---------------
-# Skin reflects less: at 77 GHz its reflection coefficient is about 0.7. ``clradar materials``
+# Skin reflects less: at 77 GHz its reflection coefficient is about 0.6. ``clradar materials``
 # lists what comes along; your own have a permittivity, a coating, and a roughness
 # (:doc:`/materials`).
 
@@ -50,9 +51,9 @@ print(f"skin: {loss_db:.1f} dB by its reflection, read {volume.rcs_dbsm().max():
 # %%
 # Roughness
 # ---------
-# A plate of 8 cm that is a mirror shows one glint, where it faces the radar. With heights of 0.1
-# mm, correlated over 2 mm, a part of the power goes elsewhere, as speckle; with 0.3 mm nearly all
-# of it. The surface itself is drawn: another seed is another plate.
+# A plate of 8 cm that is a mirror shows one glint, where it faces the radar. With heights of 0.2
+# mm RMS, correlated over 4 mm, a third of the power goes elsewhere, as speckle; with 0.5 mm more
+# than nine tenths. The surface itself is drawn: another seed is another plate.
 
 x, y = np.meshgrid(np.linspace(-0.04, 0.04, 33), np.linspace(-0.04, 0.04, 33))
 vertices = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.3)], axis=1)
@@ -61,8 +62,8 @@ faces = [[corner, corner + 33, corner + 1], [corner + 1, corner + 33, corner + 3
 plate = trimesh.Trimesh(vertices, np.concatenate([np.stack(f, axis=1) for f in faces]))
 
 panels = []
-for height_mm in (0.0, 0.1, 0.3):
-    rough = {"roughness_rms_m": 1e-3 * height_mm, "correlation_length_m": 2e-3}
+for height_mm in (0.0, 0.2, 0.5):
+    rough = {"roughness_rms_m": 1e-3 * height_mm, "correlation_length_m": 4e-3}
     material = clradar.Material("metal", conductor=True, **(rough if height_mm else {}))
     volume = image_of(plate, material)
     print(f"h = {height_mm} mm: {volume.rcs_dbsm().max():.1f} dBsm at the brightest voxel")
