@@ -223,9 +223,9 @@ def test_tutorial_physical_surfaces(folder: Path, output_of: OutputOf) -> None:
     by_reflection_db, of_skin_dbsm = numbers(skin)
     # Reflection at other angles than facing, and what is rounded.
     assert abs(of_skin_dbsm - read_dbsm - by_reflection_db) < 0.5
-    # Less than a tenth of the power is left in the mirrored direction.
-    assert numbers(rougher)[-1] < numbers(smooth)[-1] - 3
-    assert numbers(rough)[-1] < numbers(smooth)[-1] + 1
+    # Speckle that is fully developed has the contrast 1.
+    assert numbers(smooth)[-1] < numbers(rough)[-1] < numbers(rougher)[-1] < 1.1
+    assert numbers(rougher)[-1] > 0.6
     assert is_picture(folder / "roughness.png")
 
 

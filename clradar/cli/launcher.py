@@ -102,10 +102,11 @@ def _app(requested: str | None, debug: bool) -> typer.Typer:
 
 def context_of(name: str | None = None) -> Any:
     """The context of the program, or of a subcommand, without arguments: for its documentation."""
-    command = typer.main.get_command(_app(name, debug=False))
-    if name is not None:
-        command = command.commands[name]  # type: ignore[attr-defined]
-    return command.make_context(name or "clradar", [], resilient_parsing=True)
+    program: Any = typer.main.get_command(_app(name, debug=False))
+    context = program.make_context("clradar", [], resilient_parsing=True)
+    if name is None:
+        return context
+    return program.commands[name].make_context(name, [], parent=context, resilient_parsing=True)
 
 
 def module_of(name: str) -> str:

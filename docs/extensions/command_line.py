@@ -15,6 +15,7 @@ from sphinx.util.docutils import SphinxDirective
 from clradar.cli.launcher import COMMANDS, context_of
 
 CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--?[a-zA-Z][\w-]*|docs/[\w-]+\.md)")
+LIST = re.compile(r" <list\[\w+\]>$")
 PAGE = re.compile(r"docs/([\w-]+)\.md")
 
 
@@ -51,7 +52,8 @@ def parameters(context: Any) -> list[nodes.Node]:
     rows = [p.get_help_record(context) for p in context.command.get_params(context)]
     items = []
     for names, text in filter(None, rows):
-        term = nodes.term("", "", nodes.literal(names, names))
+        shown = LIST.sub("...", names)
+        term = nodes.term("", "", nodes.literal(shown, shown))
         body = nodes.definition("", nodes.paragraph("", "", *words(" ".join(text.split()))))
         items.append(nodes.definition_list_item("", term, body))
     return [nodes.definition_list("", *items)]

@@ -56,7 +56,7 @@ corrected = calibration.correct(recorded, channels)
 # The same recording, before and after the correction, beside what an instrument without errors
 # has.
 
-grid = clradar.VoxelGrid.from_extent((-0.09, 0.09), (-0.11, 0.11), (0.27, 0.33), spacing_m=3e-3)
+grid = clradar.VoxelGrid.from_extent((-0.09, 0.09), (-0.108, 0.108), (0.27, 0.33), spacing_m=3e-3)
 captures = {"recorded": recorded, "corrected": corrected, "without errors": ideal}
 images = {name: clradar.backproject(c, grid, check_grid=False) for name, c in captures.items()}
 for name in ("recorded", "corrected"):

@@ -51,9 +51,11 @@ print(f"skin: {loss_db:.1f} dB by its reflection, read {volume.rcs_dbsm().max():
 # %%
 # Roughness
 # ---------
-# A plate of 8 cm that is a mirror shows one glint, where it faces the radar. With heights of 0.2
-# mm RMS, correlated over 4 mm, a third of the power goes elsewhere, as speckle; with 0.5 mm more
-# than nine tenths. The surface itself is drawn: another seed is another plate.
+# A plate of 8 cm in front of so wide an array is seen whole: every point of it mirrors some
+# transmitter into some receiver. Heights of 0.2 mm RMS, correlated over 4 mm, send a third of
+# that power elsewhere, and 0.5 mm more than nine tenths. The image becomes grainy, then speckle:
+# its contrast, the standard deviation of the power over its mean, goes towards 1. The surface
+# itself is drawn: another seed is another plate.
 
 x, y = np.meshgrid(np.linspace(-0.04, 0.04, 33), np.linspace(-0.04, 0.04, 33))
 vertices = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.3)], axis=1)
@@ -66,7 +68,8 @@ for height_mm in (0.0, 0.2, 0.5):
     rough = {"roughness_rms_m": 1e-3 * height_mm, "correlation_length_m": 4e-3}
     material = clradar.Material("metal", conductor=True, **(rough if height_mm else {}))
     volume = image_of(plate, material)
-    print(f"h = {height_mm} mm: {volume.rcs_dbsm().max():.1f} dBsm at the brightest voxel")
+    power = volume.max_projection()[8:43, 8:43] ** 2  # 3.4 cm about the middle
+    print(f"h = {height_mm} mm: contrast {power.std() / power.mean():.2f}")
     panels.append((f"h = {height_mm} mm", volume.depth_map(dynamic_range_db=20)))
 figure = panels_figure([panels], "A metal plate, smooth and rough")
 save_figure(figure, "roughness.png", force=True)
