@@ -225,7 +225,7 @@ def test_tutorial_physical_surfaces(folder: Path, output_of: OutputOf) -> None:
     assert abs(of_skin_dbsm - read_dbsm - by_reflection_db) < 0.5
     # Speckle that is fully developed has the contrast 1.
     assert numbers(smooth)[-1] < numbers(rough)[-1] < numbers(rougher)[-1] < 1.1
-    assert numbers(rougher)[-1] > 0.6
+    assert numbers(rougher)[-1] > 0.5
     assert is_picture(folder / "roughness.png")
 
 

@@ -34,10 +34,9 @@ waveform = clradar.Waveform.sfcw(72e9, 82e9, 64)
 # %%
 # The capture
 # -----------
-# One complex number for every transmitter, receiver and frequency. One surface sample per square
-# millimetre is enough for a picture.
+# One complex number for every transmitter, receiver and frequency.
 
-capture = clradar.simulate(scene, array, waveform, samples_per_mm2=1, seed=0)
+capture = clradar.simulate(scene, array, waveform, seed=0)
 print(capture.data.shape, capture.data.dtype)
 
 # %%

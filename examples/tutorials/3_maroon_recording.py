@@ -36,7 +36,7 @@ def write_recording(folder: Path) -> None:
     to_radar = trimesh.transformations.translation_matrix([-0.02, -0.01, 0.3])
     scene = clradar.Scene.from_mesh(ball, alpha=0.3, transform=np.diag([-1, 1, 1, 1]) @ to_radar)
     waveform = clradar.Waveform.sfcw(72e9, 82e9, 64)
-    still = clradar.simulate(scene, clradar.arrays.qar50(), waveform, samples_per_mm2=1, seed=1)
+    still = clradar.simulate(scene, clradar.arrays.qar50(), waveform, seed=1)
     ball.export("mesh.obj", include_texture=False)
     measurement_io.save_recording(
         folder,
@@ -85,7 +85,7 @@ if "mesh_masked" in recording.mesh_names:
     scene = recording.scene("mesh_masked", alpha=0.3)
 else:
     scene = recording.scene(alpha=0.3)
-capture = clradar.simulate(scene, recording.array, recording.waveform, samples_per_mm2=1)
+capture = clradar.simulate(scene, recording.array, recording.waveform)
 simulated = clradar.backproject(capture, measured.grid)
 agreement = clradar.compare(measured, simulated)
 print(f"overlap {agreement.overlap:.2f}")

@@ -24,7 +24,7 @@ hand = clradar.Scene.from_mesh(hand_mesh("F", edge_length_m=3e-3), alpha=0.2)
 imager = clradar.arrays.qar50()
 array = clradar.AntennaArray(imager.tx_m[::2], imager.rx_m[::2])
 radar = {"array": array, "waveform": clradar.Waveform.sfcw(72e9, 82e9, 48)}
-clean = clradar.simulate(hand, **radar, samples_per_mm2=1, seed=1)
+clean = clradar.simulate(hand, **radar, seed=1)
 recorded = clradar.impair(clean, snr_db=20, seed=1)
 
 # %%
@@ -43,7 +43,7 @@ mesh = hand.transformed(shift)
 
 grid = clradar.VoxelGrid.from_extent((-0.08, 0.08), (-0.1, 0.1), (0.27, 0.33), spacing_m=2.5e-3)
 measured = clradar.backproject(recorded, grid)
-as_given = clradar.backproject(clradar.simulate(mesh, **radar, samples_per_mm2=1), grid)
+as_given = clradar.backproject(clradar.simulate(mesh, **radar), grid)
 
 # %%
 # The pose
@@ -54,7 +54,7 @@ as_given = clradar.backproject(clradar.simulate(mesh, **radar, samples_per_mm2=1
 found = calibration.align_mesh(measured, mesh, **radar)
 print(found.report())
 placed = mesh.transformed(found.transform)
-registered = clradar.backproject(clradar.simulate(placed, **radar, samples_per_mm2=1), grid)
+registered = clradar.backproject(clradar.simulate(placed, **radar), grid)
 
 # %%
 # Side by side

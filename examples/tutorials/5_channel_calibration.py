@@ -28,7 +28,7 @@ errors = clradar.draw_channels(array, waveform, seed=0)
 # -------------------------
 
 hand = clradar.Scene.from_mesh(hand_mesh("L", edge_length_m=3e-3), alpha=0.3)
-ideal = clradar.simulate(hand, array, waveform, samples_per_mm2=1)
+ideal = clradar.simulate(hand, array, waveform)
 recorded = clradar.impair(ideal, channels=errors, snr_db=20, seed=1)
 
 # %%

@@ -26,7 +26,7 @@ bent = {"index-finger-phalanx-proximal": JointAngles.from_degrees(25.0, 4.0)}
 shown = replace(letter, joints={**letter.joints, **bent})
 hand = hand_mesh(shown, edge_length_m=3e-3, center_m=(0.005, -0.008, 0.3))
 radar = {"array": clradar.arrays.qar50(), "waveform": clradar.Waveform.sfcw(72e9, 82e9, 48)}
-clean = clradar.simulate(clradar.Scene.from_mesh(hand, alpha=0.4), **radar, samples_per_mm2=1)
+clean = clradar.simulate(clradar.Scene.from_mesh(hand, alpha=0.4), **radar)
 capture = clradar.impair(clean, snr_db=20, seed=1)
 grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.11, 0.11), (0.25, 0.34), spacing_m=2.5e-3)
 measured = clradar.backproject(capture, grid)
@@ -55,7 +55,7 @@ for digit, off, std in zip(digits, off_m, found.tip_std_m, strict=True):
 # -----------
 # The hand that was found, simulated, beside the measurement.
 
-again = clradar.simulate(found.scene, **radar, samples_per_mm2=1)
+again = clradar.simulate(found.scene, **radar)
 simulated = clradar.backproject(again, grid)
 agreement = clradar.compare(measured, simulated)
 figure = comparison_figure(measured, [("the fit, simulated", simulated)], metrics=[agreement])
