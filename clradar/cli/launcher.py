@@ -26,6 +26,7 @@ COMMANDS = {
     "simulate": "Simulate what the radar would record of one or several meshes.",
     "image": "Form the image of a capture.",
     "convert": "Turn any supported recording into native captures, or captures into a recording.",
+    "export": "Write a volume, its depth map or a capture for ParaView, MATLAB, numpy or xarray.",
     "background": "Subtract the empty room, average frames, gate in range.",
     "inspect": "Describe what a file or a recording holds, or verify it.",
     "align": "Find the motion that brings a simulated image, or a mesh, onto a measured image.",

@@ -16,7 +16,7 @@ from clradar.files.json_text import to_json
 if TYPE_CHECKING:
     import xarray
 
-INSTALL = "pip install 'clradar[dataset]'"
+INSTALL = "pip install 'clradar[export]'"
 
 
 def import_xarray(function: str) -> Any:

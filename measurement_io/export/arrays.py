@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from clradar.errors import OutputError
+from clradar.files.failures import shown
 from clradar.files.json_text import to_json
 from clradar.model import Capture, DepthMap, Volume
 
@@ -53,16 +54,19 @@ def write_npz(path: Path, record: Capture | Volume | DepthMap) -> None:
         np.savez(file, **arrays_of(record))
 
 
+def require_mat(target: Path, record: Capture | Volume | DepthMap) -> None:
+    """Raise `OutputError` where an array is larger than a MATLAB v5 file can hold."""
+    for name, value in arrays_of(record).items():
+        if isinstance(value, np.ndarray) and value.nbytes > MAT_BYTES:
+            raise OutputError(
+                f"{shown(target)}: expected at most {MAT_BYTES} bytes in an array of a .mat file, "
+                f"got {value.nbytes} in '{name}'; .npz and .zarr hold more"
+            )
+
+
 def write_mat(path: Path, record: Capture | Volume | DepthMap) -> None:
     """Write a MATLAB v5 file; an axis is a column."""
     from scipy.io import savemat
 
-    found = arrays_of(record)
-    for name, value in found.items():
-        if isinstance(value, np.ndarray) and value.nbytes > MAT_BYTES:
-            raise OutputError(
-                f".mat: expected at most {MAT_BYTES} bytes in one array, got {value.nbytes} in "
-                f"'{name}'; .npz and .zarr hold more"
-            )
     with open(path, "xb") as file:
-        savemat(file, found, do_compression=True, oned_as="column")
+        savemat(file, arrays_of(record), do_compression=True, oned_as="column")

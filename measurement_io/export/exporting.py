@@ -10,7 +10,7 @@ from clradar.errors import OutputError
 from clradar.files.atomic import refuse_existing, replacing
 from clradar.files.failures import shown
 from clradar.model import Capture, DepthMap, Volume, checks
-from measurement_io.export.arrays import write_mat, write_npz
+from measurement_io.export.arrays import require_mat, write_mat, write_npz
 from measurement_io.export.ply import write_ply_surface
 from measurement_io.export.vti import write_vti
 from measurement_io.export.zarr_folder import write_zarr
@@ -57,8 +57,9 @@ def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool =
     Raises
     ------
     OutputError
-        Another ending, a record that such a file cannot hold, or the file exists, its folder does
-        not, or the system refuses to write. Nothing half-written stays behind.
+        Another ending, a record or an array (.mat: beyond 2 GiB) that such a file cannot hold, or
+        the file exists, its folder does not, or the system refuses to write. Nothing half-written
+        stays behind.
     ModelError
         No such record, `meta` holds what JSON cannot hold, or a depth map without a depth as .ply.
     MissingPackage
@@ -85,6 +86,8 @@ def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool =
         write_zarr(target, record, force=force)
         return
     refuse_existing(target, force=force)
+    if target.suffix.lower() == ".mat":
+        require_mat(target, record)
     with replacing(target, force=force) as temporary:
         _WRITERS[target.suffix.lower()](temporary, record)
 

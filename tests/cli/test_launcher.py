@@ -50,6 +50,8 @@ HELP = {
     "image": "--x-mm --y-mm --z-mm -100:100:1 260:340:1 --method exact --tolerance-db --window "
     "taylor --png --dynamic-range-db",
     "convert": "--frame --variant emptyfiltered --to --all-frames --timestamp-us",
+    "export": "SOURCE --output .vti .ply .mat .npz .zarr --depth-map --dynamic-range-db --frame "
+    "--variant --force metres",
     "background": "--empty --scaling --gate-mm --edge-mm --clutter-db --average --align-phase "
     "--frame --variant NEAR:FAR",
     "channels": "--target plate --distance-mm --tilt-deg --size-mm --position-mm --radius-mm "

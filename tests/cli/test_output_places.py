@@ -23,6 +23,7 @@ FILE_OUTPUTS = (
     "image in.h5 -o x.h5 --png {}.png --force",
     "image in.h5 -o x.h5 --report {}.html --force",
     "convert in.h5 -o {} --force",
+    "export in.h5 -o {}.npz --force",
     "background in.h5 --empty in.json -o {} --force",
     "align in.h5 in.json -o {} --force",
     "channels in.h5 --target plate --distance-mm 300 -o {} --force",
@@ -49,8 +50,8 @@ FOLDER_OUTPUTS = (
 )
 OUTPUTS = {"output", "png", "joints", "plot", "json", "json_file", "fix_to", "report"}
 INPUTS = {
-    "rig", "mapping", "theta", "transform", "capture", "sources", "layout", "rx_file", "tx_file",
-    "empty", "file", "files", "materials", "measured", "simulated", "mesh", "channels", "plan",
+    "rig", "mapping", "theta", "transform", "capture", "source", "sources", "layout",
+    "rx_file", "tx_file", "empty", "file", "files", "materials", "measured", "simulated", "mesh", "channels", "plan",
     "replay", "rigs",
 }  # fmt: skip
 """Parameters of commands that are paths; `joints` of a sweep is read."""

@@ -1,0 +1,59 @@
+"""``clradar export``: captures, volumes and depth maps in files that other programs open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from clradar.cli.console import print_line
+from clradar.cli.inputs import ImageInput
+from clradar.cli.options.common import ForceOption
+from clradar.cli.options.groups import REQUIRED, argument, option, output_option, recorded
+from clradar.cli.options.imaging import DepthMapOptions
+from clradar.cli.options.recording import FrameOptions
+from clradar.cli.options.values import wrong_usage
+from clradar.cli.outputs import check_outputs, check_place_of_folder, check_suffix
+from clradar.cli.provenance import provenance
+
+
+def command(
+    source: Path = argument(
+        REQUIRED, "Volume or capture, recorded .npy frame, or radar folder.", metavar="SOURCE"
+    ),
+    *,
+    output: Path = output_option(
+        REQUIRED, "File to write; its ending decides: .vti, .ply, .mat, .npz or .zarr."
+    ),
+    depth_map: bool = option(False, "Of a volume its depth map; to .ply it is that anyway."),
+    depth: DepthMapOptions,
+    frames: FrameOptions,
+    force: ForceOption = False,
+) -> None:
+    """A volume goes to .vti (ParaView, VTK: amplitude, and real and imaginary part), its depth map
+    to .ply (MeshLab, Blender: a surface with the amplitude as grey), and either of them or a
+    capture to .mat (MATLAB), .npz (numpy) or .zarr (xarray, a folder; pip install
+    'clradar[export]'). Lengths are metres, frequencies hertz, in the antenna frame.
+    """
+    from clradar import Capture
+    from measurement_io import export_file
+    from measurement_io.export.exporting import FORMATS, check_export
+
+    check_suffix(output, tuple(FORMATS))
+    if output.suffix.lower() == ".zarr":
+        check_place_of_folder(output, replaced=[""], inputs=[source])
+    else:
+        check_outputs([output], force=force, inputs=[source])
+    loaded = ImageInput.open(source, frames)
+    content: Any = loaded.content
+    if depth_map and isinstance(content, Capture):
+        raise wrong_usage("--depth-map", f"expected a volume, got a capture: {source}")
+    if depth_map or (output.suffix.lower() == ".ply" and not isinstance(content, Capture)):
+        content = content.depth_map(depth.dynamic_range_db)
+    else:
+        origin = provenance("export", recorded(frames), loaded.files)
+        content = replace(content, meta={**content.meta, **origin})
+    check_export(output, type(content))
+    export_file(output, content, force=force)
+    shape = " x ".join(str(n) for n in content.__array__().shape)
+    print_line(f"{output}: {type(content).__name__}, {shape}")

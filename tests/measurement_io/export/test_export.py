@@ -1,0 +1,218 @@
+"""Exported files, opened by the programs that they are for."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.io
+import trimesh
+import xarray
+from vtkio.reader import read_vtkxml_data
+
+import clradar
+from clradar.errors import MissingPackage, ModelError, OutputError
+from measurement_io import export_file
+from measurement_io.export import arrays, exporting
+
+META = {"seed": 7, "note": "läb <1>"}
+RNG = np.random.default_rng(0)
+
+
+def noise(*shape: int) -> np.ndarray:
+    return (RNG.normal(size=shape) + 1j * RNG.normal(size=shape)).astype(np.complex64)
+
+
+def capture() -> clradar.Capture:
+    array = clradar.AntennaArray(RNG.normal(size=(3, 3)), RNG.normal(size=(2, 3)), "läb 1")
+    return clradar.Capture(noise(3, 2, 5), array, clradar.Waveform.sfcw(72e9, 82e9, 5), META)
+
+
+def volume(counts: tuple[int, int, int] = (4, 3, 5)) -> clradar.Volume:
+    grid = clradar.VoxelGrid([-0.02, 1 / 30, 0.3], [1e-3, 2e-3, 0.7e-3], counts)
+    return clradar.Volume(noise(*grid.shape), grid, META)
+
+
+def depth(depth_m: Any) -> clradar.DepthMap:
+    """Pixels of 1 mm by 2 mm; the amplitude falls by a factor of two from pixel to pixel."""
+    depth_m = np.asarray(depth_m, float)
+    rows, columns = depth_m.shape
+    amplitude = 0.5 ** np.arange(depth_m.size).reshape(depth_m.shape)
+    return clradar.DepthMap(
+        depth_m, amplitude, 1e-3 * np.arange(columns), 2e-3 * np.arange(rows), 12.0
+    )
+
+
+RECORDS = {"capture": capture(), "volume": volume(), "depth": volume().depth_map()}
+
+
+@pytest.mark.parametrize("counts", [(4, 3, 5), (1, 7, 2), (1, 1, 1)])
+def test_image_data_for_paraview(tmp_path: Path, counts: tuple[int, int, int]) -> None:
+    # VTK 9.7.2 itself, of 140 MB, read the same by hand.
+    image = volume(counts)
+    export_file(tmp_path / "v.vti", image)
+    read = read_vtkxml_data(str(tmp_path / "v.vti"))
+    ends = read.grid.whole_extents.tolist()
+    assert ends == [0, counts[0] - 1, 0, counts[1] - 1, 0, counts[2] - 1]
+    np.testing.assert_allclose(read.grid.origin, image.grid.origin_m, rtol=1e-6)  # it reads float32
+    np.testing.assert_allclose(read.grid.spacing, image.grid.spacing_m, rtol=1e-6)
+    # Points are counted along x first, then y, then z.
+    parts = read.point_data["image"]
+    z, y, x = image.grid.shape
+    for i in range(z * y * x):
+        at = image.data[i // (x * y), i // x % y, i % x]
+        assert parts[i].tolist() == [at.real, at.imag]
+    np.testing.assert_array_equal(read.point_data["amplitude"], np.abs(image.data).ravel())
+
+
+def test_surfaces_for_mesh_viewers(tmp_path: Path) -> None:
+    nan = np.nan
+    # Of eight triangles three are left: the others have the missing pixel or the step of 20 mm.
+    image = depth([[0.30, 0.301, 0.302], [0.30, 0.301, nan], [0.32, 0.301, 0.303]])
+    export_file(tmp_path / "d.ply", image)
+    mesh = trimesh.load(tmp_path / "d.ply", process=False)
+    np.testing.assert_array_equal(mesh.vertices, image.points_m())
+    assert len(mesh.faces) == 3
+    used = set(mesh.faces.ravel().tolist())
+    assert 5 not in used  # the corner behind the step
+    assert (mesh.face_normals[:, 2] < 0).all()  # towards the radar
+    raw = mesh.metadata["_ply_raw"]["vertex"]["data"]
+    np.testing.assert_array_equal(raw["amplitude"].ravel(), image.amplitude[image.mask])
+    grey = mesh.visual.vertex_colors[:, 0]
+    # 12 dB is a factor of 3.98 in amplitude: the third pixel is the last that is not black.
+    assert (grey[0], grey[1], grey[3]) == (255, round(255 * (1 - 20 * np.log10(2) / 12)), 0)
+
+
+def test_a_surface_of_a_row_is_points(tmp_path: Path) -> None:
+    image = depth([[0.3, 0.301]])
+    export_file(tmp_path / "d.ply", image)
+    cloud = trimesh.load(tmp_path / "d.ply")
+    np.testing.assert_array_equal(cloud.vertices, image.points_m())
+    with pytest.raises(ModelError, match="a depth map with a depth"):
+        export_file(tmp_path / "e.ply", depth([[np.nan]]))
+    assert not (tmp_path / "e.ply").exists()
+
+
+def contents(record: Any) -> dict[str, Any]:
+    if isinstance(record, clradar.Capture):
+        axes = {"frequency_hz": record.waveform.frequencies_hz}
+        positions = {"tx_m": record.array.tx_m, "rx_m": record.array.rx_m}
+        return {"data": record.data, **axes, **positions}
+    if isinstance(record, clradar.Volume):
+        grid = record.grid
+        return {"data": record.data, "x_m": grid.x_m, "y_m": grid.y_m, "z_m": grid.z_m}
+    names = ("depth_m", "amplitude", "x_m", "y_m")
+    return {name: getattr(record, name) for name in names}
+
+
+@pytest.mark.parametrize("kind", RECORDS)
+def test_numpy_archives(tmp_path: Path, kind: str) -> None:
+    record = RECORDS[kind]
+    export_file(tmp_path / "r.npz", record)
+    with np.load(tmp_path / "r.npz", allow_pickle=False) as file:
+        for name, value in contents(record).items():
+            np.testing.assert_array_equal(file[name], value)
+            assert file[name].dtype == value.dtype
+        if kind == "depth":
+            assert file["dynamic_range_db"] == 15.0
+        else:
+            assert json.loads(str(file["provenance"])) == META
+        if kind == "capture":
+            assert str(file["array_name"]) == "läb 1"
+
+
+@pytest.mark.parametrize("kind", RECORDS)
+def test_matlab_files(tmp_path: Path, kind: str) -> None:
+    record = RECORDS[kind]
+    export_file(tmp_path / "r.mat", record)
+    found = scipy.io.loadmat(tmp_path / "r.mat")
+    for name, value in contents(record).items():
+        wanted = value if value.ndim > 1 else value[:, None]
+        np.testing.assert_array_equal(found[name], wanted)
+        assert found[name].dtype == value.dtype
+    if kind != "depth":
+        assert json.loads(found["provenance"][0]) == META
+
+
+def test_a_matlab_file_has_a_largest_array(tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(arrays, "MAT_BYTES", 479)
+    with pytest.raises(OutputError, match=r"v\.mat: expected at most 479 bytes.*480 in 'data'"):
+        export_file(tmp_path / "v.mat", volume())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", RECORDS)
+def test_zarr_folders(tmp_path: Path, kind: str) -> None:
+    record = RECORDS[kind]
+    export_file(tmp_path / "r.zarr", record)
+    with xarray.open_zarr(tmp_path / "r.zarr") as read:
+        own = record.to_xarray()
+        wanted = own.to_dataset() if kind == "volume" else own
+        xarray.testing.assert_identical(read.load(), wanted)
+
+
+def test_zarr_folders_are_replaced_whole(tmp_path: Path) -> None:
+    target = tmp_path / "r.zarr"
+    export_file(target, RECORDS["capture"])
+    with pytest.raises(OutputError, match="exists already"):
+        export_file(target, RECORDS["volume"])
+    export_file(target, RECORDS["volume"], force=True)
+    assert not (target / "capture").exists()
+    with xarray.open_zarr(target) as read:
+        assert list(read) == ["volume"]
+    other = tmp_path / "other.zarr"
+    other.mkdir()
+    (other / "precious").touch()
+    with pytest.raises(OutputError, match="is no zarr folder"):
+        export_file(other, RECORDS["volume"], force=True)
+    with pytest.raises(OutputError, match="an existing folder"):
+        export_file(tmp_path / "nowhere" / "r.zarr", RECORDS["volume"])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["other.zarr", "r.zarr"]
+
+
+def test_zarr_is_an_extra(tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "zarr", None)
+    with pytest.raises(MissingPackage, match=r"clradar\[export\]"):
+        export_file(tmp_path / "r.zarr", RECORDS["volume"])
+
+
+def test_what_a_name_cannot_hold_is_one_clear_error(tmp_path: Path) -> None:
+    for name, kind, words in (
+        ("c.vti", "capture", "a .vti file holds a volume, got a capture; form its image"),
+        ("d.vti", "depth", "a .vti file holds a volume, got a depth map; take the volume"),
+        ("v.ply", "volume", "a .ply file holds a depth map, got a volume; take its depth map"),
+        ("v.txt", "volume", r"ends in \.vti, \.ply, \.mat, \.npz, \.zarr, got '\.txt'"),
+        ("v", "volume", "got ''"),
+    ):
+        with pytest.raises(OutputError, match=words):
+            export_file(tmp_path / name, RECORDS[kind])
+    with pytest.raises(ModelError, match=r"a Capture, a Volume or a DepthMap, got ndarray"):
+        export_file(tmp_path / "a.npz", np.zeros(3))
+    bad = clradar.Volume(np.ones((1, 1, 1)), volume((1, 1, 1)).grid, {"a": (1, 2)})
+    for suffix in ("npz", "mat", "zarr"):
+        with pytest.raises(ModelError, match="JSON"):
+            export_file(tmp_path / f"bad.{suffix}", bad)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("suffix", [".vti", ".ply", ".mat", ".npz"])
+def test_files_are_whole_or_not_there(tmp_path: Path, monkeypatch: Any, suffix: str) -> None:
+    record = RECORDS["depth" if suffix == ".ply" else "volume"]
+    target = tmp_path / f"r{suffix.upper()}"
+    export_file(target, record)
+    before = target.read_bytes()
+    with pytest.raises(OutputError, match="exists already"):
+        export_file(target, record)
+
+    def full(path: Path, _: Any) -> None:
+        path.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setitem(exporting._WRITERS, suffix, full)
+    with pytest.raises(OutputError, match="No space left"):
+        export_file(target, record, force=True)
+    assert target.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [target]
