@@ -69,7 +69,7 @@ def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool =
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from measurement_io import export_file
+    >>> from clradar.measurement_io import export_file
     >>> grid = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (3, 2, 4))
     >>> volume = clradar.Volume(np.ones(grid.shape), grid)
     >>> export_file("volume.npz", volume)

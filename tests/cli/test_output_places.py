@@ -50,9 +50,9 @@ FOLDER_OUTPUTS = (
 )
 OUTPUTS = {"output", "png", "joints", "plot", "json", "json_file", "fix_to", "report"}
 INPUTS = {
-    "rig", "mapping", "theta", "transform", "capture", "source", "sources", "layout",
-    "rx_file", "tx_file", "empty", "file", "files", "materials", "measured", "simulated", "mesh", "channels", "plan",
-    "replay", "rigs",
+    "rig", "mapping", "theta", "transform", "capture", "source", "sources", "layout", "rx_file",
+    "tx_file", "empty", "file", "files", "materials", "measured", "simulated", "mesh", "channels",
+    "plan", "replay", "rigs",
 }  # fmt: skip
 """Parameters of commands that are paths; `joints` of a sweep is read."""
 
