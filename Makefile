@@ -44,7 +44,7 @@ format: $(VENV)/.installed-dev
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# The figure of README.md.
+# The figure of docs/index.md.
 figures: $(VENV)/.installed
 	$(BIN)/clradar demo --full --force -o demo-full
 	cp demo-full/comparison.png docs/images/comparison.png
