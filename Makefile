@@ -32,7 +32,7 @@ fuzz: $(VENV)/.installed-fuzz
 
 # Oclgrind shows up as a device where it is installed, so it has an environment of its own.
 memcheck: $(VENV)-memcheck/.installed
-	$(VENV)-memcheck/bin/python -m pytest -m memcheck --timeout 3600
+	$(VENV)-memcheck/bin/python -m pytest -m memcheck --timeout 3600 tests/opencl/test_memcheck.py
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
@@ -70,9 +70,9 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable .
 	touch $@
 
-$(VENV)/.installed-dev: $(VENV)/.installed pyproject.toml
+$(VENV)/.installed-dev: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[test,lint]"
-	touch $@
+	touch $(VENV)/.installed $@
 
 $(VENV)/.installed-fuzz: $(VENV)/.installed pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[test,fuzz]"
@@ -88,7 +88,7 @@ $(VENV)/.installed-bench: $(VENV)/.installed pyproject.toml
 
 $(VENV)-memcheck/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)-memcheck
-	$(VENV)-memcheck/bin/python -m pip install --quiet --editable ".[test,memcheck]"
+	$(VENV)-memcheck/bin/python -m pip install --quiet --editable ".[memcheck]"
 	touch $@
 
 $(VENV)-intel/.installed: pyproject.toml

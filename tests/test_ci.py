@@ -19,8 +19,13 @@ SKIPS = (
 pytestmark = pytest.mark.skipif(not SCRIPT.exists(), reason="no checkout: .ci/run is not here")
 
 
-def lines_of(tmp_path: Path, said: tuple[str, ...], status: int = 0) -> tuple[int, list[str]]:
-    """Exit status and lines of the script on a machine without a browser, where `make` says so."""
+def lines_of(
+    tmp_path: Path, said: tuple[str, ...], status: int = 0, target: str = "test"
+) -> tuple[int, list[str]]:
+    """Exit status and lines of the script on a machine without a browser, where `make` says so.
+
+    What is said, and the status, are those of any call of `make` with this target.
+    """
     programs = tmp_path / "bin"
     programs.mkdir()
     for name in TOOLS:
@@ -30,7 +35,8 @@ def lines_of(tmp_path: Path, said: tuple[str, ...], status: int = 0) -> tuple[in
     (tmp_path / "said").write_text("".join(f"{line}\n" for line in said))
     make = programs / "make"
     make.write_text(
-        f'#!{shutil.which("bash")}\n[ "$1" = test ] || exit 0\ncat {tmp_path}/said\nexit {status}\n'
+        f'#!{shutil.which("bash")}\n[[ " $* " = *" {target} "* ]] || exit 0\n'
+        f"cat {tmp_path}/said\nexit {status}\n"
     )
     make.chmod(0o755)
     done = subprocess.run(
@@ -57,6 +63,12 @@ def test_that_nothing_was_skipped_is_said_too(tmp_path: Path) -> None:
     assert (status, lines[-1]) == (0, "Passed, and nothing was skipped.")
 
 
-def test_a_failure_stays_one(tmp_path: Path) -> None:
-    status, lines = lines_of(tmp_path, ("1 failed",), status=2)
+@pytest.mark.parametrize("target", ["lint", "memcheck", "test"])
+def test_a_failure_stays_one(tmp_path: Path, target: str) -> None:
+    status, lines = lines_of(tmp_path, ("1 failed",), 2, target)
     assert (status, lines[-1]) == (2, "1 failed")
+
+
+def test_what_the_check_of_memory_skips_is_said(tmp_path: Path) -> None:
+    status, lines = lines_of(tmp_path, SKIPS[:1], target="memcheck")
+    assert (status, lines[-2]) == (0, SKIPS[0])

@@ -154,7 +154,7 @@ def everything(width: int) -> None:
         tree_on_device.FLOAT32_SHARE = -tree_on_device.FLOAT32_SHARE
     # Points within the cells and beyond them.
     with Buffers(device) as buffers:
-        field = FleshField(grown_flesh(posed_skeleton(POSES["F"])), 0.02, buffers)
+        field = FleshField(grown_flesh(posed_skeleton(POSES["F"])), 0.03, buffers)
         assert (field.node_distances_m() < 0).any()
         points_m = rng.uniform(-0.2, 0.3, (13, 3))
         assert np.isfinite(field.distances_m(points_m)).all()
