@@ -102,7 +102,7 @@ for axes, image, pose, guess in zip(
     figure.subplots(2, 5).flat, decibels[~known], y[~known], guessed, strict=True
 ):
     # x increases to the left, as the radar sees it.
-    axes.imshow(image[:, ::-1], origin="lower", vmin=-25, vmax=0, cmap="inferno")
+    axes.imshow(image[:, ::-1], origin="lower", vmin=-15, vmax=0, cmap="inferno")
     axes.set_title(f"{pose}, taken for {guess}")
     axes.set_axis_off()
 figure.savefig("hands.png", dpi=100)
