@@ -175,12 +175,11 @@ def test_tutorial_recording_to_image(folder: Path, output_of: OutputOf) -> None:
 
 
 def test_tutorial_maroon(folder: Path, output_of: OutputOf) -> None:
-    """It writes a recording where there is none, and reads what is there."""
+    """The recording is written by the tutorial, which is given none."""
     lines = output_of("tutorials/3_maroon_recording.py")
     assert lines[-3:-1] == ["frame 0 at 125000 us", "frame 1 at 250000 us"]
     assert numbers(lines[-1])[0] > 0.9
     assert is_picture(folder / "maroon.png")
-    assert output_of("tutorials/3_maroon_recording.py", "ball/30") == lines
 
 
 def test_tutorial_simulation_beside_recording(folder: Path, output_of: OutputOf) -> None:
@@ -196,12 +195,13 @@ def test_tutorial_channel_calibration(folder: Path, output_of: OutputOf) -> None
     assert is_picture(folder / "channels.png")
 
 
+@pytest.mark.slow
 def test_tutorial_dataset_to_classifier(folder: Path, output_of: OutputOf) -> None:
     lines = output_of("tutorials/6_dataset_to_classifier.py")
     right, new = numbers(lines[-1])
-    # Guessing has 8 of 10 right once in eighteen times, and the seed is fixed.
-    assert new == 10
-    assert right >= 8
+    # Guessing has 7 of 8 right once in 28 times, and the seed is fixed.
+    assert new == 8
+    assert right >= 7
     assert is_picture(folder / "hands.png")
 
 

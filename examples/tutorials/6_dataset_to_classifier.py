@@ -10,7 +10,7 @@ Make radar images of many hands, and learn to tell fists from flat hands. Needs
 # A plan
 # ------
 # What the samples are, and what is drawn at random for each: hands of random adults, left and
-# right, in random places, of random roughness, in noise. This one is tiny: 40 hands, every sixth
+# right, in random places, of random roughness, in noise. This one is tiny: 28 hands, every sixth
 # antenna and voxels of 5 mm, a fraction of a second each. ``examples/plans/letters.toml`` in the
 # repository is one to learn letters from.
 
@@ -29,7 +29,7 @@ from clradar.dataset import read_plan, run
 Path("plan.toml").write_text(
     """
 seed = 1
-samples = 40
+samples = 28
 
 [poses]
 names = ["A", "B"]
@@ -80,14 +80,13 @@ print(data.sizes["sample"], "images of", data.max_projection.shape[1:], "pixels"
 # Learn and test
 # --------------
 # Bright pixels, in decibels, each image relative to its maximum and blurred over a centimetre, so
-# that hands in other places are still alike. The first 30 hands are learned, the other 10 are
-# new.
+# that hands in other places are still alike. The first 20 hands are learned, the other 8 are new.
 
 images = data.max_projection.values
 decibels = 20 * np.log10(images / images.max(axis=(1, 2), keepdims=True) + 1e-3)
 blurred = gaussian_filter(np.maximum(decibels, -25), (0, 2, 2))
 x, y = blurred.reshape(len(images), -1), data.pose.values
-known = np.arange(len(y)) < 30
+known = np.arange(len(y)) < 20
 model = make_pipeline(PCA(8, random_state=0), SVC(C=10)).fit(x[known], y[known])
 guessed = model.predict(x[~known])
 print(f"{np.count_nonzero(guessed == y[~known])} of {len(guessed)} new hands are right")
@@ -99,7 +98,7 @@ print(f"{np.count_nonzero(guessed == y[~known])} of {len(guessed)} new hands are
 
 figure = matplotlib.figure.Figure(figsize=(9, 4.5), layout="constrained")
 for axes, image, pose, guess in zip(
-    figure.subplots(2, 5).flat, decibels[~known], y[~known], guessed, strict=True
+    figure.subplots(2, 4).flat, decibels[~known], y[~known], guessed, strict=True
 ):
     # x increases to the left, as the radar sees it.
     axes.imshow(image[:, ::-1], origin="lower", vmin=-15, vmax=0, cmap="inferno")
