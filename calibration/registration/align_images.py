@@ -105,7 +105,8 @@ def align(
     -----
     A coarse search, refined by trimmed point-to-point ICP (Besl and McKay [1]_), then ICP from the
     simulated points to the planes of the measured surface (Chen and Medioni [2]_) with Tukey's
-    weights. `docs/calibration.md` has the equations. The result depends on the arguments alone.
+    weights. `docs/registration-method.md` has the equations. The result depends on the arguments
+    alone.
 
     References
     ----------

@@ -57,7 +57,8 @@ def align_mesh(
     correct_bias : bool
         Simulate the mesh in the estimated pose, a few times and on pixels of 2 mm, and subtract the
         error of the fit to these simulations. Without it, the estimate takes a fraction of the time
-        and has a bias of up to some millimetres for specular surfaces (docs/calibration.md).
+        and has a bias of up to some millimetres for specular surfaces
+        (docs/registration-method.md).
     array : AntennaArray, optional
     waveform : Waveform, optional
         Of the measurement; they determine the point spread function. Default: the 94 x 94 imager
@@ -105,8 +106,8 @@ def align_mesh(
     The visible surface of the mesh, by rays from eight viewpoints of the aperture, is convolved
     with the array's power pattern; brightness over the angle of incidence is fitted along with the
     motion. Brightness is modelled as speckle, ranges scatter about the surface.
-    `docs/calibration.md` has the equations. The result depends on the arguments and the device
-    alone.
+    `docs/registration-method.md` has the equations. The result depends on the arguments and the
+    device alone.
 
     Examples
     --------

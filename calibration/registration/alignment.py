@@ -18,12 +18,12 @@ UNKNOWN_STD_M = 1.0
 
 USUAL_OVERLAP = 0.85
 """On simulated measurements right meshes had 0.91 or more, wrong ones up to 0.94, most of them less
-(docs/calibration.md)."""
+(docs/registration-method.md)."""
 
 USUAL_RATIO = 2.0
 """Of the residuals to the noise: the right mesh had 0.6 to 1.5 in eight simulated measurements, one
 with three fingers bent otherwise by 15 degrees 1.5 in one and 2.3 to 6 in nine
-(docs/calibration.md)."""
+(docs/registration-method.md)."""
 
 LARGEST = 1e9
 """Of the numbers of a matrix, in metres and radians and their squares: far beyond what stands in

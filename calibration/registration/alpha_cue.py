@@ -12,7 +12,7 @@ ALPHA_STARTS = (0.3, 0.0, 0.6, 0.1)
 
 FEWEST_ROUNDS = len(ALPHA_STARTS) + 3
 """Of a registration that has to find alpha: the starts, and three that come to rest. It took 5 to
-12 in simulations (docs/calibration.md)."""
+12 in simulations (docs/registration-method.md)."""
 
 ALPHA_TOLERANCE = 0.03
 MERGED_ALPHA = 0.04

@@ -56,10 +56,10 @@ SAME_ALPHA, SAME_PLACE_M = 0.05, 2e-3
 """Widths of the Gaussian weight of a round's correction, by its distance from the last round."""
 
 REGISTERED_RATIO = 0.6
-"""As `locate.COVARIANCE_RATIO`, after the correction (docs/calibration.md)."""
+"""As `locate.COVARIANCE_RATIO`, after the correction (docs/registration-method.md)."""
 
 MIN_OVERLAP = 0.5
-"""Smallest overlap of the last simulation with the measurement (docs/calibration.md)."""
+"""Smallest overlap of the last simulation with the measurement (docs/registration-method.md)."""
 
 LARGEST_CORRECTION_M = 10e-3
 """Largest bias: a larger one shows that the fit is invalid."""
@@ -360,9 +360,9 @@ def _stated_covariance(
 ) -> np.ndarray:
     """Covariance after the correction; unobservable directions stay unknown.
 
-    Widened by the residuals relative to the noise (Birge's ratio, docs/calibration.md). Without
-    convergence it is that of the uncorrected fit and the scatter of the `others`, the poses before
-    and the next.
+    Widened by the residuals relative to the noise (Birge's ratio, docs/registration-method.md).
+    Without convergence it is that of the uncorrected fit and the scatter of the `others`, the poses
+    before and the next.
     """
     corrected = converged and not located.constrained.shape[1]
     factor = widening * (REGISTERED_RATIO / COVARIANCE_RATIO if corrected else 1.0)

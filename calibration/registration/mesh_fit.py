@@ -20,7 +20,7 @@ mesh does not determine the measurement."""
 
 RANGE_STD_M = 2e-3
 """Scatter of the range of bright pixels: the interference of the surface in a resolution cell,
-4 x 4 x 15 mm, moves its maximum by up to some millimetres (docs/calibration.md)."""
+4 x 4 x 15 mm, moves its maximum by up to some millimetres (docs/registration-method.md)."""
 
 RANGE_HALF_POWER = 0.05
 """Power at which the variance of the range is doubled."""

@@ -47,7 +47,7 @@ MOST_SAMPLES = 200_000
 
 COVARIANCE_RATIO = 1.8
 """Errors in simulations relative to the standard deviations of the fit: the rendering has neither
-interference nor the curvature of a glint (docs/calibration.md)."""
+interference nor the curvature of a glint (docs/registration-method.md)."""
 
 UNOBSERVABLE_STD_M = 5e-3
 """A direction whose standard deviation at the object's radius exceeds this, about the resolution

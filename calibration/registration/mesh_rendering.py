@@ -2,7 +2,7 @@
 
 Brightness and range of every pixel in a millisecond. Without phases there is neither speckle nor
 interference, and the rendering is a smooth function of the pose, as a fit requires.
-`docs/calibration.md` has the equations.
+`docs/registration-method.md` has the equations.
 """
 
 from __future__ import annotations

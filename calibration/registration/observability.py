@@ -17,7 +17,7 @@ from calibration.registration.rigid_motion import exp_twist, moved_back, orthono
 
 OBSERVABLE = 5e-3
 """Smallest eigenvalue of the scaled normal matrix of an observable direction: see
-docs/calibration.md."""
+docs/registration-method.md."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -95,7 +95,7 @@ def register(
 
     Notes
     -----
-    docs/calibration.md has the equations.
+    docs/registration-method.md has the equations.
 
     Examples
     --------

@@ -40,7 +40,7 @@ FLAT_SHARE = 0.5
 class AlphaEstimate:
     """The best alpha by one metric, from simulations with several seeds.
 
-    `docs/sweep.md` has the equations. K is the number of seeds, A that of alphas.
+    `docs/sweep-method.md` has the equations. K is the number of seeds, A that of alphas.
 
     Attributes
     ----------

@@ -173,7 +173,7 @@ def sweep_roughness(
     -----
     Each simulation is imaged at points of the surface from the four quarters of the aperture. What
     is compared are statistics of these images (`calibration.roughness.texture`), whose mean and
-    covariance over h and l follow from the simulations: docs/sweep.md.
+    covariance over h and l follow from the simulations: docs/sweep-method.md.
 
     Examples
     --------

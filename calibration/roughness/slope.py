@@ -27,7 +27,7 @@ def slope_of_alpha(alpha: float) -> float:
     components across have the variance 1/4, and the normal by half of that: alpha / 4. The other
     factor is fitted. The slopes of the lobe's density at normal incidence are within 4 % of it up
     to alpha = 0.8 and 10 % smaller at 1; at an incidence of 30 degrees they are 15 to 30 % larger
-    (docs/sweep.md).
+    (docs/sweep-method.md).
 
     Examples
     --------

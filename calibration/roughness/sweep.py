@@ -37,7 +37,7 @@ SEEDS = 3
 
 METRIC = "db_correlation"
 """Evaluated hundreds of times, a thousand times faster than the overlap, and about as accurate once
-speckle is corrected for (docs/sweep.md)."""
+speckle is corrected for (docs/sweep-method.md)."""
 
 Store = MutableMapping[str, dict[str, np.ndarray]]
 """Finished images: name -> arrays. A dict, or a mapping that keeps files."""
@@ -212,7 +212,7 @@ def sweep(
 
     Notes
     -----
-    `docs/sweep.md` has the equations. All alphas of a seed share rays and random numbers.
+    `docs/sweep-method.md` has the equations. All alphas of a seed share rays and random numbers.
 
     Examples
     --------

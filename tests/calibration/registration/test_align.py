@@ -419,7 +419,7 @@ def test_kabsch_and_twists_are_exact():
 VOLUME_TOLERANCE_M, VOLUME_TOLERANCE_DEG = 1.0e-3, 1.0
 """Volume against volume: measured 0.3 and 0.15 mm, 0.3 and 0.3 degrees, with a margin of three for
 other devices. The bright places of a hand are not the same spots of skin after a motion, so the
-two depth maps are not the same surface moved: see docs/calibration.md."""
+two depth maps are not the same surface moved: see docs/registration-method.md."""
 
 
 def test_simulated_hands():

@@ -27,7 +27,7 @@ RADAR = {"array": ARRAY, "waveform": WAVEFORM, "device": "pocl"}
 CENTRE_M = np.array([0.0, 0.0, 0.3])
 
 POSITION_M, ROTATION_DEG = 1.5e-3, 1.5
-"""Required of 95 of 100 measurements of a hand (docs/calibration.md)."""
+"""Required of 95 of 100 measurements of a hand (docs/registration-method.md)."""
 
 OWN_RENDERING_M = 5e-5
 """A fit to the mesh's own rendering has no noise: the convergence tolerance of 1e-5 m is what is

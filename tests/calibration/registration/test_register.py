@@ -30,7 +30,7 @@ RADAR = {"array": ARRAY, "waveform": WAVEFORM, "device": "pocl"}
 RAYS = {"samples_per_mm2": 1.5, "rays_per_sample": 2}
 
 POSITION_M, ROTATION_DEG = 1.5e-3, 1.5
-"""Required of 95 of 100 measurements of a hand (docs/calibration.md)."""
+"""Required of 95 of 100 measurements of a hand (docs/registration-method.md)."""
 
 FLOAT32_M = 1e-7
 """A vertex in a PLY file is a float32 in metres: 2^-24 of 0.4 m is 2.4e-8."""

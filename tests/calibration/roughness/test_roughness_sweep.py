@@ -139,7 +139,7 @@ def test_the_slope_of_alpha_is_that_of_its_lobe(alpha):
 
 
 def test_the_table_of_heights_for_a_length_of_3_mm():
-    """docs/sweep.md has it, from the lobe itself."""
+    """docs/sweep-method.md has it, from the lobe itself."""
     table = {0.2: 0.12, 0.3: 0.18, 0.5: 0.33, 0.6: 0.41, 1.0: 0.72}
     for alpha, height_mm in table.items():
         # Where alpha is 1/2 the pole of the density lies on the edge of the upper half space.

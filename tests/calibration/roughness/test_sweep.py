@@ -64,7 +64,7 @@ FEW = {"samples_per_mm2": 0.3, "rays_per_sample": 2, "reception_radius_m": 0.025
 RADAR = {"array": ARRAY, "waveform": WAVEFORM, "device": "pocl"}
 
 TWO_SIGMA = 2.0
-"""Estimates are within two standard deviations, as all 198 of docs/sweep.md are."""
+"""Estimates are within two standard deviations, as all 198 of docs/sweep-method.md are."""
 
 COMPLEX64_SUM = 4 * 2.0**-24
 """Two captures and their sum are rounded to float32 each, real and imaginary part."""
