@@ -16,7 +16,7 @@ from measurement_io import check_file, open_capture, open_volume
 pytestmark = pytest.mark.filterwarnings("ignore:the grid cuts:clradar.ClradarWarning")
 
 COLUMNS = ("alpha_0", "alpha_0.5", "alpha_1", "physical")
-RAYS = {"samples_per_mm2": 1.5, "rays_per_sample": 3}
+RAYS = {"samples_per_mm2": 1.0, "rays_per_sample": 2}
 SMALL = demonstration.DemoSettings(rays=RAYS, voxel_m=4e-3)
 
 
