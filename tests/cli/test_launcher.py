@@ -12,7 +12,7 @@ from command_line import GRID, Run, one_error_line
 
 import clradar
 from clradar.cli import main
-from clradar.cli.launcher import COMMANDS, module_of
+from clradar.cli.launcher import COMMANDS, context_of, module_of
 from clradar.errors import MeshError
 
 HEAVY = ("trimesh", "scipy", "skimage", "matplotlib", "h5py", "measurement_io", "rich.progress")
@@ -82,6 +82,11 @@ def test_help_of_each_command(run: Run, name: str) -> None:
     assert text.startswith(f"Usage: clradar {name}")
     assert COMMANDS[name] in text
     assert not [word for word in HELP[name].split() if word not in text]
+    context = context_of(name)
+    records = [p.get_help_record(context) for p in context.command.get_params(context)]
+    names = [record[0].split()[0] for record in records if record is not None]
+    assert "-h," in names
+    assert not [one for one in names if one not in text]
 
 
 def test_bench_names_the_missing_peer(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
