@@ -10,6 +10,7 @@ there, and is not corrected.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -148,6 +149,31 @@ def close_loop(
     return ClosedLoop(best, tuple(rounds), moved_m < CONVERGED_M)
 
 
+def likest(fitted: Sequence[tuple[HandFitter, HandState]], settings: LoopSettings) -> int:
+    """Index of the hand whose simulation overlaps most with the measurement, the first of several.
+
+    For poses that renderings cannot tell apart: simulations have the phases, too.
+    """
+    alpha = ALPHA_FIRST if settings.alpha is None else settings.alpha
+    overlaps = []
+    for fitter, state in fitted:
+        measured = decimated(fitter.depth, VOXEL_M)
+        *_, depth = _pictured(fitter, measured, state, alpha, settings)
+        overlaps.append(shared(measured, depth))
+    return int(np.argmax(overlaps))
+
+
+def _pictured(
+    fitter: HandFitter, measured: DepthMap, state: HandState, alpha: float, settings: LoopSettings
+) -> tuple[Scene, Capture, DepthMap]:
+    """A hand, its simulation, and the depth map of that on the pixels of the measurement."""
+    mesh = fitter.model.mesh(state.pose, state.shape, EDGE_M)
+    scene = Scene.from_mesh(mesh).transformed(state.transform).with_alpha(alpha)
+    capture = _simulated(scene, settings)
+    image = image_of(capture, measured, scene, settings.device)
+    return scene, capture, depth_map_of(image, measured.dynamic_range_db, "simulation")
+
+
 def _round(
     fitter: HandFitter,
     measured: DepthMap,
@@ -159,12 +185,7 @@ def _round(
     settings: LoopSettings,
     centre_m: np.ndarray,
 ) -> Round:
-    mesh = fitter.model.mesh(state.pose, state.shape, EDGE_M)
-    scene = Scene.from_mesh(mesh).transformed(state.transform).with_alpha(alpha)
-    capture = _simulated(scene, settings)
-    image = image_of(capture, measured, scene, settings.device)
-    range_db = measured.dynamic_range_db
-    depth = depth_map_of(image, range_db, "simulation")
+    scene, capture, depth = _pictured(fitter, measured, state, alpha, settings)
     here = replace(prior, mean_rad=state.angles_rad, mean_shape=vector_of(state.shape))
     own = HandFitter(fitter.model, depth, fitter.aperture, settings.device, fitter.fitted, (FINE,))
     picture = own.picture(FINE)

@@ -17,8 +17,8 @@ from calibration.hand_fit.certainty import (
     leaving_untold,
     with_spread,
 )
-from calibration.hand_fit.closed_loop import ClosedLoop, LoopSettings, close_loop, image_of
-from calibration.hand_fit.descent import FINE, Fitted, HandFitter, fitted_parameters
+from calibration.hand_fit.closed_loop import ClosedLoop, LoopSettings, close_loop, image_of, likest
+from calibration.hand_fit.descent import FINE, Fitted, HandFitter, Missed, fitted_parameters
 from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
 from calibration.hand_fit.hand_state import HandState, angles_of
 from calibration.hand_fit.layers import HandSkin
@@ -31,7 +31,7 @@ from calibration.hand_fit.recognition import (
     doubts,
     said_of_the_hand,
 )
-from calibration.hand_fit.result import Basin, HandFit
+from calibration.hand_fit.result import RIVAL_DEVIANCE, Basin, HandFit
 from calibration.hand_fit.starts import PoseLike, Start, starts_of
 from calibration.registration.mesh_pose import depth_for_mesh, likeness
 from calibration.registration.mesh_search import TRIED
@@ -204,22 +204,13 @@ def fit_hand(
         found = roughly(places, fitter, prior, seed, tries[1])
         tried.append(_Tried(fitter, start, places[0], prior, found))
     tried = _searched(tried, seed, opened, progress, (rough_share, rough_share + search_share))
-    tried.sort(key=lambda one: one.found.deviance)
+    settings = LoopSettings(radar, alpha, seed, opened) if closed_loop else None
+    tried, missed = _settled(tried, seed, settings)
     best, loop = tried[0], None
-    missed = missed_slopes(best.fitter, best.found, seed)
-    found = settled(best.fitter, best.found, best.prior, missed, seed + JUDGED_SEED)
-    # The others, which are not returned, would gain as much.
-    gain = best.found.deviance - found.deviance
-    others = [
-        replace(one, found=replace(one.found, deviance=one.found.deviance - gain))
-        for one in tried[1:]
-    ]
-    best = replace(best, found=found)
     information = information_at(best.fitter, best.found, best.prior, seed + JUDGED_SEED)
     found = leaving_untold(best.fitter, best.found, best.prior, information, seed + JUDGED_SEED)
     check_likeness(_likeness(best.fitter, found))
-    if closed_loop:
-        settings = LoopSettings(radar, alpha, seed, opened)
+    if settings is not None:
         say_stage(progress, "simulating")
         looping = part_of(progress, rough_share + search_share, 1.0)
         loop = close_loop(best.fitter, found, best.prior, missed, settings, looping)
@@ -227,7 +218,7 @@ def fit_hand(
         found = replace(found, state=loop.best.state)
     best = replace(best, found=found)
     known = best.start.shape is not None or shape is not None
-    fit = _result(best, others, information, loop, alpha, seed, known)
+    fit = _result(best, tried[1:], information, loop, alpha, seed, known)
     if loop is not None:
         capture, scene = loop.best.capture, loop.best.scene
         fit = replace(fit, capture=capture, volume=image_of(capture, measured, scene, opened))
@@ -322,6 +313,38 @@ def _searched(
         if searching is not None:
             searching(done + 1, len(best))
     return ended
+
+
+def _settled(
+    tried: list[_Tried], seed: int, settings: LoopSettings | None
+) -> tuple[list[_Tried], Missed]:
+    """The basins after the last steps, the one to go on with first, and the slopes near it.
+
+    Rivals are settled with the slopes of the best: they differ in a digit or two, and only steps
+    that lower the deviance are taken. Of those that then are, with `settings`, the one whose
+    simulation overlaps most comes first. What is no rival keeps its distance.
+    """
+    best = min(tried, key=lambda one: one.found.deviance)
+    missed = missed_slopes(best.fitter, best.found, seed)
+    at_rest = settled(best.fitter, best.found, best.prior, missed, seed + JUDGED_SEED)
+    gain = best.found.deviance - at_rest.deviance
+    ended = []
+    for one in tried:
+        found = replace(one.found, deviance=one.found.deviance - gain)
+        if one is best:
+            found = at_rest
+        elif found.deviance < at_rest.deviance + RIVAL_DEVIANCE and one.fitter is best.fitter:
+            found = settled(one.fitter, one.found, one.prior, missed, seed + JUDGED_SEED)
+        ended.append(replace(one, found=found))
+    ended.sort(key=lambda one: one.found.deviance)
+    most = ended[0].found.deviance + RIVAL_DEVIANCE
+    rivals = [one for one in ended if one.found.deviance < most]
+    if settings is not None and len(rivals) > 1:
+        first = likest([(one.fitter, one.found.state) for one in rivals], settings)
+        ended.insert(0, ended.pop(first))
+    if ended[0].found is not at_rest:
+        missed = missed_slopes(ended[0].fitter, ended[0].found, seed)
+    return ended, missed
 
 
 def _result(
