@@ -94,7 +94,9 @@ print(f"{np.count_nonzero(guessed == y[~known])} of {len(guessed)} new hands are
 # %%
 # The new hands, and what they were taken for
 # -------------------------------------------
-# A is the fist, B the flat hand.
+# A is the fist, B the flat hand. With so few antennas each hand is surrounded by copies of itself
+# (grating lobes), and an eye sees little of it; the classifier does not mind, since they are the
+# same for all.
 
 figure = matplotlib.figure.Figure(figsize=(9, 4.5), layout="constrained")
 for axes, image, pose, guess in zip(
