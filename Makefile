@@ -8,7 +8,7 @@ export CLRADAR_DEVICE ?= pocl
 # Processes that run the tests.
 JOBS ?= 2
 
-.PHONY: demo test test-slow test-intel fuzz memcheck lint format figures validation docs bench clean
+.PHONY: demo test test-slow test-intel fuzz memcheck lint format figures validation docs bench release clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
@@ -62,6 +62,10 @@ docs: $(VENV)/.installed-docs
 bench: $(VENV)/.installed-bench
 	$(BIN)/clradar bench
 	$(BIN)/python -m pytest benchmarks
+
+# dist/: wheel and sdist, checked, and each tried in an environment of its own. Uploads nothing.
+release:
+	$(PYTHON) packaging/release.py
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

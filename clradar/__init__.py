@@ -42,7 +42,7 @@ from clradar.synthesize import synthesize
 from clradar.trace import trace
 from clradar.tracing.settings import SimulationSettings
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "METAL",

@@ -1,0 +1,182 @@
+"""What a release states about itself, and that the pages for contributors name what there is."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+import sys
+from datetime import date
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+import yaml
+from packaging.requirements import Requirement
+
+from clradar import __version__
+
+ROOT = Path(__file__).resolve().parents[1]
+STATING = (
+    "clradar/__init__.py",
+    "CHANGELOG.md",
+    "CITATION.cff",
+    "packaging/conda/recipe.yaml",
+    "pyproject.toml",
+)
+CONDA_NAMES = {"matplotlib": "matplotlib-base"}
+
+
+def program(path: str) -> ModuleType:
+    """A program of the checkout that is in no package."""
+    spec = importlib.util.spec_from_file_location(Path(path).stem, ROOT / path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look there
+    spec.loader.exec_module(module)
+    return module
+
+
+Stated = program("packaging/release_notes.py").Stated
+hatch_build = program("hatch_build.py")
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    for name in STATING:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
+    return tmp_path
+
+
+def changed(root: Path, name: str, old: str, new: str) -> None:
+    text = (root / name).read_text("utf-8")
+    assert old in text
+    (root / name).write_text(text.replace(old, new, 1), "utf-8")
+
+
+def test_every_file_states_the_same_version_and_date() -> None:
+    stated = Stated.read(ROOT)
+    assert stated.contradictions() == []
+    assert set(stated.versions.values()) == {__version__}
+
+
+@pytest.mark.parametrize("name", STATING[:4])
+def test_another_version_is_found(copy: Path, name: str) -> None:
+    changed(copy, name, __version__, "9.8.7")
+    (line,) = Stated.read(copy).contradictions()
+    assert line.startswith("expected one version, found ")
+    assert f"{name} 9.8.7" in line
+
+
+def test_another_date_and_another_address_are_found(copy: Path) -> None:
+    dated = Stated.read(copy).dates["CITATION.cff"]
+    changed(copy, "CITATION.cff", dated, "2001-02-03")
+    changed(copy, "pyproject.toml", 'repository = ""', 'repository = "https://a.example/b"')
+    lines = Stated.read(copy).contradictions()
+    assert [line[:22] for line in lines] == ["expected one date, fou", "expected one repositor"]
+    changed(copy, "CITATION.cff", "type:", 'repository-code: "https://a.example/b"\ntype:')
+    assert len(Stated.read(copy).contradictions()) == 1
+
+
+def test_what_stands_in_the_way_of_an_upload(copy: Path) -> None:
+    stated = Stated.read(copy)
+    day = date.fromisoformat(stated.dates["CHANGELOG.md"])
+    (address,) = stated.before_upload(day)
+    assert "has no repository" in address
+    changed(copy, "CHANGELOG.md", "\n## ", "\n## Unreleased\n\n- A thing.\n\n## ")
+    lines = Stated.read(copy).before_upload(date(2001, 2, 3))
+    assert len(lines) == 3
+    assert "'Unreleased'" in lines[0]
+    assert f"dated {day}, and today is 2001-02-03" in lines[1]
+
+
+def test_a_statement_that_is_missing_is_named(copy: Path) -> None:
+    changed(copy, "CITATION.cff", "date-released", "date")
+    with pytest.raises(ValueError, match=r"CITATION\.cff: expected a line like"):
+        Stated.read(copy)
+
+
+def test_links_of_the_readme_lead_to_the_repository() -> None:
+    text = "![a b](docs/c.png) [d](docs/e.md#f), [g](https://h.example) [i](#j)"
+    made = hatch_build.with_addresses(text, "https://x.example/y", "1.2.3")
+    assert made == (
+        "![a b](https://x.example/y/raw/v1.2.3/docs/c.png) "
+        "[d](https://x.example/y/blob/v1.2.3/docs/e.md#f), [g](https://h.example) [i](#j)"
+    )
+    readme = hatch_build.with_addresses((ROOT / "README.md").read_text("utf-8"), "https://x", "1")
+    assert not re.findall(r"\]\((?!https?://|#)", readme)
+
+
+@pytest.mark.parametrize("repository", ["", "https://x.example/y/"])
+def test_the_metadata_have_addresses_where_there_is_a_repository(repository: str) -> None:
+    metadata = {"version": "1.2.3"}
+    hatch_build.CustomMetadataHook(str(ROOT), {"repository": repository}).update(metadata)
+    assert metadata["readme"]["content-type"] == "text/markdown"
+    if not repository:
+        assert "urls" not in metadata
+        assert metadata["readme"]["text"] == (ROOT / "README.md").read_text("utf-8")
+    else:
+        assert metadata["urls"]["Issues"] == "https://x.example/y/issues"
+
+
+def test_the_recipe_needs_what_the_package_needs() -> None:
+    """By the same names and bounds, on Linux; and a device."""
+    if sys.version_info < (3, 11):
+        import tomli as tomllib
+    else:
+        import tomllib
+    recipe = yaml.safe_load((ROOT / "packaging/conda/recipe.yaml").read_text("utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    oldest = {"sys_platform": "linux", "platform_machine": "x86_64", "python_version": "3.10"}
+    needed = [Requirement(text) for text in project["dependencies"]]
+    runs = {
+        f"{CONDA_NAMES.get(one.name, one.name)} {one.specifier}"
+        for one in needed
+        if one.marker is None or one.marker.evaluate(oldest)
+    }
+    assert set(recipe["requirements"]["run"]) == {
+        *runs,
+        "__unix",
+        "pocl",
+        "python >=${{ python_min }}",
+    }
+    assert project["requires-python"] == f">={recipe['context']['python_min']}"
+    assert recipe["about"]["summary"] == project["description"]
+    assert recipe["about"]["license"] == project["license"]
+    ((command, entry),) = project["scripts"].items()
+    assert recipe["build"]["python"]["entry_points"] == [f"{command} = {entry}"]
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "SECURITY.md"])
+def test_contributors_are_sent_to_files_that_exist(page: str) -> None:
+    text = (ROOT / page).read_text("utf-8")
+    links = re.findall(r"\]\(([^)#]+)\)", text)
+    assert links
+    named = re.findall(r"`([\w./]+\.(?:py|cl|json|cff|yaml|md)|\w+/[\w./]*)`", text)
+    own = {"kernels/NAME.cl", "NAME.cl"}
+    for path in {*links, *named} - own:
+        beside = [ROOT / path, ROOT / "measurement_io" / "layouts" / path]
+        assert any(one.exists() for one in beside), path
+
+
+def test_contributors_are_sent_to_names_that_exist() -> None:
+    """`NAME` of `file.py`, as the recipes have them."""
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    for names, path in (
+        (("opener_of",), "measurement_io/layouts/containers.py"),
+        (("kind_of", "open_capture", "SUPPORTED"), "measurement_io/opening.py"),
+        (("fail", "reading"), "clradar/files/failures.py"),
+        (("VALUES",), "clradar/compare/similarity.py"),
+        (("Metrics", "HIGHER_IS_BETTER", "UNDEFINED"), "clradar/compare/metrics.py"),
+        (("METRIC_COLUMNS",), "clradar/cli/comparison.py"),
+        (("CAPTION",), "clradar/plot/comparison.py"),
+        (("_ALL",), "clradar/model/known_materials.py"),
+        (("test_known_materials",), "tests/model/test_material.py"),
+    ):
+        assert f"`{path}`" in text
+        source = (ROOT / path).read_text("utf-8")
+        for name in names:
+            assert f"`{name}`" in text
+            assert re.search(rf"^(?:def |class )?{name}\b", source, re.MULTILINE), (name, path)
