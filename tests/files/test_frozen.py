@@ -116,7 +116,7 @@ def test_volumes(frozen: Path, version: int) -> None:
 @folders_with("volume-1.h5")
 @pytest.mark.parametrize("name", NATIVE)
 def test_viewers_show_native_files(frozen: Path, name: str) -> None:
-    """By silx, which h5web follows: what is drawn at once is valid, and has its units."""
+    """By silx: what is drawn at once is valid, and has its units."""
     with silx.io.open(str(frozen / name)) as file:
         default = nxdata.get_default(file)
         assert default is not None
@@ -197,6 +197,10 @@ def test_data_sets(frozen: Path) -> None:
                 for name in ("capture", "volume", "max_projection", "depth_map", "joints"):
                     stored = file[f"entry/{name}/data"][0]
                     np.testing.assert_array_equal(view[name].values[i], stored)
+            with silx.io.open(str(path)) as file:
+                assert nxdata.get_default(file).group.name == "/entry/capture"
+                for name in ("capture", "volume", "max_projection", "depth_map", "joints", "mesh"):
+                    assert nxdata.NXdata(file["entry"][name]).is_valid
         largest = np.abs(view.volume.values).max(axis=1)
         np.testing.assert_allclose(view.max_projection.values, largest, rtol=1e-6)
         palm = view.joints.sel(joint="wrist", coordinate="z").values
