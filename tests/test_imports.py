@@ -30,6 +30,7 @@ LAYERS = (
     ("plot", "clradar"),
     SECOND_NAMES,
     ("report", "bench", "dataset"),
+    ("view",),
     ("cli",),
 )
 RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer}
@@ -99,7 +100,7 @@ def test_the_sources_are_found() -> None:
 def test_there_are_few_packages_and_each_has_its_layer() -> None:
     packages = {package_of(name) for name in modules("clradar")} - {"clradar"}
     assert packages == set(RANK) - {"clradar"}
-    assert len(packages - set(SECOND_NAMES)) <= 26
+    assert len(packages - set(SECOND_NAMES)) <= 27
 
 
 @pytest.mark.parametrize("name", modules("clradar"))
@@ -158,10 +159,10 @@ def test_measurement_io_imports_the_model_and_no_computation() -> None:
 
 
 def test_only_what_works_with_files_imports_the_readers_and_the_calibration() -> None:
-    library = [n for n in modules("clradar") if package_of(n) not in ("cli", "dataset")]
+    library = [n for n in modules("clradar") if package_of(n) not in ("cli", "dataset", "view")]
     library = [n for n in library if package_of(n) not in SECOND_NAMES]
     assert not breaches(library, ["measurement_io", "calibration", "clradar.cli"])
-    assert not breaches(modules("clradar.dataset"), ["calibration", "clradar.cli"])
+    assert not breaches(modules("clradar.dataset", "clradar.view"), ["calibration", "clradar.cli"])
 
 
 def test_calibration_does_without_the_command_line() -> None:

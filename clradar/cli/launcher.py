@@ -38,6 +38,7 @@ COMMANDS = {
     "diagnose": "Find the convention a capture was written in: axes, sign, mirror, order.",
     "dataset": "Make training data after a plan: posed hands, simulated and imaged.",
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
+    "view": "Look at recordings, captures and volumes in a browser: frames, images, 3-D points.",
     "bench": "Time the core against other libraries on this machine.",
 }
 """Subcommand, which names its module (`module_of`), and the line that describes it."""

@@ -84,10 +84,10 @@ class Page:
         features = [{"name": "prefers-color-scheme", "value": scheme}]
         self.call("Emulation.setEmulatedMedia", features=features)
 
-    def open(self, path: Path) -> None:
-        """Load a file and wait until it is complete and has been drawn twice."""
+    def open(self, path: Path | str) -> None:
+        """Load a file or an address and wait until it is complete and has been drawn twice."""
         self.events.clear()
-        self.call("Page.navigate", url=path.absolute().as_uri())
+        self.call("Page.navigate", url=path if isinstance(path, str) else path.absolute().as_uri())
         self.js(
             "new Promise(done => document.readyState === 'complete' ? done()"
             " : addEventListener('load', done))"
@@ -144,8 +144,8 @@ class Page:
 
 
 @contextmanager
-def chromium(profile: Path) -> Iterator[Page]:
-    """Yield a tab of a headless Chromium whose files are all in `profile`."""
+def chromium(profile: Path, *, webgl: bool = False) -> Iterator[Page]:
+    """Yield a tab of a headless Chromium whose files are all in `profile`; WebGL is in software."""
     program = installed()
     assert program is not None
     pipes = [*os.pipe(), *os.pipe()]
@@ -159,7 +159,7 @@ def chromium(profile: Path) -> Iterator[Page]:
         "--headless",
         # In a container there is often no sandbox to be had, and the pages are our own.
         "--no-sandbox",
-        "--disable-gpu",
+        *(["--enable-unsafe-swiftshader"] if webgl else ["--disable-gpu"]),
         "--disable-dev-shm-usage",
         "--disable-background-networking",
         "--disable-component-update",

@@ -1,0 +1,157 @@
+"""Serving a view on this machine until it is stopped."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from clradar.errors import ClradarError
+from clradar.imaging.placement import place_grid
+from clradar.model import Capture
+from clradar.opencl import Device
+from clradar.view.grids import live_grid
+from clradar.view.panel import Panel
+from clradar.view.player import Player
+from clradar.view.scene import SceneView
+from clradar.view.session import Session, Shown, Wish
+from clradar.view.sources import Source
+
+HOST = "127.0.0.1"
+"""This machine alone: who may log in may look, through ssh."""
+
+INSTALL = "pip install 'clradar[view]'"
+
+
+class MissingViser(ClradarError, ImportError):
+    """The package that serves the page is not installed."""
+
+
+class _Front:
+    def __init__(self, scene: SceneView, panel: Panel, server: Any) -> None:
+        self._scene, self._panel, self._server = scene, panel, server
+
+    def show(self, shown: Shown) -> None:
+        with self._server.atomic():
+            self._scene.show(shown)
+            self._panel.show(shown)
+
+    def busy(self, words: str) -> None:
+        self._panel.busy(words)
+
+    def refuse(self, words: str) -> None:
+        self._panel.refuse(words)
+
+
+def first_wish(source: Source, dynamic_range_db: float, device: Device | None) -> Wish:
+    """The first frame, captures on a grid that shows their object (`live_grid`)."""
+    content = source.read(0)
+    grid = None
+    if isinstance(content, Capture):
+        grid = live_grid(place_grid(content, device=device))
+    return Wish(grid=grid, dynamic_range_db=dynamic_range_db)
+
+
+@contextmanager
+def serving(
+    source: Source, wish: Wish, *, port: int = 8080, device: Device | None = None
+) -> Iterator[tuple[Any, Session]]:
+    """Serve a view during the block.
+
+    Yields
+    ------
+    viser.ViserServer, Session
+        On `port`, or the next one that is free.
+
+    Raises
+    ------
+    MissingViser
+        viser is not installed.
+    """
+    try:
+        import viser
+    except ImportError as error:
+        raise MissingViser(f"view: expected viser, got {error}; {INSTALL}") from error
+    with contextlib.redirect_stdout(io.StringIO()):  # its banner; the caller prints the address
+        server = viser.ViserServer(host=HOST, port=port, label=source.name, verbose=False)
+    try:
+        server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
+        # A page could still ask for a tunnel to a server of others: nothing leaves this machine.
+        server.request_share_url = lambda verbose=True: None
+        panel = Panel(server, source.labels, wish)
+        front = _Front(SceneView(server), panel, server)
+        session = Session(source, wish, front, device)
+        player = Player(session, per_second=10.0)
+        try:
+            panel.connect(session, player)
+            session.change()
+            yield server, session
+        finally:
+            session.close()
+            player.close()
+    finally:
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
+
+
+def serve(
+    source: Source,
+    *,
+    port: int = 8080,
+    dynamic_range_db: float,
+    device: Device | None = None,
+    say: Callable[[str], None] = print,
+) -> None:
+    """Serve a view until SIGINT or SIGTERM, and print where it is.
+
+    Parameters
+    ----------
+    source : Source
+    port : int
+        Or the next one that is free.
+    dynamic_range_db : float, decibel
+        At first.
+    device : Device or None
+    say : callable
+        Called with the lines to print.
+
+    Raises
+    ------
+    MissingViser
+        viser is not installed.
+    ClradarError
+        The first frame cannot be read or imaged.
+    """
+    stop = threading.Event()
+    before = {
+        number: signal.signal(number, lambda *_: stop.set())
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        wish = first_wish(source, dynamic_range_db, device)
+        with serving(source, wish, port=port, device=device) as (server, _):
+            for line in address_lines(server.get_port()):
+                say(line)
+            stop.wait()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def address_lines(port: int) -> list[str]:
+    """Where the page is, and how to get to it from another machine."""
+    import getpass
+    import socket
+
+    try:
+        user = getpass.getuser()
+    except (OSError, KeyError):  # an account without a name, as in containers
+        user = "USER"
+    return [
+        f"http://{HOST}:{port} shows it in a browser here; Ctrl-C ends it",
+        f"from another machine: ssh -L {port}:{HOST}:{port} {user}@{socket.gethostname()}",
+    ]

@@ -1,0 +1,83 @@
+"""``clradar view``: sources, the line with the address, what it needs, how it ends."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clradar
+from clradar.errors import MeasurementError
+from clradar.measurement_io import save_capture, save_recording, save_volume
+from clradar.view import server
+from clradar.view.server import MissingViser, serving
+from clradar.view.session import Wish
+from clradar.view.sources import open_source
+
+GRID = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (4, 3, 2))
+
+
+def volume_file(folder: Path) -> Path:
+    save_volume(folder / "volume.h5", clradar.Volume(np.ones(GRID.shape), GRID))
+    return folder / "volume.h5"
+
+
+def test_sources(tmp_path: Path) -> None:
+    array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
+    captures = [clradar.Capture(np.full((94, 94, 3), i + 1.0), array, waveform) for i in range(2)]
+    save_recording(tmp_path / "plate/30", captures, timestamps_us=[0, 125_000])
+    save_capture(tmp_path / "capture.h5", captures[1])
+    recording = open_source(tmp_path / "plate/30")
+    assert recording.labels == ("frame 0", "frame 1")
+    assert recording.read(1).data[0, 0, 0] == 2.0
+    capture = open_source(tmp_path / "capture.h5")
+    assert (capture.labels, capture.read(0).data.shape) == (("capture.h5",), (94, 94, 3))
+    assert isinstance(open_source(volume_file(tmp_path)).read(0), clradar.Volume)
+    with pytest.raises(MeasurementError, match="nothing there"):
+        open_source(tmp_path / "absent.h5")
+
+
+def test_without_viser_the_error_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "viser", None)
+    source = open_source(volume_file(tmp_path))
+    with pytest.raises(MissingViser, match=r"clradar\[view\]"), serving(source, Wish()):
+        pass
+
+
+def test_the_address_is_of_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nameless() -> str:
+        raise KeyError("getpwuid(): uid not found: 4711")
+
+    monkeypatch.setattr("getpass.getuser", nameless)
+    here, tunnel = server.address_lines(8080)
+    assert here.startswith("http://127.0.0.1:8080 ")
+    assert "ssh -L 8080:127.0.0.1:8080 USER@" in tunnel
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_cleanly(tmp_path: Path, number: int) -> None:
+    pytest.importorskip("viser")
+    command = [
+        sys.executable,
+        "-m",
+        "clradar",
+        "view",
+        str(volume_file(tmp_path)),
+        "--port",
+        "8400",
+    ]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("http://127.0.0.1:")
+        assert process.stdout.readline().startswith("from another machine: ssh -L ")
+        process.send_signal(number)
+        left, errors = process.communicate()
+    assert (process.returncode, left, errors) == (0, "", "")

@@ -1,0 +1,171 @@
+"""Wishes of the live view: the newest wins, errors are said, what was imaged is kept."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+import clradar
+from clradar.errors import MeasurementError
+from clradar.view.newest_wish import NewestWish
+from clradar.view.player import Player
+from clradar.view.session import Session, Shown, Wish
+from clradar.view.sources import Source
+
+GRID = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (2, 2, 2))
+
+
+def capture() -> clradar.Capture:
+    array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]])
+    return clradar.Capture(np.ones((2, 1, 3)), array, clradar.Waveform([76e9, 77e9, 78e9]))
+
+
+class Record:
+    """A front that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.shown: list[Wish] = []
+        self.refused: list[str] = []
+
+    def show(self, shown: Shown) -> None:
+        self.shown.append(shown.wish)
+
+    def busy(self, words: str) -> None:
+        pass
+
+    def refuse(self, words: str) -> None:
+        self.refused.append(words)
+
+
+class SlowImager:
+    """Forms an image once it is let, unless the progress callback ends it."""
+
+    def __init__(self) -> None:
+        self.started, self.let = threading.Semaphore(0), threading.Semaphore(0)
+        self.begun = self.done = 0
+
+    def __call__(
+        self, content: Any, grid: clradar.VoxelGrid, *, progress: Any, **more: Any
+    ) -> clradar.Volume:
+        self.begun += 1
+        self.started.release()
+        self.let.acquire()
+        progress(1, 2)
+        self.done += 1
+        return clradar.Volume(np.ones(grid.shape), grid)
+
+
+@contextmanager
+def session_of(read: Callable[[int], Any], form: Any) -> Iterator[tuple[Session, Record]]:
+    front = Record()
+    labels = tuple(f"frame {i}" for i in range(5))
+    session = Session(Source("rec", labels, read), Wish(grid=GRID), front, form=form)
+    try:
+        yield session, front
+    finally:
+        session.close()
+
+
+def test_the_newest_wish_wins_and_ends_the_one_before() -> None:
+    form = SlowImager()
+    with session_of(lambda _: capture(), form) as (session, front):
+        session.change(frame=1)
+        form.started.acquire()  # being imaged now
+        for frame in (2, 3, 4):
+            session.change(frame=frame)
+        form.let.release(2)
+        session.settle()
+    assert [wish.frame for wish in front.shown] == [4]
+    assert (form.begun, form.done) == (2, 1)  # frame 1 was left, 2 and 3 never begun
+
+
+def test_an_image_is_formed_once_and_the_dynamic_range_forms_none() -> None:
+    form = SlowImager()
+    form.let.release(9)
+    with session_of(lambda _: capture(), form) as (session, front):
+        for changes in ({"frame": 0}, {"frame": 1}, {"frame": 0}, {"dynamic_range_db": 30.0}):
+            session.change(**changes)
+            session.settle()
+        assert form.done == 2
+        session.change(window="hann")
+        session.settle()
+        assert form.done == 3
+    assert [wish.frame for wish in front.shown] == [0, 1, 0, 0, 0]
+
+
+def test_a_frame_that_cannot_be_read_is_said_and_the_next_one_is_shown() -> None:
+    def read(frame: int) -> clradar.Capture:
+        if frame == 2:
+            raise MeasurementError("000002.npy: expected a frame, got noise")
+        return capture()
+
+    form = SlowImager()
+    form.let.release(9)
+    with session_of(read, form) as (session, front):
+        for frame in (2, 3):
+            session.change(frame=frame)
+            session.settle()
+    assert front.refused == ["000002.npy: expected a frame, got noise"]
+    assert [wish.frame for wish in front.shown] == [3]
+
+
+def test_stepping_goes_around_the_end() -> None:
+    form = SlowImager()
+    form.let.release(9)
+    with session_of(lambda _: capture(), form) as (session, front):
+        for by in (-1, 1, 1):
+            session.step(by)
+            session.settle()
+    assert [wish.frame for wish in front.shown] == [4, 0, 1]
+
+
+def test_closing_ends_what_is_being_imaged() -> None:
+    form = SlowImager()
+    with session_of(lambda _: capture(), form) as (session, front):
+        session.change()
+        form.started.acquire()
+        closing = threading.Thread(target=session.close)
+        closing.start()
+        session.settle()  # returns once it is closed
+        form.let.release()
+        closing.join()
+    assert not front.shown
+
+
+def test_an_error_of_the_work_does_not_leave_it_busy() -> None:
+    done: list[int] = []
+    work: NewestWish[int] = NewestWish(lambda wish, check: done.append(wish))
+    work.wish(1)
+    work.settle()
+    work.wish(2)
+    work.settle()
+    work.close()
+    assert done == [1, 2]
+
+
+def test_playing_waits_for_every_frame_and_stops() -> None:
+    enough = threading.Event()
+
+    class Steps:
+        events: tuple[str, ...] = ()
+
+        def step(self, by: int) -> None:
+            self.events += ("step",)
+
+        def settle(self) -> None:
+            self.events += ("settle",)
+            if len(self.events) >= 8:
+                enough.set()
+
+    steps = Steps()
+    player = Player(steps, per_second=1e6)
+    assert not player.playing
+    player.play(True)
+    enough.wait()
+    player.play(False)
+    player.close()
+    assert steps.events == ("step", "settle") * (len(steps.events) // 2)
