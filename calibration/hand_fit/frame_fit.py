@@ -52,7 +52,7 @@ class FrameFit:
 
     Examples
     --------
-    >>> from calibration import FrameFit
+    >>> from clradar.calibration import FrameFit
     >>> dark = FrameFit.nothing(3, 0.375, ("nothing is seen",), "right")
     >>> dark.to_dict()["how"], dark.state
     ('nothing found', None)

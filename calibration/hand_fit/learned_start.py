@@ -130,7 +130,7 @@ class LearnedStart:
     `examples/train_pose.py` trains a model; a file of something else is refused.
 
     >>> from pathlib import Path
-    >>> from calibration import LearnedStart
+    >>> from clradar.calibration import LearnedStart
     >>> _ = Path("other.onnx").write_bytes(b"no model")
     >>> LearnedStart.read("other.onnx")
     Traceback (most recent call last):
