@@ -13,7 +13,7 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClradarError
 from clradar.model import Capture, Volume, VoxelGrid
 from clradar.opencl import Device
-from clradar.view.newest_wish import NewestWish
+from clradar.view.newest_wish import NewestWish, Outdated
 from clradar.view.pictures import Cloud, Picture, picture_of, voxels_of
 from clradar.view.sources import Source
 
@@ -130,8 +130,13 @@ class Session:
             volume = self._imaged(wish, content, check)
             picture = picture_of(volume, wish.dynamic_range_db)
             cloud = voxels_of(volume, wish.dynamic_range_db) if wish.voxels else picture.cloud
+        except Outdated:
+            raise
         except ClradarError as error:
             self._front.refuse(str(error))
+            return
+        except Exception as error:  # of a library, say: it must be seen, and not end the thread
+            self._front.refuse(f"{type(error).__name__}: {error}")
             return
         self._front.show(Shown(wish, volume, picture, cloud, content))
 

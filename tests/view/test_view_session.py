@@ -11,7 +11,6 @@ import numpy as np
 
 import clradar
 from clradar.errors import MeasurementError
-from clradar.view.newest_wish import NewestWish
 from clradar.view.player import Player
 from clradar.view.session import Session, Shown, Wish
 from clradar.view.sources import Source
@@ -136,15 +135,20 @@ def test_closing_ends_what_is_being_imaged() -> None:
     assert not front.shown
 
 
-def test_an_error_of_the_work_does_not_leave_it_busy() -> None:
-    done: list[int] = []
-    work: NewestWish[int] = NewestWish(lambda wish, check: done.append(wish))
-    work.wish(1)
-    work.settle()
-    work.wish(2)
-    work.settle()
-    work.close()
-    assert done == [1, 2]
+def test_an_error_of_a_library_is_said_and_does_not_end_the_thread() -> None:
+    def read(frame: int) -> clradar.Capture:
+        if frame == 1:
+            raise ValueError("no such axis")
+        return capture()
+
+    form = SlowImager()
+    form.let.release(9)
+    with session_of(read, form) as (session, front):
+        for frame in (1, 2):
+            session.change(frame=frame)
+            session.settle()
+    assert front.refused == ["ValueError: no such axis"]
+    assert [wish.frame for wish in front.shown] == [2]
 
 
 def test_playing_waits_for_every_frame_and_stops() -> None:
