@@ -52,7 +52,7 @@ OUTPUTS = {"output", "png", "joints", "plot", "json", "json_file", "fix_to", "re
 INPUTS = {
     "rig", "mapping", "theta", "transform", "capture", "source", "sources", "layout", "rx_file",
     "tx_file", "empty", "file", "files", "materials", "measured", "simulated", "mesh", "channels",
-    "plan", "replay", "rigs",
+    "plan", "replay", "rigs", "path",
 }  # fmt: skip
 """Parameters of commands that are paths; `joints` of a sweep is read."""
 
