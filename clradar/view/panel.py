@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable
 from typing import Any
 
@@ -13,6 +14,7 @@ from clradar.model import Capture, VoxelGrid
 from clradar.view.grids import extents_mm, grid_mm
 from clradar.view.player import Player
 from clradar.view.session import Session, Shown, Wish
+from clradar.view.sources import Source
 
 KEYS = "Keys: space plays, arrows go to the next frame or back, V shows voxels."
 
@@ -25,22 +27,21 @@ class Panel:
     Parameters
     ----------
     server : viser.ViserServer
-    labels : tuple of str
-        Of the frames.
+    source : Source
     wish : Wish
-        What the controls show at first; without a grid there are none of imaging.
+        What the controls show at first; those of imaging come with the first image of a capture.
     """
 
-    def __init__(self, server: Any, labels: tuple[str, ...], wish: Wish) -> None:
+    def __init__(self, server: Any, source: Source, wish: Wish) -> None:
         self._gui = gui = server.gui
-        self._labels = labels
+        self._source = source
+        self._session: Session | None = None
         self._connected: list[tuple[Any, Callable[[], None]]] = []
         self.state = gui.add_markdown("")
-        self.frame: Any = None
-        if len(labels) > 1:
-            self.frame = gui.add_slider("Frame", 0, len(labels) - 1, 1, wish.frame)
-            self.play = gui.add_checkbox("Play", False)
-            self.rate = gui.add_slider("Frames/s at most", 1, 30, 1, 10)
+        self.frame = gui.add_slider("Frame", 0, 1, 1, 0)
+        self.play = gui.add_checkbox("Play", False)
+        self.rate = gui.add_slider("Frames/s at most", 1, 30, 1, 10)
+        self.follow_frames(wish.frame)
         self.range_db = gui.add_slider(
             "Dynamic range (dB)", 3.0, 60.0, 0.5, min(60.0, max(3.0, wish.dynamic_range_db))
         )
@@ -48,12 +49,12 @@ class Panel:
         self.projection = gui.add_image(BLANK, label="Maximum along z", format="png")
         self.depth = gui.add_image(BLANK, label="Depth", format="png")
         self.imaging: list[Any] = []
-        if wish.grid is not None:
-            self._add_imaging(wish, wish.grid)
+        self.again = gui.add_folder("Image again", visible=False)
         gui.add_markdown(KEYS)
 
     def _add_imaging(self, wish: Wish, grid: VoxelGrid) -> None:
-        with self._gui.add_folder("Image again"):
+        self.again.visible = True
+        with self.again:
             step_mm = round(1e3 * float(grid.spacing_m[0]), 6)
             self.step = self._gui.add_number("Voxel size (mm)", step_mm, min=0.1, step=0.1)
             self.ends = [
@@ -63,31 +64,31 @@ class Panel:
             self.method = self._gui.add_dropdown("Method", METHODS, initial_value=wish.method)
             self.window = self._gui.add_dropdown("Window", WINDOWS, initial_value=wish.window)
         self.imaging = [self.step, *self.ends, self.method, self.window]
+        for control in self.imaging:
+            self._on(control, self._image_again)
 
     def connect(self, session: Session, player: Player) -> None:
         """Turn changes of the controls into wishes."""
         self._on(self.range_db, lambda: session.change(dynamic_range_db=self.range_db.value))
         self._on(self.voxels, lambda: session.change(voxels=self.voxels.value))
-        for control in self.imaging:
-            self._on(control, lambda: self._image_again(session))
+        self._session = session
         self._key("V", "Points or voxels", lambda: self._toggle(self.voxels))
-        if self.frame is None:
-            return
-        self._on(self.frame, lambda: session.change(frame=int(self.frame.value)))
+        self._on(self.frame, lambda: self._choose_frame(session))
         self._on(self.play, lambda: player.play(self.play.value))
         self._on(self.rate, lambda: setattr(player, "per_second", float(self.rate.value)))
         self._key("space", "Play or stop", lambda: self._toggle(self.play))
         self._key("arrowright", "Next frame", lambda: session.step(1))
         self._key("arrowleft", "Previous frame", lambda: session.step(-1))
 
-    def _image_again(self, session: Session) -> None:
+    def _image_again(self) -> None:
         x_mm, y_mm, z_mm = (control.value for control in self.ends)
         try:
             grid = grid_mm(x_mm, y_mm, z_mm, self.step.value)
         except ModelError as error:
             self.refuse(str(error))
             return
-        session.change(grid=grid, method=self.method.value, window=self.window.value)
+        assert self._session is not None
+        self._session.change(grid=grid, method=self.method.value, window=self.window.value)
 
     def show(self, shown: Shown) -> None:
         """Show the images and the state of a result."""
@@ -98,9 +99,23 @@ class Panel:
         self.depth.label = (
             "Depth: nothing seen" if np.isnan(near_mm) else f"Depth: {near_mm:g} to {far_mm:g} mm"
         )
-        if self.frame is not None:
-            self._set(self.frame, shown.wish.frame)
-        self.state.content = state_words(shown, self._labels)
+        self.follow_frames(shown.wish.frame)
+        if shown.wish.grid is not None and not self.imaging:
+            self._add_imaging(shown.wish, shown.wish.grid)
+        self.state.content = state_words(shown, self._source.label(shown.wish.frame))
+
+    def follow_frames(self, frame: int) -> None:
+        """Let slider and playing span the frames that the source has now, and show this one."""
+        frames = self._source.frames()
+        for control in (self.frame, self.play, self.rate):
+            self._assign(control, "visible", len(frames) > 1)
+        self._assign(self.frame, "max", max(1, len(frames) - 1))
+        self._set(self.frame, max(0, bisect_right(frames, frame) - 1))
+
+    def _choose_frame(self, session: Session) -> None:
+        frames = self._source.frames()  # there may be fewer than when the slider was drawn
+        if frames:
+            session.change(frame=frames[min(int(self.frame.value), len(frames) - 1)])
 
     def busy(self, words: str) -> None:
         """Say what is being done."""
@@ -120,7 +135,11 @@ class Panel:
         self._connected.append((control, act))
 
     def _set(self, control: Any, value: Any) -> None:
-        control.value = value
+        self._assign(control, "value", value)
+
+    def _assign(self, control: Any, name: str, value: Any) -> None:
+        if getattr(control, name) != value:  # each assignment is sent to every browser
+            setattr(control, name, value)
 
     def _toggle(self, control: Any) -> None:
         control.value = not control.value
@@ -130,12 +149,12 @@ class Panel:
         self._gui.add_command(label, hotkey=key).on_trigger(lambda _: act())
 
 
-def state_words(shown: Shown, labels: tuple[str, ...]) -> str:
+def state_words(shown: Shown, label: str) -> str:
     """What is shown, in a line of Markdown."""
     counts = " x ".join(str(n) for n in shown.volume.grid.counts)
     kind = "image" if isinstance(shown.content, Capture) else "volume"
     cloud = f"{len(shown.cloud.points_m)} {'voxels' if shown.wish.voxels else 'points'}"
-    return f"{escaped(labels[shown.wish.frame])}: {kind} of {counts} voxels, {cloud} drawn"
+    return f"{escaped(label)}: {kind} of {counts} voxels, {cloud} drawn"
 
 
 def escaped(text: str) -> str:

@@ -11,10 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from clradar.errors import ClradarError
-from clradar.imaging.placement import place_grid
-from clradar.model import Capture
 from clradar.opencl import Device
-from clradar.view.grids import live_grid
 from clradar.view.panel import Panel
 from clradar.view.player import Player
 from clradar.view.scene import SceneView
@@ -47,15 +44,6 @@ class _Front:
         self._panel.refuse(words)
 
 
-def first_wish(source: Source, dynamic_range_db: float, device: Device | None) -> Wish:
-    """The first frame, captures on a grid that shows their object (`live_grid`)."""
-    content = source.read(0)
-    grid = None
-    if isinstance(content, Capture):
-        grid = live_grid(place_grid(content, device=device))
-    return Wish(grid=grid, dynamic_range_db=dynamic_range_db)
-
-
 @contextmanager
 def serving(
     source: Source, wish: Wish, *, port: int = 8080, device: Device | None = None
@@ -82,7 +70,7 @@ def serving(
         server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
         # A page could still ask for a tunnel to a server of others: nothing leaves this machine.
         server.request_share_url = lambda verbose=True: None
-        panel = Panel(server, source.labels, wish)
+        panel = Panel(server, source, wish)
         front = _Front(SceneView(server), panel, server)
         session = Session(source, wish, front, device)
         player = Player(session, per_second=10.0)
@@ -123,8 +111,6 @@ def serve(
     ------
     MissingViser
         viser is not installed.
-    ClradarError
-        The first frame cannot be read or imaged.
     """
     stop = threading.Event()
     before = {
@@ -132,7 +118,7 @@ def serve(
         for number in (signal.SIGINT, signal.SIGTERM)
     }
     try:
-        wish = first_wish(source, dynamic_range_db, device)
+        wish = Wish(frame=source.frames()[0], dynamic_range_db=dynamic_range_db)
         with serving(source, wish, port=port, device=device) as (server, _):
             for line in address_lines(server.get_port()):
                 say(line)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from bisect import bisect_left, bisect_right
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,8 +12,10 @@ from typing import Any, Protocol
 from clradar.backproject import backproject
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClradarError
+from clradar.imaging.placement import place_grid
 from clradar.model import Capture, Volume, VoxelGrid
 from clradar.opencl import Device
+from clradar.view.grids import live_grid
 from clradar.view.newest_wish import NewestWish, Outdated
 from clradar.view.pictures import Cloud, Picture, picture_of, voxels_of
 from clradar.view.sources import Source
@@ -28,8 +31,10 @@ class Wish:
     Attributes
     ----------
     frame : int
+        Its number in the source.
     grid : VoxelGrid or None
-        Of images of captures; None of volumes, which have theirs.
+        Of images of captures. None: one that shows the object of the first of them (`live_grid`).
+        Volumes have theirs.
     method, window : str
         As `clradar.backproject` takes them.
     dynamic_range_db : float, decibel
@@ -111,9 +116,13 @@ class Session:
 
     def step(self, by: int) -> None:
         """Go on by some frames, around the end."""
+        frames = self.source.frames()
+        if not frames:
+            return
         with self._lock:
-            frame = (self._wish.frame + by) % len(self.source.labels)
-            self._wish = replace(self._wish, frame=frame)
+            now = self._wish.frame  # which may be gone
+            at = bisect_right(frames, now) - 1 if by > 0 else bisect_left(frames, now)
+            self._wish = replace(self._wish, frame=frames[(at + by) % len(frames)])
             self._work.wish(self._wish)
 
     def settle(self) -> None:
@@ -127,6 +136,8 @@ class Session:
     def _carry_out(self, wish: Wish, check: Callable[[], None]) -> None:
         try:
             content = self._read(wish.frame)
+            if isinstance(content, Capture) and wish.grid is None:
+                wish = self._placed(wish, content)
             volume = self._imaged(wish, content, check)
             picture = picture_of(volume, wish.dynamic_range_db)
             cloud = voxels_of(volume, wish.dynamic_range_db) if wish.voxels else picture.cloud
@@ -144,6 +155,13 @@ class Session:
         if self._content is None or self._content[0] != frame:
             self._content = (frame, self.source.read(frame))
         return self._content[1]
+
+    def _placed(self, wish: Wish, capture: Capture) -> Wish:
+        grid = live_grid(place_grid(capture, device=self._device))
+        with self._lock:  # unless a grid has been wished for meanwhile
+            if self._wish.grid is None:
+                self._wish = replace(self._wish, grid=grid)
+        return replace(wish, grid=grid)
 
     def _imaged(self, wish: Wish, content: Capture | Volume, check: Callable[[], None]) -> Volume:
         if isinstance(content, Volume):

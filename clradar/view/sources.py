@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from clradar.model import Capture, Volume
 from measurement_io import open_capture, open_recording, open_volume
@@ -12,23 +13,52 @@ from measurement_io.native.captures_volumes import read_header
 from measurement_io.opening import kind_of
 
 
+class Source(Protocol):
+    """Frames that are read on access, each under a number of its own.
+
+    A number stands for one content: what is written anew gets a new one. What is remembered of a
+    frame under its number stays right.
+    """
+
+    @property
+    def name(self) -> str:
+        """Of the path, to be shown."""
+
+    def frames(self) -> tuple[int, ...]:
+        """Return the numbers of the frames to go through, ascending; they may change."""
+
+    def label(self, frame: int) -> str:
+        """Return what a frame is called."""
+
+    def read(self, frame: int) -> Capture | Volume:
+        """Read a frame; errors are those of `measurement_io.open_capture`."""
+
+
 @dataclass(frozen=True, slots=True)
-class Source:
-    """Frames that are read on access.
+class FixedFrames:
+    """A source whose frames do not change: 0, 1, ... with these labels.
 
     Attributes
     ----------
     name : str
-        Of the path, to be shown.
     labels : tuple of str
-        What the frames are called; at least one.
-    read : callable
-        Read the frame of an index; errors are those of `measurement_io.open_capture`.
+        At least one.
+    reader : callable
+        Reads a frame.
     """
 
     name: str
     labels: tuple[str, ...]
-    read: Callable[[int], Capture | Volume]
+    reader: Callable[[int], Capture | Volume]
+
+    def frames(self) -> tuple[int, ...]:
+        return tuple(range(len(self.labels)))
+
+    def label(self, frame: int) -> str:
+        return self.labels[frame]
+
+    def read(self, frame: int) -> Capture | Volume:
+        return self.reader(frame)
 
 
 def open_source(path: Path, variant: str = "raw") -> Source:
@@ -51,9 +81,9 @@ def open_source(path: Path, variant: str = "raw") -> Source:
     if kind == "folder":
         recording = open_recording(path, variant=variant)
         labels = tuple(f"frame {number}" for number in recording.frame_numbers)
-        return Source(name, labels, recording.__getitem__)
+        return FixedFrames(name, labels, recording.__getitem__)
     reader: Callable[[Path], Capture | Volume] = open_capture
     if kind == "native" and read_header(path).format == "volume":
         reader = open_volume
     content = reader(path)  # a file that is damaged is refused before there is a page
-    return Source(name, (name,), lambda _: content)
+    return FixedFrames(name, (name,), lambda _: content)

@@ -32,10 +32,11 @@ def test_sources(tmp_path: Path) -> None:
     save_recording(tmp_path / "plate/30", captures, timestamps_us=[0, 125_000])
     save_capture(tmp_path / "capture.h5", captures[1])
     recording = open_source(tmp_path / "plate/30")
-    assert recording.labels == ("frame 0", "frame 1")
+    assert [recording.label(i) for i in recording.frames()] == ["frame 0", "frame 1"]
     assert recording.read(1).data[0, 0, 0] == 2.0
     capture = open_source(tmp_path / "capture.h5")
-    assert (capture.labels, capture.read(0).data.shape) == (("capture.h5",), (94, 94, 3))
+    assert (capture.frames(), capture.label(0)) == ((0,), "capture.h5")
+    assert capture.read(0).data.shape == (94, 94, 3)
     assert isinstance(open_source(volume_file(tmp_path)).read(0), clradar.Volume)
     with pytest.raises(MeasurementError, match="nothing there"):
         open_source(tmp_path / "absent.h5")

@@ -13,7 +13,7 @@ import clradar
 from clradar.errors import MeasurementError
 from clradar.view.player import Player
 from clradar.view.session import Session, Shown, Wish
-from clradar.view.sources import Source
+from clradar.view.sources import FixedFrames
 
 GRID = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (2, 2, 2))
 
@@ -62,7 +62,7 @@ class SlowImager:
 def session_of(read: Callable[[int], Any], form: Any) -> Iterator[tuple[Session, Record]]:
     front = Record()
     labels = tuple(f"frame {i}" for i in range(5))
-    session = Session(Source("rec", labels, read), Wish(grid=GRID), front, form=form)
+    session = Session(FixedFrames("rec", labels, read), Wish(grid=GRID), front, form=form)
     try:
         yield session, front
     finally:
@@ -173,3 +173,41 @@ def test_playing_waits_for_every_frame_and_stops() -> None:
     player.play(False)
     player.close()
     assert steps.events == ("step", "settle") * (len(steps.events) // 2)
+
+
+def test_frames_that_come_and_go_are_stepped_through_by_their_numbers() -> None:
+    class Growing:
+        name = "folder"
+        there: tuple[int, ...] = ()
+
+        def frames(self) -> tuple[int, ...]:
+            return self.there
+
+        def label(self, frame: int) -> str:
+            return f"file {frame}"
+
+        def read(self, frame: int) -> clradar.Capture:
+            return capture()
+
+    form, front = SlowImager(), Record()
+    form.let.release(9)
+    source = Growing()
+    session = Session(source, Wish(frame=3, grid=GRID), front, form=form)
+    for there, by in (((3, 7, 9), 1), ((3, 9, 11), 1), ((3, 11), -1), ((), 1)):
+        source.there = there
+        session.step(by)
+        session.settle()
+    session.close()
+    assert [wish.frame for wish in front.shown] == [7, 9, 3]
+
+
+def test_captures_without_a_grid_get_one_that_shows_them() -> None:
+    form, front = SlowImager(), Record()
+    form.let.release(9)
+    session = Session(FixedFrames("c", ("c",), lambda _: capture()), Wish(), front, form=form)
+    session.change()
+    session.settle()
+    placed = session.wish.grid
+    session.close()
+    assert placed is not None
+    assert front.shown[0].grid is placed
