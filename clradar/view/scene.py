@@ -42,7 +42,11 @@ class SceneView:
     def _draw_box(self, grid: VoxelGrid) -> None:
         ends = UNITS_PER_M * np.array([[a[0], a[-1]] for a in (grid.x_m, grid.y_m, grid.z_m)])
         self._server.scene.add_line_segments(
-            "/box", points=box_edges(ends), colors=BOX_COLOUR, line_width=1.0
+            "/box",
+            points=box_edges(ends),
+            colors=BOX_COLOUR,
+            thickness=1.0,
+            thickness_units="screen",
         )
         if self._grid is None:
             # As the radar sees it: from the middle of the antennas' side, x to the left.

@@ -59,13 +59,10 @@ def serving(
     ------
     MissingViser
         viser is not installed.
+    ClradarError
+        No port is free, or this viser cannot be told whom to serve.
     """
-    try:
-        import viser
-    except ImportError as error:
-        raise MissingViser(f"view: expected viser, got {error}; {INSTALL}") from error
-    with contextlib.redirect_stdout(io.StringIO()):  # its banner; the caller prints the address
-        server = viser.ViserServer(host=HOST, port=port, label=source.name, verbose=False)
+    server = _started(source.name, port)
     try:
         server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
         # A page could still ask for a tunnel to a server of others: nothing leaves this machine.
@@ -84,6 +81,28 @@ def serving(
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
+
+
+def _started(label: str, port: int) -> Any:
+    try:
+        import viser
+
+        from clradar.view.local_server import listen, taking_over
+    except ImportError as error:
+        raise MissingViser(f"view: expected viser, got {error}; {INSTALL}") from error
+    listening = listen(HOST, port)
+    port = listening.getsockname()[1]
+    # Its banner is not shown: the caller prints the address.
+    with contextlib.redirect_stdout(io.StringIO()), taking_over(listening) as is_taken_over:
+        server = viser.ViserServer(host=HOST, port=port, label=label, verbose=False)
+        if not is_taken_over():
+            server.stop()
+            listening.close()
+            raise ClradarError(
+                f"viser {viser.__version__}: expected a version that lets clradar check who "
+                "connects, as 1.1.1 does; pages of others could read what is shown"
+            )
+    return server
 
 
 def serve(
@@ -139,5 +158,6 @@ def address_lines(port: int) -> list[str]:
         user = "USER"
     return [
         f"http://{HOST}:{port} shows it in a browser here; Ctrl-C ends it",
-        f"from another machine: ssh -L {port}:{HOST}:{port} {user}@{socket.gethostname()}",
+        f"from another machine: ssh -L {port}:{HOST}:{port} {user}@{socket.gethostname()}, "
+        "then the same address there",
     ]
