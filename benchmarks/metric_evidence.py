@@ -2,8 +2,8 @@
 
     python benchmarks/metric_evidence.py       # 100 captures: half an hour on two busy cores
 
-Writes the tables between the two markers of docs/metrics.md and draws docs/images/metrics.png.
-Images that are in its folder are used again: remove it after a change to simulation or imaging.
+Writes tables between the two markers of docs/metrics.md and draws docs/images/metrics.png; prints
+further tables. Images that are in its folder are used again: remove it after a change to simulation or imaging.
 """
 
 from __future__ import annotations
@@ -278,23 +278,24 @@ def main() -> None:
         for a in MORE_RAYS_SWEPT
     }
     sweep = sweeps[f"measured at alpha = {ALPHA:g}"]
-    tables = (f"**Other alpha**, {truth}.\n\n{sweep_table(s)}" for truth, s in sweeps.items())
     text = "\n".join(
         [
             "**Known differences.** Mean over hands and seeds ± spread over seeds.\n",
             known_pairs(pairs),
             "**Sensitivity.** The columns are explained above.\n",
             judged(pairs, sweep[NEXT_ALPHA]),
-            f"**The headline for each hand.**\n\n{per_hand(HEADLINE_METRIC, pairs)}",
-            *tables,
             "**The best alpha.** Estimate by each metric: mean (range) over hands, measurements.\n",
             best_alpha_table({**sweeps, f"at {OTHER_ALPHA:g}, {MORE_RAYS} rays": clearer}),
-            "**The same image moved**, with the same seed.\n",
-            moved_table(evidence),
-            "**Pixels of 2 mm**: every second pixel of the first table's images.\n",
-            known_pairs(coarse),
         ]
     )
+    tables = (f"**Other alpha**, {truth}.\n\n{sweep_table(s)}" for truth, s in sweeps.items())
+    for more in (
+        f"**The headline for each hand.**\n\n{per_hand(HEADLINE_METRIC, pairs)}",
+        *tables,
+        f"**The same image moved**, with the same seed.\n\n{moved_table(evidence)}",
+        f"**Pixels of 2 mm**: every second pixel of the first table's.\n\n{known_pairs(coarse)}",
+    ):
+        print(more)
     print(text)
     rewrite(ROOT / "docs/metrics.md", text)
     save_figure(draw(NAMES, pairs, sweeps), ROOT / "docs/images/metrics.png", force=True)
