@@ -3,7 +3,8 @@
     python benchmarks/metric_evidence.py       # 100 captures: half an hour on two busy cores
 
 Writes tables between the two markers of docs/metrics.md and draws docs/images/metrics.png; prints
-further tables. Images that are in its folder are used again: remove it after a change to simulation or imaging.
+further tables. Images that are in its folder are used again: remove it after a change to simulation
+or imaging.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import sys
 from pathlib import Path
@@ -57,6 +58,34 @@ def test_terms_are_explained_once() -> None:
     terms = [t for block in blocks for t in block.split("\n") if t and not t.startswith(" ")]
     assert len(terms) > 100
     assert len({t.casefold() for t in terms}) == len(terms)
+
+
+def texts_of_code() -> str:
+    """Every string of the packages, one to a line, with … for what is filled in."""
+    found = []
+    for package in ("clradar", "calibration", "measurement_io"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    found.append(node.value)
+                elif isinstance(node, ast.JoinedStr):
+                    parts = (p.value if isinstance(p, ast.Constant) else "…" for p in node.values)
+                    found.append("".join(map(str, parts)))
+    return "\n".join(" ".join(text.split()) for text in found)
+
+
+def test_messages_are_those_of_the_code() -> None:
+    """What the page quotes, but for values and the joints of what a message is made of."""
+    page = (DOCS / "messages.md").read_text("utf-8")
+    lists = page[page.index("## Install") : page.index("## Classes")]
+    entries = re.findall(r"^- (.+?)(?=^- |^#|\Z)", lists, re.MULTILINE | re.DOTALL)
+    quoted = [re.findall(r"`([^`]+ [^`]+)`", " ".join(entry.split())) for entry in entries]
+    assert len(quoted) > 20
+    assert all(quoted)
+    known = texts_of_code()
+    for message in (one for entry in quoted for one in entry if not one.startswith("clradar ")):
+        for part in re.split(r"…|; |, then |expected |, got ", message):
+            assert part.strip(" ,:()'") in known, f"{part!r} of {message!r}"
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.errors import PackageError
+from clradar.errors import MissingPackage
 from clradar.imaging.grid_check import warn_of_grid
 from clradar.imaging.operator import ImagingOperator
 from clradar.model import Capture, Volume, VoxelGrid, checks
@@ -94,7 +94,7 @@ def reconstruct(
     ------
     ModelError
         Unknown method; an option of the other one, or out of range.
-    PackageError
+    MissingPackage
         PyLops is missing.
     DeviceError
         The device is missing, out of memory or fails.
@@ -265,6 +265,6 @@ def _require_pylops() -> None:
     try:
         import pylops  # noqa: F401
     except ImportError as error:
-        raise PackageError(
+        raise MissingPackage(
             'reconstruct: expected the package pylops, found none; pip install "clradar[pylops]"'
         ) from error

@@ -10,7 +10,7 @@ import pytest
 
 import clradar
 from clradar import Capture, VoxelGrid, Waveform
-from clradar.errors import ModelError, PackageError
+from clradar.errors import MissingPackage, ModelError
 
 Q = clradar.arrays.qar50()
 ARRAY = Q.part(slice(None, None, 8), slice(None, None, 8))
@@ -158,5 +158,5 @@ def test_refused(options: dict[str, Any], message: str) -> None:
 def test_without_pylops(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pylops", None)
     capture = Capture(np.ones((12, 12, 6)), ARRAY, WAVEFORM)
-    with pytest.raises(PackageError, match=r'expected the package pylops.*"clradar\[pylops\]"'):
+    with pytest.raises(MissingPackage, match=r'expected the package pylops.*"clradar\[pylops\]"'):
         clradar.reconstruct(capture, GRID)
