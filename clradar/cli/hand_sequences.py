@@ -35,8 +35,8 @@ def fit_sequences(
     origin: Mapping[str, Any],
     device: str | None,
     force: bool,
-) -> None:
-    """Fit recordings into `output`, of several each into a folder of its own there.
+) -> list[Path]:
+    """Fit recordings into `output`, of several each into a folder of its own there; return these.
 
     Raises
     ------
@@ -70,6 +70,7 @@ def fit_sequences(
     fit(sequences, done)
     if failed:
         raise CompareError(f"{len(failed)} of {len(sequences)} recordings could not be fitted")
+    return folders
 
 
 def _with_frames(origin: Mapping[str, Any], source: Path, frames: str | None) -> dict[str, Any]:

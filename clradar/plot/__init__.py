@@ -1,9 +1,10 @@
-"""Figures of images and of comparisons, in the radar's view: x increases to the left.
+"""Figures of images and comparisons, in the radar's view (x increases to the left), and captures.
 
 Everything is built on `matplotlib.figure.Figure`: no pyplot, no open windows, no state between
 calls.
 """
 
+from clradar.plot.captures import capture_figure, recording_figure
 from clradar.plot.comparison import comparison_figure, disagreement_figure
 from clradar.plot.figures import image_figure, panels_figure
 from clradar.plot.layout import printable
@@ -15,6 +16,7 @@ __all__ = [
     "AMPLITUDE_BACKGROUND",
     "DEPTH_BACKGROUND",
     "SUFFIXES",
+    "capture_figure",
     "comparison_figure",
     "depth_limits_mm",
     "disagreement_figure",
@@ -22,6 +24,7 @@ __all__ = [
     "panels_figure",
     "png_bytes",
     "printable",
+    "recording_figure",
     "save_figure",
     "spread_figure",
 ]

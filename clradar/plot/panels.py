@@ -41,12 +41,9 @@ def draw_amplitude(
     axes: Axes, image: DepthMap, unit: LengthUnit, top_db: float | None = None
 ) -> Any:
     """Draw levels: relative to the image's maximum, or in dBsm below `top_db`."""
-    import matplotlib
     from matplotlib.colors import ListedColormap
 
-    # Without the lower end of the scale, which is nearly black as the background is.
-    colours = matplotlib.colormaps["inferno"](np.linspace(0.2, 1.0, 256))
-    scale = ListedColormap(colours).with_extremes(
+    scale = ListedColormap(amplitude_colours()).with_extremes(
         bad=AMPLITUDE_BACKGROUND, under=AMPLITUDE_BACKGROUND
     )
     level_db = clipped_db(image)
@@ -56,6 +53,14 @@ def draw_amplitude(
         level_db += peak_dbsm(image)
         limits = (top_db - image.dynamic_range_db, top_db)
     return draw_mesh(axes, image, unit, level_db, scale, limits, AMPLITUDE_BACKGROUND)
+
+
+def amplitude_colours() -> np.ndarray:
+    """The colours of levels from the lower end of the dynamic range on, shape (256, 4), 0 to 1."""
+    import matplotlib
+
+    # Without the lower end of the scale, which is nearly black as the background is.
+    return np.asarray(matplotlib.colormaps["inferno"](np.linspace(0.2, 1.0, 256)))
 
 
 def peak_dbsm(image: DepthMap) -> float:

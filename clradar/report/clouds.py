@@ -12,6 +12,7 @@ import numpy as np
 from clradar.compare import clipped_db
 from clradar.model import DepthMap
 from clradar.plot import depth_limits_mm
+from clradar.plot.panels import amplitude_colours
 
 MAX_POINTS = 60_000
 """Points of one page over all its clouds: 17 bytes each, so 1 MB."""
@@ -86,8 +87,9 @@ def view_data(images: Sequence[DepthMap], drawn: Sequence[Cloud]) -> dict[str, A
     """Return the data of the page's script, in types of JSON."""
     import matplotlib
 
-    # The colours of depth as in the figure.
+    # The colours of level and depth as in the figure.
     scale = matplotlib.colormaps["viridis_r"](np.linspace(0.0, 1.0, 256))[:, :3]
+    level = amplitude_colours()[:, :3]
     steps_mm = [1e3 * np.diff(a).min() for i in images for a in (i.x_m, i.y_m) if len(a) > 1]
     return {
         "clouds": [
@@ -101,6 +103,7 @@ def view_data(images: Sequence[DepthMap], drawn: Sequence[Cloud]) -> dict[str, A
         "pixel_mm": float(min(steps_mm, default=1.0)),
         "depth_mm": list(depth_limits_mm(images)),
         "depth_colours": _base64(np.round(255 * scale).astype(np.uint8)),
+        "level_colours": _base64(np.round(255 * level).astype(np.uint8)),
     }
 
 

@@ -15,8 +15,10 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
 from clradar.plot import comparison_figure, image_figure, png_bytes
-from clradar.plot.views import rcs_image
+from clradar.plot.views import FRONT, rcs_image, view_of
 from clradar.report.clouds import Cloud, clouds, view_data
+from clradar.report.panels import panel_places
+from clradar.report.slices import slice_data
 from clradar.report.tables import image_facts, metrics_notes, metrics_table, settings_table
 from clradar.report.text import escaped, script_json
 
@@ -37,6 +39,9 @@ that is missing from the simulation, a dotted ring one in the simulation alone."
 
 IMAGE_HINT = """Amplitude and depth; x increases to the left, as the radar sees it. The background
 is more than {dynamic_range}&nbsp;dB below the maximum."""
+
+SCRIPTS = ("shared.js", "viewer.js", "figure.js", "slices.js")
+"""One script in this order."""
 
 SHOWN_FIRST = 2
 """Clouds in the 3-D view when the page opens: the measurement and the first simulation."""
@@ -160,6 +165,7 @@ def html_report(
         inputs,
         maps,
         figure,
+        panels=panel_places(figure, maps),
         figure_text=f"Amplitude above depth, in a row: {measured.label}; {'; '.join(labels)}",
         hint=COMPARISON_HINT,
         result=_metrics_section(labels, metrics, dynamic_range_db),
@@ -224,12 +230,14 @@ def image_report(
     content = rcs_image(image.image) if dbsm else image.image
     shown = depth_map_of(content, dynamic_range_db, f"image '{image.label}'")
     figure = image_figure(image.image, dynamic_range_db=dynamic_range_db, view=view, dbsm=dbsm)
+    front = len(figure.axes) == 4 and view_of(image.image, view) is FRONT
     facts = settings_table(image_facts(content, shown, image.source, dbsm=dbsm))
     return _page(
         image.label if title is None else title,
         [image],
         [shown],
         figure,
+        panels=panel_places(figure, [shown]) if front else [],
         figure_text=f"Amplitude and depth: {image.label}",
         hint=IMAGE_HINT,
         result=f"<section><h2>Facts</h2>{facts}</section>",
@@ -245,6 +253,7 @@ def _page(
     maps: Sequence[DepthMap],
     figure: Figure,
     *,
+    panels: list[dict[str, Any]],
     figure_text: str,
     hint: str,
     result: str,
@@ -254,7 +263,9 @@ def _page(
 ) -> str:
     """Return the page of some images; `hint` and `result` are HTML, all else is text."""
     drawn = clouds(maps)
-    script = _part("viewer.js")
+    cut = [(i.label, i.image) for i in inputs if isinstance(i.image, Volume)]
+    slices = slice_data(cut, maps[0].dynamic_range_db)
+    script = "".join(map(_part, SCRIPTS))
     style = _part("page.css") + _own_style(drawn, max(len(inputs), 2))
     return Template(_part("page.html")).substitute(
         title=escaped(title),
@@ -268,11 +279,21 @@ def _page(
         figure_text=escaped(figure_text),
         figure_hint=hint.format(dynamic_range=f"{maps[0].dynamic_range_db:g}"),
         clouds="".join(_cloud_toggle(i, inputs[i].label, c) for i, c in enumerate(drawn)),
-        view_data=script_json(view_data(maps, drawn)),
+        figure_hidden="",
+        slices_hidden="" if slices else " hidden",
+        slices_note=_slices_note(slices),
+        view_data=script_json({**view_data(maps, drawn), "slices": slices, "panels": panels}),
         result=result,
         inputs="".join(_input_details(i, m) for i, m in zip(inputs, maps, strict=True)),
         settings=_details(settings_of, settings_table(settings)) if settings else "",
     )
+
+
+def _slices_note(slices: Mapping[str, Any] | None) -> str:
+    if slices is None or slices["factor"] == 1:
+        return ""
+    n = slices["factor"]
+    return f" To keep the page small, each voxel is the maximum of {n} along each axis."
 
 
 def _metrics_section(
@@ -304,7 +325,7 @@ def _policy_hash(content: str) -> str:
 def _own_style(drawn: Sequence[Cloud], panels: int) -> str:
     """Return the style that depends on the images: the policy forbids style attributes."""
     swatches = "".join(f".cloud-{i}{{background:{c.colour}}}\n" for i, c in enumerate(drawn))
-    return f"@media screen{{.figure img{{min-width:{PANEL_PX * panels}px}}}}\n{swatches}"
+    return f"@media screen{{.figure img,.columns{{min-width:{PANEL_PX * panels}px}}}}\n{swatches}"
 
 
 def _paragraph(note: str) -> str:

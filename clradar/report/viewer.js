@@ -1,4 +1,3 @@
-"use strict";
 /*
  * Depth points on a plain 2-D canvas: drawn in software, so that the page looks the same with and
  * without a graphics processor. Parallel projection, so that lengths can be compared.
@@ -7,24 +6,22 @@
  * towards the eye; unrotated it is the radar's view: X = -x, Y = y, Z = -z.
  */
 (() => {
-  const data = JSON.parse(document.getElementById("view-data").textContent);
+  const { data, bytesOf, roundStep, MAX_PIXEL_RATIO } = report;
   const canvas = document.getElementById("view");
   const context = canvas.getContext("2d");
   const layer = document.createElement("canvas"); // the points, without axes
   const layerContext = layer.getContext("2d");
 
-  const MAX_PIXEL_RATIO = 2; // more costs time without visible difference
   const MARGIN_PX = 52; // around the box, for the labels
   const SPLAT = 1.5; // points a little larger than a pixel of the image close gaps on slopes
   const FAINTEST = 0.4; // how much colour the weakest points keep
   const SHADOW_PER_MM = 0.05; // darkening behind an edge, by the height of the edge
   const HIGHEST_EDGE_MM = 5; // higher ones cast no darker shadow
-  const LIGHT = { paper: [255, 255, 255], grid: "#d5dbe2", ink: "#3d4650" };
-  const DARK = { paper: [18, 21, 26], grid: "#39424d", ink: "#b5bec9" };
   const VIEWS = { start: [-0.5, 0.3], front: [0, 0], side: [-Math.PI / 2, 0], top: [0, Math.PI / 2] };
   const EMPTY = Math.fround(-1e30); // as a Float32Array keeps it
+  const PICKED_PX = 8; // how near to a point a click chooses it
+  const CLICK_PX = 4; // a press that moves farther is a drag
 
-  const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   const clouds = data.clouds.map((cloud) => ({
     points: new Float32Array(bytesOf(cloud.points_mm).buffer),
     level: bytesOf(cloud.level),
@@ -33,7 +30,6 @@
     boxed: false,
   }));
   const depthColours = bytesOf(data.depth_colours);
-  const darkScreen = window.matchMedia("(prefers-color-scheme: dark)");
 
   /* The box around all clouds that have been shown: hiding one again moves nothing. */
   const low = [Infinity, Infinity, Infinity];
@@ -59,16 +55,10 @@
     centre = [0, 1, 2].map((a) => (low[a] + high[a]) / 2);
   }
 
-  function roundStep(wanted) {
-    const decade = 10 ** Math.floor(Math.log10(wanted));
-    return decade * ([1, 2, 5].find((f) => f * decade >= wanted) || 10);
-  }
-
   let [yaw, pitch] = VIEWS.start;
   let zoom = 1;
   let shift = [0, 0]; // CSS pixels
   let byDepth = false;
-  let printing = false;
   let waiting = false;
 
   function redraw() {
@@ -104,7 +94,7 @@
     const height = canvas.clientHeight;
     if (width === 0 || height === 0 || centre.length === 0) return;
     const ratio = Math.min(window.devicePixelRatio || 1, MAX_PIXEL_RATIO);
-    const theme = darkScreen.matches && !printing ? DARK : LIGHT;
+    const theme = report.theme();
     const w = Math.round(width * ratio);
     const h = Math.round(height * ratio);
     if (canvas.width !== w || canvas.height !== h) {
@@ -128,6 +118,38 @@
     drawBox(rows, place, theme, ratio);
     drawPoints(rows, scale, middle, theme, ratio);
     context.drawImage(layer, 0, 0);
+    if (report.place() !== null) drawMark(place(report.place()), ratio);
+  }
+
+  /* A ring around the place that was chosen, visible on every colour. */
+  function drawMark([x, y], ratio) {
+    for (const [colour, width] of [["#ffffff", 4], ["#000000", 1.5]]) {
+      context.strokeStyle = colour;
+      context.lineWidth = width * ratio;
+      context.beginPath();
+      context.arc(x, y, 7 * ratio, 0, 2 * Math.PI);
+      context.stroke();
+    }
+  }
+
+  /* The foremost of the shown points near (x, y), CSS pixels from the middle; null: none. */
+  function pointNear(x, y) {
+    const rows = axesOfView();
+    const scale = fitted * zoom;
+    const reach = Math.max(PICKED_PX, scale * data.pixel_mm);
+    let [found, foremost] = [null, -Infinity];
+    for (const cloud of clouds.filter((one) => one.shown)) {
+      for (let i = 0; i < cloud.points.length; i += 3) {
+        const d = [0, 1, 2].map((a) => cloud.points[i + a] - centre[a]);
+        const [right, up, towards] = rows.map((r) => r[0] * d[0] + r[1] * d[1] + r[2] * d[2]);
+        const away = Math.hypot(shift[0] + scale * right - x, shift[1] - scale * up - y);
+        if (away <= reach && towards > foremost) {
+          found = [...cloud.points.subarray(i, i + 3)];
+          foremost = towards;
+        }
+      }
+    }
+    return found;
   }
 
   function coloursOf(cloud, theme) {
@@ -328,9 +350,11 @@
   }
 
   const held = new Map(); // pointer -> its last place
+  let moved = 0; // pixels since the press
   canvas.addEventListener("pointerdown", (event) => {
     if (event.pointerType === "mouse" && event.button !== 0) return;
     canvas.setPointerCapture(event.pointerId);
+    moved = held.size === 0 ? 0 : Infinity; // two fingers are no click
     held.set(event.pointerId, fromMiddle(event));
     canvas.classList.add("held");
   });
@@ -339,6 +363,7 @@
     if (last === undefined) return;
     const now = fromMiddle(event);
     const [right, down] = [now[0] - last[0], now[1] - last[1]];
+    moved += Math.hypot(right, down);
     if (held.size === 1) {
       if (event.shiftKey) move(right, down);
       else turn(right * 0.008, down * 0.008);
@@ -349,6 +374,10 @@
       zoomBy(distance(now) / distance(last), (now[0] + other[0]) / 2, (now[1] + other[1]) / 2);
     }
     held.set(event.pointerId, now);
+  });
+  canvas.addEventListener("click", (event) => {
+    const point = moved < CLICK_PX ? pointNear(...fromMiddle(event)) : null;
+    if (point !== null) report.choose(point);
   });
   for (const end of ["pointerup", "pointercancel"]) {
     canvas.addEventListener(end, (event) => {
@@ -416,23 +445,8 @@
   colour.addEventListener("change", recolour);
   recolour();
 
-  /* On paper: light, and with everything unfolded. */
-  const opened = [];
-  window.addEventListener("beforeprint", () => {
-    for (const part of document.querySelectorAll("details:not([open])")) {
-      part.open = true;
-      opened.push(part);
-    }
-    printing = true;
-    draw();
-  });
-  window.addEventListener("afterprint", () => {
-    while (opened.length > 0) opened.pop().open = false;
-    printing = false;
-    draw();
-  });
-
-  darkScreen.addEventListener("change", redraw);
+  report.onRedraw(draw); // at once: paper does not wait
+  report.onChoose(redraw);
   new ResizeObserver(redraw).observe(canvas);
   redraw();
 })();

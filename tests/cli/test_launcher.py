@@ -59,7 +59,7 @@ HELP = {
     "--tolerance-mm --hold --common-delay --level --gate-mm --plot --frame",
     "correct": "--channels --keep-noisy --frame --variant",
     "diagnose": "--expect-mm --json --output --frame --variant --device",
-    "inspect": "--check --json",
+    "inspect": "--check --json --png --open",
     "dataset": "[PLAN.toml] --output --dry-run --replay",
     "bench": "--device --only --quick --repeats --json clradar[bench]",
     "compare": "MEASURED SIMULATED --json --dynamic-range-db docs/metrics.md --frame --variant "

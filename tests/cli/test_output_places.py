@@ -24,6 +24,7 @@ FILE_OUTPUTS = (
     "image in.h5 -o x.h5 --report {}.html --force",
     "convert in.h5 -o {} --force",
     "export in.h5 -o {}.npz --force",
+    "inspect in.h5 --png {}.png --force",
     "background in.h5 --empty in.json -o {} --force",
     "align in.h5 in.json -o {} --force",
     "channels in.h5 --target plate --distance-mm 300 -o {} --force",

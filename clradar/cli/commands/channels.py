@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli.console import print_line, print_table, progress_bar
-from clradar.cli.options.common import Amplitude, ForceOption
+from clradar.cli.opening import open_written, require_picture
+from clradar.cli.options.common import Amplitude, ForceOption, OpenOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import numbers, wrong_usage
@@ -111,6 +112,7 @@ def command(
     plot: Path | None = option(None, "Also draw gains, phases and delays: .png, .pdf or .svg."),
     frames: FrameOptions,
     force: ForceOption = False,
+    show: OpenOption = False,
 ) -> None:
     """The target's position is refined, too. Which errors are observable:
     docs/channel-calibration.md.
@@ -120,6 +122,7 @@ def command(
     from clradar.plot import save_figure
 
     known = target.read()
+    require_picture(show, "--plot", plot)
     check_figure(plot)
     check_outputs([output, plot], force=force, inputs=[capture])
     loaded, files = frames.open(capture)
@@ -132,6 +135,7 @@ def command(
     if plot is not None:
         save_figure(channels_figure(channels, title_of(capture, loaded.meta)), plot, force=force)
         print_line(f"{plot}: gains, phases and delays")
+    open_written(show, plot)
 
 
 def _numbers(option: str, text: str, count: int) -> list[float]:

@@ -9,10 +9,8 @@ from pathlib import Path
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line
 from clradar.cli.inputs import ImageInput, common_grid
-from clradar.cli.options.common import (
-    DeviceOption,
-    ForceOption,
-)
+from clradar.cli.opening import open_written, require_picture
+from clradar.cli.options.common import DeviceOption, ForceOption, OpenOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
@@ -52,6 +50,7 @@ def command(
     frames: FrameOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
+    show: OpenOption = False,
 ) -> None:
     """Captures are imaged first: on the grid of the options, or without them on that of the first
     volume that is given, or without volumes on the paper's where MEASURED is in it, else around its
@@ -62,6 +61,7 @@ def command(
 
     voxels.grid()  # wrong usage is reported before a file is read
     files.check(force=force, inputs=[measured, *simulated])
+    require_picture(show, "-o or --report", files.output, files.report)
     images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
     if all(image.grid is not None for image in images) and given(voxels):
         raise wrong_usage(
@@ -80,6 +80,7 @@ def command(
         )
         print_line(f"{files.output}: the measurement and {len(simulated)} simulated")
     if files.json is None and files.report is None:
+        open_written(show, files.output)
         return
     options = recorded(imaging, frames, grid=grid_text(grid))
     origin = provenance("compare", options, [file for image in images for file in image.files])
@@ -96,3 +97,4 @@ def command(
         )  # fmt: skip
         write_file(files.report, page.encode("utf-8"), force=force)
         print_line(f"{files.report}: the comparison as a page, to be opened in a browser")
+    open_written(show, files.output, files.report)

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from clradar.cli.console import counted, print_error, print_line, print_warning, progress_bar
-from clradar.cli.options.common import DeviceOption
+from clradar.cli.opening import open_written, require_picture
+from clradar.cli.options.common import DeviceOption, OpenOption
 from clradar.cli.options.groups import argument, option, output_option
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, check_place_of_folder
@@ -116,11 +117,16 @@ def command(
         "Remove the data set that is in the folder, of this plan or another, and begin "
         "anew; with --replay replace the file.",
     ),
+    show: OpenOption = False,
 ) -> None:
     """Makes training data: posed hands, simulated and imaged, with their parameters as labels. The
     same command again resumes where it stopped. A sample that cannot be made is set aside; the exit
     status is 1 as long as any is.
     """
+    from clradar.dataset.store.folder import CONTACT_SHEET
+
+    made = output if repetition.replay is None and not dry_run else None
+    require_picture(show, "PLAN.toml and -o", made)
     if repetition.replay is not None:
         if plan is not None or dry_run:
             raise wrong_usage("--replay", "expected no plan and no --dry-run with it")
@@ -139,6 +145,7 @@ def command(
     check_place_of_folder(output)
     with processes.engine(device) as engine:
         make(wanted, output, engine, force=force, retry=retry)
+    open_written(show, output / CONTACT_SHEET)
 
 
 def checked_plan(path: Path) -> Plan:

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Literal
 
 from clradar.cli.console import print_line
-from clradar.cli.options.common import DeviceOption
+from clradar.cli.opening import open_written
+from clradar.cli.options.common import DeviceOption, OpenOption
 from clradar.cli.options.groups import option, output_option
 from clradar.cli.options.imaging import grid_text
 from clradar.cli.outputs import check_folder, made_folder
@@ -22,6 +23,7 @@ def command(
     ),
     device: DeviceOption = None,
     force: bool = option(False, "Write into a folder that holds files already."),
+    show: OpenOption = False,
 ) -> None:
     """Simulates the letter F at alpha 0, 0.5 and 1, and by the physical estimator with the
     materials palm and skin, forms the images, and compares them with a synthetic measurement: the
@@ -49,3 +51,4 @@ def command(
         print_line("voxels of 2 mm where the paper's experiment has 1 mm: --full forms those")
     with made_folder(output):
         demonstration.run_demo(output, settings, opened)
+    open_written(show, output / demonstration.FIGURE)

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_table, print_warning, progress_bar
-from clradar.cli.options.common import CaptureArgument, DeviceOption, ForceOption
+from clradar.cli.opening import open_written, require_picture
+from clradar.cli.options.common import CaptureArgument, DeviceOption, ForceOption, OpenOption
 from clradar.cli.options.groups import given, option, output_option, recorded
 from clradar.cli.options.imaging import GridOptions, axis_option, grid_text
 from clradar.cli.options.recording import FrameOptions
@@ -63,6 +64,7 @@ def command(
     frames: FrameOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
+    show: OpenOption = False,
 ) -> None:
     """Forms a coarse image under each of sixteen hypotheses and compares how sharp they are. The
     range profile shows where to image; with one of --x-mm, --y-mm, --z-mm, the grid is that of the
@@ -74,6 +76,7 @@ def command(
 
     expected_m = _position_m(expect_mm)
     grid = voxels.grid(COARSE_GRID_MM) if given(voxels) else None
+    require_picture(show, "-o", files.output)
     check_figure(files.output)
     check_outputs([files.output, files.json, files.fix_to], force=force, inputs=[capture])
     loaded, sources = frames.open(capture)
@@ -92,13 +95,15 @@ def command(
         record = {"capture": str(capture), **result.to_dict(), **origin}
         write_json(files.json, record, force=force)
         print_line(f"{files.json}: the result, in metres")
-    if files.output is not None and any(score.image is not None for score in result.scores):
+    drawn = any(score.image is not None for score in result.scores)
+    if files.output is not None and drawn:
         save_figure(figure_of(result, title_of(capture, loaded.meta)), files.output, force=force)
         print_line(f"{files.output}: the image under each hypothesis")
     elif files.output is not None:
         print_warning(f"{files.output}: not drawn, since there is no image")
     if files.fix_to is not None:
         write_fixed(files.fix_to, capture, loaded, result, origin, force=force)
+    open_written(show, files.output if drawn else None)
 
 
 def write_fixed(

@@ -7,12 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.hand_fit_folder import FILES, FittedImages, print_fit, write_fit
+from clradar.cli.hand_fit_folder import FIGURE, FILES, FittedImages, print_fit, write_fit
+from clradar.cli.hand_sequence import FIGURE as MOVEMENT
 from clradar.cli.hand_sequences import fit_sequences
 from clradar.cli.inputs import ImageInput, common_grid
+from clradar.cli.opening import open_written
 from clradar.cli.options.common import (
     DeviceOption,
     ForceOption,
+    OpenOption,
     SearchOptions,
 )
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
@@ -105,6 +108,7 @@ def command(
     sequence: SequenceOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
+    show: OpenOption = False,
 ) -> None:
     """Joint angles within their limits, place, alpha, and with --fit-shape the hand's size, so that
     the hand looks like MEASURED. No mesh is needed. DIR gets pose.toml (for `clradar hand` and data
@@ -122,11 +126,12 @@ def command(
     read = [*fitting.files, *rigged.files]
     if sequence.of_frames(measured):
         made_by = recorded(fitting, shape, rigged, imaging, frame, voxels)
-        fit_sequences(
+        folders = fit_sequences(
             sequence, measured, output, frame, voxels, imaging,
             settings=sequence_settings(fitting, shape, rigged),
             origin=provenance("fit-hand", made_by, read), device=device, force=force,
         )  # fmt: skip
+        open_written(show, folders[0] / MOVEMENT)
         return
     source = measured[0]
     check_folder(output, force=force, replaced=FILES, inputs=[source, *read])
@@ -147,6 +152,7 @@ def command(
         write_fit(made, images, str(source), origin)
     print_fit(fit)
     print_line(f"{output}: {', '.join(FILES)}")
+    open_written(show, output / FIGURE)
 
 
 def sequence_settings(

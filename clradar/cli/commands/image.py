@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.inputs import ImageInput, form_image, grid_for
-from clradar.cli.options.common import DeviceOption, ForceOption
+from clradar.cli.opening import open_written, require_picture
+from clradar.cli.options.common import DeviceOption, ForceOption, OpenOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.imaging import (
     MODEL_METHODS,
@@ -71,8 +72,8 @@ class ImageFiles:
         range_db: float,
         *,
         force: bool,
-    ) -> None:
-        """Write figure and page, as far as they were asked for and there is something to see."""
+    ) -> bool:
+        """Write figure and page, as far as they were asked for; False where nothing is to see."""
         from clradar.plot import image_figure, save_figure
         from clradar.report import ReportImage, image_report
 
@@ -81,7 +82,7 @@ class ImageFiles:
             if path is not None and reason is not None:
                 print_warning(f"{path}: not drawn, since the image is {reason}")
         if reason is not None:
-            return
+            return False
         shown: dict[str, Any] = {"dynamic_range_db": range_db, "view": self.view, "dbsm": self.dbsm}
         if self.png is not None:
             save_figure(image_figure(volume, title, **shown), self.png, force=force)
@@ -90,6 +91,7 @@ class ImageFiles:
             page = image_report(ReportImage(title, volume, source), settings=origin, **shown)
             write_file(self.report, page.encode("utf-8"), force=force)
             print_line(f"{self.report}: the image as a page, to be opened in a browser")
+        return True
 
 
 def command(
@@ -115,6 +117,7 @@ def command(
     frames: FrameOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
+    show: OpenOption = False,
 ) -> None:
     """Without --x-mm, --y-mm and --z-mm the grid is that of the paper, 201 x 201 x 81 voxels of
     1 mm, if the object is in it; else one around the strongest echo beyond the direct coupling. Of
@@ -125,6 +128,7 @@ def command(
 
     voxels.grid()  # wrong usage is reported before a file is read
     files.check(force=force, inputs=[capture])
+    require_picture(show, "--png or --report", files.png, files.report)
     if files.dbsm and imaging.method in MODEL_METHODS:
         raise wrong_usage("--dbsm", f"images by --method {imaging.method} are relative")
     loaded = ImageInput.open(capture, frames)
@@ -145,7 +149,8 @@ def command(
         grid = grid_for(samples, voxels, opened)
         if repeated.seeds is not None:
             way = {**imaging.arguments, "tolerance_db": tolerance_db, "device": opened}
-            _image_over_seeds(loaded, grid, repeated, files, depth, way, force=force)
+            drawn = _image_over_seeds(loaded, grid, repeated, files, depth, way, force=force)
+            open_written(show and drawn, files.png)
             return
         start_s = perf_counter()
         volume = form_image(samples, grid, imaging, opened, "imaging", tolerance_db)
@@ -158,7 +163,8 @@ def command(
         if "stopped" in volume.meta:
             print_line(_fit_words(volume.meta))
     title = title_of(capture, volume.meta)
-    files.draw(volume, title, str(capture), origin, depth.dynamic_range_db, force=force)
+    drawn = files.draw(volume, title, str(capture), origin, depth.dynamic_range_db, force=force)
+    open_written(show and drawn, files.png, files.report)
 
 
 def _check_seeds(files: ImageFiles, imaging: ModelImagingOptions) -> None:
@@ -179,8 +185,11 @@ def _image_over_seeds(
     way: Mapping[str, Any],
     *,
     force: bool,
-) -> None:
-    """Simulate a capture again with several seeds; write the mean image and draw the spread."""
+) -> bool:
+    """Simulate a capture again with several seeds; write the mean image and draw the spread.
+
+    False where nothing is to see.
+    """
     from clradar import Capture, spread
     from clradar.cli.seeds import simulated_again, spread_words
     from clradar.plot import save_figure, spread_figure
@@ -211,6 +220,7 @@ def _image_over_seeds(
     elif files.png is not None:
         save_figure(spread_figure(found, f"{loaded.path.name}: {words}"), files.png, force=force)
         print_line(f"{files.png}: mean and standard deviation over the seeds")
+    return reason is None
 
 
 def _fit_words(meta: Mapping[str, Any]) -> str:

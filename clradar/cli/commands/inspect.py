@@ -8,8 +8,12 @@ from typing import Any
 
 import typer
 
-from clradar.cli.console import counted, print_error, print_text, progress_bar
+from clradar.cli.console import counted, print_error, print_line, print_text, progress_bar
+from clradar.cli.opening import open_written, require_picture
+from clradar.cli.options.common import ForceOption, OpenOption
 from clradar.cli.options.groups import REQUIRED, argument, option
+from clradar.cli.options.values import wrong_usage
+from clradar.cli.outputs import check_figure, check_outputs
 from clradar.errors import MeasurementError
 
 
@@ -22,13 +26,31 @@ def command(
     ),
     check: bool = option(False, "Read and verify everything; exit status 1 if damaged."),
     as_json: bool = option(False, "Print JSON for programs.", names=("--json",)),
+    png: Path | None = option(
+        None,
+        "Also draw it: .png, .pdf or .svg. A volume's image; echoes over range and the level of "
+        "every pair of a capture, or over the frames of a recording.",
+        names=("-o", "--png"),
+    ),
+    force: ForceOption = False,
+    show: OpenOption = False,
 ) -> None:
-    """Reads and changes nothing."""
+    """Reads, and changes nothing. Nothing is imaged again for the picture."""
     from clradar.dataset.store.check import check_dataset, describe_dataset
     from clradar.dataset.store.folder import is_dataset
     from measurement_io import check_file, describe
 
+    if png is not None and (check or as_json):
+        raise wrong_usage("--png", "expected without --check and --json")
+    require_picture(show, "--png", png)
+    check_figure(png)
+    check_outputs([png], force=force, inputs=[file])
     dataset = is_dataset(file)
+    if dataset and png is not None:
+        raise MeasurementError(
+            f"{file}: expected a volume, a capture or a recording to draw, got a data set; its "
+            "own picture is contact-sheet.png"
+        )
     if check:
         with progress_bar("checking") as progress:
             report = check_dataset(file, progress) if dataset else check_file(file)
@@ -53,3 +75,10 @@ def command(
         ) from error
     text = json.dumps(found.to_dict(), indent=2, allow_nan=False) if as_json else str(found)
     print_text(text)
+    if png is not None:
+        from clradar.cli.inspection_figure import figure_of
+        from clradar.plot import save_figure
+
+        save_figure(figure_of(file), png, force=force)
+        print_line(f"{png}: the picture")
+        open_written(show, png)

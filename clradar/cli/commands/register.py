@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 from clradar.cli.comparison import Comparison, simulated_surface
 from clradar.cli.console import print_line, print_text, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
+from clradar.cli.opening import open_written
 from clradar.cli.options.common import (
     DeviceOption,
     ForceOption,
     MeasuredArgument,
+    OpenOption,
     SearchOptions,
     UnitOptions,
 )
@@ -75,6 +77,7 @@ def command(
     frames: FrameOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
+    show: OpenOption = False,
 ) -> None:
     """Writes into DIR the placed mesh, the transform (for `clradar simulate --transform`), the
     simulated capture and its volume, a figure and the metrics: all or nothing. Captures are imaged
@@ -103,6 +106,7 @@ def command(
         write_registration(made, volume, result, str(measured), origin)
     print_text(result.alignment.report())
     print_line(f"{output}: {', '.join(FILES)}")
+    open_written(show, output / FIGURE)
 
 
 def registered(

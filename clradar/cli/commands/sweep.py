@@ -12,10 +12,12 @@ import numpy as np
 from clradar.cli.comparison import METRIC_COLUMNS
 from clradar.cli.console import print_line, print_table, print_text, print_warning
 from clradar.cli.inputs import ImageInput, common_grid
+from clradar.cli.opening import open_written
 from clradar.cli.options.common import (
     DeviceOption,
     ForceOption,
     MeasuredArgument,
+    OpenOption,
     SearchOptions,
 )
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
@@ -144,6 +146,7 @@ def command(
     frames: FrameOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
+    show: OpenOption = False,
 ) -> None:
     """Simulates MESH at every alpha with several seeds and compares each image with MEASURED. DIR
     gets sweep.png, sweep.csv, sweep.json, the settings, and with --align the transform. The same
@@ -199,9 +202,10 @@ def command(
     )  # fmt: skip
     if result is None:
         print_line(f"{output}: finished before with these settings; nothing to do")
-        return
-    kind.show(result)
-    print_line(f"{output}: {', '.join(sweep_folder.RESULTS)}")
+    else:
+        kind.show(result)
+        print_line(f"{output}: {', '.join(sweep_folder.RESULTS)}")
+    open_written(show, output / sweep_folder.FIGURE)
 
 
 def check_together(

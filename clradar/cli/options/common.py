@@ -33,6 +33,9 @@ DeviceOption = Annotated[
     ),
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+OpenOption = Annotated[
+    bool, typer.Option("--open", help="Open the picture or the page once it is written.")
+]
 
 
 @dataclass(frozen=True, kw_only=True)

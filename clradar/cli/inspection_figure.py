@@ -1,0 +1,46 @@
+"""The figure of what a file holds, drawn from what is in it: ``clradar inspect --png``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from clradar.cli.console import progress_bar
+from clradar.cli.titles import title_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def figure_of(path: Path) -> Figure:
+    """A volume's image; echoes and channels of a capture, or over the frames of a recording.
+
+    Raises
+    ------
+    MeasurementError
+        Missing, unreadable, or none of these.
+    CompareError
+        Everything is zero, or the volume is a single voxel.
+    """
+    from clradar.plot import capture_figure, image_figure, recording_figure
+    from measurement_io import open_capture, open_channels, open_recording, open_volume
+    from measurement_io.native.captures_volumes import read_header
+    from measurement_io.opening import kind_of
+
+    kind = kind_of(path)
+    if kind == "folder":
+        recording = open_recording(path)
+        title = title_of(path, {})
+        with progress_bar("reading") as progress:
+            return recording_figure(recording, recording.frame_numbers, title, progress=progress)
+    native = read_header(path).format if kind == "native" else None
+    if native == "volume":
+        volume = open_volume(path)
+        return image_figure(volume, title_of(path, volume.meta))
+    if native == "channels":
+        from calibration.channels.figure import channels_figure
+
+        channels = open_channels(path)
+        return channels_figure(channels, title_of(path, channels.meta))
+    capture = open_capture(path)
+    return capture_figure(capture, title_of(path, capture.meta))

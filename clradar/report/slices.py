@@ -1,0 +1,128 @@
+"""Volumes in the page, for slices: levels of 8 bits, cropped, coarser where they would be large."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.model import Volume
+
+MAX_PACKED_BYTES = 1_500_000
+"""Of all volumes of a page together; beyond it they are given by the maxima of blocks of voxels."""
+
+MARGIN_VOXELS = 2
+"""Around what is above the dynamic range."""
+
+MOST_VOXELS = 30_000_000
+"""Of all volumes together before they are packed: a browser holds them in memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Levels of a box of voxels, shape (nz, ny, nx), uint8; 0 is below the dynamic range."""
+
+    codes: np.ndarray
+    origin_mm: np.ndarray
+    step_mm: np.ndarray
+
+    def coarser(self, factor: int) -> _Part:
+        """The maxima of blocks of `factor` voxels along each axis that has as many."""
+        factors = [min(factor, n) for n in self.codes.shape]
+        spare = [(0, -n % f) for n, f in zip(self.codes.shape, factors, strict=True)]
+        padded = np.pad(self.codes, spare)
+        shape = [m for n, f in zip(padded.shape, factors, strict=True) for m in (n // f, f)]
+        by_axis = np.array(factors[::-1])
+        return _Part(
+            padded.reshape(shape).max(axis=(1, 3, 5)),
+            self.origin_mm + (by_axis - 1) / 2 * self.step_mm,
+            by_axis * self.step_mm,
+        )
+
+
+def codes_of(amplitude: np.ndarray, dynamic_range_db: float) -> np.ndarray:
+    """Levels below the maximum as bytes: 255 is the maximum, 1 the lower end, 0 is below that."""
+    relative = amplitude / amplitude.max()
+    floor = 10.0 ** (-dynamic_range_db / 20)
+    level_db = 20 * np.log10(np.maximum(relative, floor))
+    codes = np.round(1 + 254 * (1 + level_db / dynamic_range_db)).astype(np.uint8)
+    return np.where(relative > floor, codes, np.uint8(0))
+
+
+def packed(codes: np.ndarray) -> bytes:
+    """The bytes of an array, compressed."""
+    return zlib.compress(np.ascontiguousarray(codes).tobytes(), 6)
+
+
+def text_of(content: bytes) -> str:
+    """Bytes as base64."""
+    return base64.b64encode(content).decode("ascii")
+
+
+def slice_data(
+    volumes: Sequence[tuple[str, Volume]], dynamic_range_db: float
+) -> dict[str, Any] | None:
+    """Return labelled volumes for the page's script, in types of JSON; None: nothing to cut.
+
+    Cropped to the box around all that is above the dynamic range in any of them. Their axes may
+    differ.
+    """
+    if not volumes or min(sum(n > 1 for n in v.grid.counts) for _, v in volumes) < 2:
+        return None
+    levels = [(v, codes_of(np.abs(v.data), dynamic_range_db)) for _, v in volumes]
+    boxes = [_box_mm(*one) for one in levels]
+    low = np.min([box[0] for box in boxes], axis=0)
+    high = np.max([box[1] for box in boxes], axis=0)
+    parts = [_cropped(*one, low, high) for one in levels]
+    factor, shown = 1, parts
+    while True:
+        contents = [packed(part.codes) for part in shown]
+        voxels = sum(part.codes.size for part in shown)
+        if sum(map(len, contents)) <= MAX_PACKED_BYTES and voxels <= MOST_VOXELS:
+            break
+        factor += 1
+        shown = [part.coarser(factor) for part in parts]
+    return {
+        "low": low.tolist(),
+        "high": high.tolist(),
+        "step": np.min([part.step_mm for part in shown], axis=0).tolist(),
+        "range_db": dynamic_range_db,
+        "factor": factor,
+        "volumes": [
+            {
+                "label": label,
+                "counts": list(part.codes.shape[::-1]),
+                "origin": part.origin_mm.tolist(),
+                "step": part.step_mm.tolist(),
+                "codes": text_of(content),
+            }
+            for (label, _), part, content in zip(volumes, shown, contents, strict=True)
+        ],
+    }
+
+
+def _box_mm(volume: Volume, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The outer faces of the voxels that are above the dynamic range, with a margin."""
+    there = np.nonzero(codes)
+    first = np.array([int(i.min()) for i in reversed(there)]) - MARGIN_VOXELS
+    last = np.array([int(i.max()) for i in reversed(there)]) + MARGIN_VOXELS
+    last = np.minimum(last, np.array(volume.grid.counts) - 1)
+    origin_mm, step_mm = 1e3 * volume.grid.origin_m, 1e3 * volume.grid.spacing_m
+    return (
+        origin_mm + (np.maximum(first, 0) - 0.5) * step_mm,
+        origin_mm + (last + 0.5) * step_mm,
+    )
+
+
+def _cropped(volume: Volume, codes: np.ndarray, low: np.ndarray, high: np.ndarray) -> _Part:
+    """The voxels of a volume in a box; at least one along each axis."""
+    origin_mm, step_mm = 1e3 * volume.grid.origin_m, 1e3 * volume.grid.spacing_m
+    most = np.array(volume.grid.counts) - 1
+    first = np.clip(np.ceil((low - origin_mm) / step_mm - 1e-6), 0, most).astype(int)
+    last = np.clip(np.floor((high - origin_mm) / step_mm + 1e-6), first, most).astype(int)
+    z, y, x = (slice(a, b + 1) for a, b in zip(first[::-1], last[::-1], strict=True))
+    return _Part(codes[z, y, x], origin_mm + first * step_mm, step_mm)
