@@ -12,6 +12,8 @@ from typing import Any
 
 from clradar.errors import ClradarError
 from clradar.opencl import Device
+from clradar.view.folder_frames import FolderFrames
+from clradar.view.follower import Follower
 from clradar.view.panel import Panel
 from clradar.view.player import Player
 from clradar.view.scene import SceneView
@@ -71,11 +73,21 @@ def serving(
         front = _Front(SceneView(server), panel, server)
         session = Session(source, wish, front, device)
         player = Player(session, per_second=10.0)
+        follower = None
+        if isinstance(source, FolderFrames) and source.follow:
+            follower = Follower(source, session, panel.follow_frames, front.refuse)
         try:
             panel.connect(session, player)
-            session.change()
+            if source.frames():
+                session.change()
+            else:
+                front.busy("waiting for a first file")
+            if follower is not None:
+                follower.start()
             yield server, session
         finally:
+            if follower is not None:
+                follower.close()
             session.close()
             player.close()
     finally:
@@ -137,7 +149,10 @@ def serve(
         for number in (signal.SIGINT, signal.SIGTERM)
     }
     try:
-        wish = Wish(frame=source.frames()[0], dynamic_range_db=dynamic_range_db)
+        frames = source.frames()
+        newest = isinstance(source, FolderFrames) and source.follow
+        frame = frames[-1 if newest else 0] if frames else -1
+        wish = Wish(frame=frame, dynamic_range_db=dynamic_range_db)
         with serving(source, wish, port=port, device=device) as (server, _):
             for line in address_lines(server.get_port()):
                 say(line)

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from clradar.errors import MeasurementError
 from clradar.model import Capture, Volume
+from clradar.view.folder_frames import SUFFIXES, FolderFrames
 from measurement_io import open_capture, open_recording, open_volume
 from measurement_io.native.captures_volumes import read_header
 from measurement_io.opening import kind_of
@@ -61,29 +63,43 @@ class FixedFrames:
         return self.reader(frame)
 
 
-def open_source(path: Path, variant: str = "raw") -> Source:
-    """Return the frames of a recording, or the one of a capture, a frame or a volume.
+def open_source(path: Path, variant: str = "raw", *, watch: bool = False) -> Source:
+    """Return the frames of a recording or a folder, or the one of a capture, a frame or a volume.
 
     Parameters
     ----------
     path : Path
-        A radar folder, or the folder that holds one; or a file.
+        A radar folder, the folder that holds one, or a folder of files; or a file.
     variant : {"raw", "emptyfiltered"}
         Of a recording's frames.
+    watch : bool
+        The folder may be empty, and `FolderFrames.look` takes in what is written to it.
 
     Raises
     ------
     MeasurementError
         Missing, unreadable, or of another kind.
     """
+    if watch:
+        return FolderFrames(path, variant, read_file, follow=True)
     name = path.name or path.absolute().name
-    kind = kind_of(path)
-    if kind == "folder":
+    if kind_of(path) != "folder":
+        content = read_file(path)  # a file that is damaged is refused before there is a page
+        return FixedFrames(name, (name,), lambda _: content)
+    try:
         recording = open_recording(path, variant=variant)
-        labels = tuple(f"frame {number}" for number in recording.frame_numbers)
-        return FixedFrames(name, labels, recording.__getitem__)
-    reader: Callable[[Path], Capture | Volume] = open_capture
-    if kind == "native" and read_header(path).format == "volume":
-        reader = open_volume
-    content = reader(path)  # a file that is damaged is refused before there is a page
-    return FixedFrames(name, (name,), lambda _: content)
+    except MeasurementError as error:
+        files = FolderFrames(path, variant, read_file)
+        if not files.frames():
+            suffixes = ", ".join(SUFFIXES)
+            raise MeasurementError(f"{error}; nor are files ({suffixes}) in it") from error
+        return files
+    labels = tuple(f"frame {number}" for number in recording.frame_numbers)
+    return FixedFrames(name, labels, recording.__getitem__)
+
+
+def read_file(path: Path) -> Capture | Volume:
+    """Read a capture, a recorded frame or a volume; errors as `measurement_io.open_capture`."""
+    if kind_of(path) == "native" and read_header(path).format == "volume":
+        return open_volume(path)
+    return open_capture(path)

@@ -15,10 +15,14 @@ def command(
     path: Path = argument(
         REQUIRED,
         "Recording (radar folder, or the folder that holds one), capture, recorded .npy frame, "
-        "or volume.",
+        "volume, or a folder of these files.",
         metavar="PATH",
     ),
     *,
+    watch: bool = option(
+        False,
+        "PATH is a folder that is being written: show the newest file, and each one that comes.",
+    ),
     variant: Variant = option("raw", "Variant of a recording's frames."),
     port: int = option(
         8080, "Port at 127.0.0.1, or the next one that is free.", min=1024, max=65535
@@ -34,7 +38,7 @@ def command(
     from clradar.view.sources import open_source
 
     serve(
-        open_source(path, variant),
+        open_source(path, variant, watch=watch),
         port=port,
         dynamic_range_db=depth.dynamic_range_db,
         device=open_device(device),

@@ -1,0 +1,152 @@
+"""Folders in the live view: files that come, grow, change and go while it looks."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clradar
+from clradar.errors import MeasurementError
+from clradar.measurement_io import save_recording, save_volume
+from clradar.view.folder_frames import FolderFrames
+from clradar.view.follower import Follower
+from clradar.view.session import Session, Shown, Wish
+from clradar.view.sources import open_source
+
+GRID = clradar.VoxelGrid(np.array([0, 0, 0.3]), np.full(3, 1e-3), (4, 3, 2))
+
+
+def volume(amplitude: float) -> clradar.Volume:
+    return clradar.Volume(np.full(GRID.shape, amplitude, np.complex64), GRID)
+
+
+class Watched:
+    """A folder, and what a view of it says and shows."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.said: list[str] = []
+        self.peaks: list[float] = []
+        source = open_source(folder, watch=True)
+        assert isinstance(source, FolderFrames)
+        self.source = source
+        self.session = Session(source, Wish(frame=-1), self)
+        self.follower = Follower(source, self.session, lambda _: None, self.refuse)
+
+    def show(self, shown: Shown) -> None:
+        self.peaks.append(float(abs(shown.volume.data).max()))
+
+    def busy(self, words: str) -> None:
+        pass
+
+    def refuse(self, words: str) -> None:
+        self.said.append(words)
+
+    def write(self, name: str, amplitude: float) -> None:
+        save_volume(self.folder / name, volume(amplitude), force=True)
+
+    def look(self) -> list[float]:
+        """The amplitudes that two looks bring to be shown."""
+        self.peaks.clear()
+        for _ in range(2):
+            self.follower.look()
+            self.session.settle()
+        return self.peaks
+
+    def labels(self) -> list[str]:
+        return [self.source.label(frame) for frame in self.source.frames()]
+
+
+@pytest.fixture
+def watched(tmp_path: Path) -> Iterator[Watched]:
+    found = Watched(tmp_path)
+    yield found
+    found.session.close()
+
+
+def test_new_files_are_shown_as_they_come(watched: Watched) -> None:
+    assert watched.source.frames() == ()
+    assert watched.look() == []
+    watched.write("9.h5", 9.0)
+    assert watched.look() == [9.0]
+    watched.write("10.h5", 10.0)
+    (watched.folder / "notes.txt").write_text("no frame")
+    assert watched.look() == [10.0]
+    assert watched.labels() == ["9.h5", "10.h5"]
+    watched.session.change(frame=watched.source.frames()[0])
+    watched.write("11.h5", 11.0)
+    assert watched.look() == [9.0]  # who looks at an earlier one is left there
+    assert watched.labels() == ["9.h5", "10.h5", "11.h5"]
+
+
+def test_a_half_written_file_is_shown_once_it_is_whole(watched: Watched) -> None:
+    watched.write("whole.h5", 3.0)
+    content = (watched.folder / "whole.h5").read_bytes()
+    watched.look()
+    half = watched.folder / "half.h5"
+    half.write_bytes(content[: len(content) // 2])
+    assert watched.look() == []
+    assert watched.labels() == ["whole.h5"]
+    assert len(watched.said) == 1
+    assert "half.h5" in watched.said[0]
+    half.write_bytes(content)
+    assert watched.look() == [3.0]
+    assert watched.labels() == ["whole.h5", "half.h5"]
+
+
+def test_rewritten_and_removed_files(watched: Watched) -> None:
+    watched.write("a.h5", 1.0)
+    watched.write("b.h5", 2.0)
+    assert watched.look() == [2.0]
+    watched.write("b.h5", 4.0)
+    os.utime(watched.folder / "b.h5", ns=(1, 1))  # a file system may tell times coarsely
+    assert watched.look() == [4.0]
+    (watched.folder / "b.h5").unlink()
+    assert watched.look() == []
+    assert watched.labels() == ["a.h5"]
+    watched.session.change()
+    watched.session.settle()
+    assert watched.peaks == [4.0]  # what is shown can still be looked at
+
+
+def test_a_folder_that_is_away_for_a_while(watched: Watched, tmp_path: Path) -> None:
+    watched.write("a.h5", 1.0)
+    watched.look()
+    away = tmp_path.with_name("away")
+    tmp_path.rename(away)
+    watched.look()
+    assert "a readable folder" in watched.said[0]
+    away.rename(tmp_path)
+    watched.write("b.h5", 2.0)
+    assert watched.look() == [2.0]
+
+
+def test_a_folder_of_files_is_viewed_without_watching(tmp_path: Path) -> None:
+    for i in (10, 9):
+        save_volume(tmp_path / f"{i}.h5", volume(i))
+    source = open_source(tmp_path)
+    assert [source.label(frame) for frame in source.frames()] == ["9.h5", "10.h5"]
+
+
+def test_frames_of_a_recording_are_watched_by_variant(tmp_path: Path) -> None:
+    array, waveform = clradar.arrays.qar50(), clradar.Waveform(np.array([72e9, 77e9, 82e9]))
+    capture = clradar.Capture(np.ones((94, 94, 3), np.complex64), array, waveform)
+    save_recording(tmp_path / "plate/30", [capture], timestamps_us=[0])
+    source = open_source(tmp_path / "plate/30", watch=True)
+    assert [source.label(frame) for frame in source.frames()] == ["000000.npy"]
+    assert source.read(0).data.shape == (94, 94, 3)
+    assert not open_source(tmp_path / "plate/30", "emptyfiltered", watch=True).frames()
+
+
+def test_folders_and_files_that_cannot_be_viewed(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("no frame")
+    with pytest.raises(MeasurementError, match=r"notes\.txt.*nor are files \(\.h5"):
+        open_source(tmp_path)
+    with pytest.raises(MeasurementError, match="expected a folder, got a file"):
+        open_source(tmp_path / "notes.txt", watch=True)
+    with pytest.raises(MeasurementError, match="expected a folder, got nothing there"):
+        open_source(tmp_path / "absent", watch=True)
