@@ -141,15 +141,15 @@ class Session:
             volume = self._imaged(wish, content, check)
             picture = picture_of(volume, wish.dynamic_range_db)
             cloud = voxels_of(volume, wish.dynamic_range_db) if wish.voxels else picture.cloud
+            self._front.show(Shown(wish, volume, picture, cloud, content))
         except Outdated:
             raise
         except ClradarError as error:
             self._front.refuse(str(error))
-            return
+        except MemoryError:
+            self._front.refuse("not enough memory")
         except Exception as error:  # of a library, say: it must be seen, and not end the thread
             self._front.refuse(f"{type(error).__name__}: {error}")
-            return
-        self._front.show(Shown(wish, volume, picture, cloud, content))
 
     def _read(self, frame: int) -> Capture | Volume:
         if self._content is None or self._content[0] != frame:

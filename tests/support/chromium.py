@@ -121,10 +121,11 @@ class Page:
         touches = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)]
         self.call("Input.dispatchTouchEvent", type=kind, touchPoints=touches)
 
-    def key(self, key: str) -> None:
+    def key(self, key: str, code: str = "") -> None:
+        """Press and release a key; `code` is that of its place on the keyboard, such as "KeyV"."""
         text = key if len(key) == 1 else ""
-        self.call("Input.dispatchKeyEvent", type="keyDown", key=key, text=text)
-        self.call("Input.dispatchKeyEvent", type="keyUp", key=key)
+        self.call("Input.dispatchKeyEvent", type="keyDown", key=key, code=code, text=text)
+        self.call("Input.dispatchKeyEvent", type="keyUp", key=key, code=code)
         self.settle()
 
     def screenshot(self, path: Path, *, whole: bool = False) -> None:
@@ -163,6 +164,8 @@ def chromium(profile: Path, *, webgl: bool = False) -> Iterator[Page]:
         "--disable-dev-shm-usage",
         "--disable-background-networking",
         "--disable-component-update",
+        # A page that asks for another machine does not get there.
+        "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
         "--no-first-run",
         "--hide-scrollbars",
         "--remote-debugging-pipe",

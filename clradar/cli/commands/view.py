@@ -25,7 +25,7 @@ def command(
     ),
     variant: Variant = option("raw", "Variant of a recording's frames."),
     port: int = option(
-        8080, "Port at 127.0.0.1, or the next one that is free.", min=1024, max=65535
+        8080, "Port at 127.0.0.1, or the next one that is free; 0: any free one.", min=0, max=65535
     ),
     depth: DepthMapOptions,
     device: DeviceOption = None,

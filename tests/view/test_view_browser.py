@@ -1,0 +1,142 @@
+"""The live view in a browser: pixels, keys, reloading, two at once, nothing from elsewhere."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import io
+import json
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import chromium
+import numpy as np
+import pytest
+from PIL import Image
+
+import clradar
+from clradar.calibration import CornerReflector, response
+from clradar.measurement_io import save_recording
+from clradar.view.server import serving
+from clradar.view.session import Wish
+from clradar.view.sources import FixedFrames
+
+pytest.importorskip("viser")
+in_browser = pytest.mark.skipif(
+    chromium.installed() is None,
+    reason="no Chromium here: install Debian's chromium package to try the view in a browser",
+)
+
+SIZE = (800, 600)
+SCENE = slice(200, 560), slice(20, 460)
+"""Rows and columns beside the panel and below the browser's own notice about software WebGL."""
+
+
+class Tab:
+    """A tab that looks at a view."""
+
+    def __init__(self, page: chromium.Page, address: str) -> None:
+        self.page, self.address = page, address
+        page.resize(*SIZE)
+
+    def load(self, words: str) -> None:
+        self.page.open(self.address)
+        self.says(words)
+
+    def says(self, words: str) -> None:
+        """Wait until the page contains these words."""
+        self.page.js(
+            f"new Promise(done => {{ const words = {json.dumps(words)};"
+            " const there = () => document.body.textContent.includes(words) && done();"
+            " new MutationObserver(there).observe("
+            "  document.body, {subtree: true, childList: true, characterData: true}); there(); })"
+        )
+
+    def lit(self, wanted: Callable[[np.ndarray], bool]) -> np.ndarray:
+        """Wait until the columns of the scene's coloured pixels are as wanted."""
+        while True:
+            self.page.settle()  # drawing follows the messages
+            shot = base64.b64decode(self.page.call("Page.captureScreenshot")["data"])
+            image = np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), np.int16)[SCENE]
+            columns = np.nonzero(np.ptp(image, axis=2) > 60)[1]
+            if wanted(columns):
+                return columns
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two frames of a small corner reflector, to the left and in the middle."""
+    folder = tmp_path_factory.mktemp("recording") / "corner/30"
+    array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 16)
+    captures = [
+        clradar.Capture(
+            response(CornerReflector((x_m, 0.0, 0.3)), array, waveform), array, waveform
+        )
+        for x_m in (0.03, 0.0)
+    ]
+    save_recording(folder, captures, timestamps_us=[0, 125_000])
+    return folder
+
+
+@contextlib.contextmanager
+def viewing(path: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """The command on a free port, and the address that it prints."""
+    command = [sys.executable, "-m", "clradar", "view", str(path), "--port", "0"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            yield process, process.stdout.readline().split()[0]
+        finally:
+            process.kill()
+
+
+@in_browser
+def test_frames_keys_reload_two_browsers_and_the_end(recording: Path, tmp_path: Path) -> None:
+    with contextlib.ExitStack() as stack:
+        process, address = stack.enter_context(viewing(recording))
+        page = stack.enter_context(chromium.chromium(tmp_path / "one", webgl=True))
+        tab = Tab(page, address)
+        tab.load("frame 0: image of")
+        left = tab.lit(lambda columns: len(columns) > 50)  # the larger x is to the left
+        page.key("ArrowRight", "ArrowRight")
+        tab.says("frame 1: image of")
+        tab.lit(lambda columns: len(columns) > 50 and columns.mean() > left.mean() + 50)
+        page.key("v", "KeyV")
+        tab.says("voxels drawn")
+
+        # A browser that comes later, or again, sees the same.
+        tab.load("voxels drawn")
+        tab.lit(lambda columns: len(columns) > 50 and columns.mean() > left.mean() + 50)
+        other = Tab(stack.enter_context(chromium.chromium(tmp_path / "two", webgl=True)), address)
+        other.load("frame 1: image of")
+        other.page.key("ArrowLeft", "ArrowLeft")
+        other.says("frame 0: image of")
+        tab.says("frame 0: image of")
+        other.page.key(" ", "Space")  # plays
+        for frame in (1, 0, 1):
+            tab.says(f"frame {frame}: image of")
+        asked = [*page.requests(), *other.page.requests()]
+        assert asked
+        assert [url for url in asked if not url.startswith((address, "data:", "blob:"))] == []
+
+        process.send_signal(signal.SIGINT)
+        assert process.communicate()[1] == ""
+        assert process.returncode == 0
+        assert "errorText" in page.call("Page.navigate", url=address)
+
+
+def test_a_server_that_stops_leaves_no_thread() -> None:
+    before = set(threading.enumerate())
+    grid = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (4, 3, 2))
+    source = FixedFrames("ones", ("ones",), lambda _: clradar.Volume(np.ones(grid.shape), grid))
+    with serving(source, Wish(), port=0) as (_, session):
+        session.settle()
+        assert set(threading.enumerate()) > before
+    for thread in set(threading.enumerate()) - before:
+        thread.join()
