@@ -1,106 +1,42 @@
 """Simulate, read, image and compare captures of near-field imaging radars."""
 
+import sys
 from importlib import import_module
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-from clradar import arrays
-from clradar.backproject import backproject
-from clradar.compare import Metrics, compare, spread
-from clradar.errors import ClradarWarning
-from clradar.imaging.operator import ImagingOperator, forward
-from clradar.imaging.placement import place_grid
-from clradar.imaging.reconstruction import reconstruct
-from clradar.impairments.channel_errors import draw_channels
-from clradar.impairments.environment import Wall, room_capture
-from clradar.impairments.impair import impair
-from clradar.model import (
-    METAL,
-    AntennaArray,
-    AntennaPattern,
-    Capture,
-    ChannelCalibration,
-    ChannelResponse,
-    Coating,
-    ColeCole,
-    DepthMap,
-    Material,
-    Paths,
-    PermittivityTable,
-    PowerLaw,
-    Scene,
-    Spread,
-    TraceStatistics,
-    Volume,
-    VoxelGrid,
-    Waveform,
-    material,
-)
-from clradar.model.material_file import read_materials, write_materials
-from clradar.opencl import Device, list_devices, open_device
-from clradar.simulation import simulate
-from clradar.synthesize import synthesize
-from clradar.trace import trace
-from clradar.tracing.settings import SimulationSettings
+if TYPE_CHECKING:
+    from clradar.public_names import *  # noqa: F403
 
 __version__ = "0.2.0"
 
-__all__ = [
-    "METAL",
-    "AntennaArray",
-    "AntennaPattern",
-    "Capture",
-    "ChannelCalibration",
-    "ChannelResponse",
-    "ClradarWarning",
-    "Coating",
-    "ColeCole",
-    "DepthMap",
-    "Device",
-    "ImagingOperator",
-    "Material",
-    "Metrics",
-    "Paths",
-    "PermittivityTable",
-    "PowerLaw",
-    "Scene",
-    "SimulationSettings",
-    "Spread",
-    "TraceStatistics",
-    "Volume",
-    "VoxelGrid",
-    "Wall",
-    "Waveform",
-    "__version__",
-    "arrays",
-    "backproject",
-    "compare",
-    "draw_channels",
-    "forward",
-    "impair",
-    "list_devices",
-    "material",
-    "open_dataset",
-    "open_device",
-    "place_grid",
-    "read_materials",
-    "reconstruct",
-    "room_capture",
-    "simulate",
-    "spread",
-    "synthesize",
-    "trace",
-    "write_materials",
-]
-
 
 def __getattr__(name: str) -> Any:
-    # Imported on first use: they import this package, and xarray.
-    if name == "open_dataset":
-        return import_module("clradar.dataset").open_dataset
-    if name in ("calibration", "measurement_io"):
+    # Everything is imported on first use, so that commands and readers import what they need.
+    if name in ("arrays", "calibration", "measurement_io"):
         return import_module(f"clradar.{name}")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name == "open_dataset":  # needs xarray, and imports this package
+        return import_module("clradar.dataset").open_dataset
+    if name != "__all__" and name.startswith("__"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    public = import_module("clradar.public_names")
+    globals().update({n: getattr(public, n) for n in public.__all__})
+    globals()["__all__"] = sorted([*public.__all__, "__version__", "open_dataset"])
+    if name not in globals():
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return globals()[name]
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return list(__getattr__("__all__"))
+
+
+class _Package(ModuleType):
+    def __setattr__(self, name: str, value: Any) -> None:
+        # Python sets an imported module on its package. Functions of these names stay functions.
+        names = ("backproject", "compare", "synthesize", "trace")
+        if not (isinstance(value, ModuleType) and name in names):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

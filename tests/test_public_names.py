@@ -63,3 +63,16 @@ def test_no_module_shadows_a_public_name() -> None:
 def test_dir_shows_the_public_names_alone(name: str) -> None:
     package = importlib.import_module(name)
     assert dir(package) == sorted(package.__all__)
+
+
+def test_the_package_is_imported_when_it_is_used() -> None:
+    program = """
+import sys, clradar
+assert not {"numpy", "clradar.model"} & set(sys.modules), sorted(sys.modules)
+from clradar import *
+assert {"numpy", "pyopencl"} <= set(sys.modules)
+assert not {"trimesh", "scipy", "skimage", "matplotlib", "h5py"} & set(sys.modules)
+assert backproject is clradar.backproject and open_dataset and __version__
+assert not hasattr(clradar, "no_such_name")
+"""
+    subprocess.run([sys.executable, "-W", "error", "-c", program], check=True)

@@ -21,7 +21,7 @@ from calibration.roughness.sub_apertures import SubApertures
 from calibration.roughness.surface_points import SurfacePoints, surface_points
 from calibration.roughness.sweep import SEEDS, Store
 from calibration.roughness.texture import TextureMeter
-from clradar import constants
+from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.errors import ClradarWarning, CompareError, warn
 from clradar.model import Capture, Scene, checks
 from clradar.model.kirchhoff import check_kirchhoff
@@ -250,8 +250,8 @@ def _grid(roughness_m: Any, correlation_m: Any) -> tuple[np.ndarray, np.ndarray]
     heights = checks.one_axis("sweep_roughness: roughness_m", roughness_m)
     lengths = checks.one_axis("sweep_roughness: correlation_m", np.atleast_1d(correlation_m))
     bounds = {
-        "roughness_m": (heights, constants.PLAUSIBLE_ROUGHNESS_M),
-        "correlation_m": (lengths, constants.PLAUSIBLE_CORRELATION_M),
+        "roughness_m": (heights, PLAUSIBLE_ROUGHNESS_M),
+        "correlation_m": (lengths, PLAUSIBLE_CORRELATION_M),
     }
     for name, (values, plausible) in bounds.items():
         check_plausible(f"sweep_roughness: {name}", "lengths", values, plausible)

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO
 
 from clradar.errors import handled_warnings, quoted
-from clradar.model.progress import Progress
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bars
     from rich.progress import TaskID
+
+    from clradar.model.progress import Progress
 
 
 def one_line(text: object) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from importlib.metadata import distributions
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -61,6 +60,8 @@ def _loss_of(ours: Path) -> str:
 
 def _owner_of(file: Path) -> str | None:
     """The installed package, other than clradar, that a file or a folder of a module is of."""
+    from importlib.metadata import distributions
+
     file = file / "__init__.py" if file.is_dir() else file
     for package in distributions():
         name = package.metadata["Name"]

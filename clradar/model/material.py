@@ -7,7 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from clradar import constants
+from clradar.constants import (
+    PLAUSIBLE_COATING_M,
+    PLAUSIBLE_CORRELATION_M,
+    PLAUSIBLE_HZ,
+    PLAUSIBLE_MICRO_ROUGHNESS_M,
+    PLAUSIBLE_ROUGHNESS_M,
+)
 from clradar.errors import ModelError, quoted
 from clradar.model import checks, fresnel
 from clradar.model.permittivity import Permittivity, checked, permittivity_at
@@ -43,7 +49,7 @@ class Coating(Record):
     def __post_init__(self) -> None:
         label = "Coating.thickness_m"
         thickness_m = checks.positive(label, self.thickness_m)
-        check_plausible(label, "a thickness", thickness_m, constants.PLAUSIBLE_COATING_M)
+        check_plausible(label, "a thickness", thickness_m, PLAUSIBLE_COATING_M)
         eps = checked("Coating.permittivity", self.permittivity)
         self._set(thickness_m=thickness_m, permittivity=eps)
 
@@ -115,8 +121,8 @@ class Material(Record):
 
     def _check_roughness(self) -> None:
         heights = {
-            "roughness_rms_m": constants.PLAUSIBLE_ROUGHNESS_M,
-            "micro_roughness_rms_m": constants.PLAUSIBLE_MICRO_ROUGHNESS_M,
+            "roughness_rms_m": PLAUSIBLE_ROUGHNESS_M,
+            "micro_roughness_rms_m": PLAUSIBLE_MICRO_ROUGHNESS_M,
         }
         for name, bounds in heights.items():
             height_m = checks.real(f"Material.{name}", getattr(self, name))
@@ -125,7 +131,7 @@ class Material(Record):
         label = "Material.correlation_length_m"
         if self.correlation_length_m is not None:
             length_m = checks.positive(label, self.correlation_length_m)
-            check_plausible(label, "a length", length_m, constants.PLAUSIBLE_CORRELATION_M)
+            check_plausible(label, "a length", length_m, PLAUSIBLE_CORRELATION_M)
             self._set(correlation_length_m=length_m)
         elif self.roughness_rms_m > 0:
             checks.fail(label, "a length, since roughness_rms_m is positive", "none")
@@ -211,7 +217,7 @@ PERFECT_CONDUCTOR = Material("perfect conductor", conductor=True)
 
 def _axes(frequency_hz: Any, cos_incidence: Any) -> tuple[np.ndarray, np.ndarray]:
     frequencies = checks.read_only("frequency_hz", np.atleast_1d(frequency_hz), np.float64, (None,))
-    check_plausible("frequency_hz", "frequencies", frequencies, constants.PLAUSIBLE_HZ, "Hz")
+    check_plausible("frequency_hz", "frequencies", frequencies, PLAUSIBLE_HZ, "Hz")
     cosines = checks.read_only("cos_incidence", np.atleast_1d(cos_incidence), np.float64, (None,))
     if cosines.min() < -1e-6 or cosines.max() > 1 + 1e-6:  # what float32 makes of 0 and 1
         found = f"[{cosines.min():g}, {cosines.max():g}]"

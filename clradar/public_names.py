@@ -1,0 +1,86 @@
+"""The public names of `clradar` and what they stand for, imported on first use of one."""
+
+from clradar import arrays
+from clradar.backproject import backproject
+from clradar.compare import Metrics, compare, spread
+from clradar.errors import ClradarWarning
+from clradar.imaging.operator import ImagingOperator, forward
+from clradar.imaging.placement import place_grid
+from clradar.imaging.reconstruction import reconstruct
+from clradar.impairments.channel_errors import draw_channels
+from clradar.impairments.environment import Wall, room_capture
+from clradar.impairments.impair import impair
+from clradar.model import (
+    METAL,
+    AntennaArray,
+    AntennaPattern,
+    Capture,
+    ChannelCalibration,
+    ChannelResponse,
+    Coating,
+    ColeCole,
+    DepthMap,
+    Material,
+    Paths,
+    PermittivityTable,
+    PowerLaw,
+    Scene,
+    Spread,
+    TraceStatistics,
+    Volume,
+    VoxelGrid,
+    Waveform,
+    material,
+)
+from clradar.model.material_file import read_materials, write_materials
+from clradar.opencl import Device, list_devices, open_device
+from clradar.simulation import simulate
+from clradar.synthesize import synthesize
+from clradar.trace import trace
+from clradar.tracing.settings import SimulationSettings
+
+__all__ = [
+    "METAL",
+    "AntennaArray",
+    "AntennaPattern",
+    "Capture",
+    "ChannelCalibration",
+    "ChannelResponse",
+    "ClradarWarning",
+    "Coating",
+    "ColeCole",
+    "DepthMap",
+    "Device",
+    "ImagingOperator",
+    "Material",
+    "Metrics",
+    "Paths",
+    "PermittivityTable",
+    "PowerLaw",
+    "Scene",
+    "SimulationSettings",
+    "Spread",
+    "TraceStatistics",
+    "Volume",
+    "VoxelGrid",
+    "Wall",
+    "Waveform",
+    "arrays",
+    "backproject",
+    "compare",
+    "draw_channels",
+    "forward",
+    "impair",
+    "list_devices",
+    "material",
+    "open_device",
+    "place_grid",
+    "read_materials",
+    "reconstruct",
+    "room_capture",
+    "simulate",
+    "spread",
+    "synthesize",
+    "trace",
+    "write_materials",
+]
