@@ -108,6 +108,14 @@ class StrictTable(Table):
             self.fail(key, "a table of that name", "none")
         return StrictTable(self._source, self.place(key), self.raw(key, {}))
 
+    def tables(self, key: str) -> list[StrictTable]:
+        """Return the tables of ``[[key]]``, none if it is not there."""
+        content = self.raw(key, [])
+        if not isinstance(content, list):
+            self.fail(key, f"tables [[{key}]]", content)
+        place = self.place(key)
+        return [StrictTable(self._source, f"{place}[{i}]", own) for i, own in enumerate(content)]
+
     def fail_with(self, remark: str) -> NoReturn:
         """Raise the error that names the file, and this table as the start of the remark."""
         place = f"{self.place('')}{remark}".lstrip(".: ")

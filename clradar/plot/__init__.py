@@ -4,6 +4,7 @@ Everything is built on `matplotlib.figure.Figure`: no pyplot, no open windows, n
 calls.
 """
 
+from clradar.plot.array import array_figure
 from clradar.plot.captures import capture_figure, recording_figure
 from clradar.plot.comparison import comparison_figure, disagreement_figure
 from clradar.plot.figures import image_figure, panels_figure
@@ -16,6 +17,7 @@ __all__ = [
     "AMPLITUDE_BACKGROUND",
     "DEPTH_BACKGROUND",
     "SUFFIXES",
+    "array_figure",
     "capture_figure",
     "comparison_figure",
     "depth_limits_mm",

@@ -36,7 +36,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     commands = [
         ["hand", "F", "-o", "hand.ply", "--edge-mm", EDGE_MM],
         ["hand", "F", "-o", "parts.glb", "--edge-mm", EDGE_MM],
-        ["simulate", "hand.ply", "-o", "sim.h5", "--samples-per-mm2", DENSITY, "--steps", "16",
+        ["simulate", "hand.ply", "-o", "sim.h5", "--samples-per-mm2", DENSITY, "--band", "72:82:16",
          "--alpha", "0.4", "--seed", "7"],
         ["image", "sim.h5", "-o", "volume.h5", *GRID],
     ]  # fmt: skip

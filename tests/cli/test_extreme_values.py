@@ -12,15 +12,15 @@ MANY = 20 * "9"
 SIMULATE = {
     "--samples-per-mm2=1e308": "fewer than 2^31 samples",
     f"--samples-per-mm2={MANY}": "fewer than 2^31 samples",
-    f"--steps={MANY}": "[1, 10000000]",
-    "--steps=1000000000000": "[1, 10000000]",
+    f"--band=72:82:{MANY}": "[1, 10000000]",
+    "--band=72:82:1000000000000": "[1, 10000000]",
     f"--rays-per-sample={MANY}": "[1, 65536]",
     f"--seed={MANY}": "seed",
-    "--start-ghz=1e-320": "from 0.1 to 1000 GHz, got 9.99989e-321 GHz",
-    "--start-ghz=72e9": "got 7.2e+10 GHz; did you mean 7.2e+10 Hz (72 GHz)?",
-    "--stop-ghz=82000": "got 82000 GHz; did you mean 82000 MHz (82 GHz)?",
-    "--stop-ghz=1e308": "from 0.1 to 1000 GHz, got 1e+308 GHz",
-    "--stop-ghz=nan": "from 0.1 to 1000 GHz, got nan GHz",
+    "--band=1e-320:82:9": "from 0.1 to 1000 GHz, got 9.99989e-321 GHz",
+    "--band=72e9:82:9": "got 7.2e+10 GHz; did you mean 7.2e+10 Hz (72 GHz)?",
+    "--band=72:82000:9": "got 82000 GHz; did you mean 82000 MHz (82 GHz)?",
+    "--band=72:1e308:9": "from 0.1 to 1000 GHz, got 1e+308 GHz",
+    "--band=72:nan:9": "expected FIRST:LAST:STEPS",
     "--reception-radius-mm=0.01": "from 0.1 to 1000 mm, got 0.01 mm",
     "--reception-radius-mm=1e-320": "from 0.1 to 1000 mm",
     "--reception-radius-mm=1e308": "from 0.1 to 1000 mm",
@@ -111,7 +111,7 @@ def test_a_hand_is_where_and_as_large_as_hands_are(
 
 def test_a_starved_simulation_is_warned_of(run: Run, made: Path, tmp_path: Path) -> None:
     outcome = run("simulate", made / "hand.ply", "-o", tmp_path / "s.h5",
-                  "--samples-per-mm2=0.01", "--steps=2")  # fmt: skip
+                  "--samples-per-mm2=0.01", "--band=72:82:2")  # fmt: skip
     assert outcome.status == 0
     (line,) = outcome.err.splitlines()
     assert line.startswith("clradar: warning: ")

@@ -40,13 +40,14 @@ def test_help_lists_the_commands_there_are(run: Run) -> None:
 HELP = {
     "devices": "CLRADAR_DEVICE",
     "materials": "[FILE.toml]... --band-ghz FIRST:LAST --json docs/materials.md metres",
+    "array": "[ARRAY] --output --at-mm --band --within-deg --json docs/arrays.md",
     "demo": "--full --force --device SNR",
     "hand": "--edge-mm --left --list --joints --length-mm --device metres",
     "record-hand": "POSE... --frames --rate-hz --center-mm --shift-mm --turn-deg --rig --left "
     "--alpha --material --snr-db --seed truth.json",
     "simulate": "--alpha --unit --transform --samples-per-mm2 --rays-per-sample --rays-per-face "
-    "--reception-radius-mm --max-bounces --normals --crease-deg --amplitude --start-ghz --stop-ghz "
-    "--steps --seed --device --force MESH[:ALPHA] PART=ALPHA",
+    "--reception-radius-mm --max-bounces --normals --crease-deg --amplitude --array "
+    "--band --seed --device --force MESH[:ALPHA] PART=ALPHA",
     "image": "--x-mm --y-mm --z-mm -100:100:1 260:340:1 --method exact --tolerance-db --window "
     "taylor --png --dynamic-range-db",
     "convert": "--frame --variant emptyfiltered --to --all-frames --timestamp-us",
@@ -173,7 +174,7 @@ def test_wrong_usage_is_2(
         (["hand", "-o", "x.ply", "--device", "abacus"], ("abacus",)),
         (["simulate", "hand.ply", "-o", "x.h5", "--samples-per-mm2", "-1"], ("positive",)),
         (["simulate", "hand.ply", "-o", "no/x.h5"], ("no/x.h5", "folder")),
-        (["simulate", "hand.ply", "-o", "x.h5", "--steps", "9" * 20], ("Waveform.sfcw: steps",)),
+        (["simulate", "hand.ply", "-o", "x.h5", "--band", "72:82:0"], ("Waveform.sfcw: steps",)),
         (["simulate", "hand.ply", "-o", "."], ("folder",)),
         (["simulate", "hand.ply", "-o", "hand.ply", "--force"], ("also an input",)),
         (["hand", "J", "-o", "x.ply"], ("pose", "'J'")),

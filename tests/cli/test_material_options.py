@@ -88,7 +88,7 @@ def test_a_material_chooses_the_estimator_that_knows_it() -> None:
 def test_simulate_records_materials(run: Run, made: Path, own: Path, tmp_path: Path) -> None:
     file = tmp_path / "s.h5"
     outcome = run("simulate", made / "hand.ply", "-o", file, "--samples-per-mm2", "0.01",
-                  "--steps", "2", "--estimator", "expected", "--material", f"{own}:resin",
+                  "--band", "72:82:2", "--estimator", "expected", "--material", f"{own}:resin",
                   "--material-of", "thumb=skin")  # fmt: skip
     assert outcome.status == 0, outcome.err
     assert "--material: not used by --estimator expected" in outcome.err
@@ -100,8 +100,9 @@ def test_simulate_records_materials(run: Run, made: Path, own: Path, tmp_path: P
 
 def test_simulate_takes_the_materials_of_parts(run: Run, made: Path, tmp_path: Path) -> None:
     file = tmp_path / "s.h5"
-    outcome = run("simulate", made / "hand.ply", "-o", file, "--steps", "2", "--material", "palm",
-                  "--material-of", "thumb=skin", "--samples-per-mm2", "1.5")  # fmt: skip
+    outcome = run("simulate", made / "hand.ply", "-o", file, "--band", "72:82:2",
+                  "--material", "palm", "--material-of", "thumb=skin", "--samples-per-mm2",
+                  "1.5")  # fmt: skip
     assert outcome.status == 0, outcome.err
     assert "2 S-parameters of palm, skin," in outcome.out or "of skin, palm," in outcome.out
     meta = clradar.measurement_io.open_capture(file).meta

@@ -38,6 +38,7 @@ FILE_OUTPUTS = (
     "compare in.h5 in.json --json {} --force",
     "compare in.h5 in.json --report {}.html --force",
     "bench --device abacus --json {} --force",
+    "array in.toml -o {}.png --force",
 )
 FOLDER_OUTPUTS = (
     "demo --device abacus -o {} --force",

@@ -22,7 +22,7 @@ from clradar.errors import DeviceError, OutputError
     [
         (["hand", "-o", "{}", "--edge-mm", EDGE_MM], "a.ply"),
         (
-            ["simulate", "hand.ply", "--samples-per-mm2", DENSITY, "--steps", "2", "-o", "{}"],
+            ["simulate", "hand.ply", "--samples-per-mm2", DENSITY, "--band", "72:82:2", "-o", "{}"],
             "a.h5",
         ),
         (["image", "sim.h5", *GRID, "-o", "{}"], "a.h5"),
@@ -81,7 +81,7 @@ def test_check_outputs_resolves_links(tmp_path: Path) -> None:
 
 def test_progress_goes_to_terminals_only(made: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "clradar.cli", "simulate", str(made / "hand.ply"),
-               "--samples-per-mm2", DENSITY, "--steps", "2", "-o"]  # fmt: skip
+               "--samples-per-mm2", DENSITY, "--band", "72:82:2", "-o"]  # fmt: skip
     # PoCL's compiler writes to stderr when it builds a kernel for the first time; here it has been.
     piped = subprocess.run([*command, str(tmp_path / "a.h5")], capture_output=True, check=True)
     assert piped.stderr == b""

@@ -13,7 +13,7 @@ import clradar
 from clradar.hand import hand_mesh, hand_movement, read_pose
 from measurement_io import open_recording
 
-SMALL = ("--frames", "2", "--edge-mm", EDGE_MM, "--samples-per-mm2", DENSITY, "--steps", "8",
+SMALL = ("--frames", "2", "--edge-mm", EDGE_MM, "--samples-per-mm2", DENSITY, "--band", "72:82:8",
          "--estimator", "expected")  # fmt: skip
 
 

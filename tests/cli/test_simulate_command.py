@@ -49,16 +49,18 @@ def test_every_option_of_simulate_reaches_the_library(
     received: dict[str, Any] = {}
 
     def fake(scene: clradar.Scene, array: object, waveform: clradar.Waveform, **given: Any) -> None:
-        received.update(given, waveform=waveform, scene=scene)
+        received.update(given, array=array, waveform=waveform, scene=scene)
         raise ModelError("enough")
 
     monkeypatch.setattr(clradar, "simulate", fake)
     command = ("simulate", made / "hand.ply", "-o", tmp_path / "x.h5")
+    lab = tmp_path / "lab.toml"
+    lab.write_text("[[antennas]]\nring = { radius_m = 0.1, n = 5 }")
     outcome = run(
         *command, "--rays-per-face", 3,
         "--rays-per-sample", 2, "--reception-radius-mm", 5, "--max-bounces", 4, "--normals", "face",
         "--crease-deg", 12, "--facets", "flat", "--amplitude", "spreading",
-        "--pattern-exponent", 1.5, "--seed", 9, "--start-ghz", 24, "--stop-ghz", 26, "--steps", 11,
+        "--pattern-exponent", 1.5, "--seed", 9, "--array", lab, "--band", "24:26:11",
         "--device", "pocl",
     )  # fmt: skip
     one_error_line(outcome, "enough")
@@ -77,6 +79,7 @@ def test_every_option_of_simulate_reaches_the_library(
         "estimator": None,
     }
     assert asdict(received["settings"]) == expected
+    assert (received["array"].name, received["array"].n_tx) == ("lab", 5)
     assert np.array_equal(received["waveform"].frequencies_hz, np.linspace(24e9, 26e9, 11))
     assert "portable" in received["device"].info.platform.lower()
     one_error_line(run(*command, "--estimator", "expected", "--samples-per-mm2", 2), "enough")

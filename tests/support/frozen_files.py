@@ -136,7 +136,7 @@ def write_hands(folder: Path) -> None:
     nothing = FrameFit.nothing(4, 0.625, ("dark",), "right")
     write_json(folder / "frame-nothing.json", nothing.to_dict(), force=False)
     run(
-        *("record-hand", "A", "--frames", "2", "--steps", "2", "--samples-per-mm2", "0.01"),
+        *("record-hand", "A", "--frames", "2", "--band", "72:82:2", "--samples-per-mm2", "0.01"),
         *("-o", folder / "movement"),
     )
     shutil.rmtree(next((folder / "movement").glob("radar_*")))  # its frames are as above

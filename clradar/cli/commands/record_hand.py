@@ -15,12 +15,12 @@ from clradar.cli.options.common import DeviceOption, ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.hand import EmbeddedHandOptions
 from clradar.cli.options.materials import PHYSICAL, MaterialOptions
+from clradar.cli.options.radar import BandOptions
 from clradar.cli.options.rig import HAND_CREASE_DEG, RigOptions
 from clradar.cli.options.simulation import (
     ESTIMATORS,
     Estimator,
     SamplingOptions,
-    WaveformOptions,
 )
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_folder
@@ -119,7 +119,7 @@ def command(
     alphas: AlphaOptions,
     made_of: MaterialOptions,
     field: FieldOptions,
-    frequencies: WaveformOptions,
+    band: BandOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -149,11 +149,11 @@ def command(
         movement,
         (lambda pose: embedded.posed(pose, (0.0, 0.0, 0.3), device)) if rig is None else rig.posed,
         lambda mesh: made_of.on(with_part_alphas(Scene.from_mesh(mesh, alpha=default), by_part)),
-        frequencies.waveform(),
+        band.waveform(),
         settings,
         field.noise_db,
     )
-    options = recorded(moving, embedded, rigged, alphas, made_of, field, frequencies)
+    options = recorded(moving, embedded, rigged, alphas, made_of, field, band)
     options["snr_db"] = field.noise_db
     about = {"handedness": handedness, **_hand_record(embedded, rigged)}
     with progress_bar("simulating") as progress:

@@ -18,12 +18,12 @@ from clradar.cli.options.alphas import (
 from clradar.cli.options.common import CaptureOutput, DeviceOption, ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, option, recorded
 from clradar.cli.options.materials import PHYSICAL, MaterialOptions
+from clradar.cli.options.radar import RadarOptions
 from clradar.cli.options.simulation import (
     ESTIMATORS,
     Estimator,
     PlacementOptions,
     SimulationOptions,
-    WaveformOptions,
 )
 from clradar.cli.outputs import check_outputs, save
 from clradar.cli.provenance import provenance
@@ -62,12 +62,13 @@ def command(
     made_of: MaterialOptions,
     simulation: SimulationOptions,
     estimator: EstimatorOptions,
-    frequencies: WaveformOptions,
+    radar: RadarOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
-    """The radar is the 94 x 94 imager with a 14 cm aperture in the plane z = 0. Meshes are in its
-    antenna frame: x to the right of a person who faces the aperture, y up, z away from it.
+    """The radar is the 94 x 94 imager with a 14 cm aperture in the plane z = 0, or that of --array.
+    Meshes are in its antenna frame: x to the right of a person who faces the aperture, y up, z away
+    from it.
 
     The parts that --alpha and --material-of can name are the geometries of the files; a wrong name
     lists them.
@@ -76,7 +77,7 @@ def command(
 
     named = [split_alpha(text) for text in scenery.meshes]
     default, by_part = read_part_alphas(scenery.alpha or [])
-    inputs = [*(path for path, _ in named), *scenery.files, *made_of.files]
+    inputs = [*(path for path, _ in named), *scenery.files, *made_of.files, *radar.files]
     check_outputs([output], force=force, inputs=inputs)
     matrix = scenery.matrix()
     chosen = made_of.estimator(estimator.estimator)
@@ -84,12 +85,12 @@ def command(
         warn(f"--alpha: not used by --estimator {PHYSICAL}; --material has the roughness")
     settings = simulation.settings(seed=estimator.seed, estimator=chosen)
     scene = made_of.on(load_scene(named, default, by_part, scenery.unit, matrix))
-    waveform = frequencies.waveform()
+    antennas, waveform = radar.antennas(), radar.waveform()
     opened = clradar.open_device(device)
     start_s = perf_counter()
     with progress_bar("tracing") as progress:
         capture = clradar.simulate(
-            scene, clradar.arrays.qar50(), waveform,
+            scene, antennas, waveform,
             settings=settings, device=opened, progress=progress,
         )  # fmt: skip
     options = recorded(
@@ -98,7 +99,8 @@ def command(
         alpha_of_parts=by_part,
         unit=scenery.unit,
         transform=None if matrix is None else matrix.tolist(),
-        waveform_ghz=frequencies.band_ghz,
+        array=antennas.name,
+        waveform_ghz=radar.band_ghz,
     )
     save(output, capture, provenance("simulate", options, inputs), force=force)
     took_s = perf_counter() - start_s

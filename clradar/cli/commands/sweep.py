@@ -23,8 +23,9 @@ from clradar.cli.options.common import (
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.materials import MaterialOptions
+from clradar.cli.options.radar import RadarOptions
 from clradar.cli.options.recording import FrameOptions
-from clradar.cli.options.simulation import PlacementOptions, SimulationOptions, WaveformOptions
+from clradar.cli.options.simulation import PlacementOptions, SimulationOptions
 from clradar.cli.options.values import RANGE_RULE, ascending, wrong_usage
 from clradar.cli.outputs import check_place_of_folder
 from clradar.cli.provenance import package_versions, provenance
@@ -139,7 +140,7 @@ def command(
     regions: RegionOptions,
     place: PlaceOptions,
     simulation: SimulationOptions,
-    frequencies: WaveformOptions,
+    radar: RadarOptions,
     voxels: GridOptions,
     imaging: ImagingOptions,
     depth: DepthMapOptions,
@@ -171,7 +172,7 @@ def command(
     settings = simulation.settings(seed=alphas.seed, estimator=kind.estimator)
     opened = open_device(device)
     inputs = SweepInputs(
-        place, mesh, made_of, regions, measured, frames, frequencies, voxels, imaging, opened
+        place, mesh, made_of, regions, measured, frames, radar, voxels, imaging, opened
     )
     kind.check_measured(measured, inputs.image.content)
     record = recorded(
@@ -253,7 +254,7 @@ class SweepInputs:
         regions: RegionOptions,
         measured: Path,
         frames: FrameOptions,
-        frequencies: WaveformOptions,
+        radar: RadarOptions,
         voxels: GridOptions,
         imaging: ImagingOptions,
         device: Device,
@@ -265,10 +266,11 @@ class SweepInputs:
         self.labels = regions.read(self.scene, place.unit)
         self.matrix = place.matrix()
         self.image = ImageInput.open(measured, frames)
-        self.radar = radar_record(self.image, frequencies)
+        self.radar = radar_record(self.image, radar)
         self.grid = sweep_grid(self.image, voxels, imaging, device)
         self.files = [
             *self.image.files, mesh, *place.files, *regions.files, *made_of.files,
+            *radar.files,
         ]  # fmt: skip
 
     @property
@@ -296,15 +298,13 @@ def read_alphas(text: str) -> np.ndarray:
     return ascending("--alpha", text, "alphas", (0.0, 1.0), least=2)
 
 
-def radar_record(image: ImageInput, frequencies: WaveformOptions) -> dict[str, Any]:
-    """Antennas and frequencies of a capture; for a volume those of the imager and the options."""
-    from clradar import arrays
-
+def radar_record(image: ImageInput, radar: RadarOptions) -> dict[str, Any]:
+    """Antennas and frequencies of a capture; for a volume those of the options."""
     if not image.radar:
-        return {"array": arrays.qar50(), "waveform": frequencies.waveform()}
-    if given(frequencies):
+        return {"array": radar.antennas(), "waveform": radar.waveform()}
+    if given(radar):
         raise wrong_usage(
-            "--start-ghz, --stop-ghz, --steps", "MEASURED is a capture and has its frequencies"
+            ", ".join(given(radar)), "MEASURED is a capture and has its antennas and frequencies"
         )
     return image.radar
 

@@ -1,4 +1,4 @@
-"""Options of a simulation: rays, frequencies, and the position of meshes."""
+"""Options of a simulation: rays, and the position of meshes."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from typing import Any, Literal
 import numpy as np
 
 from clradar.cli.options.common import Amplitude, UnitOptions
-from clradar.cli.options.groups import option, option_name, recorded
+from clradar.cli.options.groups import option, recorded
 from clradar.cli.options.values import check_unit
-from clradar.constants import PLAUSIBLE_HZ, PLAUSIBLE_RADIUS_M
+from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.geometry.normals import CREASE_DEG
-from clradar.model import Waveform
 from clradar.tracing.settings import (
     EXPECTED_SAMPLES_PER_MM2,
     RAYS_PER_SAMPLE,
@@ -21,8 +20,6 @@ from clradar.tracing.settings import (
     SAMPLES_PER_MM2,
     SimulationSettings,
 )
-
-START_GHZ, STOP_GHZ, STEPS = 72.0, 82.0, 128
 
 Estimator = Literal["stochastic", "expected", "physical"]
 
@@ -78,33 +75,6 @@ class SimulationOptions(SamplingOptions):
         radius_mm = fields.pop("reception_radius_mm")
         check_unit("--reception-radius-mm", "a radius", radius_mm, PLAUSIBLE_RADIUS_M, "mm")
         return SimulationSettings(**fields, reception_radius_m=radius_mm / 1e3, **more)
-
-
-@dataclass(frozen=True, kw_only=True)
-class WaveformOptions:
-    """The frequencies of a stepped-frequency sweep."""
-
-    start_ghz: float | None = option(
-        None, f"First frequency. [default: {START_GHZ:g}]", metavar="GHZ"
-    )
-    stop_ghz: float | None = option(None, f"Last frequency. [default: {STOP_GHZ:g}]", metavar="GHZ")
-    steps: int | None = option(None, f"Number of frequencies. [default: {STEPS}]", metavar="N")
-
-    @property
-    def band_ghz(self) -> tuple[float, float, int]:
-        """First and last frequency in gigahertz, and their number."""
-        return (
-            START_GHZ if self.start_ghz is None else self.start_ghz,
-            STOP_GHZ if self.stop_ghz is None else self.stop_ghz,
-            STEPS if self.steps is None else self.steps,
-        )
-
-    def waveform(self) -> Waveform:
-        """The frequencies, those of the paper where an option is missing."""
-        start_ghz, stop_ghz, steps = self.band_ghz
-        for name, value in (("start_ghz", start_ghz), ("stop_ghz", stop_ghz)):
-            check_unit(option_name(name), "a frequency", value, PLAUSIBLE_HZ, "GHz")
-        return Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
 
 
 @dataclass(frozen=True, kw_only=True)

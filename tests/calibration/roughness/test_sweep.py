@@ -713,7 +713,7 @@ def test_a_region_out_of_sight_is_an_error():
         (["--alpha", "0:1:1e-9"], 2, "at most"),
         (["--alpha", "rough"], 2, "FIRST:LAST:STEP"),
         (["--metric", "beauty"], 2, "db_correlation"),
-        (["--start-ghz", "70"], 2, "has its frequencies"),
+        (["--band", "70:82:9"], 2, "its antennas and frequencies"),
         (["--align", "--transform", "t.json"], 2, "one of the two"),
         (["--regions", "parts", "--max-bounces", "2"], 2, "--regions"),
         (["--joints", "j.json"], 2, "--regions fingers"),

@@ -6,8 +6,6 @@ import numpy as np
 
 from clradar.model.array import AntennaArray
 
-__all__ = ["qar50"]
-
 
 def qar50() -> AntennaArray:
     """Return the 94 Tx x 94 Rx imager with a 14 cm aperture (QAR50 submodule, 72-82 GHz).
@@ -42,5 +40,5 @@ def qar50() -> AntennaArray:
     return AntennaArray(np.concatenate(tx_columns), np.concatenate(rx_rows), name="qar50")
 
 
-def __dir__() -> list[str]:
-    return sorted(__all__)
+KNOWN = {"qar50": qar50}
+"""Name in files and on the command line -> the function that makes the array."""

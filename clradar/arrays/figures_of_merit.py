@@ -1,0 +1,131 @@
+"""What an array resolves and what it confuses: widths, lobes, unambiguous range."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from clradar.arrays.lobes import Lobe, lobes
+from clradar.arrays.point_spread import width_m
+from clradar.model import AntennaArray, Waveform, checks
+
+FREQUENCIES = 32
+"""At most so many of a band take part; the range that they leave unambiguous covers the lobes."""
+
+WITHIN_DEG = 90.0
+LEVEL_DB = -20.0
+
+
+@dataclass(frozen=True, slots=True)
+class ArrayFigures:
+    """What `array_figures` found.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> one = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
+    >>> band = clradar.Waveform.sfcw(72e9, 82e9, 32)
+    >>> found = clradar.arrays.array_figures(one, band, (0, 0, 0.5))
+    >>> f"{1e3 * found.resolution_m[2]:.1f} mm along z, {1e3 * found.unambiguous_range_m:.0f} mm"
+    '12.9 mm along z, 465 mm'
+    """
+
+    focus_m: np.ndarray
+    """Shape (3,), metres."""
+    resolution_m: tuple[float, float, float]
+    """Full widths of the response at -3 dB along x, y and z; infinite where there is no aperture
+    (or, along z, neither aperture nor bandwidth)."""
+    range_cell_m: float
+    """c / (2 B)."""
+    unambiguous_range_m: float
+    """c / (2 df): echoes from so much farther away appear at the same range."""
+    lobes: tuple[Lobe, ...]
+    """Strongest first."""
+    within_deg: float
+    """Directions up to this angle to +z were searched."""
+
+
+def array_figures(
+    array: AntennaArray,
+    waveform: Waveform,
+    focus_m: Sequence[float],
+    *,
+    within_deg: float = WITHIN_DEG,
+    level_db: float = LEVEL_DB,
+) -> ArrayFigures:
+    """Resolution, lobes and unambiguous range of an array that is focused on a point.
+
+    Parameters
+    ----------
+    array : AntennaArray
+    waveform : Waveform
+    focus_m : sequence of 3 float, metres
+        In the antenna frame, in front of the antennas.
+    within_deg : float, degrees
+        Lobes are looked for in directions up to this angle to +z, at the distance of the focus.
+    level_db : float, decibel
+        Lobes below this level are left out; the strongest 20 are kept.
+
+    Returns
+    -------
+    ArrayFigures
+
+    Raises
+    ------
+    ModelError
+        An invalid argument; a focus behind the antennas; so many antennas and directions that the
+        search would take minutes (`within_deg` makes it smaller).
+
+    Notes
+    -----
+    For lines with spacings d the lobes of one frequency are at sin(angle) = sin(focus) + m c/(f d)
+    (Balanis, Antenna Theory, 6.3). Bandwidth smears those that the aperture does not: the level is
+    that of the whole band, at the range where it is highest.
+
+    Examples
+    --------
+    Sixteen receivers 2.5 mm apart at 60 GHz, half a wavelength: no lobe within 60 degrees.
+
+    >>> import numpy as np
+    >>> import clradar
+    >>> rx_m = np.arange(16)[:, None] * [2.5e-3, 0, 0]
+    >>> array = clradar.AntennaArray([[0, 0, 0]], rx_m - rx_m.mean(axis=0))
+    >>> band = clradar.Waveform.sfcw(59e9, 61e9, 32)
+    >>> found = clradar.arrays.array_figures(array, band, (0, 0, 1), within_deg=60, level_db=-6)
+    >>> found.lobes, f"{1e3 * found.unambiguous_range_m:.0f} mm"
+    ((), '2323 mm')
+    """
+    checks.instance("array_figures: array", array, AntennaArray)
+    checks.instance("array_figures: waveform", waveform, Waveform)
+    focus = checks.read_only("array_figures: focus_m", focus_m, np.float64, (3,))
+    within = checks.positive("array_figures: within_deg", within_deg)
+    level = checks.real("array_figures: level_db", level_db)
+    foremost_m = max(array.tx_m[:, 2].max(), array.rx_m[:, 2].max())
+    if focus[2] <= foremost_m:
+        checks.fail("array_figures: focus_m", f"z above {foremost_m:g} m, in front", focus[2])
+    if within > 90 or level >= 0:
+        checks.fail("array_figures", "within_deg up to 90, level_db below 0", (within, level))
+    frequencies_hz = _chosen(waveform)
+    across_m = 2 * float(np.linalg.norm(focus))
+    along_m = 0.99 * float(focus[2] - foremost_m)
+    width_x, width_y, width_z = (
+        width_m(array, frequencies_hz, focus, axis, longest_m)
+        for axis, longest_m in zip(np.eye(3), (across_m, across_m, along_m), strict=True)
+    )
+    return ArrayFigures(
+        focus,
+        (width_x, width_y, width_z),
+        waveform.range_resolution_m,
+        waveform.unambiguous_range_m,
+        lobes(array, frequencies_hz, focus, within, level),
+        within,
+    )
+
+
+def _chosen(waveform: Waveform) -> np.ndarray:
+    """At most `FREQUENCIES` over the whole band."""
+    count = min(waveform.n_freq, FREQUENCIES)
+    rows = np.linspace(0, waveform.n_freq - 1, count).round().astype(int)
+    return waveform.frequencies_hz[rows]

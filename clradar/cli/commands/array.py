@@ -1,0 +1,123 @@
+"""``clradar array``: draw an antenna array, and say what it resolves and what it confuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from clradar.cli.console import print_line, print_table, print_text, print_warning
+from clradar.cli.options.common import ForceOption
+from clradar.cli.options.groups import argument, option, output_option
+from clradar.cli.options.radar import ARRAY_HELP, BandOptions, RadarOptions
+from clradar.cli.options.values import check_unit, finite, numbers, wrong_usage
+from clradar.cli.outputs import check_figure, check_outputs
+
+if TYPE_CHECKING:
+    from clradar.arrays import ArrayFigures
+
+FARTHEST_M = 100.0
+
+
+def command(
+    array: str = argument("qar50", ARRAY_HELP, metavar="ARRAY"),
+    *,
+    output: Path | None = output_option(None, "Figure: .png, .pdf or .svg."),
+    at_mm: str = option("0,0,300", "Point that the array is focused on.", metavar="X,Y,Z"),
+    band: BandOptions,
+    within_deg: float = option(
+        90.0, "Lobes in directions up to this angle to boresight.", metavar="DEG"
+    ),
+    as_json: bool = option(False, "Print JSON for programs, in metres.", names=("--json",)),
+    force: ForceOption = False,
+) -> None:
+    """Widths are those of the response at -3 dB, which back-projection has without a window. A lobe
+    is another direction whose echoes appear at the focus, too, with its level over the whole band.
+    See docs/arrays.md.
+    """
+    from clradar.arrays import array_figures
+    from clradar.files.json_text import indented
+
+    check_figure(output)
+    radar = RadarOptions(array=array, band=band.band)
+    check_outputs([output], force=force, inputs=radar.files)
+    focus_m, antennas, waveform = _focus(at_mm), radar.antennas(), radar.waveform()
+    found = array_figures(antennas, waveform, focus_m, within_deg=within_deg)
+    if output is not None:
+        from clradar.plot import array_figure, save_figure
+
+        title = (
+            f"{antennas.name}, {waveform.frequencies_hz[0] / 1e9:g} to "
+            f"{waveform.frequencies_hz[-1] / 1e9:g} GHz, focused on {at_mm} mm"
+        )
+        save_figure(array_figure(antennas, waveform, found, title), output, force=force)
+    if as_json:
+        print_text(indented(_record(antennas.name, found)))
+        return
+    _print_figures(antennas.name, antennas.n_tx, antennas.n_rx, found)
+    if output is not None:
+        print_line(f"{output}: elements, virtual aperture, response")
+
+
+def _focus(text: str) -> tuple[float, float, float]:
+    values = numbers(text, ",")
+    if len(values) != 3 or not finite(values):
+        raise wrong_usage("--at-mm", f"expected X,Y,Z, got '{text}'")
+    for value in values:
+        check_unit("--at-mm", "a coordinate", abs(value), (0.0, FARTHEST_M), "mm")
+    x, y, z = (value / 1e3 for value in values)
+    return x, y, z
+
+
+def _print_figures(name: str, n_tx: int, n_rx: int, found: ArrayFigures) -> None:
+    at = ", ".join(f"{1e3 * value:g}" for value in found.focus_m)
+    widths = ", ".join(f"{a} {_mm(w)}" for a, w in zip("xyz", found.resolution_m, strict=True))
+    print_line(f"{name}: {n_tx} Tx, {n_rx} Rx, focused on {at} mm")
+    print_line(f"resolution (-3 dB): {widths}; c/2B {_mm(found.range_cell_m)}")
+    print_line(f"unambiguous range c/2df: {_mm(found.unambiguous_range_m)}")
+    if not found.lobes:
+        print_line("no other lobe above -20 dB")
+        return
+    rows = [
+        (
+            f"{round(lobe.azimuth_deg, 1) + 0.0:.1f}",
+            f"{round(lobe.elevation_deg, 1) + 0.0:.1f}",
+            f"{lobe.level_db:.1f}",
+            "grating lobe" if lobe.grating else "",
+        )
+        for lobe in found.lobes
+    ]
+    print_table(("azimuth deg", "elevation deg", "dB", ""), rows, right=("azimuth deg",
+                "elevation deg", "dB"))  # fmt: skip
+    if any(lobe.grating for lobe in found.lobes):
+        print_warning(
+            f"{name}: echoes from the directions of grating lobes look like the focus; keep them "
+            "empty, use antennas that do not see them, or space the antennas more closely"
+        )
+
+
+def _mm(length_m: float) -> str:
+    return f"{1e3 * length_m:.1f} mm" if length_m < float("inf") else "none"
+
+
+def _record(name: str, found: ArrayFigures) -> dict[str, Any]:
+    def plain(length_m: float) -> float | None:
+        return length_m if length_m < float("inf") else None
+
+    return {
+        "array": name,
+        "focus_m": found.focus_m.tolist(),
+        "resolution_m": [plain(width) for width in found.resolution_m],
+        "range_cell_m": plain(found.range_cell_m),
+        "unambiguous_range_m": found.unambiguous_range_m,
+        "within_deg": found.within_deg,
+        "lobes": [
+            {
+                "position_m": lobe.position_m.tolist(),
+                "azimuth_deg": lobe.azimuth_deg,
+                "elevation_deg": lobe.elevation_deg,
+                "level_db": lobe.level_db,
+                "grating": lobe.grating,
+            }
+            for lobe in found.lobes
+        ],
+    }

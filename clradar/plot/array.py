@@ -1,0 +1,141 @@
+"""The figure of an antenna array: elements, virtual aperture, response over directions and cuts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clradar.arrays.figures_of_merit import ArrayFigures
+from clradar.arrays.lobes import response_over_directions
+from clradar.arrays.point_spread import response
+from clradar.model import AntennaArray, Waveform
+from clradar.plot.layout import LABEL_PT, TICK_PT, TITLE_PT, new_figure, printable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SIZE = (9.5, 8.4)
+LEVELS_DB = 40.0
+CUT_RESOLUTIONS = 6.0
+"""Cuts reach so many resolutions to either side."""
+
+TX_COLOUR, RX_COLOUR, PAIR_COLOUR = "#c44e52", "#4c72b0", "#555555"
+
+
+def array_figure(
+    array: AntennaArray, waveform: Waveform, found: ArrayFigures, title: str | None = None
+) -> Figure:
+    """Draw an array and what `clradar.arrays.array_figures` found of it.
+
+    Parameters
+    ----------
+    array : AntennaArray
+    waveform : Waveform
+    found : ArrayFigures
+        Of this array and waveform.
+    title : str, optional
+        Plain text above all panels. Default: the array's name.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes in this order: elements and virtual aperture, as the radar sees the scene (x to the
+        left); the response at the middle frequency over directions, with the lobes; cuts of the
+        response of the whole band along x, y and z through the focus.
+    """
+    figure = new_figure(*SIZE)
+    axes = figure.subplots(2, 2)
+    figure.subplots_adjust(0.08, 0.07, 0.97, 0.9, wspace=0.28, hspace=0.32)
+    figure.suptitle(printable(title or array.name), fontsize=TITLE_PT, fontweight="bold")
+    _elements(axes[0, 0], array)
+    _virtual(axes[0, 1], array)
+    _directions(axes[1, 0], array, waveform, found)
+    _cuts(axes[1, 1], array, waveform, found)
+    for panel in axes.flat:
+        panel.tick_params(labelsize=TICK_PT)
+        panel.grid(linewidth=0.4, alpha=0.4)
+        panel.title.set_fontsize(LABEL_PT)
+        panel.xaxis.label.set_fontsize(LABEL_PT)
+        panel.yaxis.label.set_fontsize(LABEL_PT)
+    return figure
+
+
+def _elements(axes: Axes, array: AntennaArray) -> None:
+    for positions_m, colour, marker, name in (
+        (array.tx_m, TX_COLOUR, "s", f"{array.n_tx} Tx"),
+        (array.rx_m, RX_COLOUR, "o", f"{array.n_rx} Rx"),
+    ):
+        x, y = 1e3 * positions_m[:, 0], 1e3 * positions_m[:, 1]
+        axes.plot(x, y, marker, color=colour, markersize=3, fillstyle="none", label=name)
+    axes.set_title("elements")
+    axes.legend(fontsize=TICK_PT)
+    _equal_mm(axes)
+
+
+def _virtual(axes: Axes, array: AntennaArray) -> None:
+    """The middle of every pair: where a single antenna would see nearly the same phase far away."""
+    tx, rx = (1e3 * side[:, :2] / 2 for side in (array.tx_m, array.rx_m))
+    middles = (tx[:, None] + rx[None]).reshape(-1, 2)
+    places = np.unique(middles.round(4), axis=0)
+    axes.plot(places[:, 0], places[:, 1], ".", color=PAIR_COLOUR, markersize=1.5)
+    axes.set_title(f"virtual aperture: {len(middles)} pairs at {len(places)} places")
+    _equal_mm(axes)
+
+
+def _equal_mm(axes: Axes) -> None:
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x (mm)")
+    axes.set_ylabel("y (mm)")
+    axes.invert_xaxis()
+
+
+def _directions(axes: Axes, array: AntennaArray, waveform: Waveform, found: ArrayFigures) -> None:
+    directions, level, _ = response_over_directions(
+        array, waveform.center_hz, found.focus_m, found.within_deg
+    )
+    level_db = 20 * np.log10(np.maximum(level, 10 ** (-LEVELS_DB / 20)))
+    sines = directions[0, :, 0], directions[:, 0, 1]
+    if min(level.shape) == 1:  # a line of antennas
+        along = 0 if level.shape[0] == 1 else 1
+        axes.plot(sines[along], level_db.ravel(), color=PAIR_COLOUR, linewidth=0.8)
+        axes.set_xlabel(f"sine of the angle along {'xy'[along]}")
+        axes.set_ylabel("dB")
+        for lobe in found.lobes:
+            at = lobe.position_m[along] / np.linalg.norm(lobe.position_m)
+            axes.plot(at, lobe.level_db, "v", color=TX_COLOUR, markersize=4)
+    else:
+        mesh = axes.pcolormesh(*sines, level_db, shading="nearest", rasterized=True)
+        bar = axes.figure.colorbar(mesh, ax=axes)
+        bar.ax.tick_params(labelsize=TICK_PT)
+        bar.set_label("dB", fontsize=LABEL_PT)
+        for lobe in found.lobes:
+            at = lobe.position_m / np.linalg.norm(lobe.position_m)
+            colour = TX_COLOUR if lobe.grating else "white"
+            axes.plot(*at[:2], "o", fillstyle="none", color=colour, markersize=8)
+        axes.set_aspect("equal")
+        axes.set_xlabel("sine of the angle along x")
+        axes.set_ylabel("sine of the angle along y")
+        axes.invert_xaxis()
+    axes.set_title(f"response at {waveform.center_hz / 1e9:g} GHz; circles: lobes of the band")
+
+
+def _cuts(axes: Axes, array: AntennaArray, waveform: Waveform, found: ArrayFigures) -> None:
+    frequencies_hz = waveform.frequencies_hz
+    finite = [width for width in found.resolution_m if np.isfinite(width)]
+    for axis, name in enumerate("xyz"):
+        width_m = found.resolution_m[axis]
+        reach_m = CUT_RESOLUTIONS * (width_m if np.isfinite(width_m) else max(finite, default=0.01))
+        reach_m = min(reach_m, 0.95 * float(found.focus_m[2]))
+        offsets_m = np.linspace(-reach_m, reach_m, 601)
+        points_m = found.focus_m + offsets_m[:, None] * np.eye(3)[axis]
+        level = response(array, frequencies_hz, found.focus_m, points_m)
+        label = f"{name}: {1e3 * width_m:.1f} mm" if np.isfinite(width_m) else f"{name}: none"
+        level_db = 20 * np.log10(np.maximum(level, 10 ** (-LEVELS_DB / 20)))
+        axes.plot(1e3 * offsets_m, level_db, linewidth=0.9, label=label)
+    axes.axhline(-3, color="#999999", linewidth=0.6, linestyle=":")
+    axes.set_xlabel("distance from the focus (mm)")
+    axes.set_ylabel("dB")
+    axes.set_title("response of the whole band; widths at -3 dB")
+    axes.legend(fontsize=TICK_PT)

@@ -1,0 +1,127 @@
+"""Files of antenna arrays: every rule, poses, patterns, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clradar
+from clradar.arrays import qar50, read_array
+from clradar.errors import MeasurementError
+
+LINE = "line = { first_m = [-0.03, 0, 0], last_m = [0.03, 0, 0], n = 4 }"
+
+
+def read(tmp_path: Path, text: str) -> clradar.AntennaArray:
+    path = tmp_path / "lab.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_array(path)
+
+
+def test_every_rule_places_antennas(tmp_path: Path) -> None:
+    array = read(
+        tmp_path,
+        f"""
+        name = "mixed"
+        [[tx]]
+        {LINE}
+        [[tx]]
+        points_m = [[0, 0.05, 0], [0, 0.06, 0]]
+        [[rx]]
+        cross = {{ length_m = 0.04, n = 3, center_m = [0.1, 0, 0] }}
+        [[rx]]
+        plane = {{ size_m = [0.02, 0.04], n = [3, 2] }}
+        [[rx]]
+        ring = {{ radius_m = 0.02, n = 4, first_deg = 90 }}
+        [[antennas]]
+        points_m = [[0.2, 0.2, 0]]
+        """,
+    )
+    assert array.name == "mixed"
+    line = [[-0.03, 0, 0], [-0.01, 0, 0], [0.01, 0, 0], [0.03, 0, 0]]
+    both = [0.2, 0.2, 0]
+    np.testing.assert_allclose(array.tx_m, [*line, [0, 0.05, 0], [0, 0.06, 0], both], atol=1e-15)
+    cross = [[0.08, 0, 0], [0.1, 0, 0], [0.12, 0, 0], [0.1, -0.02, 0], [0.1, 0.02, 0]]
+    plane = [[x, y, 0] for y in (-0.02, 0.02) for x in (-0.01, 0, 0.01)]
+    ring = [[0, 0.02, 0], [-0.02, 0, 0], [0, -0.02, 0], [0.02, 0, 0]]
+    np.testing.assert_allclose(array.rx_m, [*cross, *plane, *ring, both], atol=1e-15)
+
+
+def test_a_cross_with_an_even_number_has_no_middle(tmp_path: Path) -> None:
+    array = read(tmp_path, "[[antennas]]\ncross = { length_m = 0.03, n = 4 }")
+    assert array.n_tx == array.n_rx == 8
+
+
+def test_poses_place_copies_of_a_known_array(tmp_path: Path) -> None:
+    array = read(
+        tmp_path,
+        """
+        copy_of = "qar50"
+        [[pose]]
+        plane = { size_m = [0.2, 0], n = [2, 1] }
+        [[pose]]
+        points_m = [[0, 0.3, 0]]
+        rotation_deg = [0, 0, 90]
+        """,
+    )
+    one = qar50()
+    assert (array.n_tx, array.n_rx) == (3 * 94, 3 * 94)
+    np.testing.assert_allclose(array.tx_m[:94], one.tx_m - np.array([0.1, 0, 0]))
+    np.testing.assert_allclose(array.tx_m[94:188], one.tx_m + np.array([0.1, 0, 0]))
+    turned = np.stack([-one.rx_m[:, 1], one.rx_m[:, 0] + 0.3, one.rx_m[:, 2]], axis=1)
+    np.testing.assert_allclose(array.rx_m[188:], turned, atol=1e-15)
+
+
+def test_patterns_are_those_of_the_record(tmp_path: Path) -> None:
+    array = read(
+        tmp_path,
+        f"""
+        [[antennas]]
+        {LINE}
+        [tx_pattern]
+        gain_dbi = 5
+        exponent = 1
+        [rx_pattern]
+        angle_deg = [0, 90, 180]
+        field = [1, 0.5, 0]
+        """,
+    )
+    assert array.tx_pattern == clradar.AntennaPattern(gain_dbi=5.0, exponent=1.0)
+    assert array.rx_pattern == clradar.AntennaPattern(
+        angle_deg=np.array([0.0, 90.0, 180.0]), field=np.array([1.0, 0.5, 0.0])
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", r"tx: expected \[\[tx\]\] or \[\[antennas\]\]"),
+        (f"[[tx]]\n{LINE}", r"rx: expected \[\[rx\]\]"),
+        ("[[antennas]]\n", "antennas\\[0\\]: expected one of points_m, line.* got none"),
+        (f"[[antennas]]\n{LINE}\npoints_m = [[0, 0, 0]]", "got points_m and line"),
+        (f"[[antennas]]\n{LINE}\nangle = 3", "angle: unknown key"),
+        (f"antenas = 1\n[[antennas]]\n{LINE}", "antenas: unknown key.*did you mean 'antennas'"),
+        ("[[antennas]]\nline = { first_m = [0, 0, 0], n = 3 }", "line.last_m: expected .*metres"),
+        ("[[antennas]]\nring = { radius_m = -1, n = 3 }", "radius_m: expected a length above 0"),
+        ("[[antennas]]\nring = { radius_m = 1, n = 3.5 }", "n: expected a whole number"),
+        ("[[antennas]]\npoints_m = [[0, 0]]", "rows of three numbers, got rows of 2"),
+        ("[[antennas]]\nplane = { size_m = [1, 1], n = [1000, 1000] }", "at most 20000 antennas"),
+        ("[[antennas]]\nplane = { n = [3, 3] }", "size_m = .width, height."),
+        ("[[antennas]]\nring = { radius_m = 70, n = 9 }", "an aperture"),
+        ('copy_of = "qar5"', "one of .*did you mean 'qar50'"),
+        (f'copy_of = "qar50"\n[[tx]]\n{LINE}', "copy_of: expected no tx, rx, antennas beside"),
+        ('copy_of = "qar50"\npose = 3', r"pose: expected tables \[\[pose\]\]"),
+        (
+            'copy_of = "qar50"\n[tx_pattern]\nexponent = 1\n[[pose]]\npoints_m = [[0, 0, 0]]\n'
+            "rotation_deg = [0, 10, 0]",
+            "rotations about z beside a pattern",
+        ),
+        ('copy_of = "qar50"\n[tx_pattern]\nexponent = -1', "tx_pattern.exponent: expected 0 to"),
+        ("copy_of =", "expected an antenna array"),
+    ],
+)
+def test_one_error_names_the_file_and_the_key(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(MeasurementError, match=rf"(?s)lab\.toml: .*{words}"):
+        read(tmp_path, text)

@@ -1,0 +1,126 @@
+"""Widths and lobes of arrays against closed forms and against back-projection itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import clradar
+from clradar.arrays import array_figures
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S as C
+from clradar.errors import ModelError
+
+FAR_M = 20.0
+
+
+def line(n: int, spacing_m: float) -> clradar.AntennaArray:
+    """One Tx in the middle of n Rx along x."""
+    rx_m = (np.arange(n) - (n - 1) / 2)[:, None] * [spacing_m, 0.0, 0.0]
+    return clradar.AntennaArray([[0.0, 0.0, 0.0]], rx_m, name="line")
+
+
+def wall(n: int, width_m: float) -> clradar.AntennaArray:
+    """One Tx in the middle of n x n Rx."""
+    x_m, y_m = np.meshgrid(*2 * [np.linspace(-width_m / 2, width_m / 2, n)])
+    rx_m = np.stack([x_m.ravel(), y_m.ravel(), np.zeros(n * n)], axis=1)
+    return clradar.AntennaArray([[0.0, 0.0, 0.0]], rx_m, name="wall")
+
+
+def test_a_line_far_away_has_the_width_and_the_sidelobes_of_theory() -> None:
+    """Balanis, Antenna Theory, chapter 6: sin(N x) / (N sin x), x = pi d / lambda * sine."""
+    n, spacing_m, hz = 16, 2e-3, 75e9
+    found = array_figures(
+        line(n, spacing_m), clradar.Waveform.sfcw(hz, hz, 1), (0, 0, FAR_M), level_db=-14
+    )
+    x = np.linspace(1e-9, np.pi / n, 100_000)
+    factor = np.abs(np.sin(n * x) / (n * np.sin(x)))
+    half = x[np.argmax(factor < np.sqrt(0.5))] * C / hz / (np.pi * spacing_m)
+    width_m = 2 * FAR_M * np.tan(np.arcsin(half))
+    # Widths are interpolated between points 3 % apart.
+    np.testing.assert_allclose(found.resolution_m[0], width_m, rtol=2e-3)
+    first = np.linspace(np.pi / n, 2 * np.pi / n, 100_000)
+    levels = np.abs(np.sin(n * first) / (n * np.sin(first)))
+    lobe = np.rad2deg(np.arcsin(first[levels.argmax()] * C / hz / (np.pi * spacing_m)))
+    assert [abs(own.azimuth_deg) for own in found.lobes] == pytest.approx([lobe, lobe], abs=0.05)
+    expected_db = 20 * np.log10(levels.max())
+    assert [own.level_db for own in found.lobes] == pytest.approx(2 * [expected_db], abs=0.01)
+    assert not any(own.grating for own in found.lobes)
+
+
+@pytest.mark.parametrize("sine", [0.0, 0.3])
+def test_grating_lobes_are_where_the_grating_equation_has_them(sine: float) -> None:
+    n, spacing_m, hz = 12, 6e-3, 75e9
+    focus_m = FAR_M * np.array([sine, 0.0, np.sqrt(1 - sine**2)])
+    band = clradar.Waveform.sfcw(hz, hz, 1)
+    found = array_figures(line(n, spacing_m), band, focus_m, level_db=-1)
+    sines = sorted(s for m in (-2, -1, 1, 2) if abs(s := sine + m * C / hz / spacing_m) < 1)
+    seen = sorted(np.sin(np.deg2rad(own.azimuth_deg)) for own in found.lobes if own.grating)
+    assert seen == pytest.approx(sines, abs=2e-4)
+    assert [own.level_db for own in found.lobes] == pytest.approx(len(sines) * [0.0], abs=0.01)
+
+
+def test_the_width_in_range_is_that_of_the_band() -> None:
+    """sinc: 0.886 c / (2 B), with B of the whole steps that the sum stands for."""
+    one = clradar.AntennaArray([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]])
+    band = clradar.Waveform.sfcw(72e9, 82e9, 32)
+    found = array_figures(one, band, (0, 0, 0.5))
+    steps_hz = band.span_hz * 32 / 31
+    np.testing.assert_allclose(found.resolution_m[2], 0.8859 * C / (2 * steps_hz), rtol=2e-3)
+    assert found.unambiguous_range_m == band.unambiguous_range_m
+    assert found.lobes == ()
+
+
+def test_back_projection_shows_a_grating_lobe_at_its_level() -> None:
+    """A point's echoes imaged at the lobes that are predicted for it."""
+    tx_m = np.linspace(-0.0275, 0.0275, 12)[:, None] * [1.0, 0.0, 0.0]
+    rx_m = np.linspace(-0.0375, 0.0375, 16)[:, None] * [0.0, 1.0, 0.0]
+    array = clradar.AntennaArray(tx_m, rx_m, name="cross")
+    band = clradar.Waveform.sfcw(60e9, 64e9, 32)
+    point_m = np.array([0.2, 0.0, 1.0])
+    found = array_figures(array, band, point_m, level_db=-3)
+    path_m = np.linalg.norm(tx_m - point_m, axis=1)[:, None] + np.linalg.norm(
+        rx_m - point_m, axis=1
+    )
+    data = np.exp(-2j * np.pi * path_m[:, :, None] * band.frequencies_hz / C)
+    capture = clradar.Capture(data.astype(np.complex64), array, band)
+    assert len(found.lobes) == 3
+    for lobe in found.lobes:
+        x, y, z = lobe.position_m
+        grid = clradar.VoxelGrid.from_extent((x, x), (y, y), (z, z), spacing_m=1e-3)
+        voxel = clradar.backproject(capture, grid, method="exact").data[0, 0, 0]
+        # complex64 data and single precision: 1e-4 of the amplitude.
+        assert 20 * np.log10(abs(voxel)) == pytest.approx(lobe.level_db, abs=2e-3)
+
+
+def test_patterns_lower_the_lobes() -> None:
+    """cos^1 of each side: the lobe at 60 degrees loses cos 60 of the Rx only, 6.0 dB."""
+    hz = 75e9
+    rows = line(12, C / hz / np.sin(np.deg2rad(60)))
+    rx_only = clradar.AntennaArray(
+        rows.tx_m, rows.rx_m, rx_pattern=clradar.AntennaPattern(gain_dbi=3.0, exponent=1.0)
+    )
+    band = clradar.Waveform.sfcw(hz, hz, 1)
+    for array, level_db in ((rows, 0.0), (rx_only, 20 * np.log10(0.5))):
+        lobes = array_figures(array, band, (0, 0, FAR_M), level_db=-7).lobes
+        assert [own.level_db for own in lobes] == pytest.approx(2 * [level_db], abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"focus_m": (0, 0, -1)}, "focus_m: expected z above 0 m"),
+        ({"focus_m": (0, 0)}, "focus_m: expected shape"),
+        ({"within_deg": 91}, "within_deg up to 90"),
+        ({"level_db": 0}, "level_db below 0"),
+        ({"array": wall(100, 4.0)}, "antennas times directions"),
+        ({"array": None}, "array: expected"),
+    ],
+)
+def test_bad_arguments_are_named(change: dict[str, object], words: str) -> None:
+    given: dict[str, object] = {
+        "array": clradar.arrays.qar50(),
+        "waveform": clradar.Waveform.sfcw(72e9, 82e9, 8),
+        "focus_m": (0, 0, 0.3),
+    }
+    with pytest.raises(ModelError, match=words):
+        array_figures(**{**given, **change})  # type: ignore[arg-type]
