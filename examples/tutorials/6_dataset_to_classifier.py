@@ -10,7 +10,7 @@ Make radar images of many hands, and learn to tell fists from flat hands. Needs
 # A plan
 # ------
 # What the samples are, and what is drawn at random for each: hands of random adults, left and
-# right, in random places, of random roughness, in noise. This one is tiny: 28 hands, every sixth
+# right, in random places, of random roughness, in noise. This one is tiny: 28 hands, every third
 # antenna and voxels of 5 mm, a fraction of a second each. ``examples/plans/letters.toml`` in the
 # repository is one to learn letters from.
 
@@ -52,7 +52,7 @@ others = { uniform = [0.2, 0.7] }
 snr_db = { uniform = [0, 20] }
 
 [radar]
-every = 6
+every = 3
 steps = 32
 
 [simulation]
@@ -94,9 +94,8 @@ print(f"{np.count_nonzero(guessed == y[~known])} of {len(guessed)} new hands are
 # %%
 # The new hands, and what they were taken for
 # -------------------------------------------
-# A is the fist, B the flat hand. With so few antennas each hand is surrounded by copies of itself
-# (grating lobes), and an eye sees little of it; the classifier does not mind, since they are the
-# same for all.
+# A is the fist, B the flat hand. What lies at the edges are copies of the hand (grating lobes),
+# since two of three antennas are left out.
 
 figure = matplotlib.figure.Figure(figsize=(9, 4.5), layout="constrained")
 for axes, image, pose, guess in zip(

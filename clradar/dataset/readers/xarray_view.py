@@ -111,7 +111,10 @@ def _coordinates(file: Any) -> dict[str, Any]:
 
 
 def _units(dataset: Any) -> dict[str, str]:
-    return {key: str(dataset.attrs[key]) for key in ("units", "long_name") if key in dataset.attrs}
+    found = {key: str(dataset.attrs[key]) for key in ("units", "long_name") if key in dataset.attrs}
+    if "long_name" in found:  # xarray writes the units beside it
+        found["long_name"] = found["long_name"].removesuffix(f" ({found.get('units')})")
+    return found
 
 
 def _attributes(manifest: Manifest) -> dict[str, Any]:

@@ -33,6 +33,8 @@ LIBRARY = ("v110", "v110")
 """Versions of the HDF5 file format that are written."""
 
 RAGGED_ROWS = 2**14
+SHOWN_FIRST = ("max_projection", "depth_map")
+"""What viewers draw at once, where a shard has it."""
 
 
 def write_sample(
@@ -82,7 +84,7 @@ def _fill(
     file.attrs["clradar_version"] = VERSION
     entry = file.create_group("entry")
     entry.attrs["NX_class"] = "NXentry"
-    entry.attrs["default"] = FIELDS[names[0]].group
+    entry.attrs["default"] = FIELDS[next((n for n in SHOWN_FIRST if n in names), names[0])].group
     store = _Store(entry, compression)
     store.labels(recipes, made_with)
     store.axes(axes)
@@ -96,6 +98,8 @@ def _fill(
             store.copied(group, spec, [f[spec.place] for f in files])
         else:
             store.array(group, spec.dataset, arrays[name][None], spec.units, spec.long_name)
+        if spec.axes[-2:] == ("y_m", "x_m"):
+            group[spec.dataset].attrs["interpretation"] = "image"
 
 
 def _text(value: Mapping[str, Any]) -> str:
@@ -143,6 +147,7 @@ class _Store:
         group = self._entry.create_group(spec.group)
         group.attrs["NX_class"] = "NXdata"
         group.attrs["signal"] = spec.dataset
+        group.attrs["title"] = spec.long_name
         group["sample"] = self._entry["labels/sample"]
         if not spec.ragged:
             group.attrs["axes"] = ["sample", *spec.axes]
@@ -188,7 +193,9 @@ class _Store:
 
 
 def _describe(made: Any, units: str | None, long_name: str) -> None:
-    made.attrs["long_name"] = long_name
+    # Viewers write one or the other; names of axes have their unit already.
+    own = units is None or long_name.endswith(f"_{units}")
+    made.attrs["long_name"] = long_name if own else f"{long_name} ({units})"
     if units is not None:
         made.attrs["units"] = units
 
