@@ -12,6 +12,35 @@
  *    are padded with zeros to a multiple of CLR_WIDTH and of CLR_TILE columns. */
 #include "common/block_phases.h"
 
+/* The phasors that refer the samples of CLR_WIDTH antennas from the centre p of a block to that of a block
+ * in it, c. Arguments as below. */
+static inline void antenna_phasors(const uint n_columns, const uint n_m,
+                                   __global const float *antennas, __global const float *k,
+                                   __global const float *c, __global const float *p,
+                                   __global float *out) {
+    const realw ax = LOADW(antennas), ay = LOADW(antennas + n_columns);
+    const realw az = LOADW(antennas + 2 * n_columns);
+#if CLR_FAR
+    const realw bx = LOADW(antennas + 3 * n_columns);
+    const realw by = LOADW(antennas + 4 * n_columns);
+    const realw bz = LOADW(antennas + 5 * n_columns), none = 0.0f;
+    const dual length = length_difference(
+        from_antenna(c[0], none, ax, bx), from_antenna(c[1], none, ay, by),
+        from_antenna(c[2], none, az, bz), from_antenna(p[0], none, ax, bx),
+        from_antenna(p[1], none, ay, by), from_antenna(p[2], none, az, bz));
+#else
+    const realw length = length_difference(c[0] - ax, c[1] - ay, c[2] - az, p[0] - ax, p[1] - ay,
+                                           p[2] - az, c[0] - p[0], c[1] - p[1], c[2] - p[2]);
+#endif
+    for (uint m = 0; m < n_m; ++m) {
+        realw cosine, sine;
+        phasor(length, k[m], k[n_m + m], &cosine, &sine);
+        STOREW(cosine, out);
+        STOREW(sine, out + n_columns);
+        out += 2 * n_columns;
+    }
+}
+
 /* The phasors that refer each antenna's samples from a block's centre to that of a block in it. Item =
  * CLR_WIDTH antennas of one block.
  *
@@ -28,29 +57,9 @@ __kernel void block_phasors(const uint n_columns, const uint n_blocks, const uin
                           __global const int *parent, __global float *phasors) {
     const uint column = (uint)get_global_id(0) * CLR_WIDTH, block = (uint)get_global_id(1);
     if (column >= n_columns || block >= n_blocks) return;
-    const realw ax = LOADW(antennas + column), ay = LOADW(antennas + n_columns + column);
-    const realw az = LOADW(antennas + 2 * n_columns + column);
-    __global const float *c = centres + 3 * block, *p = parents + 3 * parent[block];
-#if CLR_FAR
-    const realw bx = LOADW(antennas + 3 * n_columns + column);
-    const realw by = LOADW(antennas + 4 * n_columns + column);
-    const realw bz = LOADW(antennas + 5 * n_columns + column), none = 0.0f;
-    const dual length = length_difference(
-        from_antenna(c[0], none, ax, bx), from_antenna(c[1], none, ay, by),
-        from_antenna(c[2], none, az, bz), from_antenna(p[0], none, ax, bx),
-        from_antenna(p[1], none, ay, by), from_antenna(p[2], none, az, bz));
-#else
-    const realw length = length_difference(c[0] - ax, c[1] - ay, c[2] - az, p[0] - ax, p[1] - ay,
-                                           p[2] - az, c[0] - p[0], c[1] - p[1], c[2] - p[2]);
-#endif
-    __global float *out = phasors + (size_t)2 * block * n_m * n_columns + column;
-    for (uint m = 0; m < n_m; ++m) {
-        realw cosine, sine;
-        phasor(length, k[m], k[n_m + m], &cosine, &sine);
-        STOREW(cosine, out);
-        STOREW(sine, out + n_columns);
-        out += 2 * n_columns;
-    }
+    antenna_phasors(n_columns, n_m, antennas + column, k, centres + 3 * block,
+                    parents + 3 * parent[block],
+                    phasors + (size_t)2 * block * n_m * n_columns + column);
 }
 
 /* Rows of one block and frequency, CLR_WIDTH columns of them, times their phasors. */
@@ -63,6 +72,20 @@ static inline void rotated_rows(const uint n_rows, const uint n_columns, __globa
         const realw cosine = phasors[i], sine = phasors[n_phasors + i];
         re[i] = fused(a, cosine, -(b * sine));
         im[i] = fused(a, sine, b * cosine);
+    }
+}
+
+/* CLR_WIDTH columns of one frequency become rows: arguments as below, from this block, frequency and column
+ * on; n_left columns from here on are real. */
+static inline void transposed_columns(const uint n_columns, const uint n_rows, const uint n_out,
+                                      const uint n_left, const uint n_phasors,
+                                      __global const float *g, __global const float *phasors,
+                                      __global const float *weights, __global float *out) {
+    realw re[CLR_ROWS], im[CLR_ROWS];
+    rotated_rows(n_rows, n_columns, g, n_phasors, phasors, re, im);
+    for (uint j = 0; j < n_out; j += CLR_TILE) {
+        const weighted_sums sum = sum_rows(n_rows, re, im, weights + j, n_out);
+        store_transposed(sum, n_left, n_out, out + j);
     }
 }
 
@@ -83,15 +106,29 @@ __kernel void reduce_and_transpose(const uint n_columns, const uint n_m, const u
     const uint column = (uint)get_global_id(0) * CLR_WIDTH, m = (uint)get_global_id(1);
     const uint block = (uint)get_global_id(2);
     if (column >= n_real_columns || m >= n_m || block >= n_blocks) return;
+    transposed_columns(n_columns, n_rows, n_out, n_real_columns - column, n_phasors,
+                       g + ((size_t)parent[block] * n_m + m) * 2 * n_rows * n_columns + column,
+                       phasors + ((size_t)block * n_m + m) * 2 * n_phasors, weights,
+                       result +
+                           (((size_t)block * n_m + m) * n_real_columns + column) * 2 * n_out);
+}
+
+/* CLR_WIDTH columns of one frequency with fewer rows: arguments as below, from this block, frequency and
+ * column on. */
+static inline void fewer_rows(const uint n_columns, const uint n_rows, const uint n_out,
+                              const uint n_padded, const uint n_phasors, __global const float *g,
+                              __global const float *phasors, __global const float *weights,
+                              __global float *out) {
     realw re[CLR_ROWS], im[CLR_ROWS];
-    rotated_rows(n_rows, n_columns,
-                 g + ((size_t)parent[block] * n_m + m) * 2 * n_rows * n_columns + column, n_phasors,
-                 phasors + ((size_t)block * n_m + m) * 2 * n_phasors, re, im);
-    __global float *out =
-        result + (((size_t)block * n_m + m) * n_real_columns + column) * 2 * n_out;
-    for (uint j = 0; j < n_out; j += CLR_TILE) {
-        const weighted_sums sum = sum_rows(n_rows, re, im, weights + j, n_out);
-        store_transposed(sum, n_real_columns - column, n_out, out + j);
+    rotated_rows(n_rows, n_columns, g, n_phasors, phasors, re, im);
+    for (uint j = 0; j < n_padded; j += CLR_TILE) {
+        const weighted_sums sum = sum_rows(n_rows, re, im, weights + j, n_padded);
+#pragma unroll
+        for (uint t = 0; t < CLR_TILE; ++t) {
+            if (j + t >= n_out) continue;
+            STOREW(sum.re[t], out + (size_t)2 * (j + t) * n_columns);
+            STOREW(sum.im[t], out + (size_t)(2 * (j + t) + 1) * n_columns);
+        }
     }
 }
 
@@ -106,19 +143,27 @@ __kernel void reduce_rows(const uint n_columns, const uint n_m, const uint n_blo
     const uint column = (uint)get_global_id(0) * CLR_WIDTH, m = (uint)get_global_id(1);
     const uint block = (uint)get_global_id(2);
     if (column >= n_columns || m >= n_m || block >= n_blocks) return;
-    realw re[CLR_ROWS], im[CLR_ROWS];
     const size_t at = (size_t)block * n_m + m;
-    rotated_rows(n_rows, n_columns, g + at * 2 * n_rows * n_columns + column, n_phasors,
-                 phasors + at * 2 * n_phasors, re, im);
-    __global float *out = result + at * 2 * n_out * n_columns + column;
+    fewer_rows(n_columns, n_rows, n_out, n_padded, n_phasors, g + at * 2 * n_rows * n_columns + column,
+               phasors + at * 2 * n_phasors, weights, result + at * 2 * n_out * n_columns + column);
+}
+
+/* CLR_WIDTH numbers of fewer frequencies: arguments as below, from this block and number on. */
+static inline void fewer_frequencies(const uint n_values, const uint n_m, const uint n_out,
+                                     const uint n_padded, __global const float *in,
+                                     __global const float *weights, __global float *out) {
     for (uint j = 0; j < n_padded; j += CLR_TILE) {
-        const weighted_sums sum = sum_rows(n_rows, re, im, weights + j, n_padded);
+        realw sum[CLR_TILE];
+        for (uint t = 0; t < CLR_TILE; ++t) sum[t] = 0.0f;
+        for (uint m = 0; m < n_m; ++m) {
+            __global const float *w = weights + (size_t)m * n_padded + j;
+            const realw a = LOADW(in + (size_t)m * n_values);
 #pragma unroll
-        for (uint t = 0; t < CLR_TILE; ++t) {
-            if (j + t >= n_out) continue;
-            STOREW(sum.re[t], out + (size_t)2 * (j + t) * n_columns);
-            STOREW(sum.im[t], out + (size_t)(2 * (j + t) + 1) * n_columns);
+            for (uint t = 0; t < CLR_TILE; ++t) sum[t] = fused(a, (realw)(w[t]), sum[t]);
         }
+#pragma unroll
+        for (uint t = 0; t < CLR_TILE; ++t)
+            if (j + t < n_out) STOREW(sum[t], out + (size_t)(j + t) * n_values);
     }
 }
 
@@ -132,20 +177,65 @@ __kernel void reduce_frequencies(const uint n_values, const uint n_blocks, const
                                  __global const float *weights, __global float *result) {
     const uint value = (uint)get_global_id(0) * CLR_WIDTH, block = (uint)get_global_id(1);
     if (value >= n_values || block >= n_blocks) return;
-    __global const float *in = g + (size_t)block * n_m * n_values + value;
-    __global float *out = result + (size_t)block * n_out * n_values + value;
-    for (uint j = 0; j < n_padded; j += CLR_TILE) {
-        realw sum[CLR_TILE];
-        for (uint t = 0; t < CLR_TILE; ++t) sum[t] = 0.0f;
+    fewer_frequencies(n_values, n_m, n_out, n_padded, g + (size_t)block * n_m * n_values + value,
+                      weights, result + (size_t)block * n_out * n_values + value);
+}
+
+/* All of the above, block by block: what one block needs on the way stays in a core's cache, and the three
+ * steps are one launch. Item = every n_items-th block. For devices whose items are a core's lanes.
+ *
+ * n_columns, n_rows, n_skeleton                columns and rows of the parents, and columns left
+ * n_new, n_new_rows                            rows left, padded: the columns of the result
+ * row_antennas, column_antennas, centres, parents, parent, k   see block_phasors
+ * g              float (n_parents, n_m, n_rows, 2, padded n_columns)
+ * scratch        float (n_items, n_scratch)
+ * result         float (n_blocks, n_left, n_skeleton, 2, n_new)  out */
+__kernel void reduce_blocks(const uint n_items, const uint n_blocks, const uint n_m,
+                            const uint n_rows, const uint n_columns, const uint n_new,
+                            const uint n_skeleton, const uint n_left, const uint n_scratch,
+                            __global const float *row_antennas,
+                            __global const float *column_antennas, __global const float *k,
+                            __global const float *centres, __global const float *parents,
+                            __global const int *parent, __global const float *g,
+                            __global const float *row_weights,
+                            __global const float *column_weights,
+                            __global const float *frequency_weights, __global float *scratch,
+                            __global float *result) {
+    const uint item = (uint)get_global_id(0);
+    if (item >= n_items) return;
+    const uint unit = CLR_WIDTH > CLR_TILE ? CLR_WIDTH : CLR_TILE;
+    const uint n_row_phasors = (n_rows + unit - 1) / unit * unit;
+    const uint n_padded_columns = (n_columns + unit - 1) / unit * unit;
+    const uint n_padded_skeleton = (n_skeleton + CLR_TILE - 1) / CLR_TILE * CLR_TILE;
+    const uint n_padded_left = (n_left + CLR_TILE - 1) / CLR_TILE * CLR_TILE;
+    const uint n_values = 2 * n_skeleton * n_new;
+    __global float *row_phasors = scratch + (size_t)item * n_scratch;
+    __global float *column_phasors = row_phasors + 2 * n_m * n_row_phasors;
+    __global float *transposed = column_phasors + 2 * n_m * n_padded_columns;
+    __global float *reduced = transposed + 2 * n_columns * n_new;
+    for (uint block = item; block < n_blocks; block += n_items) {
+        __global const float *c = centres + 3 * block, *p = parents + 3 * parent[block];
+        for (uint at = 0; at < n_row_phasors; at += CLR_WIDTH)
+            antenna_phasors(n_row_phasors, n_m, row_antennas + at, k, c, p, row_phasors + at);
+        for (uint at = 0; at < n_padded_columns; at += CLR_WIDTH)
+            antenna_phasors(n_padded_columns, n_m, column_antennas + at, k, c, p,
+                            column_phasors + at);
         for (uint m = 0; m < n_m; ++m) {
-            __global const float *w = weights + (size_t)m * n_padded + j;
-            const realw a = LOADW(in + (size_t)m * n_values);
-#pragma unroll
-            for (uint t = 0; t < CLR_TILE; ++t) sum[t] = fused(a, (realw)(w[t]), sum[t]);
+            __global const float *from =
+                g + ((size_t)parent[block] * n_m + m) * 2 * n_rows * n_padded_columns;
+            for (uint at = 0; at < n_columns; at += CLR_WIDTH)
+                transposed_columns(n_padded_columns, n_rows, n_new, n_columns - at, n_row_phasors,
+                                   from + at, row_phasors + 2 * m * n_row_phasors, row_weights,
+                                   transposed + 2 * at * n_new);
+            for (uint at = 0; at < n_new; at += CLR_WIDTH)
+                fewer_rows(n_new, n_columns, n_skeleton, n_padded_skeleton, n_padded_columns,
+                           transposed + at, column_phasors + 2 * m * n_padded_columns,
+                           column_weights, reduced + (size_t)m * n_values + at);
         }
-#pragma unroll
-        for (uint t = 0; t < CLR_TILE; ++t)
-            if (j + t < n_out) STOREW(sum[t], out + (size_t)(j + t) * n_values);
+        for (uint at = 0; at < n_values; at += CLR_WIDTH)
+            fewer_frequencies(n_values, n_m, n_left, n_padded_left, reduced + at,
+                              frequency_weights,
+                              result + (size_t)block * n_left * n_values + at);
     }
 }
 

@@ -125,8 +125,12 @@ class FastSum:
                 cube = buffers.upload(self._cube(data[tx, rx], weights))
                 for j, piece in enumerate(self.pieces):
                     blocks = self._blocks_of(i, j)
-                    with self._tree(array, blocks, buffers, upwards=False) as tree:
-                        image = WayDown(tree, self._part_of(report, i, j)).image(cube)
+                    with (
+                        self._tree(array, blocks, buffers, upwards=False) as tree,
+                        WayDown(tree) as way,
+                    ):
+                        volume = way.image(cube, self._part_of(report, i, j))
+                        image = buffers.read(volume, (2, way.n_values), np.float32)
                     piece.add(out, image, blocks)
                     del image  # before the next is read
                 buffers.release(cube)

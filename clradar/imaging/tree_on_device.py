@@ -153,6 +153,7 @@ class TreeOnDevice:
         self.width, self.unit = device.width, column_unit(device)
         self.levels, self.upwards = blocks.levels, upwards
         self._held: list[Any] = []
+        self._middle: Any = None
         chunk = GPU_CHUNK_BYTES if device.info.kind == "gpu" else CPU_CHUNK_BYTES
         self.chunk_bytes = min(chunk, device.budget_bytes // 16)
         self.steps = [self._step(i) for i in range(len(self.levels))]
@@ -183,15 +184,17 @@ class TreeOnDevice:
         for buffer in held:
             self.buffers.release(buffer)
 
-    def blocks_at_once(self, i: int) -> int:
-        """Return how many blocks of level i make one chunk."""
+    def blocks_at_once(self, i: int, striped: bool = False) -> int:
+        """Return how many blocks of level i make one chunk; `striped` are those of which a few at a
+        time need more than their result."""
         step = self.steps[i]
         rows, columns = step.rows, step.columns
         row = 8 * padded(rows.n_skeleton, self.unit)
         phasors = 8 * (padded(rows.n, self.unit) + padded(columns.n, self.unit))
         per_frequency = row * (columns.n + columns.n_skeleton) + phasors
-        skeleton = step.n_skeleton_frequencies * columns.n_skeleton * row
-        n_bytes = step.n_frequencies * per_frequency + skeleton
+        n_bytes = step.n_skeleton_frequencies * columns.n_skeleton * row
+        if not striped:
+            n_bytes += step.n_frequencies * per_frequency
         return max(1, self.chunk_bytes // n_bytes)
 
     def phasors(
@@ -205,26 +208,39 @@ class TreeOnDevice:
     ) -> list[Any]:
         """Return buffers of the phasors of rows and columns that refer samples from the centres of
         the blocks above to those of blocks of level i."""
-        step, n, u, found = self.steps[i], len(centre_m), np.uint32, []
-        for side in (step.rows, step.columns):
-            if i == 0:
-                found.append(self.buffers.upload(self._root_phasors(side.antennas_m, centre_m)))
-                continue
+        step, n = self.steps[i], len(centre_m)
+        if i == 0:
+            return [self.buffers.upload(phasors) for phasors in self.root_phasors(step, centre_m)]
+        sides = (step.rows, step.columns)
+        found = [
+            self.buffers.empty(8 * n * step.n_frequencies * padded(side.n, self.unit))
+            for side in sides
+        ]
+        started += self.start_phasors(i, n, centres, above, parents, found)
+        return found
+
+    def start_phasors(
+        self, i: int, n: int, centres: Any, above: Blocks, parents: Any, out: list[Any]
+    ) -> list[Callable[[], None]]:
+        """Start writing the phasors of rows and columns of n blocks, below the first level."""
+        step, u, started = self.steps[i], np.uint32, []
+        for side, phasors in zip((step.rows, step.columns), out, strict=True):
             count = padded(side.n, self.unit)
-            found.append(self.buffers.empty(8 * n * step.n_frequencies * count))
             started.append(
                 self.program.start(
                     "block_phasors", (count // self.width, n), u(count), u(n),
                     u(step.n_frequencies), side.planes, step.k, centres, above.centres, parents,
-                    found[-1],
+                    phasors,
                 )
             )  # fmt: skip
-        return found
+        return started
 
     def root(self, cube: Any) -> Blocks:
         """Return the one block above the first level: the antennas' samples, about the origin."""
         middle_m = np.zeros((1, 3), np.float32)
-        return Blocks(np.zeros((1, 3), np.int64), middle_m, self._kept(middle_m), cube)
+        if self._middle is None:
+            self._middle = self._kept(middle_m)
+        return Blocks(np.zeros((1, 3), np.int64), middle_m, self._middle, cube)
 
     def leaf_arguments(self, blocks: Blocks) -> tuple[list[Any], list[Any], list[Any]]:
         """Return numbers, per-block buffers and shared buffers of the kernels of smallest blocks.
@@ -302,16 +318,19 @@ class TreeOnDevice:
         kept = [self._kept(array) for array in arrays]
         return Leaf(n_voxels, planes.shape[1], self._held[-len(kept) - 1], *kept)
 
-    def _root_phasors(self, antennas_m: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
+    def root_phasors(self, step: LevelStep, centre_m: np.ndarray) -> list[np.ndarray]:
         """Return the phasors of the largest blocks: of whole lengths, so in float64."""
-        out_m = centre_m.astype(np.float64)[:, None] - antennas_m
-        cycles = self.k[:, None] * np.linalg.norm(out_m, axis=-1)[:, None]
-        angle = 2.0 * np.pi * (cycles - np.round(cycles))
-        shape = (len(centre_m), len(self.k), 2, padded(len(antennas_m), self.unit))
-        out = np.zeros(shape, np.float32)
-        out[:, :, 0, : len(antennas_m)] = np.cos(angle)
-        out[:, :, 1, : len(antennas_m)] = np.sin(angle)
-        return out
+        made = []
+        for antennas_m in (step.rows.antennas_m, step.columns.antennas_m):
+            out_m = centre_m.astype(np.float64)[:, None] - antennas_m
+            cycles = self.k[:, None] * np.linalg.norm(out_m, axis=-1)[:, None]
+            angle = 2.0 * np.pi * (cycles - np.round(cycles))
+            shape = (len(centre_m), len(self.k), 2, padded(len(antennas_m), self.unit))
+            out = np.zeros(shape, np.float32)
+            out[:, :, 0, : len(antennas_m)] = np.cos(angle)
+            out[:, :, 1, : len(antennas_m)] = np.sin(angle)
+            made.append(out)
+        return made
 
 
 def float32_phase_error(array: AntennaArray, k: np.ndarray, diagonal_m: float) -> float:

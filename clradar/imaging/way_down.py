@@ -2,99 +2,250 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from clradar.imaging.tree_on_device import WEIGHTS_TILE, Blocks, TreeOnDevice, padded
+from clradar.imaging.tree_on_device import WEIGHTS_TILE, Blocks, LevelStep, TreeOnDevice, padded
+
+STRIPES = 16
+"""Items per core of the kernel that takes a level's steps block by block: they are not of one
+length where other programs run, too."""
+
+FEWEST_BLOCKS = 8
+"""Blocks per core from which that kernel is used; fewer blocks would leave cores idle."""
+
+MOST_SCRATCH_BYTES = 512 * 2**10
+"""What one of its blocks may need on the way: about half of a core's cache."""
+
+AHEAD = 4
+"""Launches over smallest blocks that may wait on the device: the host goes on meanwhile, and can
+stop soon."""
+
+LANES = 8
+"""Numbers beyond the image that a kernel may read."""
+
+Report = Callable[[float], None]
+
+
+@dataclass(slots=True, eq=False)
+class _Chunk:
+    """Some blocks of one level that are launched together, and what is on the device of them.
+
+    Attributes
+    ----------
+    index : ndarray, shape (n, ...), int
+    centre_m : ndarray, shape (n, 3), float32
+    centres, parents : Buffer
+        The same, and which of the blocks above each lies in.
+    phasors : list of Buffer
+        Of the first level: rows and columns.
+    leaf : tuple or None
+        Of smallest blocks: global size of the last sum, and its arguments before and after G.
+    inner : list or None
+        The chunks of the blocks in these; None until they are needed.
+    """
+
+    index: np.ndarray
+    centre_m: np.ndarray
+    centres: Any
+    parents: Any
+    phasors: list[Any]
+    leaf: tuple[tuple[int, int], list[Any], list[Any]] | None
+    inner: list[_Chunk] | None
+
+    @property
+    def n(self) -> int:
+        return len(self.index)
 
 
 class WayDown:
-    """The image over one tree; `report` gets the fraction that is done."""
+    """The image over one tree, of one cube of samples after the other.
 
-    def __init__(self, tree: TreeOnDevice, report: Callable[[float], None]) -> None:
-        self.tree, self.report, self.buffers = tree, report, tree.buffers
-        self.volume = self.buffers.empty(8 * int(np.prod(tree.blocks.counts)))
-        self.n_done = 0
+    A context manager, which frees its buffers. What does not depend on the samples is uploaded for
+    the first image, and kept.
+    """
 
-    def image(self, cube: Any) -> np.ndarray:
-        """Return the unscaled sum, shape (2, n_values), float32, of an uploaded cube."""
-        self.report(0.0)
-        top = self.tree.blocks.top()
-        self._descend(0, self.tree.root(cube), top, np.zeros(len(top), np.int32))
-        shape = (2, int(np.prod(self.tree.blocks.counts)))
-        out = self.buffers.read(self.volume, shape, np.float32)
-        self.buffers.release(self.volume)
-        return out
+    def __init__(self, tree: TreeOnDevice) -> None:
+        self.tree, self.buffers = tree, tree.buffers
+        self._held: list[Any] = []
+        self.n_values = int(np.prod(tree.blocks.counts))
+        self.volume = self._empty(4 * (2 * self.n_values + LANES))
+        info = self.buffers.device.info
+        self._n_items = STRIPES * info.compute_units
+        self._striped = [
+            info.kind != "gpu"
+            and i > 0
+            and level.n_blocks >= FEWEST_BLOCKS * info.compute_units
+            and 4 * _scratch(step, tree.unit) <= MOST_SCRATCH_BYTES
+            for i, (step, level) in enumerate(zip(tree.steps, tree.levels, strict=True))
+        ]
+        self._at_once = [tree.blocks_at_once(i, striped) for i, striped in enumerate(self._striped)]
+        self._top: list[_Chunk] | None = None
+        self._waits: deque[tuple[int, Callable[[], None]]] = deque()
+        self._make_room()
 
-    def _descend(self, i: int, above: Blocks, index: np.ndarray, parent: np.ndarray) -> None:
-        """Form the image of blocks of level i by depth-first recursion, a chunk of them at a time.
+    def __enter__(self) -> WayDown:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.tree.release(*self._held)
+        self._held.clear()
+
+    def image(self, cube: Any, report: Report) -> Any:
+        """Write the unscaled sum of an uploaded cube; return its buffer, (2, n_values), float32.
+
+        `report` gets the fraction that is done. The buffer is kept, and written by the next image.
+        """
+        report(0.0)
+        tree = self.tree
+        if self._top is None:
+            index = tree.blocks.top()
+            self._top = self._chunks(0, index, np.zeros(len(index), np.int32))
+        self._report, self._n_done = report, 0
+        self._waits.clear()
+        try:
+            self._descend(0, tree.root(cube), self._top)
+            self._wait_until_ahead(0)
+        except BaseException:
+            # What was launched uses buffers that the caller may free.
+            self.buffers.device.queue.finish()
+            raise
+        return self.volume
+
+    def _descend(self, i: int, above: Blocks, chunks: list[_Chunk]) -> None:
+        """Form the image of chunks of level i, which lie in the blocks above, depth first."""
+        for chunk in chunks:
+            blocks = Blocks(chunk.index, chunk.centre_m, chunk.centres, self._g[i])
+            reduce = self._reduce_striped if self._striped[i] else self._reduce
+            reduce(i, above, chunk)
+            if chunk.leaf is not None:
+                size, before, after = chunk.leaf
+                program = self.tree.program
+                wait = program.start("image_of_blocks", size, *before, blocks.g, *after)
+                self._waits.append((chunk.n, wait))
+                self._wait_until_ahead(AHEAD)
+                continue
+            if chunk.inner is None:
+                chunk.inner = self._chunks(i + 1, *self.tree.blocks.children(i, chunk.index))
+            self._descend(i + 1, blocks, chunk.inner)
+
+    def _wait_until_ahead(self, n: int) -> None:
+        """Wait until at most n launches over smallest blocks are left."""
+        while len(self._waits) > n:
+            n_blocks, wait = self._waits.popleft()
+            wait()
+            self._n_done += n_blocks
+            self._report(self._n_done / self.tree.blocks.n_leaves)
+
+    def _chunks(self, i: int, index: np.ndarray, parent: np.ndarray) -> list[_Chunk]:
+        """Return the chunks of some blocks of level i; `parent` says which block above each is in.
 
         Parameters
         ----------
         index : ndarray, shape (n, ...)
-            Blocks of level i.
         parent : ndarray, shape (n,), int32
-            For each the block of `above` that it lies in.
         """
-        tree, at_once = self.tree, self.tree.blocks_at_once(i)
-        for start in range(0, len(index), at_once):
-            part = slice(start, start + at_once)
-            blocks = self._reduced(i, above, index[part], parent[part])
-            if i + 1 < len(tree.steps):
-                self._descend(i + 1, blocks, *tree.blocks.children(i, blocks.index))
-            else:
-                self._image_of(blocks)
-                self.n_done += len(blocks.index)
-                self.report(self.n_done / tree.blocks.n_leaves)
-            tree.release(blocks.centres, blocks.g)
+        tree, made = self.tree, []
+        for start in range(0, len(index), self._at_once[i]):
+            part = slice(start, start + self._at_once[i])
+            centre_m = tree.blocks.centres_m(i, index[part]).astype(np.float32)
+            centres, parents = self._upload(centre_m), self._upload(parent[part])
+            chunk = _Chunk(index[part], centre_m, centres, parents, [], None, None)
+            if i == 0:
+                chunk.phasors = [
+                    self._upload(phasors) for phasors in tree.root_phasors(tree.steps[0], centre_m)
+                ]
+            if i + 1 == len(tree.steps):
+                chunk.leaf = self._leaf(chunk)
+            made.append(chunk)
+        return made
 
-    def _reduced(self, i: int, above: Blocks, index: np.ndarray, parent: np.ndarray) -> Blocks:
-        """Return blocks of level i, summed from those of the level above."""
-        tree, buffers, u = self.tree, self.buffers, np.uint32
+    def _leaf(self, chunk: _Chunk) -> tuple[tuple[int, int], list[Any], list[Any]]:
+        tree = self.tree
+        blocks = Blocks(chunk.index, chunk.centre_m, chunk.centres, None)
+        numbers, per_block, shared = tree.leaf_arguments(blocks)
+        self._held += per_block[2:]
+        items = padded(tree.blocks.most_voxels(chunk.index), tree.width) // tree.width
+        return (items, chunk.n), numbers, [*per_block, *shared, self.volume]
+
+    def _reduce(self, i: int, above: Blocks, chunk: _Chunk) -> None:
+        """Sum blocks of level i from those of the level above, step by step."""
+        tree, u = self.tree, np.uint32
         step, unit, width = tree.steps[i], tree.unit, tree.width
-        rows, columns, n, n_m = step.rows, step.columns, len(index), step.n_frequencies
+        rows, columns, n, n_m = step.rows, step.columns, chunk.n, step.n_frequencies
         n_rows, n_columns = padded(rows.n, unit), padded(columns.n, unit)
         new_row = padded(rows.n_skeleton, unit)
-        centre_m = tree.blocks.centres_m(i, index).astype(np.float32)
-        parents, centres = buffers.upload(parent), buffers.upload(centre_m)
-        started: list[Callable[[], None]] = []
-
-        def start(kernel: str, size: tuple[int, ...], *args: Any) -> None:
-            started.append(tree.program.start(kernel, size, *args))
-
-        phasors = tree.phasors(i, centre_m, centres, above, parents, started)
-        transposed = buffers.empty(8 * n * n_m * columns.n * new_row)
+        start = tree.program.start
+        phasors = chunk.phasors
+        if not phasors:
+            phasors = self._phasors
+            tree.start_phasors(i, n, chunk.centres, above, chunk.parents, phasors)
         start(
             "reduce_and_transpose", (n_columns // width, n_m, n), u(n_columns), u(n_m), u(n),
-            u(rows.n), u(new_row), u(columns.n), u(n_rows), above.g, parents, phasors[0],
-            rows.weights, transposed,
+            u(rows.n), u(new_row), u(columns.n), u(n_rows), above.g, chunk.parents, phasors[0],
+            rows.weights, self._transposed,
         )  # fmt: skip
-        reduced = buffers.empty(8 * n * n_m * columns.n_skeleton * new_row)
         start(
             "reduce_rows", (new_row // width, n_m, n), u(new_row), u(n_m), u(n), u(columns.n),
             u(columns.n_skeleton), u(padded(columns.n_skeleton, WEIGHTS_TILE)), u(n_columns),
-            transposed, phasors[1], columns.weights, reduced,
+            self._transposed, phasors[1], columns.weights, self._reduced,
         )  # fmt: skip
         n_values, n_left = 2 * columns.n_skeleton * new_row, step.n_skeleton_frequencies
-        g = buffers.empty(4 * n * n_left * n_values)
         start(
             "reduce_frequencies", (n_values // width, n), u(n_values), u(n), u(n_m), u(n_left),
-            u(padded(n_left, WEIGHTS_TILE)), reduced, step.frequency_weights, g,
+            u(padded(n_left, WEIGHTS_TILE)), self._reduced, step.frequency_weights, self._g[i],
         )  # fmt: skip
-        for wait in started:
-            wait()
-        tree.release(parents, *phasors, transposed, reduced)
-        return Blocks(index, centre_m, centres, g)
 
-    def _image_of(self, blocks: Blocks) -> None:
-        """Write the voxels of some smallest blocks."""
-        tree = self.tree
-        numbers, per_block, shared = tree.leaf_arguments(blocks)
-        items = tree.blocks.most_voxels(blocks.index)
-        tree.program.launch(
-            "image_of_blocks", (padded(items, tree.width) // tree.width, len(blocks.index)),
-            *numbers, blocks.g, *per_block, *shared, self.volume,
+    def _reduce_striped(self, i: int, above: Blocks, chunk: _Chunk) -> None:
+        """The same in one launch: every item takes some blocks, one after the other."""
+        tree, u = self.tree, np.uint32
+        step = tree.steps[i]
+        rows, columns, n_items = step.rows, step.columns, min(self._n_items, chunk.n)
+        tree.program.start(
+            "reduce_blocks", (n_items,), u(n_items), u(chunk.n), u(step.n_frequencies), u(rows.n),
+            u(columns.n), u(padded(rows.n_skeleton, tree.unit)), u(columns.n_skeleton),
+            u(step.n_skeleton_frequencies), u(_scratch(step, tree.unit)), rows.planes,
+            columns.planes, step.k, chunk.centres, above.centres, chunk.parents, above.g,
+            rows.weights, columns.weights, step.frequency_weights, self._scratch, self._g[i],
         )  # fmt: skip
-        tree.release(*per_block[2:])
+
+    def _make_room(self) -> None:
+        """Allocate what each level's blocks leave, and what all levels need on the way."""
+        unit, self._g = self.tree.unit, []
+        sizes, scratch = np.zeros(4, np.int64), 0
+        for i, step in enumerate(self.tree.steps):
+            rows, columns, n_m = step.rows, step.columns, step.n_frequencies
+            new_row = padded(rows.n_skeleton, unit)
+            last = i + 1 == len(self.tree.steps)
+            n_blocks = self.tree.blocks.n_leaves if last else self.tree.levels[i].n_blocks
+            n = min(self._at_once[i], n_blocks)
+            left = columns.n_skeleton * step.n_skeleton_frequencies
+            self._g.append(self._empty(8 * n * left * new_row))
+            if self._striped[i]:
+                scratch = max(scratch, _scratch(step, unit))
+                continue
+            kept = [n_m * new_row * m for m in (columns.n, columns.n_skeleton)]
+            turned = [n_m * padded(side.n, unit) if i else 0 for side in (rows, columns)]
+            sizes = np.maximum(sizes, [8 * n * values for values in (*kept, *turned)])
+        self._transposed, self._reduced, *self._phasors = (self._empty(int(s)) for s in sizes)
+        self._scratch = self._empty(4 * self._n_items * scratch)
+
+    def _empty(self, n_bytes: int) -> Any:
+        self._held.append(self.buffers.empty(n_bytes))
+        return self._held[-1]
+
+    def _upload(self, array: np.ndarray) -> Any:
+        self._held.append(self.buffers.upload(array))
+        return self._held[-1]
+
+
+def _scratch(step: LevelStep, unit: int) -> int:
+    """Return the numbers that one block needs on the way: see `reduce_blocks`."""
+    rows, columns, n_m = step.rows, step.columns, step.n_frequencies
+    new_row = padded(rows.n_skeleton, unit)
+    phasors = n_m * (padded(rows.n, unit) + padded(columns.n, unit))
+    return 2 * (phasors + columns.n * new_row + n_m * columns.n_skeleton * new_row)
