@@ -4,38 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from clradar.errors import ModelError
-from clradar.imaging import fast
-from clradar.imaging.exact import ExactImager
+from clradar.imaging.frame_imager import DEFAULT_METHOD, METHODS, FrameImager
 from clradar.imaging.grid_check import warn_of_grid
-from clradar.imaging.range_profiles import RangeImager
-from clradar.model import Capture, ImageScale, Volume, VoxelGrid, checks
+from clradar.imaging.windows import WINDOWS, frequency_weights
+from clradar.model import Capture, Volume, VoxelGrid, checks
 from clradar.model.progress import Progress
-from clradar.opencl import Device, open_device
+from clradar.opencl import Device
 
-METHODS = ("exact", "range", "fast")
-DEFAULT_METHOD = "fast"
-WINDOWS = ("rect", "hann", "taylor")
-
-
-def frequency_weights(window: str | np.ndarray, n_freq: int) -> np.ndarray:
-    """Return the weight of each frequency, shape (n_freq,), float64.
-
-    Parameters
-    ----------
-    window : "rect", "hann", "taylor", or array_like of shape (n_freq,)
-        "hann" and "taylor" (nbar 4, -30 dB) are scipy's symmetric windows, with maximum 1, not
-        scaled to mean 1.
-    """
-    if isinstance(window, str):
-        checks.one_of("window", window, WINDOWS)
-        if window == "rect" or n_freq == 1:
-            return np.ones(n_freq)
-        from scipy.signal import windows
-
-        values = windows.hann(n_freq) if window == "hann" else windows.taylor(n_freq)
-        return np.asarray(values, dtype=np.float64)
-    return checks.read_only("window", window, np.float64, (n_freq,))
+__all__ = ["METHODS", "WINDOWS", "backproject", "frequency_weights"]
 
 
 def backproject(
@@ -77,6 +53,8 @@ def backproject(
     progress : callable, optional
         Called with (done, total) steps.
 
+    For many captures by one radar make one `clradar.FrameImager`.
+
     Returns
     -------
     Volume
@@ -114,45 +92,13 @@ def backproject(
     >>> print(f"{grid.x_m[x]:.3f} {grid.y_m[y]:.3f} {grid.z_m[z]:.3f}")
     0.010 -0.020 0.300
     """
-    checks.one_of("backproject: method", method, METHODS)
     checks.instance("backproject: capture", capture, Capture)
-    checks.instance("backproject: grid", grid, VoxelGrid)
-    weights = frequency_weights(window, capture.waveform.n_freq)
-    tolerance_db = _tolerance_db(method, tolerance_db)
-    opened = open_device(device)
-    imager: ExactImager | RangeImager | fast.FastImager
-    if method == "range":
-        imager = RangeImager(capture, grid, weights, opened)
-    elif method == "fast" and np.prod(grid.shape) * capture.data.size > fast.FEW_TERMS:
-        imager = fast.FastImager(capture, grid, weights, opened, tolerance_db)
-    else:
-        imager = ExactImager(capture, grid, weights, opened)
-    data = imager.run(progress)
-    data.view(np.float32)[...] /= capture.data.size
-    data.flags.writeable = False
+    with FrameImager(
+        capture.array, capture.waveform, grid,
+        method=method, window=window, tolerance_db=tolerance_db, device=device,
+    ) as imager:  # fmt: skip
+        imager.form(capture, progress)
+        volume = imager.volume()
     if check_grid:
-        warn_of_grid(capture, grid, data, weights, opened)
-    meta = {
-        "kind": "image",
-        "method": method,
-        "window": window if isinstance(window, str) else "custom",
-        **({"tolerance_db": tolerance_db} if method == "fast" else {}),
-        "device": dict(opened.describe()),
-        "capture": dict(capture.meta),
-    }
-    scale = ImageScale(capture.array, capture.waveform, weights) if capture.absolute else None
-    try:
-        return Volume(data, grid, meta, scale)
-    except ModelError as error:
-        # Finite samples, each of which complex64 holds, but not their sum.
-        largest = float(np.abs(capture.data.view(np.float32)).max())
-        raise ModelError(
-            "backproject: expected samples whose sum complex64 holds, got an overflow with parts "
-            f"of up to {largest:.3g}; scale the capture's data down"
-        ) from error
-
-
-def _tolerance_db(method: str, given: float | None) -> float:
-    if given is not None and method != "fast":
-        checks.fail("backproject: tolerance_db", "none for a method other than 'fast'", repr(given))
-    return fast.checked_tolerance_db("backproject: tolerance_db", given)
+        warn_of_grid(capture, grid, volume.data, imager.weights, imager.device)
+    return volume

@@ -4,6 +4,7 @@ from clradar import arrays
 from clradar.backproject import backproject
 from clradar.compare import Metrics, compare, spread
 from clradar.errors import ClradarWarning
+from clradar.imaging.frame_imager import FrameImager
 from clradar.imaging.operator import ImagingOperator, forward
 from clradar.imaging.placement import place_grid
 from clradar.imaging.reconstruction import reconstruct
@@ -51,6 +52,7 @@ __all__ = [
     "ColeCole",
     "DepthMap",
     "Device",
+    "FrameImager",
     "ImagingOperator",
     "Material",
     "Metrics",

@@ -14,11 +14,13 @@ import numpy as np
 from clradar.imaging.block_tree import block_levels
 from clradar.imaging.grid_blocks import GridBlocks
 from clradar.imaging.point_blocks import PointBlocks, point_blocks
+from clradar.imaging.samples import SampleCube
+from clradar.imaging.strongest import Strongest, StrongestAlongZ
 from clradar.imaging.tiled import Tile, planes_and_rows, tiles_of
-from clradar.imaging.tree_on_device import AnyBlocks, TreeOnDevice, column_unit, padded
+from clradar.imaging.tree_on_device import AnyBlocks, TreeOnDevice
 from clradar.imaging.way_down import WayDown
 from clradar.imaging.way_up import WayUp
-from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform, checks
+from clradar.model import AntennaArray, VoxelGrid, Waveform, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Buffers, Device
 
@@ -114,46 +116,48 @@ class FastSum:
         """Choose skeletons now and not when they are needed, and keep them."""
         for part in range(len(self.parts)):
             for piece in range(len(self.pieces)):
-                self._blocks[part, piece] = self._blocks_of(part, piece)
+                self._blocks[part, piece] = self.blocks_of(part, piece)
 
     def adjoint(
         self, data: np.ndarray, weights: np.ndarray, out: np.ndarray, report: Report
     ) -> None:
         """Add the image of samples, weighted by frequency, to `out`: complex64, of all pieces."""
         with Buffers(self.device) as buffers:
+            samples = buffers.borrow(data)
             for i, (tx, rx, array) in enumerate(self.parts):
-                cube = buffers.upload(self._cube(data[tx, rx], weights))
+                cube = SampleCube(tx, rx, data.shape[1], weights, buffers)
+                filled = cube.fill(samples)
                 for j, piece in enumerate(self.pieces):
-                    blocks = self._blocks_of(i, j)
+                    blocks = self.blocks_of(i, j)
                     with (
-                        self._tree(array, blocks, buffers, upwards=False) as tree,
+                        self.tree(array, blocks, buffers, upwards=False) as tree,
                         WayDown(tree) as way,
                     ):
-                        volume = way.image(cube, self._part_of(report, i, j))
+                        volume = way.image(filled, self._part_of(report, i, j))
                         image = buffers.read(volume, (2, way.n_values), np.float32)
                     piece.add(out, image, blocks)
                     del image  # before the next is read
-                buffers.release(cube)
+                cube.release()
 
     def forward(self, volume: np.ndarray, out: np.ndarray, report: Report) -> None:
         """Add the samples of the values of all pieces to `out`: complex64, (n_tx, n_rx, n_freq)."""
         with Buffers(self.device) as buffers:
             for i, (tx, rx, array) in enumerate(self.parts):
                 for j, piece in enumerate(self.pieces):
-                    blocks = self._blocks_of(i, j)
+                    blocks = self.blocks_of(i, j)
                     values = piece.values(volume, blocks)
-                    with self._tree(array, blocks, buffers, upwards=True) as tree:
+                    with self.tree(array, blocks, buffers, upwards=True) as tree:
                         cube = WayUp(tree, self._part_of(report, i, j)).samples(values)
                     out.real[tx, rx] += cube[:, :, 0].transpose(1, 2, 0)
                     out.imag[tx, rx] += cube[:, :, 1].transpose(1, 2, 0)
 
-    def _blocks_of(self, part: int, piece: int) -> AnyBlocks:
+    def blocks_of(self, part: int, piece: int) -> AnyBlocks:
         kept = self._blocks.get((part, piece))
         if kept is not None:
             return kept
         return self.pieces[piece].blocks(self.parts[part][2], self.waveform, self.tolerance)
 
-    def _tree(
+    def tree(
         self, array: AntennaArray, blocks: AnyBlocks, buffers: Buffers, *, upwards: bool
     ) -> TreeOnDevice:
         return TreeOnDevice(array, self.waveform, blocks, self.tolerance, buffers, upwards=upwards)
@@ -162,38 +166,60 @@ class FastSum:
         n = len(self.parts) * len(self.pieces)
         return lambda share: report((part * len(self.pieces) + piece + share) / n)
 
-    def _cube(self, data: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Return some antennas' data as one block: (n_freq, n_tx, 2, padded n_rx), float32."""
-        data = data.transpose(2, 0, 1)
-        n_rx = data.shape[2]
-        shape = (*data.shape[:2], 2, padded(n_rx, column_unit(self.device)))
-        cube = np.zeros(shape, dtype=np.float32)
-        weights = weights[:, None, None]
-        np.multiply(data.real, weights, out=cube[:, :, 0, :n_rx], casting="same_kind")
-        np.multiply(data.imag, weights, out=cube[:, :, 1, :n_rx], casting="same_kind")
-        return cube
 
+class ResidentImage:
+    """The image of one capture after the other, over one tree, on the device.
 
-class FastImager:
-    """The image of a capture over a grid."""
+    Tree, skeletons, weights and all buffers stay there until `close`; of a frame its samples go
+    there, and nothing comes back but what is asked for. On a CPU the samples are read where they
+    are.
+    """
 
-    def __init__(
-        self,
-        capture: Capture,
-        grid: VoxelGrid,
-        weights: np.ndarray,
-        device: Device,
-        tolerance_db: float,
-    ) -> None:
-        self.capture, self.grid, self.weights = capture, grid, weights
-        self.sum = FastSum(capture.array, capture.waveform, grid_pieces(grid), tolerance_db, device)
+    def __init__(self, total: FastSum, weights: np.ndarray) -> None:
+        ((tx, rx, array),) = total.parts
+        (self._piece,) = total.pieces
+        assert isinstance(self._piece, GridPiece)
+        self._blocks, device = total.blocks_of(0, 0), total.device
+        self._shape = self._piece.grid.shape
+        self._divisor = np.float32(array.n_tx * array.n_rx * len(weights))
+        self._buffers = Buffers(device)
+        try:
+            self._samples = None
+            if device.info.kind != "cpu":
+                self._samples = self._buffers.empty(8 * array.n_tx * array.n_rx * len(weights))
+            self._cube = SampleCube(tx, rx, array.n_rx, weights, self._buffers)
+            self._tree = total.tree(array, self._blocks, self._buffers, upwards=False)
+            self._way = WayDown(self._tree)
+            self._depth = StrongestAlongZ(self._shape, self._buffers)
+        except BaseException:
+            self.close()
+            raise
 
-    def run(self, progress: Progress | None) -> np.ndarray:
+    def close(self) -> None:
+        self._buffers.__exit__(None, None, None)
+
+    def form(self, data: np.ndarray, report: Report) -> None:
+        """Form the image of a capture's samples."""
+        if self._samples is not None:
+            self._buffers.write(self._samples, data)
+            self._way.image(self._cube.fill(self._samples), report)
+            return
+        lent = self._buffers.borrow(data)
+        try:
+            self._way.image(self._cube.fill(lent), report)
+        finally:
+            self._buffers.release(lent)
+
+    def read(self) -> np.ndarray:
         """Return the unscaled sum, shape (n_z, n_y, n_x), complex64."""
-        out = np.zeros(self.grid.shape, dtype=np.complex64)
-        total = TILE_STEPS * len(self.sum.parts) * len(self.sum.pieces)
-        self.sum.adjoint(self.capture.data, self.weights, out, reported(progress, total))
+        out = np.zeros(self._shape, dtype=np.complex64)
+        values = self._buffers.read(self._way.volume, (2, self._way.n_values), np.float32)
+        self._piece.add(out, values, self._blocks)
         return out
+
+    def strongest(self) -> Strongest:
+        """Return the strongest voxels along z of the image divided by the number of samples."""
+        return self._depth.of(self._way.volume, self._divisor)
 
 
 def reported(progress: Progress | None, total: int) -> Report:
@@ -220,7 +246,7 @@ def checked_tolerance_db(field: str, given: float | None) -> float:
 def array_parts(array: AntennaArray) -> list[tuple[slice, slice, AntennaArray]]:
     """Return which Tx and Rx are imaged at a time, and these as an array."""
     if max(array.n_tx, array.n_rx) <= MAX_ANTENNAS:
-        return [(slice(None), slice(None), array)]
+        return [(slice(0, array.n_tx), slice(0, array.n_rx), array)]
     sides = []
     for n in (array.n_tx, array.n_rx):
         n_parts = -(-n // MAX_ANTENNAS)

@@ -304,15 +304,36 @@ class Volume(Record):
         n_z = amplitude.shape[0]
         top = amplitude.argmax(axis=0)
         rows, columns = np.indices(top.shape, sparse=True)
+        before = amplitude[np.maximum(top - 1, 0), rows, columns]
+        after = amplitude[np.minimum(top + 1, n_z - 1), rows, columns]
         peak = amplitude[top, rows, columns]
-        before = amplitude[np.maximum(top - 1, 0), rows, columns].astype(np.float64)
-        after = amplitude[np.minimum(top + 1, n_z - 1), rows, columns].astype(np.float64)
-        # In float64 like its neighbours: twice a float32 can be beyond its range.
-        curvature = before - 2.0 * peak.astype(np.float64) + after
-        inside = (top > 0) & (top < n_z - 1) & (curvature < 0)
-        shift = np.where(inside, 0.5 * (before - after) / np.where(inside, curvature, -1.0), 0.0)
-        spacing_m = self.grid.spacing_m[2]
-        depth = self.grid.origin_m[2] + spacing_m * (top + np.clip(shift, -0.5, 0.5))
-        threshold = peak.max() * 10.0 ** (-dynamic_range_db / 20.0)
-        depth = np.where((peak >= threshold) & (peak > 0), depth, np.nan)
-        return DepthMap(depth, peak, self.grid.x_m, self.grid.y_m, dynamic_range_db)
+        return refined_depth_map(self.grid, top, (before, peak, after), dynamic_range_db)
+
+
+def refined_depth_map(
+    grid: VoxelGrid,
+    top: np.ndarray,
+    amplitudes: tuple[np.ndarray, np.ndarray, np.ndarray],
+    dynamic_range_db: float,
+) -> DepthMap:
+    """Return the depth map of the strongest voxels, see `Volume.depth_map`.
+
+    Parameters
+    ----------
+    grid : VoxelGrid
+    top : ndarray, shape (n_y, n_x), int
+        Index along z of each pixel's strongest voxel.
+    amplitudes : three ndarrays, shape (n_y, n_x), float32
+        Of the voxel before, of that voxel, and of the one after; any where there is none.
+    dynamic_range_db : float, decibel
+    """
+    # In float64: twice a float32 can be beyond its range.
+    before, after = (amplitudes[i].astype(np.float64) for i in (0, 2))
+    peak, n_z = amplitudes[1], grid.counts[2]
+    curvature = before - 2.0 * peak.astype(np.float64) + after
+    inside = (top > 0) & (top < n_z - 1) & (curvature < 0)
+    shift = np.where(inside, 0.5 * (before - after) / np.where(inside, curvature, -1.0), 0.0)
+    depth = grid.origin_m[2] + grid.spacing_m[2] * (top + np.clip(shift, -0.5, 0.5))
+    threshold = peak.max() * 10.0 ** (-dynamic_range_db / 20.0)
+    depth = np.where((peak >= threshold) & (peak > 0), depth, np.nan)
+    return DepthMap(depth, peak, grid.x_m, grid.y_m, dynamic_range_db)

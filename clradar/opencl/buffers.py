@@ -51,6 +51,9 @@ class Buffers:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        if kind is not None:
+            # What was launched may use memory that is freed now.
+            self.device.queue.finish()
         for buffer, _ in self._held.values():
             buffer.release()
         self._held.clear()

@@ -10,6 +10,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pyopencl as cl
@@ -19,7 +20,7 @@ from clradar.bench import nearest
 from clradar.hand import POSES, posed_skeleton
 from clradar.hand.flesh import grown_flesh
 from clradar.hand.flesh_field import FleshField
-from clradar.imaging import block_tree, fast, tree_on_device
+from clradar.imaging import block_tree, fast, tree_on_device, way_down
 from clradar.opencl import Buffers, open_device
 from clradar.opencl.program import Program
 
@@ -146,6 +147,13 @@ def everything(width: int) -> None:
         grid = clradar.VoxelGrid.from_extent(shape, (0, 0.002), (0.30, 0.302), 1e-3)
         for method in ("exact", "range", "fast"):
             clradar.backproject(capture, grid, method=method, device=device)
+        # Few blocks are reduced step by step, many in one launch.
+        with (
+            mock.patch.object(way_down, "FEWEST_BLOCKS", 0),
+            clradar.FrameImager(array, waveform, grid, device=device) as imager,
+        ):
+            imager.form(capture)
+            imager.depth_map()
         clradar.ImagingOperator(array, waveform, grid, device=device).forward(np.ones(grid.shape))
         tree_on_device.FLOAT32_SHARE = -tree_on_device.FLOAT32_SHARE
     for _ in range(2):

@@ -12,6 +12,8 @@ from clradar.geometry.bvh import BuildOptions, TraversalOptions
 from clradar.hand import flesh_field
 from clradar.imaging import direct_sum, tree_on_device
 from clradar.imaging.exact import ExactSizes
+from clradar.imaging.samples import SampleSizes
+from clradar.imaging.strongest import DepthSizes
 from clradar.imaging.tiled import KernelSizes
 from clradar.opencl.sources import source
 from clradar.phasors.kirchhoff_sum import KirchhoffOptions
@@ -36,6 +38,8 @@ KERNELS = {
     "backproject_range.cl": KernelSizes,
     "backproject_fast.cl": tree_on_device._KernelSizes,
     "forward_fast.cl": tree_on_device._ForwardSizes,
+    "samples.cl": SampleSizes,
+    "depth.cl": DepthSizes,
     "direct_sum.cl": direct_sum._Sizes,
     "quadrature.cl": QuadratureOptions,
     "roughness.cl": RoughnessOptions,

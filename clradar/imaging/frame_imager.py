@@ -1,0 +1,237 @@
+"""Images of frame after frame: what they share stays on the device."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.errors import ModelError
+from clradar.imaging import fast
+from clradar.imaging.exact import ExactImager
+from clradar.imaging.fast import FastSum, ResidentImage
+from clradar.imaging.range_profiles import RangeImager
+from clradar.imaging.windows import frequency_weights
+from clradar.model import (
+    AntennaArray,
+    Capture,
+    DepthMap,
+    ImageScale,
+    Volume,
+    VoxelGrid,
+    Waveform,
+    checks,
+)
+from clradar.model.progress import Progress
+from clradar.model.volume import refined_depth_map
+from clradar.opencl import Device, open_device
+
+METHODS = ("exact", "range", "fast")
+DEFAULT_METHOD = "fast"
+
+
+class FrameImager:
+    """Images of one frame after the other, by one radar over one grid.
+
+    Array, grid, tree, skeletons, programs and buffers are made once and kept on the device, as is
+    the image; of a frame its samples go there, and what is asked for comes back: the depth map
+    (28 bytes per pixel) or the volume. `backproject` is this for a single frame, with the same
+    bits.
+
+    Parameters
+    ----------
+    array : AntennaArray
+    waveform : Waveform
+    grid : VoxelGrid
+    method, window, tolerance_db, device
+        As `backproject` takes them. With "exact" and "range", with grids of more than 2^23 voxels,
+        with more than 1024 transmitters or receivers, and with so few voxels that the brute-force
+        sum is faster, images are kept in the host's memory.
+
+    Attributes
+    ----------
+    array : AntennaArray
+    waveform : Waveform
+    grid : VoxelGrid
+    weights : ndarray, shape (n_freq,), float64
+        The window over frequency.
+    device : Device
+
+    Raises
+    ------
+    ModelError
+        As `backproject`.
+    DeviceError
+        The device is missing, or out of memory.
+
+    Notes
+    -----
+    A context manager: the device's memory is freed at the end of the block, or by `close`. Frames
+    are imaged one at a time; calls from several threads at once are not possible.
+
+    Examples
+    --------
+    A point reflector that moves away by 2 mm per frame.
+
+    >>> import numpy as np
+    >>> import clradar
+    >>> q = clradar.arrays.qar50()
+    >>> array = clradar.AntennaArray(q.tx_m[::6], q.rx_m[::6])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.28, 0.32), 2e-3)
+    >>> with clradar.FrameImager(array, waveform, grid, window="hann") as imager:
+    ...     for z_m in (0.300, 0.302, 0.304):
+    ...         point_m = [[0.01, -0.02, z_m]]
+    ...         imager.form(clradar.room_capture(array, waveform, [], points_m=point_m))
+    ...         print(f"{np.nanmean(imager.depth_map(3.0).depth_m):.4f}")
+    0.3000
+    0.3020
+    0.3040
+    """
+
+    def __init__(
+        self,
+        array: AntennaArray,
+        waveform: Waveform,
+        grid: VoxelGrid,
+        *,
+        method: str = DEFAULT_METHOD,
+        window: str | np.ndarray = "rect",
+        tolerance_db: float | None = None,
+        device: Device | str | None = None,
+    ) -> None:
+        checks.one_of("method", method, METHODS)
+        checks.instance("array", array, AntennaArray)
+        checks.instance("waveform", waveform, Waveform)
+        checks.instance("grid", grid, VoxelGrid)
+        if tolerance_db is not None and method != "fast":
+            checks.fail("tolerance_db", "none for a method other than 'fast'", repr(tolerance_db))
+        tolerance_db = fast.checked_tolerance_db("tolerance_db", tolerance_db)
+        self.array, self.waveform, self.grid = array, waveform, grid
+        self.weights = frequency_weights(window, waveform.n_freq)
+        self.device = open_device(device)
+        self._method = method
+        self._n_samples = array.n_tx * array.n_rx * waveform.n_freq
+        self._meta: dict[str, Any] = {
+            "kind": "image",
+            "method": method,
+            "window": window if isinstance(window, str) else "custom",
+            **({"tolerance_db": tolerance_db} if method == "fast" else {}),
+            "device": dict(self.device.describe()),
+        }
+        self._frame: Capture | None = None
+        self._data: np.ndarray | None = None
+        self._sum: FastSum | None = None
+        self._resident: ResidentImage | None = None
+        if method == "fast" and np.prod(grid.shape) * self._n_samples > fast.FEW_TERMS:
+            pieces = fast.grid_pieces(grid)
+            self._sum = FastSum(array, waveform, pieces, tolerance_db, self.device)
+            if len(self._sum.parts) == len(pieces) == 1:
+                self._resident = ResidentImage(self._sum, self.weights)
+
+    def __enter__(self) -> FrameImager:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the device's memory; a second call does nothing."""
+        if self._resident is not None:
+            self._resident.close()
+        self._frame = self._data = None
+
+    def form(self, capture: Capture, progress: Progress | None = None) -> None:
+        """Form the image of a frame, in place of the last one.
+
+        Parameters
+        ----------
+        capture : Capture
+            By the same antennas and frequencies.
+        progress : callable, optional
+            Called with (done, total) steps.
+
+        Raises
+        ------
+        ModelError
+            A capture by another radar.
+        DeviceError
+            The device is out of memory or fails.
+        """
+        checks.instance("FrameImager.form: capture", capture, Capture)
+        same = capture.array.same_positions(self.array)
+        if not (same and capture.waveform.same_frequencies(self.waveform)):
+            checks.fail("FrameImager.form: capture", "one by its array and waveform", "another one")
+        self._frame = self._data = None
+        if self._resident is not None:
+            self._resident.form(capture.data, fast.reported(progress, fast.TILE_STEPS))
+        elif self._sum is not None:
+            self._data = np.zeros(self.grid.shape, dtype=np.complex64)
+            total = fast.TILE_STEPS * len(self._sum.parts) * len(self._sum.pieces)
+            report = fast.reported(progress, total)
+            self._sum.adjoint(capture.data, self.weights, self._data, report)
+        else:
+            kind = RangeImager if self._method == "range" else ExactImager
+            imager = kind(capture, self.grid, self.weights, self.device)
+            self._data = imager.run(progress)
+        self._frame = capture
+
+    def volume(self) -> Volume:
+        """Return the image of the last frame: the bits and `meta` of `backproject`.
+
+        Raises
+        ------
+        ModelError
+            No frame yet, or an image that complex64 cannot hold.
+        """
+        frame = self._formed()
+        data = self._data if self._resident is None else self._resident.read()
+        assert data is not None
+        if data.flags.writeable:  # not scaled yet
+            data.view(np.float32)[...] /= self._n_samples
+            data.flags.writeable = False
+        meta = {**self._meta, "capture": dict(frame.meta)}
+        scale = ImageScale(self.array, self.waveform, self.weights) if frame.absolute else None
+        try:
+            return Volume(data, self.grid, meta, scale)
+        except ModelError as error:
+            raise self._overflow(frame) from error
+
+    def depth_map(self, dynamic_range_db: float = DYNAMIC_RANGE_DB) -> DepthMap:
+        """Return the depth map of the last frame, whose amplitude is the maximum projection.
+
+        It is that of `volume`, and of voxels along z that are equally strong to the rounding of
+        float32 either may be taken; but the volume stays on the device.
+
+        Parameters
+        ----------
+        dynamic_range_db : float, decibel
+            As `Volume.depth_map`.
+
+        Raises
+        ------
+        ModelError
+            As `volume` and `Volume.depth_map`.
+        """
+        if self._resident is None:
+            return self.volume().depth_map(dynamic_range_db)
+        dynamic_range_db = checks.dynamic_range("depth_map: dynamic_range_db", dynamic_range_db)
+        frame, found = self._formed(), self._resident.strongest()
+        if (found.top < 0).any():
+            raise self._overflow(frame)
+        before, peak, after = (np.abs(part) for part in (found.before, found.peak, found.after))
+        return refined_depth_map(self.grid, found.top, (before, peak, after), dynamic_range_db)
+
+    def _formed(self) -> Capture:
+        if self._frame is None:
+            checks.fail("FrameImager", "a frame formed before its image is read", "none")
+        return self._frame
+
+    def _overflow(self, frame: Capture) -> ModelError:
+        # Finite samples, each of which complex64 holds, but not their sum.
+        largest = float(np.abs(frame.data.view(np.float32)).max())
+        return ModelError(
+            "backproject: expected samples whose sum complex64 holds, got an overflow with parts "
+            f"of up to {largest:.3g}; scale the capture's data down"
+        )

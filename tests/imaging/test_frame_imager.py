@@ -1,0 +1,175 @@
+"""Images of frame after frame: the bits of `backproject`, and what crosses the bus for them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyopencl
+import pytest
+from images import QAR50, SWEEP, noise
+
+import clradar
+from clradar import Capture, FrameImager, VoxelGrid
+from clradar.errors import ModelError
+from clradar.imaging import fast, way_down
+
+THIRD = clradar.AntennaArray(QAR50.tx_m[::3], QAR50.rx_m[::3])
+GRID = VoxelGrid.from_extent((-0.04, 0.04), (-0.03, 0.05), (0.27, 0.31), 2e-3)
+
+
+@pytest.fixture(autouse=True)
+def always_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However few the voxels are."""
+    monkeypatch.setattr(fast, "FEW_TERMS", 0)
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[Capture]:
+    """Echoes of a few points at other places each, and noise."""
+    rng = np.random.default_rng(3)
+    made = []
+    for seed in range(3):
+        points_m = rng.uniform([-0.03, -0.02, 0.28], [0.03, 0.04, 0.30], (5, 3))
+        made.append(clradar.room_capture(THIRD, SWEEP, [], points_m=points_m))
+    return [*made, noise(THIRD, SWEEP, seed=5)]
+
+
+@pytest.mark.parametrize(
+    ("method", "window"), [("fast", "rect"), ("fast", "hann"), ("range", "rect"), ("exact", "rect")]
+)
+def test_frames_have_the_bits_of_single_images(
+    frames: list[Capture], method: str, window: str, device: clradar.Device
+) -> None:
+    """Whatever was imaged before."""
+    grid = GRID if method == "fast" else VoxelGrid(GRID.origin_m, GRID.spacing_m, (9, 8, 7))
+    options: dict[str, Any] = {"method": method, "window": window, "device": device}
+    with FrameImager(THIRD, SWEEP, grid, **options) as imager:
+        for frame in (*frames, frames[0]):
+            imager.form(frame)
+            alone = clradar.backproject(frame, grid, check_grid=False, **options)
+            np.testing.assert_array_equal(imager.volume().data, alone.data)
+            assert imager.volume().meta == alone.meta
+            shown, depth = imager.depth_map(20.0), alone.depth_map(20.0)
+            # The strongest voxel is found in float32 on the device.
+            np.testing.assert_allclose(shown.depth_m, depth.depth_m, rtol=1e-6)
+            np.testing.assert_allclose(shown.amplitude, depth.amplitude, rtol=1e-6)
+            assert 0 < depth.mask.sum()
+
+
+def test_blocks_reduced_in_one_launch_have_the_same_bits(
+    frames: list[Capture], device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+    for fewest in (1, 10**9):
+        monkeypatch.setattr(way_down, "FEWEST_BLOCKS", fewest)
+        with FrameImager(THIRD, SWEEP, GRID, device=device) as imager:
+            assert any(imager._resident._way._striped) == (fewest == 1)
+            imager.form(frames[3])
+            made.append(imager.volume().data)
+    np.testing.assert_array_equal(*made)
+
+
+class Counted:
+    """What a device is asked to do: launches, copies and new buffers, and the bytes of copies."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.launches, self.copied, self.buffers = 0, [], 0
+        launch, copy, make = (
+            pyopencl.enqueue_nd_range_kernel,
+            pyopencl.enqueue_copy,
+            pyopencl.Buffer,
+        )
+
+        def launched(*args: Any) -> Any:
+            self.launches += 1
+            return launch(*args)
+
+        def copied(queue: Any, to: Any, of: Any) -> Any:
+            self.copied.append(next(a.nbytes for a in (to, of) if isinstance(a, np.ndarray)))
+            return copy(queue, to, of)
+
+        def made(*args: Any, **options: Any) -> Any:
+            self.buffers += 1
+            return make(*args, **options)
+
+        monkeypatch.setattr(pyopencl, "enqueue_nd_range_kernel", launched)
+        monkeypatch.setattr(pyopencl, "enqueue_copy", copied)
+        monkeypatch.setattr(pyopencl, "Buffer", made)
+
+    def start(self) -> None:
+        self.launches, self.copied, self.buffers = 0, [], 0
+
+
+def test_a_frame_costs_few_launches_and_no_copies_but_its_own(
+    frames: list[Capture], device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    n_pixels = GRID.counts[0] * GRID.counts[1]
+    with FrameImager(THIRD, SWEEP, GRID, device=device) as imager:
+        imager.form(frames[0])
+        way = imager._resident._way
+        counted = Counted(monkeypatch)
+        for frame in frames:
+            counted.start()
+            imager.form(frame)
+            if device.info.kind == "cpu":
+                # The samples are read where they are, through one buffer of their memory.
+                assert (counted.copied, counted.buffers) == ([], 1)
+            else:
+                assert (counted.copied, counted.buffers) == ([frame.data.nbytes], 0)
+            # Transposing; per level 5 launches or 1; per chunk of smallest blocks one more.
+            assert counted.launches == 1 + launches_of(way._top, way._striped, 0)
+            assert counted.launches < 10 * len(way.tree.levels)
+            counted.start()
+            imager.depth_map()
+            width = device.width
+            padded = -(-n_pixels // width) * width
+            assert (counted.launches, counted.buffers) == (1, 0)
+            assert sorted(counted.copied) == [4 * padded, 24 * padded]
+        counted.start()
+        volume = imager.volume()
+        assert (counted.launches, counted.buffers) == (0, 0)
+        assert counted.copied == [volume.data.nbytes]
+
+
+def launches_of(chunks: list[Any], striped: list[bool], level: int) -> int:
+    """What the chunks of blocks of a level and below take."""
+    each = 1 if striped[level] else 3 if level == 0 else 5
+    return sum(
+        each + (1 if chunk.leaf is not None else launches_of(chunk.inner, striped, level + 1))
+        for chunk in chunks
+    )
+
+
+def test_what_does_not_fit_is_refused(frames: list[Capture]) -> None:
+    with FrameImager(THIRD, SWEEP, GRID) as imager:
+        with pytest.raises(ModelError, match="a frame formed before"):
+            imager.depth_map()
+        other = clradar.AntennaArray(QAR50.tx_m[::6], QAR50.rx_m[::3])
+        with pytest.raises(ModelError, match="one by its array and waveform"):
+            imager.form(noise(other, SWEEP))
+        imager.form(frames[0])
+        # A refused frame leaves the last image.
+        with pytest.raises(ModelError):
+            imager.form(noise(other, SWEEP))
+        assert imager.depth_map().mask.any()
+        # Samples that are finite, but whose sums are not.
+        huge = np.full(frames[0].data.shape, 3e38, np.complex64)
+        imager.form(Capture(huge, THIRD, SWEEP))
+        for read in (imager.depth_map, imager.volume):
+            with pytest.raises(ModelError, match="overflow"):
+                read()
+        imager.form(frames[1])
+        assert imager.depth_map().mask.any()
+
+
+def test_grids_of_several_pieces_are_kept_on_the_host(
+    frames: list[Capture], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fast, "TILE_VOXELS", 20_000)
+    with FrameImager(THIRD, SWEEP, GRID) as imager:
+        for frame in frames[:2]:
+            imager.form(frame)
+            alone = clradar.backproject(frame, GRID, check_grid=False)
+            np.testing.assert_array_equal(imager.volume().data, alone.data)
+            np.testing.assert_array_equal(imager.depth_map().depth_m, alone.depth_map().depth_m)
