@@ -183,6 +183,7 @@ class ResidentImage:
         self._shape = self._piece.grid.shape
         self._divisor = np.float32(array.n_tx * array.n_rx * len(weights))
         self._buffers = Buffers(device)
+        self._depth: StrongestAlongZ | None = None
         try:
             self._samples = None
             if device.info.kind != "cpu":
@@ -190,7 +191,6 @@ class ResidentImage:
             self._cube = SampleCube(tx, rx, array.n_rx, weights, self._buffers)
             self._tree = total.tree(array, self._blocks, self._buffers, upwards=False)
             self._way = WayDown(self._tree)
-            self._depth = StrongestAlongZ(self._shape, self._buffers)
         except BaseException:
             self.close()
             raise
@@ -219,6 +219,8 @@ class ResidentImage:
 
     def strongest(self) -> Strongest:
         """Return the strongest voxels along z of the image divided by the number of samples."""
+        if self._depth is None:
+            self._depth = StrongestAlongZ(self._shape, self._buffers)
         return self._depth.of(self._way.volume, self._divisor)
 
 

@@ -75,12 +75,12 @@ class WayDown:
         self.n_values = int(np.prod(tree.blocks.counts))
         self.volume = self._empty(4 * (2 * self.n_values + LANES))
         info = self.buffers.device.info
-        self._n_items = STRIPES * info.compute_units
+        most_bytes = min(MOST_SCRATCH_BYTES, tree.chunk_bytes)
         self._striped = [
             info.kind != "gpu"
             and i > 0
             and level.n_blocks >= FEWEST_BLOCKS * info.compute_units
-            and 4 * _scratch(step, tree.unit) <= MOST_SCRATCH_BYTES
+            and 4 * _scratch(step, tree.unit) <= most_bytes
             for i, (step, level) in enumerate(zip(tree.steps, tree.levels, strict=True))
         ]
         self._at_once = [tree.blocks_at_once(i, striped) for i, striped in enumerate(self._striped)]
@@ -232,6 +232,8 @@ class WayDown:
             turned = [n_m * padded(side.n, unit) if i else 0 for side in (rows, columns)]
             sizes = np.maximum(sizes, [8 * n * values for values in (*kept, *turned)])
         self._transposed, self._reduced, *self._phasors = (self._empty(int(s)) for s in sizes)
+        room = self.tree.chunk_bytes // (4 * max(1, scratch))
+        self._n_items = min(STRIPES * self.buffers.device.info.compute_units, room)
         self._scratch = self._empty(4 * self._n_items * scratch)
 
     def _empty(self, n_bytes: int) -> Any:
