@@ -16,9 +16,11 @@ from clradar.view.folder_frames import FolderFrames
 from clradar.view.follower import Follower
 from clradar.view.panel import Panel
 from clradar.view.player import Player
+from clradar.view.samples import SampleFrames
 from clradar.view.scene import SceneView
 from clradar.view.session import Session, Shown, Wish
 from clradar.view.sources import Source
+from clradar.view.truth import TruthView
 
 HOST = "127.0.0.1"
 """This machine alone: who may log in may look, through ssh."""
@@ -31,13 +33,17 @@ class MissingViser(ClradarError, ImportError):
 
 
 class _Front:
-    def __init__(self, scene: SceneView, panel: Panel, server: Any) -> None:
-        self._scene, self._panel, self._server = scene, panel, server
+    def __init__(
+        self, scene: SceneView, panel: Panel, server: Any, truth: TruthView | None
+    ) -> None:
+        self._scene, self._panel, self._server, self._truth = scene, panel, server, truth
 
     def show(self, shown: Shown) -> None:
         with self._server.atomic():
             self._scene.show(shown)
             self._panel.show(shown)
+            if self._truth is not None:
+                self._truth.show(shown)
 
     def busy(self, words: str) -> None:
         self._panel.busy(words)
@@ -70,7 +76,8 @@ def serving(
         # A page could still ask for a tunnel to a server of others: nothing leaves this machine.
         server.request_share_url = lambda verbose=True: None
         panel = Panel(server, source, wish)
-        front = _Front(SceneView(server), panel, server)
+        truth = TruthView(server, source) if isinstance(source, SampleFrames) else None
+        front = _Front(SceneView(server), panel, server, truth)
         session = Session(source, wish, front, device)
         player = Player(session, per_second=10.0)
         follower = None
@@ -78,6 +85,8 @@ def serving(
             follower = Follower(source, session, panel.follow_frames, front.refuse)
         try:
             panel.connect(session, player)
+            if truth is not None:
+                truth.connect(session, panel)
             if source.frames():
                 session.change()
             else:

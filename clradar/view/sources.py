@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from clradar.dataset.store.folder import is_dataset
 from clradar.errors import MeasurementError
 from clradar.model import Capture, Volume
 from clradar.view.folder_frames import SUFFIXES, FolderFrames
+from clradar.view.samples import SampleFrames
 from measurement_io import open_capture, open_recording, open_volume
 from measurement_io.native.captures_volumes import read_header
 from measurement_io.opening import kind_of
@@ -64,12 +66,13 @@ class FixedFrames:
 
 
 def open_source(path: Path, variant: str = "raw", *, watch: bool = False) -> Source:
-    """Return the frames of a recording or a folder, or the one of a capture, a frame or a volume.
+    """Return the frames of a recording, a data set or a folder, or the one of a file.
 
     Parameters
     ----------
     path : Path
-        A radar folder, the folder that holds one, or a folder of files; or a file.
+        A radar folder, the folder that holds one, a data set, or a folder of files; or a capture, a
+        frame or a volume.
     variant : {"raw", "emptyfiltered"}
         Of a recording's frames.
     watch : bool
@@ -83,6 +86,8 @@ def open_source(path: Path, variant: str = "raw", *, watch: bool = False) -> Sou
     if watch:
         return FolderFrames(path, variant, read_file, follow=True)
     name = path.name or path.absolute().name
+    if is_dataset(path):
+        return SampleFrames(path)
     if kind_of(path) != "folder":
         content = read_file(path)  # a file that is damaged is refused before there is a page
         return FixedFrames(name, (name,), lambda _: content)

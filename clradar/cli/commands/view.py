@@ -14,8 +14,8 @@ from clradar.cli.options.recording import Variant
 def command(
     path: Path = argument(
         REQUIRED,
-        "Recording (radar folder, or the folder that holds one), capture, recorded .npy frame, "
-        "volume, or a folder of these files.",
+        "Recording (radar folder, or the folder that holds one), data set, capture, recorded .npy "
+        "frame, volume, or a folder of these files.",
         metavar="PATH",
     ),
     *,

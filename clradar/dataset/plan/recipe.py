@@ -16,6 +16,7 @@ from clradar.dataset.plan.plan import (
     PartMaterial,
     Plan,
     Poses,
+    RigFile,
 )
 from clradar.hand import (
     PART_NAMES,
@@ -83,6 +84,12 @@ def recipe(plan: Plan, index: int) -> Recipe:
     }
 
 
+def pose_and_hand(plan: Plan, index: int) -> tuple[str, str]:
+    """Return the name of the pose and the handedness of sample `index`, as its recipe has them."""
+    drawn = _Drawn(plan.seed, index)
+    return _pose(plan.poses, drawn, index).name, _side_and_rig(plan.hands, drawn)[0]
+
+
 class _Drawn:
     """The draws of one sample."""
 
@@ -118,15 +125,19 @@ def _pose(poses: Poses, drawn: _Drawn, index: int) -> HandPose:
     return interpolate_poses(poses.poses[first], poses.poses[second], share)
 
 
-def _hand(hands: Hands, drawn: _Drawn) -> Recipe:
+def _side_and_rig(hands: Hands, drawn: _Drawn) -> tuple[str, RigFile | None]:
     sides = ("right", "left") if hands.handedness == "both" else (hands.handedness,)
     side = drawn.one_of("hands.handedness", sides)
-    if hands.rigs:
-        rig = drawn.one_of("hands.rigs", hands.rigs)
-        return {
-            "handedness": rig.handedness if side == "as it is" else side,
-            "rig": {**asdict(rig), "betas": list(rig.betas)},
-        }
+    if not hands.rigs:
+        return side, None
+    rig = drawn.one_of("hands.rigs", hands.rigs)
+    return (rig.handedness if side == "as it is" else side), rig
+
+
+def _hand(hands: Hands, drawn: _Drawn) -> Recipe:
+    side, rig = _side_and_rig(hands, drawn)
+    if rig is not None:
+        return {"handedness": side, "rig": {**asdict(rig), "betas": list(rig.betas)}}
     shape = HandShape()
     if hands.shape == "sampled":
         shape = random_shape(drawn.stream("hands.shape"))

@@ -1,0 +1,153 @@
+"""Data sets in the live view: an index of thousands, one sample read at a time, its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from dataset_plans import plan_of
+
+import clradar
+from clradar.dataset import Sample, recipe
+from clradar.dataset.sample import recipe_grid
+from clradar.dataset.store.folder import Aside, begin
+from clradar.dataset.store.shard_writer import write_sample
+from clradar.errors import MeasurementError
+from clradar.view import samples
+from clradar.view.samples import KEPT_SAMPLES, SampleFrames
+from clradar.view.sources import open_source
+
+DEPTH_M = 0.31
+
+
+def arrays_of(made: dict[str, Any], products: Sequence[str]) -> dict[str, np.ndarray]:
+    """Products of a sample that is bright in one pixel, by its number."""
+    ny, nx = recipe_grid(made).shape[1:]
+    depth = np.full((ny, nx), np.nan, np.float32)
+    depth[1, 2] = DEPTH_M
+    projection = np.full((ny, nx), 0.01, np.float32)
+    projection[1, 2] = 1.0 + made["sample"]
+    found = {
+        "capture": np.full((12, 12, 16), 1.0 + made["sample"], np.complex64),
+        "max_projection": projection,
+        "depth_map": depth,
+        "joints": np.full((25, 3), 0.3),
+        "mesh_vertices": np.eye(3, dtype=np.float32),
+        "mesh_faces": np.array([[0, 1, 2]], np.int32),
+        "mesh_part": np.zeros(1, np.uint8),
+    }
+    return {name: array for name, array in found.items() if name.partition("_")[0] in products}
+
+
+def data_set(folder: Path, *products: str, count: int = 12, closed: int = 2) -> Path:
+    """Write a data set in shards of 5 samples, of which the second has one set aside."""
+    plan = plan_of(
+        samples=count,
+        output={"shard_size": 5, "products": ["max_projection", "depth_map", *products]},
+    )
+    kept = {"max", "depth", *products}
+    with begin(folder, plan, {}) as writer:
+        for sample in range(count):
+            if sample == 6:
+                writer.set_aside(Aside(sample, "poisoned", 2))
+                continue
+            made = recipe(plan, sample)
+            stored = Sample(made, arrays_of(made, kept))
+            write_sample(writer.part(sample), stored, {}, compression=0, force=False)
+        for shard in range(closed):
+            writer.close_shard(shard)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def letters(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return data_set(tmp_path_factory.mktemp("view") / "letters", "joints", "mesh")
+
+
+def test_samples_are_read_when_they_are_looked_at(
+    letters: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[tuple[str, int]] = []
+    read_sample = samples.read_sample
+
+    def counted(path: Path, sample: int, size: int) -> Any:
+        read.append((path.name, sample))
+        return read_sample(path, sample, size)
+
+    monkeypatch.setattr(samples, "read_sample", counted)
+    source = open_source(letters)
+    assert isinstance(source, SampleFrames)
+    assert source.frames() == (0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11)  # closed shards and open parts
+    source.choose(pose="B")
+    source.choose()
+    assert read == []
+    for sample in (7, 7, 11):
+        assert abs(source.read(sample).data).max() == 1 + sample
+        source.truth(sample)
+    assert read == [("shard-00001.h5", 7), ("00000011.h5", 11)]
+    for sample in (*range(KEPT_SAMPLES - 2), 7):
+        source.read(sample)
+    assert len(read) == KEPT_SAMPLES  # two and six others: 7 was kept
+    source.read(9)
+    source.read(11)
+    assert len(read) == KEPT_SAMPLES + 2  # 11 had to go for 9
+
+
+def test_projection_and_depth_map_stand_for_the_volume(letters: Path) -> None:
+    source = SampleFrames(letters)
+    volume = source.read(3)
+    assert isinstance(volume, clradar.Volume)
+    image = volume.depth_map(dynamic_range_db=15)
+    assert np.flatnonzero(image.mask).tolist() == [1 * len(volume.grid.x_m) + 2]
+    assert abs(image.depth_m[1, 2] - DEPTH_M) <= volume.grid.spacing_m[2] / 2
+    assert abs(volume.data).max() == 4.0
+
+
+def test_captures_are_there_to_be_imaged(tmp_path: Path) -> None:
+    folder = data_set(tmp_path / "captures", "capture", count=2, closed=0)
+    capture = SampleFrames(folder).read(1)
+    assert isinstance(capture, clradar.Capture)
+    assert capture.data.shape == (12, 12, 16)
+    assert capture.data[0, 0, 0] == 2.0
+
+
+def test_the_truth_is_that_of_the_recipe(letters: Path) -> None:
+    source = SampleFrames(letters)
+    truth = source.truth(4)
+    made = recipe(samples.read_manifest(letters).plan, 4)
+    assert truth.vertices_m is not None
+    assert truth.vertices_m.shape == (3, 3)
+    assert truth.joints_m is not None
+    assert truth.joints_m.shape == (25, 3)
+    assert truth.lines[0] == f"pose {made['pose']['name']}, {made['hand']['handedness']} hand"
+    assert f"palm {made['alpha']['palm']:.2f}" in truth.lines[-1]
+
+
+def test_samples_are_chosen_by_pose_and_hand(letters: Path) -> None:
+    source = SampleFrames(letters)
+    assert source.poses == ("A", "B", "F")
+    truths = {frame: source.truth(frame).lines[0] for frame in source.frames()}
+    for hand in ("right", "left"):
+        source.choose("F", hand)
+        expected = tuple(f for f, line in truths.items() if line == f"pose F, {hand} hand")
+        assert source.frames() == expected
+    assert sum("pose F" in line for line in truths.values()) >= 3
+
+
+def test_data_sets_that_cannot_be_viewed(tmp_path: Path) -> None:
+    empty = data_set(tmp_path / "empty", count=1, closed=0)
+    (empty / "parts/00000000.h5").unlink()
+    with pytest.raises(MeasurementError, match="at least one sample, got none"):
+        open_source(empty)
+    folder = data_set(tmp_path / "damaged", count=2, closed=0)
+    (folder / "parts/00000001.h5").write_bytes(b"no HDF5")
+    source = open_source(folder)
+    with pytest.raises(MeasurementError, match=r"00000001\.h5"):
+        source.read(1)
+    assert abs(source.read(0).data).max() == 1.0
+    (folder / "manifest.json").write_text("{}")
+    with pytest.raises(MeasurementError, match=r"manifest\.json"):
+        open_source(folder)
