@@ -14,11 +14,14 @@ LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!https?://|#)([^)\s]+)\)")
 def with_addresses(text: str, repository: str, version: str) -> str:
     """Markdown whose links to files of the checkout lead to those of a version on GitHub.
 
-    Links that are addresses, or places in the page itself, stay as they are.
+    Without a repository the words of links stay, and pictures go. Links that are addresses, or
+    places in the page itself, stay as they are.
     """
 
     def absolute(link: re.Match[str]) -> str:
         image, words, path = link.groups()
+        if not repository:
+            return "" if image else words
         form = "raw" if image else "blob"
         return f"{image}[{words}]({repository}/{form}/v{version}/{path})"
 
@@ -36,12 +39,12 @@ def addresses(repository: str, version: str) -> dict[str, str]:
 
 
 class CustomMetadataHook(MetadataHookInterface):
-    """Fills in README and addresses; without a repository the README is left as it is."""
+    """Fills in README and addresses."""
 
     def update(self, metadata: dict[str, Any]) -> None:
         text = (Path(self.root) / "README.md").read_text("utf-8")
         repository = self.config["repository"].rstrip("/")
+        text = with_addresses(text, repository, metadata["version"])
         if repository:
-            text = with_addresses(text, repository, metadata["version"])
             metadata["urls"] = addresses(repository, metadata["version"])
         metadata["readme"] = {"content-type": "text/markdown", "text": text}

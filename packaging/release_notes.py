@@ -80,6 +80,6 @@ class Stated:
         if not self.repository:
             lines.append(
                 "pyproject.toml: [tool.hatch.metadata.hooks.custom] has no repository, so the "
-                "index would show no address, and links of README.md would lead nowhere"
+                "index would show no address, and README.md without its links and picture"
             )
         return lines

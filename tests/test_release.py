@@ -105,8 +105,8 @@ def test_links_of_the_readme_lead_to_the_repository() -> None:
         "![a b](https://x.example/y/raw/v1.2.3/docs/c.png) "
         "[d](https://x.example/y/blob/v1.2.3/docs/e.md#f), [g](https://h.example) [i](#j)"
     )
-    readme = hatch_build.with_addresses((ROOT / "README.md").read_text("utf-8"), "https://x", "1")
-    assert not re.findall(r"\]\((?!https?://|#)", readme)
+    without = hatch_build.with_addresses(text, "", "1.2.3")
+    assert without == " d, [g](https://h.example) [i](#j)"
 
 
 @pytest.mark.parametrize("repository", ["", "https://x.example/y/"])
@@ -114,9 +114,10 @@ def test_the_metadata_have_addresses_where_there_is_a_repository(repository: str
     metadata = {"version": "1.2.3"}
     hatch_build.CustomMetadataHook(str(ROOT), {"repository": repository}).update(metadata)
     assert metadata["readme"]["content-type"] == "text/markdown"
+    assert "## Start" in metadata["readme"]["text"]
+    assert not re.findall(r"\]\((?!https?://|#)", metadata["readme"]["text"])
     if not repository:
         assert "urls" not in metadata
-        assert metadata["readme"]["text"] == (ROOT / "README.md").read_text("utf-8")
     else:
         assert metadata["urls"]["Issues"] == "https://x.example/y/issues"
 
