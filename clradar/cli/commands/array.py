@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_table, print_text, print_warning
-from clradar.cli.options.common import ForceOption
+from clradar.cli.opening import open_written, require_picture
+from clradar.cli.options.common import ForceOption, OpenOption
 from clradar.cli.options.groups import argument, option, output_option
 from clradar.cli.options.radar import ARRAY_HELP, BandOptions, RadarOptions
 from clradar.cli.options.values import check_unit, finite, numbers, wrong_usage
@@ -28,6 +29,7 @@ def command(
         90.0, "Lobes in directions up to this angle to boresight.", metavar="DEG"
     ),
     as_json: bool = option(False, "Print JSON for programs, in metres.", names=("--json",)),
+    show: OpenOption = False,
     force: ForceOption = False,
 ) -> None:
     """Widths are those of the response at -3 dB, which back-projection has without a window. A lobe
@@ -38,6 +40,7 @@ def command(
     from clradar.files.json_text import indented
 
     check_figure(output)
+    require_picture(show, "-o", output)
     radar = RadarOptions(array=array, band=band.band)
     check_outputs([output], force=force, inputs=radar.files)
     focus_m, antennas, waveform = _focus(at_mm), radar.antennas(), radar.waveform()
@@ -52,10 +55,11 @@ def command(
         save_figure(array_figure(antennas, waveform, found, title), output, force=force)
     if as_json:
         print_text(indented(_record(antennas.name, found)))
-        return
-    _print_figures(antennas.name, antennas.n_tx, antennas.n_rx, found)
-    if output is not None:
-        print_line(f"{output}: elements, virtual aperture, response")
+    else:
+        _print_figures(antennas.name, antennas.n_tx, antennas.n_rx, found)
+        if output is not None:
+            print_line(f"{output}: elements, virtual aperture, response")
+    open_written(show, output)
 
 
 def _focus(text: str) -> tuple[float, float, float]:
