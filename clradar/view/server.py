@@ -53,6 +53,33 @@ class _Front:
 
 
 @contextmanager
+def running(label: str, port: int) -> Iterator[Any]:
+    """Run a server of viser on this machine alone during the block; errors as `serving`."""
+    try:
+        import viser
+
+        from clradar.view.local_server import listen, taking_over
+    except ImportError as error:
+        raise MissingViser(f"view: expected viser, got {error}; {INSTALL}") from error
+    listening = listen(HOST, port)
+    port = listening.getsockname()[1]
+    # Its banner is not shown: the caller prints the address.
+    with contextlib.redirect_stdout(io.StringIO()), taking_over(listening) as is_taken_over:
+        server = viser.ViserServer(host=HOST, port=port, label=label, verbose=False)
+    try:
+        if not is_taken_over():
+            listening.close()
+            raise ClradarError(
+                f"viser {viser.__version__}: expected a version that lets clradar check who "
+                "connects, as 1.1.1 does; pages of others could read what is shown"
+            )
+        yield server
+    finally:
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
+
+
+@contextmanager
 def serving(
     source: Source, wish: Wish, *, port: int = 8080, device: Device | None = None
 ) -> Iterator[tuple[Any, Session]]:
@@ -70,8 +97,7 @@ def serving(
     ClradarError
         No port is free, or this viser cannot be told whom to serve.
     """
-    server = _started(source.name, port)
-    try:
+    with running(source.name, port) as server:
         server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
         # A page could still ask for a tunnel to a server of others: nothing leaves this machine.
         server.request_share_url = lambda verbose=True: None
@@ -99,31 +125,6 @@ def serving(
                 follower.close()
             session.close()
             player.close()
-    finally:
-        with contextlib.redirect_stdout(io.StringIO()):
-            server.stop()
-
-
-def _started(label: str, port: int) -> Any:
-    try:
-        import viser
-
-        from clradar.view.local_server import listen, taking_over
-    except ImportError as error:
-        raise MissingViser(f"view: expected viser, got {error}; {INSTALL}") from error
-    listening = listen(HOST, port)
-    port = listening.getsockname()[1]
-    # Its banner is not shown: the caller prints the address.
-    with contextlib.redirect_stdout(io.StringIO()), taking_over(listening) as is_taken_over:
-        server = viser.ViserServer(host=HOST, port=port, label=label, verbose=False)
-        if not is_taken_over():
-            server.stop()
-            listening.close()
-            raise ClradarError(
-                f"viser {viser.__version__}: expected a version that lets clradar check who "
-                "connects, as 1.1.1 does; pages of others could read what is shown"
-            )
-    return server
 
 
 def serve(

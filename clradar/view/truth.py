@@ -8,7 +8,7 @@ import numpy as np
 
 from clradar.errors import ClradarError
 from clradar.view.panel import Panel, escaped
-from clradar.view.samples import ALL, SampleFrames
+from clradar.view.samples import ALL, SampleFrames, Truth
 from clradar.view.scene import UNITS_PER_M
 from clradar.view.session import Session, Shown
 
@@ -75,32 +75,37 @@ class TruthView:
         self.words.content = "\n\n".join(escaped(line) for line in truth.lines)
         for node in self._nodes:
             node.remove()
-        self._nodes.clear()
-        scene = self._server.scene
-        if truth.vertices_m is not None:
-            self._nodes.append(
-                scene.add_mesh_simple(
-                    "/truth/mesh",
-                    vertices=UNITS_PER_M * truth.vertices_m,
-                    faces=truth.faces,
-                    color=COLOUR,
-                    opacity=0.4,
-                    side="double",
-                )
-            )
-        if truth.joints_m is not None:
-            ends = (UNITS_PER_M * truth.joints_m[BONES]).astype(np.float32)
-            self._nodes.append(
-                scene.add_line_segments(
-                    "/truth/joints",
-                    points=ends[np.isfinite(ends).all(axis=(1, 2))],
-                    colors=COLOUR,
-                    thickness=3.0,
-                    thickness_units="screen",
-                )
-            )
+        self._nodes = draw_truth(self._server.scene, truth)
         self._set_visible()
 
     def _set_visible(self) -> None:
         for node in self._nodes:
             node.visible = self.drawn.value
+
+
+def draw_truth(scene: Any, truth: Truth) -> list[Any]:
+    """Draw mesh and joints, where they are known, into the scene of viser; return its nodes."""
+    nodes = []
+    if truth.vertices_m is not None:
+        nodes.append(
+            scene.add_mesh_simple(
+                "/truth/mesh",
+                vertices=UNITS_PER_M * truth.vertices_m,
+                faces=truth.faces,
+                color=COLOUR,
+                opacity=0.4,
+                side="double",
+            )
+        )
+    if truth.joints_m is not None:
+        ends = (UNITS_PER_M * truth.joints_m[BONES]).astype(np.float32)
+        nodes.append(
+            scene.add_line_segments(
+                "/truth/joints",
+                points=ends[np.isfinite(ends).all(axis=(1, 2))],
+                colors=COLOUR,
+                thickness=3.0,
+                thickness_units="screen",
+            )
+        )
+    return nodes

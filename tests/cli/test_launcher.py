@@ -53,7 +53,8 @@ HELP = {
     "convert": "--frame --variant emptyfiltered --to --all-frames --timestamp-us",
     "export": "SOURCE --output .vti .ply .mat .npz .zarr --depth-map --dynamic-range-db --frame "
     "--variant --force metres",
-    "view": "PATH 127.0.0.1 clradar[view] --watch --variant --port --dynamic-range-db",
+    "view": "PATH 127.0.0.1 clradar[view] --watch --variant --html --force --open --port "
+    "--dynamic-range-db",
     "background": "--empty --scaling --gate-mm --edge-mm --clutter-db --average --align-phase "
     "--frame --variant NEAR:FAR",
     "channels": "--target plate --distance-mm --tilt-deg --size-mm --position-mm --radius-mm "

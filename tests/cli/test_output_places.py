@@ -37,6 +37,7 @@ FILE_OUTPUTS = (
     "compare in.h5 in.json -o {}.png --force",
     "compare in.h5 in.json --json {} --force",
     "compare in.h5 in.json --report {}.html --force",
+    "view in.h5 --html {}.html --force",
     "bench --device abacus --json {} --force",
     "array in.toml -o {}.png --force",
 )
@@ -50,7 +51,7 @@ FOLDER_OUTPUTS = (
     "dataset plan.toml --device abacus -o {} --force",
     "record-hand A --rig in.ply -o {} --force",
 )
-OUTPUTS = {"output", "png", "joints", "plot", "json", "json_file", "fix_to", "report"}
+OUTPUTS = {"output", "png", "joints", "plot", "json", "json_file", "fix_to", "report", "html"}
 INPUTS = {
     "rig", "mapping", "theta", "transform", "capture", "source", "sources", "layout", "rx_file",
     "tx_file", "empty", "file", "files", "materials", "measured", "simulated", "mesh", "channels",

@@ -1,0 +1,112 @@
+"""A view as one file: scene and time line, to be opened without a server."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.errors import ClradarError
+from clradar.files.atomic import refuse_existing, write_file
+from clradar.opencl import Device
+from clradar.view.samples import SampleFrames
+from clradar.view.scene import UNITS_PER_M, SceneView
+from clradar.view.server import running
+from clradar.view.session import Session, Shown, Wish
+from clradar.view.sources import Source
+from clradar.view.truth import draw_truth
+
+MOST_BYTES = 200 * 2**20
+"""Of points and colours: what a browser still opens as one page."""
+
+FRAMES_PER_S = 10.0
+
+
+class _SceneAlone:
+    """Shows frames, their names and truth in the scene, and notes what cannot be shown."""
+
+    def __init__(self, server: Any, source: Source) -> None:
+        self._server, self._source, self._scene = server, source, SceneView(server)
+        self.refused: str | None = None
+        self.shown_bytes = 0
+
+    def show(self, shown: Shown) -> None:
+        self._scene.show(shown)
+        grid, frame = shown.volume.grid, shown.wish.frame
+        corner_m = np.array([grid.x_m[-1], grid.y_m[-1], grid.z_m[0]])  # to the left in front
+        self._server.scene.add_label(
+            "/frame",
+            self._source.label(frame),
+            position=UNITS_PER_M * corner_m,
+            anchor="bottom-left",
+        )
+        if isinstance(self._source, SampleFrames):
+            draw_truth(self._server.scene, self._source.truth(frame))
+        self.shown_bytes += shown.cloud.points_m.nbytes + shown.cloud.colours.nbytes
+
+    def busy(self, words: str) -> None:
+        pass
+
+    def refuse(self, words: str) -> None:
+        self.refused = words
+
+
+def write_page(
+    source: Source,
+    path: Path,
+    *,
+    dynamic_range_db: float,
+    device: Device | None = None,
+    force: bool = False,
+    warn: Callable[[str], None] = print,
+) -> int:
+    """Write the frames of a source into one HTML file, and return how many there are in it.
+
+    Parameters
+    ----------
+    source : Source
+    path : Path
+    dynamic_range_db : float, decibel
+    device : Device or None
+    force : bool
+        Replace an existing file.
+    warn : callable
+        Called with a line for each frame that cannot be read, and where not all fit.
+
+    Raises
+    ------
+    MissingViser
+        viser is not installed.
+    OutputError
+        The file exists already, or cannot be written.
+    ClradarError
+        No frame can be shown.
+    """
+    refuse_existing(path, force=force)  # before the work
+    written, frames = 0, source.frames()
+    with running(source.name, port=0) as server:
+        front = _SceneAlone(server, source)
+        session = Session(source, Wish(dynamic_range_db=dynamic_range_db), front, device)
+        try:
+            serializer = server.get_scene_serializer()
+            for count, frame in enumerate(frames, 1):
+                front.refused = None
+                session.change(frame=frame)
+                session.settle()
+                if front.refused is not None:
+                    warn(f"left out: {front.refused}")
+                    continue
+                written += 1
+                serializer.insert_sleep(1 / FRAMES_PER_S)
+                if front.shown_bytes > MOST_BYTES and count < len(frames):
+                    warn(f"the first {count} of {len(frames)} frames: more are too many for a page")
+                    break
+        finally:
+            session.close()
+        if not written:
+            raise ClradarError(f"{source.name}: expected a frame that can be shown, got none")
+        page = serializer.as_html(dark_mode=True)
+    write_file(path, page.encode(), force=force)
+    return written
