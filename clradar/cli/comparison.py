@@ -63,6 +63,15 @@ def figure_labels(paths: Sequence[Path], metas: Sequence[Mapping[str, Any]]) -> 
     ]
 
 
+def print_metrics(labels: Sequence[str], metrics: Sequence[Metrics]) -> None:
+    """Print one row of metrics per simulated image."""
+    rows = []
+    for label, found in zip(labels, metrics, strict=True):
+        values = [(f * getattr(found, name), n) for name, f, n in METRIC_COLUMNS.values()]
+        rows.append([label, *("n/a" if math.isnan(v) else f"{v:.{n}f}" for v, n in values)])
+    print_table(("simulated", *METRIC_COLUMNS), rows, right=tuple(METRIC_COLUMNS))
+
+
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """A measured image and simulated ones, with the metrics of each."""
@@ -88,11 +97,7 @@ class Comparison:
 
     def print(self) -> None:
         """Print one row of metrics per simulated image, and what they do not show."""
-        rows = []
-        for label, found in zip(self.labels, self.metrics, strict=True):
-            values = [(f * getattr(found, name), n) for name, f, n in METRIC_COLUMNS.values()]
-            rows.append([label, *("n/a" if math.isnan(v) else f"{v:.{n}f}" for v, n in values)])
-        print_table(("simulated", *METRIC_COLUMNS), rows, right=tuple(METRIC_COLUMNS))
+        print_metrics(self.labels, self.metrics)
         for label, found in zip(self.labels, self.metrics, strict=True):
             for remark in found.remarks:
                 print_line(f"{label}: {remark}")

@@ -12,7 +12,6 @@ import numpy as np
 from clradar.compare import clipped_db
 from clradar.model import DepthMap
 from clradar.plot import depth_limits_mm
-from clradar.plot.panels import amplitude_colours
 
 MAX_POINTS = 60_000
 """Points of one page over all its clouds: 17 bytes each, so 1 MB."""
@@ -77,7 +76,7 @@ def clouds(images: Sequence[DepthMap], most: int = MAX_POINTS) -> list[Cloud]:
                 points_mm=(1e3 * xyz_m[kept]).astype(np.float32),
                 level=level[kept].astype(np.uint8),
                 total=len(xyz_m),
-                colour=_colour(i),
+                colour=colour_of(i),
             )
         )
     return found
@@ -85,11 +84,6 @@ def clouds(images: Sequence[DepthMap], most: int = MAX_POINTS) -> list[Cloud]:
 
 def view_data(images: Sequence[DepthMap], drawn: Sequence[Cloud]) -> dict[str, Any]:
     """Return the data of the page's script, in types of JSON."""
-    import matplotlib
-
-    # The colours of level and depth as in the figure.
-    scale = matplotlib.colormaps["viridis_r"](np.linspace(0.0, 1.0, 256))[:, :3]
-    level = amplitude_colours()[:, :3]
     steps_mm = [1e3 * np.diff(a).min() for i in images for a in (i.x_m, i.y_m) if len(a) > 1]
     return {
         "clouds": [
@@ -102,8 +96,6 @@ def view_data(images: Sequence[DepthMap], drawn: Sequence[Cloud]) -> dict[str, A
         ],
         "pixel_mm": float(min(steps_mm, default=1.0)),
         "depth_mm": list(depth_limits_mm(images)),
-        "depth_colours": _base64(np.round(255 * scale).astype(np.uint8)),
-        "level_colours": _base64(np.round(255 * level).astype(np.uint8)),
     }
 
 
@@ -119,7 +111,8 @@ def _share(counts: Sequence[int], most: int) -> int:
     return max(ordered)
 
 
-def _colour(i: int) -> str:
+def colour_of(i: int) -> str:
+    """The colour of an image, the first of which is the measured one."""
     return MEASURED_COLOUR if i == 0 else SIMULATED_COLOURS[(i - 1) % len(SIMULATED_COLOURS)]
 
 

@@ -1,7 +1,7 @@
 /* A click into a panel of the figure chooses the place: x and y of the pixel, and its depth. */
 (() => {
   const { data } = report;
-  const image = document.querySelector(".figure img");
+  const image = document.querySelector("#figure-section img");
   if (!data.slices || !data.panels.length) return;
   const points = data.clouds.map((cloud) => new Float32Array(report.bytesOf(cloud.points_mm).buffer));
   image.classList.add("clickable");

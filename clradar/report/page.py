@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
-from string import Template
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from clradar.compare import Metrics, compare, depth_map_of
@@ -19,17 +17,15 @@ from clradar.plot.views import FRONT, rcs_image, view_of
 from clradar.report.clouds import Cloud, clouds, view_data
 from clradar.report.panels import panel_places
 from clradar.report.slices import slice_data
-from clradar.report.tables import image_facts, metrics_notes, metrics_table, settings_table
-from clradar.report.text import escaped, script_json
+from clradar.report.tables import image_facts, metrics_section, settings_table
+from clradar.report.template import cloud_toggle, details, filled
+from clradar.report.text import escaped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FIGURE_DPI = 200
 """Resolution of the figure: sharp at twice the width that it has on a wide screen."""
-
-PANEL_PX = 150
-"""Least width of a panel of the figure; on a narrower screen the figure scrolls in its frame."""
 
 COMPARISON_HINT = """Amplitude above depth, in the radar's view: x increases to the left. Each
 image is relative to its own maximum; the background is more than {dynamic_range}&nbsp;dB below it.
@@ -39,12 +35,6 @@ that is missing from the simulation, a dotted ring one in the simulation alone."
 
 IMAGE_HINT = """Amplitude and depth; x increases to the left, as the radar sees it. The background
 is more than {dynamic_range}&nbsp;dB below the maximum."""
-
-SCRIPTS = ("shared.js", "viewer.js", "figure.js", "slices.js")
-"""One script in this order."""
-
-SHOWN_FIRST = 2
-"""Clouds in the 3-D view when the page opens: the measurement and the first simulation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,7 +158,7 @@ def html_report(
         panels=panel_places(figure, maps),
         figure_text=f"Amplitude above depth, in a row: {measured.label}; {'; '.join(labels)}",
         hint=COMPARISON_HINT,
-        result=_metrics_section(labels, metrics, dynamic_range_db),
+        result=metrics_section(labels, metrics),
         notes=notes,
         settings=settings,
         settings_of="This comparison",
@@ -265,27 +255,22 @@ def _page(
     drawn = clouds(maps)
     cut = [(i.label, i.image) for i in inputs if isinstance(i.image, Volume)]
     slices = slice_data(cut, maps[0].dynamic_range_db)
-    script = "".join(map(_part, SCRIPTS))
-    style = _part("page.css") + _own_style(drawn, max(len(inputs), 2))
-    return Template(_part("page.html")).substitute(
-        title=escaped(title),
-        style=style,
-        style_hash=_policy_hash(style),
-        script=script,
-        script_hash=_policy_hash(script),
-        notes="".join(f'<p class="note">{_paragraph(note)}</p>' for note in notes),
+    return filled(
+        title,
+        notes,
+        [cloud.colour for cloud in drawn],
+        {**view_data(maps, drawn), "slices": slices, "panels": panels, "frames": None},
+        dynamic_range_db=maps[0].dynamic_range_db,
+        hidden={"frames"} if slices else {"frames", "slices"},
         figure_heading="Images" if len(inputs) > 1 else "Image",
         figure=base64.b64encode(png_bytes(figure, dpi=FIGURE_DPI)).decode("ascii"),
         figure_text=escaped(figure_text),
         figure_hint=hint.format(dynamic_range=f"{maps[0].dynamic_range_db:g}"),
-        clouds="".join(_cloud_toggle(i, inputs[i].label, c) for i, c in enumerate(drawn)),
-        figure_hidden="",
-        slices_hidden="" if slices else " hidden",
+        clouds="".join(map(_cloud_toggle, count(), inputs, drawn)),
         slices_note=_slices_note(slices),
-        view_data=script_json({**view_data(maps, drawn), "slices": slices, "panels": panels}),
         result=result,
         inputs="".join(_input_details(i, m) for i, m in zip(inputs, maps, strict=True)),
-        settings=_details(settings_of, settings_table(settings)) if settings else "",
+        settings=details(settings_of, settings_table(settings)) if settings else "",
     )
 
 
@@ -296,50 +281,12 @@ def _slices_note(slices: Mapping[str, Any] | None) -> str:
     return f" To keep the page small, each voxel is the maximum of {n} along each axis."
 
 
-def _metrics_section(
-    labels: Sequence[str], metrics: Sequence[Metrics], dynamic_range_db: float
-) -> str:
-    remarks = "".join(
-        f'<li><span class="name">{escaped(label)}</span>: {escaped(remark)}.</li>'
-        for label, found in zip(labels, metrics, strict=True)
-        for remark in found.remarks
-    )
-    return (
-        f"<section><h2>Metrics</h2>{metrics_table(labels, metrics)}"
-        + (f'<ul class="remarks">{remarks}</ul>' if remarks else "")
-        + f'<p class="hint">Both images cut {dynamic_range_db:g}&nbsp;dB below their maximum; bold '
-        f"is the best of several.</p>{metrics_notes(metrics)}</section>"
-    )
-
-
-def _part(name: str) -> str:
-    return (resources.files("clradar") / "report" / name).read_text(encoding="utf-8")
-
-
-def _policy_hash(content: str) -> str:
-    """Return the name of an inline script or style in a content security policy."""
-    digest = hashlib.sha256(content.encode("utf-8")).digest()
-    return f"sha256-{base64.b64encode(digest).decode('ascii')}"
-
-
-def _own_style(drawn: Sequence[Cloud], panels: int) -> str:
-    """Return the style that depends on the images: the policy forbids style attributes."""
-    swatches = "".join(f".cloud-{i}{{background:{c.colour}}}\n" for i, c in enumerate(drawn))
-    return f"@media screen{{.figure img,.columns{{min-width:{PANEL_PX * panels}px}}}}\n{swatches}"
-
-
-def _paragraph(note: str) -> str:
-    return "<br>".join(escaped(line) for line in note.splitlines())
-
-
-def _cloud_toggle(i: int, label: str, cloud: Cloud) -> str:
+def _cloud_toggle(i: int, entry: ReportImage, cloud: Cloud) -> str:
     kept = len(cloud.points_mm)
-    count = f"{kept} points" if kept == cloud.total else f"{kept} of {cloud.total} points"
-    checked = " checked" if i < SHOWN_FIRST else ""
-    return (
-        f'<label><input type="checkbox" data-cloud="{i}"{checked}>'
-        f'<span class="swatch cloud-{i}"></span><span class="name">{escaped(label)}</span> '
-        f'<span class="count">{count}</span></label>'
+    return cloud_toggle(
+        i,
+        entry.label,
+        f"{kept} points" if kept == cloud.total else f"{kept} of {cloud.total} points",
     )
 
 
@@ -349,9 +296,4 @@ def _input_details(entry: ReportImage, shown: DepthMap) -> str:
         meta = entry.image.meta if isinstance(entry.image, Volume) else {}
     facts = settings_table(image_facts(entry.image, shown, entry.source))
     known = settings_table(meta) if meta else "<p>The image has no record of its origin.</p>"
-    return _details(entry.label, f"{facts}<h3>Settings and provenance</h3>{known}")
-
-
-def _details(summary: str, content: str) -> str:
-    """Return a folded section; `summary` is text, `content` is HTML."""
-    return f"<details><summary>{escaped(summary)}</summary>{content}</details>"
+    return details(entry.label, f"{facts}<h3>Settings and provenance</h3>{known}")

@@ -25,6 +25,14 @@ const report = (() => {
     return decade * ([1, 2, 5].find((f) => f * decade >= wanted) || 10);
   }
 
+  /* Round numbers from low to high, about 32 pixels apart. */
+  function ticks(low, high, pixels) {
+    const step = roundStep(Math.max(((high - low) * 32) / Math.max(pixels, 1), 1e-9));
+    const found = [];
+    for (let i = Math.ceil(low / step); i * step <= high; i++) found.push(i * step);
+    return found;
+  }
+
   const text = (value, digits) => value.toFixed(digits).replace("-", "\u2212");
 
   /* Give a canvas its size on the screen and return what is needed to draw on it, in CSS pixels. */
@@ -108,8 +116,9 @@ const report = (() => {
   darkScreen.addEventListener("change", redrawAll);
 
   return {
-    data, theme, bytesOf, unpacked, roundStep, text, prepared, drawPixels, scaleOf, fitting, choose,
+    data, theme, bytesOf, unpacked, roundStep, ticks, text, prepared, drawPixels, scaleOf, fitting, choose,
     MAX_PIXEL_RATIO,
+    showPoints: () => {}, // of the 3-D view
     place: () => place,
     onChoose: (follow) => followers.push(follow),
     onRedraw: (redraw) => redraws.push(redraw),

@@ -116,13 +116,6 @@
     ];
   }
 
-  function ticksOf(a, pixels) {
-    const step = report.roundStep(Math.max(extent[a] * 32 / Math.max(pixels, 1), 1e-3));
-    const ticks = [];
-    for (let tick = Math.ceil(low[a] / step) * step; tick <= high[a]; tick += step) ticks.push(tick);
-    return ticks;
-  }
-
   /* Labels to the left of the upright axes and below the lower panels. */
   function drawLabels(context, panel, box, i) {
     const label = (tick) => report.text(Math.round(tick * 100) / 100, 0);
@@ -130,7 +123,7 @@
     context.font = "11px system-ui, sans-serif";
     if (i !== 1) {
       context.textAlign = "right";
-      for (const tick of ticksOf(panel.up, box.height)) {
+      for (const tick of report.ticks(low[panel.up], high[panel.up], box.height)) {
         context.fillText(label(tick), box.left - 4, onScreen(box, panel, 0, tick)[1]);
       }
       context.fillText(AXES[panel.up], box.left - 33, box.top + box.height / 2);
@@ -138,7 +131,7 @@
     if (i !== 0) {
       context.textAlign = "center";
       const below = box.top + box.height + 9;
-      for (const tick of ticksOf(panel.right, box.width)) {
+      for (const tick of report.ticks(low[panel.right], high[panel.right], box.width)) {
         context.fillText(label(tick), onScreen(box, panel, tick, 0)[0], below);
       }
       context.fillText(`${AXES[panel.right]} (mm)`, box.left + box.width / 2, below + 14);

@@ -88,6 +88,23 @@ METRIC_TEXTS = (
 )
 
 
+def metrics_section(
+    labels: Sequence[str], metrics: Sequence[Metrics], heading: str = "Metrics"
+) -> str:
+    """Return table, remarks and meanings of the metrics of some simulated images."""
+    remarks = "".join(
+        f'<li><span class="name">{escaped(label)}</span>: {escaped(remark)}.</li>'
+        for label, found in zip(labels, metrics, strict=True)
+        for remark in found.remarks
+    )
+    return (
+        f"<section><h2>{heading}</h2>{metrics_table(labels, metrics)}"
+        + (f'<ul class="remarks">{remarks}</ul>' if remarks else "")
+        + f'<p class="hint">Both images cut {metrics[0].dynamic_range_db:g}&nbsp;dB below their '
+        f"maximum; bold is the best of several.</p>{metrics_notes(metrics)}</section>"
+    )
+
+
 def metrics_table(labels: Sequence[str], metrics: Sequence[Metrics]) -> str:
     """Return one row per simulated image; of several the best value of a column is bold.
 

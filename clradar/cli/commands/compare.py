@@ -14,6 +14,7 @@ from clradar.cli.options.common import DeviceOption, ForceOption, OpenOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
+from clradar.cli.options.sequence import FRAMES_METAVAR
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_figure, check_outputs, check_suffix
 from clradar.cli.provenance import provenance
@@ -48,6 +49,13 @@ def command(
     imaging: ImagingOptions,
     depth: DepthMapOptions,
     frames: FrameOptions,
+    over_frames: str | None = option(
+        None,
+        "Compare recordings, or folders of .h5 files, at these frames; --report has a time line. "
+        "A single SIMULATED stays the same.",
+        names=("--frames",),
+        metavar=FRAMES_METAVAR,
+    ),
     device: DeviceOption = None,
     force: ForceOption = False,
     show: OpenOption = False,
@@ -62,6 +70,11 @@ def command(
     voxels.grid()  # wrong usage is reported before a file is read
     files.check(force=force, inputs=[measured, *simulated])
     require_picture(show, "-o or --report", files.output, files.report)
+    if over_frames is not None:
+        settings = (voxels, imaging, depth, frames)
+        _compare_over_frames(over_frames, measured, simulated, files, settings, device, force=force)
+        open_written(show, files.report)
+        return
     images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
     if all(image.grid is not None for image in images) and given(voxels):
         raise wrong_usage(
@@ -98,3 +111,52 @@ def command(
         write_file(files.report, page.encode("utf-8"), force=force)
         print_line(f"{files.report}: the comparison as a page, to be opened in a browser")
     open_written(show, files.output, files.report)
+
+
+def _compare_over_frames(
+    chosen: str,
+    measured: Path,
+    simulated: list[Path],
+    files: ComparisonFiles,
+    settings: tuple[GridOptions, ImagingOptions, DepthMapOptions, FrameOptions],
+    device: str | None,
+    *,
+    force: bool,
+) -> None:
+    """Compare frame by frame, and write metrics and page as far as they were asked for."""
+    from clradar import open_device
+    from clradar.cli.frame_comparison import (
+        compare_frames,
+        frame_records,
+        open_frames,
+        print_series,
+    )
+    from clradar.report import frames_report
+
+    voxels, imaging, depth, frames = settings
+    if frames.frame is not None:
+        raise wrong_usage("--frame", "expected without --frames")
+    if files.output is not None:
+        raise wrong_usage("-o", "of one frame; with --frames there are --report and --json")
+    sources, numbers = open_frames(chosen, measured, simulated, frames.variant)
+    series, grid = compare_frames(
+        sources, numbers, voxels, imaging, depth.dynamic_range_db, open_device(device)
+    )
+    print_series(series)
+    options = recorded(
+        imaging, frames, frames=chosen, grid=grid_text(grid), measured=measured,
+        simulated=simulated,
+    )  # fmt: skip
+    origin = provenance("compare", options, [s.path for s in sources if not s.path.is_dir()])
+    if files.json is not None:
+        record = {
+            "measured": str(measured),
+            "simulated": frame_records(series, numbers, simulated),
+            **origin,
+        }
+        write_json(files.json, record, force=force)
+        print_line(f"{files.json}: the metrics of every frame, in metres")
+    if files.report is not None:
+        page = frames_report(series, sources=[str(s.path) for s in sources], settings=origin)
+        write_file(files.report, page.encode("utf-8"), force=force)
+        print_line(f"{files.report}: the frames as a page, to be opened in a browser")

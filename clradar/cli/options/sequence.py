@@ -10,7 +10,8 @@ from clradar.cli.options.groups import option
 from clradar.cli.options.values import wrong_usage
 from clradar.errors import ModelError
 
-ALL = "all"
+ALL, RANGE = "all", "FIRST:LAST[:STEP]"
+FRAMES_METAVAR = f"all|{RANGE}|N,..."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,8 +21,8 @@ class SequenceOptions:
     frames: str | None = option(
         None,
         "Fit a moving hand to these frames of a recording, each from the one before: all, "
-        "FIRST:LAST, or numbers with commas. The folder resumes.",
-        metavar="all|FIRST:LAST|N,...",
+        f"{RANGE}, or numbers with commas. The folder resumes.",
+        metavar=FRAMES_METAVAR,
     )
     workers: int | None = option(
         None,
@@ -43,22 +44,28 @@ class SequenceOptions:
 
     def numbers(self, there: Sequence[int]) -> list[int]:
         """The chosen ones of the frames that are there."""
-        text = str(self.frames).strip()
-        if text == ALL:
-            return list(there)
-        try:
-            if ":" in text:
-                first, last = map(int, text.split(":"))
-                chosen = [number for number in there if first <= number <= last]
-            else:
-                chosen = sorted({int(part) for part in text.split(",")})
-        except ValueError:
-            raise wrong_usage(
-                "--frames", f"expected all, FIRST:LAST or numbers with commas, got '{text}'"
-            ) from None
-        missing = sorted(set(chosen) - set(there))
-        if missing or not chosen:
-            raise ModelError(
-                f"--frames: expected some of the frames {there[0]} to {there[-1]}, got '{text}'"
-            )
-        return chosen
+        return chosen_frames(str(self.frames), there)
+
+
+def chosen_frames(text: str, there: Sequence[int]) -> list[int]:
+    """The frames that ``--frames`` chooses of those that are there."""
+    if text.strip() == ALL:
+        return list(there)
+    try:
+        if ":" in text:
+            first, last, step = map(int, f"{text}:1".split(":")[:3])
+            if step < 1 or text.count(":") > 2:
+                raise ValueError
+            chosen = [n for n in there if first <= n <= last and (n - first) % step == 0]
+        else:
+            chosen = sorted({int(part) for part in text.split(",")})
+    except ValueError:
+        raise wrong_usage(
+            "--frames", f"expected all, {RANGE} or numbers with commas, got '{text}'"
+        ) from None
+    missing = sorted(set(chosen) - set(there))
+    if missing or not chosen:
+        raise ModelError(
+            f"--frames: expected some of the frames {there[0]} to {there[-1]}, got '{text}'"
+        )
+    return chosen

@@ -1,0 +1,148 @@
+"""``clradar compare --frames``: recordings compared frame by frame, with a time line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from clradar.cli.comparison import figure_labels, print_metrics
+from clradar.cli.console import print_line, progress_bar
+from clradar.cli.inputs import ImageInput, common_grid
+from clradar.cli.options.imaging import GridOptions, ImagingOptions
+from clradar.cli.options.sequence import chosen_frames
+from clradar.cli.options.values import wrong_usage
+from clradar.errors import MeasurementError
+
+if TYPE_CHECKING:
+    from clradar import Capture, Device, Volume, VoxelGrid
+    from clradar.report import FrameSeries
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """What is compared at each frame.
+
+    Attributes
+    ----------
+    path : Path
+    numbers : tuple of int or None
+        Frames that are there; None: a single capture or volume, the same at every frame.
+    read : callable
+        Read the frame of a number.
+    """
+
+    path: Path
+    numbers: tuple[int, ...] | None
+    read: Callable[[int], Capture | Volume]
+
+    @classmethod
+    def open(cls, path: Path, variant: str | None = None) -> Frames:
+        """A recording, a folder of captures or volumes (.h5), or a single one."""
+        from measurement_io import open_recording
+
+        if not path.is_dir():
+            content = ImageInput.open(path).content
+            return cls(path, None, lambda _: content)
+        files = sorted(path.glob("*.h5"))
+        if not files or any(path.glob("radar_*")):
+            recording = open_recording(path, variant=variant or "raw")
+            numbers = recording.frame_numbers
+            return cls(path, numbers, lambda number: recording[numbers.index(number)])
+        # As `convert --all-frames` names them; other names count from 0.
+        by_number = {int(file.stem): file for file in files if file.stem.isdecimal()}
+        by_number = by_number or dict(enumerate(files))
+        return cls(
+            path, tuple(by_number), lambda number: ImageInput.open(by_number[number]).content
+        )
+
+
+def open_frames(
+    text: str, measured: Path, simulated: Sequence[Path], variant: str | None
+) -> tuple[list[Frames], list[int]]:
+    """The measurement and the simulations, and the frames that are compared."""
+    from clradar.report.frames import check_count
+
+    sources = [Frames.open(measured, variant), *map(Frames.open, simulated)]
+    there = sources[0].numbers
+    if there is None:
+        raise wrong_usage("--frames", "expected a recording, or a folder of .h5 files, as MEASURED")
+    numbers = chosen_frames(text, there)
+    check_count(len(numbers))
+    for source in sources[1:]:
+        missing = [n for n in numbers if source.numbers is not None and n not in source.numbers]
+        if missing:
+            listed = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
+            raise MeasurementError(
+                f"{source.path}: expected the frames of '{measured}', got none of number {listed}"
+            )
+    return sources, numbers
+
+
+def compare_frames(
+    sources: Sequence[Frames],
+    numbers: Sequence[int],
+    voxels: GridOptions,
+    imaging: ImagingOptions,
+    dynamic_range_db: float,
+    device: Device,
+) -> tuple[FrameSeries, VoxelGrid]:
+    """Image and compare frame by frame, all on one grid: that of the options, or of the first."""
+    from clradar import Capture, backproject
+    from clradar.report import FrameSeries
+
+    first = [ImageInput(source.path, source.read(numbers[0])) for source in sources]
+    grid = common_grid(voxels, *first, device=device)
+    # A recording has its name, and not that of a frame.
+    metas = [
+        {} if source.numbers else one.content.meta
+        for source, one in zip(sources[1:], first[1:], strict=True)
+    ]
+    labels = ["Measurement", *figure_labels([source.path for source in sources[1:]], metas)]
+    series = FrameSeries(labels, dynamic_range_db)
+    kept: dict[Path, Volume] = {}  # of what is the same at every frame
+
+    def image(source: Frames, number: int) -> Volume:
+        if source.path in kept:
+            return kept[source.path]
+        found = source.read(number)
+        if isinstance(found, Capture):
+            found = backproject(found, grid, device=device, **imaging.arguments)
+        if source.numbers is None:
+            kept[source.path] = found
+        return found
+
+    with progress_bar("comparing frames") as progress:
+        for done, number in enumerate(numbers, start=1):
+            series.add(f"frame {number}", [image(source, number) for source in sources])
+            if progress is not None:
+                progress(done, len(numbers))
+    return series, grid
+
+
+def print_series(series: FrameSeries) -> None:
+    """Print the mean of every metric over the frames, one row for each simulation."""
+    count = len(series.labels) - 1
+    print_metrics(series.labels[1:], [series.mean_metrics(i) for i in range(count)])
+    gaps = sum(None in found for found in series.metrics)
+    without = f"; {gaps} without an image" if gaps else ""
+    print_line(f"mean of {len(series.names)} frames{without}")
+
+
+def frame_records(
+    series: FrameSeries, numbers: Sequence[int], simulated: Sequence[Path]
+) -> list[dict[str, Any]]:
+    """One JSON object for each simulation: its metrics at every frame, and their means."""
+    return [
+        {
+            "file": str(path),
+            "label": label,
+            "mean": series.mean_metrics(i).to_dict(),
+            "frames": [
+                {"frame": number, "metrics": None if found is None else found.to_dict()}
+                for number, found in zip(numbers, (m[i] for m in series.metrics), strict=True)
+            ],
+        }
+        for i, (path, label) in enumerate(zip(simulated, series.labels[1:], strict=True))
+    ]
