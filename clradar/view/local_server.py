@@ -12,6 +12,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import websockets.asyncio.server as websockets_server
+from websockets.extensions.permessage_deflate import ServerPerMessageDeflateFactory
 
 from clradar.errors import ClradarError
 
@@ -99,6 +100,9 @@ def taking_over(listening: socket.socket) -> Iterator[Callable[[], bool]]:
         served.append(True)
         options |= {"host": None, "port": None, "sock": listening, "process_request": checked}
         options |= {"create_connection": PacedConnection, "ping_timeout": READ_TIMEOUT_S}
+        # Level 1 halves voxels in some milliseconds; higher ones take longer and save no more.
+        settings = {"level": 1, "memLevel": 5}
+        options |= {"extensions": [ServerPerMessageDeflateFactory(compress_settings=settings)]}
         return serve(handler, **options)
 
     websockets_server.serve = serve_checked

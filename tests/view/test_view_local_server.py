@@ -84,6 +84,13 @@ def test_the_page_is_for_names_of_this_machine_alone(port: int) -> None:
     assert status(port, upgrade=False) == 403
 
 
+def test_packets_are_compressed_where_the_browser_can(port: int) -> None:
+    headers = (f"Host: localhost:{port}", "Sec-WebSocket-Extensions: permessage-deflate")
+    with closing(connected(port, *headers)) as connection:
+        lines = iter(connection.makefile("rb").readline, b"\r\n")
+        assert any(line.startswith(b"Sec-WebSocket-Extensions: permessage") for line in lines)
+
+
 def test_a_viser_that_goes_another_way_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     stopped = []
 
@@ -165,7 +172,10 @@ def test_a_link_that_does_not_keep_up_gets_the_newest_frame_and_not_those_betwee
 
     def browser_at(port: int) -> Any:
         return connect(
-            f"ws://127.0.0.1:{port}", subprotocols=[f"viser-v{viser.__version__}"], max_size=None
+            f"ws://127.0.0.1:{port}",
+            subprotocols=[f"viser-v{viser.__version__}"],
+            compression=None,  # which would make little of these points
+            max_size=None,
         )
 
     def frames_until(browser: Any, last: str) -> int:
