@@ -1,23 +1,33 @@
-"""Following a folder that is written: new files become frames, the newest is shown."""
+"""Following what is being written: new files or samples become frames, the newest is shown."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from typing import Protocol
 
 from clradar.errors import ClradarError
-from clradar.view.folder_frames import FolderFrames
 from clradar.view.session import Session
 
 LOOK_EVERY_S = 1.0
 
 
+class Followed(Protocol):
+    """What can be followed: `FolderFrames`, `SampleFrames`."""
+
+    def frames(self) -> tuple[int, ...]:
+        """Return the numbers of the frames."""
+
+    def look(self) -> bool:
+        """Take in what was written since; return whether the frames are others now."""
+
+
 class Follower:
-    """Looks at a folder in a thread of its own.
+    """Looks at a source in a thread of its own.
 
     Parameters
     ----------
-    source : FolderFrames
+    source : Followed
     session : Session
     changed : callable
         Told the frame that is shown once there are others.
@@ -27,7 +37,7 @@ class Follower:
 
     def __init__(
         self,
-        source: FolderFrames,
+        source: Followed,
         session: Session,
         changed: Callable[[int], None],
         refuse: Callable[[str], None],

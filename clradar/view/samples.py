@@ -55,6 +55,8 @@ class SampleFrames:
     ----------
     folder : Path
         As ``clradar dataset`` writes it, complete or not.
+    follow : bool
+        Whether a view looks at it again, see `Follower`; it may be empty at first.
 
     Raises
     ------
@@ -62,15 +64,17 @@ class SampleFrames:
         It is no data set, damaged, or no sample is stored yet.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, follow: bool = False) -> None:
+        self.follow = follow
         self.name = folder.name or folder.absolute().name
         self._folder = folder
         self._manifest = read_manifest(folder)
         self._all = self._frames = tuple(_stored(folder, self._manifest))
-        if not self._all:
+        if not self._all and not follow:
             fail(folder, "a data set with at least one sample", "none")
+        self._chosen = (ALL, ALL)
         self._kept: OrderedDict[int, Sample] = OrderedDict()
-        self._names: list[tuple[str, str]] | None = None
+        self._names: dict[int, tuple[str, str]] = {}
         plan = self._manifest.plan
         named = plan.poses.kind in ("list", "around")
         self.poses: tuple[str, ...] = ()
@@ -106,15 +110,32 @@ class SampleFrames:
 
     def choose(self, pose: str = ALL, hand: str = ALL) -> None:
         """Go through the samples of a pose and of "right" or "left" hands alone."""
-        if (pose, hand) == (ALL, ALL):
-            self._frames = self._all
-            return
-        if self._names is None:
-            self._names = [pose_and_hand(self._manifest.plan, frame) for frame in self._all]
-        self._frames = tuple(
-            frame
-            for frame, (of, side) in zip(self._all, self._names, strict=True)
-            if pose in (ALL, of) and hand in (ALL, side)
+        self._chosen = (pose, hand)
+        self._frames = tuple(frame for frame in self._all if self._is_chosen(frame))
+
+    def look(self) -> bool:
+        """Take in samples that were stored since; return whether there are others now.
+
+        Raises
+        ------
+        MeasurementError
+            The manifest cannot be read; the samples are those of before.
+        """
+        manifest = read_manifest(self._folder)
+        self._manifest, before = manifest, self._all
+        self._all = tuple(_stored(self._folder, manifest))
+        if self._all != before:
+            self.choose(*self._chosen)
+        return self._all != before
+
+    def _is_chosen(self, frame: int) -> bool:
+        if self._chosen == (ALL, ALL):
+            return True
+        if frame not in self._names:
+            self._names[frame] = pose_and_hand(self._manifest.plan, frame)
+        return all(
+            wanted in (ALL, found)
+            for wanted, found in zip(self._chosen, self._names[frame], strict=True)
         )
 
     def _sample(self, frame: int) -> Sample:

@@ -107,7 +107,7 @@ def serving(
         session = Session(source, wish, front, device)
         player = Player(session, per_second=10.0)
         follower = None
-        if isinstance(source, FolderFrames) and source.follow:
+        if isinstance(source, (FolderFrames, SampleFrames)) and source.follow:
             follower = Follower(source, session, panel.follow_frames, front.refuse)
         try:
             panel.connect(session, player)
@@ -160,7 +160,7 @@ def serve(
     }
     try:
         frames = source.frames()
-        newest = isinstance(source, FolderFrames) and source.follow
+        newest = isinstance(source, (FolderFrames, SampleFrames)) and source.follow
         frame = frames[-1 if newest else 0] if frames else -1
         wish = Wish(frame=frame, dynamic_range_db=dynamic_range_db)
         with serving(source, wish, port=port, device=device) as (server, _):

@@ -76,18 +76,18 @@ def open_source(path: Path, variant: str = "raw", *, watch: bool = False) -> Sou
     variant : {"raw", "emptyfiltered"}
         Of a recording's frames.
     watch : bool
-        The folder may be empty, and `FolderFrames.look` takes in what is written to it.
+        The folder is being written: it may be empty, and the source can be followed.
 
     Raises
     ------
     MeasurementError
         Missing, unreadable, or of another kind.
     """
+    if is_dataset(path):
+        return SampleFrames(path, follow=watch)
     if watch:
         return FolderFrames(path, variant, read_file, follow=True)
     name = path.name or path.absolute().name
-    if is_dataset(path):
-        return SampleFrames(path)
     if kind_of(path) != "folder":
         content = read_file(path)  # a file that is damaged is refused before there is a page
         return FixedFrames(name, (name,), lambda _: content)

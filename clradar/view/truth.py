@@ -33,9 +33,8 @@ class TruthView:
         self._server, self._source = server, source
         self._nodes: list[Any] = []
         gui = server.gui
-        last = source.frames()[-1]
         with gui.add_folder("Sample"):
-            self.number = gui.add_number("Number", source.frames()[0], min=0, max=last, step=1)
+            self.number = gui.add_number("Number", 0, min=0, step=1)
             poses = (ALL, *source.poses)
             self.pose = gui.add_dropdown("Pose", poses, visible=len(poses) > 2)
             self.hand = gui.add_dropdown("Hand", (ALL, "right", "left"))

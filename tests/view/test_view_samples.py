@@ -137,6 +137,23 @@ def test_samples_are_chosen_by_pose_and_hand(letters: Path) -> None:
     assert sum("pose F" in line for line in truths.values()) >= 3
 
 
+def test_a_data_set_that_is_written_is_followed(tmp_path: Path) -> None:
+    folder = data_set(tmp_path / "growing", count=3, closed=0)
+    third = folder / "parts/00000002.h5"
+    content = third.read_bytes()
+    third.unlink()
+    source = open_source(folder, watch=True)
+    assert isinstance(source, SampleFrames)
+    source.choose(pose="F")
+    assert source.frames() == ()
+    assert not source.look()
+    third.write_bytes(content)
+    assert source.look()
+    assert source.frames() == (2,)  # the third pose is the chosen one
+    source.choose()
+    assert source.frames() == (0, 1, 2)
+
+
 def test_data_sets_that_cannot_be_viewed(tmp_path: Path) -> None:
     empty = data_set(tmp_path / "empty", count=1, closed=0)
     (empty / "parts/00000000.h5").unlink()

@@ -24,7 +24,8 @@ def command(
     *,
     watch: bool = option(
         False,
-        "PATH is a folder that is being written: show the newest file, and each one that comes.",
+        "PATH is a folder or data set that is being written: show the newest file or sample, and "
+        "each one that comes.",
     ),
     variant: Variant = option("raw", "Variant of a recording's frames."),
     html: Path | None = option(
