@@ -376,24 +376,27 @@ def test_point_target_has_its_peak_width_and_side_lobes(
     device: clradar.Device, name: str, axis: int, method: str
 ) -> None:
     target_m = np.array(TARGETS_M[name])
+    # Where every voxel is compared with the closed form, a fourth of them are enough.
+    step = 4 if method == "exact" else 1
     counts, origin_m = np.ones(3, int), target_m.copy()
-    counts[axis] += 960
+    counts[axis] += 960 // step
     origin_m[axis] -= 480 * STEP_M
-    grid = VoxelGrid(origin_m, np.full(3, STEP_M), tuple(counts))
+    grid = VoxelGrid(origin_m, np.full(3, step * STEP_M), tuple(counts))
     image = backproject(echo_of(name), grid, method=method, device=device).data.ravel()
     at, amplitude = centres(grid)[:, axis] - target_m[axis], np.abs(image)
     assert abs(at[amplitude.argmax()]) <= PEAK_ERROR_M
     width_mm = 1e3 * half_power_width(at, amplitude)
     assert abs(width_mm / FIGURES[name]["width"][axis] - 1) <= WIDTH_ERROR
     if method != "fast":  # its error can move a sample at the edge across -3 dB
-        above = at[::4][amplitude[::4] >= amplitude.max() * 10 ** (-3 / 20)]
+        thin = slice(None, None, 4 // step)
+        above = at[thin][amplitude[thin] >= amplitude.max() * 10 ** (-3 / 20)]
         assert abs(1e3 * np.ptp(above) - FIGURES[name]["sampled"][axis]) <= 1e-6
     if axis < 2:
         lobe_db = side_lobes_db(amplitude).max()
         assert abs(lobe_db - FIGURES[name]["lobe"][axis]) <= LOBE_ERROR_DB
     if method == "exact":
-        want = point_response(target_m, target_m + at[::4, None] * np.eye(3)[axis])
-        assert np.abs(image[::4] - want).max() <= 10 ** (EXACT_DB / 20)
+        want = point_response(target_m, target_m + at[:, None] * np.eye(3)[axis])
+        assert np.abs(image - want).max() <= 10 ** (EXACT_DB / 20)
         assert abs(np.abs(want).max() - 1) <= 1e-12  # every term of the sum is 1 at the target
 
 
