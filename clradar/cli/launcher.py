@@ -40,6 +40,8 @@ COMMANDS = {
     "dataset": "Make training data after a plan: posed hands, simulated and imaged.",
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
     "view": "Look at recordings, captures and volumes in a browser: frames, images, 3-D points.",
+    "live": "Image frames as they come: a folder being written, a recording, or a stream.",
+    "replay": "Send a recording to `clradar live`, at its own rate.",
     "bench": "Time the core against other libraries on this machine.",
 }
 """Subcommand, which names its module (`module_of`), and the line that describes it."""

@@ -55,6 +55,9 @@ HELP = {
     "--variant --force metres",
     "view": "PATH 127.0.0.1 clradar[view] --watch --variant --html --force --open --port "
     "--dynamic-range-db",
+    "live": "SOURCE tcp:PORT --output --tolerance-db --window --variant --watch --frames "
+    "--dynamic-range-db --x-mm --device --force docs/live.md",
+    "replay": "RECORDING --to --rate-hz --repeat --variant docs/live.md",
     "background": "--empty --scaling --gate-mm --edge-mm --clutter-db --average --align-phase "
     "--frame --variant NEAR:FAR",
     "channels": "--target plate --distance-mm --tilt-deg --size-mm --position-mm --radius-mm "

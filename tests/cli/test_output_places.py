@@ -50,6 +50,7 @@ FOLDER_OUTPUTS = (
     "fit-hand in.h5 -o {} --force",
     "dataset plan.toml --device abacus -o {} --force",
     "record-hand A --rig in.ply -o {} --force",
+    "live . --device abacus -o {} --force",
 )
 OUTPUTS = {"output", "png", "joints", "plot", "json", "json_file", "fix_to", "report", "html"}
 INPUTS = {
