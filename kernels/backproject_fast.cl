@@ -83,10 +83,34 @@ static inline void transposed_columns(const uint n_columns, const uint n_rows, c
                                       __global const float *weights, __global float *out) {
     realw re[CLR_ROWS], im[CLR_ROWS];
     rotated_rows(n_rows, n_columns, g, n_phasors, phasors, re, im);
+#if CLR_WIDTH == 8
+    /* CLR_WIDTH sums of a column side by side, which nothing has to transpose. */
+    for (uint t0 = 0; t0 < CLR_WIDTH && t0 < n_left; t0 += CLR_TILE)
+        for (uint j = 0; j < n_out; j += CLR_WIDTH) {
+            weighted_sums sum;
+            for (uint t = 0; t < CLR_TILE; ++t) sum.re[t] = sum.im[t] = 0.0f;
+            for (uint i = 0; i < n_rows; ++i) {
+                const realw w = LOADW(weights + (size_t)i * n_out + j);
+                const float *a = (const float *)&re[i] + t0, *b = (const float *)&im[i] + t0;
+#pragma unroll
+                for (uint t = 0; t < CLR_TILE; ++t) {
+                    sum.re[t] = fused((realw)(a[t]), w, sum.re[t]);
+                    sum.im[t] = fused((realw)(b[t]), w, sum.im[t]);
+                }
+            }
+#pragma unroll
+            for (uint t = 0; t < CLR_TILE; ++t) {
+                if (t0 + t >= n_left) continue;
+                STOREW(sum.re[t], out + (size_t)2 * (t0 + t) * n_out + j);
+                STOREW(sum.im[t], out + (size_t)(2 * (t0 + t) + 1) * n_out + j);
+            }
+        }
+#else
     for (uint j = 0; j < n_out; j += CLR_TILE) {
         const weighted_sums sum = sum_rows(n_rows, re, im, weights + j, n_out);
         store_transposed(sum, n_left, n_out, out + j);
     }
+#endif
 }
 
 /* Multiply the rows by their phasors and reduce their number; the result's rows are the old columns.
@@ -181,6 +205,32 @@ __kernel void reduce_frequencies(const uint n_values, const uint n_blocks, const
                       weights, result + (size_t)block * n_out * n_values + value);
 }
 
+/* The same of 2 CLR_WIDTH numbers, whose sums need not wait for one another. */
+static inline void fewer_frequencies_of_two(const uint n_values, const uint n_m, const uint n_out,
+                                            const uint n_padded, __global const float *in,
+                                            __global const float *weights, __global float *out) {
+    for (uint j = 0; j < n_padded; j += CLR_TILE) {
+        realw one[CLR_TILE], two[CLR_TILE];
+        for (uint t = 0; t < CLR_TILE; ++t) one[t] = two[t] = 0.0f;
+        for (uint m = 0; m < n_m; ++m) {
+            __global const float *w = weights + (size_t)m * n_padded + j;
+            const realw a = LOADW(in + (size_t)m * n_values);
+            const realw b = LOADW(in + (size_t)m * n_values + CLR_WIDTH);
+#pragma unroll
+            for (uint t = 0; t < CLR_TILE; ++t) {
+                one[t] = fused(a, (realw)(w[t]), one[t]);
+                two[t] = fused(b, (realw)(w[t]), two[t]);
+            }
+        }
+#pragma unroll
+        for (uint t = 0; t < CLR_TILE; ++t) {
+            if (j + t >= n_out) continue;
+            STOREW(one[t], out + (size_t)(j + t) * n_values);
+            STOREW(two[t], out + (size_t)(j + t) * n_values + CLR_WIDTH);
+        }
+    }
+}
+
 /* All of the above, block by block: what one block needs on the way stays in a core's cache, and the three
  * steps are one launch. Item = every n_items-th block. For devices whose items are a core's lanes.
  *
@@ -232,10 +282,42 @@ __kernel void reduce_blocks(const uint n_items, const uint n_blocks, const uint 
                            transposed + at, column_phasors + 2 * m * n_padded_columns,
                            column_weights, reduced + (size_t)m * n_values + at);
         }
-        for (uint at = 0; at < n_values; at += CLR_WIDTH)
-            fewer_frequencies(n_values, n_m, n_left, n_padded_left, reduced + at,
-                              frequency_weights,
-                              result + (size_t)block * n_left * n_values + at);
+        /* n_values is twice a multiple of CLR_WIDTH. */
+        for (uint at = 0; at < n_values; at += 2 * CLR_WIDTH)
+            fewer_frequencies_of_two(n_values, n_m, n_left, n_padded_left, reduced + at,
+                                     frequency_weights,
+                                     result + (size_t)block * n_left * n_values + at);
+    }
+}
+
+/* Rows that are summed side by side, so that one sum need not wait for another. */
+#if CLR_WIDTH == 8
+#define ROWS_AT_ONCE 4
+#else
+#define ROWS_AT_ONCE 1
+#endif
+
+/* Add n rows of one frequency to CLR_WIDTH voxels, one after the other; n is a constant. */
+static inline void add_rows(const uint n, const uint n_columns, const uint n_padded,
+                            __global const float *in, const realw *column_re,
+                            const realw *column_im, const length_type *row_m, const float k_hi,
+                            const float k_lo, realw *sum_re, realw *sum_im) {
+    realw re[ROWS_AT_ONCE], im[ROWS_AT_ONCE];
+    for (uint t = 0; t < n; ++t) re[t] = im[t] = 0.0f;
+    for (uint j = 0; j < n_columns; ++j) {
+        const realw c = column_re[j], s = column_im[j];
+#pragma unroll
+        for (uint t = 0; t < n; ++t) {
+            const realw a = in[2 * t * n_padded + j], b = in[(2 * t + 1) * n_padded + j];
+            re[t] = fused(a, c, fused(-b, s, re[t]));
+            im[t] = fused(a, s, fused(b, c, im[t]));
+        }
+    }
+    for (uint t = 0; t < n; ++t) {
+        realw cosine, sine;
+        phasor(row_m[t], k_hi, k_lo, &cosine, &sine);
+        *sum_re = fused(re[t], cosine, fused(-im[t], sine, *sum_re));
+        *sum_im = fused(re[t], sine, fused(im[t], cosine, *sum_im));
     }
 }
 
@@ -269,18 +351,16 @@ __kernel void image_of_blocks(const uint n_voxels, const uint n_blocks, const ui
     for (uint m = 0; m < n_m; ++m) {
         for (uint i = 0; i < n_columns; ++i)
             phasor(column_m[i], k[m], k[n_m + m], &column_re[i], &column_im[i]);
-        for (uint i = 0; i < n_rows; ++i) {
-            realw re = 0.0f, im = 0.0f;
-            for (uint j = 0; j < n_columns; ++j) {
-                const realw a = in[j], b = in[n_padded + j];
-                re = fused(a, column_re[j], fused(-b, column_im[j], re));
-                im = fused(a, column_im[j], fused(b, column_re[j], im));
-            }
+        uint i = 0;
+        for (; i + ROWS_AT_ONCE <= n_rows; i += ROWS_AT_ONCE) {
+            add_rows(ROWS_AT_ONCE, n_columns, n_padded, in, column_re, column_im, row_m + i, k[m],
+                     k[n_m + m], &sum_re, &sum_im);
+            in += 2 * ROWS_AT_ONCE * n_padded;
+        }
+        for (; i < n_rows; ++i) {
+            add_rows(1, n_columns, n_padded, in, column_re, column_im, row_m + i, k[m],
+                     k[n_m + m], &sum_re, &sum_im);
             in += 2 * n_padded;
-            realw cosine, sine;
-            phasor(row_m[i], k[m], k[n_m + m], &cosine, &sine);
-            sum_re = fused(re, cosine, fused(-im, sine, sum_re));
-            sum_im = fused(re, sine, fused(im, cosine, sum_im));
         }
     }
     const size_t plane = (size_t)n_z * n_y * n_x;

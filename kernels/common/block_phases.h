@@ -49,12 +49,6 @@ static inline void phasor(dual length, float k_hi, float k_lo, realw *cosine, re
 #else
 typedef realw length_type;
 
-/* x reduced to at most half a cycle, for |x| < 2^22. */
-static inline realw wrapped(realw x) {
-    const realw magic = 12582912.0f;
-    return x - ((x + magic) - magic);
-}
-
 /* |v| - |c| for v = c + o, without cancellation. */
 static inline realw length_difference(realw vx, realw vy, realw vz, realw cx, realw cy, realw cz,
                                       realw ox, realw oy, realw oz) {
@@ -63,8 +57,9 @@ static inline realw length_difference(realw vx, realw vy, realw vz, realw cx, re
     return sum > 0.0f ? product / sum : (realw)(0.0f);
 }
 
+/* For less than 2^19 cycles: their quarters are subtracted exactly. */
 static inline void phasor(realw length, float k_hi, float k_lo, realw *cosine, realw *sine) {
-    cos_sin_cycles(wrapped(length * k_hi), cosine, sine);
+    cos_sin_cycles(length * k_hi, cosine, sine);
 }
 #endif
 

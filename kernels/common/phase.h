@@ -57,7 +57,7 @@ static inline realw cycles(dual length, wavenumber k) {
     return (p - ((p + magic) - magic)) + error;
 }
 
-/* cos and sin of 2 pi x, for |x| <= 1. */
+/* cos and sin of 2 pi x, for |x| < 2^19: the nearest quarter is subtracted exactly. */
 static inline void cos_sin_cycles(realw x, realw *cosine, realw *sine) {
     const realw magic = 12582912.0f;
     realw shifted = 4.0f * x + magic;
