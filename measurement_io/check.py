@@ -8,6 +8,7 @@ from pathlib import Path
 
 from clradar.errors import MeasurementError
 from clradar.files.failures import reading, shown
+from clradar.model.progress import Progress
 from measurement_io.layouts.draft import layout_needed
 from measurement_io.maroon.folders import find_radar_folder
 from measurement_io.maroon.frame import read_frame_file
@@ -55,13 +56,19 @@ class CheckReport:
         return "\n".join(lines)
 
 
-def check_file(path: str | os.PathLike[str]) -> CheckReport:
+def check_file(path: str | os.PathLike[str], *, progress: Progress | None = None) -> CheckReport:
     """Verify a native file, a recorded frame or a recording; all of its data is read.
 
     Of a native file: format and version, types and shapes, checksums of every dataset, finite
     values, axes against the grid, NeXus attributes, the images for viewers. Of a recording: every
     frame of both variants, all with the same frequencies, numbering, time stamps, cached products,
     `calibration.json`, `alignment.json`, `metadata.json`, meshes and where they are placed.
+
+    Parameters
+    ----------
+    path : path-like
+    progress : callable, optional
+        Called with (frames done, frames) of a recording.
 
     Returns
     -------
@@ -92,18 +99,20 @@ def check_file(path: str | os.PathLike[str]) -> CheckReport:
     problems: list[str] = []
     try:
         with reading(source, SUPPORTED):
-            _check(source, checked, problems)
+            _check(source, checked, problems, progress)
     except MeasurementError as error:
         problems.append(str(error))
     return CheckReport(shown(source), tuple(checked), tuple(problems))
 
 
-def _check(source: Path, checked: list[str], problems: list[str]) -> None:
+def _check(
+    source: Path, checked: list[str], problems: list[str], progress: Progress | None
+) -> None:
     kind = kind_of(source)
     if kind == "container":
         raise layout_needed(source)
     if kind == "folder":
-        _check_folder(source, checked, problems)
+        _check_folder(source, checked, problems, progress)
     elif kind == "frame":
         read_frame_file(source)
         checked.append("the pickle holds nothing but numbers and text")
@@ -131,11 +140,13 @@ def _check_native(path: Path, checked: list[str], problems: list[str]) -> None:
         checked.append("NeXus attributes are there")
 
 
-def _check_folder(folder: Path, checked: list[str], problems: list[str]) -> None:
+def _check_folder(
+    folder: Path, checked: list[str], problems: list[str], progress: Progress | None
+) -> None:
     radar = find_radar_folder(folder)
     beside = inspect_folders(radar).problems
     problems += beside
     if not beside:
         checked.append("numbering, and what lies beside the frames: all of it agrees")
-    check_frames(radar, checked, problems)
+    check_frames(radar, checked, problems, progress)
     check_products(radar, checked, problems)

@@ -37,6 +37,7 @@ from calibration.registration.search_space import PoseSearch, start_rotations
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
+from clradar.model.progress import Progress, part_of
 
 TUKEY_CUTOFF = 4.685
 """Of Tukey's biweight in standard deviations: 95 % efficient on Gaussian residuals."""
@@ -49,6 +50,9 @@ CONSTRAINT_TOLERANCE = 0.1
 
 STEP_TOLERANCE = 1e-6
 """Converged when the rotation (radians) and the shift (metres) of a step are below this."""
+
+SEARCH_SHARE = 0.55
+"""Share of the ranking of all starts in the time of all, for the progress bar."""
 
 _COARSE_STEPS = 15  # point to point, for each start
 _FINE_STARTS = 4  # refined point to plane
@@ -65,6 +69,7 @@ def align(
     min_inlier_share: float = 0.3,
     max_rms_m: float = 3e-3,
     max_iterations: int = 100,
+    progress: Progress | None = None,
 ) -> Alignment:
     """Find the rigid motion that brings the simulated depth map onto the measured one.
 
@@ -83,6 +88,8 @@ def align(
         Largest residual of the inliers.
     max_iterations : int
         Point-to-plane steps before it stops unconverged.
+    progress : callable, optional
+        Called with (done, total).
 
     Returns
     -------
@@ -138,8 +145,8 @@ def align(
 
     surface = DepthSurface.of(measured, dynamic_range_db, "measured image")
     cloud = DepthSurface.of(simulated, dynamic_range_db, "simulated image")
-    starts = _coarse(surface, cloud, search_deg)
-    fit = _best_fit(surface, cloud, starts, max_iterations)
+    starts = _coarse(surface, cloud, search_deg, part_of(progress, 0.0, SEARCH_SHARE))
+    fit = _best_fit(surface, cloud, starts, max_iterations, part_of(progress, SEARCH_SHARE, 1.0))
     fit, free = _without_unobservable(surface, cloud, fit, max_iterations)
     return warned("align", _alignment(surface, cloud, fit, free, min_inlier_share, max_rms_m))
 
@@ -163,7 +170,9 @@ class _Matches:
     weights: np.ndarray
 
 
-def _coarse(surface: DepthSurface, cloud: DepthSurface, search_deg: float) -> list[np.ndarray]:
+def _coarse(
+    surface: DepthSurface, cloud: DepthSurface, search_deg: float, progress: Progress | None
+) -> list[np.ndarray]:
     """The best starts after point-to-point refinement, best first."""
     # Medians are less affected by clutter on one side than centroids.
     centres = [
@@ -172,14 +181,23 @@ def _coarse(surface: DepthSurface, cloud: DepthSurface, search_deg: float) -> li
     ]
     rotations = start_rotations(search_deg)
     starts = [np.eye(4)] + [rotation_about(r, *pair) for pair in centres for r in rotations]
-    best = _rank(surface, cloud, starts)[: 2 * _FINE_STARTS]
+    best = _rank(surface, cloud, starts, progress)[: 2 * _FINE_STARTS]
     # The identity is always refined: centroids can mislead where the two are aligned already.
     few = [_point_to_point(surface, cloud, starts[i]) for i in dict.fromkeys([0, *best])]
     return [few[i] for i in _rank(surface, cloud, few)[:_FINE_STARTS]]
 
 
-def _rank(surface: DepthSurface, cloud: DepthSurface, transforms: list[np.ndarray]) -> list[int]:
-    score = [_point_distance(surface, cloud, transform) for transform in transforms]
+def _rank(
+    surface: DepthSurface,
+    cloud: DepthSurface,
+    transforms: list[np.ndarray],
+    progress: Progress | None = None,
+) -> list[int]:
+    score = []
+    for transform in transforms:
+        score.append(_point_distance(surface, cloud, transform))
+        if progress is not None:
+            progress(len(score), len(transforms))
     return sorted(range(len(score)), key=score.__getitem__)
 
 
@@ -264,16 +282,22 @@ def _point_to_plane(
 
 
 def _best_fit(
-    surface: DepthSurface, cloud: DepthSurface, starts: list[np.ndarray], max_iterations: int
+    surface: DepthSurface,
+    cloud: DepthSurface,
+    starts: list[np.ndarray],
+    max_iterations: int,
+    progress: Progress | None,
 ) -> _IcpFit:
     """The fit from the start that ends nearest; raise if every start fails."""
     few = cloud.subsampled()
     fits, failures = [], []
-    for start in starts:
+    for done, start in enumerate(starts, start=1):
         try:
             fits.append(_point_to_plane(surface, few, start, _SUBSAMPLED_STEPS))
         except CompareError as error:
             failures.append(error)
+        if progress is not None:
+            progress(done, len(starts))
     if not fits:
         raise failures[0]
     best = min(fits, key=lambda fit: _surface_distance(surface, cloud, fit.transform))

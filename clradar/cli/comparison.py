@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from clradar.cli.console import print_line, print_table
+from clradar.cli.console import print_line, print_table, progress_bar
 from clradar.cli.titles import title_of
 from clradar.constants import DYNAMIC_RANGE_DB
 
@@ -107,11 +107,12 @@ class Comparison:
         from clradar.plot import comparison_figure, save_figure
 
         columns = list(zip(self.labels, self.maps[1:], strict=True))
-        figure = comparison_figure(
-            self.maps[0], columns, metrics=self.metrics, dynamic_range_db=self.dynamic_range_db,
-            **options,
-        )  # fmt: skip
-        save_figure(figure, path, force=force)
+        with progress_bar("drawing"):
+            figure = comparison_figure(
+                self.maps[0], columns, metrics=self.metrics,
+                dynamic_range_db=self.dynamic_range_db, **options,
+            )  # fmt: skip
+            save_figure(figure, path, force=force)
 
     def records(self, paths: Sequence[Path]) -> list[dict[str, Any]]:
         """One JSON object for each simulated image, which is in the file of the same position."""

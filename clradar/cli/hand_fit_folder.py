@@ -91,7 +91,8 @@ def write_fit(folder: Path, images: FittedImages, source: str, origin: dict[str,
     )
     write_file(folder / PLACED, placed, force=False)
     write_json(folder / FIT, {**fit.to_dict(), **origin}, force=False)
-    save_figure(hand_fit_figure(images.measured, fit), folder / OVERLAY)
+    with progress_bar("drawing"):
+        save_figure(hand_fit_figure(images.measured, fit), folder / OVERLAY)
     compared = images.compared()
     compared.save_figure(folder / FIGURE, force=False, differences=True)
     before, after = (found.to_dict() for found in compared.metrics)

@@ -102,7 +102,8 @@ def sweep_into(
                     print_line(f"{folder}: resumes with {len(store)} images that are done")
                 with progress_bar("sweeping") as progress:
                     result = run(scene, store=store, progress=progress)
-                write(folder, result, origin, source)
+                with progress_bar("drawing"):
+                    write(folder, result, origin, source)
         shutil.rmtree(folder / WORK, ignore_errors=True)
     return None if finished else result
 

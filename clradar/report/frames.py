@@ -190,9 +190,10 @@ def frame_data(series: FrameSeries) -> dict[str, Any]:
         shown = _coarser(level, depth_m, factor)
         codes = np.stack([shown[0], _depth_codes(shown[1], ends_m)], axis=2)
         contents = [packed(codes[:, j]) for j in range(shape[1])]
-        if sum(map(len, contents)) <= MAX_PACKED_BYTES:
+        size = sum(map(len, contents))
+        if size <= MAX_PACKED_BYTES:
             break
-        factor += 1
+        factor = max(factor + 1, int(factor * (size / MAX_PACKED_BYTES) ** 0.5))
     step_mm = [1e3 * factor * float(axis[1] - axis[0]) for axis in (series.x_m, series.y_m)]
     first_mm = [1e3 * float(series.x_m[columns[0]]), 1e3 * float(series.y_m[rows[0]])]
     return {

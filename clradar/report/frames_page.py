@@ -43,6 +43,20 @@ def frames_report(
     ------
     CompareError
         No frame has an image above zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from clradar.report import FrameSeries, frames_report
+    >>> x_m = np.arange(-10, 11) * 1e-3
+    >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
+    >>> series = FrameSeries(["measured", "simulated"])
+    >>> for z_m in (0.300, 0.302):
+    ...     image = clradar.DepthMap(0 * spot + z_m, spot, x_m, x_m)
+    ...     found = series.add(f"{1e3 * z_m:g} mm", [image, image])
+    >>> "300 mm to 302 mm" in frames_report(series)
+    True
     """
     data = frame_data(series)
     colours = [colour_of(i) for i in range(len(series.labels))]

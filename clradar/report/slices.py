@@ -82,9 +82,11 @@ def slice_data(
     while True:
         contents = [packed(part.codes) for part in shown]
         voxels = sum(part.codes.size for part in shown)
-        if sum(map(len, contents)) <= MAX_PACKED_BYTES and voxels <= MOST_VOXELS:
+        size = sum(map(len, contents))
+        if size <= MAX_PACKED_BYTES and voxels <= MOST_VOXELS:
             break
-        factor += 1
+        # Coarser by as much as it is too large, at least by one step: packing takes time.
+        factor = max(factor + 1, int(factor * (size / MAX_PACKED_BYTES) ** (1 / 3)))
         shown = [part.coarser(factor) for part in parts]
     return {
         "low": low.tolist(),

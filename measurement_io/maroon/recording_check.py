@@ -12,6 +12,7 @@ import numpy as np
 from clradar.errors import MeasurementError
 from clradar.files.failures import clean
 from clradar.model import Waveform
+from clradar.model.progress import Progress
 from measurement_io.maroon import folders, products
 from measurement_io.maroon.calibration_file import CALIBRATION_FILE, read_calibration_file
 from measurement_io.maroon.frame import first_time_stamp, read_frame_file
@@ -47,14 +48,20 @@ class _Variant:
         return self.totals[min(self.totals)] if self.totals else None
 
 
-def check_frames(radar: Path, checked: list[str], problems: list[str]) -> None:
+def check_frames(
+    radar: Path, checked: list[str], problems: list[str], progress: Progress | None = None
+) -> None:
     """Read every frame of both variants; list the checks that pass, and the problems."""
     frames = folders.frames(radar)
     waveform: Waveform | None = None
     read: dict[str, _Variant] = {}
+    done, total_files = 0, sum(map(len, frames.values()))
     for variant, files in frames.items():
         read[variant] = seen = _Variant()
         for number, path in sorted(files.items()):
+            done += 1
+            if progress is not None:
+                progress(done, total_files)
             try:
                 capture = read_frame_file(path)
             except MeasurementError as error:

@@ -95,11 +95,11 @@ def command(
         images.append(ImageInput.open(path))
     grid = common_grid(voxels, *images, device=opened)
     volumes = [image.volume(grid, imaging, opened) for image in images]
-    if scene is None:
-        result = align(*volumes, **settings)
-    else:
-        bias = not aligned.quick
-        with progress_bar("aligning") as progress:
+    with progress_bar("aligning") as progress:
+        if scene is None:
+            result = align(*volumes, progress=progress, **settings)
+        else:
+            bias = not aligned.quick
             result = align_mesh(
                 volumes[0], scene, correct_bias=bias, device=opened, progress=progress,
                 **settings, **images[0].radar,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from clradar.cli.comparison import Comparison, figure_labels
-from clradar.cli.console import print_line
+from clradar.cli.console import print_line, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.opening import open_written, require_picture
 from clradar.cli.options.common import DeviceOption, ForceOption, OpenOption
@@ -104,10 +104,11 @@ def command(
     if files.report is not None:
         named = zip((measured_label, *labels), volumes, (measured, *simulated), strict=True)
         shown = [ReportImage(label, volume, str(path)) for label, volume, path in named]
-        page = html_report(
-            shown[0], shown[1:], metrics=compared.metrics, settings=origin,
-            dynamic_range_db=depth.dynamic_range_db,
-        )  # fmt: skip
+        with progress_bar("writing the page"):
+            page = html_report(
+                shown[0], shown[1:], metrics=compared.metrics, settings=origin,
+                dynamic_range_db=depth.dynamic_range_db,
+            )  # fmt: skip
         write_file(files.report, page.encode("utf-8"), force=force)
         print_line(f"{files.report}: the comparison as a page, to be opened in a browser")
     open_written(show, files.output, files.report)
@@ -157,6 +158,7 @@ def _compare_over_frames(
         write_json(files.json, record, force=force)
         print_line(f"{files.json}: the metrics of every frame, in metres")
     if files.report is not None:
-        page = frames_report(series, sources=[str(s.path) for s in sources], settings=origin)
+        with progress_bar("writing the page"):
+            page = frames_report(series, sources=[str(s.path) for s in sources], settings=origin)
         write_file(files.report, page.encode("utf-8"), force=force)
         print_line(f"{files.report}: the frames as a page, to be opened in a browser")

@@ -192,7 +192,9 @@ def print_estimate(plan: Plan, device: str | None) -> None:
     """Estimate time and space of a plan from one sample that is made for it."""
     from clradar.dataset.engine.estimate import estimate
 
-    for line in estimate(plan, device=device).lines():
+    with progress_bar("making two samples"):
+        found = estimate(plan, device=device)
+    for line in found.lines():
         print_line(line)
 
 
@@ -208,7 +210,8 @@ def replay_sample(
     from clradar.dataset.engine.replay import replay
 
     check_outputs([output], force=force)
-    found = replay(folder, index, device=device, output=output, force=force, rigs=rigs)
+    with progress_bar("making the sample"):
+        found = replay(folder, index, device=device, output=output, force=force, rigs=rigs)
     if output is not None:
         print_line(f"{output}: sample {index}, made again")
     if found.stored_in is None:

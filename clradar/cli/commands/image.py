@@ -85,10 +85,12 @@ class ImageFiles:
             return False
         shown: dict[str, Any] = {"dynamic_range_db": range_db, "view": self.view, "dbsm": self.dbsm}
         if self.png is not None:
-            save_figure(image_figure(volume, title, **shown), self.png, force=force)
+            with progress_bar("drawing"):
+                save_figure(image_figure(volume, title, **shown), self.png, force=force)
             print_line(f"{self.png}: amplitude and depth, {range_db:g} dB")
         if self.report is not None:
-            page = image_report(ReportImage(title, volume, source), settings=origin, **shown)
+            with progress_bar("writing the page"):
+                page = image_report(ReportImage(title, volume, source), settings=origin, **shown)
             write_file(self.report, page.encode("utf-8"), force=force)
             print_line(f"{self.report}: the image as a page, to be opened in a browser")
         return True

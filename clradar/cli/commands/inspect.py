@@ -53,7 +53,9 @@ def command(
         )
     if check:
         with progress_bar("checking") as progress:
-            report = check_dataset(file, progress) if dataset else check_file(file)
+            report = (
+                check_dataset(file, progress) if dataset else check_file(file, progress=progress)
+            )
         record: dict[str, Any] = {
             "path": report.path,
             "ok": report.ok,

@@ -1,0 +1,66 @@
+"""Progress on a terminal wherever a command takes long, and none in a pipe."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from command_line import GRID, Run
+
+from calibration import align
+from clradar import DepthMap
+from measurement_io import check_file, open_capture, open_volume, save_recording
+
+
+@pytest.mark.parametrize(
+    ("line", "label"),
+    [
+        ("image {}/volume.h5 --png a.png", "drawing"),
+        ("image {}/volume.h5 --report a.html", "writing the page"),
+        ("compare {}/volume.h5 {}/volume.h5 -o a.png", "drawing"),
+        ("compare {}/volume.h5 {}/volume.h5 --report a.html", "writing the page"),
+        ("align {}/volume.h5 {}/volume.h5 -o a.json", "aligning"),
+        ("inspect {}/recording --check", "checking"),
+        ("inspect {}/recording --png a.png", "reading"),
+        (
+            f"compare {{}}/recording {{}}/volume.h5 --frames all {' '.join(GRID)}",
+            "comparing frames",
+        ),
+    ],
+)
+def test_a_terminal_shows_progress_and_a_pipe_none(
+    run: Run,
+    made: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    line: str,
+    label: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arguments = line.replace("{}", str(made)).split()
+    plain = run(*arguments)
+    assert plain.status == 0, plain.err
+    assert label not in plain.err
+    for path in tmp_path.iterdir():
+        path.unlink()
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    shown = run(*arguments)
+    assert shown.status == 0, shown.err
+    assert label in shown.err
+    assert shown.out == plain.out  # results stay on stdout
+
+
+def test_counts_end_at_their_total(made: Path, tmp_path: Path) -> None:
+    volume = open_volume(made / "volume.h5")
+    counts: list[tuple[int, int]] = []
+    image: DepthMap = volume.depth_map()
+    align(image, image, progress=lambda *count: counts.append(count))
+    assert counts == sorted(counts)
+    assert len(counts) > 10
+    assert counts[-1][0] == counts[-1][1]
+    radar = save_recording(tmp_path / "hand" / "30", [open_capture(made / "sim.h5")] * 3)
+    counts.clear()
+    assert check_file(radar, progress=lambda *count: counts.append(count)).ok
+    assert counts == [(1, 3), (2, 3), (3, 3)]
