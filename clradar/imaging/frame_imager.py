@@ -84,7 +84,7 @@ class FrameImager:
     ...     for z_m in (0.300, 0.302, 0.304):
     ...         point_m = [[0.01, -0.02, z_m]]
     ...         imager.form(clradar.room_capture(array, waveform, [], points_m=point_m))
-    ...         print(f"{np.nanmean(imager.depth_map(3.0).depth_m):.4f}")
+    ...         print(f"{np.nanmean(imager.depth_map(2.0).depth_m):.4f}")
     0.3000
     0.3020
     0.3040
