@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -44,7 +45,12 @@ def module_name(path: Path) -> str:
 
 
 FILES = {module_name(path): path for name in PACKAGES for path in ROOT.glob(f"{name}/**/*.py")}
-TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
+
+
+@cache
+def trees() -> dict[str, ast.Module]:
+    """Parsed when a test asks, not when tests are collected: once, in one process."""
+    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
 
 
 def imports_of(name: str, tree: ast.Module) -> set[str]:
@@ -62,7 +68,10 @@ def imports_of(name: str, tree: ast.Module) -> set[str]:
     return found
 
 
-IMPORTS = {name: imports_of(name, tree) for name, tree in TREES.items()}
+@cache
+def imports() -> dict[str, set[str]]:
+    """What every module imports."""
+    return {name: imports_of(name, tree) for name, tree in trees().items()}
 
 
 def within(name: str, package: str) -> bool:
@@ -80,7 +89,7 @@ def breaches(importers: list[str], forbidden: list[str]) -> list[str]:
     return [
         f"{importer} imports {name}"
         for importer in importers
-        for name in sorted(IMPORTS[importer])
+        for name in sorted(imports()[importer])
         if any(within(name, package) for package in forbidden)
     ]
 
@@ -95,8 +104,8 @@ def modules(*packages: str) -> list[str]:
 
 def test_the_sources_are_found() -> None:
     assert {"clradar", "clradar.model.scene", "measurement_io", "calibration"} <= set(FILES)
-    assert "clradar.model.checks" in IMPORTS["clradar.model.scene"]
-    assert "clradar.errors" in IMPORTS["clradar.opencl.device"]
+    assert "clradar.model.checks" in imports()["clradar.model.scene"]
+    assert "clradar.errors" in imports()["clradar.opencl.device"]
 
 
 def test_there_are_few_packages_and_each_has_its_layer() -> None:
@@ -108,7 +117,7 @@ def test_there_are_few_packages_and_each_has_its_layer() -> None:
 @pytest.mark.parametrize("name", modules("clradar"))
 def test_clradar_imports_downwards(name: str) -> None:
     here = package_of(name)
-    for imported in IMPORTS[name]:
+    for imported in imports()[name]:
         there = package_of(imported)
         if within(imported, "clradar") and there != here:
             assert RANK[there] < RANK[here], f"{name} imports {imported}, which is not below it"
@@ -119,7 +128,7 @@ def test_data_sets_import_downwards(name: str) -> None:
     if name == "clradar.dataset":
         return
     rank = DATASET_LAYERS.index(name.split(".")[2])
-    for imported in IMPORTS[name]:
+    for imported in imports()[name]:
         if within(imported, "clradar.dataset"):
             there = imported.split(".")[2]
             assert DATASET_LAYERS.index(there) <= rank, f"{name} imports {imported}"
@@ -132,7 +141,7 @@ def test_packages_of_calibration_import_nothing_from_each_other() -> None:
     for name in modules("calibration"):
         if "." in name and (here := package_of(name)) in packages:
             others = [
-                i for i in IMPORTS[name] if within(i, "calibration") and package_of(i) != here
+                i for i in imports()[name] if within(i, "calibration") and package_of(i) != here
             ]
             # The fit of a hand continues the registration of a mesh.
             if here == "hand_fit":
@@ -155,7 +164,7 @@ def test_measurement_io_imports_the_model_and_no_computation() -> None:
         "clradar.files",
     )
     for name in modules("measurement_io"):
-        for imported in IMPORTS[name]:
+        for imported in imports()[name]:
             if within(imported, "clradar") or within(imported, "calibration"):
                 assert any(within(imported, package) for package in allowed), (name, imported)
 
@@ -175,14 +184,14 @@ def test_calibration_does_without_the_command_line() -> None:
 
 def test_the_reference_shares_no_code_with_what_it_checks() -> None:
     for module in modules("clradar.reference"):
-        ours = {name for name in IMPORTS[module] if within(name, "clradar")}
+        ours = {name for name in imports()[module] if within(name, "clradar")}
         assert ours - {"clradar.reference"} == {"clradar.model"}
 
 
 def test_the_model_needs_no_device_and_no_computation() -> None:
     allowed = ("clradar.model", "clradar.errors", "clradar.constants", "clradar.files")
     for name in modules("clradar.model"):
-        for imported in IMPORTS[name]:
+        for imported in imports()[name]:
             if within(imported, "clradar"):
                 assert any(within(imported, package) for package in allowed), (name, imported)
 
@@ -191,7 +200,7 @@ def test_there_are_no_circles() -> None:
     # What a package imports itself from is its own modules; that is how it shows them.
     graph = {
         name: {n for n in imported if n in FILES and n != name}
-        for name, imported in IMPORTS.items()
+        for name, imported in imports().items()
     }
     try:
         TopologicalSorter(graph).prepare()
@@ -200,7 +209,7 @@ def test_there_are_no_circles() -> None:
 
 
 def test_nothing_unpickles_arrays() -> None:
-    sources = dict(TREES)
+    sources = dict(trees())
     for folder in ("benchmarks", "examples"):
         for path in sorted((ROOT / folder).glob("**/*.py")):
             sources[str(path)] = ast.parse(path.read_text(encoding="utf-8"))
@@ -217,7 +226,7 @@ def test_only_the_writer_of_frames_imports_pickle() -> None:
     writer = "measurement_io.maroon.writer"
     others = [name for name in FILES if name != writer]
     assert not breaches(others, ["pickle", "cPickle", "dill", "joblib", "shelve", "marshal"])
-    for name, tree in TREES.items():
+    for name, tree in trees().items():
         loads = [
             n
             for n in ast.walk(tree)

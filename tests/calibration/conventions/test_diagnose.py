@@ -155,9 +155,10 @@ def test_axes_of_different_length_cannot_be_swapped() -> None:
 # --- diagnoses
 
 
+# Of the sixteen six in which every two choices occur in all four combinations.
 @pytest.mark.parametrize(
     ("h", "scene"),
-    [(h, SCENES[0]) for h in HYPOTHESES]
+    [(h, SCENES[0]) for h in HYPOTHESES[::3]]
     + [(h, scene) for scene in SCENES[1:] for h in HYPOTHESES[::5]],
     ids=lambda value: getattr(value, "label", value),
 )
