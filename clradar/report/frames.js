@@ -214,5 +214,5 @@
     images = found;
     show(0);
     canvas.dataset.ready = "yes";
-  });
+  }, () => report.missing(canvas));
 })();

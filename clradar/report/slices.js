@@ -192,5 +192,5 @@
       volumes = found;
       canvas.dataset.ready = "yes";
       report.choose(report.place() || brightest(volumes[0]));
-    });
+    }, () => report.missing(canvas));
 })();

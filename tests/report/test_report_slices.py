@@ -216,3 +216,18 @@ def test_clicks_in_slices_and_keys_on_sliders_move_the_place(page: chromium.Page
     assert moved[0] > x
     assert moved[2] == z + 2
     assert page.complaints() == []
+
+
+@needs_browser
+def test_an_old_browser_is_told(tab: chromium.Page, page: chromium.Page) -> None:
+    added = tab.call(
+        "Page.addScriptToEvaluateOnNewDocument", source="delete window.DecompressionStream"
+    )
+    tab.open(tab.js("location.href"))
+    tab.js(
+        "new Promise(done => { const look = () => document.getElementById('slices')"
+        " ? requestAnimationFrame(look) : done(); look(); })"
+    )
+    section = tab.js("document.getElementById('slices-section').textContent")
+    assert "needs a newer browser" in section
+    tab.call("Page.removeScriptToEvaluateOnNewDocument", identifier=added["identifier"])

@@ -83,6 +83,8 @@ def command(
     grid = common_grid(voxels, *images, device=device)
     volumes = [image.volume(grid, imaging, device) for image in images]
     labels = figure_labels(simulated, [volume.meta for volume in volumes[1:]])
+    if measured.is_dir() and frames.frame is None and any(path.is_dir() for path in simulated):
+        print_line("the first frames are compared; --frames all compares every one")
     compared = Comparison.of(volumes, labels, depth.dynamic_range_db)
     compared.print()
     recording = recording_words(volumes[0].meta)
