@@ -6,6 +6,7 @@ import os
 import resource
 import signal
 import subprocess
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,10 @@ def crash(path: Path) -> None:
 def loop(path: Path) -> None:
     while True:
         pass
+
+
+def wait(path: Path) -> None:
+    threading.Event().wait()
 
 
 def take(path: Path, count: int) -> int:

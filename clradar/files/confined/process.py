@@ -218,6 +218,8 @@ def _answer_of_one(message: bytes, most_bytes: int, cpu_s: int) -> Any:
     timer.start()
     try:
         with process, process.stdin as requests:
+            if answer.read(len(_READY)) != _READY:
+                raise NoServer(f"it does not start: {sys.executable}")
             requests.write(message)
             requests.close()
             link = SimpleNamespace(recv_into=answer.readinto, sendall=None)
@@ -287,11 +289,13 @@ def serve(link_number: int) -> None:
 def serve_one() -> None:
     """Answer the request on standard input on standard output."""
     warnings.simplefilter("ignore")
-    request = json.loads(sys.stdin.buffer.read())
     with os.fdopen(os.dup(1), "wb") as answer:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what libraries print is no answer
         for encoding in _ENCODINGS:
             codecs.lookup(encoding)
+        answer.write(_READY)
+        answer.flush()
+        request = json.loads(sys.stdin.buffer.read())
         with suppress(Exception):
             _import_all(request)
         _answer(request, SimpleNamespace(sendall=answer.write, recv_into=None))
