@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from systems import posix_only
 
 from clradar.compare import Metrics, compare
 from clradar.errors import CompareError, ModelError, OutputError
@@ -277,6 +278,7 @@ def test_files_have_the_permissions_of_the_umask(tmp_path: Path, figure: Figure)
     assert stat.S_IMODE(saved.stat().st_mode) == stat.S_IMODE(reference.stat().st_mode)
 
 
+@posix_only
 def test_the_longest_name_that_a_folder_takes(tmp_path: Path, figure: Figure) -> None:
     longest = "a" * (os.pathconf(tmp_path, "PC_NAME_MAX") - 4) + ".png"
     assert save_figure(figure, tmp_path / longest).is_file()

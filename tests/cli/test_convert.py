@@ -11,6 +11,7 @@ import maroon_files as files
 import maroon_products as made
 import numpy as np
 import pytest
+from systems import posix_only
 
 import clradar
 from clradar.cli import main
@@ -325,6 +326,7 @@ def test_an_emptyfiltered_frame_without_a_raw_one(run, recording, tmp_path):
     assert run(recording, *target, "--variant", "raw")[0] == 0
 
 
+@posix_only
 @pytest.mark.parametrize("force", [[], ["--force"]])
 def test_a_recording_is_never_written_into_itself(run, recording, tmp_path, force):
     before = tree(recording)

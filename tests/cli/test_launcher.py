@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from command_line import GRID, Run, one_error_line
+from systems import posix_only
 
 import clradar
 from clradar.cli import main
@@ -239,6 +240,7 @@ def test_an_unexpected_error_names_its_type(
     one_error_line(outcome, "ZeroDivisionError: first line second line", "--debug")
 
 
+@posix_only
 def test_control_c_is_130_without_a_traceback(tmp_path: Path) -> None:
     code = (
         "import os, signal, sys, clradar.hand\n"

@@ -11,6 +11,7 @@ from typing import Any, get_args
 
 import pytest
 from command_line import Run, one_error_line
+from systems import posix_only
 
 from clradar.cli.launcher import COMMANDS, module_of
 from clradar.cli.options.groups import expanded
@@ -178,6 +179,7 @@ def test_nothing_is_written_into_data_sets_and_recordings(run: Run, place: Path,
     assert tree(place) == before
 
 
+@posix_only
 @pytest.mark.parametrize("line", FILE_OUTPUTS)
 def test_an_output_is_no_input_by_whatever_name(run: Run, place: Path, line: str) -> None:
     suffix = line.split("{}")[1].split()[0] if "{}." in line else ""
@@ -193,6 +195,7 @@ def test_an_output_is_no_input_by_whatever_name(run: Run, place: Path, line: str
     assert tree(place) == before
 
 
+@posix_only
 @pytest.mark.parametrize("line", FILE_OUTPUTS + FOLDER_OUTPUTS)
 def test_a_device_or_a_pipe_is_not_replaced(run: Run, place: Path, line: str) -> None:
     suffix = line.split("{}")[1].split()[0] if "{}." in line else ""

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from command_line import DENSITY, EDGE_MM, GRID, Run, one_error_line
+from systems import posix_only
 
 import clradar
 from clradar.cli import console, outputs
@@ -59,12 +60,14 @@ def test_a_file_is_kept_without_force(
     assert not [p.name for p in tmp_path.iterdir() if p.name.endswith(".tmp")]
 
 
+@posix_only
 def test_a_dangling_link_is_kept(run: Run, tmp_path: Path) -> None:
     link = tmp_path / "x.ply"
     link.symlink_to(tmp_path / "nowhere")
     one_error_line(run("hand", "-o", link), "exists already")
 
 
+@posix_only
 def test_check_outputs_resolves_links(tmp_path: Path) -> None:
     (tmp_path / "in.h5").write_bytes(b"")
     (tmp_path / "link.h5").symlink_to(tmp_path / "in.h5")
@@ -143,6 +146,7 @@ def test_devices_without_opencl(run: Run, monkeypatch: pytest.MonkeyPatch) -> No
     one_error_line(run("devices"), "no OpenCL platform")
 
 
+@posix_only
 @pytest.mark.parametrize(
     "command",
     [

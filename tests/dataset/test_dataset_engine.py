@@ -17,6 +17,7 @@ from typing import Any
 import faulty_samples
 import pytest
 from dataset_plans import digests
+from systems import posix_only
 
 from clradar.cli import main
 from clradar.dataset import Plan, read_plan, run
@@ -235,6 +236,7 @@ def test_two_runs_in_one_folder_are_one_error(plan: Plan, tmp_path: Path) -> Non
     run(plan, tmp_path, engine=Second("pocl"))
 
 
+@posix_only
 def test_a_killed_run_resumes_to_the_same_bytes(
     plan: Plan, plan_file: Path, undisturbed: dict[str, str], tmp_path: Path
 ) -> None:

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
+from systems import posix_only
 
 from clradar.errors import ClradarError, MeasurementError, ModelError, RigError
 from clradar.files.failures import clean, fail, read_bytes, reading
@@ -38,6 +39,7 @@ def test_what_a_parser_raises_becomes_one_class(
     assert info.value.__cause__ is error
 
 
+@posix_only
 def test_only_regular_files_of_the_allowed_size_are_read(tmp_path: Path) -> None:
     path = tmp_path / "f"
     path.write_bytes(b"12345")

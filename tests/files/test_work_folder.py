@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import IO
 
 import pytest
+from systems import posix_only
 
 from clradar.errors import OutputError
 from clradar.files.hashing import sha256_of
@@ -37,6 +38,7 @@ def test_a_refusal_leaves_no_folder_and_no_lock(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@posix_only
 def test_a_lock_that_its_holder_removes_locks_nobody(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,6 +14,7 @@ import pytest
 import trimesh
 from mano_files import ORDER, PARENTS, mano_model, mano_pickle
 from rig_files import run
+from systems import posix_only
 
 from clradar.errors import ModelError, RigError
 from clradar.hand import JOINT_NAMES, pose_by_name, posed_skeleton
@@ -220,6 +221,7 @@ class Runs:
         return self.call
 
 
+@posix_only
 def test_names_that_no_model_needs_are_refused_and_not_run(
     tmp_path: Path, model: dict[str, Any]
 ) -> None:

@@ -18,6 +18,7 @@ from pygltflib import AccessorSparseIndices as SparseIndices
 from pygltflib import AccessorSparseValues as SparseValues
 from rig_files import TIPS, RigMaker, run
 from scipy.spatial.transform import Rotation
+from systems import posix_only
 
 from clradar import Scene
 from clradar.errors import ClradarWarning, ModelError, RigError
@@ -779,6 +780,7 @@ def test_rigs_are_read_by_another_process_with_limits(
     assert reader.memory_bytes == 2**31 + 20 * path.stat().st_size
 
 
+@posix_only
 def test_a_pipe_for_a_buffer_does_not_block(tmp_path: Path) -> None:
     document = RigMaker().build()
     document.buffers[0].uri = "hand.bin"

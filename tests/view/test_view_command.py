@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from systems import posix_only
 
 import clradar
 from clradar.errors import MeasurementError
@@ -61,6 +62,7 @@ def test_the_address_is_of_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -
     assert "ssh -L 8080:127.0.0.1:8080 USER@" in tunnel
 
 
+@posix_only
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_ends_cleanly(tmp_path: Path, number: int) -> None:
     pytest.importorskip("viser")

@@ -47,7 +47,16 @@ _READY = b"ready"
 _ENCODINGS = ("ascii", "latin-1", "utf-8", "utf-8-sig", "raw-unicode-escape", "cp437")
 """Of what is read; the last one is that of names in ZIP archives."""
 
-_START = "import sys; sys.path[:] = {path!r}; from {module} import {call}"
+_START = """import sys
+sys.path[:] = {path!r}
+from importlib.util import find_spec, module_from_spec
+for name in ("clradar", "clradar.dataset", "measurement_io"):
+    if spec := find_spec(name):
+        sys.modules[name] = module_from_spec(spec)
+from {module} import {call}
+"""
+"""The packages are there and nothing of them is imported: readers need few of their modules."""
+
 _FORKS = sys.platform == "linux" and os.environ.get("CLRADAR_READERS") != "spawn"
 """Whether the server works: it passes on sockets, and reads /proc."""
 

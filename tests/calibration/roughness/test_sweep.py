@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from shapes import plate
+from systems import posix_only
 
 import clradar
 from calibration import Regions, Sweep, align_mesh, sweep
@@ -498,6 +499,7 @@ main(sys.argv[1:])
 """
 
 
+@posix_only
 def test_a_killed_command_resumes_to_the_same_files(files, capsys):
     killed = subprocess.run([sys.executable, "-c", KILLED, *COMMAND, "-o", "killed"], check=False)
     assert killed.returncode == -signal.SIGKILL

@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 import reader_probes as probes
+from systems import linux_only, posix_only
 
 from clradar.errors import MeasurementError
 from clradar.files.confined import process, wire
@@ -71,6 +72,7 @@ def test_an_endless_loop_is_an_error(path, monkeypatch):
     assert "more than 1 s" in refused(probes.loop, path)
 
 
+@linux_only
 def test_memory_is_limited(path):
     assert hdf5_process.run(probes.take, path, 2**20) == 2**20
     assert "MemoryError" in refused(probes.take, path, hdf5_process.MEMORY_BYTES + 2**24)
@@ -82,6 +84,7 @@ def test_the_size_of_results_is_limited(path):
     refused(probes.large, path, 10**6)
 
 
+@posix_only
 def test_nothing_can_be_written_opened_or_started(path, tmp_path):
     other = tmp_path / "other"
     refused(probes.write, path, str(other))
@@ -135,6 +138,7 @@ def _read_in_a_fork(path: Path, sink: multiprocessing.Queue) -> None:
     sink.put(hdf5_process.run(probes.same, path, os.getpid()))
 
 
+@posix_only
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_forked_processes(path):
     assert hdf5_process.run(probes.same, path, 0) == 0

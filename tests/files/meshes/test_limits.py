@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import trimesh
 from mesh_files import OBJ_START, binary, glb, tetrahedron
+from systems import posix_only
 
 from clradar import Scene
 from clradar.errors import MeshError
@@ -142,6 +143,7 @@ def test_archives_are_measured_before_they_are_inflated(tmp_path: Path) -> None:
     refused(path, "inflates to at most 536870912 bytes", "629145600")
 
 
+@posix_only
 def test_pipes_do_not_block(tmp_path: Path) -> None:
     for name in ("pipe.mtl", "pipe.png", "pipe.bin", "pipe.obj"):
         os.mkfifo(tmp_path / name)
@@ -180,6 +182,7 @@ def test_triangles_that_trimesh_would_change_are_refused(
     refused(path, got)
 
 
+@posix_only
 @pytest.mark.parametrize("uri", ["../data.bin", "http://localhost/data.bin", "sub/link.bin"])
 def test_buffers_elsewhere_are_not_opened(tmp_path: Path, uri: str) -> None:
     folder = tmp_path / "mesh"

@@ -15,6 +15,7 @@ import maroon_files as files
 import maroon_products as products
 import numpy as np
 import pytest
+from systems import posix_only
 
 import clradar
 from clradar.errors import MeasurementError, ModelError, OutputError
@@ -550,6 +551,7 @@ def test_a_type_of_any_length_makes_a_message_of_some(tmp_path):
     assert len(refused(path)) < 1000
 
 
+@posix_only
 def test_not_a_regular_file(tmp_path):
     os.mkfifo(tmp_path / "pipe.npy")
     done = []

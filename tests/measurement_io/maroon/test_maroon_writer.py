@@ -19,6 +19,7 @@ import maroon_files as files
 import maroon_products as made
 import numpy as np
 import pytest
+from systems import posix_only
 
 import clradar
 import clradar.reference
@@ -469,6 +470,7 @@ def test_an_interrupted_replacement_keeps_what_was_there(tmp_path, monkeypatch):
     assert tree(tmp_path) == before
 
 
+@posix_only
 def test_a_kill_leaves_no_recording_under_the_final_name(tmp_path):
     code = """
 import os, signal, sys

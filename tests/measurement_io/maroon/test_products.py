@@ -13,6 +13,7 @@ from pathlib import Path
 import maroon_products as made
 import numpy as np
 import pytest
+from systems import posix_only
 
 import clradar
 from clradar.errors import MeasurementError, ModelError, OutputError
@@ -433,6 +434,7 @@ def test_points_without_colour_and_no_points(radar):
     assert read_points(radar, 0).points_m.shape == (0, 3)
 
 
+@posix_only
 def test_a_product_that_is_no_file(radar):
     (radar / "xyz" / "000000.ply").unlink()
     os.mkfifo(radar / "xyz" / "000000.ply")

@@ -12,6 +12,7 @@ import maroon_files as files
 import maroon_products
 import numpy as np
 import pytest
+from systems import posix_only
 
 from clradar.errors import MeasurementError, ModelError
 from measurement_io import Recording, open_capture, open_recording
@@ -298,6 +299,7 @@ def test_meshes_that_cannot_be_placed(tmp_path):
             open_recording(radar).scene()
 
 
+@posix_only
 def test_files_that_a_mesh_names_are_not_opened(tmp_path):
     radar = files.write_recording(tmp_path / "30")
     path = files.write_mesh(radar.parent, "mesh", *TRIANGLE)

@@ -11,6 +11,7 @@ import maroon_files as files
 import maroon_products as products
 import numpy as np
 import pytest
+from systems import posix_only
 
 from measurement_io import check_file, describe
 
@@ -111,6 +112,7 @@ def test_misnamed_frames_are_listed(tmp_path):
     assert description.values["raw_frames"]["numbers"] == [0, 1]
 
 
+@posix_only
 def test_frames_that_are_no_files(tmp_path):
     radar = files.write_recording(tmp_path / "30", n_frames=6)
     data = radar / "calibrated_data"

@@ -1,0 +1,14 @@
+"""Marks for tests of what only some systems have; on Linux all of them run."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+posix_only = pytest.mark.skipif(
+    sys.platform == "win32", reason="Windows has no pipes, links, signals or modes as tried here"
+)
+linux_only = pytest.mark.skipif(
+    sys.platform != "linux", reason="only Linux limits the memory of a process, and says its peak"
+)
