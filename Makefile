@@ -8,7 +8,7 @@ export CLRADAR_DEVICE ?= pocl
 # Processes that run the tests.
 JOBS ?= 2
 
-.PHONY: demo test test-slow test-intel fuzz memcheck lint format figures validation docs bench release clean
+.PHONY: demo test test-spawn test-slow test-intel fuzz memcheck lint format figures validation docs bench release clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
@@ -17,6 +17,10 @@ demo: $(VENV)/.installed
 test: export OPENBLAS_NUM_THREADS := 1
 test: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
+
+# With the readers of systems that cannot fork: a process is started for every file.
+test-spawn: export CLRADAR_READERS := spawn
+test-spawn: test
 
 test-slow: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -m slow --timeout 3600

@@ -1,8 +1,12 @@
-"""What the files of a checkout state about the release: version, date, address."""
+"""What the files of a checkout state about the release: version, date, address.
+
+``python packaging/release_notes.py v1.2.3`` fails unless that may be uploaded today.
+"""
 
 from __future__ import annotations
 
 import re
+import sys
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -83,3 +87,14 @@ class Stated:
                 "index would show no address, and README.md without its links and picture"
             )
         return lines
+
+    def against_tag(self, tag: str, today: date) -> list[str]:
+        """All that stands in the way of uploading the version with this tag."""
+        version = self.versions["clradar/__init__.py"]
+        other = [] if tag == f"v{version}" else [f"expected the tag v{version}, got '{tag}'"]
+        return other + self.contradictions() + self.before_upload(today)
+
+
+if __name__ == "__main__":
+    root = Path(__file__).resolve().parents[1]
+    sys.exit("\n".join(Stated.read(root).against_tag(sys.argv[1], date.today())) or None)

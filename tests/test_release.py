@@ -92,6 +92,18 @@ def test_what_stands_in_the_way_of_an_upload(copy: Path) -> None:
     assert f"dated {day}, and today is 2001-02-03" in lines[1]
 
 
+def test_a_tag_is_of_the_version_that_is_ready(copy: Path) -> None:
+    changed(copy, "pyproject.toml", 'repository = ""', 'repository = "https://a.example/b"')
+    changed(copy, "CITATION.cff", "type:", 'repository-code: "https://a.example/b"\ntype:')
+    log = (copy / "CHANGELOG.md").read_text("utf-8")
+    (copy / "CHANGELOG.md").write_text(log[log.index("\n## 0") :], "utf-8")  # all is released
+    stated = Stated.read(copy)
+    day = date.fromisoformat(stated.dates["CHANGELOG.md"])
+    assert stated.against_tag(f"v{__version__}", day) == []
+    (line,) = stated.against_tag("v9.8.7", day)
+    assert line == f"expected the tag v{__version__}, got 'v9.8.7'"
+
+
 def test_a_statement_that_is_missing_is_named(copy: Path) -> None:
     changed(copy, "CITATION.cff", "date-released", "date")
     with pytest.raises(ValueError, match=r"CITATION\.cff: expected a line like"):

@@ -1,0 +1,67 @@
+"""The workflows of the public CI: nothing but that service runs them."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from test_dependencies import VERSIONS
+
+ROOT = Path(__file__).resolve().parents[1]
+WORKFLOWS = ROOT / ".github" / "workflows"
+PAGE = "docs/platforms.md"
+
+pytestmark = pytest.mark.skipif(not WORKFLOWS.exists(), reason="no checkout: .github is not here")
+
+
+def jobs(name: str) -> dict[str, Any]:
+    return yaml.safe_load((WORKFLOWS / name).read_text("utf-8"))["jobs"]
+
+
+@pytest.mark.parametrize("name", ["release.yml", "tests.yml"])
+def test_commands_and_jobs_exist(name: str) -> None:
+    targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+    found = jobs(name)
+    for job in found.values():
+        assert set(job.get("needs", "").split()) <= set(found)
+        assert (WORKFLOWS / Path(job.get("uses", "tests.yml")).name).exists()
+        for step in job.get("steps", []):
+            words = shlex.split(step.get("run", ""))
+            if words[:1] == ["make"]:
+                assert {word for word in words[1:] if "=" not in word} <= set(targets)
+            for word in words:
+                if word.endswith(".py"):
+                    assert (ROOT / word).exists(), word
+
+
+@pytest.mark.parametrize("name", ["release.yml", "tests.yml"])
+def test_actions_have_a_version_and_few_rights(name: str) -> None:
+    """One job alone may do more than read: it proves to the index who it is, without a password."""
+    text = (WORKFLOWS / name).read_text("utf-8")
+    for action in re.findall(r"uses: (?!\./)(\S+)", text):
+        assert re.search(r"@(v\d+|release/v\d+)$", action), action
+    assert "secrets." not in text
+    assert yaml.safe_load(text)["permissions"] == {"contents": "read"}
+    rights = {key: job["permissions"] for key, job in jobs(name).items() if "permissions" in job}
+    assert rights == ({"publish": {"id-token": "write"}} if name == "release.yml" else {})
+
+
+def test_an_upload_waits_for_the_tests_and_takes_their_packages() -> None:
+    release, tests = jobs("release.yml"), jobs("tests.yml")
+    assert release["publish"]["needs"] == "tests"
+    assert release["tests"]["needs"] == "ready"
+    made = [s["with"]["name"] for s in tests["packages"]["steps"] if "upload" in s.get("uses", "")]
+    taken = [s["with"]["name"] for s in release["publish"]["steps"] if "download" in s["uses"]]
+    assert made == taken
+
+
+def test_the_systems_of_the_page_are_tested() -> None:
+    rows = re.findall(r"^\| ([^|]+?) \|", (ROOT / PAGE).read_text("utf-8"), re.MULTILINE)
+    matrix = jobs("tests.yml")["tests"]["strategy"]["matrix"]
+    assert sorted(matrix["system"]) == sorted(row for row in rows if row not in ("system", "---"))
+    assert tuple(matrix["python"]) == VERSIONS
+    assert [one["system"] for one in matrix["include"]] == matrix["system"]
