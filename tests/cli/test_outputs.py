@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import pty
 import subprocess
 import sys
 from pathlib import Path
@@ -82,6 +81,7 @@ def test_check_outputs_resolves_links(tmp_path: Path) -> None:
         outputs.check_outputs([tmp_path / "IN.h5"], force=False, inputs=[tmp_path / "in.h5"])
 
 
+@posix_only
 def test_progress_goes_to_terminals_only(made: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "clradar.cli", "simulate", str(made / "hand.ply"),
                "--samples-per-mm2", DENSITY, "--band", "72:82:2", "-o"]  # fmt: skip
@@ -90,6 +90,8 @@ def test_progress_goes_to_terminals_only(made: Path, tmp_path: Path) -> None:
     assert piped.stderr == b""
     assert b"\x1b" not in piped.stdout
     assert piped.stdout.count(b"\n") == 1
+
+    import pty
 
     ours, theirs = pty.openpty()
     with subprocess.Popen(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 from pathlib import Path
 from typing import IO
@@ -43,6 +42,8 @@ def test_a_lock_that_its_holder_removes_locks_nobody(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Between opening the file and locking it the other process may have ended."""
+    import fcntl
+
     real, opened = fcntl.flock, []
 
     def late(lock: IO[bytes], how: int) -> None:

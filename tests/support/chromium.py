@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import base64
-import fcntl
 import json
 import os
 import select
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,7 +21,9 @@ DEADLINE_S = 1800.0
 
 
 def installed() -> str | None:
-    """Return the path of a Chromium, None where there is none."""
+    """Return the path of a Chromium, None where there is none, or no way to drive one."""
+    if sys.platform == "win32":
+        return None
     return next((found for name in NAMES if (found := shutil.which(name))), None)
 
 
@@ -147,6 +149,8 @@ class Page:
 @contextmanager
 def chromium(profile: Path, *, webgl: bool = False) -> Iterator[Page]:
     """Yield a tab of a headless Chromium whose files are all in `profile`; WebGL is in software."""
+    import fcntl  # which Windows has not
+
     program = installed()
     assert program is not None
     pipes = [*os.pipe(), *os.pipe()]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import subprocess
 import threading
@@ -80,6 +79,8 @@ def start_a_program(path: Path) -> int:
 
 def cost_of_reading(path: Path) -> dict[str, float]:
     """Peak of resident memory that reading adds, whatever comes of it."""
+    import resource  # which Windows has not
+
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     outcome = "result"
     try:
