@@ -8,7 +8,6 @@ import struct
 from pathlib import Path
 
 _OPENED = 0x20
-_NOT_WAITING = os.O_NONBLOCK
 _EVENT = struct.Struct("iIII")
 
 
@@ -17,7 +16,7 @@ class OpenedFiles:
 
     def __init__(self, folder: Path) -> None:
         library = ctypes.CDLL(None, use_errno=True)
-        self._handle = library.inotify_init1(_NOT_WAITING)
+        self._handle = library.inotify_init1(os.O_NONBLOCK)
         if (
             self._handle < 0
             or library.inotify_add_watch(self._handle, os.fsencode(folder), _OPENED) < 0

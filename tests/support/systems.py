@@ -10,5 +10,5 @@ posix_only = pytest.mark.skipif(
     sys.platform == "win32", reason="Windows has no pipes, links, signals or modes as tried here"
 )
 linux_only = pytest.mark.skipif(
-    sys.platform != "linux", reason="only Linux limits the memory of a process, and says its peak"
+    sys.platform != "linux", reason="inotify, /proc and limits of memory are Linux's"
 )

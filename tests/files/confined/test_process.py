@@ -154,7 +154,14 @@ def test_forked_processes(path):
     assert hdf5_process.run(probes.same, path, 1) == 1
 
 
-@pytest.mark.parametrize("probe", ["same", "arrays", "refuse", "crash", "write", "take"])
+@pytest.mark.parametrize(
+    "probe",
+    [
+        *("same", "arrays", "refuse", "crash"),
+        pytest.param("write", marks=posix_only),
+        pytest.param("take", marks=linux_only),
+    ],
+)
 def test_systems_that_do_not_fork(path, tmp_path, monkeypatch, probe):
     monkeypatch.setattr(process, "_FORKS", False)
     monkeypatch.setattr(process, "_running_server", None)  # it is not asked

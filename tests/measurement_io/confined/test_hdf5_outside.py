@@ -17,6 +17,7 @@ import reader_probes
 from fuzz import seeds
 from fuzz.mutate_hdf5 import with_right_checksums
 from opened_files import OpenedFiles
+from systems import linux_only
 
 import clradar
 from clradar.errors import MeasurementError
@@ -137,6 +138,7 @@ def read_all(path: Path) -> None:
             file["entry/data"][name][()]
 
 
+@linux_only
 @pytest.mark.parametrize(
     "action",
     [
@@ -273,6 +275,7 @@ MOST_BYTES = 2**30 + 2**28
 """`hdf5_process.MEMORY_BYTES`, and a quarter for what the limit does not count."""
 
 
+@linux_only
 @pytest.mark.parametrize("length", [2**32 - 1, 2**31, 10**9, 2**24])
 @pytest.mark.parametrize("name", [b"provenance", b"NX_class", b"axes"])
 def test_text_that_claims_gigabytes(path, name, length):
@@ -290,6 +293,7 @@ def test_text_that_claims_gigabytes(path, name, length):
     outcomes(path)
 
 
+@linux_only
 def test_index_of_chunks_without_end(path: Path) -> None:
     # The header of a fixed array says how many chunks there are; HDF5 allocates for as many.
     def action(file: h5py.File) -> Any:

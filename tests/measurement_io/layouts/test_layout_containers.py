@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import scipy.io
 from layout_files import CONTAINERS, layout, random_capture, write
+from systems import linux_only
 from test_layouts import PLAIN, assert_same, refused, tree_of
 
 from clradar.errors import MeasurementError
@@ -483,6 +484,7 @@ def peak_bytes(program: str, *arguments: object) -> int:
     return int(done.stdout.split()[-1]) * 1024
 
 
+@linux_only
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "key", "axis"),
@@ -518,6 +520,7 @@ def test_files_that_inflate(
     assert peak_bytes(program, tmp_path / "bomb", key, axis) < 400 * 2**20
 
 
+@linux_only
 @pytest.mark.slow
 @pytest.mark.parametrize("container", ["npz deflated", "hdf5 gzip", "mat v5 deflated", "mat v7.3"])
 @pytest.mark.parametrize("form", ["complex128", "int16 parts"])

@@ -12,7 +12,7 @@ import maroon_files as files
 import maroon_products
 import numpy as np
 import pytest
-from systems import posix_only
+from systems import linux_only, posix_only
 
 from clradar.errors import MeasurementError, ModelError
 from measurement_io import Recording, open_capture, open_recording
@@ -360,6 +360,7 @@ def peak_mb(radar: Path) -> tuple[int, float]:
     return int(count), int(kilobytes) * 1024 / 1e6
 
 
+@linux_only
 @pytest.mark.parametrize("kind", [np.complex64, np.complex128])
 @pytest.mark.parametrize("count", [32, pytest.param(200, marks=pytest.mark.slow)])
 def test_one_frame_at_a_time_is_in_memory(tmp_path, kind, count):
