@@ -7,8 +7,8 @@ it from a small server (started at the first need, some tenths of a second; a fo
 milliseconds). That process has a limit of memory and of time, cannot write files or start
 programs, and once the reader has its files open it cannot open anything else.
 
-Systems other than Linux cannot do that: there a process is started for each file, which takes a
-second or two. macOS does not limit its memory; Windows limits nothing but the time. With
+Systems other than Linux cannot do that: there a process is started for each file, which takes
+some tenths of a second. macOS does not limit its memory; Windows limits nothing but the time. With
 CLRADAR_READERS=spawn in the environment Linux starts one for each file, too: a way to try it.
 """
 
