@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import clradar
-from clradar.errors import ClradarError
+from clradar.errors import ClradarError, MeasurementError
 from clradar.view.server import serving
 from clradar.view.session import Wish
 from clradar.view.sources import FixedFrames
@@ -167,17 +167,37 @@ def messages(browser: Any) -> list[dict[str, Any]]:
     return found
 
 
-def test_a_link_that_does_not_keep_up_gets_the_newest_frame_and_not_those_between() -> None:
+def browser_at(port: int) -> Any:
     from websockets.sync.client import connect
 
-    def browser_at(port: int) -> Any:
-        return connect(
-            f"ws://127.0.0.1:{port}",
-            subprotocols=[f"viser-v{viser.__version__}"],
-            compression=None,  # which would make little of these points
-            max_size=None,
-        )
+    return connect(
+        f"ws://127.0.0.1:{port}",
+        subprotocols=[f"viser-v{viser.__version__}"],
+        compression=None,  # which would make little of these points
+        max_size=None,
+    )
 
+
+def test_a_first_frame_that_cannot_be_read_is_said_on_the_page() -> None:
+    volume = source().read(0)
+
+    def read(frame: int) -> clradar.Volume | clradar.Capture:
+        if frame == 0:
+            raise MeasurementError("000000.npy: expected a frame, got noise")
+        return volume
+
+    frames = FixedFrames("broken", ("frame A", "frame B"), read)
+    with serving(frames, Wish(), port=0) as (server, session):
+        session.settle()
+        with browser_at(server.get_port()) as browser:
+            while "expected a frame, got noise" not in str(messages(browser)):
+                pass
+            session.step(1)
+            while "frame B: volume of" not in str(messages(browser)):
+                pass
+
+
+def test_a_link_that_does_not_keep_up_gets_the_newest_frame_and_not_those_between() -> None:
     def frames_until(browser: Any, last: str) -> int:
         """How many frames come until the last one has."""
         count = 0
