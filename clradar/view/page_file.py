@@ -14,9 +14,10 @@ from clradar.opencl import Device
 from clradar.view.samples import SampleFrames
 from clradar.view.scene import UNITS_PER_M, SceneView
 from clradar.view.server import running
-from clradar.view.session import Session, Shown, Wish
+from clradar.view.session import Session, Shown
 from clradar.view.sources import Source
 from clradar.view.truth import draw_truth
+from clradar.view.wish import Wish
 
 MOST_BYTES = 200 * 2**20
 """Of points and colours: what a browser still opens as one page."""
@@ -34,7 +35,7 @@ class _SceneAlone:
 
     def show(self, shown: Shown) -> None:
         self._scene.show(shown)
-        grid, frame = shown.volume.grid, shown.wish.frame
+        grid, frame = shown.first.volume.grid, shown.wish.frame
         corner_m = np.array([grid.x_m[-1], grid.y_m[-1], grid.z_m[0]])  # to the left in front
         self._server.scene.add_label(
             "/frame",
@@ -44,7 +45,7 @@ class _SceneAlone:
         )
         if isinstance(self._source, SampleFrames):
             draw_truth(self._server.scene, self._source.truth(frame))
-        self.shown_bytes += shown.cloud.points_m.nbytes + shown.cloud.colours.nbytes
+        self.shown_bytes += shown.first.cloud.points_m.nbytes + shown.first.cloud.colours.nbytes
 
     def busy(self, words: str) -> None:
         pass

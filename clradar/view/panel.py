@@ -1,24 +1,22 @@
-"""The panel in the browser: controls that become wishes, images, and a line of state."""
+"""The panel in the browser: controls that become wishes, tabs, and a line of state."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
-from clradar.backproject import METHODS, WINDOWS
-from clradar.errors import ModelError
-from clradar.model import Capture, VoxelGrid
-from clradar.view.grids import extents_mm, grid_mm
+from clradar.model import Capture
+from clradar.view.beside import Beside
+from clradar.view.controls import Controls, assign
 from clradar.view.player import Player
-from clradar.view.session import Session, Shown, Wish
+from clradar.view.session import Session, Shown
 from clradar.view.sources import Source
+from clradar.view.tabs import ChannelsTab, PicturesTab, SlicesTab, add_imaging, add_simulation
+from clradar.view.wish import Wish
 
-KEYS = "Keys: space plays, arrows go to the next frame or back, V shows voxels."
+KEYS = "Keys: space plays, arrows go to the next frame or back, V shows voxels"
 
-BLANK = np.zeros((8, 8, 3), np.uint8)
+SIDES = {"Both": "both", "Measured": "measured", "Simulated": "simulated"}
 
 
 class Panel:
@@ -29,14 +27,24 @@ class Panel:
     server : viser.ViserServer
     source : Source
     wish : Wish
-        What the controls show at first; those of imaging come with the first image of a capture.
+        What the controls show at first; those of captures come with the first of them.
+    beside : Beside or None
+        Of the second image.
+    mesh : handle of viser or None
+        Of the mesh in the scene.
     """
 
-    def __init__(self, server: Any, source: Source, wish: Wish) -> None:
-        self._gui = gui = server.gui
-        self._source = source
-        self._session: Session | None = None
-        self._connected: list[tuple[Any, Callable[[], None]]] = []
+    def __init__(
+        self,
+        server: Any,
+        source: Source,
+        wish: Wish,
+        beside: Beside | None = None,
+        mesh: Any = None,
+    ) -> None:
+        gui = server.gui
+        self._controls = Controls(gui)
+        self._source, self._beside, self._mesh = source, beside, mesh
         self.state = gui.add_markdown("")
         self.frame = gui.add_slider("Frame", 0, 1, 1, 0)
         self.play = gui.add_checkbox("Play", False)
@@ -46,71 +54,76 @@ class Panel:
             "Dynamic range (dB)", 3.0, 60.0, 0.5, min(60.0, max(3.0, wish.dynamic_range_db))
         )
         self.voxels = gui.add_checkbox("Voxels", wish.voxels)
-        self.projection = gui.add_image(BLANK, label="Maximum along z", format="png")
-        self.depth = gui.add_image(BLANK, label="Depth", format="png")
-        self.imaging: list[Any] = []
-        self.again = gui.add_folder("Image again", visible=False)
-        gui.add_markdown(KEYS)
-
-    def _add_imaging(self, wish: Wish, grid: VoxelGrid) -> None:
-        self.again.visible = True
-        with self.again:
-            step_mm = round(1e3 * float(grid.spacing_m[0]), 6)
-            self.step = self._gui.add_number("Voxel size (mm)", step_mm, min=0.1, step=0.1)
-            self.ends = [
-                self._gui.add_vector2(f"{name} (mm)", ends, step=1.0)
-                for name, ends in zip("xyz", extents_mm(grid), strict=True)
-            ]
-            self.method = self._gui.add_dropdown("Method", METHODS, initial_value=wish.method)
-            self.window = self._gui.add_dropdown("Window", WINDOWS, initial_value=wish.window)
-        self.imaging = [self.step, *self.ends, self.method, self.window]
-        for control in self.imaging:
-            self._on(control, self._image_again)
+        if beside is not None:
+            self.side = gui.add_dropdown("Show", tuple(SIDES))
+            if len(beside.labels) > 1:
+                self.other = gui.add_dropdown("Beside", numbered(beside.labels))
+        if mesh is not None:
+            self.mesh = gui.add_checkbox("Mesh", True)
+        self._tabs = gui.add_tab_group()
+        keys = KEYS + (", B blinks" if beside else "") + (", M shows the mesh" if mesh else "")
+        gui.add_markdown(f"{keys}.")
+        self._shows: list[Any] = []
+        self._of_captures = False
 
     def connect(self, session: Session, player: Player) -> None:
         """Turn changes of the controls into wishes."""
-        self._on(self.range_db, lambda: session.change(dynamic_range_db=self.range_db.value))
-        self._on(self.voxels, lambda: session.change(voxels=self.voxels.value))
-        self._session = session
-        self._key("V", "Points or voxels", lambda: self._toggle(self.voxels))
-        self._on(self.frame, lambda: self._choose_frame(session))
-        self._on(self.play, lambda: player.play(self.play.value))
-        self._on(self.rate, lambda: setattr(player, "per_second", float(self.rate.value)))
-        self._key("space", "Play or stop", lambda: self._toggle(self.play))
-        self._key("arrowright", "Next frame", lambda: session.step(1))
-        self._key("arrowleft", "Previous frame", lambda: session.step(-1))
+        self._session, controls = session, self._controls
+        controls.on(self.range_db, lambda: session.change(dynamic_range_db=self.range_db.value))
+        controls.on(self.voxels, lambda: session.change(voxels=self.voxels.value))
+        controls.key("V", "Points or voxels", lambda: controls.toggle(self.voxels))
+        controls.on(self.frame, lambda: self._choose_frame(session))
+        controls.on(self.play, lambda: player.play(self.play.value))
+        controls.on(self.rate, lambda: setattr(player, "per_second", float(self.rate.value)))
+        controls.key("space", "Play or stop", lambda: controls.toggle(self.play))
+        controls.key("arrowright", "Next frame", lambda: session.step(1))
+        controls.key("arrowleft", "Previous frame", lambda: session.step(-1))
+        with self._tabs.add_tab("Image"):
+            self._shows.append(PicturesTab(controls))
+        with self._tabs.add_tab("Slices"):
+            self._shows.append(SlicesTab(controls, session))
+        if self._beside is not None:
+            self._connect_beside(session, self._beside)
+        if self._mesh is not None:
+            controls.on(self.mesh, lambda: setattr(self._mesh, "visible", self.mesh.value))
+            controls.key("M", "Mesh", lambda: controls.toggle(self.mesh))
 
-    def _image_again(self) -> None:
-        x_mm, y_mm, z_mm = (control.value for control in self.ends)
-        try:
-            grid = grid_mm(x_mm, y_mm, z_mm, self.step.value)
-        except ModelError as error:
-            self.refuse(str(error))
-            return
-        assert self._session is not None
-        self._session.change(grid=grid, method=self.method.value, window=self.window.value)
+    def _connect_beside(self, session: Session, beside: Beside) -> None:
+        controls = self._controls
+        controls.on(self.side, lambda: session.change(side=SIDES[self.side.value]))
+        controls.key("B", "Blink between measured and simulated", lambda: blink(session))
+        if len(beside.labels) > 1:
+            labels = numbered(beside.labels)
+            controls.on(self.other, lambda: session.change(other=labels.index(self.other.value)))
 
     def show(self, shown: Shown) -> None:
         """Show the images and the state of a result."""
-        picture = shown.picture
-        self.projection.image = picture.amplitude
-        self.depth.image = picture.depth
-        near_mm, far_mm = picture.depth_mm
-        self.depth.label = (
-            "Depth: nothing seen" if np.isnan(near_mm) else f"Depth: {near_mm:g} to {far_mm:g} mm"
-        )
+        if isinstance(shown.content, Capture) and not self._of_captures:
+            self._add_tabs_of_captures(shown.content, shown)
+        for tab in self._shows:
+            tab.show(shown)
         self.follow_frames(shown.wish.frame)
-        if shown.wish.grid is not None and not self.imaging:
-            self._add_imaging(shown.wish, shown.wish.grid)
+        if self._beside is not None:
+            label = next(label for label, side in SIDES.items() if side == shown.wish.side)
+            assign(self.side, "value", label)
         self.state.content = state_words(shown, self._source.label(shown.wish.frame))
+
+    def _add_tabs_of_captures(self, capture: Capture, shown: Shown) -> None:
+        self._of_captures = True
+        with self._tabs.add_tab("Channels"):
+            self._shows.append(ChannelsTab(self._controls, self._session, capture))
+        with self._tabs.add_tab("Settings"):
+            if self._beside is not None and self._beside.simulates:
+                add_simulation(self._controls, self._session)
+            add_imaging(self._controls, self._session, shown.first.volume.grid, self.refuse)
 
     def follow_frames(self, frame: int) -> None:
         """Let slider and playing span the frames that the source has now, and show this one."""
         frames = self._source.frames()
         for control in (self.frame, self.play, self.rate):
-            self._assign(control, "visible", len(frames) > 1)
-        self._assign(self.frame, "max", max(1, len(frames) - 1))
-        self._set(self.frame, max(0, bisect_right(frames, frame) - 1))
+            assign(control, "visible", len(frames) > 1)
+        assign(self.frame, "max", max(1, len(frames) - 1))
+        assign(self.frame, "value", max(0, bisect_right(frames, frame) - 1))
 
     def _choose_frame(self, session: Session) -> None:
         frames = self._source.frames()  # there may be fewer than when the slider was drawn
@@ -125,36 +138,26 @@ class Panel:
         """Say why a wish is not carried out."""
         self.state.content = f"**Not shown:** {escaped(words)}"
 
-    def _on(self, control: Any, act: Callable[[], None]) -> None:
-        def changed(event: Any) -> None:
-            # A value that was set here to follow the state is no wish.
-            if event.client is not None:
-                act()
 
-        control.on_update(changed)
-        self._connected.append((control, act))
+def blink(session: Session) -> None:
+    """Show the measured image instead of the simulated one, or the other way round."""
+    measured = session.wish.side == "simulated"
+    session.change(side="measured" if measured else "simulated")
 
-    def _set(self, control: Any, value: Any) -> None:
-        self._assign(control, "value", value)
 
-    def _assign(self, control: Any, name: str, value: Any) -> None:
-        if getattr(control, name) != value:  # each assignment is sent to every browser
-            setattr(control, name, value)
-
-    def _toggle(self, control: Any) -> None:
-        control.value = not control.value
-        next(act for one, act in self._connected if one is control)()
-
-    def _key(self, key: str, label: str, act: Callable[[], None]) -> None:
-        self._gui.add_command(label, hotkey=key).on_trigger(lambda _: act())
+def numbered(labels: tuple[str, ...]) -> tuple[str, ...]:
+    """Return labels that differ."""
+    return tuple(f"{i}: {label}" for i, label in enumerate(labels, 1))
 
 
 def state_words(shown: Shown, label: str) -> str:
     """What is shown, in a line of Markdown."""
-    counts = " x ".join(str(n) for n in shown.volume.grid.counts)
+    counts = " x ".join(str(n) for n in shown.first.volume.grid.counts)
     kind = "image" if isinstance(shown.content, Capture) else "volume"
-    cloud = f"{len(shown.cloud.points_m)} {'voxels' if shown.wish.voxels else 'points'}"
-    return f"{escaped(label)}: {kind} of {counts} voxels, {cloud} drawn"
+    drawn = f"{len(shown.first.cloud.points_m)} {'voxels' if shown.wish.voxels else 'points'} drawn"
+    if shown.second is not None:
+        drawn += f", {len(shown.second.cloud.points_m)} simulated"
+    return f"{escaped(label)}: {kind} of {counts} voxels, {drawn}"
 
 
 def escaped(text: str) -> str:

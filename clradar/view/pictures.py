@@ -1,4 +1,4 @@
-"""Volumes as arrays to draw: projection and depth map, points, voxels, and slices."""
+"""Volumes as they are drawn: points, voxels, projection, depth map, and their differences."""
 
 from __future__ import annotations
 
@@ -8,14 +8,18 @@ from functools import cache
 import numpy as np
 
 from clradar.compare import clipped_db
+from clradar.compare.images import check_same_pixels
 from clradar.model import DepthMap, Volume
 from clradar.plot import AMPLITUDE_BACKGROUND, DEPTH_BACKGROUND, depth_limits_mm
-
-PANEL_PX = 360
-"""Pixels along the longer side of an image in the panel."""
+from clradar.plot.differences import DEPTH_MM, MEASURED_COLOUR, SIMULATED_COLOUR
+from clradar.view.framed import Axis, Bar, framed
 
 MAX_VOXELS_DRAWN = 60_000
 """Voxels of one frame, strongest first: 9 bytes each go over the wire."""
+
+
+SECOND_WEAK, SECOND_STRONG = np.array([0, 70, 90]), np.array([150, 255, 255])
+"""Colours of the second volume at the end of the dynamic range, and at its maximum."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,26 +39,14 @@ class Cloud:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """What is drawn of one volume.
+    """What is drawn of one volume: its depth map, and the depth points coloured by amplitude."""
 
-    Attributes
-    ----------
-    amplitude, depth : ndarray, shape (n_rows, n_columns, 3), uint8
-        Maximum projection and depth map in the radar's view: y upwards, x to the left.
-    depth_mm : pair of floats, millimetres
-        The depths that the colours of `depth` span; NaN where nothing is seen.
-    cloud : Cloud
-        Depth points, coloured by amplitude.
-    """
-
-    amplitude: np.ndarray
-    depth: np.ndarray
-    depth_mm: tuple[float, float]
+    image: DepthMap
     cloud: Cloud
 
 
-def picture_of(volume: Volume, dynamic_range_db: float) -> Picture:
-    """Return projection, depth map and depth points of a volume.
+def picture_of(volume: Volume, dynamic_range_db: float, second: bool = False) -> Picture:
+    """Return depth map and depth points of a volume, in the colours of a second one if it is.
 
     Raises
     ------
@@ -62,28 +54,85 @@ def picture_of(volume: Volume, dynamic_range_db: float) -> Picture:
         As `Volume.depth_map`.
     """
     image = volume.depth_map(dynamic_range_db)
-    mask = image.mask
-    shape = (*mask.shape, 3)
-    amplitude = np.broadcast_to(_rgb(AMPLITUDE_BACKGROUND), shape).copy()
-    depth = np.broadcast_to(_rgb(DEPTH_BACKGROUND), shape).copy()
-    limits_mm = (float("nan"), float("nan"))
     colours = np.empty((0, 3), np.uint8)
-    if mask.any():
-        colours = amplitude_colours(clipped_db(image)[mask], dynamic_range_db)
-        amplitude[mask] = colours
-        limits_mm = depth_limits_mm([image])
-        share = (1e3 * image.depth_m[mask] - limits_mm[0]) / (limits_mm[1] - limits_mm[0])
-        depth[mask] = _scale("viridis_r", 0.0)[_index(share)]
-    cloud = Cloud(image.points_m().astype(np.float32), colours)
-    return Picture(in_radar_view(amplitude, image), in_radar_view(depth, image), limits_mm, cloud)
+    if image.mask.any():
+        colours = amplitude_colours(clipped_db(image)[image.mask], dynamic_range_db, second)
+    return Picture(image, Cloud(image.points_m().astype(np.float32), colours))
 
 
-def amplitude_colours(level_db: np.ndarray, dynamic_range_db: float) -> np.ndarray:
-    """Return the colour of levels below the maximum, shape (n, 3), uint8."""
-    return _scale("inferno", 0.2)[_index(1 + level_db / dynamic_range_db)]
+def projection_drawing(image: DepthMap, marked_mm: tuple[float, float] | None = None) -> str:
+    """Return the maximum projection as SVG, in the radar's view: y upwards, x to the left."""
+    peak = float(image.amplitude.max())
+    pixels = amplitude_pixels(image.amplitude, peak, image.dynamic_range_db)
+    return _in_radar_view(
+        "Maximum along z", pixels, image, amplitude_bar(image.dynamic_range_db), marked_mm
+    )
 
 
-def voxels_of(volume: Volume, dynamic_range_db: float, most: int = MAX_VOXELS_DRAWN) -> Cloud:
+def depth_drawing(image: DepthMap, marked_mm: tuple[float, float] | None = None) -> str:
+    """Return the depth map as SVG, in the radar's view."""
+    mask = image.mask
+    pixels = _blank(mask.shape, DEPTH_BACKGROUND)
+    if not mask.any():
+        return _in_radar_view("Depth: nothing seen", pixels, image, None, marked_mm)
+    first, last = depth_limits_mm([image])
+    scale = _scale("viridis_r", 0.0)
+    pixels[mask] = scale[_index((1e3 * image.depth_m[mask] - first) / (last - first))]
+    # As in the figures, near is above.
+    bar = Bar(Axis("z (mm)", last, first), scale[::-1])
+    return _in_radar_view("Depth", pixels, image, bar, marked_mm)
+
+
+def difference_drawing(first: DepthMap, second: DepthMap) -> str:
+    """Return where the second image is nearer or farther than the first, as SVG.
+
+    Raises
+    ------
+    CompareError
+        Images of other pixels.
+    """
+    check_same_pixels(first, second)
+    differs_mm = 1e3 * (second.depth_m - first.depth_m)
+    seen = np.isfinite(differs_mm)
+    pixels = _blank(seen.shape, DEPTH_BACKGROUND)
+    scale = _difference_scale()
+    pixels[seen] = scale[_index((differs_mm[seen] + DEPTH_MM) / (2 * DEPTH_MM))]
+    bar = Bar(Axis("mm", -DEPTH_MM, DEPTH_MM), scale)
+    return _in_radar_view("Depth, simulated - measured", pixels, first, bar, None)
+
+
+def amplitude_pixels(amplitude: np.ndarray, peak: float, dynamic_range_db: float) -> np.ndarray:
+    """Return the colours of amplitudes relative to a peak, shape (..., 3), uint8."""
+    pixels = _blank(amplitude.shape, AMPLITUDE_BACKGROUND)
+    if peak > 0.0:
+        seen = amplitude >= peak * 10 ** (-dynamic_range_db / 20)
+        level_db = 20 * np.log10(amplitude[seen] / peak)
+        pixels[seen] = amplitude_colours(level_db, dynamic_range_db)
+    return pixels
+
+
+def amplitude_bar(dynamic_range_db: float) -> Bar:
+    """Return the colour bar of amplitudes."""
+    return Bar(Axis("dB", -dynamic_range_db, 0.0), _scale("inferno", 0.2))
+
+
+def amplitude_colours(
+    level_db: np.ndarray, dynamic_range_db: float, second: bool = False
+) -> np.ndarray:
+    """Return the colour of levels below the maximum, shape (n, 3), uint8.
+
+    Those of a second volume are from dark to light cyan, which no level of a first one has.
+    """
+    index = _index(1 + level_db / dynamic_range_db)
+    if not second:
+        return _scale("inferno", 0.2)[index]
+    share = index[:, None] / 255
+    return np.round((1 - share) * SECOND_WEAK + share * SECOND_STRONG).astype(np.uint8)
+
+
+def voxels_of(
+    volume: Volume, dynamic_range_db: float, most: int = MAX_VOXELS_DRAWN, second: bool = False
+) -> Cloud:
     """Return the voxels within the dynamic range, at most `most`, the strongest."""
     amplitude = np.abs(volume.data)
     peak = float(amplitude.max())
@@ -97,24 +146,30 @@ def voxels_of(volume: Volume, dynamic_range_db: float, most: int = MAX_VOXELS_DR
     grid = volume.grid
     points_m = np.stack([grid.x_m[x], grid.y_m[y], grid.z_m[z]], axis=1).astype(np.float32)
     level_db = 20 * np.log10(amplitude.ravel()[found] / peak)
-    return Cloud(points_m, amplitude_colours(level_db, dynamic_range_db))
+    return Cloud(points_m, amplitude_colours(level_db, dynamic_range_db, second))
 
 
-def in_radar_view(pixels: np.ndarray, image: DepthMap) -> np.ndarray:
-    """Turn and enlarge an image, rows along y and columns along x, to panel size."""
-    turned = pixels[::-1, ::-1]
-    extents = [_extent(image.y_m), _extent(image.x_m)]
-    sizes = [max(1, round(PANEL_PX * extent / max(extents))) for extent in extents]
-    rows, columns = (
-        (np.arange(size) * count) // size
-        for size, count in zip(sizes, turned.shape[:2], strict=True)
-    )
-    return np.ascontiguousarray(turned[rows[:, None], columns])
+def _in_radar_view(
+    title: str,
+    pixels: np.ndarray,
+    image: DepthMap,
+    bar: Bar | None,
+    marked_mm: tuple[float, float] | None,
+) -> str:
+    x, y = (mm_axis(f"{n} (mm)", axis) for n, axis in (("x", image.x_m), ("y", image.y_m)))
+    left = Axis(x.name, x.last, x.first)
+    return framed(title, pixels[::-1, ::-1], left, y, bar, marked=marked_mm)
 
 
-def _extent(axis_m: np.ndarray) -> float:
-    step_m = float(np.diff(axis_m).min()) if len(axis_m) > 1 else 1e-3
-    return float(axis_m[-1] - axis_m[0]) + step_m
+def mm_axis(name: str, centres_m: np.ndarray) -> Axis:
+    """Return the axis of pixels with these centres, from edge to edge, millimetres."""
+    step_m = float(np.diff(centres_m).min()) if len(centres_m) > 1 else 1e-3
+    return Axis(name, 1e3 * (centres_m[0] - step_m / 2), 1e3 * (centres_m[-1] + step_m / 2))
+
+
+def _blank(shape: tuple[int, ...], colour: str) -> np.ndarray:
+    rgb = np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)
+    return np.broadcast_to(rgb, (*shape, 3)).copy()
 
 
 @cache
@@ -125,8 +180,13 @@ def _scale(name: str, first: float) -> np.ndarray:
     return np.round(255 * colours).astype(np.uint8)
 
 
-def _rgb(colour: str) -> np.ndarray:
-    return np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)
+@cache
+def _difference_scale() -> np.ndarray:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    ends = [SIMULATED_COLOUR, "white", MEASURED_COLOUR]  # where the simulation is nearer: blue
+    colours = LinearSegmentedColormap.from_list("differences", ends)(np.linspace(0, 1, 256))
+    return np.round(255 * colours[:, :3]).astype(np.uint8)
 
 
 def _index(share: np.ndarray) -> np.ndarray:

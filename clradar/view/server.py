@@ -8,22 +8,28 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 from clradar.errors import ClradarError
+from clradar.model import Scene
 from clradar.opencl import Device
+from clradar.view.beside import Beside
 from clradar.view.folder_frames import FolderFrames
 from clradar.view.follower import Follower
 from clradar.view.panel import Panel
 from clradar.view.player import Player
 from clradar.view.samples import SampleFrames
 from clradar.view.scene import SceneView
-from clradar.view.session import Session, Shown, Wish
+from clradar.view.session import Session, Shown
 from clradar.view.sources import Source
 from clradar.view.truth import TruthView
+from clradar.view.wish import Wish
 
 HOST = "127.0.0.1"
 """This machine alone: who may log in may look, through ssh."""
+
+PANEL_PX = 350.0
 
 INSTALL = "pip install 'clradar[view]'"
 
@@ -81,9 +87,15 @@ def running(label: str, port: int) -> Iterator[Any]:
 
 @contextmanager
 def serving(
-    source: Source, wish: Wish, *, port: int = 8080, device: Device | None = None
+    source: Source,
+    wish: Wish,
+    *,
+    beside: Beside | None = None,
+    mesh: Scene | None = None,
+    port: int = 8080,
+    device: Device | None = None,
 ) -> Iterator[tuple[Any, Session]]:
-    """Serve a view during the block.
+    """Serve a view during the block; arguments as `serve`.
 
     Yields
     ------
@@ -99,12 +111,16 @@ def serving(
     """
     with running(source.name, port) as server:
         server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
+        server.gui.main_panel.dock_right()  # beside the scene, instead of upon it
+        server.gui.main_panel.set_width(PANEL_PX)
         # A page could still ask for a tunnel to a server of others: nothing leaves this machine.
         server.request_share_url = lambda verbose=True: None
-        panel = Panel(server, source, wish)
+        scene = SceneView(server)
+        drawn_mesh = None if mesh is None else scene.draw_mesh(mesh)
+        panel = Panel(server, source, wish, beside, drawn_mesh)
         truth = TruthView(server, source) if isinstance(source, SampleFrames) else None
-        front = _Front(SceneView(server), panel, server, truth)
-        session = Session(source, wish, front, device)
+        front = _Front(scene, panel, server, truth)
+        session = Session(source, wish, front, device, beside=beside)
         player = Player(session, per_second=10.0)
         follower = None
         if isinstance(source, (FolderFrames, SampleFrames)) and source.follow:
@@ -113,6 +129,7 @@ def serving(
             panel.connect(session, player)
             if truth is not None:
                 truth.connect(session, panel)
+            scene.on_click(lambda at_m: session.change(at_m=at_m))
             if source.frames():
                 session.change()
             else:
@@ -130,8 +147,10 @@ def serving(
 def serve(
     source: Source,
     *,
+    beside: Beside | None = None,
+    mesh: Scene | None = None,
     port: int = 8080,
-    dynamic_range_db: float,
+    wish: Wish,
     device: Device | None = None,
     say: Callable[[str], None] = print,
 ) -> None:
@@ -140,10 +159,14 @@ def serve(
     Parameters
     ----------
     source : Source
+    beside : Beside or None
+        A second image of each frame.
+    mesh : Scene or None
+        Drawn as a surface.
     port : int
         Or the next one that is free.
-    dynamic_range_db : float, decibel
-        At first.
+    wish : Wish
+        What is shown at first, but for its frame.
     device : Device or None
     say : callable
         Called with the lines to print.
@@ -162,8 +185,9 @@ def serve(
         frames = source.frames()
         newest = isinstance(source, (FolderFrames, SampleFrames)) and source.follow
         frame = frames[-1 if newest else 0] if frames else -1
-        wish = Wish(frame=frame, dynamic_range_db=dynamic_range_db)
-        with serving(source, wish, port=port, device=device) as (server, _):
+        wish = replace(wish, frame=frame)
+        shown = serving(source, wish, beside=beside, mesh=mesh, port=port, device=device)
+        with shown as (server, _):
             for line in address_lines(server.get_port()):
                 say(line)
             stop.wait()

@@ -5,60 +5,59 @@ from __future__ import annotations
 import threading
 from bisect import bisect_left, bisect_right
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from clradar.backproject import backproject
-from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClradarError
 from clradar.imaging.placement import place_grid
-from clradar.model import Capture, Volume, VoxelGrid
+from clradar.model import Capture, Volume
 from clradar.opencl import Device
+from clradar.view.beside import Beside
 from clradar.view.grids import live_grid
 from clradar.view.newest_wish import NewestWish, Outdated
 from clradar.view.pictures import Cloud, Picture, picture_of, voxels_of
 from clradar.view.sources import Source
+from clradar.view.wish import Wish
 
 KEPT_BYTES = 512 * 2**20
 """Of images: 150 frames of 101 x 101 x 41 voxels, so that a recording plays from memory."""
 
 
-@dataclass(frozen=True, slots=True)
-class Wish:
-    """What is to be shown.
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """A volume, its depth map, and its points or voxels."""
 
-    Attributes
-    ----------
-    frame : int
-        Its number in the source.
-    grid : VoxelGrid or None
-        Of images of captures. None: one that shows the object of the first of them (`live_grid`).
-        Volumes have theirs.
-    method, window : str
-        As `clradar.backproject` takes them.
-    dynamic_range_db : float, decibel
-    voxels : bool
-        Show voxels instead of depth points.
-    """
+    volume: Volume
+    picture: Picture
+    cloud: Cloud
 
-    frame: int = 0
-    grid: VoxelGrid | None = None
-    method: str = "fast"
-    window: str = "rect"
-    dynamic_range_db: float = DYNAMIC_RANGE_DB
-    voxels: bool = False
+    @classmethod
+    def of(cls, volume: Volume, wish: Wish, second: bool = False) -> Drawn:
+        """Return what is drawn of a volume."""
+        picture = picture_of(volume, wish.dynamic_range_db, second)
+        cloud = picture.cloud
+        if wish.voxels:
+            cloud = voxels_of(volume, wish.dynamic_range_db, second=second)
+        return cls(volume, picture, cloud)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shown:
-    """A wish that was carried out: its image, what is drawn of it, and the points or voxels."""
+    """A wish that was carried out: what was read, and what is drawn of it and beside it."""
 
     wish: Wish
-    volume: Volume
-    picture: Picture
-    cloud: Cloud
     content: Capture | Volume
+    first: Drawn
+    second: Drawn | None = None
+
+    @property
+    def chosen(self) -> Drawn:
+        """The one whose images are shown."""
+        if self.second is not None and self.wish.side == "simulated":
+            return self.second
+        return self.first
 
 
 class Front(Protocol):
@@ -86,6 +85,8 @@ class Session:
     device : Device or None
     form : callable
         As `clradar.backproject`.
+    beside : Beside or None
+        What is shown as second image.
     """
 
     def __init__(
@@ -95,12 +96,15 @@ class Session:
         front: Front,
         device: Device | None = None,
         form: Callable[..., Volume] = backproject,
+        beside: Beside | None = None,
     ) -> None:
         self.source = source
+        self._beside = beside
         self._wish, self._front, self._device, self._form = wish, front, device, form
         self._lock = threading.Lock()
         self._content: tuple[int, Capture | Volume] | None = None
         self._images = _Images()
+        self._last_drawn: dict[bool, tuple[tuple[Volume, float, bool], Drawn]] = {}
         self._work = NewestWish(self._carry_out)
 
     @property
@@ -138,10 +142,11 @@ class Session:
             content = self._read(wish.frame)
             if isinstance(content, Capture) and wish.grid is None:
                 wish = self._placed(wish, content)
-            volume = self._imaged(wish, content, check)
-            picture = picture_of(volume, wish.dynamic_range_db)
-            cloud = voxels_of(volume, wish.dynamic_range_db) if wish.voxels else picture.cloud
-            self._front.show(Shown(wish, volume, picture, cloud, content))
+            key = (wish.frame, *_image_key(wish))
+            volume = self._imaged(wish, content, key, check)
+            first = self._drawn(volume, wish)
+            second = self._second(wish, content, first, check)
+            self._front.show(Shown(wish, content, first, second))
         except Outdated:
             raise
         except ClradarError as error:
@@ -163,11 +168,47 @@ class Session:
                 self._wish = replace(self._wish, grid=grid)
         return replace(wish, grid=grid)
 
-    def _imaged(self, wish: Wish, content: Capture | Volume, check: Callable[[], None]) -> Volume:
+    def _second(
+        self, wish: Wish, content: Capture | Volume, first: Drawn, check: Callable[[], None]
+    ) -> Drawn | None:
+        beside = None if self._beside is None else self._beside.key(wish, content)
+        if self._beside is None or beside is None:
+            return None
+        wish = replace(wish, grid=first.volume.grid)
+        key = ("beside", beside, *_image_key(wish))
+        volume = self._images.get(key)
+        if volume is None:
+            # What is there is shown while the second one is being made.
+            self._front.show(Shown(wish, content, first))
+            words = "simulating" if self._beside.simulates else "reading"
+            self._front.busy(words)
+
+            def progress(done: int, total: int) -> None:
+                check()
+
+            other = self._beside.of(wish, content, progress)
+            volume = self._imaged(wish, other, key, check)
+            if isinstance(other, Volume):
+                self._images.keep(key, volume)
+        return self._drawn(volume, wish, second=True)
+
+    def _drawn(self, volume: Volume, wish: Wish, second: bool = False) -> Drawn:
+        """Return what is drawn of a volume: the same object as before, where it would be equal."""
+        key = (volume, wish.dynamic_range_db, wish.voxels)
+        last = self._last_drawn.get(second)
+        if last is None or last[0][0] is not volume or last[0][1:] != key[1:]:
+            self._last_drawn[second] = last = (key, Drawn.of(volume, wish, second))
+        return last[1]
+
+    def _imaged(
+        self,
+        wish: Wish,
+        content: Capture | Volume,
+        key: tuple[Hashable, ...],
+        check: Callable[[], None],
+    ) -> Volume:
         if isinstance(content, Volume):
             return content
-        assert wish.grid is not None
-        key = _key(wish)
         found = self._images.get(key)
         if found is not None:
             return found
@@ -185,26 +226,27 @@ class Session:
         return volume
 
 
-def _key(wish: Wish) -> tuple[Any, ...]:
+def _image_key(wish: Wish) -> tuple[Hashable, ...]:
     grid = wish.grid
-    assert grid is not None
+    if grid is None:  # of a volume, which is not kept
+        return ()
     ends = (*grid.origin_m.tolist(), *grid.spacing_m.tolist(), *grid.counts)
-    return (wish.frame, wish.method, wish.window, *ends)
+    return (wish.method, wish.window, *ends)
 
 
 class _Images:
     """Images that were formed, the last used ones within `KEPT_BYTES`."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[tuple[Any, ...], Volume] = OrderedDict()
+        self._kept: OrderedDict[tuple[Hashable, ...], Volume] = OrderedDict()
         self._bytes = 0
 
-    def get(self, key: tuple[Any, ...]) -> Volume | None:
+    def get(self, key: tuple[Hashable, ...]) -> Volume | None:
         if key in self._kept:
             self._kept.move_to_end(key)
         return self._kept.get(key)
 
-    def keep(self, key: tuple[Any, ...], volume: Volume) -> None:
+    def keep(self, key: tuple[Hashable, ...], volume: Volume) -> None:
         self._kept[key] = volume
         self._bytes += volume.data.nbytes
         while self._bytes > KEPT_BYTES and len(self._kept) > 1:

@@ -20,10 +20,11 @@ from PIL import Image
 
 import clradar
 from clradar.calibration import CornerReflector, response
-from clradar.measurement_io import save_recording
+from clradar.measurement_io import save_capture, save_recording
+from clradar.view.framed import MARK_COLOUR
 from clradar.view.server import serving
-from clradar.view.session import Wish
 from clradar.view.sources import FixedFrames
+from clradar.view.wish import Wish
 
 pytest.importorskip("viser")
 in_browser = pytest.mark.skipif(
@@ -32,7 +33,7 @@ in_browser = pytest.mark.skipif(
 )
 
 SIZE = (800, 600)
-SCENE = slice(200, 560), slice(20, 460)
+SCENE = slice(200, 560), slice(20, 440)
 """Rows and columns beside the panel and below the browser's own notice about software WebGL."""
 
 
@@ -56,15 +57,30 @@ class Tab:
             "  document.body, {subtree: true, childList: true, characterData: true}); there(); })"
         )
 
-    def lit(self, wanted: Callable[[np.ndarray], bool]) -> np.ndarray:
-        """Wait until the columns of the scene's coloured pixels are as wanted."""
+    def shows(self, selector: str) -> None:
+        """Wait until the page has such an element."""
+        self.page.js(
+            f"new Promise(done => {{ const there = () => document.querySelector({selector!r})"
+            " && done();"
+            " new MutationObserver(there).observe("
+            "  document.body, {subtree: true, childList: true, attributes: true}); there(); })"
+        )
+
+    def lit(self, wanted: Callable[[np.ndarray, np.ndarray], bool]) -> np.ndarray:
+        """Wait until the columns of pixels in the measured and the simulated colours are as wanted.
+
+        Returns those of the measured ones.
+        """
         while True:
             self.page.settle()  # drawing follows the messages
             shot = base64.b64decode(self.page.call("Page.captureScreenshot")["data"])
             image = np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), np.int16)[SCENE]
-            columns = np.nonzero(np.ptp(image, axis=2) > 60)[1]
-            if wanted(columns):
-                return columns
+            coloured = np.ptp(image, axis=2) > 60
+            cyan = image.argmin(axis=2) == 0
+            measured = np.nonzero(coloured & ~cyan)[1] + SCENE[1].start
+            simulated = np.nonzero(coloured & cyan)[1] + SCENE[1].start
+            if wanted(measured, simulated):
+                return measured
 
 
 @pytest.fixture(scope="module")
@@ -79,13 +95,23 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for x_m in (0.03, 0.0)
     ]
     save_recording(folder, captures, timestamps_us=[0, 125_000])
+    save_capture(folder.parent / "middle.h5", captures[1])
     return folder
 
 
 @contextlib.contextmanager
-def viewing(path: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def viewing(path: Path, *options: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """The command on a free port, and the address that it prints."""
-    command = [sys.executable, "-m", "clradar", "view", str(path), "--port", "0"]
+    command = [
+        sys.executable,
+        "-m",
+        "clradar",
+        "view",
+        str(path),
+        "--port",
+        "0",
+        *map(str, options),
+    ]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -99,20 +125,30 @@ def viewing(path: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
 @in_browser
 def test_frames_keys_reload_two_browsers_and_the_end(recording: Path, tmp_path: Path) -> None:
     with contextlib.ExitStack() as stack:
-        process, address = stack.enter_context(viewing(recording))
+        options = ("--simulated", recording.parent / "middle.h5")
+        process, address = stack.enter_context(viewing(recording, *options))
         page = stack.enter_context(chromium.chromium(tmp_path / "one", webgl=True))
         tab = Tab(page, address)
-        tab.load("frame 0: image of")
-        left = tab.lit(lambda columns: len(columns) > 50)  # the larger x is to the left
+        tab.load(" simulated")
+        # The larger x is to the left.
+        left = tab.lit(lambda m, s: len(m) > 50 and len(s) > 50 and m.mean() < s.mean() - 50)
+        place = {"x": left.mean(), "y": SIZE[1] / 2}
+        for kind in ("mousePressed", "mouseReleased"):  # a click, which puts the slices there
+            page.mouse(kind, **place, button="left", clickCount=1)
+        tab.shows(f'line[stroke="{MARK_COLOUR}"]')
+        page.key("b", "KeyB")
+        tab.lit(lambda m, s: len(m) == 0 and len(s) > 50)
+        page.key("b", "KeyB")
+        tab.lit(lambda m, s: len(m) > 50 and len(s) == 0)
         page.key("ArrowRight", "ArrowRight")
         tab.says("frame 1: image of")
-        tab.lit(lambda columns: len(columns) > 50 and columns.mean() > left.mean() + 50)
+        tab.lit(lambda m, s: len(m) > 50 and m.mean() > left.mean() + 50)
         page.key("v", "KeyV")
         tab.says("voxels drawn")
 
         # A browser that comes later, or again, sees the same.
         tab.load("voxels drawn")
-        tab.lit(lambda columns: len(columns) > 50 and columns.mean() > left.mean() + 50)
+        tab.lit(lambda m, s: len(m) > 50 and m.mean() > left.mean() + 50)
         other = Tab(stack.enter_context(chromium.chromium(tmp_path / "two", webgl=True)), address)
         other.load("frame 1: image of")
         other.page.key("ArrowLeft", "ArrowLeft")

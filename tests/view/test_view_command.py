@@ -16,8 +16,8 @@ from clradar.errors import MeasurementError
 from clradar.measurement_io import save_capture, save_recording, save_volume
 from clradar.view import server
 from clradar.view.server import MissingViser, serving
-from clradar.view.session import Wish
 from clradar.view.sources import open_source
+from clradar.view.wish import Wish
 
 GRID = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (4, 3, 2))
 

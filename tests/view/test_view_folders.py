@@ -14,8 +14,9 @@ from clradar.errors import MeasurementError
 from clradar.measurement_io import save_recording, save_volume
 from clradar.view.folder_frames import FolderFrames
 from clradar.view.follower import Follower
-from clradar.view.session import Session, Shown, Wish
+from clradar.view.session import Session, Shown
 from clradar.view.sources import open_source
+from clradar.view.wish import Wish
 
 GRID = clradar.VoxelGrid(np.array([0, 0, 0.3]), np.full(3, 1e-3), (4, 3, 2))
 
@@ -38,7 +39,7 @@ class Watched:
         self.follower = Follower(source, self.session, lambda _: None, self.refuse)
 
     def show(self, shown: Shown) -> None:
-        self.peaks.append(float(abs(shown.volume.data).max()))
+        self.peaks.append(float(abs(shown.first.volume.data).max()))
 
     def busy(self, words: str) -> None:
         pass

@@ -16,8 +16,8 @@ import pytest
 import clradar
 from clradar.errors import ClradarError, MeasurementError
 from clradar.view.server import serving
-from clradar.view.session import Wish
 from clradar.view.sources import FixedFrames
+from clradar.view.wish import Wish
 
 viser = pytest.importorskip("viser")
 

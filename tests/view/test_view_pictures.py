@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+import base64
+import io
+import re
+
 import numpy as np
 import pytest
+from PIL import Image
 
 import clradar
-from clradar.errors import ModelError
+from clradar.calibration import CornerReflector, response
+from clradar.errors import CompareError, ModelError
+from clradar.view.channels import pair_drawings
+from clradar.view.framed import Axis
 from clradar.view.grids import LIVE_VOXELS, extents_mm, grid_mm, live_grid
-from clradar.view.pictures import PANEL_PX, amplitude_colours, picture_of, voxels_of
+from clradar.view.pictures import (
+    amplitude_colours,
+    depth_drawing,
+    difference_drawing,
+    picture_of,
+    projection_drawing,
+    voxels_of,
+)
 from clradar.view.scene import box_edges
+from clradar.view.slices import clicked_m, slice_drawings, strongest_m
 
 GRID = clradar.VoxelGrid([-0.01, 0.0, 0.30], [0.01, 0.01, 0.01], (3, 2, 4))
 
@@ -22,15 +38,106 @@ def volume_of(*voxels: tuple[int, int, int, float]) -> clradar.Volume:
     return clradar.Volume(data, GRID)
 
 
+def pixels_of(drawing: str) -> np.ndarray:
+    """The first image in an SVG."""
+    data = drawing.split("data:image/png;base64,")[1].split('"')[0]
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))))
+
+
+STRONGEST = amplitude_colours(np.zeros(1), 20.0)[0]
+
+
+def lit(drawing: str) -> list[tuple[int, int]]:
+    """Rows and columns of the strongest pixels."""
+    rows, columns = np.nonzero((pixels_of(drawing) == STRONGEST).all(axis=2))
+    return list(zip(rows.tolist(), columns.tolist(), strict=True))
+
+
 def test_x_is_to_the_left_and_y_upwards() -> None:
-    picture = picture_of(volume_of((2, 1, 1, 1.0)), 20.0)
-    lit = (picture.amplitude == amplitude_colours(np.zeros(1), 20.0)[0]).all(axis=2)
-    rows, columns = np.nonzero(lit)
-    assert lit.shape == (PANEL_PX * 2 // 3, PANEL_PX)
-    # The voxel of the largest x and y: a third of the width, half the height.
-    assert (rows.min(), rows.max()) == (0, PANEL_PX // 3 - 1)
-    assert (columns.min(), columns.max()) == (0, PANEL_PX // 3 - 1)
-    assert lit.sum() == (PANEL_PX // 3) ** 2
+    drawing = projection_drawing(picture_of(volume_of((2, 1, 1, 1.0)), 20.0).image)
+    assert pixels_of(drawing).shape == (2, 3, 3)
+    assert lit(drawing) == [(0, 0)]
+    # From the upper left corner: ticks of y, falling, and of x, from the largest to the smallest.
+    texts = re.findall(r'<text x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]+)</text>', drawing)
+    at = {words: (float(x), float(y)) for x, y, words in texts}
+    assert at["10"][0] < at["-10"][0]
+    assert {"x (mm)", "y (mm)", "dB", "0", "-20"} <= set(at)
+
+
+def test_slices_go_through_the_place_in_the_radars_view() -> None:
+    volume = volume_of((2, 1, 3, 1.0), (0, 0, 0, 0.5))
+    assert strongest_m(volume) == pytest.approx((0.01, 0.01, 0.33))
+    across, along, side = slice_drawings(volume, (0.012, 0.008, 0.331), 20.0)
+    assert lit(across) == [(0, 0)]  # x to the left, y up
+    assert pixels_of(along).shape == (4, 3, 3)
+    assert lit(along) == [(0, 0)]  # x to the left, z up
+    assert pixels_of(side).shape == (2, 4, 3)
+    assert lit(side) == [(0, 3)]  # z to the right, y up
+    for drawing, title in ((across, "z = 330 mm"), (along, "y = 10 mm"), (side, "x = 10 mm")):
+        assert title in drawing
+    # A place without the strongest voxel: its slices are dark relative to the whole volume.
+    assert not any(lit(drawing) for drawing in slice_drawings(volume, (-0.01, 0.0, 0.30), 20.0))
+
+
+def test_a_click_takes_the_point_that_its_ray_meets_first() -> None:
+    points_m = np.array([[0.0, 0.0, 0.32], [0.0, 0.001, 0.30], [0.03, 0.0, 0.25]], np.float32)
+    eye = np.array([0.0, 0.0, -0.2])
+    ahead = np.array([0.0, 0.0, 5.0])
+    assert clicked_m(points_m, eye, ahead, 2e-3) == pytest.approx((0.0, 0.001, 0.30))
+    aside = points_m[2] - eye
+    assert clicked_m(points_m, eye, aside, 2e-3) == pytest.approx((0.03, 0.0, 0.25))
+    assert clicked_m(points_m, eye, np.array([0.0, 1.0, 0.0]), 2e-3) is None
+    assert clicked_m(points_m, eye, -ahead, 2e-3) is None  # behind the eye
+
+
+def test_the_difference_is_brown_where_the_simulation_is_farther() -> None:
+    first, second = (
+        picture_of(volume_of((0, 0, z, 1.0), (1, 0, 1, 1.0)), 20.0).image for z in (1, 2)
+    )
+    image = pixels_of(difference_drawing(first, second)).astype(int)
+    red, _, blue = image[1, 2]  # the lowest y, the smallest x
+    assert red > blue + 100
+    np.testing.assert_array_equal(image[1, 1] > 250, True)  # no difference: white
+    other = clradar.VoxelGrid(GRID.origin_m, GRID.spacing_m, (3, 3, 4))
+    with pytest.raises(CompareError):
+        difference_drawing(
+            first, picture_of(clradar.Volume(np.ones(other.shape), other), 20.0).image
+        )
+
+
+def test_channel_data_of_a_pair_peak_at_its_range() -> None:
+    array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 64)
+    data = response(CornerReflector((0.0, 0.0, 0.3)), array, waveform)
+    data[5, 7] *= 1e-3
+    capture = clradar.Capture(data, array, waveform)
+    overview, magnitude, phase, profile = pair_drawings(capture, 5, 7)
+    image = pixels_of(overview).astype(int)
+    assert image.shape == (94, 94, 3)
+    dark = image.sum(axis=2)
+    assert np.unravel_index(dark.argmin(), dark.shape) == (93 - 5, 7)  # Tx from below
+    for drawing, unit in ((magnitude, "GHz"), (phase, "turns"), (profile, "half the path (mm)")):
+        assert "Tx 5, Rx 7" in drawing
+        assert unit in drawing
+    line = re.search(r'points="([^"]+)"', profile)
+    assert line is not None
+    x, y = np.array([point.split(",") for point in line[1].split()], float).T
+    path_m = np.linalg.norm(array.tx_m[5] - [0, 0, 0.3]) + np.linalg.norm(
+        array.rx_m[7] - [0, 0, 0.3]
+    )
+    share = path_m / 2 / waveform.unambiguous_range_m
+    assert (x[y.argmin()] - x[0]) / (x[-1] - x[0]) == pytest.approx(share, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "ticks"),
+    [
+        (100.0, -100.0, [-100, -50, 0, 50, 100]),
+        (-0.5, 93.5, [0, 20, 40, 60, 80]),
+        (0.30, 0.31, [0.3, 0.302, 0.304, 0.306, 0.308, 0.31]),
+    ],
+)
+def test_ticks_are_round(first: float, last: float, ticks: list[float]) -> None:
+    assert Axis("x", first, last).ticks() == ticks
 
 
 def test_points_are_where_the_voxels_are_coloured_by_level() -> None:
@@ -44,7 +151,8 @@ def test_points_are_where_the_voxels_are_coloured_by_level() -> None:
 def test_an_image_without_anything_has_no_points() -> None:
     picture = picture_of(volume_of(), 20.0)
     assert len(picture.cloud.points_m) == 0
-    assert np.isnan(picture.depth_mm).all()
+    assert "Depth: nothing seen" in depth_drawing(picture.image)
+    assert not lit(projection_drawing(picture.image))
     assert len(voxels_of(volume_of(), 20.0).points_m) == 0
 
 

@@ -12,8 +12,9 @@ import numpy as np
 import clradar
 from clradar.errors import MeasurementError
 from clradar.view.player import Player
-from clradar.view.session import Session, Shown, Wish
+from clradar.view.session import Session, Shown
 from clradar.view.sources import FixedFrames
+from clradar.view.wish import Wish
 
 GRID = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (2, 2, 2))
 

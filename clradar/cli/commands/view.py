@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_warning
 from clradar.cli.opening import open_written, require_picture
@@ -10,15 +12,45 @@ from clradar.cli.options.common import DeviceOption, ForceOption, OpenOption
 from clradar.cli.options.groups import REQUIRED, argument, option
 from clradar.cli.options.imaging import DepthMapOptions
 from clradar.cli.options.recording import Variant
+from clradar.cli.options.simulation import PlacementOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, check_suffix
+
+if TYPE_CHECKING:
+    from clradar import Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class BesideOptions(PlacementOptions):
+    """What is shown beside the measurement."""
+
+    simulated: list[Path] | None = option(
+        None,
+        "Capture, volume or recording to show in a second colour; may be repeated.",
+        metavar="SIMULATED",
+    )
+    mesh: Path | None = option(
+        None,
+        "Draw this mesh, and without --simulated simulate it for the radar of PATH.",
+        metavar="MESH",
+    )
+
+    def scene(self) -> Scene | None:
+        """The mesh where it is, if there is one."""
+        from clradar import Scene
+
+        if self.mesh is None:
+            if self.transform is not None:
+                raise wrong_usage("--transform", "expected --mesh with it")
+            return None
+        return Scene.from_mesh(self.mesh, unit=self.unit, transform=self.matrix())
 
 
 def command(
     path: Path = argument(
         REQUIRED,
         "Recording (radar folder, or the folder that holds one), data set, capture, recorded .npy "
-        "frame, volume, or a folder of these files.",
+        "frame, volume, a folder of these files, or the .json of `clradar compare`.",
         metavar="PATH",
     ),
     *,
@@ -38,6 +70,7 @@ def command(
     port: int = option(
         8080, "Port at 127.0.0.1, or the next one that is free; 0: any free one.", min=0, max=65535
     ),
+    beside: BesideOptions,
     depth: DepthMapOptions,
     device: DeviceOption = None,
 ) -> None:
@@ -51,8 +84,18 @@ def command(
         raise wrong_usage("--watch", "expected without --html, which ends once it is written")
     from clradar import open_device
     from clradar.view import serve
+    from clradar.view.beside import Others, Simulation
     from clradar.view.sources import open_source
+    from clradar.view.wish import Wish
 
+    simulated = list(beside.simulated or [])
+    if path.suffix == ".json":
+        path, compared = compared_files(path)
+        simulated = [*compared, *simulated]
+    if html is not None and (simulated or beside.mesh is not None):
+        raise wrong_usage("--html", "expected without --simulated and --mesh, and one recording")
+    scene = beside.scene()  # a mesh that cannot be read should not cost an image first
+    opened = open_device(device)
     source = open_source(path, variant, watch=watch)
     if html is not None:
         from clradar.view.page_file import write_page
@@ -61,17 +104,50 @@ def command(
             source,
             html,
             dynamic_range_db=depth.dynamic_range_db,
-            device=open_device(device),
+            device=opened,
             force=force,
             warn=print_warning,
         )
         print_line(f"{html}: {count} {'frame' if count == 1 else 'frames'}, for any browser")
         open_written(show, html)
         return
+    second: Others | Simulation | None = None
+    if simulated:
+        second = Others(source, tuple(open_source(other) for other in simulated))
+    elif scene is not None:
+        second = Simulation(scene, opened)
     serve(
         source,
+        beside=second,
+        mesh=scene,
         port=port,
-        dynamic_range_db=depth.dynamic_range_db,
-        device=open_device(device),
+        wish=Wish(dynamic_range_db=depth.dynamic_range_db),
+        device=opened,
         say=print_line,
     )
+
+
+def compared_files(path: Path) -> tuple[Path, list[Path]]:
+    """The files that `clradar compare --json` compared: the measured and the simulated ones.
+
+    They are looked for where the comparison was made, and then beside its file.
+
+    Raises
+    ------
+    MeasurementError
+        The file is none of a comparison.
+    """
+    from clradar.errors import MeasurementError
+    from clradar.files.json_file import read_json_object
+
+    record = read_json_object(path)
+    measured, simulated = record.get("measured"), record.get("simulated")
+    entries = simulated if isinstance(simulated, list) else []
+    named: list[Any] = [measured, *(e.get("file") for e in entries if isinstance(e, dict))]
+    if len(named) < 2 or not all(isinstance(name, str) for name in named):
+        raise MeasurementError(
+            f"{path}: expected what `clradar compare --json` writes, with 'measured' and the "
+            "'file' of each of 'simulated'"
+        )
+    found = [p if p.exists() else path.parent / p for p in map(Path, named)]
+    return found[0], found[1:]

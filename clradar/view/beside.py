@@ -1,0 +1,110 @@
+"""What is shown beside a measurement: other recordings, or the simulation of a mesh."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from clradar.model import Capture, Scene, Volume
+from clradar.model.known_materials import KNOWN
+from clradar.opencl import Device
+from clradar.simulation import simulate
+from clradar.view.sources import Source
+from clradar.view.wish import BY_ALPHA, Wish
+
+MATERIALS = (BY_ALPHA, *KNOWN)
+
+KEPT_CAPTURES = 8
+"""Of simulations, 9 MB each for the 94 x 94 imager."""
+
+
+class Beside(Protocol):
+    """A second capture or volume for every frame."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What can be chosen between with `Wish.other`."""
+
+    @property
+    def simulates(self) -> bool:
+        """Whether it is made, by `Wish.alpha` and `Wish.material`, instead of read."""
+
+    def key(self, wish: Wish, content: Capture | Volume) -> Hashable:
+        """Return what the second one depends on; None if there is none beside this content."""
+
+    def of(
+        self, wish: Wish, content: Capture | Volume, progress: Callable[[int, int], None]
+    ) -> Capture | Volume:
+        """Return the second one."""
+
+
+@dataclass(frozen=True)
+class Others:
+    """Other captures, volumes or recordings beside a source.
+
+    A recording of as many frames goes along with it; of any other the first frame is shown.
+    """
+
+    source: Source
+    others: tuple[Source, ...]
+    simulates: bool = False
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return tuple(other.name for other in self.others)
+
+    def key(self, wish: Wish, content: Capture | Volume) -> Hashable:
+        other = self.others[wish.other]
+        frames, others = self.source.frames(), other.frames()
+        along = len(frames) == len(others) and wish.frame in frames
+        return wish.other, others[frames.index(wish.frame) if along else 0]
+
+    def of(
+        self, wish: Wish, content: Capture | Volume, progress: Callable[[int, int], None]
+    ) -> Capture | Volume:
+        key = self.key(wish, content)
+        assert isinstance(key, tuple)
+        return self.others[wish.other].read(key[1])
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What the radar of a capture would record of a mesh, by the wish's alpha or material."""
+
+    scene: Scene
+    device: Device | None = None
+    labels: tuple[str, ...] = ("simulation",)
+    simulates: bool = True
+    _kept: OrderedDict[Hashable, Capture] = field(default_factory=OrderedDict)
+
+    def key(self, wish: Wish, content: Capture | Volume) -> Hashable:
+        if not isinstance(content, Capture):
+            return None  # which radar recorded it is not known
+        array = content.array
+        radar = (
+            array.tx_m.tobytes(),
+            array.rx_m.tobytes(),
+            content.waveform.frequencies_hz.tobytes(),
+        )
+        return wish.alpha if wish.material == BY_ALPHA else wish.material, hash(radar)
+
+    def of(
+        self, wish: Wish, content: Capture | Volume, progress: Callable[[int, int], None]
+    ) -> Capture | Volume:
+        assert isinstance(content, Capture)
+        key = self.key(wish, content)
+        if key not in self._kept:
+            if wish.material == BY_ALPHA:
+                scene, estimator = self.scene.with_alpha(wish.alpha), None
+            else:
+                scene, estimator = self.scene.with_material(KNOWN[wish.material]), "physical"
+            self._kept[key] = simulate(
+                scene, content.array, content.waveform,
+                estimator=estimator, seed=0, device=self.device, progress=progress,
+            )  # fmt: skip
+            while len(self._kept) > KEPT_CAPTURES:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(key)
+        return self._kept[key]
