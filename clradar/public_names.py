@@ -35,7 +35,7 @@ from clradar.model import (
 )
 from clradar.model.material_file import read_materials, write_materials
 from clradar.opencl import Device, list_devices, open_device
-from clradar.simulation import simulate
+from clradar.simulation import simulate, simulate_image
 from clradar.synthesize import synthesize
 from clradar.trace import trace
 from clradar.tracing.settings import SimulationSettings
@@ -81,6 +81,7 @@ __all__ = [
     "reconstruct",
     "room_capture",
     "simulate",
+    "simulate_image",
     "spread",
     "synthesize",
     "trace",

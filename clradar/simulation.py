@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from clradar.imaging.frame_imager import FrameImager
 from clradar.model import AntennaArray, Capture, Scene, TraceStatistics, Waveform, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
@@ -26,6 +27,8 @@ from clradar.tracing.settings import (
 )
 from clradar.tracing.starvation import warn_if_starved
 from clradar.tracing.stochastic import Tracer
+
+Taken = TypeVar("Taken")
 
 SUMS_AT_ONCE = 12
 """Phasor sums held at the same time, fewer where memory is short. No result depends on it."""
@@ -112,19 +115,95 @@ def simulate(
     if resolved.estimator == "physical":
         data, meta = physical_samples(scene, array, waveform, resolved, opened, progress)
     else:
-        data, meta = _samples_of_paths(scene, array, waveform, resolved, opened, progress)
+        data, meta = _summed_paths(
+            scene, array, waveform, resolved, opened, progress, lambda total, _: total.result()
+        )
     return Capture(data, array, waveform, meta)
 
 
-def _samples_of_paths(
+@takes_settings
+def simulate_image(
+    scene: Scene,
+    imager: FrameImager,
+    *,
+    settings: SimulationSettings | None = None,
+    progress: Progress | None = None,
+    **fields: Any,
+) -> None:
+    """Simulate a capture and form its image, which `imager` holds then.
+
+    With the bits of ``imager.form(simulate(scene, imager.array, imager.waveform, ...))``; but the
+    samples stay on the device, unless the estimator is physical, the image is not kept there, or
+    the sums of all pairs do not fit at once.
+
+    Parameters
+    ----------
+    scene : Scene
+    imager : FrameImager
+    settings, progress, **fields
+        As `simulate` takes them.
+
+    Raises
+    ------
+    ModelError, MeshError, DeviceError
+        As `simulate`.
+
+    Warns
+    -----
+    ClradarWarning
+        As `simulate`.
+
+    Examples
+    --------
+    >>> import clradar, trimesh
+    >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
+    >>> scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), alpha=0.5)
+    >>> radar = clradar.arrays.qar50()
+    >>> array = clradar.AntennaArray(radar.tx_m[::6], radar.rx_m[::6])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> grid = clradar.VoxelGrid.from_extent((-0.03, 0.03), (-0.03, 0.03), (0.27, 0.33), 2e-3)
+    >>> with clradar.FrameImager(array, waveform, grid) as imager:
+    ...     clradar.simulate_image(scene, imager, samples_per_mm2=5)
+    ...     imager.depth_map().depth_m.shape
+    (31, 31)
+    """
+    checks.instance("simulate_image: imager", imager, FrameImager)
+    merged = merged_settings(settings, **fields)
+    if not imager.keeps_image or merged.for_scene(scene).resolved().estimator == "physical":
+        imager.form(
+            simulate(
+                scene, imager.array, imager.waveform,
+                settings=merged, device=imager.device, progress=progress,
+            )
+        )  # fmt: skip
+        return
+    checks.instance("simulate_image: scene", scene, Scene)
+    check_placement("simulate_image", scene, imager.array)
+    resolved = merged.for_scene(scene).resolved()
+    imager.array.refuse_patterns("simulate_image")
+    highest_hz = float(imager.waveform.frequencies_hz.max())
+    warn_of_coarse_facets("simulate_image", scene, resolved, highest_hz)
+
+    def take(total: PhasorSum, meta: dict[str, Any]) -> None:
+        kept = total.on_device()
+        if kept is None:
+            imager.form(Capture(total.result(), imager.array, imager.waveform, meta))
+        else:
+            imager.form_on_device(*kept, meta)
+
+    _summed_paths(scene, imager.array, imager.waveform, resolved, imager.device, progress, take)
+
+
+def _summed_paths(
     scene: Scene,
     array: AntennaArray,
     waveform: Waveform,
     resolved: SimulationSettings,
     opened: Device,
     progress: Progress | None,
-) -> tuple[np.ndarray, dict[str, Any]]:
-    """Samples and `meta` of a capture whose rays are received, by chance or on average."""
+    take: Callable[[PhasorSum, dict[str, Any]], Taken],
+) -> tuple[Taken, dict[str, Any]]:
+    """What `take` makes of the sum of paths, by chance or on average, and `meta` of its capture."""
     statistics = TraceStatistics(0, 0, 0, 0)
     paths = np.zeros(array.n_tx * array.n_rx, np.int64)
     tracer_type = ExpectedTracer if resolved.estimator == "expected" else Tracer
@@ -141,9 +220,10 @@ def _samples_of_paths(
                 total.add(tile.pair, tile.length_m, tile.amplitude)
                 paths += np.bincount(tile.pair, minlength=len(paths))
             statistics = statistics + tile.statistics
-        data = total.result()
+        meta = simulated_meta(scene, resolved, statistics, int(paths.sum()), opened)
+        taken = take(total, meta)
     warn_if_starved(paths, scene, array, resolved)
-    return data, simulated_meta(scene, resolved, statistics, int(paths.sum()), opened)
+    return taken, meta
 
 
 @takes_settings

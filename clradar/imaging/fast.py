@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -209,6 +210,10 @@ class ResidentImage:
             self._way.image(self._cube.fill(lent), report)
         finally:
             self._buffers.release(lent)
+
+    def form_on_device(self, samples: Any, stride: int, report: Report) -> None:
+        """The same of samples on the device, complex64 (n_tx, n_rx, stride)."""
+        self._way.image(self._cube.fill(samples, stride), report)
 
     def read(self) -> np.ndarray:
         """Return the unscaled sum, shape (n_z, n_y, n_x), complex64."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -120,7 +121,10 @@ class FrameImager:
             **({"tolerance_db": tolerance_db} if method == "fast" else {}),
             "device": dict(self.device.describe()),
         }
-        self._frame: Capture | None = None
+        self._frame: Mapping[str, Any] | None = None
+        """`meta` of the frame whose image it is."""
+        self._capture: Capture | None = None
+        """That frame, where it was formed of a capture."""
         self._data: np.ndarray | None = None
         self._sum: FastSum | None = None
         self._resident: ResidentImage | None = None
@@ -140,7 +144,7 @@ class FrameImager:
         """Free the device's memory; a second call does nothing."""
         if self._resident is not None:
             self._resident.close()
-        self._frame = self._data = None
+        self._frame = self._capture = self._data = None
 
     def form(self, capture: Capture, progress: Progress | None = None) -> None:
         """Form the image of a frame, in place of the last one.
@@ -163,7 +167,7 @@ class FrameImager:
         same = capture.array.same_positions(self.array)
         if not (same and capture.waveform.same_frequencies(self.waveform)):
             checks.fail("FrameImager.form: capture", "one by its array and waveform", "another one")
-        self._frame = self._data = None
+        self._frame = self._capture = self._data = None
         if self._resident is not None:
             self._resident.form(capture.data, fast.reported(progress, fast.TILE_STEPS))
         elif self._sum is not None:
@@ -175,7 +179,33 @@ class FrameImager:
             kind = RangeImager if self._method == "range" else ExactImager
             imager = kind(capture, self.grid, self.weights, self.device)
             self._data = imager.run(progress)
-        self._frame = capture
+        self._frame, self._capture = capture.meta, capture
+
+    def form_on_device(
+        self, samples: Any, stride: int, meta: Mapping[str, Any], progress: Progress | None = None
+    ) -> None:
+        """Form the image of samples that a kernel wrote on this device.
+
+        Only where `keeps_image`.
+
+        Parameters
+        ----------
+        samples : Buffer
+            complex64, shape (n_tx, n_rx, stride), of which the first n_freq count; finite.
+        stride : int
+        meta : mapping
+            As a capture's.
+        progress : callable, optional
+        """
+        assert self._resident is not None
+        self._frame = self._capture = None
+        self._resident.form_on_device(samples, stride, fast.reported(progress, fast.TILE_STEPS))
+        self._frame = meta
+
+    @property
+    def keeps_image(self) -> bool:
+        """Whether the image is kept on the device, see the class."""
+        return self._resident is not None
 
     def volume(self) -> Volume:
         """Return the image of the last frame: the bits and `meta` of `backproject`.
@@ -191,12 +221,13 @@ class FrameImager:
         if data.flags.writeable:  # not scaled yet
             data.view(np.float32)[...] /= self._n_samples
             data.flags.writeable = False
-        meta = {**self._meta, "capture": dict(frame.meta)}
-        scale = ImageScale(self.array, self.waveform, self.weights) if frame.absolute else None
+        absolute = frame.get("absolute") is True
+        meta = {**self._meta, "capture": dict(frame)}
+        scale = ImageScale(self.array, self.waveform, self.weights) if absolute else None
         try:
             return Volume(data, self.grid, meta, scale)
         except ModelError as error:
-            raise self._overflow(frame) from error
+            raise self._overflow() from error
 
     def depth_map(self, dynamic_range_db: float = DYNAMIC_RANGE_DB) -> DepthMap:
         """Return the depth map of the last frame, whose amplitude is the maximum projection.
@@ -217,21 +248,25 @@ class FrameImager:
         if self._resident is None:
             return self.volume().depth_map(dynamic_range_db)
         dynamic_range_db = checks.dynamic_range("depth_map: dynamic_range_db", dynamic_range_db)
-        frame, found = self._formed(), self._resident.strongest()
+        self._formed()
+        found = self._resident.strongest()
         if (found.top < 0).any():
-            raise self._overflow(frame)
+            raise self._overflow()
         before, peak, after = (np.abs(part) for part in (found.before, found.peak, found.after))
         return refined_depth_map(self.grid, found.top, (before, peak, after), dynamic_range_db)
 
-    def _formed(self) -> Capture:
+    def _formed(self) -> Mapping[str, Any]:
         if self._frame is None:
             checks.fail("FrameImager", "a frame formed before its image is read", "none")
         return self._frame
 
-    def _overflow(self, frame: Capture) -> ModelError:
+    def _overflow(self) -> ModelError:
         # Finite samples, each of which complex64 holds, but not their sum.
-        largest = float(np.abs(frame.data.view(np.float32)).max())
+        parts = ""
+        if self._capture is not None:
+            largest = float(np.abs(self._capture.data.view(np.float32)).max())
+            parts = f" with parts of up to {largest:.3g}"
         return ModelError(
-            "backproject: expected samples whose sum complex64 holds, got an overflow with parts "
-            f"of up to {largest:.3g}; scale the capture's data down"
+            f"image: expected samples whose sum complex64 holds, got an overflow{parts}; scale the "
+            "capture's data down"
         )

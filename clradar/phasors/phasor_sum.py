@@ -225,30 +225,46 @@ class PhasorSum(OnDevice):
     def _store(self, part: _Slice) -> None:
         part.state = [self._buffers.read(*kept) for kept in self._state(part.stop - part.first)]
 
+    def on_device(self) -> tuple[Any, int] | None:
+        """The sum as a buffer, complex64 (n_pairs, n), and n, of which the first n_freq count.
+
+        None where the state of all pairs does not fit at once.
+        """
+        self._finish_call()
+        if len(self._slices) > 1:
+            return None
+        self._finish(self._slices[0])
+        return self._out, self._n_columns
+
     def result(self) -> np.ndarray:
         """The sum, shape (n_tx, n_rx, n_freq), complex64, read-only."""
         n_freq, parts = self._waveform.n_freq, []
         self._finish_call()
-        columns = 1 if self.device.width == 1 else self._n_columns
         for part in self._slices:
             count = part.stop - part.first
-            self._fetch(part)
-            self._program.launch(
-                "finish",
-                (self._n_columns // columns, -(-count // self._item_pairs)),
-                np.uint32(count),
-                np.uint32(self._n_columns),
-                np.uint32(columns),
-                np.uint32(self._blocks.n_slots),
-                np.float32(self._blocks.block_m),
-                self._table,
-                self._tag,
-                self._moments,
-                self._sum,
-                self._out,
-            )
+            self._finish(part)
             out = self._buffers.read(self._out, (count, self._n_columns), np.complex64)
             parts.append(np.ascontiguousarray(out[:, :n_freq]) if n_freq < self._n_columns else out)
         data = parts[0] if len(parts) == 1 else np.concatenate(parts)
         data.flags.writeable = False
         return data.reshape(self._array.n_tx, self._array.n_rx, n_freq)
+
+    def _finish(self, part: _Slice) -> None:
+        """Form all frequencies of a slice of pairs, in `_out`."""
+        count = part.stop - part.first
+        columns = 1 if self.device.width == 1 else self._n_columns
+        self._fetch(part)
+        self._program.launch(
+            "finish",
+            (self._n_columns // columns, -(-count // self._item_pairs)),
+            np.uint32(count),
+            np.uint32(self._n_columns),
+            np.uint32(columns),
+            np.uint32(self._blocks.n_slots),
+            np.float32(self._blocks.block_m),
+            self._table,
+            self._tag,
+            self._moments,
+            self._sum,
+            self._out,
+        )

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 import pyopencl
 import pytest
+import trimesh
 from images import QAR50, SWEEP, noise
 
 import clradar
 from clradar import Capture, FrameImager, VoxelGrid
 from clradar.errors import ModelError
 from clradar.imaging import fast, way_down
+from clradar.phasors.phasor_sum import PhasorSum
 
 THIRD = clradar.AntennaArray(QAR50.tx_m[::3], QAR50.rx_m[::3])
 GRID = VoxelGrid.from_extent((-0.04, 0.04), (-0.03, 0.05), (0.27, 0.31), 2e-3)
@@ -174,3 +176,27 @@ def test_grids_of_several_pieces_are_kept_on_the_host(
             alone = clradar.backproject(frame, GRID, check_grid=False)
             np.testing.assert_array_equal(imager.volume().data, alone.data)
             np.testing.assert_array_equal(imager.depth_map().depth_m, alone.depth_map().depth_m)
+
+
+def test_a_simulation_is_imaged_where_it_is(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The samples do not come to the host, and the image has the same bits."""
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.015)
+    scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0.01, 0.29]), alpha=0.5)
+    for estimator in ("stochastic", "expected", "physical"):
+        options = {"samples_per_mm2": 4, "estimator": estimator, "seed": 1}
+        with FrameImager(THIRD, SWEEP, GRID, device=device) as imager:
+            imager.form(clradar.simulate(scene, THIRD, SWEEP, device=device, **options))
+            want = imager.volume()
+            if estimator != "physical":
+                monkeypatch.setattr(PhasorSum, "result", _not_read)
+            clradar.simulate_image(scene, imager, **options)
+            monkeypatch.undo()
+            monkeypatch.setattr(fast, "FEW_TERMS", 0)
+            np.testing.assert_array_equal(imager.volume().data, want.data)
+            assert imager.volume().meta == want.meta
+
+
+def _not_read(self: PhasorSum) -> None:
+    pytest.fail("the samples were read")
