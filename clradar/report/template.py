@@ -18,7 +18,8 @@ SCRIPTS = ("shared.js", "viewer.js", "figure.js", "slices.js", "frames.js")
 """One script in this order."""
 
 PANEL_PX = 150
-"""Least width of a panel of the figure; on a narrower screen the figure scrolls in its frame."""
+"""Least width of a panel of the figure; on a narrower screen the figure scrolls in its frame.
+Slices need more: two panels are side by side."""
 
 SHOWN_FIRST = 2
 """Clouds in the 3-D view when the page opens: the measurement and the first simulation."""
@@ -103,8 +104,9 @@ def _policy_hash(content: str) -> str:
 def _own_style(colours: Sequence[str]) -> str:
     """Return the style that depends on the images: the policy forbids style attributes."""
     swatches = "".join(f".cloud-{i}{{background:{c}}}\n" for i, c in enumerate(colours))
-    width = PANEL_PX * max(len(colours), 2)
-    return f"@media screen{{.figure img,.columns{{min-width:{width}px}}}}\n{swatches}"
+    least = max(len(colours), 2) * PANEL_PX
+    widths = f".figure img,.columns{{min-width:{least}px}}#slices{{min-width:{1.6 * least:g}px}}"
+    return f"@media screen{{{widths}}}\n{swatches}"
 
 
 def _colour_scales() -> dict[str, str]:
