@@ -10,7 +10,9 @@ import numpy as np
 
 from clradar.errors import ClradarError
 from clradar.files.atomic import refuse_existing, write_file
+from clradar.model import Scene
 from clradar.opencl import Device
+from clradar.view.beside import Beside
 from clradar.view.samples import SampleFrames
 from clradar.view.scene import UNITS_PER_M, SceneView
 from clradar.view.server import running
@@ -28,8 +30,10 @@ FRAMES_PER_S = 10.0
 class _SceneAlone:
     """Shows frames, their names and truth in the scene, and notes what cannot be shown."""
 
-    def __init__(self, server: Any, source: Source) -> None:
+    def __init__(self, server: Any, source: Source, mesh: Scene | None) -> None:
         self._server, self._source, self._scene = server, source, SceneView(server)
+        if mesh is not None:
+            self._scene.draw_mesh(mesh)
         self.refused: str | None = None
         self.shown_bytes = 0
 
@@ -45,7 +49,8 @@ class _SceneAlone:
         )
         if isinstance(self._source, SampleFrames):
             draw_truth(self._server.scene, self._source.truth(frame))
-        self.shown_bytes += shown.first.cloud.points_m.nbytes + shown.first.cloud.colours.nbytes
+        for drawn in filter(None, (shown.first, shown.second)):
+            self.shown_bytes += drawn.cloud.points_m.nbytes + drawn.cloud.colours.nbytes
 
     def busy(self, words: str) -> None:
         pass
@@ -58,7 +63,9 @@ def write_page(
     source: Source,
     path: Path,
     *,
-    dynamic_range_db: float,
+    wish: Wish,
+    beside: Beside | None = None,
+    mesh: Scene | None = None,
     device: Device | None = None,
     force: bool = False,
     warn: Callable[[str], None] = print,
@@ -69,7 +76,12 @@ def write_page(
     ----------
     source : Source
     path : Path
-    dynamic_range_db : float, decibel
+    wish : Wish
+        What is shown of every frame.
+    beside : Beside or None
+        A second image of each frame.
+    mesh : Scene or None
+        Drawn as a surface.
     device : Device or None
     force : bool
         Replace an existing file.
@@ -88,8 +100,8 @@ def write_page(
     refuse_existing(path, force=force)  # before the work
     written, frames = 0, source.frames()
     with running(source.name, port=0) as server:
-        front = _SceneAlone(server, source)
-        session = Session(source, Wish(dynamic_range_db=dynamic_range_db), front, device)
+        front = _SceneAlone(server, source, mesh)
+        session = Session(source, wish, front, device, beside=beside)
         try:
             serializer = server.get_scene_serializer()
             for count, frame in enumerate(frames, 1):

@@ -92,18 +92,24 @@ def command(
     if path.suffix == ".json":
         path, compared = compared_files(path)
         simulated = [*compared, *simulated]
-    if html is not None and (simulated or beside.mesh is not None):
-        raise wrong_usage("--html", "expected without --simulated and --mesh, and one recording")
     scene = beside.scene()  # a mesh that cannot be read should not cost an image first
     opened = open_device(device)
     source = open_source(path, variant, watch=watch)
+    second: Others | Simulation | None = None
+    if simulated:
+        second = Others(source, tuple(open_source(other) for other in simulated))
+    elif scene is not None:
+        second = Simulation(scene, opened)
+    wish = Wish(dynamic_range_db=depth.dynamic_range_db)
     if html is not None:
         from clradar.view.page_file import write_page
 
         count = write_page(
             source,
             html,
-            dynamic_range_db=depth.dynamic_range_db,
+            wish=wish,
+            beside=second,
+            mesh=scene,
             device=opened,
             force=force,
             warn=print_warning,
@@ -111,17 +117,12 @@ def command(
         print_line(f"{html}: {count} {'frame' if count == 1 else 'frames'}, for any browser")
         open_written(show, html)
         return
-    second: Others | Simulation | None = None
-    if simulated:
-        second = Others(source, tuple(open_source(other) for other in simulated))
-    elif scene is not None:
-        second = Simulation(scene, opened)
     serve(
         source,
         beside=second,
         mesh=scene,
         port=port,
-        wish=Wish(dynamic_range_db=depth.dynamic_range_db),
+        wish=wish,
         device=opened,
         say=print_line,
     )
