@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 from unittest import mock
 
@@ -56,7 +57,7 @@ def everything(width: int) -> None:
     Buffers.release = lambda self, buffer: kept.append(buffer)  # type: ignore[method-assign]
     kept: list[object] = []
     # The module, which the function of the same name hides.
-    sys.modules["clradar.phasors.phasor_sum"].CALL_PATHS = 64  # type: ignore[attr-defined]
+    import_module("clradar.phasors.phasor_sum").CALL_PATHS = 64  # type: ignore[attr-defined]
     device = open_device(width=width)
     full = clradar.arrays.qar50()
     array = clradar.AntennaArray(full.tx_m[::14], full.rx_m[::11])  # 7 x 9: odd against 8 lanes
@@ -90,7 +91,7 @@ def everything(width: int) -> None:
         )
         assert np.abs(capture.data).max() > 0
     # Skeleton antennas also of few points; a rough and a micro-rough dielectric with a pattern.
-    sys.modules["clradar.phasors.kirchhoff_sum"].FEW_POINTS = 0  # type: ignore[attr-defined]
+    import_module("clradar.phasors.kirchhoff_sum").FEW_POINTS = 0  # type: ignore[attr-defined]
     rough = clradar.Material(
         "rough", permittivity=3 - 0.1j, roughness_rms_m=1e-4, correlation_length_m=3e-3,
         micro_roughness_rms_m=1e-4,
