@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.hand_fit import hand_picture as picture
 from calibration.hand_fit.hand_state import FITTED_ANGLES, angles_of, pose_with
-from clradar.errors import MeasurementError
+from clradar.errors import MeasurementError, MissingPackage
 from clradar.files.failures import clean, fail, read_bytes, shown
 from clradar.files.limits import MAX_ONNX_BYTES
 from clradar.hand import (
@@ -147,15 +147,16 @@ class LearnedStart:
         Raises
         ------
         MeasurementError
-            The file is missing, larger than 64 MiB, no ONNX file, or a model of something else; or
-            the package onnxruntime is missing.
+            The file is missing, larger than 64 MiB, no ONNX file, or a model of something else.
+        MissingPackage
+            onnxruntime is not installed.
         """
         path = Path(path)
         content = read_bytes(path, _EXPECTED, MAX_ONNX_BYTES)
         try:
             import onnxruntime
         except ImportError as error:
-            raise MeasurementError(
+            raise MissingPackage(
                 f"{shown(path)}: learned starts need ONNX Runtime: {INSTALL} ({error})"
             ) from error
         options = onnxruntime.SessionOptions()

@@ -22,7 +22,7 @@ from calibration.hand_fit.learned_start import (
     wrist_of,
 )
 from calibration.hand_fit.starts import starts_of
-from clradar.errors import CompareError, MeasurementError
+from clradar.errors import CompareError, MeasurementError, MissingPackage
 from clradar.hand import LETTERS, POSES, HandPose, posed_skeleton
 from clradar.model import DepthMap
 
@@ -197,5 +197,5 @@ def test_without_onnx_runtime_the_error_says_what_to_install(
 ) -> None:
     path = write_model(tmp_path / "start.onnx", row)
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(MeasurementError, match=r"pip install 'clradar\[learned\]'"):
+    with pytest.raises(MissingPackage, match=r"pip install 'clradar\[learned\]'"):
         LearnedStart.read(path)
