@@ -106,18 +106,21 @@ def write_page(
             serializer = server.get_scene_serializer()
             for count, frame in enumerate(frames, 1):
                 front.refused = None
+                if written:  # a single frame needs no time line, whose end builds it anew
+                    serializer.insert_sleep(1 / FRAMES_PER_S)
                 session.change(frame=frame)
                 session.settle()
                 if front.refused is not None:
                     warn(f"left out: {front.refused}")
                     continue
                 written += 1
-                serializer.insert_sleep(1 / FRAMES_PER_S)
                 if front.shown_bytes > MOST_BYTES and count < len(frames):
                     warn(f"the first {count} of {len(frames)} frames: more are too many for a page")
                     break
         finally:
             session.close()
+        if written > 1:
+            serializer.insert_sleep(1 / FRAMES_PER_S)
         if not written:
             raise ClradarError(f"{source.name}: expected a frame that can be shown, got none")
         page = serializer.as_html(dark_mode=True)
