@@ -8,7 +8,7 @@ export CLRADAR_DEVICE ?= pocl
 # Processes that run the tests.
 JOBS ?= 2
 
-.PHONY: demo test test-spawn test-slow test-intel fuzz memcheck lint format figures validation docs bench release clean
+.PHONY: demo test test-spawn test-slow test-intel fuzz memcheck gpucheck lint format figures validation docs bench release clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
@@ -37,6 +37,12 @@ fuzz: $(VENV)/.installed-fuzz
 # Oclgrind shows up as a device where it is installed, so it has an environment of its own.
 memcheck: $(VENV)-memcheck/.installed
 	$(VENV)-memcheck/bin/python -m pytest -m memcheck --timeout 3600 tests/opencl/test_memcheck.py
+
+# What compilers for GPUs make of the kernels, in an environment of its own (clang and ptxas from PyPI, 500 MB;
+# no root, no GPU). Fails where it differs from the table in the repository; GPUCHECK=--write writes that.
+gpucheck: $(VENV)-gpucheck/.installed
+	$(VENV)-gpucheck/bin/python tests/support/gpu_check.py $(GPUCHECK)
+	$(VENV)-gpucheck/bin/python -m pytest -q tests/opencl/test_gpu_check.py
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
@@ -99,12 +105,17 @@ $(VENV)-memcheck/.installed: pyproject.toml
 	$(VENV)-memcheck/bin/python -m pip install --quiet --editable ".[memcheck]"
 	touch $@
 
+$(VENV)-gpucheck/.installed: pyproject.toml
+	$(PYTHON) -m venv $(VENV)-gpucheck
+	$(VENV)-gpucheck/bin/python -m pip install --quiet --editable ".[gpucheck]"
+	touch $@
+
 $(VENV)-intel/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)-intel
 	$(VENV)-intel/bin/python -m pip install --quiet --editable ".[test,intel]"
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(VENV)-intel $(VENV)-memcheck demo demo-full fuzz-faults dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-intel $(VENV)-memcheck $(VENV)-gpucheck demo demo-full fuzz-faults dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	rm -rf docs/tutorials
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -121,10 +121,7 @@ def build(device: Device, file: str, options: Any) -> Program:
     cached = device.programs.get(key)
     if cached is not None:
         return cached
-    defines = [
-        f"-DCLR_{f.name.upper()}={_literal(getattr(options, f.name))}" for f in fields(options)
-    ]
-    flags = ["-cl-std=CL1.2", *defines]
+    flags = ["-cl-std=CL1.2", *defines(options)]
     if device.info.is_interpreter:
         # Oclgrind checks the code as written and does not support all that its own optimiser
         # emits. CLR_CHECKED marks the few places that avoid its faults.
@@ -145,6 +142,11 @@ def build(device: Device, file: str, options: Any) -> Program:
     program = Program(device, file, kernels)
     device.programs[key] = program
     return program
+
+
+def defines(options: Any) -> list[str]:
+    """The compiler's arguments for an options dataclass, as `build` passes them."""
+    return [f"-DCLR_{f.name.upper()}={_literal(getattr(options, f.name))}" for f in fields(options)]
 
 
 def _literal(value: bool | int | float | str) -> str:

@@ -9,14 +9,15 @@
 #pragma OPENCL FP_CONTRACT OFF
 
 /* Vectors that need no more alignment than a float. vload and vstore do the same, but are calls into
- * a library on PoCL, which cost more than the arithmetic around them. */
-typedef struct __attribute__((packed)) {
+ * a library on PoCL, which cost more than the arithmetic around them. Without "aligned" a GPU loads them byte by
+ * byte. */
+typedef struct __attribute__((packed, aligned(4))) {
     float4 v;
 } loose4;
-typedef struct __attribute__((packed)) {
+typedef struct __attribute__((packed, aligned(4))) {
     float8 v;
 } loose8;
-typedef struct __attribute__((packed)) {
+typedef struct __attribute__((packed, aligned(4))) {
     int8 v;
 } loose8i;
 #define LOAD4(p) (((__global const loose4 *)(p))->v)

@@ -1,0 +1,72 @@
+"""The kernels against the table of what they take of a GPU, and that against the goals."""
+
+from __future__ import annotations
+
+import re
+
+import gpu_check
+import pytest
+
+from clradar.opencl.sources import kernel_folder
+
+TABLE = gpu_check.read_table()
+
+HOT = {
+    "visible_antennas", "visible_spheres", "nearest_hits", "trace_rays", "reception_probabilities",
+    "expected_paths", "add_paths", "finish", "block_phasors", "reduce_and_transpose", "reduce_rows",
+    "reduce_frequencies", "image_of_blocks",
+}  # fmt: skip
+MOST_REGISTERS = 96
+MOST_STACK = 256
+
+READ_BYTES = {"legs": 1, "receiver_discs": 1, "sides_seen": 1, "trace_rays": 1, "tx_lobes": 1}
+"""Loads of buffers of bytes: visible antennas, eight to a byte, and media."""
+
+KNOWN_MISSES = {
+    "backproject_exact": ["stack"],
+    "backproject_range": ["stack"],
+    "expand_and_transpose": ["stack"],
+    "expand_rows": ["stack"],
+    "finish": ["byte loads", "stack"],
+    "nearest_hits": ["spills", "stack", "registers"],
+    "reception_probabilities": ["registers"],
+    "reduce_and_transpose": ["stack"],
+    "reduce_rows": ["stack"],
+    "split_nodes": ["stack"],
+    "trace_rays": ["spills", "stack", "registers"],
+    "visible_antennas": ["spills", "stack", "registers"],
+    "visible_spheres": ["spills", "stack", "registers"],
+}
+"""What is still to be done."""
+
+
+def test_the_table_has_every_kernel() -> None:
+    defined = set()
+    for file in kernel_folder().glob("*.cl"):
+        defined |= set(re.findall(r"__kernel\s+void\s+(\w+)", file.read_text(encoding="utf-8")))
+    assert defined == set(TABLE)
+
+
+@pytest.mark.skipif(gpu_check.missing() is not None, reason=str(gpu_check.missing()))
+def test_kernels_take_what_the_table_says() -> None:
+    assert gpu_check.check_all() == TABLE
+
+
+def misses(kernel: str) -> list[str]:
+    """The goals that a kernel misses."""
+    uses, found = TABLE[kernel].values(), []
+    if any(use.byte_loads > READ_BYTES.get(kernel, 0) for use in uses):
+        found.append("byte loads")
+    if any(use.spills for use in uses):
+        found.append("spills")
+    if any(use.stack > MOST_STACK for use in uses):
+        found.append("stack")
+    # AMD's compiler takes what the occupancy leaves it.
+    if kernel in HOT and any(TABLE[kernel][on].registers > MOST_REGISTERS for on in gpu_check.NVIDIA):
+        found.append("registers")
+    return found
+
+
+@pytest.mark.parametrize("kernel", TABLE)
+def test_goals(kernel: str) -> None:
+    assert misses(kernel) == KNOWN_MISSES.get(kernel, [])
