@@ -62,27 +62,18 @@ __kernel void block_phasors(const uint n_columns, const uint n_blocks, const uin
                     phasors + (size_t)2 * block * n_m * n_columns + column);
 }
 
-/* Rows of one block and frequency, CLR_WIDTH columns of them, times their phasors. */
-static inline void rotated_rows(const uint n_rows, const uint n_columns, __global const float *g,
-                                const uint n_phasors, __global const float *phasors, realw *re,
-                                realw *im) {
-    for (uint i = 0; i < n_rows; ++i) {
-        const realw a = LOADW(g + (size_t)2 * i * n_columns);
-        const realw b = LOADW(g + (size_t)(2 * i + 1) * n_columns);
-        const realw cosine = phasors[i], sine = phasors[n_phasors + i];
-        re[i] = fused(a, cosine, -(b * sine));
-        im[i] = fused(a, sine, b * cosine);
-    }
-}
-
 /* CLR_WIDTH columns of one frequency become rows: arguments as below, from this block, frequency and column
  * on; n_left columns from here on are real. */
 static inline void transposed_columns(const uint n_columns, const uint n_rows, const uint n_out,
                                       const uint n_left, const uint n_phasors,
                                       __global const float *g, __global const float *phasors,
                                       __global const float *weights, __global float *out) {
-    realw re[CLR_ROWS], im[CLR_ROWS];
-    rotated_rows(n_rows, n_columns, g, n_phasors, phasors, re, im);
+    row_set rows;
+    rows.g = g;
+    rows.phasors = phasors;
+    rows.n_columns = n_columns;
+    rows.n_phasors = n_phasors;
+    hold_rows(&rows, n_rows);
 #if CLR_WIDTH == 8
     /* CLR_WIDTH sums of a column side by side, which nothing has to transpose. */
     for (uint t0 = 0; t0 < CLR_WIDTH && t0 < n_left; t0 += CLR_TILE)
@@ -91,7 +82,8 @@ static inline void transposed_columns(const uint n_columns, const uint n_rows, c
             for (uint t = 0; t < CLR_TILE; ++t) sum.re[t] = sum.im[t] = 0.0f;
             for (uint i = 0; i < n_rows; ++i) {
                 const realw w = LOADW(weights + (size_t)i * n_out + j);
-                const float *a = (const float *)&re[i] + t0, *b = (const float *)&im[i] + t0;
+                const float *a = (const float *)&rows.re[i] + t0;
+                const float *b = (const float *)&rows.im[i] + t0;
 #pragma unroll
                 for (uint t = 0; t < CLR_TILE; ++t) {
                     sum.re[t] = fused((realw)(a[t]), w, sum.re[t]);
@@ -107,7 +99,7 @@ static inline void transposed_columns(const uint n_columns, const uint n_rows, c
         }
 #else
     for (uint j = 0; j < n_out; j += CLR_TILE) {
-        const weighted_sums sum = sum_rows(n_rows, re, im, weights + j, n_out);
+        const weighted_sums sum = sum_rows(n_rows, &rows, weights + j, n_out);
         store_transposed(sum, n_left, n_out, out + j);
     }
 #endif
@@ -143,10 +135,14 @@ static inline void fewer_rows(const uint n_columns, const uint n_rows, const uin
                               const uint n_padded, const uint n_phasors, __global const float *g,
                               __global const float *phasors, __global const float *weights,
                               __global float *out) {
-    realw re[CLR_ROWS], im[CLR_ROWS];
-    rotated_rows(n_rows, n_columns, g, n_phasors, phasors, re, im);
+    row_set rows;
+    rows.g = g;
+    rows.phasors = phasors;
+    rows.n_columns = n_columns;
+    rows.n_phasors = n_phasors;
+    hold_rows(&rows, n_rows);
     for (uint j = 0; j < n_padded; j += CLR_TILE) {
-        const weighted_sums sum = sum_rows(n_rows, re, im, weights + j, n_padded);
+        const weighted_sums sum = sum_rows(n_rows, &rows, weights + j, n_padded);
 #pragma unroll
         for (uint t = 0; t < CLR_TILE; ++t) {
             if (j + t >= n_out) continue;

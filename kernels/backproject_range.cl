@@ -84,7 +84,7 @@ static inline void profile_at(__global const float *profile, const realw positio
 /* Item = CLR_WIDTH neighbouring voxels along x. The carrier is a product of one factor per antenna. One
  * call adds some transmitters to the sum of the calls before it, so the split changes nothing.
  *
- * profiles  float (n_tx, n_rx, n_bins, 2)     n_rx <= CLR_RX_CHUNK
+ * profiles  float (n_tx, n_rx, n_bins, 2)    
  * bins_per_m  1 / step                        k_hi, k_lo  f_c / c, cycles per metre
  * tx        float (n_tx, 6)                   antennas, metres: x, y, z as hi, then as lo
  * rx        float (n_rx, 6)
@@ -107,27 +107,30 @@ __kernel void backproject_range(const uint n_x_padded, const uint n_y, const uin
     realw rx_bins[CLR_RX_CHUNK], rx_re[CLR_RX_CHUNK], rx_im[CLR_RX_CHUNK];
     realw sum_re = LOADW(at), sum_im = LOADW(at + plane);
 
-    for (uint r = 0; r < n_rx; ++r) {
-        const dual length = distance_to(v, rx + 6 * r);
-        rx_bins[r] = length.hi * bins_per_m;
-        cos_sin_cycles(cycles(length, k), &rx_re[r], &rx_im[r]);
-    }
-    for (uint t = 0; t < n_tx; ++t) {
-        const dual length = distance_to(v, tx + 6 * t);
-        const realw start = length.hi * bins_per_m;
-        __global const float *profile = profiles + 2 * (size_t)t * n_rx * n_bins;
-        realw re = 0.0f, im = 0.0f;
-        for (uint r = 0; r < n_rx; ++r) {
-            realw p_re, p_im;
-            profile_at(profile, start + rx_bins[r], first_bin, &p_re, &p_im);
-            re = fused(p_re, rx_re[r], fused(-p_im, rx_im[r], re));
-            im = fused(p_re, rx_im[r], fused(p_im, rx_re[r], im));
-            profile += 2 * n_bins;
+    for (uint r0 = 0; r0 < n_rx; r0 += CLR_RX_CHUNK) {
+        const uint n_here = n_rx - r0 < CLR_RX_CHUNK ? n_rx - r0 : CLR_RX_CHUNK;
+        for (uint r = 0; r < n_here; ++r) {
+            const dual length = distance_to(v, rx + 6 * (r0 + r));
+            rx_bins[r] = length.hi * bins_per_m;
+            cos_sin_cycles(cycles(length, k), &rx_re[r], &rx_im[r]);
         }
-        realw a_re, a_im;
-        cos_sin_cycles(cycles(length, k), &a_re, &a_im);
-        sum_re = fused(a_re, re, fused(-a_im, im, sum_re));
-        sum_im = fused(a_re, im, fused(a_im, re, sum_im));
+        for (uint t = 0; t < n_tx; ++t) {
+            const dual length = distance_to(v, tx + 6 * t);
+            const realw start = length.hi * bins_per_m;
+            __global const float *profile = profiles + 2 * ((size_t)t * n_rx + r0) * n_bins;
+            realw re = 0.0f, im = 0.0f;
+            for (uint r = 0; r < n_here; ++r) {
+                realw p_re, p_im;
+                profile_at(profile, start + rx_bins[r], first_bin, &p_re, &p_im);
+                re = fused(p_re, rx_re[r], fused(-p_im, rx_im[r], re));
+                im = fused(p_re, rx_im[r], fused(p_im, rx_re[r], im));
+                profile += 2 * n_bins;
+            }
+            realw a_re, a_im;
+            cos_sin_cycles(cycles(length, k), &a_re, &a_im);
+            sum_re = fused(a_re, re, fused(-a_im, im, sum_re));
+            sum_im = fused(a_re, im, fused(a_im, re, sum_im));
+        }
     }
     STOREW(sum_re, at);
     STOREW(sum_im, at + plane);

@@ -123,15 +123,6 @@ __kernel void blocks_of_voxels(const uint n_voxels, const uint n_blocks, const u
     }
 }
 
-/* Rows of one block and frequency, CLR_WIDTH columns of them. */
-static inline void load_rows(const uint n_rows, const uint n_columns, __global const float *g,
-                             realw *re, realw *im) {
-    for (uint i = 0; i < n_rows; ++i) {
-        re[i] = LOADW(g + (size_t)2 * i * n_columns);
-        im[i] = LOADW(g + (size_t)(2 * i + 1) * n_columns);
-    }
-}
-
 /* The reverse of reduce_rows: more rows, times the conjugates of their phasors; the result's rows are the old
  * columns. Item = CLR_WIDTH columns of one frequency of one block.
  *
@@ -146,13 +137,16 @@ __kernel void expand_and_transpose(const uint n_columns, const uint n_m, const u
     const uint column = (uint)get_global_id(0) * CLR_WIDTH, m = (uint)get_global_id(1);
     const uint block = (uint)get_global_id(2);
     if (column >= n_real_columns || m >= n_m || block >= n_blocks) return;
-    realw re[CLR_ROWS], im[CLR_ROWS];
     const size_t at = (size_t)block * n_m + m;
-    load_rows(n_rows, n_columns, g + at * 2 * n_rows * n_columns + column, re, im);
+    row_set rows;
+    rows.g = g + at * 2 * n_rows * n_columns + column;
+    rows.phasors = 0;
+    rows.n_columns = n_columns;
+    hold_rows(&rows, n_rows);
     __global const float *turn = phasors + at * 2 * n_out;
     __global float *out = result + (at * n_real_columns + column) * 2 * n_out;
     for (uint j = 0; j < n_out; j += CLR_TILE) {
-        weighted_sums sum = sum_rows(n_rows, re, im, weights + j, n_out);
+        weighted_sums sum = sum_rows(n_rows, &rows, weights + j, n_out);
 #pragma unroll
         for (uint t = 0; t < CLR_TILE; ++t) {
             const realw cosine = turn[j + t], sine = turn[n_out + j + t];
@@ -181,17 +175,20 @@ __kernel void expand_rows(const uint n_columns, const uint n_m, const uint n_par
     const uint column = (uint)get_global_id(0) * CLR_WIDTH, m = (uint)get_global_id(1);
     const uint parent = (uint)get_global_id(2);
     if (column >= n_columns || m >= n_m || parent >= n_parents) return;
-    realw re[CLR_ROWS], im[CLR_ROWS];
+    row_set rows;
+    rows.phasors = 0;
+    rows.n_columns = n_columns;
     const int begin = ranges[3 * parent], end = ranges[3 * parent + 1];
     int goes_on = ranges[3 * parent + 2];
     __global float *sums =
         result + ((size_t)(first_parent + parent) * n_m + m) * 2 * n_out * n_columns + column;
     for (int block = begin; block < end; ++block, goes_on = 1) {
         const size_t at = (size_t)block * n_m + m;
-        load_rows(n_rows, n_columns, g + at * 2 * n_rows * n_columns + column, re, im);
+        rows.g = g + at * 2 * n_rows * n_columns + column;
+        hold_rows(&rows, n_rows);
         __global const float *turn = phasors + at * 2 * n_phasors;
         for (uint j = 0; j < n_padded; j += CLR_TILE) {
-            const weighted_sums sum = sum_rows(n_rows, re, im, weights + j, n_padded);
+            const weighted_sums sum = sum_rows(n_rows, &rows, weights + j, n_padded);
 #pragma unroll
             for (uint t = 0; t < CLR_TILE; ++t) {
                 if (j + t >= n_out) continue;

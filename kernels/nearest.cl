@@ -47,7 +47,7 @@ __kernel void nearest_hits(const uint n_rays, __global const float *nodes,
     fetch(weights + 2 * soon);
     const hit_record hit = intersect(nodes, triangles, load3(origin + 3 * (size_t)i),
                                   load3(direction + 3 * (size_t)i), FLT_MAX, false);
-    distance[i] = hit.distance;
+    distance[i] = hit.triangle < 0 ? -1.0f : hit.distance;
     face[i] = hit.triangle < 0 ? -1 : face_at(nodes, triangles, hit.triangle);
     weights[2 * (size_t)i] = hit.u;
     weights[2 * (size_t)i + 1] = hit.v;

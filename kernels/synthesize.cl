@@ -145,20 +145,21 @@ static inline dual load_lengths(__global const int2 *p) {
  * moments  float (n_slots, n_pairs, 4, 8)  re, im, and lo of both; undefined where tag is 0
  * sum      float (n_pairs, 4, n_freq)    re, im, lo of both; defined where tag's last row is 1
  *
- * Item = one pair: first_pair + its index in this call.
+ * Item = one pair: first_pair + its index in this call, below n_items.
  * start      uint (items + 1)            first path of each pair in this call
  * length     int2 (n_paths)              float64 metres as lower and upper 32 bits, or, where CLR_IN_PARTS is 1,
  *                                        float2: metres as hi + lo
  * amplitude  float (n_paths)
  * per_half_block  2 / W
  * k_hi, k_lo  k as hi + lo */
-__kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_paths, const uint n_freq,
-                        const uint n_slots, const float block_m, const float per_half_block,
+__kernel void add_paths(const uint n_items, const uint n_pairs, const uint first_pair,
+                        const uint n_paths, const uint n_freq, const uint n_slots, const float block_m, const float per_half_block,
                         const float k_hi, const float k_lo,
                         __global const uint *start, __global const int2 *length,
                         __global const float *amplitude, __global const float *table,
                         __global int *tag, __global float *moments, __global float *sum) {
     const uint item = (uint)get_global_id(0), pair = first_pair + item;
+    if (item >= n_items) return;
     const uint first = start[item], last = start[item + 1];
     const realw magic = 12582912.0f; /* adding it rounds to a whole number */
     const wavenumber k = make_wavenumber((realw)(k_hi), (realw)(k_lo));
@@ -215,6 +216,44 @@ __kernel void add_paths(const uint n_pairs, const uint first_pair, const uint n_
     }
 }
 
+/* What was evicted of a pair, for CLR_WIDTH frequencies. */
+typedef struct {
+    realw re, im, re_lost, im_lost;
+} pair_sum;
+
+static inline pair_sum evicted_of(const uint pair, const uint n, const uint n_pairs, const uint n_freq,
+                                  const uint n_slots, __global const int *tag,
+                                  __global const float *sum) {
+    pair_sum s;
+    s.re = s.im = s.re_lost = s.im_lost = (realw)(0.0f);
+    if (tag[(size_t)n_slots * n_pairs + pair] != 0) {
+        const size_t plane = n_freq;
+        __global const float *at = sum + (size_t)pair * 4 * plane + n;
+        s.re = LOADW(at);
+        s.im = LOADW(at + plane);
+        s.re_lost = LOADW(at + 2 * plane);
+        s.im_lost = LOADW(at + 3 * plane);
+    }
+    return s;
+}
+
+/* Add a block. So few that the rounding errors may add up in float32. */
+static inline void add_block(pair_sum *s, const realw x, const realw y) {
+    const dual a = two_sum(s->re, x), b = two_sum(s->im, y);
+    s->re = a.hi;
+    s->im = b.hi;
+    s->re_lost += a.lo;
+    s->im_lost += b.lo;
+}
+
+static inline void store_sum(const pair_sum s, __global float *out) {
+    const realw re = s.re + s.re_lost, im = s.im + s.im_lost;
+    for (uint lane = 0; lane < CLR_WIDTH; ++lane) {
+        out[2 * lane] = LANE(re, lane);
+        out[2 * lane + 1] = LANE(im, lane);
+    }
+}
+
 /* The sum of a pair's blocks and evicted blocks; the state stays as it is. Item = `columns` frequencies of CLR_PAIRS
  * pairs, which share the phases of their blocks.
  * out      float (n_pairs, n_freq, 2)    re, im */
@@ -223,8 +262,23 @@ __kernel void finish(const uint n_pairs, const uint n_freq, const uint columns, 
                      __global const float *moments, __global const float *sum,
                      __global float *out) {
     const uint begin = columns * (uint)get_global_id(0), first = CLR_PAIRS * (uint)get_global_id(1);
+    if (first >= n_pairs) return;
+#if CLR_PAIRS == 1
+    for (uint n = begin; n < begin + columns && n < n_freq; n += CLR_WIDTH) {
+        const band f = load_band(table, n_freq, n);
+        pair_sum s = evicted_of(first, n, n_pairs, n_freq, n_slots, tag, sum);
+        for (uint slot = 0; slot < n_slots; ++slot) {
+            const size_t at = (size_t)slot * n_pairs + first;
+            if (tag[at] == 0) continue;
+            realw cosine, sine, x, y;
+            block_phase(tag[at] - 1, block_m, f.kappa, &cosine, &sine);
+            block_phasor(moments + at * BLOCK_FLOATS, &f, cosine, sine, &x, &y);
+            add_block(&s, x, y);
+        }
+        store_sum(s, out + 2 * ((size_t)first * n_freq + n));
+    }
+#else
     const uint n_here = n_pairs - first < CLR_PAIRS ? n_pairs - first : CLR_PAIRS;
-    const size_t plane = n_freq;
     uchar used[CLR_PAIRS * CLR_MOST_SLOTS];
     uint n_used[CLR_PAIRS];
     for (uint i = 0; i < n_here; ++i) {
@@ -242,14 +296,7 @@ __kernel void finish(const uint n_pairs, const uint n_freq, const uint columns, 
         for (uint slot = 0; slot < n_slots; ++slot) block[slot] = -1;
         for (uint i = 0; i < n_here; ++i) {
             const uint pair = first + i;
-            realw re = (realw)(0.0f), im = re, re_lost = re, im_lost = re;
-            if (tag[(size_t)n_slots * n_pairs + pair] != 0) {
-                __global const float *at = sum + (size_t)pair * 4 * plane + n;
-                re = LOADW(at);
-                im = LOADW(at + plane);
-                re_lost = LOADW(at + 2 * plane);
-                im_lost = LOADW(at + 3 * plane);
-            }
+            pair_sum s = evicted_of(pair, n, n_pairs, n_freq, n_slots, tag, sum);
             for (uint k = 0; k < n_used[i]; ++k) {
                 const uint slot = used[i * CLR_MOST_SLOTS + k];
                 const size_t at = (size_t)slot * n_pairs + pair;
@@ -259,20 +306,10 @@ __kernel void finish(const uint n_pairs, const uint n_freq, const uint columns, 
                 }
                 realw x, y;
                 block_phasor(moments + at * BLOCK_FLOATS, &f, cosine[slot], sine[slot], &x, &y);
-                /* So few that the rounding errors may add up in float32. */
-                const dual a = two_sum(re, x), b = two_sum(im, y);
-                re = a.hi;
-                im = b.hi;
-                re_lost += a.lo;
-                im_lost += b.lo;
+                add_block(&s, x, y);
             }
-            re += re_lost;
-            im += im_lost;
-            __global float *at = out + 2 * ((size_t)pair * plane + n);
-            for (uint lane = 0; lane < CLR_WIDTH; ++lane) {
-                at[2 * lane] = LANE(re, lane);
-                at[2 * lane + 1] = LANE(im, lane);
-            }
+            store_sum(s, out + 2 * ((size_t)pair * n_freq + n));
         }
     }
+#endif
 }

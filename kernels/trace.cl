@@ -1,6 +1,6 @@
 /* Outgoing rays, bounces and receptions: steps 2 to 6 of the model.
  *
- * Item = one surface sample and one group of transmit antennas. For every visible antenna and ray:
+ * Item = PACK transmit antennas of one surface sample: eight on a CPU, one on a GPU. For every visible antenna and ray:
  *     t_i  unit direction of arrival             n facing it: n.t_i < 0
  *     t_d  = normalise(n + r), r uniform on the unit sphere             (diffuse)
  *     t_m  = t_i - 2 (t_i.n) n                                          (specular)
@@ -36,20 +36,20 @@ static inline dual distance_to(float3 p, __global const float *antenna) {
     return dual_distance(p, load3(antenna), load3(antenna + 3));
 }
 
-/* Distance along the ray at which it enters each sphere of a group of receivers; negative where it
- * does not. A ray that starts inside enters at 0. */
-static inline float8 sphere_entry(__global const float *rx, const uint stride, const float3 o,
+/* Distance along the ray at which it enters each sphere of PACK receivers; negative where it does not. A ray that
+ * starts inside enters at 0. */
+static inline packf sphere_entry(__global const float *rx, const uint stride, const float3 o,
                                   const float3 d, const float radius_squared) {
-    const float8 x = LOAD8(rx) - o.x, y = LOAD8(rx + stride) - o.y,
-                 z = LOAD8(rx + 2 * stride) - o.z;
-    const float8 along = x * d.x + y * d.y + z * d.z;
-    const float8 px = x - along * d.x, py = y - along * d.y, pz = z - along * d.z;
-    const float8 miss_squared = px * px + py * py + pz * pz;
-    const float8 half_chord_squared = radius_squared - miss_squared;
-    const float8 half_chord = sqrt(half_chord_squared > 0.0f ? half_chord_squared : (float8)(0.0f));
-    const float8 entry = along - half_chord;
-    const int8 passed = (half_chord_squared > 0.0f) & (along + half_chord > 0.0f);
-    return passed ? (entry > 0.0f ? entry : (float8)(0.0f)) : (float8)(-1.0f);
+    const packf x = LOAD_PACK(rx) - o.x, y = LOAD_PACK(rx + stride) - o.y,
+                z = LOAD_PACK(rx + 2 * stride) - o.z;
+    const packf along = x * d.x + y * d.y + z * d.z;
+    const packf px = x - along * d.x, py = y - along * d.y, pz = z - along * d.z;
+    const packf miss_squared = px * px + py * py + pz * pz;
+    const packf half_chord_squared = radius_squared - miss_squared;
+    const packf half_chord = sqrt(half_chord_squared > 0.0f ? half_chord_squared : (packf)(0.0f));
+    const packf entry = along - half_chord;
+    const packi passed = (half_chord_squared > 0.0f) & (along + half_chord > 0.0f);
+    return passed ? (entry > 0.0f ? entry : (packf)(0.0f)) : (packf)(-1.0f);
 }
 
 /* Slab test of a ray against the box around all receivers' spheres. */
@@ -63,16 +63,12 @@ static inline bool meets_box(const float3 o, const float3 d, const float4 low, c
 }
 
 /* The largest entry distance of all receivers; negative if the ray meets none. */
-static inline float farthest_entry(__global const float *rx, const uint n_groups, const float3 o,
+static inline float farthest_entry(__global const float *rx, const uint stride, const float3 o,
                                    const float3 d, const float radius_squared) {
     float farthest = -1.0f;
-    for (uint g = 0; g < n_groups; ++g) {
-        const float8 entry =
-            sphere_entry(rx + g * CLR_GROUP, n_groups * CLR_GROUP, o, d, radius_squared);
-        const float4 four = entry.lo > entry.hi ? entry.lo : entry.hi;
-        const float2 two = four.lo > four.hi ? four.lo : four.hi;
-        farthest = larger(farthest, larger(two.x, two.y));
-    }
+#pragma unroll 1
+    for (uint r = 0; r < stride; r += PACK)
+        farthest = larger(farthest, -PACK_LEAST(-sphere_entry(rx + r, stride, o, d, radius_squared)));
     return farthest;
 }
 
@@ -111,17 +107,17 @@ __kernel void trace_rays(
     __global const float *shading, __global const float *geometric, __global const float *point,
     __global const float *sample_alpha, __global const uchar *visible, __global uint *counter,
     __global ulong *key, __global float *path) {
-    const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
-    if (i >= n_samples || group >= n_tx_groups) return;
-    const uint bits = visible[(size_t)i * n_tx_groups + group];
+    const uint first_tx = (uint)get_global_id(0) * PACK, i = (uint)get_global_id(1);
+    if (first_tx >= n_tx || i >= n_samples) return;
+    const uint bits = visible[(size_t)i * n_tx_groups + first_tx / CLR_GROUP] >> first_tx % CLR_GROUP;
     if (bits == 0) return;
     const uint stride = n_rx_groups * CLR_GROUP;
     const float radius_squared = radius * radius;
     uint drawn = 0, absorbed = 0;
 
-    for (uint b = 0; b < CLR_GROUP; ++b) {
+    for (uint b = 0; b < PACK; ++b) {
         if (!(bits & (1u << b))) continue;
-        const uint which_tx = group * CLR_GROUP + b;
+        const uint which_tx = first_tx + b;
         __global const float *tx_m = tx + 6 * (size_t)which_tx;
         const float3 p0 = load3(point + 3 * (size_t)i);
         const dual first_segment = distance_to(p0, tx_m);
@@ -151,22 +147,23 @@ __kernel void trace_rays(
                 const bool last = bounce + 1 == max_bounces;
                 float farthest = -1.0f;
                 if (meets_box(p, t_c, box_low, box_high))
-                    farthest = farthest_entry(rx_columns, n_rx_groups, p, t_c, radius_squared);
+                    farthest = farthest_entry(rx_columns, stride, p, t_c, radius_squared);
                 if (last && farthest < 0.0f) break;
 
                 const float reach = last ? farthest : FLT_MAX;
                 const hit_record hit = intersect(nodes, triangles, o, t_c, reach, false);
-                const float limit = hit.triangle < 0 ? FLT_MAX : hit.distance;
+                const float limit = hit.distance;
 
                 if (farthest >= 0.0f) {
-                    for (uint g = 0; g < n_rx_groups; ++g) {
-                        const float8 entry =
-                            sphere_entry(rx_columns + g * CLR_GROUP, stride, p, t_c, radius_squared);
-                        uint received = lanes8((entry >= 0.0f) & (entry < limit));
+#pragma unroll 1
+                    for (uint r = 0; r < stride; r += PACK) {
+                        const packf entry =
+                            sphere_entry(rx_columns + r, stride, p, t_c, radius_squared);
+                        uint received = PACK_LANES((entry >= 0.0f) & (entry < limit));
                         if (!received) continue;
                         uint slot = atomic_add(counter, popcount(received));
                         for (; received && slot < capacity; received &= received - 1, ++slot) {
-                            const uint which_rx = g * CLR_GROUP + lowest(received);
+                            const uint which_rx = r + lowest(received);
                             __global const float *rx_m = rx + 6 * (size_t)which_rx;
                             const dual segment = distance_to(p, rx_m);
                             const dual total = dual_add(travelled, segment);
@@ -215,6 +212,6 @@ __kernel void trace_rays(
             }
         }
     }
-    atomic_add(counter + 1, drawn);
-    atomic_add(counter + 2, absorbed);
+    if (drawn) atomic_add(counter + 1, drawn);
+    if (absorbed) atomic_add(counter + 2, absorbed);
 }

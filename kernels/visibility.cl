@@ -10,10 +10,12 @@
  * and so is the shaft of each group. What is left is decided for one triangle and the 8 rays of a group
  * at a time. The shafts only save work: what blocks a ray is decided for each ray by itself.
  *
- * On a GPU, item = one point and 8 antennas, one ray after the other.
+ * On a GPU, item = 8 antennas of one point, one ray after the other; neighbouring items have the other antennas of
+ * the point.
  *
- * Half of the points of a closed surface would have their rays go through what it encloses. One ray decides
- * whether a point's side is inside (inside_closed); then no antenna outside of all boxes is visible.
+ * Half of the points of a closed surface would have their rays go through what it encloses. On a CPU one ray decides
+ * whether a point's side is inside (inside_closed); then no antenna outside of all boxes is visible. On a GPU these
+ * rays are traced: they meet the first wall, for all items of a point alike.
  *
  * The origin is lifted off its face by 2 delta towards the antenna (see common/bvh.h), so that
  * its own face and coincident ones are never hit. */
@@ -33,7 +35,7 @@ static inline realw lift_of(const realw above, const float radius) {
     return above < radius ? 0.5f * (radius - above) : (realw)(0.0f);
 }
 
-#if CLR_WIDTH == 8
+#if CLR_WIDE
 
 /* A bundle of antennas, as BUNDLE in clradar/tracing/antenna_packets.py. */
 typedef struct {
@@ -68,9 +70,9 @@ static inline edge8 edge_of(const float8 x, const float8 y, const float8 z, cons
     edge8 e;
     e.x = x;
     e.y = y;
-    e.x_size = absolute8(x);
-    e.y_size = absolute8(y);
-    e.along = fused8(z, (float8)(sense), slack);
+    e.x_size = absolute_pack(x);
+    e.y_size = absolute_pack(y);
+    e.along = fused_pack(z, (float8)(sense), slack);
     return e;
 }
 
@@ -81,9 +83,9 @@ typedef struct {
 
 /* The most that d.q + slack reaches for any d of a shaft. */
 static inline float8 most_of(const edge8 e, const slopes s) {
-    return fused8(e.x_size, s.a_extent,
-                  fused8(e.y_size, s.b_extent,
-                         fused8(e.x, s.a_centre, fused8(e.y, s.b_centre, e.along))));
+    return fused_pack(e.x_size, s.a_extent,
+                  fused_pack(e.y_size, s.b_extent,
+                         fused_pack(e.x, s.a_centre, fused_pack(e.y, s.b_centre, e.along))));
 }
 
 /* A search for the rays of a bundle that something blocks.
@@ -185,9 +187,9 @@ static inline ulong left_open(const search *s, const shaft_block *block, ulong p
         const float *n = (const float *)&b->nx + lane;
         const float8 d0 = along0[g], d1 = along1[g], d2 = along2[g];
         /* Each with its error added: inside an edge where not negative. */
-        const float8 u = fused8(d1, q2[0], fused8(d2, q2[8], fused8(d0, q2[16], LANE(b->eu, lane))));
-        const float8 v = fused8(d1, q1[0], fused8(d2, q1[8], fused8(d0, q1[16], LANE(b->ev, lane))));
-        const float8 size = fused8(d1, n[0], fused8(d2, n[8], d0 * n[16]));
+        const float8 u = fused_pack(d1, q2[0], fused_pack(d2, q2[8], fused_pack(d0, q2[16], LANE(b->eu, lane))));
+        const float8 v = fused_pack(d1, q1[0], fused_pack(d2, q1[8], fused_pack(d0, q1[16], LANE(b->ev, lane))));
+        const float8 size = fused_pack(d1, n[0], fused_pack(d2, n[8], d0 * n[16]));
         const float8 w = size + LANE(sum_error, lane) - (u + v);
         int8 blocked = (u >= 0.0f) & (v >= 0.0f) & (w >= 0.0f) & (size > LANE(b->edge_on, lane)) &
                        (LANE(b->height, lane) < s->distance[g] * size);
@@ -478,22 +480,12 @@ static inline void find_visible(const float3 p, const float3 normal, const float
 
 #else
 
-/* Whether all of a sphere is outside of all boxes. */
-static inline bool beyond(__global const float *bounds, const float3 centre, const float radius) {
-    const float3 low = load3(bounds) - radius, high = load3(bounds + 3) + radius;
-    return centre.x < low.x || centre.y < low.y || centre.z < low.z || centre.x > high.x ||
-           centre.y > high.y || centre.z > high.z;
-}
-
 /* Set the bits of a group of 8 antennas, one ray after the other. */
 static inline void find_visible_of_group(const float3 p, const float3 normal, const uint n_antennas,
                                          const uint stride, const uint group, const float delta,
                                          const float radius, __global const float *nodes,
                                          __global const float *triangles,
                                          __global const float *antennas, __global uchar *out) {
-    __global const float *bounds = nodes + NODE_BOUNDS;
-    const int inner = -(int)nodes[NODE_OUTWARD];
-    bool tested = false, inside = false;
     uint bits = 0;
     for (uint b = 0; b < CLR_GROUP && group * CLR_GROUP + b < n_antennas; ++b) {
         __global const float *at = antennas + group * CLR_GROUP + b;
@@ -502,11 +494,6 @@ static inline void find_visible_of_group(const float3 p, const float3 normal, co
             const float above = dot3(antenna - p, normal) * (float)side;
             if (!(above > -radius)) continue;
             const float3 o = p + normal * ((float)side * 2.0f * delta);
-            if (side == inner && beyond(bounds, antenna, radius)) {
-                if (!tested) inside = inside_closed(nodes, triangles, o, normal * (float)side, delta);
-                tested = true;
-                if (inside) continue;
-            }
             const float3 d = antenna - o + normal * (lift_of(above, radius) * (float)side);
             const float distance = length3(d);
             if (intersect(nodes, triangles, o, d * (1.0f / distance), distance, true).triangle < 0)
@@ -524,12 +511,12 @@ static inline void find(const uint n_samples, const uint n_antennas, const uint 
                         __global const float *triangles, __global const float *antennas,
                         __global const float *point, __global const float *geometric,
                         __global uchar *visible) {
-    const uint i = (uint)get_global_id(0), group = (uint)get_global_id(1);
+    const uint group = (uint)get_global_id(0), i = (uint)get_global_id(1);
     if (i >= n_samples || group >= n_groups) return;
     const float3 p = load3(point + 3 * (size_t)i), normal = load3(geometric + 3 * (size_t)i);
     const uint stride = n_groups * CLR_GROUP;
     __global uchar *out = visible + (size_t)i * n_groups;
-#if CLR_WIDTH == 8
+#if CLR_WIDE
     for (uint g = 0; g < n_groups; ++g) out[g] = 0;
     find_visible(p, normal, delta, radius, nodes, triangles, antennas + 3 * stride, out);
 #else

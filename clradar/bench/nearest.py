@@ -39,7 +39,7 @@ class NearestHits(OnDevice):
         (origins, _), upload = self._rays, self._buffers.upload
         n = len(origins)
         self._tree = upload_tree(self._triangles, [origins.astype(np.float64)], self._buffers)
-        options = TraversalOptions(width=self.device.width, stack=self._tree.stack)
+        options = TraversalOptions(width=self.device.width, **self._tree.traversal)
         self._program = build(self.device, "nearest.cl", options)
         self._uploaded_rays = [upload(a) for a in self._rays]
         self._order = upload(np.arange(n, dtype=np.uint32))

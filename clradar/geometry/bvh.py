@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -76,7 +76,9 @@ class BuildOptions:
 class TraversalOptions:
     """Options of the kernels that include ``common/bvh.h``."""
 
+    nvidia_registers: ClassVar[int] = 96  # without spills (`make gpucheck`)
     width: int
+    wide: bool
     stack: int
     children: int = CHILDREN
     block: int = BLOCK
@@ -194,15 +196,23 @@ class MeshTree:
     ----------
     buffers : list of Buffer
         Nodes and triangles.
+    wide : bool
+        Whether kernels traverse it eight boxes at a time, as a CPU does.
     stack : int
-        Entries of the stack of a traversal, for `TraversalOptions`.
+        Entries of the stack of a traversal.
     delta_m : float32, metres
         Error bound of the triangle test.
     """
 
     buffers: list[Any]
+    wide: bool
     stack: int
     delta_m: np.float32
+
+    @property
+    def traversal(self) -> dict[str, Any]:
+        """Its fields of `TraversalOptions`."""
+        return {"wide": self.wide, "stack": self.stack}
 
 
 def upload_tree(
@@ -211,22 +221,26 @@ def upload_tree(
     """Build the tree of a mesh for rays between it and `ends_m`, shapes (n, 3), metres."""
     delta_m = np.float32(error_bound_m(triangles_m, *ends_m))
     bvh = build_bvh(triangles_m, buffers.device)
-    nodes, triangles, stack = flatten(bvh, triangles_m, float(delta_m))
-    return MeshTree([buffers.upload(nodes), buffers.upload(triangles)], stack, delta_m)
+    nodes, triangles, most_kept, levels = flatten(bvh, triangles_m, float(delta_m))
+    wide = buffers.device.width == 8
+    # In steps, so that scenes of similar depth share their programs.
+    stack = -(-most_kept // 16) * 16 if wide else -(-levels // 8) * 8
+    return MeshTree([buffers.upload(nodes), buffers.upload(triangles)], wide, stack, delta_m)
 
 
 def flatten(
     bvh: Bvh, triangles_m: np.ndarray, delta_m: float
-) -> tuple[np.ndarray, np.ndarray, int]:
+) -> tuple[np.ndarray, np.ndarray, int, int]:
     """Lay out what the kernels read: nodes of eight padded boxes and blocks of triangles.
 
     Returns
     -------
     nodes : ndarray, shape (n_nodes, NODE_ROWS * CHILDREN), float32
     triangles : ndarray, shape (n_blocks * (TRIANGLE_ROWS + 1) * BLOCK,), float32
-    stack : int
-        Entries of the stack of a traversal that keeps all children that it still has to visit, in
-        steps, so that scenes of similar depth share their programs.
+    most_kept : int
+        How many children wait at most in a traversal that keeps each that it still has to visit.
+    levels : int
+        How many nodes are above a leaf at most.
     """
     low, high, child = bvh.low, bvh.high, bvh.child
     levels, most_kept = _collapsed(child, _area(low.T, high.T))
@@ -251,7 +265,7 @@ def flatten(
     nodes.view(np.int32)[0, 7, 0] = len(leaf)
     nodes[0, 7, 1] = outward_side(np.asarray(triangles_m, dtype=np.float32))
     nodes[0, 7, 2:5], nodes[0, 7, 5:8] = nodes[0, 1:4].min(axis=1), nodes[0, 4:7].max(axis=1)
-    return nodes.reshape(len(box), -1), records, -(-most_kept // 16) * 16
+    return nodes.reshape(len(box), -1), records, most_kept, len(levels)
 
 
 def _collapsed(child: np.ndarray, area: np.ndarray) -> tuple[list[np.ndarray], int]:

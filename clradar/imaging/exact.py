@@ -34,6 +34,7 @@ class ExactImager(TiledImager):
 
     kernel_file = "backproject_exact.cl"
     kernel_sizes = ExactSizes
+    gpu_rx_chunk = 30  # 240 bytes
 
     def tiles(self) -> Iterator[Tile]:
         limit_bytes = min(self.device.budget_bytes // 2, self.device.max_buffer_bytes)

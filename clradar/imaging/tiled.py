@@ -47,6 +47,8 @@ class TiledImager:
 
     kernel_file = ""
     kernel_sizes = KernelSizes
+    gpu_rx_chunk = 20
+    """Receivers that an item on a GPU holds in private memory at a time: 240 bytes."""
 
     def __init__(
         self, capture: Capture, grid: VoxelGrid, weights: np.ndarray, device: Device
@@ -56,7 +58,8 @@ class TiledImager:
         self.width = device.width
         self.n_x = -(-grid.counts[0] // self.width) * self.width
         self.k = capture.waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
-        sizes = self.kernel_sizes(self.width, min(RX_CHUNK, capture.array.n_rx))
+        chunk = RX_CHUNK if self.width == 8 else self.gpu_rx_chunk
+        sizes = self.kernel_sizes(self.width, min(chunk, capture.array.n_rx))
         self.program = build(device, self.kernel_file, sizes)
 
     def run(self, progress: Progress | None) -> np.ndarray:

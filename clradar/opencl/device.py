@@ -21,6 +21,9 @@ INSTALL_HINT = (
 MEMORY_SHARE = 0.75
 """Fraction of a device's memory that one call may plan to use; the rest is the runtime's."""
 
+GPU_GROUP_ITEMS = 64
+"""Items of a work-group on a GPU: two warps of NVIDIA's, one or two wavefronts of AMD's."""
+
 _ALIASES = {
     "pocl": "portable computing language",
     "intel": "intel",
@@ -86,6 +89,9 @@ class Device:
     width : int
         Lanes per work-item: 8 on a CPU, where wide vectors pay, and 1 on a GPU, where neighbouring
         items are the lanes.
+    group_items : int
+        Most items of a work-group: 64 on a GPU; 1 on a CPU, where an item is 8 lanes wide and PoCL
+        keeps the private arrays of a whole group on the stack.
     launched : list or None
         Of a device that was opened with ``profiling=True``: the events of its kernels.
 
@@ -102,6 +108,7 @@ class Device:
     queue: Any
     budget_bytes: int
     width: int
+    group_items: int = 1
     programs: dict[Any, Any] = field(default_factory=dict, repr=False)
     launched: list[Any] | None = None
 
@@ -156,6 +163,7 @@ def open_device(
     *,
     memory_limit_bytes: int | None = None,
     width: int | None = None,
+    group_items: int | None = None,
     profiling: bool = False,
 ) -> Device:
     """Open a device, or return the one that is open already.
@@ -171,6 +179,8 @@ def open_device(
         Plan with at most this much device memory; three quarters of the device's by default.
     width : 1 or 8, optional
         Build the kernels for this many lanes per work-item instead of what suits the device's kind.
+    group_items : int, optional
+        Run at most this many items in a work-group instead of what suits the device's kind.
     profiling : bool
         Measure how long kernels run, see `Device.kernel_time_s`.
 
@@ -187,10 +197,10 @@ def open_device(
     True
     """
     if isinstance(device, Device):
-        if memory_limit_bytes is not None or width is not None or profiling:
+        if profiling or any(v is not None for v in (memory_limit_bytes, width, group_items)):
             raise DeviceError(
-                "device: expected its name together with memory_limit_bytes, width or profiling, "
-                "got a clradar.Device, whose limit and width are settled"
+                "device: expected its name together with memory_limit_bytes, width, group_items or "
+                "profiling, got a clradar.Device, for which they are settled"
             )
         return device
     if device is not None and not isinstance(device, str):
@@ -201,8 +211,10 @@ def open_device(
         memory_limit_bytes = checks.whole("memory_limit_bytes", memory_limit_bytes, 1)
     if width not in (None, 1, 8):
         checks.fail("width", "1 or 8 lanes per work-item", repr(width))
+    if group_items is not None:
+        group_items = checks.whole("group_items", group_items, 1)
     info = default_device() if device is None else _select(device, "device")
-    return _open(info.selector, memory_limit_bytes, width, profiling)
+    return _open(info.selector, memory_limit_bytes, width, group_items, profiling)
 
 
 def forget_devices() -> None:
@@ -332,7 +344,11 @@ def _rank(info: DeviceInfo) -> int:
 
 @lru_cache(maxsize=32)
 def _open(
-    selector: str, memory_limit_bytes: int | None, width: int | None, profiling: bool
+    selector: str,
+    memory_limit_bytes: int | None,
+    width: int | None,
+    group_items: int | None,
+    profiling: bool,
 ) -> Device:
     info, dev = next(pair for pair in _found() if pair[0].selector == selector)
     try:
@@ -349,5 +365,7 @@ def _open(
         budget = min(budget, memory_limit_bytes)
     if width is None:
         width = 1 if info.kind == "gpu" else 8
+    if group_items is None:
+        group_items = GPU_GROUP_ITEMS if info.kind == "gpu" else 1
     launched: list[Any] | None = [] if profiling else None
-    return Device(info, context, queue, budget, width, launched=launched)
+    return Device(info, context, queue, budget, width, group_items, launched=launched)

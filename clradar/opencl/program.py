@@ -56,9 +56,9 @@ class Program:
     def launch(self, name: str, global_size: tuple[int, ...], *args: Any) -> None:
         """Run kernel `name` over `global_size` items and wait for it.
 
-        `args` are buffers and numpy scalars in the kernel's order. No result depends on the size of
-        the work-groups: a GPU's driver chooses it; on a CPU each item, which is 8 lanes wide, is a
-        group of its own, since PoCL keeps the private arrays of a whole group on the stack.
+        `args` are buffers and numpy scalars in the kernel's order. Sizes are padded to whole
+        work-groups of up to `Device.group_items`, and kernels do nothing beyond theirs. No result
+        depends on it.
         """
         self.start(name, global_size, *args)()
 
@@ -68,11 +68,12 @@ class Program:
         Later commands run after it. Borrowed arrays must not change until it has run.
         """
         kernel = self.kernels[name]
-        local = None if self.device.info.kind == "gpu" else (1,) * len(global_size)
+        local = group_shape(global_size, self._most_items(kernel))
+        padded = tuple(-(-n // side) * side for n, side in zip(global_size, local, strict=True))
 
         def enqueue() -> Any:
             kernel.set_args(*args)
-            event = cl.enqueue_nd_range_kernel(self.device.queue, kernel, global_size, local)
+            event = cl.enqueue_nd_range_kernel(self.device.queue, kernel, padded, local)
             self.device.queue.flush()
             if self.device.launched is not None:
                 self.device.launched.append(event)
@@ -80,6 +81,15 @@ class Program:
 
         event = self._checked(name, global_size, enqueue)
         return lambda: self._checked(name, global_size, event.wait)
+
+    def _most_items(self, kernel: Any) -> int:
+        """Items of a work-group: what the device wants, and the kernel's registers allow."""
+        wanted = self.device.group_items
+        if wanted == 1:
+            return 1
+        limit = cl.kernel_work_group_info.WORK_GROUP_SIZE
+        (opened,) = self.device.context.devices
+        return min(wanted, int(kernel.get_work_group_info(limit, opened)))
 
     def _checked(self, name: str, global_size: tuple[int, ...], call: Callable[[], Any]) -> Any:
         try:
@@ -94,6 +104,25 @@ class Program:
                 f"device {self.device.info.label}: kernel {name} of {self.file} failed over "
                 f"{global_size} items ({error}); {OTHER_DEVICE_HINT}"
             ) from error
+
+
+def group_shape(global_size: tuple[int, ...], most: int) -> tuple[int, ...]:
+    """Sides of a work-group of at most `most` items: powers of two, the first as long as useful.
+
+    Examples
+    --------
+    >>> from clradar.opencl.program import group_shape
+    >>> group_shape((12, 16384), 64), group_shape((1000,), 64), group_shape((9, 9, 9), 1)
+    ((16, 4), (64,), (1, 1, 1))
+    """
+    shape = []
+    for n in global_size:
+        side = 1
+        while side < n and 2 * side <= most:
+            side *= 2
+        shape.append(side)
+        most //= side
+    return tuple(shape)
 
 
 def build(device: Device, file: str, options: Any) -> Program:
@@ -121,7 +150,7 @@ def build(device: Device, file: str, options: Any) -> Program:
     cached = device.programs.get(key)
     if cached is not None:
         return cached
-    flags = ["-cl-std=CL1.2", *defines(options)]
+    flags = ["-cl-std=CL1.2", *defines(options), *_gpu_flags(device, options)]
     if device.info.is_interpreter:
         # Oclgrind checks the code as written and does not support all that its own optimiser
         # emits. CLR_CHECKED marks the few places that avoid its faults.
@@ -142,6 +171,29 @@ def build(device: Device, file: str, options: Any) -> Program:
     program = Program(device, file, kernels)
     device.programs[key] = program
     return program
+
+
+def nvidia_registers(options: Any) -> int | None:
+    """Most registers of an item on NVIDIA's GPUs, where a program's options say so.
+
+    The compiler then uses so many: it is for programs that take more without need.
+    """
+    most: int | None = getattr(options, "nvidia_registers", None)
+    return most
+
+
+def _gpu_flags(device: Device, options: Any) -> list[str]:
+    """Flags that make a GPU round as a CPU does, and that keep its registers few."""
+    if device.info.kind != "gpu":
+        return []
+    flags = []
+    (opened,) = device.context.devices
+    if opened.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
+        flags.append("-cl-fp32-correctly-rounded-divide-sqrt")
+    most = nvidia_registers(options)
+    if most is not None and "cl_nv_compiler_options" in opened.extensions:
+        flags.append(f"-cl-nv-maxrregcount={most}")
+    return flags
 
 
 def defines(options: Any) -> list[str]:

@@ -166,6 +166,7 @@ class PhasorSum(OnDevice):
             wait = self._program.start(
                 "add_paths",
                 (stop - first,),
+                np.uint32(stop - first),
                 np.uint32(part.stop - part.first),
                 np.uint32(first - part.first),
                 np.uint32(total),

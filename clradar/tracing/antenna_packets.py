@@ -78,7 +78,7 @@ def n_groups(n_antennas: int) -> int:
 
 def items(device: Device, n_points: int, groups: int) -> tuple[int, int]:
     """Over how many items the kernels of ``visibility.cl`` are launched."""
-    return n_points, 1 if device.width == 8 else groups
+    return 1 if device.width == 8 else groups, n_points
 
 
 def _split(positions_m: np.ndarray, members: np.ndarray, most: int) -> Iterator[np.ndarray]:

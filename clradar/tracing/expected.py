@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -37,6 +37,7 @@ RX_FIELDS, TX_FIELDS = 7, 16
 class ExpectedOptions:
     """Options of ``expected.cl``."""
 
+    nvidia_registers: ClassVar[int] = 96
     width: int
     spreading: bool
     group: int = GROUP

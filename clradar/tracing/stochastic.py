@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,6 +29,7 @@ class TraceOptions(TraversalOptions):
     """Options of ``trace.cl``."""
 
     width: int = 1
+    nvidia_registers: ClassVar[int] = 144  # 96 spill
     spreading: bool
     group: int = GROUP
 
@@ -65,7 +67,7 @@ class Tracer(LitSurface):
         self._box = self._reception_box()
         self._counter = self._buffers.zeros(12)
         spreading = self.settings.amplitude == "spreading"
-        options = TraceOptions(stack=self._tree.stack, spreading=spreading)
+        options = TraceOptions(**self._tree.traversal, spreading=spreading)
         self._trace = build(self.device, "trace.cl", options)
 
     def _size_tiles(self) -> None:
@@ -143,11 +145,12 @@ class Tracer(LitSurface):
         s, array = self.settings, self.array
         u = np.uint32
         ground, shading, geometric, _, alpha, visible, points = self._tile
+        items = self._n_tx_groups if self._tree.wide else array.n_tx
         self._buffers.write(alpha, face_alpha[faces])
         self._buffers.write(self._surface[2], face_alpha)
         self._buffers.write(self._counter, np.zeros(3, np.uint32))
         self._trace.launch(
-            "trace_rays", (count, self._n_tx_groups), u(count), u(array.n_tx), u(array.n_rx),
+            "trace_rays", (items, count), u(count), u(array.n_tx), u(array.n_rx),
             u(self._n_tx_groups), u(self._n_rx_groups), u(self._rays_per_sample), u(s.max_bounces),
             u(first), *self._seed_words(), np.float32(s.reception_radius_m),
             np.float32(s.pattern_exponent), self._tree.delta_m, *self._box, u(self._capacity),

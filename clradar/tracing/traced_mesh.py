@@ -22,7 +22,7 @@ class TracedMesh(OnDevice):
     def _prepare_tree(self, triangles_m: np.ndarray, antennas_m: Iterable[np.ndarray]) -> None:
         """Upload the mesh's tree, for rays to any of `antennas_m`, shapes (n, 3)."""
         self._tree = upload_tree(triangles_m, antennas_m, self._buffers)
-        options = VisibilityOptions(width=self.device.width, stack=self._tree.stack)
+        options = VisibilityOptions(width=self.device.width, **self._tree.traversal)
         self._visibility = build(self.device, "visibility.cl", options)
 
     def _find_visible(

@@ -63,18 +63,51 @@ static inline void phasor(realw length, float k_hi, float k_lo, realw *cosine, r
 }
 #endif
 
+/* Rows of one block and frequency, CLR_WIDTH columns of them, times their phasors where there are any. A CPU holds
+ * them in private memory for all sums; a GPU, where that would be far away, reads them again. */
+typedef struct {
+    __global const float *g, *phasors;
+    uint n_columns, n_phasors;
+#if CLR_WIDTH == 8
+    realw re[CLR_ROWS], im[CLR_ROWS];
+#endif
+} row_set;
+
+static inline void read_row(const row_set *rows, const uint i, realw *re, realw *im) {
+    const realw a = LOADW(rows->g + (size_t)2 * i * rows->n_columns);
+    const realw b = LOADW(rows->g + (size_t)(2 * i + 1) * rows->n_columns);
+    *re = a;
+    *im = b;
+    if (!rows->phasors) return;
+    const realw cosine = rows->phasors[i], sine = rows->phasors[rows->n_phasors + i];
+    *re = fused(a, cosine, -(b * sine));
+    *im = fused(a, sine, b * cosine);
+}
+
+/* To be called before sum_rows. */
+static inline void hold_rows(row_set *rows, const uint n_rows) {
+#if CLR_WIDTH == 8
+    for (uint i = 0; i < n_rows; ++i) read_row(rows, i, rows->re + i, rows->im + i);
+#endif
+}
+
 /* Sums over the rows, weighted with CLR_TILE neighbouring columns of the weights. */
 typedef struct {
     realw re[CLR_TILE], im[CLR_TILE];
 } weighted_sums;
 
-static inline weighted_sums sum_rows(const uint n_rows, const realw *re, const realw *im,
+static inline weighted_sums sum_rows(const uint n_rows, const row_set *rows,
                                      __global const float *weights, const uint n_weights) {
     weighted_sums sum;
     for (uint t = 0; t < CLR_TILE; ++t) sum.re[t] = sum.im[t] = 0.0f;
     for (uint i = 0; i < n_rows; ++i) {
         __global const float *w = weights + (size_t)i * n_weights;
-        const realw a = re[i], b = im[i];
+#if CLR_WIDTH == 8
+        const realw a = rows->re[i], b = rows->im[i];
+#else
+        realw a, b;
+        read_row(rows, i, &a, &b);
+#endif
 #pragma unroll
         for (uint t = 0; t < CLR_TILE; ++t) {
             sum.re[t] = fused(a, (realw)(w[t]), sum.re[t]);

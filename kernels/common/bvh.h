@@ -1,4 +1,5 @@
-/* 8-wide bounding volume hierarchy: layout, traversals, and a triangle test whose error is bounded.
+/* 8-wide bounding volume hierarchy: layout, and a triangle test whose error is bounded. The traversals are in
+ * common/traverse_wide.h for a CPU and common/traverse_narrow.h for a GPU; both find the same hits to the bit.
  *
  * nodes: float (n_nodes, CLR_NODE_ROWS, CLR_CHILDREN). A node holds the boxes of up to eight children, each padded
  * by the host by the error bound delta below, so that no box test misses what an exact one finds:
@@ -39,6 +40,9 @@
 #if CLR_CHILDREN != 8 || CLR_BLOCK != 8
 #error "the traversals hold children and triangles in float8"
 #endif
+#ifndef CLR_WIDE
+#error "CLR_WIDE (1: eight children or triangles at a time, 0: one ray with few registers) is missing"
+#endif
 
 #include "common/dual.h"
 #include "common/vector.h"
@@ -69,13 +73,6 @@ static inline float3 rows3(__global const float *slot) {
     return (float3)(slot[0], slot[CLR_BLOCK], slot[2 * CLR_BLOCK]);
 }
 
-/* Prefetch a child that will be visited. */
-static inline void fetch_child(__global const float *nodes, __global const float *triangles,
-                               const int child) {
-    fetch384(child >= 0 ? nodes + (size_t)child * NODE_FLOATS
-                        : triangles + (size_t)-(child + 1) * BLOCK_FLOATS);
-}
-
 /* Component of the cross product of (ay, az) and (by, bz). */
 static inline dual cross_component(realw ay, realw az, realw by, realw bz) {
     return dual_add(exact_product(ay, bz), dual_negative(exact_product(az, by)));
@@ -86,7 +83,7 @@ static inline dual dual_dot(dual ax, dual ay, dual az, dual bx, dual by, dual bz
 }
 
 /* Whether the line o + t d passes through the triangle, decided in doubled precision:
- * u |d.N| = +-T.(d x e2), v |d.N| = +-T.(e1 x d). */
+ * u |d.N| = +-T.(d x e2), v |d.N| = +-T.(e1 x d). One after the other, since a GPU has registers for one. */
 static inline intw inside_triangle(__global const float *slot, const float3 o, const realw dx,
                                    const realw dy, const realw dz) {
     const float3 v0 = rows3(slot), e1 = rows3(slot + ROW_E1), e2 = rows3(slot + ROW_E2);
@@ -94,21 +91,25 @@ static inline intw inside_triangle(__global const float *slot, const float3 o, c
     const dual tx = two_sum((realw)(v0.x), (realw)(-o.x));
     const dual ty = two_sum((realw)(v0.y), (realw)(-o.y));
     const dual tz = two_sum((realw)(v0.z), (realw)(-o.z));
+    const dual size = dual_add(dual_add(exact_product(dx, (realw)(n.x)),
+                                        exact_product(dy, (realw)(n.y))),
+                               exact_product(dz, (realw)(n.z)));
+    const realw sign = size.hi < 0.0f ? (realw)(-1.0f) : (realw)(1.0f);
+    const float slack = 0x1p-22f * larger(dot3(e1, e1), dot3(e2, e2));
     const dual u =
         dual_dot(tx, ty, tz, cross_component(dy, dz, (realw)(e2.y), (realw)(e2.z)),
                  cross_component(dz, dx, (realw)(e2.z), (realw)(e2.x)),
                  cross_component(dx, dy, (realw)(e2.x), (realw)(e2.y)));
+    intw inside = u.hi * sign >= -slack;
+    if (!ANYW(inside)) return inside;
     const dual v =
         dual_dot(tx, ty, tz, cross_component((realw)(e1.y), (realw)(e1.z), dy, dz),
                  cross_component((realw)(e1.z), (realw)(e1.x), dz, dx),
                  cross_component((realw)(e1.x), (realw)(e1.y), dx, dy));
-    const dual size = dual_add(dual_add(exact_product(dx, (realw)(n.x)),
-                                        exact_product(dy, (realw)(n.y))),
-                               exact_product(dz, (realw)(n.z)));
+    inside &= v.hi * sign >= -slack;
+    if (!ANYW(inside)) return inside;
     const dual rest = dual_add(size, dual_negative(dual_add(u, v)));
-    const realw sign = size.hi < 0.0f ? (realw)(-1.0f) : (realw)(1.0f);
-    const float slack = 0x1p-22f * larger(dot3(e1, e1), dot3(e2, e2));
-    return (u.hi * sign >= -slack) & (v.hi * sign >= -slack) & (rest.hi * sign >= -slack);
+    return inside & (rest.hi * sign >= -slack);
 }
 
 /* 1 / d, kept finite so that no product with it is NaN. */
@@ -127,83 +128,158 @@ static inline uint lanes8(int8 v) {
     return (uint)(two.x | two.y);
 }
 
-static inline float8 absolute8(float8 v) {
-    return as_float8(as_int8(v) & 0x7fffffff);
-}
-
 static inline float least8(float8 v) {
     const float4 four = v.lo < v.hi ? v.lo : v.hi;
     const float2 two = four.lo < four.hi ? four.lo : four.hi;
     return smaller(two.x, two.y);
 }
 
+/* Triangles that are tested at a time: on a CPU a block; on a GPU, whose lanes are other rays, one. */
+#if CLR_WIDE
+#define PACK 8
+typedef float8 packf;
+typedef int8 packi;
+typedef loose8 loose_packf;
+typedef loose8i loose_packi;
+#define LOAD_PACK(p) LOAD8(p)
+#define AS_PACKF(v) as_float8(v)
+#define AS_PACKI(v) as_int8(v)
+#define PACK_LANES(v) lanes8(v)
+#define PACK_LEAST(v) least8(v)
+#else
+#define PACK 1
+typedef float packf;
+typedef int packi;
+typedef struct {
+    packf v;
+} loose_packf;
+typedef struct {
+    packi v;
+} loose_packi;
+#define LOAD_PACK(p) (*(p))
+#define AS_PACKF(v) as_float(v)
+#define AS_PACKI(v) as_int(v)
+#define PACK_LANES(v) ((uint)(v))
+#define PACK_LEAST(v) (v)
+#endif
+
+static inline packf absolute_pack(packf v) {
+    return AS_PACKF(AS_PACKI(v) & 0x7fffffff);
+}
+
 /* a b + c and a b - c d, contracted to fused operations where the device has them. */
-static inline float8 fused8(float8 a, float8 b, float8 c) {
+static inline packf fused_pack(packf a, packf b, packf c) {
 #pragma OPENCL FP_CONTRACT ON
     return a * b + c;
 }
 
-static inline float8 cross8(float8 a, float8 b, float8 c, float8 d) {
+static inline packf cross_pack(packf a, packf b, packf c, packf d) {
 #pragma OPENCL FP_CONTRACT ON
     return a * b - c * d;
 }
 
-/* The triangle tests of a block for one origin, turned so that T.N >= 0. */
+/* Dot products of vectors with one. */
+static inline packf along_pack(const packf x, const packf y, const packf z, const float3 d) {
+    return fused_pack(x, (packf)(d.x), fused_pack(y, (packf)(d.y), z * d.z));
+}
+
+/* The tests of PACK triangles of a block for one origin, turned so that T.N >= 0. */
 typedef struct {
-    float8 q2x, q2y, q2z; /* e2 x T */
-    float8 q1x, q1y, q1z; /* T x e1 */
-    float8 nx, ny, nz;    /* N */
-    float8 height;        /* T.N */
-    float8 eu, ev, ew;    /* error bounds at the three edges */
-    float8 edge_on;       /* and of |d.N| */
+    packf q2x, q2y, q2z; /* e2 x T */
+    packf q1x, q1y, q1z; /* T x e1 */
+    packf nx, ny, nz;    /* N */
+    packf height;        /* T.N */
+    packf eu, ev, ew;    /* error bounds at the three edges */
+    packf edge_on;       /* and of |d.N| */
 } block_tests;
 
 /* `x`, `y`, `z` are three axes, cyclic; `o` is given along them. */
 static inline block_tests block_from(__global const float *block, const float3 o, const int x,
                                     const int y, const int z) {
     block_tests s;
-    const float8 tx = LOAD8(block + CLR_BLOCK * x) - o.x, ty = LOAD8(block + CLR_BLOCK * y) - o.y,
-                 tz = LOAD8(block + CLR_BLOCK * z) - o.z;
-    float8 ex = LOAD8(block + ROW_E2 + CLR_BLOCK * x), ey = LOAD8(block + ROW_E2 + CLR_BLOCK * y),
-           ez = LOAD8(block + ROW_E2 + CLR_BLOCK * z);
-    s.q2x = cross8(ey, tz, ez, ty);
-    s.q2y = cross8(ez, tx, ex, tz);
-    s.q2z = cross8(ex, ty, ey, tx);
-    const float8 e2_size = absolute8(ex) + absolute8(ey) + absolute8(ez);
-    ex = LOAD8(block + ROW_E1 + CLR_BLOCK * x);
-    ey = LOAD8(block + ROW_E1 + CLR_BLOCK * y);
-    ez = LOAD8(block + ROW_E1 + CLR_BLOCK * z);
-    s.q1x = cross8(ty, ez, tz, ey);
-    s.q1y = cross8(tz, ex, tx, ez);
-    s.q1z = cross8(tx, ey, ty, ex);
-    s.nx = LOAD8(block + ROW_N + CLR_BLOCK * x);
-    s.ny = LOAD8(block + ROW_N + CLR_BLOCK * y);
-    s.nz = LOAD8(block + ROW_N + CLR_BLOCK * z);
-    s.height = fused8(tx, s.nx, fused8(ty, s.ny, tz * s.nz));
-    const int8 sign = as_int8(s.height) & (int)0x80000000;
-    s.q2x = as_float8(as_int8(s.q2x) ^ sign);
-    s.q2y = as_float8(as_int8(s.q2y) ^ sign);
-    s.q2z = as_float8(as_int8(s.q2z) ^ sign);
-    s.q1x = as_float8(as_int8(s.q1x) ^ sign);
-    s.q1y = as_float8(as_int8(s.q1y) ^ sign);
-    s.q1z = as_float8(as_int8(s.q1z) ^ sign);
-    s.nx = as_float8(as_int8(s.nx) ^ sign);
-    s.ny = as_float8(as_int8(s.ny) ^ sign);
-    s.nz = as_float8(as_int8(s.nz) ^ sign);
-    s.height = absolute8(s.height);
-    const float8 error = 0x1.8p-21f * (absolute8(tx) + absolute8(ty) + absolute8(tz));
+    const packf tx = LOAD_PACK(block + CLR_BLOCK * x) - o.x, ty = LOAD_PACK(block + CLR_BLOCK * y) - o.y,
+                 tz = LOAD_PACK(block + CLR_BLOCK * z) - o.z;
+    packf ex = LOAD_PACK(block + ROW_E2 + CLR_BLOCK * x), ey = LOAD_PACK(block + ROW_E2 + CLR_BLOCK * y),
+           ez = LOAD_PACK(block + ROW_E2 + CLR_BLOCK * z);
+    s.q2x = cross_pack(ey, tz, ez, ty);
+    s.q2y = cross_pack(ez, tx, ex, tz);
+    s.q2z = cross_pack(ex, ty, ey, tx);
+    const packf e2_size = absolute_pack(ex) + absolute_pack(ey) + absolute_pack(ez);
+    ex = LOAD_PACK(block + ROW_E1 + CLR_BLOCK * x);
+    ey = LOAD_PACK(block + ROW_E1 + CLR_BLOCK * y);
+    ez = LOAD_PACK(block + ROW_E1 + CLR_BLOCK * z);
+    s.q1x = cross_pack(ty, ez, tz, ey);
+    s.q1y = cross_pack(tz, ex, tx, ez);
+    s.q1z = cross_pack(tx, ey, ty, ex);
+    s.nx = LOAD_PACK(block + ROW_N + CLR_BLOCK * x);
+    s.ny = LOAD_PACK(block + ROW_N + CLR_BLOCK * y);
+    s.nz = LOAD_PACK(block + ROW_N + CLR_BLOCK * z);
+    s.height = fused_pack(tx, s.nx, fused_pack(ty, s.ny, tz * s.nz));
+    const packi sign = AS_PACKI(s.height) & (int)0x80000000;
+    s.q2x = AS_PACKF(AS_PACKI(s.q2x) ^ sign);
+    s.q2y = AS_PACKF(AS_PACKI(s.q2y) ^ sign);
+    s.q2z = AS_PACKF(AS_PACKI(s.q2z) ^ sign);
+    s.q1x = AS_PACKF(AS_PACKI(s.q1x) ^ sign);
+    s.q1y = AS_PACKF(AS_PACKI(s.q1y) ^ sign);
+    s.q1z = AS_PACKF(AS_PACKI(s.q1z) ^ sign);
+    s.nx = AS_PACKF(AS_PACKI(s.nx) ^ sign);
+    s.ny = AS_PACKF(AS_PACKI(s.ny) ^ sign);
+    s.nz = AS_PACKF(AS_PACKI(s.nz) ^ sign);
+    s.height = absolute_pack(s.height);
+    const packf error = 0x1.8p-21f * (absolute_pack(tx) + absolute_pack(ty) + absolute_pack(tz));
     s.eu = error * e2_size;
-    s.ev = error * (absolute8(ex) + absolute8(ey) + absolute8(ez));
-    s.edge_on = 0x1p-21f * (absolute8(s.nx) + absolute8(s.ny) + absolute8(s.nz));
+    s.ev = error * (absolute_pack(ex) + absolute_pack(ey) + absolute_pack(ez));
+    s.edge_on = 0x1p-21f * (absolute_pack(s.nx) + absolute_pack(s.ny) + absolute_pack(s.nz));
     s.ew = s.eu + s.ev + s.edge_on;
     return s;
 }
 
 typedef struct {
-    float distance; /* negative: nothing within reach */
-    int triangle;   /* its slot */
+    float distance; /* FLT_MAX: nothing within reach */
+    int triangle;   /* its slot; -1: nothing */
     float u, v;
 } hit_record;
+
+/* Hit the triangles of a block at 0 < t < limit if they are nearer than `best`; of two at the same distance the first
+ * in the tree counts, in whatever order they are met. */
+static inline void hit_block(__global const float *triangles, const int block, const float3 o,
+                             const float3 d, const float limit, hit_record *best) {
+#pragma unroll 1
+    for (int column = 0; column < CLR_BLOCK; column += PACK) {
+        __global const float *rows = triangles + (size_t)block * BLOCK_FLOATS + column;
+        const block_tests s = block_from(rows, o, 0, 1, 2);
+        const packf size = along_pack(s.nx, s.ny, s.nz, d);
+        const packf u = along_pack(s.q2x, s.q2y, s.q2z, d), v = along_pack(s.q1x, s.q1y, s.q1z, d);
+        /* A little beyond the best, since the quotient is rounded. */
+        const float reach = best->distance * (1.0f + 0x1p-22f);
+        packi hit = (u >= -s.eu) & (v >= -s.ev) & (u + v <= size + s.ew) & (size > s.edge_on) &
+                    (s.height > 0.0f) & (s.height < limit * size) & (s.height <= reach * size);
+        if (!PACK_LANES(hit)) continue;
+        uint unsure = PACK_LANES(hit & ((u <= s.eu) | (v <= s.ev) | (u + v >= size - s.ew)));
+        int no[PACK] = {0};
+        for (; unsure; unsure &= unsure - 1) {
+            const int lane = lowest(unsure);
+            no[lane] = !FIRSTW(inside_triangle(rows + lane, o, (realw)(d.x), (realw)(d.y),
+                                               (realw)(d.z)));
+        }
+        hit &= ((loose_packi *)no)->v == 0;
+        const packf at = hit ? s.height / size : (packf)(FLT_MAX);
+        const float nearest = PACK_LEAST(at);
+        const uint found = PACK_LANES(hit & (at == nearest));
+        if (!found) continue;
+        const int lane = lowest(found), slot = block * CLR_BLOCK + column + lane;
+        if (nearest < best->distance || (nearest == best->distance && (uint)slot < (uint)best->triangle)) {
+            float weights[3 * PACK];
+            ((loose_packf *)weights)->v = u;
+            ((loose_packf *)(weights + PACK))->v = v;
+            ((loose_packf *)(weights + 2 * PACK))->v = size;
+            best->distance = nearest;
+            best->triangle = slot;
+            best->u = weights[lane] / weights[2 * PACK + lane];
+            best->v = weights[PACK + lane] / weights[2 * PACK + lane];
+        }
+    }
+}
 
 /* Rows of a node with the slabs by which a ray enters a box; it leaves by the opposite ones. */
 typedef struct {
@@ -216,152 +292,8 @@ static inline slabs slabs_of(const float3 inverse) {
                    (inverse.z < 0.0f ? NODE_HIGH : NODE_LOW) + 16};
 }
 
-/* Slab test: boxes of a node that a ray meets within reach, as bits, and where it enters them. */
-static inline uint boxes_hit(__global const float *node, const slabs in, const float3 inverse,
-                             const float3 moved, const float reach, float8 *near) {
-    const int both = NODE_LOW + NODE_HIGH;
-    *near = larger8(larger8(fused8(LOAD8(node + in.x), (float8)(inverse.x), (float8)(moved.x)),
-                            fused8(LOAD8(node + in.y), (float8)(inverse.y), (float8)(moved.y))),
-                    larger8(fused8(LOAD8(node + in.z), (float8)(inverse.z), (float8)(moved.z)),
-                            (float8)(0.0f)));
-    const float8 far = smaller8(
-        smaller8(fused8(LOAD8(node + both - in.x), (float8)(inverse.x), (float8)(moved.x)),
-                 fused8(LOAD8(node + both + 16 - in.y), (float8)(inverse.y), (float8)(moved.y))),
-        smaller8(fused8(LOAD8(node + both + 32 - in.z), (float8)(inverse.z), (float8)(moved.z)),
-                 (float8)(reach)));
-    return lanes8(*near <= far);
-}
-
-/* Dot products of eight vectors with one. */
-static inline float8 along8(const float8 x, const float8 y, const float8 z, const float3 d) {
-    return fused8(x, (float8)(d.x), fused8(y, (float8)(d.y), z * d.z));
-}
-
-/* Closest hit along o + t d, 0 < t < reach; with `any`, the first that is found. Children are visited from near to
- * far. */
-static inline hit_record intersect(__global const float *nodes, __global const float *triangles,
-                                const float3 o, const float3 d, float reach, const bool any) {
-    const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
-    const float3 moved = -o * inverse;
-    const slabs slab = slabs_of(inverse);
-    hit_record best;
-    best.distance = -1.0f;
-    best.triangle = -1;
-    best.u = best.v = 0.0f;
-    int stack[CLR_STACK];
-    float entry[CLR_STACK];
-    int top = 0;
-    int child = 0;
-    for (;;) {
-        if (child >= 0) {
-            __global const float *node = nodes + (size_t)child * NODE_FLOATS;
-            float8 near;
-            uint hit = boxes_hit(node, slab, inverse, moved, reach, &near);
-            if (hit) {
-                __global const int *children = (__global const int *)node;
-                const int one = lowest(hit);
-                hit &= hit - 1;
-                child = children[one];
-                if (!hit) continue;
-                float at[8];
-                ((loose8 *)at)->v = near;
-                float d0 = at[one];
-                const int base = top;
-                do {
-                    const int lane = lowest(hit);
-                    hit &= hit - 1;
-                    int next = children[lane];
-                    float dn = at[lane];
-                    if (dn < d0) {
-                        const int c = child; child = next; next = c;
-                        const float q = d0; d0 = dn; dn = q;
-                    }
-                    int place = top++;
-                    for (; place > base && entry[place - 1] < dn; --place) {
-                        entry[place] = entry[place - 1];
-                        stack[place] = stack[place - 1];
-                    }
-                    entry[place] = dn;
-                    stack[place] = next;
-                    fetch_child(nodes, triangles, next);
-                } while (hit);
-                continue;
-            }
-        } else {
-            const int block = -(child + 1);
-            __global const float *rows = triangles + (size_t)block * BLOCK_FLOATS;
-            const block_tests s = block_from(rows, o, 0, 1, 2);
-            const float8 size = along8(s.nx, s.ny, s.nz, d);
-            const float8 u = along8(s.q2x, s.q2y, s.q2z, d), v = along8(s.q1x, s.q1y, s.q1z, d);
-            int8 hit = (u >= -s.eu) & (v >= -s.ev) & (u + v <= size + s.ew) & (size > s.edge_on) &
-                       (s.height > 0.0f) & (s.height < reach * size);
-            if (any8(hit)) {
-                uint unsure = lanes8(hit & ((u <= s.eu) | (v <= s.ev) | (u + v >= size - s.ew)));
-                int no[8] = {0, 0, 0, 0, 0, 0, 0, 0};
-                for (; unsure; unsure &= unsure - 1) {
-                    const int lane = lowest(unsure);
-                    no[lane] = !FIRSTW(inside_triangle(rows + lane, o, (realw)(d.x), (realw)(d.y),
-                                                       (realw)(d.z)));
-                }
-                hit &= ((loose8i *)no)->v == 0;
-                const float8 at = hit ? s.height / size : (float8)(FLT_MAX);
-                const float nearest = least8(at);
-                /* Of two at the same distance the first stays. */
-                if (nearest < reach || (best.triangle < 0 && any8(hit))) {
-                    const int lane = lowest(lanes8(hit & (at == nearest)));
-                    float weights[24];
-                    ((loose8 *)weights)->v = u;
-                    ((loose8 *)(weights + 8))->v = v;
-                    ((loose8 *)(weights + 16))->v = size;
-                    reach = nearest;
-                    best.distance = nearest;
-                    best.triangle = block * CLR_BLOCK + lane;
-                    best.u = weights[lane] / weights[16 + lane];
-                    best.v = weights[8 + lane] / weights[16 + lane];
-                    if (any) return best;
-                }
-            }
-        }
-        do {
-            if (top == 0) return best;
-            child = stack[--top];
-        } while (entry[top] > reach);
-    }
-}
-
-/* Whether a point is inside a closed surface, by the parity of the faces that one ray to infinity crosses. Then every
- * ray from it to a point outside of all boxes is blocked. False where an edge is too close to the ray, or a face to
- * the point, to count in float32. */
-static inline bool inside_closed(__global const float *nodes, __global const float *triangles,
-                                 const float3 o, const float3 d, const float delta) {
-    const float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
-    const float3 moved = -o * inverse;
-    const slabs slab = slabs_of(inverse);
-    int stack[CLR_STACK];
-    int top = 0, child = 0;
-    uint count = 0;
-    for (;;) {
-        if (child >= 0) {
-            __global const float *node = nodes + (size_t)child * NODE_FLOATS;
-            float8 near;
-            uint hit = boxes_hit(node, slab, inverse, moved, FLT_MAX, &near);
-            for (; hit; hit &= hit - 1) {
-                stack[top] = ((__global const int *)node)[lowest(hit)];
-                fetch_child(nodes, triangles, stack[top++]);
-            }
-        } else {
-            const block_tests s =
-                block_from(triangles + (size_t)-(child + 1) * BLOCK_FLOATS, o, 0, 1, 2);
-            const float8 size = along8(s.nx, s.ny, s.nz, d);
-            const float8 u = along8(s.q2x, s.q2y, s.q2z, d), v = along8(s.q1x, s.q1y, s.q1z, d);
-            const int8 maybe = (u >= -s.eu) & (v >= -s.ev) & (u + v <= size + s.ew) &
-                               (size >= -s.edge_on) & (s.edge_on > 0.0f);
-            const int8 surely = maybe & (u > s.eu) & (v > s.ev) & (u + v < size - s.ew) &
-                                (size > s.edge_on) & (s.height > delta * 0x1p21f * s.edge_on);
-            if (any8(maybe & ~surely)) return false;
-            count += popcount(lanes8(surely));
-        }
-        if (top == 0) return count & 1;
-        child = stack[--top];
-    }
-}
+#if CLR_WIDE
+#include "common/traverse_wide.h"
+#else
+#include "common/traverse_narrow.h"
+#endif

@@ -221,7 +221,7 @@ def test_open_device_refuses(arguments: dict[str, Any], error: type, message: st
 
 
 def test_a_limit_for_a_device_that_is_open_is_not_dropped(device: clradar.Device) -> None:
-    with pytest.raises(DeviceError, match="whose limit and width are settled"):
+    with pytest.raises(DeviceError, match="for which they are settled"):
         open_device(device, memory_limit_bytes=10**6)
 
 

@@ -22,10 +22,13 @@ from typing import Any
 from clradar.geometry.bvh import BuildOptions, TraversalOptions
 from clradar.hand.flesh_field import _FleshOptions
 from clradar.imaging.direct_sum import _Sizes
-from clradar.imaging.exact import ExactSizes
+from clradar.imaging.exact import ExactImager, ExactSizes
+from clradar.imaging.range_profiles import RangeImager
+from clradar.imaging.samples import SampleSizes
+from clradar.imaging.strongest import DepthSizes
 from clradar.imaging.tiled import KernelSizes
 from clradar.imaging.tree_on_device import _ForwardSizes, _KernelSizes
-from clradar.opencl.program import defines
+from clradar.opencl.program import defines, nvidia_registers
 from clradar.opencl.sources import source
 from clradar.phasors.kirchhoff_sum import KirchhoffOptions
 from clradar.phasors.phasor_sum import SynthesizeOptions
@@ -38,23 +41,25 @@ from clradar.tracing.stochastic import TraceOptions
 BUILTINS = Path(__file__).with_name("gpu_builtins.h")
 TABLE = Path(__file__).with_name("gpu_table.json")
 
-STACK = 48
-"""Entries of the stack for the default hand."""
+TRAVERSAL: dict[str, Any] = {"wide": False, "stack": 8}
+"""Of the default hand."""
 
 _BLOCKS: dict[str, Any] = {"width": 1, "rows": 96, "leaf": 16, "points": False}
 
 PROGRAMS: dict[str, Any] = {
     "build.cl": BuildOptions(width=1),
-    "nearest.cl": TraversalOptions(width=1, stack=STACK),
-    "visibility.cl": VisibilityOptions(width=1, stack=STACK),
+    "nearest.cl": TraversalOptions(width=1, **TRAVERSAL),
+    "visibility.cl": VisibilityOptions(width=1, **TRAVERSAL),
     "sample.cl": SampleOptions(width=1),
-    "trace.cl": TraceOptions(stack=STACK, spreading=True),
+    "trace.cl": TraceOptions(**TRAVERSAL, spreading=True),
     "expected.cl": ExpectedOptions(width=1, spreading=True),
     "synthesize.cl": SynthesizeOptions(width=1, in_parts=True, pairs=1),
-    "backproject_exact.cl": ExactSizes(width=1, rx_chunk=94),
-    "backproject_range.cl": KernelSizes(width=1, rx_chunk=94),
+    "backproject_exact.cl": ExactSizes(width=1, rx_chunk=ExactImager.gpu_rx_chunk),
+    "backproject_range.cl": KernelSizes(width=1, rx_chunk=RangeImager.gpu_rx_chunk),
     "backproject_fast.cl": _KernelSizes(**_BLOCKS, far=False),
     "forward_fast.cl": _ForwardSizes(**_BLOCKS, far=False, groups=1),
+    "samples.cl": SampleSizes(width=1),
+    "depth.cl": DepthSizes(width=1),
     "direct_sum.cl": _Sizes(width=1),
     "quadrature.cl": QuadratureOptions(width=1),
     "roughness.cl": RoughnessOptions(width=1),
@@ -121,7 +126,8 @@ def check(file: str) -> dict[str, dict[str, Use]]:
     kernels: dict[str, dict[str, Use]] = {}
     with tempfile.TemporaryDirectory() as folder:
         ptx = _compiled(file, "nvptx64-nvidia-cuda", NVIDIA[0], Path(folder))
-        by_target = {target: _nvidia_uses(ptx, target, Path(folder)) for target in NVIDIA}
+        most = nvidia_registers(PROGRAMS[file])
+        by_target = {target: _nvidia_uses(ptx, target, most, Path(folder)) for target in NVIDIA}
         for target, most_waves in AMD.items():
             assembly = _compiled(file, "amdgcn-amd-amdhsa", target, Path(folder))
             by_target[target] = _amd_uses(assembly, most_waves)
@@ -156,11 +162,13 @@ def _ptxas() -> str:
     return str(Path(next(iter(nvidia.cuda_nvcc.__path__))) / "bin" / "ptxas")
 
 
-def _nvidia_uses(ptx: str, target: str, folder: Path) -> dict[str, Use]:
+def _nvidia_uses(ptx: str, target: str, most: int | None, folder: Path) -> dict[str, Use]:
     (folder / "in.ptx").write_text(ptx, encoding="utf-8")
+    limit = [] if most is None else [f"--maxrregcount={most}"]
     said = _run(
-        _ptxas(), "-v", f"-arch={target}", "-c", str(folder / "in.ptx"), "-o", str(folder / "out")
-    )
+        _ptxas(), "-v", f"-arch={target}", *limit, "-c", str(folder / "in.ptx"),
+        "-o", str(folder / "out"),
+    )  # fmt: skip
     code = {
         part.split("(")[0].strip(): part
         for part in re.split(r"^\.visible \.entry ", ptx, flags=re.MULTILINE)[1:]
@@ -195,7 +203,8 @@ def _amd_uses(assembly: str, most_waves: int) -> dict[str, Use]:
             _numbers(rf"{of}{name}: +(\d+)", assembly)[0]
             for name in ("private_segment_fixed_size", "vgpr_count", "vgpr_spill_count")
         )
-        bytes_loaded = len(re.findall(r"_load_\w*(?:ubyte|sbyte|[ui]8)\b", part.split(".section")[0]))
+        code = part.split(".section")[0]
+        bytes_loaded = len(re.findall(r"_load_\w*(?:ubyte|sbyte|[ui]8)\b", code))
         occupancy = round(100 * waves / most_waves)
         uses[kernel] = Use(registers, stack, 4 * spilled, bytes_loaded, occupancy)
     return uses

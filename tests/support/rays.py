@@ -20,7 +20,9 @@ def seen(mesh, point, normal, tx, device) -> np.ndarray:
     """Visibility of antennas from points, shape (n_points, n_tx), from `visible_antennas`."""
     vertices, faces = mesh
     groups = n_groups(len(tx))
-    program = build(device, "visibility.cl", VisibilityOptions(width=device.width, stack=STACK))
+    wide = device.width == 8
+    options = VisibilityOptions(width=device.width, wide=wide, stack=STACK)
+    program = build(device, "visibility.cl", options)
     with Buffers(device) as buffers:
         tree = upload_tree(vertices[faces], [tx, point], buffers)
         assert tree.stack <= STACK
