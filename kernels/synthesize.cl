@@ -153,8 +153,9 @@ static inline dual load_lengths(__global const int2 *p) {
  * per_half_block  2 / W
  * k_hi, k_lo  k as hi + lo */
 __kernel void add_paths(const uint n_items, const uint n_pairs, const uint first_pair,
-                        const uint n_paths, const uint n_freq, const uint n_slots, const float block_m, const float per_half_block,
-                        const float k_hi, const float k_lo,
+                        const uint n_paths, const uint n_freq, const uint n_slots,
+                        const float block_m, const float per_half_block, const float k_hi,
+                        const float k_lo,
                         __global const uint *start, __global const int2 *length,
                         __global const float *amplitude, __global const float *table,
                         __global int *tag, __global float *moments, __global float *sum) {
