@@ -20,22 +20,18 @@ class PicturesTab:
     """Maximum projection, depth map, and beside a second image the difference in depth."""
 
     def __init__(self, controls: Controls) -> None:
-        self._projection, self._depth, self._difference = (controls.html() for _ in range(3))
+        self._drawings = controls.html()
 
     def show(self, shown: Shown) -> None:
         image, at_m = shown.chosen.picture.image, shown.wish.at_m
         marked_mm = None if at_m is None else (1e3 * at_m[0], 1e3 * at_m[1])
-        assign(self._projection, "content", projection_drawing(image, marked_mm))
-        assign(self._depth, "content", depth_drawing(image, marked_mm))
-        difference = ""
+        drawn = projection_drawing(image, marked_mm) + depth_drawing(image, marked_mm)
         if shown.second is not None:
             try:
-                difference = difference_drawing(
-                    shown.first.picture.image, shown.second.picture.image
-                )
+                drawn += difference_drawing(shown.first.picture.image, shown.second.picture.image)
             except CompareError:
-                difference = "No difference in depth: the two volumes are on different voxels."
-        assign(self._difference, "content", difference)
+                drawn += "No difference in depth: the two volumes are on different voxels."
+        assign(self._drawings, "content", drawn)
 
 
 class SlicesTab:
@@ -48,15 +44,14 @@ class SlicesTab:
         strongest = gui.add_button("To the strongest voxel")
         strongest.on_click(lambda _: session.change(at_m=None))
         gui.add_markdown("A click on a point in the scene puts the slices there.")
-        self._drawings = [controls.html() for _ in range(3)]
+        self._drawings = controls.html()
 
     def show(self, shown: Shown) -> None:
         volume = shown.chosen.volume
         at_m = shown.wish.at_m or strongest_m(volume)
         assign(self._place, "value", tuple(round(1e3 * value, 3) for value in at_m))
         drawn = slice_drawings(volume, at_m, shown.wish.dynamic_range_db)
-        for control, drawing in zip(self._drawings, drawn, strict=True):
-            assign(control, "content", drawing)
+        assign(self._drawings, "content", "".join(drawn))
 
     def _typed_m(self) -> tuple[float, float, float]:
         x, y, z = self._place.value
@@ -73,7 +68,7 @@ class ChannelsTab:
         self._rx = gui.add_slider("Rx", 0, max(1, array.n_rx - 1), 1, session.wish.rx)
         controls.on(self._tx, lambda: session.change(tx=int(self._tx.value)))
         controls.on(self._rx, lambda: session.change(rx=int(self._rx.value)))
-        self._drawings = [controls.html() for _ in range(4)]
+        self._drawings = controls.html()
         self._shown: tuple[Capture, int, int] | None = None
 
     def show(self, shown: Shown) -> None:
@@ -83,8 +78,7 @@ class ChannelsTab:
         self._shown = (content, tx, rx)
         for control, n in ((self._tx, content.array.n_tx), (self._rx, content.array.n_rx)):
             assign(control, "max", max(1, n - 1))
-        for control, drawing in zip(self._drawings, pair_drawings(content, tx, rx), strict=True):
-            assign(control, "content", drawing)
+        assign(self._drawings, "content", "".join(pair_drawings(content, tx, rx)))
 
     def _is_shown(self, capture: Capture, tx: int, rx: int) -> bool:
         return self._shown is not None and self._shown[0] is capture and self._shown[1:] == (tx, rx)
