@@ -109,6 +109,7 @@ def test_sim_vs_measurement(folder: Path, output_of: OutputOf) -> None:
         assert part in page
 
 
+@pytest.mark.slow
 def test_train_letters_and_poses(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output_of: OutputOf
 ) -> None:
@@ -182,6 +183,7 @@ def test_tutorial_maroon(folder: Path, output_of: OutputOf) -> None:
     assert is_picture(folder / "maroon.png")
 
 
+@pytest.mark.slow
 def test_tutorial_simulation_beside_recording(folder: Path, output_of: OutputOf) -> None:
     *_, given, registered = output_of("tutorials/4_simulation_beside_recording.py")
     assert numbers(registered)[0] > max(0.95, numbers(given)[0] + 0.1)

@@ -90,7 +90,7 @@ def output_of(code: str, system: str, folder: Path) -> str:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="what other systems lack is taken from Linux")
-@pytest.mark.parametrize("system", ["win32", "darwin"])
+@pytest.mark.parametrize("system", ["win32", pytest.param("darwin", marks=pytest.mark.slow)])
 class TestSimulated:
     def test_every_module_can_be_imported(self, system: str, tmp_path: Path) -> None:
         assert output_of(IMPORT_ALL, system, tmp_path) == "True\n"

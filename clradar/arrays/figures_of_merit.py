@@ -108,6 +108,7 @@ def array_figures(
     if within > 90 or level >= 0:
         checks.fail("array_figures", "within_deg up to 90, level_db below 0", (within, level))
     frequencies_hz = _chosen(waveform)
+    found = lobes(array, frequencies_hz, focus, within, level)
     across_m = 2 * float(np.linalg.norm(focus))
     along_m = 0.99 * float(focus[2] - foremost_m)
     width_x, width_y, width_z = (
@@ -119,7 +120,7 @@ def array_figures(
         (width_x, width_y, width_z),
         waveform.range_resolution_m,
         waveform.unambiguous_range_m,
-        lobes(array, frequencies_hz, focus, within, level),
+        found,
         within,
     )
 

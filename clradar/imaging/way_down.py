@@ -73,7 +73,9 @@ class WayDown:
         self.tree, self.buffers = tree, tree.buffers
         self._held: list[Any] = []
         self.n_values = int(np.prod(tree.blocks.counts))
-        self.volume = self._empty(4 * (2 * self.n_values + LANES))
+        # Zeros, since the last lanes of `strongest_along_z` read beyond the values.
+        self.volume = self.buffers.zeros(4 * (2 * self.n_values + LANES))
+        self._held.append(self.volume)
         info = self.buffers.device.info
         most_bytes = min(MOST_SCRATCH_BYTES, tree.chunk_bytes)
         self._striped = [

@@ -84,8 +84,8 @@ class Given:
         for i, frame in enumerate(self._frames):
             bad = inbox.counts.bad
             inbox.put(Arrived(frame, f"frame {i}", 0.0))
-            while not self.shown.acquire(timeout=0.01):
-                if stop.is_set() or inbox.counts.bad > bad:
+            while not self.shown.acquire(blocking=False):
+                if stop.wait(0.01) or inbox.counts.bad > bad:
                     break
 
 

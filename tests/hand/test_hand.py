@@ -561,6 +561,7 @@ def test_crossing_faces_are_found():
 # --- images
 
 
+@pytest.mark.slow
 def test_an_image_depends_on_the_triangles_no_more_than_on_the_seed():
     # 10 000 and 60 000 faces; benchmarks/tessellation.py has more alphas and poses, and more rays.
     edges_m, seeds = (3.44e-3, 1.405e-3), (0, 1)

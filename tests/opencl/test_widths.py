@@ -65,9 +65,8 @@ def test_same_captures_and_images(one, eight) -> None:
         assert error <= WIDTH_TOLERANCE
 
 
-@pytest.mark.parametrize(
-    "items", [64, *(pytest.param(items, marks=pytest.mark.slow) for items in (32, 256))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("items", [32, 64, 256])
 def test_work_groups_change_no_bit(one, items) -> None:
     many = results_on(clradar.open_device("pocl", width=1, group_items=items))
     np.testing.assert_array_equal(many.paths.length_m, one.paths.length_m)

@@ -230,6 +230,7 @@ def test_doubts_are_remarked(found):
     assert doubtful.to_dict()["remarks"] == [still, beyond, other]
 
 
+@pytest.mark.slow
 def test_start_does_not_matter_and_depth_maps_do(measured, hand, found):
     """From a metre away, and from the depth map alone: the same minimum, to the convergence."""
     away = motion((0.0, 0.0, 10.0), (0.4, -0.7, 0.5))
@@ -266,6 +267,7 @@ def test_sphere_moves_without_turning():
     assert np.linalg.norm(moved_m - [0.008, -0.005, 0.003]) < POSITION_M
 
 
+@pytest.mark.slow
 def test_plate_beyond_the_image_keeps_unobservable_directions():
     """Edges in the image would make the shift observable."""
     vertices, faces = plate(0.2, 0.3, 6)

@@ -109,6 +109,7 @@ def other_fingers(names: tuple[str, ...], by_deg: float) -> clradar.Scene:
     return clradar.Scene(mesh.vertices_m + shift_m, mesh.faces, 0.3, mesh.part, mesh.part_names)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:register. an overlap of:clradar.ClradarWarning")
 def test_fingers_bent_otherwise_widen_the_standard_deviation_and_are_named(measured):
     """Three by 15 degrees: an error of a millimetre had a standard deviation of 0.3 mm."""

@@ -831,11 +831,10 @@ def test_all_examples_are_tried() -> None:
         assert read_layout(path).source.endswith(path.name)
 
 
-def test_the_page_shows_the_examples_that_ship(tmp_path: Path) -> None:
+def test_the_page_shows_an_example_that_ships(tmp_path: Path) -> None:
     page = (EXAMPLES.parents[1] / "docs" / "layouts.md").read_text(encoding="utf-8")
     blocks = [part.split("```")[0] for part in page.split("```toml\n")[1:]]
-    names = ("split_parts", "matlab_struct", "pairs_and_frames")
-    for name, block in zip(names, blocks, strict=True):
+    for name, block in zip(("pairs_and_frames",), blocks, strict=True):
         (tmp_path / f"{name}.toml").write_text(block)
         shown, shipped = (read_layout(d / f"{name}.toml").plain() for d in (tmp_path, EXAMPLES))
         assert {**shown, "source": ""} == {**shipped, "source": ""}
