@@ -36,7 +36,8 @@ fuzz: $(VENV)/.installed-fuzz
 
 # Oclgrind shows up as a device where it is installed, so it has an environment of its own.
 memcheck: $(VENV)-memcheck/.installed
-	$(VENV)-memcheck/bin/python -m pytest -m memcheck --timeout 3600 tests/opencl/test_memcheck.py
+	$(VENV)-memcheck/bin/python -m pytest -m memcheck --timeout 3600 tests/opencl/test_memcheck.py \
+		$(if $(LANES),-k "known_fault or $(LANES)")
 
 # What compilers for GPUs make of the kernels, in an environment of its own (clang and ptxas from PyPI, 500 MB;
 # no root, no GPU). Fails where it differs from the table in the repository; GPUCHECK=--write writes that.

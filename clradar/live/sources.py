@@ -262,11 +262,12 @@ class _Stream:
         deadline_s = time.perf_counter() + SILENT_S
         done = 0
         while done < len(into):
+            # Also while frames keep coming: a steady sender never lets a wait time out.
+            if self._stop.is_set():
+                raise TimeoutError
             try:
                 n = self._connection.recv_into(into[done:])
             except TimeoutError:
-                if self._stop.is_set():
-                    raise
                 if time.perf_counter() > deadline_s:
                     raise MeasurementError(
                         f"{self.peer}: nothing complete came for {SILENT_S:g} s"

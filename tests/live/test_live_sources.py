@@ -8,6 +8,7 @@ import socket
 import struct
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -172,6 +173,23 @@ def test_of_a_sender_that_is_too_fast_the_newest_frame_is_left(listening: Listen
         counts = listening.inbox.wait_for(lambda counts: counts.arrived == 200)
     assert counts.dropped == 199
     assert value_of(listening.inbox.take()) == 199
+
+
+def test_listening_ends_while_a_sender_sends_on(listening: Listening) -> None:
+    with listening.connect() as connection:
+        connection.sendall(HELLO.encoded())
+
+        def send_on() -> None:
+            with suppress(OSError):  # that the connection has ended
+                while True:
+                    connection.sendall(sent(0, 1))
+
+        sender = threading.Thread(target=send_on)
+        sender.start()
+        listening.inbox.wait_for(lambda counts: counts.arrived >= 3)
+        listening.stop()
+        sender.join()
+    assert not sender.is_alive()
 
 
 def test_a_frame_that_is_not_finite_is_left_out(listening: Listening) -> None:
