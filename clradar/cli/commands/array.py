@@ -10,7 +10,7 @@ from clradar.cli.opening import open_written, require_picture
 from clradar.cli.options.common import ForceOption, OpenOption
 from clradar.cli.options.groups import argument, option, output_option
 from clradar.cli.options.radar import ARRAY_HELP, BandOptions, RadarOptions
-from clradar.cli.options.values import check_unit, finite, numbers, wrong_usage
+from clradar.cli.options.values import check_unit, position_m
 from clradar.cli.outputs import check_figure, check_outputs
 
 if TYPE_CHECKING:
@@ -62,24 +62,23 @@ def command(
     open_written(show, output)
 
 
-def _focus(text: str) -> tuple[float, float, float]:
-    values = numbers(text, ",")
-    if len(values) != 3 or not finite(values):
-        raise wrong_usage("--at-mm", f"expected X,Y,Z, got '{text}'")
-    for value in values:
-        check_unit("--at-mm", "a coordinate", abs(value), (0.0, FARTHEST_M), "mm")
-    x, y, z = (value / 1e3 for value in values)
-    return x, y, z
+def _focus(text: str) -> list[float]:
+    focus_m = position_m("--at-mm", text)
+    for value_m in focus_m:
+        check_unit("--at-mm", "a coordinate", 1e3 * abs(value_m), (0.0, FARTHEST_M), "mm")
+    return focus_m
 
 
 def _print_figures(name: str, n_tx: int, n_rx: int, found: ArrayFigures) -> None:
+    from clradar.arrays.figures_of_merit import LEVEL_DB
+
     at = ", ".join(f"{1e3 * value:g}" for value in found.focus_m)
     widths = ", ".join(f"{a} {_mm(w)}" for a, w in zip("xyz", found.resolution_m, strict=True))
     print_line(f"{name}: {n_tx} Tx, {n_rx} Rx, focused on {at} mm")
     print_line(f"resolution (-3 dB): {widths}; c/2B {_mm(found.range_cell_m)}")
     print_line(f"unambiguous range c/2df: {_mm(found.unambiguous_range_m)}")
     if not found.lobes:
-        print_line("no other lobe above -20 dB")
+        print_line(f"no other lobe above {LEVEL_DB:g} dB")
         return
     rows = [
         (

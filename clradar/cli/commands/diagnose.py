@@ -13,7 +13,7 @@ from clradar.cli.options.common import CaptureArgument, DeviceOption, ForceOptio
 from clradar.cli.options.groups import given, option, output_option, recorded
 from clradar.cli.options.imaging import GridOptions, axis_option, grid_text
 from clradar.cli.options.recording import FrameOptions
-from clradar.cli.options.values import finite, numbers, wrong_usage
+from clradar.cli.options.values import position_m
 from clradar.cli.outputs import check_figure, check_outputs, save
 from clradar.cli.provenance import provenance
 from clradar.cli.titles import title_of
@@ -74,7 +74,7 @@ def command(
     from clradar import open_device
     from clradar.plot import save_figure
 
-    expected_m = _position_m(expect_mm)
+    expected_m = None if expect_mm is None else position_m("--expect-mm", expect_mm)
     grid = voxels.grid(COARSE_GRID_MM) if given(voxels) else None
     require_picture(show, "-o", files.output)
     check_figure(files.output)
@@ -128,15 +128,6 @@ def write_fixed(
     if not result.decided:
         others = " / ".join(f"'{h.label}'" for h in result.candidates[1:])
         print_warning(f"{path}: {others} cannot be ruled out")
-
-
-def _position_m(text: str | None) -> list[float] | None:
-    if text is None:
-        return None
-    found = numbers(text)
-    if len(found) != 3 or not finite(found):
-        raise wrong_usage("--expect-mm", f"expected X,Y,Z in millimetres, got '{text}'")
-    return [value / 1e3 for value in found]
 
 
 def print_scores(result: Diagnosis) -> None:

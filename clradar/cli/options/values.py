@@ -46,6 +46,14 @@ def numbers(text: str, separator: str = ",") -> list[float]:
         return []
 
 
+def position_m(option: str, text: str) -> list[float]:
+    """The metres of a position ``X,Y,Z`` in millimetres."""
+    found = numbers(text)
+    if len(found) != 3 or not finite(found):
+        raise wrong_usage(option, f"expected X,Y,Z in millimetres, got '{text}'")
+    return [value / 1e3 for value in found]
+
+
 def alpha_or_fit(text: str) -> float | None:
     """The alpha of an option, or None for `fit`."""
     if text == FIT:
