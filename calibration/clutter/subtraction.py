@@ -7,7 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from calibration.clutter.delay_profiles import (
+    averaging_loss_db,
+    delay_profiles,
+    path_lengths_m,
+)
 from clradar.errors import warn
 from clradar.model import Capture, checks
 from clradar.model.capture import check_same_radar
@@ -21,8 +25,10 @@ RESIDUAL_FLOOR = 1e-12
 """Smallest residual power of a delay bin, relative to the mean: bounds the weights."""
 
 
-def average_frames(captures: Iterable[Capture], *, align_phase: bool = False) -> Capture:
-    """Average frames of a static scene coherently.
+def average_frames(
+    captures: Iterable[Capture], *, align_phase: bool = False, max_loss_db: float = 1.0
+) -> Capture:
+    """Average frames of a static scene coherently, those that agree.
 
     Parameters
     ----------
@@ -31,21 +37,32 @@ def average_frames(captures: Iterable[Capture], *, align_phase: bool = False) ->
     align_phase : bool
         Rotate every frame by the phase that maximises its correlation with the sum of those before
         it. For a phase drift common to all channels; a change of the scene would be rotated, too.
+    max_loss_db : float, decibel
+        A frame is left out where echoes of any delay would be this much weaker in its mean with
+        the average of those before it: something moved, or the generator drifted. A noisy echo is
+        no weaker than others.
 
     Returns
     -------
     Capture
-        With the metadata in which all frames agree; `meta["average"]` holds the number of frames
-        and the phases by which they were rotated, radians.
+        With the metadata in which all frames agree; `meta["average"]` holds the number of frames,
+        the phases by which they were rotated, radians, and the frames that were left out, counted
+        from 0.
 
     Raises
     ------
     ModelError
         No frame, something that is not a capture, other antennas or frequencies than the first.
 
+    Warns
+    -----
+    ClradarWarning
+        Frames that do not agree are left out.
+
     Notes
     -----
     Summed in complex128. Noise that is independent from frame to frame goes down by 10 log10(n) dB.
+    How the loss is told from noise: `clutter.delay_profiles.averaging_loss_db`.
 
     Examples
     --------
@@ -64,6 +81,10 @@ def average_frames(captures: Iterable[Capture], *, align_phase: bool = False) ->
     total = np.zeros(0, np.complex128)
     common: dict[str, Any] = {}
     rotated_rad: list[float] = []
+    profiles = np.zeros(0, np.complex64)
+    left_out: list[int] = []
+    worst = (0.0, 0)
+    max_loss_db = checks.positive("average_frames: max_loss_db", max_loss_db)
     for number, capture in enumerate(captures):
         field = f"average_frames: frame {number}"
         checks.instance(field, capture, Capture)
@@ -72,20 +93,37 @@ def average_frames(captures: Iterable[Capture], *, align_phase: bool = False) ->
             total = capture.data.astype(np.complex128)
             common = dict(capture.meta)
             rotated_rad.append(0.0)
+            profiles = delay_profiles(capture)
             continue
         check_same_radar(field, capture, first)
-        common = {k: v for k, v in common.items() if k in capture.meta and capture.meta[k] == v}
         phase = float(np.angle(_inner(capture.data, total))) if align_phase else 0.0
-        rotated_rad.append(phase)
         phasor = np.exp(1j * phase)
-        for tx, row in enumerate(capture.data):
-            total[tx] += phasor * row.astype(np.complex128)
+        own = np.complex64(phasor) * delay_profiles(capture)
+        loss_db, delay_bin = averaging_loss_db(own, profiles / np.float32(len(rotated_rad)))
+        if loss_db > max_loss_db:
+            left_out.append(number)
+            worst = max(worst, (loss_db, delay_bin))
+            continue
+        profiles += own
+        common = {k: v for k, v in common.items() if k in capture.meta and capture.meta[k] == v}
+        rotated_rad.append(phase)
+        for tx in range(len(total)):  # no name for a row, which would keep the frame
+            total[tx] += phasor * capture.data[tx].astype(np.complex128)
     if first is None:
         checks.fail("average_frames", "at least one frame", "none")
     total /= len(rotated_rad)
     record: dict[str, Any] = {"frames": len(rotated_rad), "align_phase": bool(align_phase)}
     if align_phase:
         record["turned_rad"] = rotated_rad
+    if left_out:
+        record["left_out"] = left_out
+        range_mm = 500 * path_lengths_m(first.waveform)[worst[1]]
+        warn(
+            f"{len(left_out)} of {len(left_out) + len(rotated_rad)} frames left out of the "
+            f"average (the first: number {left_out[0]}, counted from 0), since they do not agree "
+            f"with those before: echoes from {range_mm:.0f} mm would be {worst[0]:.1f} dB "
+            "weaker. Something moved, or the phase drifted, which align_phase takes out"
+        )
     return Capture(total, first.array, first.waveform, {**common, "average": record})
 
 
@@ -177,7 +215,7 @@ def _fitted(
     capture: Capture, empty: Capture, *, per_channel: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Factors of Tx and Rx that bring the empty capture nearest to the other."""
-    measured, known = _profiles(capture), _profiles(empty)
+    measured, known = delay_profiles(capture), delay_profiles(empty)
     tx = np.ones(capture.array.n_tx, np.complex128)
     rx = np.ones(capture.array.n_rx, np.complex128)
     power_in_bin = np.stack([(np.abs(k) ** 2).mean(axis=0) for k in known]).mean(axis=0)
@@ -220,23 +258,6 @@ def _rank_one_factors(
 
 def _quotient(above: np.ndarray, below: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
     return np.divide(above, below, out=otherwise.copy(), where=below > 0)
-
-
-def _profiles(capture: Capture) -> np.ndarray:
-    """Delay profiles, Hann window, shape (n_tx, n_rx, n_freq), complex64."""
-    waveform = capture.waveform
-    offsets_hz = waveform.frequencies_hz - waveform.center_hz
-    count = waveform.n_freq
-    path_m = np.arange(count) * SPEED_OF_LIGHT_M_PER_S / max(waveform.span_hz, 1.0)
-    path_m *= (count - 1) / count if count > 1 else 1.0
-    cycles = np.outer(offsets_hz, path_m) / SPEED_OF_LIGHT_M_PER_S
-    # Without the two zeros at the ends, which would discard samples (all of them for two).
-    window = np.hanning(count + 2)[1:-1]
-    transform = window[:, None] * np.exp(2j * np.pi * cycles) / np.sqrt(count)
-    profiles = np.empty(capture.data.shape, np.complex64)
-    for out, row in zip(profiles, capture.data, strict=True):
-        out[:] = row.astype(np.complex128) @ transform
-    return profiles
 
 
 def _inner(a: np.ndarray, b: np.ndarray) -> complex:

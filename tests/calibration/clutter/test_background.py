@@ -15,9 +15,10 @@ from recorder import Recorder, Recording
 
 import clradar
 from calibration import average_frames, gate, range_gate, subtract_background
+from calibration.clutter.delay_profiles import averaging_loss_db, delay_profiles, path_lengths_m
 from clradar import AntennaArray, Capture, VoxelGrid, Wall, Waveform, backproject
 from clradar.cli import main
-from clradar.errors import MeasurementError, ModelError
+from clradar.errors import ClradarWarning, MeasurementError, ModelError
 from measurement_io import open_capture, save_capture
 
 C = 299_792_458.0
@@ -95,7 +96,7 @@ def test_frames_are_taken_one_at_a_time() -> None:
         for i in range(20):
             # The first is kept, and the one before until this one takes its name.
             assert sum(ref() is not None for ref in alive) <= 2
-            capture = echo(0.3 + 1e-4 * i)
+            capture = echo(0.3 + 1e-6 * i)
             alive.append(weakref.ref(capture.data))
             yield capture
 
@@ -107,7 +108,7 @@ def test_a_common_drift_of_the_phase_is_corrected() -> None:
     made = recorder(drift_common_phase_rad=0.8, **{**CLEAN, "snr_db": 20})
     silent = replace(made, snr_db=None).frame(0)
     n = 12
-    blurred = average_frames(made.frame(i) for i in range(n))
+    blurred = average_frames((made.frame(i) for i in range(n)), max_loss_db=1000.0)
     aligned = average_frames((made.frame(i) for i in range(n)), align_phase=True)
     assert kept_db(blurred, silent) < -1
     # The phase of one frame is known to sqrt(noise / signal / 2 / samples) = 2e-5 rad here, far
@@ -119,6 +120,42 @@ def test_a_common_drift_of_the_phase_is_corrected() -> None:
     turned = np.array(aligned.meta["average"]["turned_rad"])[[0, 5]]
     # The same phase from single frames, whose noise is that of the frame and of nothing else.
     np.testing.assert_allclose(turned, factors, atol=1e-3)
+
+
+def test_the_loss_of_two_frames_is_that_of_their_mean() -> None:
+    rng = np.random.default_rng(5)
+    shape = (24, 24, 128)  # so many pairs that six deviations of the noise's power are 0.25 of it
+    for phase_rad, snr_db in ((0.4, None), (1.2, None), (1.2, 0.0)):
+        array = AntennaArray(np.zeros((24, 3)), np.zeros((24, 3)))
+        wave = echoes([0.3], SWEEP).data[0, 0] * np.ones(shape)
+        pair = [wave, np.exp(1j * phase_rad) * wave]
+        if snr_db is not None:
+            size = 10 ** (-snr_db / 20) / np.sqrt(2)
+            pair = [
+                one + size * (rng.normal(size=shape) + 1j * rng.normal(size=shape)) for one in pair
+            ]
+        profiles = [delay_profiles(Capture(one, array, SWEEP)) for one in pair]
+        loss_db, delay_bin = averaging_loss_db(*profiles)
+        # |1 + exp(i phi)| / 2; noise only in the bin of the echo, 21 dB above it for each sample.
+        assert loss_db == pytest.approx(-20 * np.log10(np.cos(phase_rad / 2)), abs=0.25)
+        if snr_db is not None:  # else the loss is the same in all bins
+            assert abs(path_lengths_m(SWEEP)[delay_bin] - 0.6) < 0.02
+        assert averaging_loss_db(profiles[0], profiles[0])[0] == 0
+    # Noise alone is no change, whatever its level.
+    noise = [rng.normal(size=shape) + 1j * rng.normal(size=shape) for _ in range(2)]
+    assert averaging_loss_db(*noise)[0] < 0.05
+
+
+def test_a_frame_that_does_not_agree_is_left_out_with_a_warning() -> None:
+    made = recorder(adc_bits=None, snr_db=10.0)
+    frames = [made.frame(i) for i in range(4)]
+    moved = Capture(-1j * frames[2].data, frames[2].array, frames[2].waveform)
+    with pytest.warns(ClradarWarning, match=r"1 of 5 frames left out.*number 2, counted from 0"):
+        mean = average_frames([*frames[:2], moved, *frames[2:]])
+    assert mean.meta["average"]["left_out"] == [2]
+    assert (mean.data == average_frames(frames).data).all()
+    with pytest.raises(ModelError, match="max_loss_db"):
+        average_frames(frames, max_loss_db=0)
 
 
 @pytest.mark.parametrize(
