@@ -118,7 +118,7 @@ def simulate(
         data, meta = _summed_paths(
             scene, array, waveform, resolved, opened, progress, lambda total, _: total.result()
         )
-    return Capture(data, array, waveform, meta)
+    return Capture(array.with_gains(data), array, waveform, meta)
 
 
 @takes_settings
@@ -133,8 +133,8 @@ def simulate_image(
     """Simulate a capture and form its image, which `imager` holds then.
 
     With the bits of ``imager.form(simulate(scene, imager.array, imager.waveform, ...))``; but the
-    samples stay on the device, unless the estimator is physical, the image is not kept there, or
-    the sums of all pairs do not fit at once.
+    samples stay on the device, unless the estimator is physical, antennas have gains, the image
+    is not kept there, or the sums of all pairs do not fit at once.
 
     Parameters
     ----------
@@ -169,7 +169,8 @@ def simulate_image(
     """
     checks.instance("simulate_image: imager", imager, FrameImager)
     merged = merged_settings(settings, **fields)
-    if not imager.keeps_image or merged.for_scene(scene).resolved().estimator == "physical":
+    physical = merged.for_scene(scene).resolved().estimator == "physical"
+    if not imager.keeps_image or physical or imager.array.has_gains:
         imager.form(
             simulate(
                 scene, imager.array, imager.waveform,
@@ -368,6 +369,7 @@ def _batch(
             own = (
                 {} if region is None else {"region": {"number": r, "paths": int(paths[i, r].sum())}}
             )
+            samples = array.with_gains(samples)
             captures.append(Capture(samples, array, waveform, {**meta, **own}))
         made.append(tuple(captures))
     return made

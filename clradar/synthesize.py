@@ -81,4 +81,6 @@ def synthesize(
                 pair, length_m, amplitude = pair[order], length_m[order], amplitude[order]
             total.add(pair, length_m, amplitude)
         data = total.result()
-    return Capture(data, array, waveform, {**(meta or {}), "device": opened.describe()})
+    return Capture(
+        array.with_gains(data), array, waveform, {**(meta or {}), "device": opened.describe()}
+    )

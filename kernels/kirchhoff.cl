@@ -47,8 +47,8 @@ static inline realw looked_up(__global const float *table, const uint stride, co
 
 /* Legs from some points to the antennas of one side. Item = CLR_WIDTH antennas of one point.
  *
- * antenna  float (6, n_padded)        x, y, z as hi, then as lo, relative to the middle of the scene, metres; n_padded
- *                                     a multiple of 8
+ * antenna  float (9, n_padded)        x, y, z as hi, then as lo, relative to the middle of the scene, metres, and the unit
+ *                                     vector of the boresight; n_padded a multiple of 8
  * point    float (n, CLR_POINT)       see above
  * cube     int (n)                    of each point
  * centre   float (n_cubes, 3)         of cubes, relative to the middle of the scene, metres
@@ -56,7 +56,7 @@ static inline realw looked_up(__global const float *table, const uint stride, co
  * k        float (n_m)                cycles per metre
  * material float (n_materials, n_m, CLR_NODES, 3)  real and imaginary part of g, and amplitude of the
  *                                     incoherent part, over sqrt(cos theta)
- * pattern  float (CLR_PATTERN_NODES)  field over sin(angle to +z / 2)
+ * pattern  float (CLR_PATTERN_NODES)  field over sin(angle to boresight / 2)
  * leg      float (n_m, n_padded / 8, n, PARTS, 8)  out */
 __kernel void legs(const uint n, const uint first, const uint n_padded, const uint n_m, const uint n_groups,
                    const uint random_phase, const uint seed_low, const uint seed_high,
@@ -79,7 +79,8 @@ __kernel void legs(const uint n, const uint first, const uint n_padded, const ui
     const realw damping = -39.478417604357f * ((x * p[SLOPE] + y * p[SLOPE + 1] + z * p[SLOPE + 2]) * inverse + p[LEVEL]);
     realw field = inverse;
 #if CLR_PATTERN
-    const realw half_square = 0.5f - 0.5f * z * inverse;
+    const realw ahead = x * LOADW(a + 6 * n_padded) + y * LOADW(a + 7 * n_padded) + z * LOADW(a + 8 * n_padded);
+    const realw half_square = 0.5f - 0.5f * ahead * inverse;
     field *= looked_up(pattern, 1, CLR_PATTERN_NODES, sqrt(greater(half_square, (realw)(0.0f))));
 #endif
     if (n_groups) {

@@ -78,11 +78,18 @@ def read_position_file(path: str | os.PathLike[str]) -> np.ndarray:
 
 
 def antenna_array(
-    rx_file: str | os.PathLike[str] | None, tx_file: str | os.PathLike[str] | None
+    rx_file: str | os.PathLike[str] | None,
+    tx_file: str | os.PathLike[str] | None,
+    recorded: Path | None = None,
 ) -> AntennaArray:
-    """Return `qar50()` with the positions of the files that are named, if any."""
+    """Return `qar50()` with the positions of the files that are named, if any.
+
+    Without these it is the array of the file `recorded`, if there is one (`docs/arrays.md`).
+    """
     known = arrays.qar50()
     if rx_file is None and tx_file is None:
+        if recorded is not None and recorded.exists():
+            return arrays.read_array(recorded)
         return known
     names = [f"{Path(f).name}" if f is not None else "qar50" for f in (rx_file, tx_file)]
     return AntennaArray(

@@ -253,6 +253,17 @@ def _pattern_facts(array: AntennaArray) -> list[Fact]:
             value = {"gain_dbi": pattern.gain_dbi, "exponent": pattern.exponent}
             words = f"{pattern.gain_dbi:g} dBi, {lobe}"
             facts.append(Fact(f"{side} pattern", words, value))
+    for side, own in zip(("Tx", "Rx"), array.sides, strict=True):
+        if own.gain is not None:
+            level_db = 20 * np.log10(np.maximum(np.abs(own.gain), 1e-15))
+            span = [round(float(v), 3) for v in (level_db.min(), level_db.max())]
+            facts.append(Fact(f"{side} gains", f"{span[0]:g} to {span[1]:g} dB", {"span_db": span}))
+        if own.boresight is not None:
+            degrees = np.rad2deg(np.arccos(np.clip(own.boresight[:, 2], -1, 1)))
+            most = round(float(degrees.max()), 3)
+            facts.append(
+                Fact(f"{side} boresight", f"up to {most:g} degrees off +z", {"most_deg": most})
+            )
     return facts
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +13,18 @@ import numpy as np
 from clradar.arrays.instruments import KNOWN
 from clradar.arrays.position_rules import MOST_ANTENNAS, positions_of
 from clradar.errors import ModelError
+from clradar.files.limits import MAX_ARRAY_BYTES
 from clradar.files.table import StrictTable
-from clradar.files.toml_file import read_toml
+from clradar.files.toml_file import read_toml, toml_document, toml_string
 from clradar.model import AntennaArray, AntennaPattern
 
 _EXPECTED = "an antenna array (a TOML file, see docs/arrays.md)"
 _BOTH = "antennas"
 _SIDES = ("tx", "rx", _BOTH)
+ALL, CLUSTER = "all", "cluster"
+"""Values of `pairs`: every Tx with every Rx, or with those of its own pose."""
+
+MOST_CLUSTERS = 1024
 
 
 def read_array(path: str | os.PathLike[str]) -> AntennaArray:
@@ -25,7 +32,8 @@ def read_array(path: str | os.PathLike[str]) -> AntennaArray:
 
     ``[[tx]]``, ``[[rx]]`` and ``[[antennas]]`` (which transmit and receive) each have one rule:
     ``points_m``, ``line``, ``cross``, ``plane`` or ``ring``; or ``copy_of`` names a known array.
-    ``[[pose]]`` (a rule, and ``rotation_deg``) places a copy of all of them. ``[tx_pattern]`` and
+    Beside a rule are ``gain_db``, ``phase_deg`` and ``boresight`` of these antennas. ``[[pose]]``
+    (a rule, and ``rotation_deg``) places a copy of all of them. ``[tx_pattern]`` and
     ``[rx_pattern]`` are the fields of `clradar.AntennaPattern`.
 
     Parameters
@@ -35,8 +43,9 @@ def read_array(path: str | os.PathLike[str]) -> AntennaArray:
     Raises
     ------
     MeasurementError
-        Missing, too large, not TOML, an unknown key, an invalid value; patterns together with
-        poses that turn them. The message names the file, the key, what was expected and found.
+        Missing, too large, not TOML, an unknown key, an invalid value; a file with
+        ``pairs = "cluster"`` and several poses, which `read_clusters` reads. The message names the
+        file, the key, what was expected and found.
 
     Examples
     --------
@@ -56,68 +65,231 @@ def read_array(path: str | os.PathLike[str]) -> AntennaArray:
     ('cross60', 12, 16)
     """
     path = Path(path)
-    table = StrictTable(str(path), "", read_toml(path, _EXPECTED))
-    name = table.text("name") or path.stem
-    tx_m, rx_m = _antennas(table)
-    copies = [_pose(own) for own in table.tables("pose")] or [(np.zeros((1, 3)), np.eye(3))]
-    tx_pattern, rx_pattern = (_pattern(table, side) for side in ("tx_pattern", "rx_pattern"))
+    return array_of(_content(path), str(path), path.stem)
+
+
+def read_clusters(path: str | os.PathLike[str]) -> tuple[AntennaArray, ...]:
+    """Return the arrays of a TOML file, one for each pose where it has ``pairs = "cluster"``.
+
+    A Tx then is measured with the Rx of its own pose only, so that each pose has a capture of its
+    own; `clradar.backproject` makes one image of them all. Without that key it is one array.
+
+    Raises
+    ------
+    MeasurementError
+        As `read_array`; more than 1024 clusters.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import clradar
+    >>> rules = '''
+    ... copy_of = "qar50"
+    ... pairs = "cluster"
+    ... [[pose]]
+    ... line = { first_m = [-0.1, 0, 0], last_m = [0.1, 0, 0], n = 2 }
+    ... '''
+    >>> _ = Path("two.toml").write_text(rules)
+    >>> for array in clradar.arrays.read_clusters("two.toml"):
+    ...     print(array.name, array.n_tx, array.n_rx, array.tx_m.mean(axis=0).round(3))
+    two, cluster 1 of 2 94 94 [-0.1  0.   0. ]
+    two, cluster 2 of 2 94 94 [0.1 0.  0. ]
+    """
+    path = Path(path)
+    return _arrays(StrictTable(str(path), "", _content(path)), path.stem)
+
+
+def array_of(content: Mapping[str, Any], source: str, name: str) -> AntennaArray:
+    """Return the array of a table in the vocabulary of files; `source` is named in messages."""
+    table = StrictTable(source, "", dict(content))
+    found = _arrays(table, name)
+    if len(found) > 1:
+        words = f"{len(found)} clusters, which simulate and image take"
+        table.fail("pairs", f'one array ("{ALL}", or a single pose)', words)
+    return found[0]
+
+
+def array_record(array: AntennaArray) -> dict[str, Any]:
+    """Return a table that `array_of` makes the same array of, to the bit."""
+    record: dict[str, Any] = {"name": array.name}
+    for name, side in zip(("tx", "rx"), array.sides, strict=True):
+        own: dict[str, Any] = {"points_m": side.antennas_m.tolist()}
+        if side.gain is not None:
+            own["gain"] = np.stack([side.gain.real, side.gain.imag], axis=1).tolist()
+        if side.boresight is not None:
+            own["boresight"] = side.boresight.tolist()
+        record[name] = [own]
+    for name, side in zip(("tx_pattern", "rx_pattern"), array.sides, strict=True):
+        pattern = side.pattern
+        if pattern is None:
+            continue
+        record[name] = {"gain_dbi": pattern.gain_dbi, "exponent": pattern.exponent}
+        if pattern.angle_deg is not None and pattern.field is not None:
+            record[name] |= {
+                "angle_deg": pattern.angle_deg.tolist(), "field": pattern.field.tolist()
+            }  # fmt: skip
+    return record
+
+
+def array_text(array: AntennaArray) -> str:
+    """Return the text of a file that `read_array` makes the same array of, to the bit."""
+    tables = {**array_record(array)}
+    lines = [f"name = {toml_string(tables.pop('name'))}"]
+    for name, table in tables.items():
+        own, brackets = (table[0], "[[{}]]") if isinstance(table, list) else (table, "[{}]")
+        lines += ["", brackets.format(name), toml_document(own).strip()]
+    return "\n".join(lines) + "\n"
+
+
+def _content(path: Path) -> dict[str, Any]:
+    return read_toml(path, _EXPECTED, limit=MAX_ARRAY_BYTES)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Antennas:
+    """Antennas of one side: positions (n, 3), metres, gains (n,) and boresights (n, 3) or None."""
+
+    at_m: np.ndarray
+    gain: np.ndarray | None = None
+    boresight: np.ndarray | None = None
+
+    def placed(self, rotation: np.ndarray, at_m: np.ndarray) -> _Antennas:
+        """Turned about the origin, then moved; +z is turned where they have no boresight."""
+        turned = self.boresight
+        if turned is not None or not np.allclose(rotation[:, 2], [0.0, 0.0, 1.0]):
+            turned = (_along_z(len(self.at_m)) if turned is None else turned) @ rotation.T
+        return _Antennas(self.at_m @ rotation.T + at_m, self.gain, turned)
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Antennas]) -> _Antennas:
+        """All of them in one, with 1 for gains and +z for boresights that only others have."""
+        if len(parts) == 1:
+            return parts[0]
+        gain = boresight = None
+        if any(part.gain is not None for part in parts):
+            gain = np.concatenate(
+                [np.ones(len(p.at_m)) if p.gain is None else p.gain for p in parts]
+            )
+        if any(part.boresight is not None for part in parts):
+            boresight = np.concatenate(
+                [_along_z(len(p.at_m)) if p.boresight is None else p.boresight for p in parts]
+            )
+        return cls(np.concatenate([part.at_m for part in parts]), gain, boresight)
+
+
+def _along_z(count: int) -> np.ndarray:
+    return np.tile([0.0, 0.0, 1.0], (count, 1))
+
+
+def _arrays(table: StrictTable, default_name: str) -> tuple[AntennaArray, ...]:
+    """The arrays of a file: one, or one for each pose."""
+    name = table.text("name") or default_name
+    pairs = table.one_of("pairs", ALL, (ALL, CLUSTER))
+    sides = _antennas(table)
+    copies = [_pose(own) for own in table.tables("pose")]
+    places = [(turn, at) for turn, placed_m in copies for at in placed_m]
+    places = places or [(np.eye(3), np.zeros(3))]
+    patterns = [_pattern(table, side) for side in ("tx_pattern", "rx_pattern")]
     table.done([*_SIDES, "pose", "copy_of"])
-    patterned = tx_pattern is not None or rx_pattern is not None
-    if patterned and any(not _keeps_z(turn) for _, turn in copies):
-        table.fail(
-            "pose", "rotations about z beside a pattern, which is about +z", "another rotation"
-        )
-    placed_tx_m, placed_rx_m = (_placed(table, side_m, copies) for side_m in (tx_m, rx_m))
+    most = max(len(side.at_m) for side in sides)
+    if pairs == CLUSTER and len(places) > MOST_CLUSTERS:
+        table.fail("pose", f"at most {MOST_CLUSTERS} clusters", f"{len(places)}")
+    if most * (1 if pairs == CLUSTER else len(places)) > MOST_ANTENNAS:
+        table.fail("pose", f"at most {MOST_ANTENNAS} antennas in all", f"{most * len(places)}")
+    for key, side, pattern in zip(("tx", "rx"), sides, patterns, strict=True):
+        if side.boresight is not None and pattern is None:
+            table.fail(key, f"[{key}_pattern] for its boresight", "none")
+    placed = [[side.placed(turn, at) for side in sides] for turn, at in places]
+    if pairs == ALL:
+        placed = [[_Antennas.joined(own) for own in zip(*placed, strict=True)]]
+    found = []
+    for i, (tx, rx) in enumerate(placed, start=1):
+        own = name if len(placed) == 1 else f"{name}, cluster {i} of {len(placed)}"
+        found.append(_array(table, own, (tx, rx), patterns))
+    return tuple(found)
+
+
+def _array(
+    table: StrictTable,
+    name: str,
+    sides: tuple[_Antennas, _Antennas],
+    patterns: Sequence[AntennaPattern | None],
+) -> AntennaArray:
+    (tx, rx), (tx_pattern, rx_pattern) = sides, patterns
     try:
-        return AntennaArray(placed_tx_m, placed_rx_m, name, tx_pattern, rx_pattern)
+        return AntennaArray(
+            tx.at_m, rx.at_m, name, tx_pattern, rx_pattern, tx.gain, rx.gain,
+            None if tx_pattern is None else tx.boresight,
+            None if rx_pattern is None else rx.boresight,
+        )  # fmt: skip
     except ModelError as error:
         table.fail_with(str(error))
 
 
-def _antennas(table: StrictTable) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of Tx and Rx without poses."""
+def _antennas(table: StrictTable) -> tuple[_Antennas, _Antennas]:
+    """Tx and Rx without poses."""
     known = table.one_of("copy_of", None, tuple(KNOWN))
     if known is not None:
         if any(table.has(side) for side in _SIDES):
             table.fail("copy_of", f"no {', '.join(_SIDES)} beside it", "both")
         copied = KNOWN[known]()
-        return copied.tx_m, copied.rx_m
-    sides: dict[str, list[np.ndarray]] = {}
+        return _Antennas(copied.tx_m), _Antennas(copied.rx_m)
+    sides: dict[str, list[_Antennas]] = {}
     for side in _SIDES:
-        sides[side] = []
-        for own in table.tables(side):
-            sides[side].append(positions_of(own))
-            own.done()
+        sides[side] = [_of_table(own) for own in table.tables(side)]
     both = sides[_BOTH]
     for side in ("tx", "rx"):
         if not sides[side] + both:
             table.fail(side, f"[[{side}]] or [[{_BOTH}]], each with a rule", "none")
-    return np.concatenate(sides["tx"] + both), np.concatenate(sides["rx"] + both)
+    return _Antennas.joined(sides["tx"] + both), _Antennas.joined(sides["rx"] + both)
+
+
+def _of_table(table: StrictTable) -> _Antennas:
+    """The antennas of one rule, with their gains and boresights."""
+    at_m = positions_of(table)
+    gain, count = None, len(at_m)
+    if table.has("gain"):
+        if table.has("gain_db") or table.has("phase_deg"):
+            table.fail("gain", "no gain_db and no phase_deg beside it", "both")
+        gain = _rows(table, "gain", 2, count) @ [1.0, 1j]
+    elif table.has("gain_db") or table.has("phase_deg"):
+        level_db, phase_deg = (_each(table, key, count) for key in ("gain_db", "phase_deg"))
+        gain = 10 ** (level_db / 20) * np.exp(1j * np.deg2rad(phase_deg))
+    boresight = _rows(table, "boresight", 3, count) if table.has("boresight") else None
+    table.done()
+    return _Antennas(at_m, gain, boresight)
+
+
+def _each(table: StrictTable, key: str, count: int) -> np.ndarray:
+    """One number for all antennas of a rule, or one for each; 0 where it is not there."""
+    if not isinstance(table.raw(key, 0.0), list):
+        return np.full(count, table.number(key) or 0.0)
+    values = table.numbers(key) or ()
+    if len(values) != count:
+        table.fail(key, f"one number, or one for each of {count} antennas", f"{len(values)}")
+    return np.array(values)
+
+
+def _rows(table: StrictTable, key: str, columns: int, count: int) -> np.ndarray:
+    """One row of numbers for all antennas of a rule, or one for each, shape (count, columns)."""
+    value = table.raw(key)
+    if isinstance(value, list) and not any(isinstance(row, list) for row in value):
+        return np.tile(table.numbers(key, columns) or (), (count, 1))
+    rows = table.rows(key) or ()
+    if len(rows) != count or len(rows[0]) != columns:
+        expected = f"one row of {columns} numbers for each of {count} antennas, or one for all"
+        table.fail(key, expected, f"{len(rows)} of {len(rows[0])}")
+    return np.array(rows)
 
 
 def _pose(table: StrictTable) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of copies, shape (n, 3), metres, and their rotation, shape (3, 3)."""
+    """Rotation of copies, shape (3, 3), and their positions, shape (n, 3), metres."""
     from scipy.spatial.transform import Rotation
 
     vector_deg = table.numbers("rotation_deg", 3) or (0.0, 0.0, 0.0)
     placed = positions_of(table)
     table.done()
-    return placed, Rotation.from_rotvec(vector_deg, degrees=True).as_matrix()
-
-
-def _keeps_z(rotation: np.ndarray) -> bool:
-    return bool(np.allclose(rotation[:, 2], [0.0, 0.0, 1.0]))
-
-
-def _placed(
-    table: StrictTable, antennas_m: np.ndarray, copies: list[tuple[np.ndarray, np.ndarray]]
-) -> np.ndarray:
-    """The antennas of every pose, pose by pose."""
-    count = len(antennas_m) * sum(len(at_m) for at_m, _ in copies)
-    if count > MOST_ANTENNAS:
-        table.fail("pose", f"at most {MOST_ANTENNAS} antennas in all", f"{count}")
-    turned = [(at_m, antennas_m @ rotation.T) for at_m, rotation in copies]
-    return np.concatenate([own + at for at_m, own in turned for at in at_m])
+    return Rotation.from_rotvec(vector_deg, degrees=True).as_matrix(), placed
 
 
 def _pattern(table: StrictTable, side: str) -> AntennaPattern | None:

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import AntennaArray, AntennaPattern
+from clradar.model import AntennaArray
 
 TERMS_AT_ONCE = 4_000_000
 
@@ -30,7 +30,8 @@ def pair_sums(
     Parameters
     ----------
     array : AntennaArray
-        Its patterns weigh the antennas towards each point, as echoes from there would be.
+        Its patterns and gains weigh the antennas towards each point, as echoes from there would
+        be.
     frequencies_hz : ndarray, shape (n_freq,)
     focus_m : ndarray, shape (3,), metres
         Where the point is, whose response is 1.
@@ -41,13 +42,12 @@ def pair_sums(
     ndarray, shape (n, n_freq), complex128
     """
     k = wavenumbers(frequencies_hz)
-    sides = (array.tx_m, array.tx_pattern), (array.rx_m, array.rx_pattern)
     found = np.ones((len(points_m), len(k)), dtype=np.complex128)
-    for antennas_m, pattern in sides:
-        at_focus_m, weight = _distances(antennas_m, pattern, focus_m[None])
+    for side in array.sides:
+        at_focus_m, weight = side.towards(focus_m[None])
         top = weight.sum()
-        for rows in _chunks(len(points_m), len(antennas_m) * len(k)):
-            away_m, weight = _distances(antennas_m, pattern, points_m[rows])
+        for rows in _chunks(len(points_m), len(side.antennas_m) * len(k)):
+            away_m, weight = side.towards(points_m[rows])
             phase = (away_m - at_focus_m)[:, :, None] * k
             found[rows] *= (weight[:, :, None] * np.exp(1j * phase)).sum(axis=1) / top
     return found
@@ -89,17 +89,6 @@ def width_m(
         share = (before[1] - np.sqrt(0.5)) / (before[1] - level[first])
         ends.append(before[0] + share * (steps_m[first] - before[0]))
     return float(sum(ends))
-
-
-def _distances(
-    antennas_m: np.ndarray, pattern: AntennaPattern | None, points_m: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Distances and weights of antennas seen from points, each of shape (n, n_antennas)."""
-    towards_m = points_m[:, None] - antennas_m
-    away_m = np.linalg.norm(towards_m, axis=2)
-    if pattern is None:
-        return away_m, np.ones_like(away_m)
-    return away_m, pattern.amplitude(towards_m[:, :, 2] / np.maximum(away_m, 1e-12))
 
 
 def _chunks(n: int, terms_each: int) -> Iterator[slice]:

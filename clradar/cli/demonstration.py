@@ -15,13 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from clradar import Capture, Device, Scene, VoxelGrid, Waveform, arrays, simulate
+from clradar import Capture, Device, Scene, VoxelGrid, simulate
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.hand_mesh import save_hand, turned
 from clradar.cli.inputs import form_image
 from clradar.cli.options.groups import recorded
 from clradar.cli.options.imaging import ImagingOptions
+from clradar.cli.options.radar import RadarOptions
 from clradar.cli.options.recording import recording_files
 from clradar.cli.outputs import save
 from clradar.cli.provenance import provenance
@@ -61,6 +62,8 @@ class DemoSettings:
         aperture and outshines the fingers by about 15 dB at alpha 0; turned by more than
         atan(7 / 30), 13 degrees, it glints past the aperture's edge, while upright fingers glint as
         before.
+    array, band : str, optional
+        Of `RadarOptions`.
     """
 
     voxel_m: float
@@ -72,6 +75,13 @@ class DemoSettings:
     noise_seed: int = 2
     snr_db: float = 20.0
     turn_deg: float = 25.0
+    array: str | None = None
+    band: str | None = None
+
+    @property
+    def radar(self) -> RadarOptions:
+        """Antennas and frequencies."""
+        return RadarOptions(array=self.array, band=self.band)
 
     def grid(self) -> VoxelGrid:
         """The volume of the paper's experiment, with voxels of `voxel_m`."""
@@ -154,7 +164,7 @@ def run_demo(folder: Path, settings: DemoSettings, device: Device) -> None:
     named[PHYSICAL] = (made_of, {"estimator": PHYSICAL})
     for name, (surface, rays) in named.items():
         with stages.stage(f"simulate {name}"):
-            capture = _simulated(surface, settings.seed, rays, device)
+            capture = _simulated(surface, settings, settings.seed, rays, device)
             captures[name] = save(folder / f"{name}.h5", capture, origin, force=True)
     with stages.stage("simulate the measurement, physical, and noise"):
         measured = _measured(folder / MEASUREMENT, made_of, settings, device)
@@ -192,12 +202,14 @@ def _volume_file(folder: Path, name: str) -> Path:
     return folder / f"{name}_volume.h5"
 
 
-def _simulated(scene: Scene, seed: int, rays: Mapping[str, Any], device: Device) -> Capture:
+def _simulated(
+    scene: Scene, settings: DemoSettings, seed: int, rays: Mapping[str, Any], device: Device
+) -> Capture:
     with progress_bar("tracing") as progress:
         return simulate(
             scene,
-            arrays.qar50(),
-            Waveform.sfcw(72e9, 82e9, 128),
+            settings.radar.antennas(),
+            settings.radar.waveform(),
             seed=seed,
             device=device,
             progress=progress,
@@ -207,7 +219,7 @@ def _simulated(scene: Scene, seed: int, rays: Mapping[str, Any], device: Device)
 
 def _measured(folder: Path, scene: Scene, settings: DemoSettings, device: Device) -> Capture:
     """The synthetic measurement, read from the recording that is written first."""
-    clean = _simulated(scene, settings.measured_seed, {"estimator": PHYSICAL}, device)
+    clean = _simulated(scene, settings, settings.measured_seed, {"estimator": PHYSICAL}, device)
     noisy = with_noise(clean, settings.snr_db, settings.noise_seed)
     save_maroon_frame(folder, noisy, force=True)
     recorded_frame = open_capture(folder)

@@ -12,7 +12,7 @@ from clradar.cli.recording_conversion import described
 from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
-    from clradar import Capture, Device, Scene, SimulationSettings, Waveform
+    from clradar import AntennaArray, Capture, Device, Scene, SimulationSettings, Waveform
     from clradar.hand import HandMesh, HandMovement, HandPose
     from clradar.model.progress import Progress
 
@@ -33,6 +33,7 @@ class HandRecording:
         The mesh of the hand in a pose, anywhere.
     scene_of : callable
         The scene of a mesh: its alpha and materials.
+    array : AntennaArray
     waveform : Waveform
     settings : SimulationSettings
         The same seed in all frames: the roughness of a material is that of one hand.
@@ -43,6 +44,7 @@ class HandRecording:
     movement: HandMovement
     posed: Callable[[HandPose], HandMesh]
     scene_of: Callable[[HandMesh], Scene]
+    array: AntennaArray
     waveform: Waveform
     settings: SimulationSettings
     snr_db: float | None
@@ -100,16 +102,17 @@ class HandRecording:
         self, frames: list[dict[str, Any]], origin: Mapping[str, Any], device: Device
     ) -> Iterator[Capture]:
         """The frames one after the other; the truth of each is added to `frames`."""
-        from clradar import arrays, impair, simulate
+        from clradar import impair, simulate
         from clradar.cli.region_files import joints_record
 
-        array = arrays.qar50()
         for i, (pose, stamp_us) in enumerate(
             zip(self.movement.poses, self.movement.timestamps_us, strict=True)
         ):
             mesh = self.movement.placed(i, self.posed(pose))
             scene = self.scene_of(mesh)
-            capture = simulate(scene, array, self.waveform, settings=self.settings, device=device)
+            capture = simulate(
+                scene, self.array, self.waveform, settings=self.settings, device=device
+            )
             if self.snr_db is not None:
                 capture = impair(capture, seed=self.settings.seed, frame=i, snr_db=self.snr_db)
             frames.append(

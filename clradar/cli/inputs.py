@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.options.groups import given
 from clradar.cli.options.imaging import MODEL_METHODS, GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.radar import RadarOptions
 from clradar.cli.options.recording import FrameOptions, recording_files
+from clradar.cli.options.values import wrong_usage
 
 if TYPE_CHECKING:
     from clradar import Capture, Device, Volume, VoxelGrid
@@ -70,6 +72,15 @@ class ImageInput:
         if isinstance(self.content, Volume):
             return {}
         return {"array": self.content.array, "waveform": self.content.waveform}
+
+    def radar_or(self, options: RadarOptions) -> dict[str, Any]:
+        """`array` and `waveform` of a capture; of a volume, which has none, of the options."""
+        if not self.radar:
+            return {"array": options.antennas(), "waveform": options.waveform()}
+        if given(options):
+            text = f"{self.path} is a capture and has its antennas and frequencies"
+            raise wrong_usage(", ".join(given(options)), text)
+        return self.radar
 
     @property
     def files(self) -> list[Path]:

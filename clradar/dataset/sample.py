@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from clradar.arrays import qar50
 from clradar.backproject import backproject
 from clradar.dataset.plan.hand_json import pose_of, shape_of
+from clradar.dataset.plan.radar_tables import plan_array
 from clradar.errors import ModelError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
@@ -307,16 +307,8 @@ def recipe_radar(recipe: Mapping[str, Any]) -> tuple[AntennaArray, Waveform]:
     choice of skeleton antennas and frequencies.
     """
     radar = recipe["radar"]
-    return _array(radar["every"]), _waveform(radar["start_hz"], radar["stop_hz"], radar["steps"])
-
-
-@lru_cache(maxsize=8)
-def _array(every: int) -> AntennaArray:
-    known = qar50()
-    if every == 1:
-        return known
-    one_in = slice(None, None, every)
-    return known.part(one_in, one_in, f"{known.name}, one in {every}")
+    array = plan_array(radar["array"], radar["every"])
+    return array, _waveform(radar["start_hz"], radar["stop_hz"], radar["steps"])
 
 
 @lru_cache(maxsize=8)

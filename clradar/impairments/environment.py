@@ -74,8 +74,8 @@ def room_capture(
     points_m : array_like, shape (n, 3), float64, metres, optional
         Small isotropic reflectors, such as lamps and screws.
     point_amplitudes : array_like, shape (n,), complex128, optional
-        One per point, as received; default 1. Antenna patterns change neither these nor the
-        walls' amplitudes.
+        One per point, as received; default 1. Antenna patterns and gains change neither
+        these nor the walls' amplitudes.
 
     Returns
     -------

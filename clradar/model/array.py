@@ -9,6 +9,7 @@ import numpy as np
 
 from clradar.constants import PLAUSIBLE_APERTURE_M
 from clradar.model import checks
+from clradar.model.antenna_side import AntennaSide
 from clradar.model.pattern import AntennaPattern
 from clradar.model.plausible import check_plausible
 from clradar.model.record import Record
@@ -28,11 +29,17 @@ class AntennaArray(Record):
         Name in files and figures.
     tx_pattern, rx_pattern : AntennaPattern, optional
         Of all Tx and of all Rx; None stands for isotropic antennas with gain 1.
+    tx_gain, rx_gain : array_like, shape (n_tx,) and (n_rx,), complex128, optional
+        Amplitude and phase of each antenna beside its pattern; None stands for 1. Samples of a pair
+        are multiplied by both. Image formation takes samples as they are: `without_gains`.
+    tx_boresight, rx_boresight : array_like, shape (n_tx, 3) and (n_rx, 3), float64, optional
+        Where each antenna's pattern is about; None stands for +z. Stored as unit vectors.
 
     Raises
     ------
     ModelError
-        Wrong shape, empty, NaN or infinite; an aperture of more than 5 m or, with more than two
+        Wrong shape, empty, NaN or infinite; gains of 0 for a whole side; a boresight of length 0;
+        an aperture of more than 5 m or, with more than two
         antennas, less than 1 mm; an antenna more than 5 m away from the origin.
 
     Examples
@@ -53,6 +60,10 @@ class AntennaArray(Record):
     name: str = "array"
     tx_pattern: AntennaPattern | None = None
     rx_pattern: AntennaPattern | None = None
+    tx_gain: np.ndarray | None = None
+    rx_gain: np.ndarray | None = None
+    tx_boresight: np.ndarray | None = None
+    rx_boresight: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         self._set_array("tx_m", np.float64, (None, 3))
@@ -61,6 +72,8 @@ class AntennaArray(Record):
         for side in ("tx_pattern", "rx_pattern"):
             if getattr(self, side) is not None:
                 checks.instance(f"AntennaArray.{side}", getattr(self, side), AntennaPattern)
+        for side, antennas_m in (("tx", self.tx_m), ("rx", self.rx_m)):
+            self._check_side(side, len(antennas_m))
         both_m = np.concatenate([self.tx_m, self.rx_m])
         with np.errstate(over="ignore"):
             extent_m = np.ptp(both_m, axis=0).max()
@@ -70,6 +83,21 @@ class AntennaArray(Record):
         away_m = np.abs(both_m).max()
         within = (0.0, PLAUSIBLE_APERTURE_M[1])
         check_plausible("AntennaArray", "a distance from the origin", away_m, within)
+
+    def _check_side(self, side: str, count: int) -> None:
+        if getattr(self, f"{side}_gain") is not None:
+            gain = self._set_array(f"{side}_gain", np.complex128, (count,))
+            if not gain.any():
+                checks.fail(f"AntennaArray.{side}_gain", "gains not all of which are 0", "0")
+        if getattr(self, f"{side}_boresight") is not None:
+            raw = self._set_array(f"{side}_boresight", np.float64, (count, 3))
+            length = np.linalg.norm(raw, axis=1, keepdims=True)
+            if not length.all():
+                checks.fail(f"AntennaArray.{side}_boresight", "directions", "vectors of length 0")
+            # Unit vectors stay as they are, to the bit, however often they are read and written.
+            unit = np.where(np.abs(length - 1) < 1e-12, raw, raw / length)
+            unit.flags.writeable = False
+            self._set(**{f"{side}_boresight": unit})
 
     @property
     def n_tx(self) -> int:
@@ -84,8 +112,34 @@ class AntennaArray(Record):
         """Whether the antennas of a side have a pattern."""
         return self.tx_pattern is not None or self.rx_pattern is not None
 
+    @property
+    def has_gains(self) -> bool:
+        """Whether antennas have gains of their own."""
+        return self.tx_gain is not None or self.rx_gain is not None
+
+    @property
+    def sides(self) -> tuple[AntennaSide, AntennaSide]:
+        """The Tx and the Rx, each with all that they have."""
+        return (
+            AntennaSide(self.tx_m, self.tx_pattern, self.tx_boresight, self.tx_gain),
+            AntennaSide(self.rx_m, self.rx_pattern, self.rx_boresight, self.rx_gain),
+        )
+
+    def with_gains(self, data: np.ndarray) -> np.ndarray:
+        """Return samples, shape (n_tx, n_rx, n_freq), complex64, times the gains of both sides."""
+        if not self.has_gains:
+            return data
+        tx, rx = (np.ones(1) if side.gain is None else side.gain for side in self.sides)
+        data = data * np.asarray(tx[:, None, None] * rx[:, None], np.complex64)
+        data.flags.writeable = False
+        return data
+
+    def without_gains(self) -> AntennaArray:
+        """Return the same antennas, all of gain 1."""
+        return replace(self, tx_gain=None, rx_gain=None)
+
     def part(self, tx: Any, rx: Any, name: str | None = None) -> AntennaArray:
-        """Return some of the antennas, with their patterns.
+        """Return some of the antennas, with their patterns and gains.
 
         Parameters
         ----------
@@ -95,7 +149,13 @@ class AntennaArray(Record):
             The same as before if not given.
         """
         name = self.name if name is None else name
-        return replace(self, tx_m=self.tx_m[tx], rx_m=self.rx_m[rx], name=name)
+        own = {
+            f"{side}_{field}": values[which]
+            for side, which in (("tx", tx), ("rx", rx))
+            for field in ("m", "gain", "boresight")
+            if (values := getattr(self, f"{side}_{field}")) is not None
+        }
+        return replace(self, name=name, **own)
 
     def refuse_patterns(self, function: str) -> None:
         """Raise a `ModelError` for a function that would leave the patterns out."""

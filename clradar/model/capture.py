@@ -11,7 +11,6 @@ import numpy as np
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import checks, html, labelled
 from clradar.model.array import AntennaArray
-from clradar.model.pattern import AntennaPattern
 from clradar.model.record import Record
 from clradar.model.waveform import Waveform
 
@@ -155,15 +154,11 @@ class Capture(Record):
             checks.fail("Capture.meta", "'absolute': True, for S-parameters", "a relative scale")
         point_m = checks.read_only("Capture.rcs_dbsm: at_m", at_m, np.float64, (3,))
         sides = []
-        for antennas_m, pattern in (
-            (self.array.tx_m, self.array.tx_pattern),
-            (self.array.rx_m, self.array.rx_pattern),
-        ):
-            length_m = np.linalg.norm(point_m - antennas_m, axis=1)
+        for side in self.array.sides:
+            length_m, field = (values[0] for values in side.towards(point_m[None]))
             if not length_m.all():
                 checks.fail("Capture.rcs_dbsm: at_m", "a point away from antennas", "one at them")
-            cosine = (point_m[2] - antennas_m[:, 2]) / length_m
-            sides.append((pattern or AntennaPattern()).amplitude(cosine) / length_m)
+            sides.append(np.abs(field) / length_m)
         wavelength_m = SPEED_OF_LIGHT_M_PER_S / self.waveform.frequencies_hz
         of_square_metre = np.einsum("t,r,n->trn", *sides, wavelength_m) / (4 * np.pi) ** 1.5
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -10,9 +10,9 @@ from numpy.polynomial.chebyshev import chebvander
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import checks
+from clradar.model.antenna_side import AntennaSide
 from clradar.model.array import AntennaArray
 from clradar.model.grid import VoxelGrid
-from clradar.model.pattern import AntennaPattern
 from clradar.model.record import Record
 from clradar.model.waveform import Waveform
 
@@ -71,16 +71,15 @@ class ImageScale(Record):
             s[t, r, n] = (lambda_n / 4 pi) a_t a_r sqrt(sigma / 4 pi) / (R_t R_r)
                          exp(-j k_n (R_t + R_r))
 
-        with a the pattern's field amplitude. Back-projection takes the phase away at v and
-        averages::
+        with a the pattern's field amplitude times the antenna's gain. Back-projection
+        takes the phase away at v and averages::
 
             V(v) = sqrt(sigma / 4 pi) mean_n(w_n lambda_n / 4 pi)
                    mean_t(a_t / R_t) mean_r(a_r / R_r)
         """
         wavelengths_m = SPEED_OF_LIGHT_M_PER_S / self.waveform.frequencies_hz
         factor = abs(float((self.weights * wavelengths_m).mean())) / (4 * np.pi) ** 1.5
-        sides = (self.array.tx_m, self.array.tx_pattern), (self.array.rx_m, self.array.rx_pattern)
-        tx, rx = (_mean_field(antennas_m, pattern, grid) for antennas_m, pattern in sides)
+        tx, rx = (_mean_field(side, grid) for side in self.array.sides)
         with np.errstate(invalid="ignore"):  # at an antenna, where the other side is blind
             tx *= rx
         tx[np.isnan(tx)] = 0.0
@@ -88,9 +87,7 @@ class ImageScale(Record):
         return tx
 
 
-def _mean_field(
-    antennas_m: np.ndarray, pattern: AntennaPattern | None, grid: VoxelGrid
-) -> np.ndarray:
+def _mean_field(side: AntennaSide, grid: VoxelGrid) -> np.ndarray:
     """Return the mean of a / R over antennas at each voxel, shape (n_z, n_y, n_x), float32.
 
     It is smooth away from the antennas: polynomials through few nodes per axis are taken as soon as
@@ -100,17 +97,17 @@ def _mean_field(
     random = np.random.default_rng(0)
     drawn = [np.unique([0, len(a) - 1, *random.integers(len(a), size=PROBES)]) for a in axes_m]
     probes_m = [axis_m[at] for axis_m, at in zip(axes_m, drawn, strict=True)]
-    wanted = _field_at(antennas_m, pattern, *probes_m)
+    wanted = _field_at(side, *probes_m)
     for count in NODES:
         nodes_m = [_nodes_m(axis_m, count) for axis_m in axes_m]
         if 2 * np.prod([len(n) for n in nodes_m]) > np.prod(grid.shape):
             break
-        values = _field_at(antennas_m, pattern, *nodes_m).astype(np.float32)
+        values = _field_at(side, *nodes_m).astype(np.float32)
         with np.errstate(divide="ignore", invalid="ignore"):  # blind antennas, voxels at one
             error = np.abs(_interpolated(values, nodes_m, probes_m) / wanted - 1).max()
         if error <= NODE_ERROR:
             return _interpolated(values, nodes_m, axes_m)
-    return _field_at(antennas_m, pattern, *axes_m).astype(np.float32)
+    return _field_at(side, *axes_m).astype(np.float32)
 
 
 def _nodes_m(axis_m: np.ndarray, count: int) -> np.ndarray:
@@ -135,23 +132,19 @@ def _interpolated(
     return values
 
 
-def _field_at(
-    antennas_m: np.ndarray,
-    pattern: AntennaPattern | None,
-    z_m: np.ndarray,
-    y_m: np.ndarray,
-    x_m: np.ndarray,
-) -> np.ndarray:
+def _field_at(side: AntennaSide, z_m: np.ndarray, y_m: np.ndarray, x_m: np.ndarray) -> np.ndarray:
     """Return the mean of a / R over antennas where the axes cross, shape (n_z, n_y, n_x)."""
-    total = np.zeros((len(z_m), len(y_m), len(x_m)))
-    for at_m in antennas_m:
+    gains = np.ones(len(side.antennas_m)) if side.gain is None else side.gain
+    total = np.zeros((len(z_m), len(y_m), len(x_m)), gains.dtype)
+    for at_m, axis, gain in zip(side.antennas_m, side.axes, gains, strict=True):
+        aside_m = axis[0] * (x_m - at_m[0]) + axis[1] * (y_m[:, None] - at_m[1])
         across_m2 = (y_m[:, None] - at_m[1]) ** 2 + (x_m - at_m[0]) ** 2
         for row, height_m in zip(total, z_m - at_m[2], strict=True):
             with np.errstate(divide="ignore"):
                 inverse = 1 / np.sqrt(across_m2 + height_m**2)
-            if pattern is not None:
+            if side.pattern is not None:
                 at_antenna = np.isinf(inverse)
-                cosine = height_m * np.where(at_antenna, 0.0, inverse)
-                inverse *= np.where(at_antenna, 1.0, pattern.amplitude(cosine))
-            row += inverse
-    return total / len(antennas_m)
+                cosine = (axis[2] * height_m + aside_m) * np.where(at_antenna, 0.0, inverse)
+                inverse *= np.where(at_antenna, 1.0, side.pattern.amplitude(cosine))
+            row += inverse if side.gain is None else gain * inverse
+    return np.abs(total) / len(side.antennas_m)

@@ -72,7 +72,7 @@ class _Antennas:
 
     n_padded: int
     rows: Any
-    """float (6, n_padded)"""
+    """float (9, n_padded)"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,13 +139,17 @@ class KirchhoffSum(OnDevice):
         self._patterns = [up(table.astype(np.float32)) for table in tables]
         self._tables = reflection_legs(self.materials, self.waveform.frequencies_hz)
         places = (array.tx_m - self._middle_m, array.rx_m - self._middle_m)
-        self._sides = tuple(Side(at, table) for at, table in zip(places, tables, strict=True))
-        self._antennas = [self._upload_antennas(side.antennas_m) for side in self._sides]
+        self._sides = tuple(
+            Side(at, table, side.axes)
+            for at, table, side in zip(places, tables, array.sides, strict=True)
+        )
+        self._antennas = [self._upload_antennas(side, slice(None)) for side in self._sides]
 
-    def _upload_antennas(self, at_m: np.ndarray) -> _Antennas:
+    def _upload_antennas(self, side: Side, chosen: Any) -> _Antennas:
+        at_m, axes = side.antennas_m[chosen], side.axes[chosen].astype(np.float32)
         n_padded = -(-len(at_m) // GROUP) * GROUP
-        padded = at_m[np.minimum(np.arange(n_padded), len(at_m) - 1)]
-        rows = np.concatenate([part.T for part in hi_lo(padded)])
+        padded = np.minimum(np.arange(n_padded), len(at_m) - 1)
+        rows = np.concatenate([*(part.T for part in hi_lo(at_m[padded])), axes[padded].T])
         return _Antennas(n_padded, self._buffers.upload(np.ascontiguousarray(rows)))
 
     def result(self, lit: LitPoints, progress: Progress | None = None) -> np.ndarray:
@@ -260,7 +264,7 @@ class KirchhoffSum(OnDevice):
         u, width, buffers = np.uint32, self.device.width, self._buffers
         tx, rx = self._antennas
         chosen = [
-            self._upload_antennas(side.antennas_m[part.skeleton])
+            self._upload_antennas(side, part.skeleton)
             for side, part in zip(self._sides, self._skeletons, strict=True)
         ]
         few_tx, few_rx = chosen

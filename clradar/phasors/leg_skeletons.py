@@ -59,11 +59,14 @@ class Side:
     antennas_m : ndarray, shape (n, 3), float64, metres
         In the frame of the points.
     pattern : ndarray, shape (PATTERN_NODES,)
-        Field over sin(angle to +z / 2).
+        Field over sin(angle to the boresight / 2).
+    axes : ndarray, shape (n, 3)
+        The boresight of each antenna.
     """
 
     antennas_m: np.ndarray
     pattern: np.ndarray
+    axes: np.ndarray
 
     def lengths_m(self, points: LegPoints) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Longer by than from the middle, length, and vectors, (n, n_antennas[, 3]), metres."""
@@ -80,7 +83,8 @@ class Side:
         """The terms of legs, complex, shape (3, n, n_antennas), each point at its frequency m."""
         longer, length, vector = self.lengths_m(points)
         along = -np.einsum("pxa,pa->px", vector, points.area_m2) / length
-        half = np.sqrt(np.clip(0.5 - 0.5 * vector[..., 2] / length, 0.0, 1.0))
+        ahead = np.einsum("pxa,xa->px", vector, self.axes)
+        half = np.sqrt(np.clip(0.5 - 0.5 * ahead / length, 0.0, 1.0))
         nodes = np.linspace(0.0, 1.0, PATTERN_NODES)
         field = np.interp(half, nodes, self.pattern) / length
         wave = field * np.exp(-2j * np.pi * k[m, None] * longer)

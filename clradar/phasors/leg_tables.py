@@ -68,7 +68,7 @@ def _incoherent(lost: np.ndarray, cosine: np.ndarray) -> np.ndarray:
 
 
 def pattern_table(pattern: AntennaPattern | None) -> np.ndarray:
-    """Return a pattern's field over sin(angle to +z / 2), shape (PATTERN_NODES,), float64."""
+    """Return a pattern's field over sin(angle to boresight / 2), (PATTERN_NODES,), float64."""
     if pattern is None:
         return np.ones(PATTERN_NODES)
     return pattern.amplitude(1.0 - 2.0 * np.linspace(0.0, 1.0, PATTERN_NODES) ** 2)

@@ -16,6 +16,9 @@ from clradar.files.failures import clean, fail, reading
 VARIANTS = ("raw", "emptyfiltered")
 FRAMES_FOLDER = "calibrated_data"
 METADATA_FILE, ALIGNMENT_FILE, MESH_FOLDER = "metadata.json", "alignment.json", "photogrammetry"
+ANTENNAS_FILE = "antennas.toml"
+"""In a radar folder: the antennas, where they are not those of the imager."""
+
 BESIDE = (METADATA_FILE, ALIGNMENT_FILE, MESH_FOLDER)
 """What lies beside a radar folder and belongs to its recording."""
 

@@ -15,7 +15,13 @@ from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.limits import MAX_TIME_STAMPS
 from clradar.model import AntennaArray, Capture, Waveform
 from measurement_io.antenna_file import CHANNELS, IMAGING, antenna_array
-from measurement_io.maroon.folders import FrameFile, find_frame, find_radar_folder, frame_file
+from measurement_io.maroon.folders import (
+    ANTENNAS_FILE,
+    FrameFile,
+    find_frame,
+    find_radar_folder,
+    frame_file,
+)
 from measurement_io.maroon.frame_file import read_frame_dictionary
 
 _OWN_KEYS = ("xr", "fvec", "number_of_measurements", "timestamp_us")
@@ -36,7 +42,7 @@ def read_frame_file(
         If it lies in `radar_<low>_<high>_<points>/calibrated_data`, that name has to agree with
         the frequencies inside.
     rx_file, tx_file : path-like, optional
-        Antenna files; `clradar.arrays.qar50()` otherwise.
+        Antenna files; otherwise those of the radar folder, or `clradar.arrays.qar50()`.
     array : AntennaArray, optional
         What `antenna_array` made of such files, for whoever reads many frames.
 
@@ -50,15 +56,16 @@ def read_frame_file(
     MeasurementError
         See `measurement_io.open_capture`.
     """
-    if array is None:
-        array = antenna_array(rx_file, tx_file)
     place = frame_file(path)
+    if array is None:
+        folder = None if place.folder is None else path.absolute().parent.parent
+        array = antenna_array(rx_file, tx_file, folder and folder / ANTENNAS_FILE)
     frame = read_frame_dictionary(path)
     with reading(path, "a recorded frame"):
         xr = _required(path, frame, "xr", "a complex array [rx, tx, freq]")
         fvec = _required(path, frame, "fvec", "the frequencies in Hz")
-        _check_agreement(place, xr, fvec)
-        if xr.shape[0] == CHANNELS:
+        _check_agreement(place, xr, fvec, array)
+        if xr.shape[0] != array.n_rx:
             xr = xr[IMAGING, IMAGING, :]
         data = _transposed(path, xr)
         meta = _meta(place, frame)
@@ -111,14 +118,20 @@ def _required(path: Path, frame: dict[str, Any], key: str, what: str) -> np.ndar
     return value
 
 
-def _check_agreement(place: FrameFile, xr: np.ndarray, fvec: np.ndarray) -> None:
+def _check_agreement(
+    place: FrameFile, xr: np.ndarray, fvec: np.ndarray, array: AntennaArray
+) -> None:
     path = place.path
     if xr.dtype.kind != "c":
         fail(path, "'xr' to be complex", f"{xr.dtype}")
     if fvec.dtype.kind not in "iuf" or fvec.ndim != 1:
         fail(path, "'fvec' to be a 1-D array in Hz", f"{fvec.dtype} of shape {fvec.shape}")
-    if xr.ndim != 3 or xr.shape[:2] not in ((CHANNELS, CHANNELS), (CHANNELS - 2, CHANNELS - 2)):
-        fail(path, "'xr' of shape (96, 96, Nf) or (94, 94, Nf)", f"shape {xr.shape}")
+    shapes = [(array.n_rx, array.n_tx)]
+    if shapes == [(CHANNELS - 2, CHANNELS - 2)]:
+        shapes.insert(0, (CHANNELS, CHANNELS))
+    if xr.ndim != 3 or xr.shape[:2] not in shapes:
+        wanted = " or ".join(f"({n_rx}, {n_tx}, Nf)" for n_rx, n_tx in shapes)
+        fail(path, f"'xr' of shape {wanted}", f"shape {xr.shape}")
     counts = {"'xr'": xr.shape[2], "'fvec'": len(fvec)}
     if place.folder is not None:
         counts["the folder's name"] = place.folder.points

@@ -50,7 +50,7 @@ def open_recording(
     variant : {"raw", "emptyfiltered"}
         As recorded, or with the empty room removed.
     rx_file, tx_file : path-like, optional
-        Antenna positions; those of `clradar.arrays.qar50()` if not given.
+        Antenna positions; those of the radar folder, or of `clradar.arrays.qar50()`, if not given.
 
     Raises
     ------
@@ -77,11 +77,11 @@ def open_recording(
     """
     source = Path(path)
     variant = checks.one_of("open_recording: variant", variant, folders.VARIANTS)
-    array = antenna_array(rx_file, tx_file)
     with reading(source, _EXPECTED):
         if not source.is_dir():
             fail(source, _EXPECTED, "a file" if source.exists() else "nothing there")
         radar = folders.find_radar_folder(source)
+        array = antenna_array(rx_file, tx_file, radar / folders.ANTENNAS_FILE)
         files = _Files(radar, folders.frames(radar), array)
         if not any(files.frames.values()):
             fail(radar, f"frames %06d.npy in {folders.FRAMES_FOLDER}", "none")

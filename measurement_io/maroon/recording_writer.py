@@ -34,10 +34,10 @@ from measurement_io.maroon.product_writer import grid_entry, write_products
 from measurement_io.maroon.products import PRODUCTS, product_files
 from measurement_io.maroon.writer import (
     RadarFolder,
-    check_array,
     check_target_folder,
     frame_name,
     time_stamp,
+    write_antennas,
     write_frame_file,
 )
 
@@ -75,9 +75,10 @@ def save_recording(
     path : path-like
         The `<object>/<distance>` folder. The folders above it are made where missing.
     captures : iterable of Capture
-        Of `clradar.arrays.qar50()`, all of one waveform; they get the numbers 0, 1, 2 ... in this
-        order. Every frame names how many there are: where the iterable has no length, each is
-        written twice.
+        All of one array and waveform. Of antennas other than those of `clradar.arrays.qar50()`
+        the radar folder gets an `antennas.toml`, which the readers take. They get the numbers 0,
+        1, 2 ... in this order. Every frame names how many there are: where the iterable has no
+        length, each is written twice.
     variant : {"raw", "emptyfiltered"}
         What `captures` are.
     emptyfiltered : iterable of Capture, optional
@@ -115,8 +116,8 @@ def save_recording(
     Raises
     ------
     ModelError
-        No capture, another array than `qar50()`, captures of different waveforms, another number
-        of time stamps, or an invalid argument.
+        No capture, captures of different arrays or waveforms, another number of time stamps, or
+        an invalid argument.
     MeasurementError
         A file of `copy_from` or of `meshes` cannot be read.
     OutputError
@@ -148,13 +149,13 @@ def save_recording(
     if first is None:
         raise ModelError(f"{_NAME}: expected at least one capture, got none")
     checks.instance(f"{_NAME}: captures", first, Capture)
-    check_array(first)
     folder = RadarFolder.of(first.waveform)
 
     with new_folder(target) as temporary:
         radar = temporary / folder.name
         (radar / FRAMES_FOLDER).mkdir(parents=True)
-        work = _FrameWriter(radar, first.waveform, timestamps_us, progress)
+        write_antennas(radar, first.array)
+        work = _FrameWriter(radar, first, timestamps_us, progress)
         numbers = work.write(_joined(first, frames), _length(captures), variant)
         if emptyfiltered is not None:
             work.write_beside(emptyfiltered, _length(emptyfiltered))
@@ -182,12 +183,12 @@ class _FrameWriter:
     def __init__(
         self,
         radar: Path,
-        waveform: Waveform,
+        first: Capture,
         timestamps_us: Sequence[Any] | None,
         progress: Progress | None,
     ) -> None:
         self._radar = radar
-        self._waveform = waveform
+        self._array, self._waveform = first.array, first.waveform
         self._timestamps_us = timestamps_us
         self._progress = progress
         self._places: dict[int, int] | None = {}
@@ -271,7 +272,13 @@ class _FrameWriter:
         if i >= MAX_FRAMES or (self._timestamps_us is not None and i >= len(self._timestamps_us)):
             most = MAX_FRAMES if self._timestamps_us is None else len(self._timestamps_us)
             checks.fail(f"{_NAME}: captures", f"at most {most} (frames, time stamps)", "more")
-        check_array(capture)
+        if not capture.array.same_positions(self._array):
+            first = self._array
+            checks.fail(
+                f"{_NAME}: captures[{i}]",
+                f"the antennas of the first ('{first.name}', {first.n_tx} Tx and {first.n_rx} Rx)",
+                f"'{capture.array.name}', {capture.array.n_tx} Tx and {capture.array.n_rx} Rx",
+            )
         if not capture.waveform.same_frequencies(self._waveform):
             checks.fail(
                 f"{_NAME}: captures[{i}]",

@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 
 from clradar import arrays
-from clradar.errors import ModelError, OutputError
-from clradar.files.atomic import replacing
+from clradar.arrays.array_file import array_text
+from clradar.errors import OutputError
+from clradar.files.atomic import replacing, write_file
 from clradar.files.failures import clean, shown
-from clradar.model import Capture, Waveform, checks
-from measurement_io.antenna_file import CHANNELS, IMAGING
+from clradar.model import AntennaArray, Capture, Waveform, checks
+from measurement_io.antenna_file import CHANNELS, IMAGING, antenna_array
 from measurement_io.maroon.calibration_file import CALIBRATION_FILE, write_calibration_file
-from measurement_io.maroon.folders import FRAMES_FOLDER, VARIANTS, RadarFolderName
+from measurement_io.maroon.folders import ANTENNAS_FILE, FRAMES_FOLDER, VARIANTS, RadarFolderName
 from measurement_io.maroon.product_writer import grid_entry
 
 _OF_THE_FORM = frozenset(
@@ -80,7 +81,7 @@ def save_maroon_frame(
     path : path-like
         The `<object>/<distance>` folder; it is made, with the folders above it, where missing.
     capture : Capture
-        Of `clradar.arrays.qar50()`.
+        Of antennas other than those of `clradar.arrays.qar50()` the folder gets an `antennas.toml`.
     frame : int
         Number of the frame, 0 to 999999.
     variant : {"raw", "emptyfiltered"}
@@ -89,7 +90,8 @@ def save_maroon_frame(
     number_of_measurements : int, optional
         Frames of the whole recording; `frame + 1` if not given.
     channels : {96, 94}
-        96 as the instrument writes (channels 0 and 95 are zero), or the imaging antennas alone.
+        96 as the instrument writes (channels 0 and 95 are zero), or the imaging antennas alone;
+        without a meaning for arrays of other sizes.
     force : bool
         Write into a radar folder that exists already, and replace the frame if it is there.
 
@@ -102,10 +104,10 @@ def save_maroon_frame(
     Raises
     ------
     ModelError
-        Another array, or an invalid argument.
+        An invalid argument.
     OutputError
-        The radar folder exists and `force` is not set, it belongs to another waveform, or the
-        system refuses to write.
+        The radar folder exists and `force` is not set, it belongs to another waveform or to
+        other antennas, or the system refuses to write.
 
     Examples
     --------
@@ -129,24 +131,35 @@ def save_maroon_frame(
     if channels not in (CHANNELS, CHANNELS - 2):
         checks.fail("save_maroon_frame: channels", "96 or 94", repr(channels))
     stamp = time_stamp("save_maroon_frame: timestamp_us", capture, timestamp_us)
-    check_array(capture)
     folder = RadarFolder.of(capture.waveform)
     radar = check_target_folder(Path(path)) / folder.name
     _make_folders(radar, force=force)
+    write_antennas(radar, capture.array)
     _write_calibration(radar / CALIBRATION_FILE, folder, number)
     target = radar / FRAMES_FOLDER / frame_name(number, variant)
     write_frame_file(target, capture, total, stamp, channels=channels, force=force)
     return target
 
 
-def check_array(capture: Capture) -> None:
-    """Raise `ModelError` unless the file form can hold a capture of this array."""
-    if not capture.array.same_positions(arrays.qar50()):
-        raise ModelError(
-            "Capture.array: expected the 94 x 94 antennas of qar50(), which the file form takes "
-            f"for granted, got '{capture.array.name}' with {capture.array.n_tx} Tx and "
-            f"{capture.array.n_rx} Rx"
+def write_antennas(radar: Path, array: AntennaArray) -> None:
+    """Write the antennas into a radar folder, unless they are the imager's, as the form has them.
+
+    Raises
+    ------
+    OutputError
+        There are frames already, of other antennas.
+    """
+    if any((radar / FRAMES_FOLDER).glob("*.npy")):
+        there = antenna_array(None, None, radar / ANTENNAS_FILE)
+        if there.same_positions(array):
+            return
+        raise OutputError(
+            f"{shown(radar)}: expected frames of its antennas, '{there.name}' with {there.n_tx} Tx "
+            f"and {there.n_rx} Rx, got '{array.name}' with {array.n_tx} Tx and {array.n_rx} Rx"
         )
+    plain = not (array.has_patterns or array.has_gains)
+    if not (plain and array.same_positions(arrays.qar50())):
+        write_file(radar / ANTENNAS_FILE, array_text(array).encode("utf-8"), force=True)
 
 
 def check_target_folder(path: Path) -> Path:
@@ -191,7 +204,7 @@ def write_frame_file(
 ) -> None:
     """Write one `.npy` file, whole or not at all; the arguments are taken as checked."""
     xr = capture.data.transpose(1, 0, 2)
-    if channels == CHANNELS:
+    if channels == CHANNELS and xr.shape[:2] == (CHANNELS - 2, CHANNELS - 2):
         whole = np.zeros((CHANNELS, CHANNELS, capture.waveform.n_freq), np.complex64)
         whole[IMAGING, IMAGING, :] = xr
         xr = whole

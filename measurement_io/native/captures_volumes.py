@@ -128,7 +128,7 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
     size = stored_bytes(volume.data, grid.x_m, grid.y_m, grid.z_m)
     if scale is not None:
         size += instrument_bytes(scale.array, scale.waveform) + scale.weights.nbytes
-    version = 1 if scale is None else 2
+    version = 1 if scale is None else max(2, instrument_version(scale.array))
     write(
         Path(path), "volume", text, texts, fill, size_bytes=size, force=force, version=version,
         views=_views(volume),
@@ -229,8 +229,12 @@ def _split(found: native_contents.Contents) -> tuple[NativeHeader, native_conten
 
 def instrument(found: native_contents.Contents) -> tuple[AntennaArray, Waveform]:
     """Return the antennas and the frequencies of a capture or of its channels."""
-    patterns = [AntennaPattern(**kept) if kept else None for kept in found["patterns"]]
-    array = AntennaArray(found["tx_m"], found["rx_m"], found["array_name"], *patterns)
+    tx, rx = (AntennaPattern(**kept) if kept else None for kept in found["patterns"])
+    sides = {
+        name: value.view(np.complex128)[:, 0] if name.endswith("gain") else value
+        for name, value in found["sides"].items()
+    }
+    array = AntennaArray(found["tx_m"], found["rx_m"], found["array_name"], tx, rx, **sides)
     return array, Waveform(found["frequency_hz"])
 
 

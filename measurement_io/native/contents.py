@@ -19,6 +19,7 @@ from measurement_io.native.scheme import (
     EXPECTED,
     NX_CLASSES,
     SCHEMES,
+    SIDE_COLUMNS,
     VERSION,
     VIEW_AXES,
     VIEWS,
@@ -31,9 +32,13 @@ CHANNEL_FIELDS = ("gain", "delay_s", "noise", "phase_std_rad", "delay_std_s")
 WEIGHTS = "frequency_weight"
 """Of the window of a volume, whose antennas and frequencies then are in the file, too."""
 
-PATTERN_DATASETS = tuple(
-    f"{side}_pattern{column}" for side in ("tx", "rx") for column in ("", "_angle_deg", "_field")
+INSTRUMENT_DATASETS = tuple(
+    f"{side}_{column}"
+    for side in ("tx", "rx")
+    for column in ("pattern", "pattern_angle_deg", "pattern_field", *SIDE_COLUMNS)
 )
+"""Beside positions and frequencies; a file may lack them."""
+
 CHANNEL_NUMBERS = ("target_amplitude", "reference_hz", "residual_db", "noise_residual_db")
 
 
@@ -127,7 +132,7 @@ def nexus_problems(path: Path) -> list[str]:
             problems += _group_problems(path, view, "data", VIEW_AXES)
             if not hdf5_guard.has_checksum(hdf5_guard.dataset(path, view, "data")):
                 problems.append(f"{view.name}/data: carries no Fletcher-32 checksum")
-        optional = [name for name in (*PATTERN_DATASETS, WEIGHTS) if name in data]
+        optional = [name for name in (*INSTRUMENT_DATASETS, WEIGHTS) if name in data]
         for name in (*scheme.datasets, *optional):
             if name in ("tx", "rx") and name not in data:
                 continue  # for viewers only
@@ -186,6 +191,14 @@ def _instrument(path: Path, data: Any) -> Contents:
         "rx_m": hdf5_guard.array(path, data, "rx_m", np.float64, (None, 3)),
         "frequency_hz": hdf5_guard.array(path, data, "frequency_hz", np.float64, (None,)),
         "patterns": [_pattern(path, data, f"{side}_pattern") for side in ("tx", "rx")],
+        "sides": {
+            f"{side}_{column}": hdf5_guard.array(
+                path, data, f"{side}_{column}", np.float64, (None, count)
+            )
+            for side in ("tx", "rx")
+            for column, count in SIDE_COLUMNS.items()
+            if f"{side}_{column}" in data
+        },
     }
 
 

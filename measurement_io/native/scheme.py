@@ -22,10 +22,14 @@ from clradar.files.atomic import refuse_existing, replacing, require_space
 from clradar.files.failures import fail, reading, regular_file_size
 from measurement_io.confined import hdf5_guard
 
-VERSION = 2
+VERSION = 3
 """The newest that is read. Files are written as version 1 where that holds all there is: version 2
 adds antenna patterns, without which a reader would misunderstand the samples, and the scale of
-volumes."""
+volumes; version 3 gains and boresights of single antennas."""
+
+SIDE_COLUMNS = {"gain": 2, "boresight": 3}
+"""Of single antennas, beside their positions: real and imaginary part, unit vector."""
+
 
 NX_CLASSES = {"/": "NXroot", "/entry": "NXentry", "/entry/data": "NXdata"}
 _CHUNK_BYTES = 2**20
@@ -299,6 +303,9 @@ def write_instrument(group: Any, array: Any, waveform: Any) -> None:
     write_dataset(group, "tx_m", array.tx_m, "Tx antenna positions x, y, z", "m")
     write_dataset(group, "rx_m", array.rx_m, "Rx antenna positions x, y, z", "m")
     for side in ("tx", "rx"):
+        for name, value in _side_columns(array, side).items():
+            title = "amplitude, real and imaginary part" if value.shape[1] == 2 else "boresight"
+            write_dataset(group, name, value, title, None)
         pattern = getattr(array, f"{side}_pattern")
         if pattern is None:
             continue
@@ -313,13 +320,27 @@ def write_instrument(group: Any, array: Any, waveform: Any) -> None:
 
 def instrument_version(array: Any) -> int:
     """Return the lowest version whose readers understand a file with these antennas."""
+    if any(_side_columns(array, side) for side in ("tx", "rx")):
+        return 3
     return 2 if array.has_patterns else 1
+
+
+def _side_columns(array: Any, side: str) -> dict[str, np.ndarray]:
+    """Return what single antennas of a side have: dataset -> float64 (n, columns)."""
+    values = {column: getattr(array, f"{side}_{column}") for column in SIDE_COLUMNS}
+    return {
+        f"{side}_{column}": value.view(np.float64).reshape(len(value), -1)
+        for column, value in values.items()
+        if value is not None
+    }
 
 
 def instrument_bytes(array: Any, waveform: Any) -> int:
     """Return what `write_instrument` stores."""
     # An index, 4 bytes, goes with each position of 24.
     values = [waveform.frequencies_hz, *2 * (array.tx_m, array.rx_m)]
+    for side in ("tx", "rx"):
+        values += _side_columns(array, side).values()
     for pattern in (array.tx_pattern, array.rx_pattern):
         if pattern is not None and pattern.angle_deg is not None:
             values += [pattern.angle_deg, pattern.field]

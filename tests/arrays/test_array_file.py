@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import clradar
-from clradar.arrays import qar50, read_array
+from clradar.arrays import qar50, read_array, read_clusters
+from clradar.arrays.array_file import array_of, array_record, array_text
 from clradar.errors import MeasurementError
 
 LINE = "line = { first_m = [-0.03, 0, 0], last_m = [0.03, 0, 0], n = 4 }"
@@ -94,6 +95,66 @@ def test_patterns_are_those_of_the_record(tmp_path: Path) -> None:
     )
 
 
+def test_gains_and_boresights_of_single_antennas(tmp_path: Path) -> None:
+    array = read(
+        tmp_path,
+        f"""
+        [[tx]]
+        {LINE}
+        gain_db = [0, -6, 0, -20]
+        phase_deg = 90
+        [[tx]]
+        points_m = [[0, 0, 0]]
+        [[rx]]
+        {LINE}
+        boresight = [0, 0.6, 0.8]
+        [rx_pattern]
+        exponent = 2
+        [[pose]]
+        points_m = [[0, 0, 0]]
+        rotation_deg = [0, 90, 0]
+        """,
+    )
+    level = 10 ** (np.array([0, -6, 0, -20]) / 20)
+    np.testing.assert_allclose(array.tx_gain, [*1j * level, 1], atol=1e-15)
+    np.testing.assert_allclose(array.rx_boresight, np.tile([0.8, 0.6, 0], (4, 1)), atol=1e-15)
+    assert array.rx_gain is None
+    assert array.tx_boresight is None  # without a pattern nothing depends on it
+    again = array_of(array_record(array), "record", "another")
+    assert_same(again, array)
+    (tmp_path / "again.toml").write_text(array_text(array), encoding="utf-8")
+    assert_same(read_array(tmp_path / "again.toml"), array)
+    part = array.part([0, 1, 4], slice(2), "part")
+    np.testing.assert_array_equal(part.tx_gain, array.tx_gain[[0, 1, 4]])
+    assert part.rx_boresight.shape == (2, 3)
+
+
+def assert_same(got: clradar.AntennaArray, want: clradar.AntennaArray) -> None:
+    assert (got.name, got.tx_pattern, got.rx_pattern) == (
+        want.name, want.tx_pattern, want.rx_pattern
+    )  # fmt: skip
+    for name in ("tx_m", "rx_m", "tx_gain", "rx_gain", "tx_boresight", "rx_boresight"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(want, name))
+
+
+def test_clusters_are_arrays_of_their_own(tmp_path: Path) -> None:
+    text = """
+        copy_of = "qar50"
+        pairs = "cluster"
+        [[pose]]
+        plane = { size_m = [0.2, 0], n = [2, 1] }
+        """
+    path = tmp_path / "lab.toml"
+    path.write_text(text, encoding="utf-8")
+    clusters = read_clusters(path)
+    path.write_text(text.replace('"cluster"', '"all"'), encoding="utf-8")
+    (whole,) = read_clusters(path)
+    assert [c.n_tx for c in clusters] == [94, 94]
+    for side in ("tx_m", "rx_m"):
+        joined = np.concatenate([getattr(c, side) for c in clusters])
+        np.testing.assert_array_equal(joined, getattr(whole, side))
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -113,11 +174,13 @@ def test_patterns_are_those_of_the_record(tmp_path: Path) -> None:
         ('copy_of = "qar5"', "one of .*did you mean 'qar50'"),
         (f'copy_of = "qar50"\n[[tx]]\n{LINE}', "copy_of: expected no tx, rx, antennas beside"),
         ('copy_of = "qar50"\npose = 3', r"pose: expected tables \[\[pose\]\]"),
-        (
-            'copy_of = "qar50"\n[tx_pattern]\nexponent = 1\n[[pose]]\npoints_m = [[0, 0, 0]]\n'
-            "rotation_deg = [0, 10, 0]",
-            "rotations about z beside a pattern",
-        ),
+        (f"[[antennas]]\n{LINE}\ngain_db = [1, 2]", "gain_db: expected one number, or one for"),
+        (f"[[antennas]]\n{LINE}\nboresight = [0, 1]", "boresight: expected a list of 3 numbers"),
+        (f"[[antennas]]\n{LINE}\nboresight = [[0, 1, 0]]", "boresight: expected one row of 3"),
+        (f"[[antennas]]\n{LINE}\nboresight = [0, 1, 0]", r"tx: expected \[tx_pattern\]"),
+        (f"[[antennas]]\n{LINE}\ngain = [1, 0]\ngain_db = 3", "no gain_db and no phase_deg"),
+        ('copy_of = "qar50"\npairs = "some"', "pairs: expected one of .all., .cluster."),
+        (f'copy_of = "qar50"\npairs = "cluster"\n[[pose]]\n{LINE}', r"pairs: .* got 4 clusters"),
         ('copy_of = "qar50"\n[tx_pattern]\nexponent = -1', "tx_pattern.exponent: expected 0 to"),
         ("copy_of =", "expected an antenna array"),
     ],

@@ -19,6 +19,7 @@ from clradar.dataset.plan.hand_json import pose_of
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.plan_json import plan_record
 from clradar.dataset.plan.reader import plan_from
+from clradar.dataset.sample import recipe_radar
 from clradar.errors import MeasurementError, ModelError
 from clradar.hand import (
     JOINT_NAMES,
@@ -233,6 +234,28 @@ def test_files_are_relative_to_the_plan(tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text("samples = 1\n[poses]\nfiles = ['mine.toml']\n")
     plan = read_plan(tmp_path / "plan.toml")
     assert plan.poses.poses == (HandPose("mine", angles),)
+
+
+def test_antennas_of_a_file_are_in_the_plan_and_in_every_recipe(tmp_path: Path) -> None:
+    (tmp_path / "few.toml").write_text("""[[tx]]
+points_m = [[0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]]
+gain_db = [0, 0.1, 0]
+[[rx]]
+points_m = [[0, 0.03, 0]]
+""")
+    text = "samples = 1\noutput.products = ['capture']\nradar = {{ array = '{}', every = 2 }}\n"
+    (tmp_path / "plan.toml").write_text(text.format("few.toml") + "poses.names = ['A']\n")
+    plan = read_plan(tmp_path / "plan.toml")
+    (tmp_path / "few.toml").unlink()
+    assert plan_from(json.loads(json.dumps(plan_record(plan))), "manifest", tmp_path) == plan
+    array, _ = recipe_radar(json.loads(json.dumps(recipe(plan, 0))))
+    assert array.tx_m.tolist() == [[0, 0, 0], [0.02, 0, 0]]
+    assert array.tx_gain.tolist() == [1, 1]
+    assert array is recipe_radar(recipe(plan, 0))[0]
+    for name, words in (("few.toml", "few.toml"), ("qar5", "got .qar5")):
+        (tmp_path / "plan.toml").write_text(text.format(name))
+        with pytest.raises(PlanError, match=f"radar.array: .*{words}"):
+            read_plan(tmp_path / "plan.toml")
 
 
 def test_recipes_are_json_and_depend_on_their_number_alone() -> None:

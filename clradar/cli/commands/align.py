@@ -15,8 +15,9 @@ from clradar.cli.options.common import (
     SearchOptions,
     UnitOptions,
 )
-from clradar.cli.options.groups import argument, option, output_option, recorded
+from clradar.cli.options.groups import argument, given, option, output_option, recorded
 from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.radar import RadarOptions
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs
@@ -71,6 +72,7 @@ def command(
     voxels: GridOptions,
     imaging: ImagingOptions,
     frames: FrameOptions,
+    radar: RadarOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -85,12 +87,15 @@ def command(
     if output is None:
         raise wrong_usage("-o", "expected a JSON file to write")
     path, settings = aligned.path(), aligned.settings()
-    check_outputs([output], force=force, inputs=[measured, path])
+    if given(radar) and aligned.mesh is None:
+        raise wrong_usage(", ".join(given(radar)), "expected --mesh with it, which is simulated")
+    check_outputs([output], force=force, inputs=[measured, path, *radar.files])
     voxels.grid()  # wrong usage is reported before a file is read
     # A mesh that cannot be read should not cost an image first.
     scene = None if aligned.mesh is None else Scene.from_mesh(path, unit=aligned.unit)
     opened = open_device(device)
     images = [ImageInput.open(measured, frames)]
+    instrument = {} if scene is None else images[0].radar_or(radar)
     if scene is None:
         images.append(ImageInput.open(path))
     grid = common_grid(voxels, *images, device=opened)
@@ -102,11 +107,11 @@ def command(
             bias = not aligned.quick
             result = align_mesh(
                 volumes[0], scene, correct_bias=bias, device=opened, progress=progress,
-                **settings, **images[0].radar,
+                **settings, **instrument,
             )  # fmt: skip
     grid_of_measured = grid_text(volumes[0].grid)
-    options = recorded(aligned, imaging, frames, measured=measured, grid=grid_of_measured)
-    origin = provenance("align", options, [*images[0].files, path])
+    options = recorded(aligned, imaging, frames, radar, measured=measured, grid=grid_of_measured)
+    origin = provenance("align", options, [*images[0].files, path, *radar.files])
     write_json(output, {**result.to_dict(), **origin}, force=force)
     print_text(result.report())
     print_line(f"{output}: the transform, its covariance and this report")

@@ -11,16 +11,19 @@ from clradar.cli.opening import open_written
 from clradar.cli.options.common import DeviceOption, OpenOption
 from clradar.cli.options.groups import option, output_option
 from clradar.cli.options.imaging import grid_text
+from clradar.cli.options.radar import RadarOptions
 from clradar.cli.outputs import check_folder, made_folder
 
 
 def command(
+    *,
     output: Path = output_option(Path("demo"), "Folder to make, or an empty one.", metavar="DIR"),
     full: bool = option(False, "The paper's volume: 201 x 201 x 81 voxels of 1 mm."),
     estimator: Literal["expected", "stochastic"] | None = option(
         None,
         "Of the images over alpha: stochastic is the paper's. [default: as `clradar simulate`]",
     ),
+    radar: RadarOptions,
     device: DeviceOption = None,
     force: bool = option(False, "Write into a folder that holds files already."),
     show: OpenOption = False,
@@ -41,6 +44,8 @@ def command(
     from clradar.cli import demonstration
 
     settings = demonstration.FULL if full else demonstration.DEFAULT
+    settings = replace(settings, array=radar.array, band=radar.band)
+    radar.antennas()  # wrong usage is reported before anything is made
     if estimator is not None:
         settings = replace(settings, rays={"estimator": estimator})
     check_folder(output, force=force)

@@ -21,6 +21,7 @@ from clradar.cli.options.common import (
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.hand import ShapeOptions
 from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.radar import RadarOptions
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.rig import RigFileOptions
 from clradar.cli.options.sequence import SequenceOptions
@@ -106,6 +107,7 @@ def command(
     imaging: ImagingOptions,
     frame: FrameOptions,
     sequence: SequenceOptions,
+    radar: RadarOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
     show: OpenOption = False,
@@ -123,8 +125,10 @@ def command(
     from calibration import fit_hand
     from clradar import open_device
 
-    read = [*fitting.files, *rigged.files]
+    read = [*fitting.files, *rigged.files, *radar.files]
     if sequence.of_frames(measured):
+        if given(radar):
+            raise wrong_usage(", ".join(given(radar)), "a recording has its antennas")
         made_by = recorded(fitting, shape, rigged, imaging, frame, voxels)
         folders = fit_sequences(
             sequence, measured, output, frame, voxels, imaging,
@@ -138,14 +142,22 @@ def command(
     settings = fit_settings(fitting, shape, rigged)
     voxels.grid()  # wrong usage is reported before a file is read
     image = ImageInput.open(source, frame)
+    instrument = image.radar_or(radar)
     opened = open_device(device)
     grid = common_grid(voxels, image, device=opened)
     volume = image.volume(grid, imaging, opened)
     with progress_bar("fitting") as progress:
-        fit = fit_hand(volume, device=opened, progress=progress, **settings, **image.radar)
-    images = FittedImages.of(volume, fit, image.radar, fitting.seed, opened)
+        fit = fit_hand(volume, device=opened, progress=progress, **settings, **instrument)
+    images = FittedImages.of(volume, fit, instrument, fitting.seed, opened)
     options = recorded(
-        fitting, shape, rigged, imaging, frame, measured=source, grid=grid_text(volume.grid)
+        fitting,
+        shape,
+        rigged,
+        imaging,
+        frame,
+        radar,
+        measured=source,
+        grid=grid_text(volume.grid),
     )
     origin = provenance("fit-hand", options, [*image.files, *read])
     with whole_folder(output, force=force, replaced=FILES) as made:

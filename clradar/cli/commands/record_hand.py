@@ -15,7 +15,7 @@ from clradar.cli.options.common import DeviceOption, ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.hand import EmbeddedHandOptions
 from clradar.cli.options.materials import PHYSICAL, MaterialOptions
-from clradar.cli.options.radar import BandOptions
+from clradar.cli.options.radar import RadarOptions
 from clradar.cli.options.rig import HAND_CREASE_DEG, RigOptions
 from clradar.cli.options.simulation import (
     ESTIMATORS,
@@ -119,7 +119,7 @@ def command(
     alphas: AlphaOptions,
     made_of: MaterialOptions,
     field: FieldOptions,
-    band: BandOptions,
+    radar: RadarOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -134,7 +134,7 @@ def command(
 
     default, by_part = read_part_alphas(alphas.alpha or [])
     _check(rigged, embedded, device)
-    inputs = [*moving.files, *rigged.files, *made_of.files]
+    inputs = [*moving.files, *rigged.files, *made_of.files, *radar.files]
     replaced = [TRUTH, *(path.name for path in output.glob("radar_*"))]
     check_folder(output, force=force, replaced=replaced, inputs=inputs)
     settings = field.settings(made_of, rigged)
@@ -149,20 +149,21 @@ def command(
         movement,
         (lambda pose: embedded.posed(pose, (0.0, 0.0, 0.3), device)) if rig is None else rig.posed,
         lambda mesh: made_of.on(with_part_alphas(Scene.from_mesh(mesh, alpha=default), by_part)),
-        band.waveform(),
+        radar.antennas(),
+        radar.waveform(),
         settings,
         field.noise_db,
     )
-    options = recorded(moving, embedded, rigged, alphas, made_of, field, band)
+    options = recorded(moving, embedded, rigged, alphas, made_of, field, radar)
     options["snr_db"] = field.noise_db
     about = {"handedness": handedness, **_hand_record(embedded, rigged)}
     with progress_bar("simulating") as progress:
-        radar = recording.write(
+        written = recording.write(
             output, provenance("record-hand", options, inputs), about, opened, progress,
             force=force, replaced=replaced,
         )  # fmt: skip
     took_s = perf_counter() - start_s
-    print_line(f"{radar}: {len(movement)} frames, {took_s:.1f} s on {opened.info.label}")
+    print_line(f"{written}: {len(movement)} frames, {took_s:.1f} s on {opened.info.label}")
     print_line(f"{output / TRUTH}: their joints, transforms and poses")
 
 

@@ -21,6 +21,7 @@ from clradar.cli.options.common import (
 from clradar.cli.options.groups import REQUIRED, argument, option, output_option, recorded
 from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.materials import PHYSICAL, MaterialOptions
+from clradar.cli.options.radar import RadarOptions
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.simulation import ESTIMATORS, Estimator, SamplingOptions
 from clradar.cli.options.values import FIT, alpha_or_fit, wrong_usage
@@ -75,6 +76,7 @@ def command(
     made_of: MaterialOptions,
     voxels: GridOptions,
     frames: FrameOptions,
+    radar: RadarOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
     show: OpenOption = False,
@@ -87,18 +89,19 @@ def command(
 
     registration = replace(registration, estimator=made_of.estimator(registration.estimator))
     alpha = registration.alpha_value(registration.estimator == PHYSICAL)
-    read = [mesh, *made_of.files]
+    read = [mesh, *made_of.files, *radar.files]
     check_folder(output, force=force, replaced=FILES, inputs=[measured, *read])
     scene = Scene.from_mesh(mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit)
     scene = made_of.on(scene)
     voxels.grid()  # wrong usage is reported before a file is read
     recorded_image = ImageInput.open(measured, frames)
+    instrument = recorded_image.radar_or(radar)
     opened = open_device(device)
     grid = common_grid(voxels, recorded_image, device=opened)
     volume = recorded_image.volume(grid, ImagingOptions(), opened)
-    result = registered(volume, scene, registration, recorded_image.radar, opened)
+    result = registered(volume, scene, registration, instrument, opened)
     options = recorded(
-        registration, made_of, frames,
+        registration, made_of, frames, radar,
         measured=measured, mesh=mesh, grid=grid_text(volume.grid),
     )  # fmt: skip
     origin = provenance("register", options, [*recorded_image.files, *read])

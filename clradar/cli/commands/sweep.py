@@ -266,7 +266,7 @@ class SweepInputs:
         self.labels = regions.read(self.scene, place.unit)
         self.matrix = place.matrix()
         self.image = ImageInput.open(measured, frames)
-        self.radar = radar_record(self.image, radar)
+        self.radar = self.image.radar_or(radar)
         self.grid = sweep_grid(self.image, voxels, imaging, device)
         self.files = [
             *self.image.files, mesh, *place.files, *regions.files, *made_of.files,
@@ -296,17 +296,6 @@ class SweepInputs:
 def read_alphas(text: str) -> np.ndarray:
     """The alphas of ``FIRST:LAST:STEP`` or of a list, shape (A,), float64."""
     return ascending("--alpha", text, "alphas", (0.0, 1.0), least=2)
-
-
-def radar_record(image: ImageInput, radar: RadarOptions) -> dict[str, Any]:
-    """Antennas and frequencies of a capture; for a volume those of the options."""
-    if not image.radar:
-        return {"array": radar.antennas(), "waveform": radar.waveform()}
-    if given(radar):
-        raise wrong_usage(
-            ", ".join(given(radar)), "MEASURED is a capture and has its antennas and frequencies"
-        )
-    return image.radar
 
 
 def sweep_grid(

@@ -210,9 +210,19 @@ class Impairments:
 
 @dataclass(frozen=True, slots=True)
 class RadarPlan:
-    """The table [radar]: the array "qar50", or every n-th of its transmitters and receivers."""
+    """The table [radar].
 
-    array: str
+    Attributes
+    ----------
+    array : str or mapping
+        "qar50", or a table as `clradar.arrays.array_file.array_record` returns it.
+    every : int
+        Every n-th of its transmitters and receivers.
+    start_ghz, stop_ghz : float
+    steps : int
+    """
+
+    array: str | Mapping[str, Any]
     every: int
     start_ghz: float
     stop_ghz: float

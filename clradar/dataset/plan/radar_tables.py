@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
+from clradar.arrays import read_array
+from clradar.arrays.array_file import array_of, array_record
+from clradar.arrays.instruments import KNOWN
 from clradar.backproject import METHODS, WINDOWS
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.dataset.plan.draws import fixed
 from clradar.dataset.plan.plan import ChannelErrors, Image, Impairments, RadarPlan, WallPlan
 from clradar.dataset.plan.table import PlanTable
-from clradar.files.table import is_number
+from clradar.files.table import choice_text, is_number
 from clradar.geometry.normals import CREASE_DEG
-from clradar.model import VoxelGrid
+from clradar.model import AntennaArray, VoxelGrid
 from clradar.tracing.settings import (
     PHYSICAL_SAMPLES_PER_MM2,
     RECEPTION_RADIUS_M,
@@ -28,6 +35,7 @@ RAYS_PER_SAMPLE = 160
 """With the expected estimator: as many rays per square millimetre as the stochastic one has by
 default in `simulate`, so amplitudes have its scale."""
 
+QAR50 = "qar50"
 GRID_MM = {"x_mm": (-100.0, 100.0), "y_mm": (-100.0, 100.0), "z_mm": (250.0, 350.0)}
 STEP_MM = 2.0
 
@@ -85,8 +93,8 @@ def _walls(table: PlanTable) -> tuple[WallPlan, ...]:
     return tuple(found)
 
 
-def radar_of(table: PlanTable) -> RadarPlan:
-    array = table.one_of("array", "qar50", ("qar50",))
+def radar_of(table: PlanTable, folder: Path) -> RadarPlan:
+    array = _array(table, folder)
     every = table.whole("every", 1, 1, 47)
     start = table.number("start_ghz", 72.0, 0.1, 1000.0)
     stop = table.number("stop_ghz", 82.0, 0.1, 1000.0)
@@ -99,6 +107,36 @@ def radar_of(table: PlanTable) -> RadarPlan:
         )
     table.done()
     return RadarPlan(array, every, start, stop, steps)
+
+
+def _array(table: PlanTable, folder: Path) -> str | dict[str, Any]:
+    """A known array's name, or the antennas of a file; the latter as they are in manifests."""
+    named = table.raw("array", QAR50)
+    if isinstance(named, dict):
+        found = table.checked("array", array_of, named, "array", "array")
+    elif named in KNOWN:
+        return str(named)
+    elif isinstance(named, str) and named.endswith(".toml"):
+        found = table.checked("array", read_array, folder / named)
+    else:
+        expected = f"{choice_text(str(named), tuple(KNOWN))}, or a .toml file of antennas"
+        table.refuse("array", expected, named)
+        return QAR50
+    return QAR50 if found is None else array_record(found)
+
+
+def plan_array(array: str | Mapping[str, Any], every: int) -> AntennaArray:
+    """Return every n-th antenna of a plan's array; equal ones are the same object."""
+    return _part(array if isinstance(array, str) else json.dumps(array), every)
+
+
+@lru_cache(maxsize=8)
+def _part(array: str, every: int) -> AntennaArray:
+    whole = KNOWN[array]() if array in KNOWN else array_of(json.loads(array), "array", "array")
+    if every == 1:
+        return whole
+    one_in = slice(None, None, every)
+    return whole.part(one_in, one_in, f"{whole.name}, one in {every}")
 
 
 def simulation_of(table: PlanTable) -> SimulationSettings:

@@ -10,7 +10,13 @@ from typing import Any
 from clradar.dataset.plan.hand_tables import alpha_of, hands_of, placement_of, poses_of
 from clradar.dataset.plan.material_table import materials_of
 from clradar.dataset.plan.plan import PRODUCTS, Output, Plan
-from clradar.dataset.plan.radar_tables import image_of, impairments_of, radar_of, simulation_of
+from clradar.dataset.plan.radar_tables import (
+    image_of,
+    impairments_of,
+    plan_array,
+    radar_of,
+    simulation_of,
+)
 from clradar.dataset.plan.table import PlanError, PlanTable
 from clradar.files.failures import shown
 from clradar.files.limits import MAX_PLAN_BYTES
@@ -69,7 +75,7 @@ def plan_from(parsed: Mapping[str, Any], source: str, folder: Path) -> Plan:
         placement=placement_of(top.table("placement")),
         alpha=None if physical else alpha_of(top),
         impairments=impairments_of(top.table("impairments")),
-        radar=radar_of(top.table("radar")),
+        radar=radar_of(top.table("radar"), folder),
         simulation=simulation,
         image=image_of(top.table("image")),
         output=_output(top.table("output")),
@@ -123,9 +129,12 @@ def _check_together(top: PlanTable, plan: Plan) -> None:
             f"{plan.output.shard_size}",
         )
     channels = plan.impairments.channels
-    count = -(-94 // plan.radar.every)
     if channels is not None:
-        for key, dead in (("dead_tx", channels.dead_tx), ("dead_rx", channels.dead_rx)):
+        array = plan_array(plan.radar.array, plan.radar.every)
+        for key, dead, count in (
+            ("dead_tx", channels.dead_tx, array.n_tx),
+            ("dead_rx", channels.dead_rx, array.n_rx),
+        ):
             if dead and max(dead) >= count:
                 top.mistake(
                     f"impairments.channels.{key}", f"channels from 0 to {count - 1}", f"{max(dead)}"

@@ -19,7 +19,13 @@ from systems import posix_only
 
 import clradar
 from clradar.errors import MeasurementError, ModelError, OutputError
-from measurement_io import check_file, describe, open_capture, save_maroon_frame
+from measurement_io import (
+    check_file,
+    describe,
+    open_capture,
+    open_recording,
+    save_maroon_frame,
+)
 
 
 def refused(path: Path, **arguments: object) -> str:
@@ -690,11 +696,21 @@ def test_existing_recording_needs_force(tmp_path, capture):
         save_maroon_frame(tmp_path / "30", capture, frame=2, force=True)
 
 
-def test_other_arrays_are_refused(tmp_path, capture):
-    array = clradar.AntennaArray(capture.array.rx_m, capture.array.tx_m, "swapped")
-    with pytest.raises(ModelError, match="swapped"):
-        save_maroon_frame(tmp_path / "30", clradar.Capture(capture.data, array, capture.waveform))
-    assert not (tmp_path / "30").exists()
+def test_other_antennas_lie_beside_their_frames_which_are_of_one_array(tmp_path, capture):
+    pattern = clradar.AntennaPattern(exponent=1.0)
+    array = clradar.AntennaArray(capture.array.rx_m[:5], capture.array.tx_m[:4], "few", pattern)
+    other = clradar.Capture(capture.data[:5, :4], array, capture.waveform)
+    path = save_maroon_frame(tmp_path / "30", other)
+    save_maroon_frame(tmp_path / "30", other, frame=1, force=True)
+    for read in (open_capture(path), open_recording(tmp_path / "30")[1]):
+        np.testing.assert_array_equal(read.data, other.data)
+        np.testing.assert_array_equal(read.array.tx_m, array.tx_m)
+        assert (read.array.name, read.array.tx_pattern) == ("few", pattern)
+    with pytest.raises(OutputError, match="'few' with 5 Tx and 4 Rx, got 'qar50' with 94 Tx"):
+        save_maroon_frame(tmp_path / "30", capture, frame=2, force=True)
+    (path.parent.parent / "antennas.toml").unlink()
+    with pytest.raises(MeasurementError, match=r"\(96, 96, Nf\) or \(94, 94, Nf\)"):
+        open_capture(path)
 
 
 @pytest.mark.parametrize("count", [4, 4.0, np.int32(4), np.array([4]), np.array(4), [4]])

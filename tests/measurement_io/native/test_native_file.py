@@ -360,7 +360,7 @@ def with_bad_value(name: str, value: Any) -> Callable[[h5py.File], None]:
 @pytest.mark.parametrize(
     ("action", "found"),
     [
-        (set_attribute("clradar_version", 3), "newer clradar"),
+        (set_attribute("clradar_version", 4), "newer clradar"),
         (set_attribute("clradar_version", 0), "version 0"),
         (set_attribute("clradar_version", "1"), "whole number"),
         (set_attribute("clradar_version", 1.5), "whole number"),

@@ -1,0 +1,60 @@
+"""One side of an array, its Tx or its Rx: where they are, and what each sends to or takes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clradar.model.pattern import AntennaPattern
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AntennaSide:
+    """The antennas of one side.
+
+    Attributes
+    ----------
+    antennas_m : ndarray, shape (n, 3), metres
+    pattern : AntennaPattern or None
+        Of each about its boresight; None: isotropic with gain 1.
+    boresight : ndarray, shape (n, 3), or None
+        Unit vectors; None: all along +z.
+    gain : ndarray, shape (n,), complex128, or None
+        Of amplitude, of each antenna beside its pattern; None: 1.
+    """
+
+    antennas_m: np.ndarray
+    pattern: AntennaPattern | None
+    boresight: np.ndarray | None
+    gain: np.ndarray | None
+
+    @property
+    def axes(self) -> np.ndarray:
+        """The boresight of every antenna, shape (n, 3)."""
+        if self.boresight is None:
+            return np.tile([0.0, 0.0, 1.0], (len(self.antennas_m), 1))
+        return self.boresight
+
+    def towards(self, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return distances to points, metres, and field amplitudes there, complex with gains.
+
+        Parameters
+        ----------
+        points_m : ndarray, shape (n_points, 3), metres
+
+        Returns
+        -------
+        length_m, field : ndarray, shape (n_points, n)
+            The field without the loss over the distance.
+        """
+        vector_m = points_m[:, None] - self.antennas_m
+        length_m = np.linalg.norm(vector_m, axis=2)
+        field = np.ones_like(length_m)
+        if self.pattern is not None:
+            if self.boresight is None:
+                along_m = vector_m[:, :, 2]
+            else:
+                along_m = (vector_m * self.boresight).sum(axis=2)
+            field = self.pattern.amplitude(along_m / np.maximum(length_m, 1e-12))
+        return length_m, field if self.gain is None else field * self.gain

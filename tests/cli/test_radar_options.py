@@ -1,0 +1,106 @@
+"""Every command that makes or needs a radar takes any: --array and --band, or a reason."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from command_line import Run
+
+import clradar
+from clradar.cli.launcher import COMMANDS, module_of
+from clradar.cli.options.groups import expanded
+from clradar.measurement_io import open_capture, open_recording, open_volume, save_capture
+
+OWN = "captures and recordings have their antennas and frequencies"
+WITHOUT = {
+    "devices": "no radar",
+    "materials": "a band alone, --band-ghz",
+    "hand": "a mesh alone",
+    "bench": "its figures are of one radar, for comparison",
+    "dataset": "the plan has them, [radar]",
+    "image": OWN,
+    "convert": f"{OWN}, or a layout does",
+    "export": OWN,
+    "view": OWN,
+    "live": OWN,
+    "replay": OWN,
+    "background": OWN,
+    "channels": OWN,
+    "correct": OWN,
+    "diagnose": OWN,
+    "inspect": OWN,
+    "compare": "nothing is simulated",
+}
+
+CROSS = """
+[[tx]]
+line = { first_m = [-0.0275, 0, 0], last_m = [0.0275, 0, 0], n = 6 }
+[[rx]]
+line = { first_m = [0, -0.0375, 0], last_m = [0, 0.0375, 0], n = 5 }
+"""
+
+
+@pytest.fixture
+def cross(tmp_path: Path) -> Path:
+    path = tmp_path / "cross60.toml"
+    path.write_text(CROSS, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_takes_any_radar_or_says_why_not(name: str) -> None:
+    parameters = expanded(import_module(module_of(name)).command).__signature__.parameters
+    takes = {"array", "band"} <= set(parameters)
+    assert takes != (name in WITHOUT), f"{name}: --array and --band, or a reason here"
+
+
+def test_a_recorded_hand_of_another_radar_is_read_as_it_was_written(
+    run: Run, tmp_path: Path, cross: Path
+) -> None:
+    outcome = run(
+        "record-hand", "flat", "--frames", "2", "-o", tmp_path / "moving", "--array", cross,
+        "--band", "60:62:5", "--samples-per-mm2", "0.02", "--edge-mm", "4", "--snr-db", "inf",
+    )  # fmt: skip
+    assert outcome.status == 0, outcome.err
+    recording = open_recording(tmp_path / "moving")
+    array = clradar.arrays.read_array(cross)
+    assert recording.array.same_positions(array, 0.0)
+    assert recording.array.name == "cross60"
+    frames = list(recording)
+    assert [frame.data.shape for frame in frames] == [(6, 5, 5)] * 2
+    assert frames[0].data.any()
+    alone = open_capture(tmp_path / "moving", frame=1)
+    np.testing.assert_array_equal(alone.data, frames[1].data)
+    assert alone.array.same_positions(array, 0.0)
+
+
+def test_a_volume_is_taken_for_one_of_the_radar_that_is_named(
+    run: Run, tmp_path: Path, cross: Path
+) -> None:
+    array = clradar.arrays.read_array(cross)
+    waveform = clradar.Waveform.sfcw(60e9, 62e9, 5)
+    capture = clradar.room_capture(array, waveform, [], points_m=[[0, 0, 0.3]])
+    save_capture(tmp_path / "capture.h5", capture)
+    outcome = run(
+        "image", tmp_path / "capture.h5", "-o", tmp_path / "volume.h5",
+        "--x-mm", "-20:20:4", "--y-mm", "-20:20:4", "--z-mm", "290:310:4",
+    )  # fmt: skip
+    assert outcome.status == 0, outcome.err
+    from clradar.cli.inputs import ImageInput
+    from clradar.cli.options.radar import RadarOptions
+
+    volume = ImageInput(tmp_path / "volume.h5", open_volume(tmp_path / "volume.h5"))
+    found = volume.radar_or(RadarOptions(array=str(cross), band="60:62:5"))
+    assert found["array"].same_positions(array, 0.0)
+    assert found["waveform"].same_frequencies(waveform)
+    for command in ("register", "align", "sweep"):
+        words = [command, tmp_path / "capture.h5", tmp_path / "no.ply"]
+        words = [command, words[1], "--mesh", words[2]] if command == "align" else words
+        outcome = run(*words, "-o", tmp_path / "made", "--array", cross)
+        assert outcome.status != 0
+    with pytest.raises(typer.BadParameter, match="capture and has its antennas"):
+        ImageInput(tmp_path / "capture.h5", capture).radar_or(RadarOptions(band="60:62:5"))
