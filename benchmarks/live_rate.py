@@ -23,6 +23,7 @@ import numpy as np
 
 import clradar
 from clradar.live import LiveImages, run
+from clradar.live.inbox import Arrived
 from clradar.live.screen import state_words
 from clradar.live.sources import StreamSource
 from measurement_io import save_recording
@@ -74,7 +75,7 @@ def compare(frames: list[clradar.Capture], grid: clradar.VoxelGrid, tolerance_db
 def live(frames: list[clradar.Capture], grid: clradar.VoxelGrid, args: argparse.Namespace) -> None:
     source = StreamSource("127.0.0.1", 0)
     images = LiveImages(grid, "rect", args.tolerance_db, 15.0, clradar.open_device())
-    images.image(frames[0])
+    images.image(Arrived(frames[0], "", 0.0))
     with tempfile.TemporaryDirectory() as folder:
         radar = save_recording(
             Path(folder) / "points" / "30", frames, timestamps_us=range(len(frames))
@@ -87,6 +88,7 @@ def live(frames: list[clradar.Capture], grid: clradar.VoxelGrid, args: argparse.
         state = run(source, images, lambda shown: None, lambda *_: None, most=3 * len(frames))
         sender.kill()
         sender.wait()
+    images.close()
     print(f"live, sender at {args.rate_hz:g} Hz: {state_words(*state)}")
 
 

@@ -1,8 +1,8 @@
 """`clradar live`: frames are imaged as they come.
 
 `wire` is the form of frames on a stream, `sources` bring frames into an `inbox`, which keeps the
-newest alone, `loop` images and counts them, `screen` shows them in a terminal; `replay` sends a
-recording. Data flows in that order.
+newest alone, `loop` images and counts them, `screen` shows them in a terminal, `page` in the
+browser; `replay` sends a recording. Data flows in that order.
 """
 
 from clradar.live.loop import LiveImages, Shown, run

@@ -7,9 +7,10 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 from clradar.errors import ClradarError
-from clradar.imaging.frame_imager import FrameImager
+from clradar.imaging.frame_imager import DEFAULT_METHOD, FrameImager
 from clradar.imaging.placement import place_grid
 from clradar.live.inbox import Arrived, Counts, Inbox
 from clradar.live.sources import Source, started
@@ -55,6 +56,58 @@ class Shown:
     counts: Counts
 
 
+class KeptImager:
+    """The imager of the last frame, kept while radar, grid and settings are the same."""
+
+    def __init__(self, tolerance_db: float | None, device: Device) -> None:
+        self._tolerance_db, self._device = tolerance_db, device
+        self._imager: FrameImager | None = None
+        self._settings = ("", "")
+
+    def close(self) -> None:
+        """Free the device's memory."""
+        if self._imager is not None:
+            self._imager.close()
+            self._imager = None
+
+    def of(
+        self, capture: Capture, grid: VoxelGrid | None, window: str, method: str = DEFAULT_METHOD
+    ) -> FrameImager:
+        """Return the imager of a frame; without a grid that of the last one, or one placed anew.
+
+        Raises
+        ------
+        ModelError, DeviceError
+            As `clradar.FrameImager`.
+        """
+        last = self._imager
+        if (
+            last is not None
+            and self._settings == (window, method)
+            and (grid is None or grid.same_voxels(last.grid))
+            and capture.array.same_positions(last.array)
+            and capture.waveform.same_frequencies(last.waveform)
+        ):
+            return last
+        self.close()
+        if grid is None:
+            grid = live_grid(place_grid(capture, device=self._device))
+        self._settings = (window, method)
+        self._imager = FrameImager(
+            capture.array, capture.waveform, grid, method=method, window=window,
+            tolerance_db=self._tolerance_db if method == DEFAULT_METHOD else None,
+            device=self._device,
+        )  # fmt: skip
+        return self._imager
+
+
+class Images(Protocol):
+    """Makes depth maps of frames."""
+
+    def image(self, frame: Arrived) -> DepthMap | None:
+        """Return the depth map of a frame; None where it is not to be shown."""
+
+
 class LiveImages:
     """Depth maps of captures; antennas, frequencies and grid are kept until others come.
 
@@ -78,17 +131,14 @@ class LiveImages:
         dynamic_range_db: float,
         device: Device,
     ) -> None:
-        self._grid, self._window, self._tolerance_db = grid, window, tolerance_db
-        self._dynamic_range_db, self._device = dynamic_range_db, device
-        self._imager: FrameImager | None = None
+        self._grid, self._window, self._dynamic_range_db = grid, window, dynamic_range_db
+        self._imager = KeptImager(tolerance_db, device)
 
     def close(self) -> None:
         """Free the device's memory."""
-        if self._imager is not None:
-            self._imager.close()
-            self._imager = None
+        self._imager.close()
 
-    def image(self, capture: Capture) -> DepthMap:
+    def image(self, frame: Arrived) -> DepthMap:
         """Return the depth map of a frame.
 
         Raises
@@ -96,25 +146,14 @@ class LiveImages:
         ModelError, DeviceError
             As `clradar.FrameImager`.
         """
-        imager = self._imager
-        if imager is None or not (
-            capture.array.same_positions(imager.array)
-            and capture.waveform.same_frequencies(imager.waveform)
-        ):
-            self.close()
-            grid = self._grid or live_grid(place_grid(capture, device=self._device))
-            imager = FrameImager(
-                capture.array, capture.waveform, grid,
-                window=self._window, tolerance_db=self._tolerance_db, device=self._device,
-            )  # fmt: skip
-            self._imager = imager
-        imager.form(capture)
+        imager = self._imager.of(frame.capture, self._grid, self._window)
+        imager.form(frame.capture)
         return imager.depth_map(self._dynamic_range_db)
 
 
 def run(
     source: Source,
-    images: LiveImages,
+    images: Images,
     show: Callable[[Shown], None],
     waiting: Callable[[Pace, Counts], None],
     *,
@@ -125,12 +164,12 @@ def run(
     Parameters
     ----------
     source : Source
-    images : LiveImages
-        Closed at the end.
+    images : Images
     show : callable
         Called with every frame that was imaged.
     waiting : callable
-        Called with the state about once a second while no frame comes.
+        Called with the state about once a second while no frame comes, and with every frame that
+        is not to be shown.
     most : int, optional
         End after so many frames.
 
@@ -148,15 +187,18 @@ def run(
                 waiting(meter.pace, inbox.counts)
                 continue
             try:
-                image = images.image(arrived.capture)
+                image = images.image(arrived)
             except ClradarError as error:
                 inbox.refuse(f"{arrived.label}: {error}")
+                continue
+            if image is None:
+                inbox.drop(1)
+                waiting(meter.pace, inbox.counts)
                 continue
             pace = meter.count(arrived)
             show(Shown(arrived.label, arrived.capture, image, pace, inbox.counts))
     finally:
         stop()
-        images.close()
     return meter.pace, inbox.counts
 
 

@@ -2,7 +2,7 @@
 
 `sources` opens paths, `beside` what is shown with them; `pictures`, `slices` and `channels` turn
 records into drawings and points; `session` carries out a `wish` in the background, `scene`
-and `panel` are the page. Data flows in that order.
+and `panel` are the `page`. Data flows in that order.
 """
 
 from clradar.view.server import serve

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from typing import Any
+from typing import Any, Protocol
 
 from clradar.model import Capture
 from clradar.view.beside import Beside
 from clradar.view.controls import Controls, assign
-from clradar.view.player import Player
 from clradar.view.session import Session, Shown
 from clradar.view.sources import Source
 from clradar.view.tabs import ChannelsTab, PicturesTab, SlicesTab, add_imaging, add_simulation
@@ -17,6 +16,13 @@ from clradar.view.wish import Wish
 KEYS = "Keys: space plays, arrows go to the next frame or back, V shows voxels"
 
 SIDES = {"Both": "both", "Measured": "measured", "Simulated": "simulated"}
+
+
+class Plays(Protocol):
+    """What the control that plays and stops acts on."""
+
+    def play(self, on: bool) -> None:
+        """Begin or stop to play."""
 
 
 class Panel:
@@ -32,6 +38,8 @@ class Panel:
         Of the second image.
     mesh : handle of viser or None
         Of the mesh in the scene.
+    live : bool
+        The frames come by themselves, at their own rate.
     """
 
     def __init__(
@@ -41,14 +49,18 @@ class Panel:
         wish: Wish,
         beside: Beside | None = None,
         mesh: Any = None,
+        *,
+        live: bool = False,
     ) -> None:
         gui = server.gui
         self._controls = Controls(gui)
         self._source, self._beside, self._mesh = source, beside, mesh
         self.state = gui.add_markdown("")
+        self.pace = gui.add_markdown("", visible=live)
         self.frame = gui.add_slider("Frame", 0, 1, 1, 0)
-        self.play = gui.add_checkbox("Play", False)
-        self.rate = gui.add_slider("Frames/s at most", 1, 30, 1, 10)
+        self.play = gui.add_checkbox("Play", live)
+        self.rate = gui.add_slider("Frames/s at most", 1, 30, 1, 10, visible=False)
+        self._of_many = (self.frame, self.play) if live else (self.frame, self.play, self.rate)
         self.follow_frames(wish.frame)
         self.range_db = gui.add_slider(
             "Dynamic range (dB)", 3.0, 60.0, 0.5, min(60.0, max(3.0, wish.dynamic_range_db))
@@ -66,7 +78,7 @@ class Panel:
         self._shows: list[Any] = []
         self._of_captures = False
 
-    def connect(self, session: Session, player: Player) -> None:
+    def connect(self, session: Session, player: Plays) -> None:
         """Turn changes of the controls into wishes."""
         self._session, controls = session, self._controls
         controls.on(self.range_db, lambda: session.change(dynamic_range_db=self.range_db.value))
@@ -120,7 +132,7 @@ class Panel:
     def follow_frames(self, frame: int) -> None:
         """Let slider and playing span the frames that the source has now, and show this one."""
         frames = self._source.frames()
-        for control in (self.frame, self.play, self.rate):
+        for control in self._of_many:
             assign(control, "visible", len(frames) > 1)
         assign(self.frame, "max", max(1, len(frames) - 1))
         assign(self.frame, "value", max(0, bisect_right(frames, frame) - 1))

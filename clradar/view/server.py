@@ -17,45 +17,21 @@ from clradar.opencl import Device
 from clradar.view.beside import Beside
 from clradar.view.folder_frames import FolderFrames
 from clradar.view.follower import Follower
-from clradar.view.panel import Panel
+from clradar.view.page import Page
 from clradar.view.player import Player
 from clradar.view.samples import SampleFrames
-from clradar.view.scene import SceneView
-from clradar.view.session import Session, Shown
+from clradar.view.session import Session
 from clradar.view.sources import Source
-from clradar.view.truth import TruthView
 from clradar.view.wish import Wish
 
 HOST = "127.0.0.1"
 """This machine alone: who may log in may look, through ssh."""
-
-PANEL_PX = 350.0
 
 INSTALL = "pip install 'clradar[view]'"
 
 
 class MissingViser(ClradarError, ImportError):
     """The package that serves the page is not installed."""
-
-
-class _Front:
-    def __init__(
-        self, scene: SceneView, panel: Panel, server: Any, truth: TruthView | None
-    ) -> None:
-        self._scene, self._panel, self._server, self._truth = scene, panel, server, truth
-
-    def show(self, shown: Shown) -> None:
-        with self._server.atomic():
-            self._scene.show(shown)
-            self._panel.show(shown)
-            if self._truth is not None:
-                self._truth.show(shown)
-
-    def busy(self, words: str) -> None:
-        self._panel.busy(words)
-
-    def refuse(self, words: str) -> None:
-        self._panel.refuse(words)
 
 
 @contextmanager
@@ -110,30 +86,18 @@ def serving(
         No port is free, or this viser cannot be told whom to serve.
     """
     with running(source.name, port) as server:
-        server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
-        server.gui.main_panel.dock_right()  # beside the scene, instead of upon it
-        server.gui.main_panel.set_width(PANEL_PX)
-        # A page could still ask for a tunnel to a server of others: nothing leaves this machine.
-        server.request_share_url = lambda verbose=True: None
-        scene = SceneView(server)
-        drawn_mesh = None if mesh is None else scene.draw_mesh(mesh)
-        panel = Panel(server, source, wish, beside, drawn_mesh)
-        truth = TruthView(server, source) if isinstance(source, SampleFrames) else None
-        front = _Front(scene, panel, server, truth)
-        session = Session(source, wish, front, device, beside=beside)
+        page = Page(server, source, wish, beside, mesh)
+        session = Session(source, wish, page, device, beside=beside)
         player = Player(session, per_second=10.0)
         follower = None
         if isinstance(source, (FolderFrames, SampleFrames)) and source.follow:
-            follower = Follower(source, session, panel.follow_frames, front.refuse)
+            follower = Follower(source, session, page.panel.follow_frames, page.refuse)
         try:
-            panel.connect(session, player)
-            if truth is not None:
-                truth.connect(session, panel)
-            scene.on_click(lambda at_m: session.change(at_m=at_m))
+            page.connect(session, player)
             if source.frames():
                 session.change()
             else:
-                front.busy("waiting for a first file")
+                page.busy("waiting for a first file")
             if follower is not None:
                 follower.start()
             yield server, session
@@ -177,23 +141,28 @@ def serve(
         viser is not installed.
     """
     stop = threading.Event()
-    before = {
-        number: signal.signal(number, lambda *_: stop.set())
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
+    frames = source.frames()
+    newest = isinstance(source, (FolderFrames, SampleFrames)) and source.follow
+    wish = replace(wish, frame=frames[-1 if newest else 0] if frames else -1)
+    with (
+        signals(lambda *_: stop.set()),
+        serving(source, wish, beside=beside, mesh=mesh, port=port, device=device) as (server, _),
+    ):
+        for line in address_lines(server.get_port()):
+            say(line)
+        stop.wait()
+
+
+@contextmanager
+def signals(handler: Callable[..., Any]) -> Iterator[None]:
+    """Let SIGINT and SIGTERM call this during the block."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, handler) for number in numbers]
     try:
-        frames = source.frames()
-        newest = isinstance(source, (FolderFrames, SampleFrames)) and source.follow
-        frame = frames[-1 if newest else 0] if frames else -1
-        wish = replace(wish, frame=frame)
-        shown = serving(source, wish, beside=beside, mesh=mesh, port=port, device=device)
-        with shown as (server, _):
-            for line in address_lines(server.get_port()):
-                say(line)
-            stop.wait()
+        yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, restored in zip(numbers, before, strict=True):
+            signal.signal(number, restored)
 
 
 def address_lines(port: int) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -91,13 +92,13 @@ class Given:
 
 def live(frames: list[clradar.Capture], **options: Any) -> tuple[list[Shown], Pace, Counts]:
     source, shown = Given(frames), []
-    images = LiveImages(GRID, "rect", None, 15.0, clradar.open_device())
 
     def show(one: Shown) -> None:
         shown.append(one)
         source.shown.release()
 
-    return shown, *run_live(source, images, show, lambda pace, counts: None, **options)
+    with closing(LiveImages(GRID, "rect", None, 15.0, clradar.open_device())) as images:
+        return shown, *run_live(source, images, show, lambda pace, counts: None, **options)
 
 
 def test_every_frame_is_imaged_by_its_own_radar() -> None:

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import base64
 import contextlib
-import io
-import json
 import signal
-import subprocess
-import sys
 import threading
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import chromium
 import numpy as np
 import pytest
-from PIL import Image
+from view_tab import SIZE, Tab, in_browser, viewing
 
 import clradar
 from clradar.calibration import CornerReflector, response
@@ -27,60 +21,6 @@ from clradar.view.sources import FixedFrames
 from clradar.view.wish import Wish
 
 pytest.importorskip("viser")
-in_browser = pytest.mark.skipif(
-    chromium.installed() is None,
-    reason="no Chromium here: install Debian's chromium package to try the view in a browser",
-)
-
-SIZE = (800, 600)
-SCENE = slice(200, 560), slice(20, 440)
-"""Rows and columns beside the panel and below the browser's own notice about software WebGL."""
-
-
-class Tab:
-    """A tab that looks at a view."""
-
-    def __init__(self, page: chromium.Page, address: str) -> None:
-        self.page, self.address = page, address
-        page.resize(*SIZE)
-
-    def load(self, words: str) -> None:
-        self.page.open(self.address)
-        self.says(words)
-
-    def says(self, words: str) -> None:
-        """Wait until the page contains these words."""
-        self.page.js(
-            f"new Promise(done => {{ const words = {json.dumps(words)};"
-            " const there = () => document.body.textContent.includes(words) && done();"
-            " new MutationObserver(there).observe("
-            "  document.body, {subtree: true, childList: true, characterData: true}); there(); })"
-        )
-
-    def shows(self, selector: str) -> None:
-        """Wait until the page has such an element."""
-        self.page.js(
-            f"new Promise(done => {{ const there = () => document.querySelector({selector!r})"
-            " && done();"
-            " new MutationObserver(there).observe("
-            "  document.body, {subtree: true, childList: true, attributes: true}); there(); })"
-        )
-
-    def lit(self, wanted: Callable[[np.ndarray, np.ndarray], bool]) -> np.ndarray:
-        """Wait until the columns of pixels in the measured and the simulated colours are as wanted.
-
-        Returns those of the measured ones.
-        """
-        while True:
-            self.page.settle()  # drawing follows the messages
-            shot = base64.b64decode(self.page.call("Page.captureScreenshot")["data"])
-            image = np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), np.int16)[SCENE]
-            coloured = np.ptp(image, axis=2) > 60
-            cyan = image.argmin(axis=2) == 0
-            measured = np.nonzero(coloured & ~cyan)[1] + SCENE[1].start
-            simulated = np.nonzero(coloured & cyan)[1] + SCENE[1].start
-            if wanted(measured, simulated):
-                return measured
 
 
 @pytest.fixture(scope="module")
@@ -99,34 +39,11 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@contextlib.contextmanager
-def viewing(path: Path, *options: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """The command on a free port, and the address that it prints."""
-    command = [
-        sys.executable,
-        "-m",
-        "clradar",
-        "view",
-        str(path),
-        "--port",
-        "0",
-        *map(str, options),
-    ]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        try:
-            assert process.stdout is not None
-            yield process, process.stdout.readline().split()[0]
-        finally:
-            process.kill()
-
-
 @in_browser
 def test_frames_keys_reload_two_browsers_and_the_end(recording: Path, tmp_path: Path) -> None:
     with contextlib.ExitStack() as stack:
         options = ("--simulated", recording.parent / "middle.h5")
-        process, address = stack.enter_context(viewing(recording, *options))
+        process, address = stack.enter_context(viewing("view", recording, *options))
         page = stack.enter_context(chromium.chromium(tmp_path / "one", webgl=True))
         tab = Tab(page, address)
         tab.load(" simulated")

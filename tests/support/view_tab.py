@@ -1,0 +1,88 @@
+"""A browser that looks at `clradar view` or `clradar live --view`."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import io
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+
+import chromium
+import numpy as np
+import pytest
+from PIL import Image
+
+in_browser = pytest.mark.skipif(
+    chromium.installed() is None,
+    reason="no Chromium here: install Debian's chromium package to try the view in a browser",
+)
+
+SIZE = (800, 600)
+SCENE = slice(200, 560), slice(20, 440)
+"""Rows and columns beside the panel and below the browser's own notice about software WebGL."""
+
+
+class Tab:
+    """A tab that looks at a view."""
+
+    def __init__(self, page: chromium.Page, address: str) -> None:
+        self.page, self.address = page, address
+        page.resize(*SIZE)
+
+    def load(self, words: str) -> None:
+        self.page.open(self.address)
+        self.says(words)
+
+    def says(self, words: str) -> None:
+        """Wait until the page contains these words."""
+        self.page.js(
+            f"new Promise(done => {{ const words = {json.dumps(words)};"
+            " const there = () => document.body.textContent.includes(words) && done();"
+            " new MutationObserver(there).observe("
+            "  document.body, {subtree: true, childList: true, characterData: true}); there(); })"
+        )
+
+    def shows(self, selector: str) -> None:
+        """Wait until the page has such an element."""
+        self.page.js(
+            f"new Promise(done => {{ const there = () => document.querySelector({selector!r})"
+            " && done();"
+            " new MutationObserver(there).observe("
+            "  document.body, {subtree: true, childList: true, attributes: true}); there(); })"
+        )
+
+    def lit(self, wanted: Callable[[np.ndarray, np.ndarray], bool]) -> np.ndarray:
+        """Wait until the columns of pixels in the measured and the simulated colours are as wanted.
+
+        Returns those of the measured ones.
+        """
+        while True:
+            self.page.settle()  # drawing follows the messages
+            shot = base64.b64decode(self.page.call("Page.captureScreenshot")["data"])
+            image = np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), np.int16)[SCENE]
+            coloured = np.ptp(image, axis=2) > 60
+            cyan = image.argmin(axis=2) == 0
+            measured = np.nonzero(coloured & ~cyan)[1] + SCENE[1].start
+            simulated = np.nonzero(coloured & cyan)[1] + SCENE[1].start
+            if wanted(measured, simulated):
+                return measured
+
+
+@contextlib.contextmanager
+def viewing(
+    command: str, source: object, *options: object
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """`clradar view` or `live` on a free port, and the address that it prints."""
+    program = [sys.executable, "-m", "clradar", command, str(source), "--port", "0"]
+    with subprocess.Popen(
+        [*program, *map(str, options)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            lines = (line.split()[0] for line in process.stdout)
+            yield process, next(word for word in lines if word.startswith("http:"))
+        finally:
+            process.kill()
