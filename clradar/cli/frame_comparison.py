@@ -13,7 +13,6 @@ from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.options.imaging import GridOptions, ImagingOptions
 from clradar.cli.options.sequence import chosen_frames
 from clradar.cli.options.values import wrong_usage
-from clradar.errors import MeasurementError
 
 if TYPE_CHECKING:
     from clradar import Device, Volume, VoxelGrid
@@ -33,12 +32,7 @@ def open_frames(
     numbers = chosen_frames(text, there)
     check_count(len(numbers))
     for source in sources[1:]:
-        missing = [n for n in numbers if source.numbers is not None and n not in source.numbers]
-        if missing:
-            listed = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
-            raise MeasurementError(
-                f"{source.path}: expected the frames of '{measured}', got none of number {listed}"
-            )
+        source.check_frames(numbers, measured)
     return sources, numbers
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from clradar.cli.inputs import ImageInput
+from clradar.errors import MeasurementError
 
 if TYPE_CHECKING:
     from clradar import Capture, Volume
@@ -49,3 +50,12 @@ class Frames:
         return cls(
             path, tuple(by_number), lambda number: ImageInput.open(by_number[number]).content
         )
+
+    def check_frames(self, numbers: Sequence[int], recording: Path) -> None:
+        """Raise unless all these frames of a recording are there, or one is the same at each."""
+        missing = [n for n in numbers if self.numbers is not None and n not in self.numbers]
+        if missing:
+            listed = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
+            raise MeasurementError(
+                f"{self.path}: expected the frames of '{recording}', got none of number {listed}"
+            )

@@ -38,6 +38,7 @@ COMMANDS = {
     "correct": "Correct a capture for gain and delay of its channels.",
     "diagnose": "Find the convention a capture was written in: axes, sign, mirror, order.",
     "dataset": "Make training data after a plan: posed hands, simulated and imaged.",
+    "process": "Process all frames of a recording: clean, image, compare, align, draw over time.",
     "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
     "view": "Look at recordings, captures and volumes in a browser: frames, images, 3-D points.",
     "live": "Image frames as they come: a folder being written, a recording, or a stream.",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,20 @@ def clear(folder: Path, own: Sequence[str]) -> None:
                 path.unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be cleared: {error}") from error
+
+
+@contextmanager
+def cleared_on_failure(folder: Path, own: Sequence[str], *, unless: str) -> Iterator[None]:
+    """Leave no settings of work that fails before there is anything to resume with.
+
+    `unless` is a pattern of files, of which one is enough to resume. Interruptions are resumed.
+    """
+    try:
+        yield
+    except Exception:
+        if not any(folder.glob(unless)):
+            clear(folder, own)
+        raise
 
 
 def _read_settings(path: Path, work: str, force: bool) -> dict[str, Any]:

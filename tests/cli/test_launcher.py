@@ -46,6 +46,8 @@ HELP = {
     "hand": "--edge-mm --left --list --joints --length-mm --device metres",
     "record-hand": "POSE... --frames --rate-hz --center-mm --shift-mm --turn-deg --rig --left "
     "--alpha --material --snr-db --seed truth.json",
+    "process": "RECORDING --frames --average --empty --empty-by --channels --gate-mm --mesh "
+    "--workers --keep-captures --keep-volumes --output fit-hand",
     "simulate": "--alpha --unit --transform --samples-per-mm2 --rays-per-sample --rays-per-face "
     "--reception-radius-mm --max-bounces --normals --crease-deg --amplitude --array "
     "--band --seed --device --force MESH[:ALPHA] PART=ALPHA",

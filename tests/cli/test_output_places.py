@@ -53,12 +53,13 @@ FOLDER_OUTPUTS = (
     "dataset plan.toml --device abacus -o {} --force",
     "record-hand A --rig in.ply -o {} --force",
     "live . --device abacus -o {} --force",
+    "process hand/30 -o {} --force",
 )
 OUTPUTS = {"output", "png", "joints", "plot", "json", "json_file", "fix_to", "report", "html"}
 INPUTS = {
     "rig", "mapping", "theta", "transform", "capture", "source", "sources", "layout", "rx_file",
     "tx_file", "empty", "file", "files", "materials", "measured", "simulated", "mesh", "channels",
-    "plan", "replay", "rigs", "path",
+    "plan", "replay", "rigs", "path", "recording",
 }  # fmt: skip
 """Parameters of commands that are paths; `joints` of a sweep is read."""
 

@@ -1,0 +1,177 @@
+"""``clradar process``: all frames of a recording, cleaned, imaged, compared, aligned, and drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from clradar.cli.comparison import figure_labels
+from clradar.cli.frame_steps import CAPTURES, VOLUMES, FrameSteps
+from clradar.cli.opening import open_written
+from clradar.cli.options.clutter import EmptyOptions, GateOptions
+from clradar.cli.options.common import DeviceOption, ForceOption, OpenOption, Unit
+from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
+from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions
+from clradar.cli.options.recording import Variant
+from clradar.cli.options.sequence import ALL, FRAMES_METAVAR, chosen_frames
+from clradar.cli.options.values import wrong_usage
+from clradar.cli.outputs import check_place_of_folder
+from clradar.cli.provenance import provenance
+from clradar.cli.recording_preparation import prepared, print_summary
+from clradar.model import checks
+
+
+@dataclass(frozen=True, kw_only=True)
+class FramesOptions:
+    """Which frames, and how many become one."""
+
+    frames: str = option(ALL, "The frames to process.", metavar=FRAMES_METAVAR)
+    variant: Variant | None = option(None, "Variant of the frames. [default: raw]")
+    average: int | None = option(
+        None, "Take the coherent mean of every N frames, of those that agree.", metavar="N", min=2
+    )
+    align_phase: bool = option(False, "First rotate the frames of a mean to a common phase.")
+
+    def __post_init__(self) -> None:
+        if self.align_phase and self.average is None:
+            raise wrong_usage("--align-phase", "expected --average with it")
+
+    def groups(self, there: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """The frames that are chosen, in groups of which the mean is taken."""
+        chosen = chosen_frames(self.frames, there)
+        size = self.average or 1
+        return [tuple(chosen[i : i + size]) for i in range(0, len(chosen), size)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CleaningOptions(EmptyOptions):
+    """What is done with a frame before it is imaged."""
+
+    empty_by: Literal["mean", "frame"] = option(
+        "mean",
+        "Subtract the mean of EMPTY's frames, of those that agree, or that of the same number.",
+    )
+    channels: Path | None = option(None, "Correct by this file of `clradar channels`.")
+    keep_noisy: bool = option(False, "With --channels: do not set noisy channels to zero.")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.empty_by == "frame" and (self.empty is None or not self.empty.is_dir()):
+            raise wrong_usage("--empty-by", "frame: expected a recording as --empty")
+        if self.keep_noisy and self.channels is None:
+            raise wrong_usage("--keep-noisy", "expected --channels with it")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameAlignOptions:
+    """A mesh that is aligned with every frame."""
+
+    mesh: Path | None = option(
+        None, "Align this mesh with every frame: its motion goes into the table.", metavar="MESH"
+    )
+    unit: Unit = option("m", "Unit of length of the mesh file.")
+    bias: bool = option(
+        False, "Correct the bias of each pose by simulations: about a minute a frame."
+    )
+    search_deg: float = option(45.0, "Rotations about boresight that are tried.", metavar="DEG")
+
+    def __post_init__(self) -> None:
+        if self.mesh is None and given(self):
+            raise wrong_usage(next(iter(given(self))), "expected --mesh with it")
+
+    def settings(self) -> dict[str, Any]:
+        """Settings of `calibration.align_mesh`."""
+        search_deg = checks.positive("--search-deg", self.search_deg)
+        return {"correct_bias": self.bias, "search_deg": search_deg}
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeepOptions:
+    """What is written of every frame beside its depth map."""
+
+    keep_captures: bool = option(False, "Write the cleaned capture of every frame (HDF5).")
+    keep_volumes: bool = option(False, "Write the image of every frame (HDF5).")
+
+    def names(self) -> tuple[str, ...]:
+        """The folders of what is kept."""
+        wanted = {CAPTURES: self.keep_captures, VOLUMES: self.keep_volumes}
+        return tuple(name for name, kept in wanted.items() if kept)
+
+
+def command(
+    *,
+    recording: Path = argument(
+        REQUIRED, "Radar folder, or folder of captures (.h5).", metavar="RECORDING"
+    ),
+    simulated: list[Path] | None = argument(
+        None,
+        "Compare with these: each a recording with the same frames, or one volume or capture.",
+        metavar="SIMULATED",
+    ),
+    output: Path = output_option(
+        REQUIRED, "Folder to write; a begun one is resumed.", metavar="DIR"
+    ),
+    chosen: FramesOptions,
+    cleaning: CleaningOptions,
+    gate: GateOptions,
+    voxels: GridOptions,
+    imaging: ImagingOptions,
+    depth: DepthMapOptions,
+    aligned: FrameAlignOptions,
+    kept: KeepOptions,
+    workers: int | None = option(
+        None,
+        'Worker processes (pip install "clradar[dataset]"). [default: one after the other, here]',
+        metavar="N",
+        min=1,
+    ),
+    device: DeviceOption = None,
+    force: ForceOption = False,
+    show: OpenOption = False,
+) -> None:
+    """Each frame is averaged, freed of the empty room, gated, corrected, imaged, compared and
+    aligned, as far as the options ask for it; all images are on one grid: that of the options, or
+    the one that shows the object of the first frame. DIR gets a table over time, curves, a picture
+    of every frame, an animation and, with SIMULATED, a page with a time line. One frame is in
+    memory at a time. To fit a hand to every frame: `clradar fit-hand --frames`.
+    """
+    from clradar.cli.frame_sources import Frames
+    from clradar.cli.recording_work import FIGURE, MOVIE, OWN_NAMES, RecordingWork
+
+    others = list(simulated or [])
+    window = gate.settings()
+    voxels.grid()  # wrong usage is reported before a file is read
+    extra = [path for path in (cleaning.empty, cleaning.channels, aligned.mesh) if path is not None]
+    check_place_of_folder(output, OWN_NAMES, inputs=[recording, *others, *extra])
+    there = Frames.open(recording, chosen.variant).numbers
+    if there is None:
+        raise wrong_usage("RECORDING", "expected a radar folder, or a folder of captures (.h5)")
+    groups = chosen.groups(there)
+    by_frame = [cleaning.empty] if cleaning.empty and cleaning.empty_by == "frame" else []
+    for path in (*others, *by_frame):
+        Frames.open(path).check_frames([group[0] for group in groups], recording)
+    options = recorded(
+        chosen, cleaning, gate, voxels, imaging, depth, aligned, kept,
+        recording=recording, simulated=others,
+    )  # fmt: skip
+    files = [path for path in (*others, *extra) if path.is_file()]
+    origin = provenance("process", options, files)
+    steps = partial(
+        FrameSteps,
+        source=recording, variant=chosen.variant, folder=output, align_phase=chosen.align_phase,
+        empty_by_frame=cleaning.empty_by == "frame", scaling=cleaning.scaling, gate=window,
+        channels=cleaning.channels, keep_noisy=cleaning.keep_noisy, imaging=imaging.arguments,
+        dynamic_range_db=depth.dynamic_range_db, simulated=tuple(others), mesh=aligned.mesh,
+        mesh_unit=aligned.unit, align=aligned.settings(), keep=kept.names(), origin=origin,
+        device=device,
+    )  # fmt: skip
+    work = RecordingWork(
+        source=recording, folder=output, groups=groups, origin=origin, workers=workers, force=force,
+        prepare=lambda: prepared(steps, cleaning.empty, groups, voxels),
+        labels=[recording.name or str(recording), *figure_labels(others, [{} for _ in others])],
+    )  # fmt: skip
+    records = work.run()
+    print_summary(work, records)
+    open_written(show, output / FIGURE, output / MOVIE)

@@ -1,0 +1,199 @@
+"""The folder of ``clradar process``: frames are done once, then table, curves and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.cli.console import counted, print_line, print_warning, progress_bar
+from clradar.cli.frame_steps import (
+    CAPTURES,
+    MAPS,
+    RECORDS,
+    VOLUMES,
+    FrameSteps,
+    fixed_name,
+    read_record,
+    record_file,
+)
+from clradar.cli.frame_table import curves, table, write_table
+from clradar.cli.on_workers import each_on_workers, outcome_of
+from clradar.cli.resumable import SETTINGS, FolderStore, begin_work, cleared_on_failure
+from clradar.errors import ClradarError, CompareError, MeasurementError
+from clradar.files import work_folder
+from clradar.files.atomic import write_file
+from clradar.files.json_file import write_json
+
+RESULT, TABLE, FIGURE, MOVIE, REPORT = (
+    "recording.json", "frames.csv", "time-line.png", "movie.gif", "report.html"
+)  # fmt: skip
+PICTURES = "pictures"
+
+EMPTY = "empty.h5"
+"""The mean of the empty room's frames."""
+
+OWN_NAMES = (
+    RESULT, SETTINGS, EMPTY, TABLE, FIGURE, MOVIE, REPORT,
+    PICTURES, RECORDS, MAPS, CAPTURES, VOLUMES,
+)  # fmt: skip
+"""Names in the folder that are its own; --force replaces no others. The result goes first, so that
+what is left is never taken for finished."""
+
+DEFAULT_STEP_S = 0.1
+"""Between the pictures of frames without time stamps."""
+
+
+@dataclass(slots=True, kw_only=True)
+class RecordingWork:
+    """A recording, what is done with its frames, and how.
+
+    Attributes
+    ----------
+    source, folder : Path
+    prepare : callable
+        Returns the steps of a frame; it is called in the folder once that is begun, and keeps
+        there what all frames need.
+    groups : sequence of tuple of int
+        Numbers of the frames; each group is averaged, and has the number of its first frame.
+    labels : sequence of str
+        Of the recording and of the simulations.
+    origin : mapping
+        From `clradar.cli.provenance.provenance`; a folder has to have been begun with its options.
+    workers : int or None
+        Worker processes; None: in this one.
+    force : bool
+        Begin anew in a folder that was begun with other settings.
+    """
+
+    source: Path
+    folder: Path
+    prepare: Callable[[], FrameSteps]
+    groups: Sequence[tuple[int, ...]]
+    labels: Sequence[str]
+    origin: Mapping[str, Any]
+    workers: int | None
+    force: bool
+
+    def run(self) -> list[dict[str, Any]]:
+        """Do the frames that are not done yet, and what is made of all; return their records.
+
+        Raises
+        ------
+        MeasurementError
+            No frame could be done.
+        OutputError
+            The folder was begun with other settings, or another process writes into it.
+        """
+        folder = self.folder
+        with work_folder.held(folder, "process"):
+            settings = {**self.origin["options"], "clradar": self.origin["clradar"]}
+            begin_work(
+                folder, settings, own=OWN_NAMES, work="processed recording", force=self.force
+            )
+            finished = (folder / RESULT).is_file()
+            if not finished:
+                with cleared_on_failure(folder, OWN_NAMES, unless=f"{RECORDS}/*.json"):
+                    steps = self.prepare()
+                    self._frames(steps)
+                    if not self._done():
+                        raise MeasurementError(f"{self.source}: no frame could be processed")
+            records = [read_record(folder, number) for number in self._done()]
+            if not finished:
+                self._write(steps, records)
+        return records
+
+    def _done(self) -> list[int]:
+        firsts = (group[0] for group in self.groups)
+        return [first for first in firsts if record_file(self.folder, first).is_file()]
+
+    def _frames(self, steps: FrameSteps) -> None:
+        folder = self.folder
+        for name in (RECORDS, MAPS, *steps.keep):
+            (folder / name).mkdir(exist_ok=True)
+            work_folder.remove_temporaries(folder / name)
+        left = [group for group in self.groups if not record_file(folder, group[0]).is_file()]
+        if len(left) < len(self.groups):
+            there = counted(len(self.groups) - len(left), "frame")
+            print_line(f"{folder}: resumes with {there} done before")
+        if not left:
+            return
+        said: set[str] = set()
+        with progress_bar("frames") as progress:
+            for done, (group, (outcome, warned)) in enumerate(self._outcomes(steps, left), start=1):
+                if isinstance(outcome, MeasurementError):
+                    warned = [*warned, str(outcome)]
+                elif isinstance(outcome, ClradarError):
+                    raise outcome
+                for text in warned:
+                    if text not in said:
+                        print_warning(f"frame {group[0]}: {text}")
+                    said.add(text)
+                if progress is not None:
+                    progress(done, len(left))
+
+    def _outcomes(self, steps: FrameSteps, left: Sequence[tuple[int, ...]]) -> Iterator[Any]:
+        if self.workers is None:
+            return ((group, outcome_of(steps.run, group)) for group in left)
+        return each_on_workers(steps.run, left, self.workers, steps.device)
+
+    def _write(self, steps: FrameSteps, records: Sequence[Mapping[str, Any]]) -> None:
+        """Write what is made of all frames, and last the file that marks it as finished."""
+        from clradar.plot import save_figure
+        from clradar.plot.frames import FramePictures, curves_figure, write_gif
+
+        folder = self.folder
+        columns = table(records, self.labels[1:])
+        write_table(folder / TABLE, columns)
+        timed = np.isfinite(columns["time s"]).all()
+        time = columns["time s" if timed else "frame"]
+        panels = curves(columns)
+        title = f"{self.labels[0]}, {counted(len(records), 'frame')}"
+        if panels:
+            figure = curves_figure(time, panels, "time (s)" if timed else "frame", title)
+            save_figure(figure, folder / FIGURE, force=True)
+        shown = [one["frame"] for one in records if one["peak_db"] is not None]
+        if shown:
+            images = (steps.map_of(f"{number:06d}") for number in shown)
+            pictures = FramePictures(images, steps.dynamic_range_db)
+            (folder / PICTURES).mkdir(exist_ok=True)
+            files = []
+            with progress_bar("drawing") as progress:
+                for i, one in enumerate(records):
+                    number = one["frame"]
+                    image = steps.map_of(f"{number:06d}") if number in shown else None
+                    when = f", {columns['time s'][i]:.3f} s" if timed else ""
+                    files.append(folder / PICTURES / f"{i:06d}.png")
+                    picture = pictures.png(image, f"{self.labels[0]}, frame {number}{when}")
+                    write_file(files[-1], picture, force=True)
+                    if progress is not None:
+                        progress(i + 1, len(records))
+                step_s = float(np.median(np.diff(time))) if timed and len(time) > 1 else 0.0
+                write_gif(folder / MOVIE, files, step_s if step_s > 0 else DEFAULT_STEP_S)
+        if shown and steps.simulated:
+            self._report(steps, records)
+        record = {"recording": str(self.source), "frames": list(records), **self.origin}
+        write_json(folder / RESULT, record, force=True)
+
+    def _report(self, steps: FrameSteps, records: Sequence[Mapping[str, Any]]) -> None:
+        from clradar.report import FrameSeries, frames_report
+
+        series = FrameSeries(list(self.labels), steps.dynamic_range_db)
+        store = FolderStore(steps.folder / MAPS)
+        for one in records:
+            name = f"{one['frame']:06d}"
+            others = [
+                steps.map_of(fixed_name(i) if fixed_name(i) in store else f"{name}-{i}")
+                for i in range(len(steps.simulated))
+            ]
+            try:
+                series.add(f"frame {one['frame']}", [steps.map_of(name), *others])
+            except CompareError as error:
+                print_warning(f"{REPORT}: not written: {error}")
+                return
+        sources = [str(path) for path in (steps.source, *steps.simulated)]
+        page = frames_report(series, sources=sources, settings=steps.origin)
+        write_file(steps.folder / REPORT, page.encode("utf-8"), force=True)

@@ -1,0 +1,228 @@
+"""``clradar process``: whole recordings, cleaned, imaged, compared, resumed."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import Run, one_error_line
+from recorder import Recorder, Recording
+
+from calibration import average_frames, correct, range_gate, subtract_background
+from clradar import ChannelCalibration, Waveform, backproject, place_grid
+from clradar.cli.frame_steps import FrameSteps
+from clradar.model import VoxelGrid
+from measurement_io import open_capture, open_channels, open_volume, save_capture, save_channels
+
+GRID = ("--x-mm", "-60:60:6", "--y-mm", "-60:60:6", "--z-mm", "280:320:5")
+FRAMES = 3
+RESULTS = ("frames.csv", "time-line.png", "movie.gif", "pictures/000001.png", "report.html")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """Three frames of two points in a room, and two of the room; fewer frequencies."""
+    made = Recorder(
+        points_m=[[0.02, 0.01, 0.3], [-0.03, 0.0, 0.31]], waveform=Waveform.sfcw(72e9, 82e9, 48)
+    )
+    return made.write(tmp_path_factory.mktemp("recorded"), n_frames=FRAMES)
+
+
+def channels_of(made: Recorder) -> ChannelCalibration:
+    """What a calibration without errors would know."""
+    response = made.response()
+    assert response is not None
+    zeros = {f"{side}_{what}": np.zeros(94) for side in ("tx", "rx")
+             for what in ("noise", "phase_std_rad", "delay_std_s")}  # fmt: skip
+    return ChannelCalibration(
+        response, made.array, made.waveform, **zeros,
+        dead_tx=[], dead_rx=[], noisy_tx=[], noisy_rx=[3], target="plate",
+        target_position={"distance_m": 0.3}, target_covariance=[[1e-6]], target_amplitude=1.0,
+        residual_db=-40.0, noise_residual_db=-41.0,
+    )  # fmt: skip
+
+
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    with open(folder / "frames.csv", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_every_frame_is_what_the_single_steps_make_of_it(
+    run: Run, recorded: Recording, tmp_path: Path
+) -> None:
+    out, channels = tmp_path / "out", tmp_path / "channels.h5"
+    save_channels(channels, channels_of(recorded.recorder))
+    outcome = run(
+        "process", recorded.folder, recorded.folder, "-o", out, "--empty", recorded.empty,
+        "--scaling", "common", "--channels", channels, "--gate-mm", "200:400", *GRID,
+        "--keep-captures", "--keep-volumes",
+    )  # fmt: skip
+    assert outcome.status == 0, outcome.err
+    empty = average_frames([open_capture(recorded.empty, frame=i) for i in range(2)])
+    for i in range(FRAMES):
+        capture = open_capture(recorded.folder, frame=i)
+        capture = subtract_background(capture, empty, scaling="common")
+        capture = correct(range_gate(capture, near_m=0.2, far_m=0.4), open_channels(channels))
+        assert (open_capture(out / f"captures/{i:06d}.h5").data == capture.data).all()
+        volume = open_volume(out / f"volumes/{i:06d}.h5")
+        assert (backproject(capture, volume.grid).data == volume.data).all()
+        row = rows_of(out)[i]
+        amplitude = np.abs(volume.data)
+        z, y, x = np.unravel_index(amplitude.argmax(), amplitude.shape)
+        grid = volume.grid
+        place = [float(row[f"peak {axis} mm"]) for axis in "xyz"]
+        np.testing.assert_allclose(place, 1e3 * np.array([grid.x_m[x], grid.y_m[y], grid.z_m[z]]))
+        assert float(row["peak dB"]) == pytest.approx(20 * np.log10(amplitude.max()), abs=1e-6)
+        assert float(row["time s"]) == pytest.approx(0.1 * i)
+        # The raw recording beside the cleaned one.
+        assert float(row["overlap"]) < 0.9
+    record = json.loads((out / "recording.json").read_text())
+    assert [one["frame"] for one in record["frames"]] == [0, 1, 2]
+    for name in RESULTS:
+        assert (out / name).stat().st_size > 0
+
+
+def test_a_killed_run_resumes_to_the_same_files(
+    run: Run, recorded: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    command = ("process", recorded.folder, recorded.folder, *GRID)
+    assert run(*command, "-o", whole).status == 0
+    done: list[int] = []
+    one_frame = FrameSteps.run
+
+    def until_killed(self: FrameSteps, numbers: tuple[int, ...]) -> None:
+        if len(done) == 1:
+            raise KeyboardInterrupt
+        one_frame(self, numbers)
+        done.append(numbers[0])
+
+    monkeypatch.setattr(FrameSteps, "run", until_killed)
+    assert run(*command, "-o", killed).status == 130
+    assert not (killed / "recording.json").exists()
+    # As a kill between the two files of a frame leaves it.
+    (killed / "maps" / "000001.npz").write_bytes(b"half")
+    monkeypatch.setattr(FrameSteps, "run", lambda s, n: done.append(n[0]) or one_frame(s, n))
+    outcome = run(*command, "-o", killed)
+    assert outcome.status == 0, outcome.err
+    assert "resumes with 1 frame" in outcome.out
+    assert done == [0, 1, 2]
+    for name in RESULTS:
+        ours, theirs = ((folder / name).read_bytes() for folder in (whole, killed))
+        assert ours == theirs, name
+    monkeypatch.setattr(FrameSteps, "run", lambda *_: pytest.fail("all frames are done"))
+    assert run(*command, "-o", killed).status == 0
+    outcome = run("process", recorded.folder, "-o", killed, *GRID)
+    one_error_line(outcome, "was begun with other settings", "simulated")
+    assert run(*command, "-o", tmp_path / "x", "--frames", "7").status == 1
+    assert not (tmp_path / "x").exists()
+
+
+def test_workers_make_the_same_files(run: Run, recorded: Recording, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    for name, more in (("here", ()), ("workers", ("--workers", "2"))):
+        outcome = run("process", recorded.folder, "-o", tmp_path / name, *GRID, *more)
+        assert outcome.status == 0, outcome.err
+    for name in RESULTS[:-1]:
+        here, workers = ((tmp_path / where / name).read_bytes() for where in ("here", "workers"))
+        assert here == workers, name
+
+
+def test_averages_hold_the_frames_that_agree(run: Run, recorded: Recording, tmp_path: Path) -> None:
+    frames = [recorded.recorder.frame(i) for i in range(4)]
+    frames[1] = replace(frames[1], data=-frames[1].data)
+    (tmp_path / "made").mkdir()
+    for i, frame in enumerate(frames):
+        save_capture(tmp_path / "made" / f"{i:06d}.h5", frame)
+    out = tmp_path / "out"
+    outcome = run("process", tmp_path / "made", "-o", out, *GRID, "--average", "3",
+                  "--keep-captures")  # fmt: skip
+    assert outcome.status == 0
+    assert "frame 0: 1 of 3 frames left out" in outcome.err
+    assert [row["frame"] for row in rows_of(out)] == ["0", "3"]
+    mean = open_capture(out / "captures" / "000000.h5")
+    assert (mean.data == average_frames([frames[0], frames[2]]).data).all()
+    # Without time stamps the frames are counted.
+    assert rows_of(out)[0]["time s"] == ""
+
+
+def test_a_frame_that_cannot_be_read_costs_no_other(
+    run: Run, recorded: Recording, tmp_path: Path
+) -> None:
+    made = recorded.recorder.write(tmp_path, n_frames=2)
+    next(made.folder.rglob("000000.npy")).write_bytes(b"no frame")
+    outcome = run("process", made.folder, "-o", tmp_path / "out", *GRID)
+    assert outcome.status == 1
+    assert "000000.npy" in outcome.err
+    assert "1 of 2 frames could not be processed" in outcome.err
+    assert [row["frame"] for row in rows_of(tmp_path / "out")] == ["1"]
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (("--empty-by", "frame"), "--empty"),
+        (("--align-phase",), "--average"),
+        (("--keep-noisy",), "--channels"),
+        (("--bias",), "--mesh"),
+        (("--average", "1"), "--average"),
+        (("--workers", "0"), "--workers"),
+        (("--scaling", "common"), "--empty"),
+    ],
+)
+def test_options_that_do_not_go_together(
+    run: Run, recorded: Recording, tmp_path: Path, options: tuple[str, ...], named: str
+) -> None:
+    outcome = run("process", recorded.folder, "-o", tmp_path / "out", *options)
+    assert outcome.status == 2
+    assert named in outcome.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_motion_of_a_mesh_is_that_of_its_frames(tmp_path: Path) -> None:
+    """The table's columns from alignments: a mesh that moves along x and turns about its centre."""
+    from clradar.cli.frame_table import table
+
+    centre = np.array([0.01, 0.02, 0.3])
+    records: list[dict[str, Any]] = []
+    for i in range(3):
+        angle, moved = np.radians(10 * i), np.array([0.005 * i, 0, 0])
+        turn = np.array(
+            [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+        )
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = turn, centre + moved - turn @ centre
+        records.append(
+            {
+                "frame": i, "time_us": None, "peak_db": 0.0, "recorded_db": 0.0, "cleaned_db": 0.0,
+                "peak_m": centre.tolist(), "centre_m": centre.tolist(), "metrics": [],
+                "alignment": {"transform": matrix.tolist(), "centre_m": (centre + moved).tolist(),
+                              "inlier_share": 0.9, "rms_m": 1e-3},
+            }
+        )  # fmt: skip
+    records[1]["alignment"] = {"failed": "could not align"}
+    columns = table(records, [])
+    np.testing.assert_allclose(columns["mesh x mm"], [10, np.nan, 20])
+    np.testing.assert_allclose(columns["mesh y mm"], [20, np.nan, 20])
+    np.testing.assert_allclose(columns["mesh turn z deg"], [0, np.nan, 20], atol=1e-9)
+    np.testing.assert_allclose(columns["mesh rms mm"], [1, np.nan, 1])
+
+
+def test_the_grid_shows_the_object_of_the_first_frame(
+    run: Run, recorded: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grids: list[VoxelGrid] = []
+
+    def keep(self: FrameSteps, numbers: tuple[int, ...]) -> None:
+        grids.append(self.grid)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(FrameSteps, "run", keep)
+    run("process", recorded.folder, "-o", tmp_path / "out", "--gate-mm", "200:400")
+    capture = range_gate(open_capture(recorded.folder), near_m=0.2, far_m=0.4)
+    assert grids[0].same_voxels(place_grid(capture))
