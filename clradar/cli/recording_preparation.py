@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import counted, print_line
 from clradar.cli.frame_sources import Frames
@@ -16,6 +16,9 @@ from clradar.cli.outputs import save
 from clradar.cli.recording_work import EMPTY, MOVIE, RESULT, TABLE, RecordingWork
 from clradar.cli.resumable import FolderStore
 from clradar.errors import MeasurementError
+
+if TYPE_CHECKING:
+    from clradar import VoxelGrid
 
 
 def prepared(
@@ -54,14 +57,18 @@ def prepared(
     return found
 
 
-def _grid(steps: FrameSteps, groups: Sequence[tuple[int, ...]], voxels: GridOptions) -> Any:
+def _grid(steps: FrameSteps, groups: Sequence[tuple[int, ...]], voxels: GridOptions) -> VoxelGrid:
+    """The grid of the options, or that of the first frame that can be read."""
+    failure: MeasurementError | None = None
     for group in groups:
         try:
             capture, _ = cleaned(steps, group)
-        except MeasurementError:
+        except MeasurementError as error:
+            failure = failure or error
             continue  # which is said when its turn comes
         return grid_for(capture, voxels, steps.device)
-    return steps.grid
+    assert failure is not None  # there is at least one frame
+    raise failure
 
 
 def print_summary(work: RecordingWork, records: Sequence[dict[str, Any]]) -> None:
