@@ -34,7 +34,7 @@ from clradar.model import (
     material,
 )
 from clradar.model.material_file import read_materials, write_materials
-from clradar.opencl import Device, list_devices, open_device
+from clradar.opencl import Device, list_devices, map_devices, open_device
 from clradar.simulation import simulate, simulate_image
 from clradar.synthesize import synthesize
 from clradar.trace import trace
@@ -74,6 +74,7 @@ __all__ = [
     "forward",
     "impair",
     "list_devices",
+    "map_devices",
     "material",
     "open_device",
     "place_grid",

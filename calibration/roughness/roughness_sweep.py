@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -23,12 +23,12 @@ from calibration.roughness.sweep import SEEDS, Store
 from calibration.roughness.texture import TextureMeter
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.errors import ClradarWarning, CompareError, warn
-from clradar.model import Capture, Scene, checks
+from clradar.model import AntennaArray, Capture, Scene, Waveform, checks
 from clradar.model.kirchhoff import check_kirchhoff
 from clradar.model.material import METAL, Material
 from clradar.model.plausible import check_plausible
-from clradar.model.progress import Progress
-from clradar.opencl import Device, open_device
+from clradar.model.progress import Progress, part_of
+from clradar.opencl import Device, Devices, open_devices
 from clradar.simulation import simulate
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
 
@@ -115,7 +115,7 @@ def sweep_roughness(
     seeds: int = SEEDS,
     regions: Regions | None = None,
     calibrated: bool = False,
-    device: Device | str | None = None,
+    device: Device | str | Sequence[str] | None = None,
     store: Store | None = None,
     progress: Progress | None = None,
     settings: SimulationSettings | None = None,
@@ -141,7 +141,8 @@ def sweep_roughness(
     calibrated : bool
         The capture is in S-parameters, and the antennas and materials are right: the level counts,
         too. Otherwise its gain is found as well, one for all regions.
-    device : Device, str or None
+    device : Device, str, sequence of str or None
+        As of `sweep`.
     store : mutable mapping, optional
         Images in it are not simulated again, new ones are stored one by one, as in `sweep`.
     progress : callable, optional
@@ -213,19 +214,22 @@ def sweep_roughness(
         if len(regions.face) != scene.n_faces:
             expected = f"{scene.n_faces} faces"
             checks.fail("sweep_roughness: regions", expected, f"{len(regions.face)}")
-    opened = open_device(device)
+    devices = open_devices(device)
+    devices.check_alike("a sweep")
+    opened = devices.first
     points = surface_points(scene, regions, measured.array.tx_m.mean(axis=0), opened)
     apertures = SubApertures.of(measured.array, measured.waveform, points.points_m, opened)
+    radar = measured.array, measured.waveform
+    simulations = _Simulations(scene, *radar, points.points_m, settings)
+    simulations.prepared[opened.info.selector] = apertures
     images = _Images(
-        scene=scene,
-        like=measured,
+        of=simulations,
         heights_m=heights[heights > 0],
         lengths_m=lengths,
         n_seeds=n_seeds,
         apertures=apertures,
-        device=opened,
+        devices=devices,
         store={} if store is None else store,
-        settings=settings,
     )
     meters = _meters(points, regions, apertures, images.smooth())
     images.simulate_missing(progress)
@@ -278,18 +282,49 @@ def _meters(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Simulations:
+    """What is simulated: makes the images of a height, a length and a seed on a device."""
+
+    scene: Scene
+    array: AntennaArray
+    waveform: Waveform
+    points_m: np.ndarray
+    settings: SimulationSettings
+    prepared: dict[str, SubApertures] = field(default_factory=dict)
+    """On a device, by its selector: each process has its own."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.scene, self.array, self.waveform, self.points_m, self.settings)
+
+    def __call__(
+        self, item: tuple[str, float, float, int], device: Device, progress: Progress
+    ) -> Iterator[tuple[str, np.ndarray]]:
+        """Yield the name and the images."""
+        name, height_m, length_m, seed = item
+        selector = device.info.selector
+        if selector not in self.prepared:
+            self.prepared[selector] = SubApertures.of(
+                self.array, self.waveform, self.points_m, device
+            )
+        materials = [_rough(own, height_m, length_m) for own in self.scene.materials]
+        capture = simulate(
+            replace(self.scene, materials=tuple(materials)), self.array, self.waveform,
+            settings=replace(self.settings, seed=seed), device=device,
+        )  # fmt: skip
+        yield name, self.prepared[selector].images(capture)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Images:
     """Images of all simulations from the quarters of the aperture, in a store."""
 
-    scene: Scene
-    like: Capture
+    of: _Simulations
     heights_m: np.ndarray
     lengths_m: np.ndarray
     n_seeds: int
     apertures: SubApertures
-    device: Device
+    devices: Devices
     store: Store
-    settings: SimulationSettings
 
     @property
     def simulated(self) -> np.ndarray:
@@ -300,32 +335,28 @@ class _Images:
     def smooth(self) -> np.ndarray:
         """The images of the smooth surface."""
         if "smooth" not in self.store:
-            self._simulate("smooth", 0.0, float(self.lengths_m[0]), self.settings.seed)
+            self._simulate([("smooth", 0.0, float(self.lengths_m[0]), self.of.settings.seed)])
         return self.store["smooth"]["images"]
 
     def simulate_missing(self, progress: Progress | None) -> None:
         """Simulate what the store lacks, and store each as soon as it is finished."""
-        pairs = self.simulated
-        for i, (height_m, length_m) in enumerate(pairs):
-            if progress is not None:
-                progress(i, len(pairs))
-            if self._name(i) not in self.store:
-                # What is simulated here is too rough for Kirchhoff at an end of the range: only
-                # the estimate matters.
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", ClradarWarning)
-                    seed = self.settings.seed + i
-                    self._simulate(self._name(i), float(height_m), float(length_m), seed)
-        if progress is not None:
-            progress(len(pairs), len(pairs))
+        items = [
+            (self._name(i), float(height_m), float(length_m), self.of.settings.seed + i)
+            for i, (height_m, length_m) in enumerate(self.simulated)
+        ]
+        missing = [item for item in items if item[0] not in self.store]
+        # What is simulated here is too rough for Kirchhoff at an end of the range: only the
+        # estimate matters.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ClradarWarning)
+            done = 1.0 - len(missing) / len(items)
+            self._simulate(missing, part_of(progress, done, 1.0))
 
-    def _simulate(self, name: str, height_m: float, length_m: float, seed: int) -> None:
-        materials = [_rough(own, height_m, length_m) for own in self.scene.materials]
-        capture = simulate(
-            replace(self.scene, materials=tuple(materials)), self.like.array, self.like.waveform,
-            settings=replace(self.settings, seed=seed), device=self.device,
-        )  # fmt: skip
-        self.store[name] = {"images": self.apertures.images(capture)}
+    def _simulate(
+        self, items: list[tuple[str, float, float, int]], progress: Progress | None = None
+    ) -> None:
+        for _, (name, images) in self.devices.made(self.of, items, progress):
+            self.store[name] = {"images": images}
 
     def statistics(
         self, measured: Capture, meters: list[tuple[str, TextureMeter]]

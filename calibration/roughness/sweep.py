@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, MutableMapping, Sequence
+from collections.abc import Iterator, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,8 +28,8 @@ from clradar.model import (
     Waveform,
     checks,
 )
-from clradar.model.progress import Progress
-from clradar.opencl import Device, open_device
+from clradar.model.progress import Progress, part_of
+from clradar.opencl import Device, Devices, open_devices
 from clradar.simulation import simulate_alphas
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
 
@@ -150,7 +150,7 @@ def sweep(
     waveform: Waveform | None = None,
     method: str = "fast",
     window: str = "rect",
-    device: Device | str | None = None,
+    device: Device | str | Sequence[str] | None = None,
     store: Store | None = None,
     progress: Progress | None = None,
     settings: SimulationSettings | None = None,
@@ -179,7 +179,9 @@ def sweep(
         Of the measurement. Default: the 94 x 94 imager and 72 to 82 GHz in 128 steps.
     method, window
         As in `clradar.backproject`.
-    device : Device, str or None
+    device : Device, str, sequence of str or None
+        Images are divided among several devices of one kind, as `clradar.map_devices` has them
+        ("all"): to the same bits.
     store : mutable mapping, optional
         Images in it are not simulated again, new ones are stored one by one: given the same store
         and arguments, an interrupted sweep resumes, to the same bits. Its content is not checked
@@ -248,7 +250,7 @@ def sweep(
     checks.instance("sweep: waveform", frequencies, Waveform)
     measured_map = depth_map_of(measured, dynamic_range_db, "measured image")
     check_within_grid(scene, measured.grid)
-    images = _SweepImages(
+    simulations = _Simulations(
         scene=scene,
         alphas=values,
         seeds=tuple(range(first, first + n_seeds)),
@@ -259,10 +261,11 @@ def sweep(
         method=method,
         window=window,
         dynamic_range_db=dynamic_range_db,
-        device=open_device(device),
-        store={} if store is None else store,
         settings=resolved,
     )
+    devices = open_devices(device)
+    devices.check_alike("a sweep")
+    images = _SweepImages(simulations, devices, {} if store is None else store)
     # Before the simulations: a region may be hidden.
     pixels = None if regions is None else images.region_pixels()
     images.simulate_missing(progress)
@@ -270,7 +273,7 @@ def sweep(
     estimate = estimate_alpha(measured_map, whole, values, metric, dynamic_range_db)
     result = Sweep(
         alphas=values,
-        seeds=images.seeds,
+        seeds=simulations.seeds,
         metrics=tuple(
             tuple(_metrics(measured_map, image, dynamic_range_db) for image in row) for row in whole
         ),
@@ -334,8 +337,8 @@ def _metrics(measured: DepthMap, image: DepthMap | None, dynamic_range_db: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _SweepImages:
-    """All images of a sweep, in its store: depth maps, or volumes of the regions."""
+class _Simulations:
+    """What is simulated: makes the images of some alphas of one seed on a device."""
 
     scene: Scene
     alphas: np.ndarray
@@ -347,35 +350,18 @@ class _SweepImages:
     method: str
     window: str
     dynamic_range_db: float
-    device: Device
-    store: Store
     settings: SimulationSettings
 
-    def simulate_missing(self, progress: Progress | None) -> None:
-        """Simulate the images that the store lacks, and store each as soon as it is finished."""
-        total = len(self.seeds) * len(self.alphas)
-        missing = [
-            [i for i in range(len(self.alphas)) if not self._is_stored(k, i)]
-            for k in range(len(self.seeds))
-        ]
-        done = total - sum(map(len, missing))
-
-        def show(images: float) -> None:
-            if progress is not None:
-                progress(round(_STEPS * (done + images)), _STEPS * total)
-
-        show(0.0)
-        for k, indices in enumerate(missing):
-            if indices:
-                self._simulate(k, indices, show)
-                done += len(indices)
-
-    def _simulate(self, k: int, indices: list[int], show: Callable[[float], None]) -> None:
-        """Simulate and store some alphas of one seed; `show` takes the number of images done."""
+    def __call__(
+        self, item: tuple[int, list[int]], device: Device, progress: Progress
+    ) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
+        """Yield name and arrays of the images of seed k and some alphas."""
+        k, indices = item
         traced, stored = 0.0, 0
 
         def tell() -> None:
-            show(TRACING_SHARE * len(indices) * traced + (1 - TRACING_SHARE) * stored)
+            share = TRACING_SHARE * traced + (1 - TRACING_SHARE) * stored / len(indices)
+            progress(round(_STEPS * share), _STEPS)
 
         def on_tracing(now: int, of: int) -> None:
             nonlocal traced
@@ -389,69 +375,102 @@ class _SweepImages:
             list(self.alphas[indices]),
             region=None if self.regions is None else self.regions.face,
             settings=replace(self.settings, seed=self.seeds[k]),
-            device=self.device,
+            device=device,
             progress=on_tracing,
         )
         for i, of_alpha in zip(indices, captures, strict=True):
             for r, capture in enumerate(of_alpha):
-                self.store[self._name(k, i, r)] = self._image(capture)
+                yield self.name(k, i, r), self._image(capture, device)
             stored += 1
             tell()
 
-    def _image(self, capture: Capture) -> dict[str, np.ndarray]:
+    def _image(self, capture: Capture, device: Device) -> dict[str, np.ndarray]:
         volume = backproject(
             capture, self.grid, method=self.method, window=self.window, check_grid=False,
-            device=self.device,
+            device=device,
         )  # fmt: skip
         if self.regions is not None:
             return {"data": volume.data}
         depth = volume.depth_map(self.dynamic_range_db)
         return {"depth_m": depth.depth_m, "amplitude": depth.amplitude}
 
-    def _name(self, k: int, i: int, r: int) -> str:
+    def name(self, k: int, i: int, r: int) -> str:
         region = "" if self.regions is None else f"-region{r}"
         return f"seed{k}-alpha{i}{region}"
 
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _SweepImages:
+    """All images of a sweep, in its store: depth maps, or volumes of the regions."""
+
+    of: _Simulations
+    devices: Devices
+    store: Store
+
+    def simulate_missing(self, progress: Progress | None) -> None:
+        """Simulate the images that the store lacks, and store each as soon as it is finished."""
+        n_seeds, n_alphas = len(self.of.seeds), len(self.of.alphas)
+        missing = [
+            [i for i in range(n_alphas) if not self._is_stored(k, i)] for k in range(n_seeds)
+        ]
+        # A batch of alphas shares rays, so they are divided no more than the devices need.
+        n_devices = len(self.devices.infos)
+        parts = n_devices // math.gcd(n_devices, n_seeds)
+        items = [
+            (k, part.tolist())
+            for k, indices in enumerate(missing)
+            for part in np.array_split(indices, parts)
+            if len(part)
+        ]
+        done = 1.0 - sum(map(len, missing)) / (n_seeds * n_alphas)
+        rest = part_of(progress, done, 1.0)
+        for _, (name, image) in self.devices.made(self.of, items, rest):
+            self.store[name] = image
+
     def _is_stored(self, k: int, i: int) -> bool:
-        parts = 1 if self.regions is None else len(self.regions.names)
-        return all(self._name(k, i, r) in self.store for r in range(parts))
+        parts = 1 if self.of.regions is None else len(self.of.regions.names)
+        return all(self.of.name(k, i, r) in self.store for r in range(parts))
 
     def whole(self) -> list[list[DepthMap | None]]:
         """Depth maps of the whole mesh, [seed][alpha]; None where the image is zero."""
-        indices = range(len(self.alphas))
-        return [[self._whole(k, i) for i in indices] for k in range(len(self.seeds))]
+        indices = range(len(self.of.alphas))
+        return [[self._whole(k, i) for i in indices] for k in range(len(self.of.seeds))]
 
     def _whole(self, k: int, i: int) -> DepthMap | None:
-        if self.regions is not None:
-            data = np.zeros(self.grid.shape, np.complex64)
-            for r in range(len(self.regions.names)):
+        if self.of.regions is not None:
+            data = np.zeros(self.of.grid.shape, np.complex64)
+            for r in range(len(self.of.regions.names)):
                 data += self._volume(k, i, r)
-            return Volume(data, self.grid).depth_map(self.dynamic_range_db) if data.any() else None
-        stored = self.store[self._name(k, i, 0)]
+            if not data.any():
+                return None
+            return Volume(data, self.of.grid).depth_map(self.of.dynamic_range_db)
+        stored = self.store[self.of.name(k, i, 0)]
         if not stored["amplitude"].any():
             return None
-        axes = (self.grid.x_m, self.grid.y_m)
-        return DepthMap(stored["depth_m"], stored["amplitude"], *axes, self.dynamic_range_db)
+        axes = (self.of.grid.x_m, self.of.grid.y_m)
+        return DepthMap(stored["depth_m"], stored["amplitude"], *axes, self.of.dynamic_range_db)
 
     def _volume(self, k: int, i: int, r: int) -> np.ndarray:
-        return self.store[self._name(k, i, r)]["data"]
+        return self.store[self.of.name(k, i, r)]["data"]
 
     def region_pixels(self) -> np.ndarray:
         """Number of the region that each pixel shows, shape (n_y, n_x), -1 for none."""
-        assert self.regions is not None
-        centre_m = self.array.tx_m.mean(axis=0)
-        return region_pixels(self.scene, self.regions, self.grid, centre_m, self.device)
+        assert self.of.regions is not None
+        centre_m = self.of.array.tx_m.mean(axis=0)
+        return region_pixels(
+            self.of.scene, self.of.regions, self.of.grid, centre_m, self.devices.first
+        )
 
     def of_regions(self, measured: Volume, pixels: np.ndarray, metric: str) -> RegionImages:
-        assert self.regions is not None
+        assert self.of.regions is not None
         return RegionImages(
             measured=measured.depth_map(EVERYTHING_DB),
-            grid=self.grid,
-            names=self.regions.names,
+            grid=self.of.grid,
+            names=self.of.regions.names,
             pixels=pixels,
             volume_of=self._volume,
-            n_seeds=len(self.seeds),
-            n_alphas=len(self.alphas),
+            n_seeds=len(self.of.seeds),
+            n_alphas=len(self.of.alphas),
             metric=metric,
-            dynamic_range_db=self.dynamic_range_db,
+            dynamic_range_db=self.of.dynamic_range_db,
         )

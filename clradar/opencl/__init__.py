@@ -13,17 +13,21 @@ from clradar.opencl.device import (
     open_device,
 )
 from clradar.opencl.program import Program, build
+from clradar.opencl.several_devices import Devices, map_devices, open_devices
 
 __all__ = [
     "Buffers",
     "Device",
     "DeviceInfo",
+    "Devices",
     "Program",
     "build",
     "devices_like",
     "forget_devices",
     "list_devices",
+    "map_devices",
     "open_device",
+    "open_devices",
 ]
 
 

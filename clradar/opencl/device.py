@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -20,6 +21,11 @@ INSTALL_HINT = (
 
 MEMORY_SHARE = 0.75
 """Fraction of a device's memory that one call may plan to use; the rest is the runtime's."""
+
+ALL = "all"
+
+VARIABLES = ("CLRADAR_DEVICE", "PYOPENCL_CTX")
+"""Each names a device; the first that is set counts."""
 
 GPU_GROUP_ITEMS = 64
 """Items of a work-group on a GPU: two warps of NVIDIA's, one or two wavefronts of AMD's."""
@@ -68,6 +74,13 @@ class DeviceInfo:
     @property
     def label(self) -> str:
         return f"{self.name} [{self.platform}]"
+
+    def is_like(self, other: DeviceInfo) -> bool:
+        """Whether both have the same name and driver."""
+        own, others = (
+            (info.name, info.platform, info.version, info.kind) for info in (self, other)
+        )
+        return own == others
 
     @property
     def is_interpreter(self) -> bool:
@@ -253,19 +266,72 @@ def devices_like(device: str | None = None) -> list[DeviceInfo]:
     {'cpu'}
     """
     chosen = default_device() if device is None else _select(device, "device")
-    wanted = device or os.environ.get("CLRADAR_DEVICE") or os.environ.get("PYOPENCL_CTX") or ""
+    named = _named()
+    wanted = device or (named[1] if named else "")
     if wanted.strip().replace(":", "").isdigit():
         return [chosen]
-    kind = (chosen.name, chosen.platform, chosen.version)
-    return [info for info in list_devices() if (info.name, info.platform, info.version) == kind]
+    return [info for info in list_devices() if info.is_like(chosen)]
+
+
+def several(device: str) -> bool:
+    """Whether it may mean several devices: "all", or names with commas between them."""
+    return device.strip().lower() == ALL or "," in device
+
+
+def select_devices(device: str | Sequence[str] | None) -> list[DeviceInfo]:
+    """The devices that `clradar.opencl.open_devices` names.
+
+    Raises
+    ------
+    DeviceError
+        No such device, or one is named twice.
+    """
+    origin, named = "device", _named()
+    if device is None and named is not None:
+        origin, device = named
+    if device is None:
+        return [default_device()]
+    names = device.split(",") if isinstance(device, str) else list(device)
+    if len(names) == 1 and names[0].strip().lower() == ALL:
+        return _all()
+    infos = [_select(name, origin) for name in names]
+    twice = next((info for i, info in enumerate(infos) if info in infos[:i]), None)
+    if twice is not None or not infos:
+        got = f"{twice.selector} {twice.label} twice" if twice else "none"
+        raise DeviceError(f"{origin}: expected devices, each once, got {got}")
+    return infos
+
+
+def _all() -> list[DeviceInfo]:
+    """All GPUs, those of one name by one driver; without GPUs what is used anyway, and its like.
+
+    Two drivers of one device share it, so there is nothing to win by both.
+    """
+    gpus = [info for info in list_devices() if info.kind == "gpu" and not info.is_interpreter]
+    first: dict[str, str] = {}
+    for info in gpus:
+        first.setdefault(info.name, info.platform)
+    if gpus:
+        return [info for info in gpus if info.platform == first[info.name]]
+    named = _named()
+    if named is not None and several(named[1]):
+        named = None
+    default = _select(None, "device") if named is None else _select(*reversed(named))
+    return [info for info in list_devices() if info.is_like(default)]
+
+
+def _named() -> tuple[str, str] | None:
+    """The environment variable that names a device, and what it says."""
+    for variable in VARIABLES:
+        if os.environ.get(variable):
+            return variable, os.environ[variable]
+    return None
 
 
 def default_device() -> DeviceInfo:
     """The device that `open_device` opens for None."""
-    for variable in ("CLRADAR_DEVICE", "PYOPENCL_CTX"):
-        if os.environ.get(variable):
-            return _select(os.environ[variable], variable)
-    return _select(None, "device")
+    named = _named()
+    return _select(None, "device") if named is None else _select(*reversed(named))
 
 
 def _found() -> list[tuple[DeviceInfo, Any]]:
@@ -310,6 +376,11 @@ def _select(wanted: str | None, origin: str) -> DeviceInfo:
             raise DeviceError(f"no OpenCL device but a memory checker was found; {INSTALL_HINT}")
         return ranked[0]
     key = wanted.strip().lower()
+    if several(wanted):
+        raise DeviceError(
+            f"{origin}: expected one device, got {wanted!r}: what is asked for is not split over "
+            "several; see docs/runtimes.md for what is"
+        )
     if key in ("gpu", "cpu"):
         matches = [info for info in usable if info.kind == key]
     elif key.replace(":", "").isdigit():

@@ -7,12 +7,9 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
-from multiprocessing import resource_tracker
 from typing import Any
 
 import dask
@@ -22,6 +19,7 @@ from distributed.diagnostics.plugin import WorkerPlugin
 from clradar.dataset.engine.worker_resources import WorkerResources
 from clradar.errors import ClusterError
 from clradar.files.failures import clean
+from clradar.files.interrupts import interrupts_blocked
 
 DEVICE = "DEVICE"
 """The Dask resource of workers: one for each sample that a worker makes at a time."""
@@ -80,7 +78,7 @@ def local_cluster(
     }
     with dask.config.set(settings):
         try:
-            with _interrupts_blocked():
+            with interrupts_blocked():
                 cluster = SpecCluster(
                     workers=workers, scheduler=scheduler, silence_logs=logging.CRITICAL
                 )
@@ -89,7 +87,7 @@ def local_cluster(
 
         def end() -> None:
             # Ctrl-C would cancel the closing, and closing again would wait for that forever.
-            with _interrupts_blocked():
+            with interrupts_blocked():
                 cluster.close()
 
         try:
@@ -136,22 +134,3 @@ class KeepToCores(WorkerPlugin):
     def setup(self, worker: Any) -> None:
         if hasattr(os, "sched_setaffinity"):  # elsewhere the number of threads has to do
             os.sched_setaffinity(0, self.cores)
-
-
-@contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Block SIGINT while the block runs, and permanently in the threads that it starts.
-
-    A terminal sends Ctrl-C to all processes. Workers inherit the signal mask of the thread that
-    starts them, so only this process receives it, and ends them in order.
-    """
-    if sys.platform == "win32":  # there the workers receive it, too
-        yield
-        return
-    # Starting a resource tracker unblocks the signal, so it must run before.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

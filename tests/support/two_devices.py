@@ -1,0 +1,111 @@
+"""What batches make on two devices: PoCL shows the CPU twice where POCL_DEVICES says so.
+
+Run as a program by `tests/opencl/test_several_devices.py`, since POCL_DEVICES is read once per
+process; prints its findings as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+from time import sleep
+from typing import Any
+
+import numpy as np
+
+import clradar
+from clradar.errors import ClradarError, ClradarWarning, DeviceError, handled_warnings, warn
+from clradar.opencl import Device
+
+ENVIRONMENT = {"POCL_DEVICES": "pthread pthread", "CLRADAR_DEVICE": "pocl"}
+
+N = 6
+
+
+def met(item: tuple[int, str], device: Device) -> tuple[int, str]:
+    """The item's number and the device; the first two wait for each other, so both have a turn."""
+    number, folder = item
+    (Path(folder) / str(number)).touch()
+    while number < 2 and not (Path(folder) / str(1 - number)).exists():
+        sleep(0.01)
+    warn("each says this")
+    return number, device.info.selector
+
+
+def failing(item: str, device: Device) -> str:
+    """Fail as the item says, if it is on the second device."""
+    if device.info.selector == "0:1":
+        if item == "killed":
+            os.kill(os.getpid(), signal.SIGKILL)
+        raise DeviceError(f"device {device.info.label}: out of memory")
+    signal.pause()  # until the batch is ended
+    return item
+
+
+def error_of(call: Any) -> str:
+    try:
+        call()
+    except ClradarError as error:
+        return f"{type(error).__name__}: {error}"
+    return "none"
+
+
+def swept(device: str, measured: clradar.Volume, scene: clradar.Scene, radar: Any) -> Any:
+    import calibration  # not in the processes of the devices, which import this module
+
+    store: dict[str, dict[str, np.ndarray]] = {}
+    calibration.sweep(
+        measured, scene, [0.2, 0.5, 0.8], seeds=1, device=device, store=store, **radar,
+        samples_per_mm2=0.2, reception_radius_m=0.02,
+    )  # fmt: skip
+    return {name: {k: v.tobytes() for k, v in images.items()} for name, images in store.items()}
+
+
+def sweeps_agree() -> bool:
+    import trimesh
+
+    mesh = trimesh.creation.icosphere(2, 0.04)
+    scene = clradar.Scene(mesh.vertices + np.array([0, 0, 0.3]), mesh.faces)
+    q = clradar.arrays.qar50()
+    array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    radar = {"array": array, "waveform": clradar.Waveform.sfcw(72e9, 82e9, 8)}
+    grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.25, 0.3), 5e-3)
+    capture = clradar.simulate(
+        scene.with_alpha(0.5), **radar, samples_per_mm2=0.2, reception_radius_m=0.02
+    )
+    image = clradar.backproject(capture, grid)
+    one, all_of_them = (swept(name, image, scene, radar) for name in ("0:0", "all"))
+    return len(one) == 3 and one == all_of_them
+
+
+def main(folder: str) -> None:
+    warned: list[str] = []
+    shown: list[tuple[int, int]] = []
+    with handled_warnings(warned.append):
+        made = list(
+            clradar.map_devices(
+                met, [(i, folder) for i in range(N)], progress=lambda *of: shown.append(of)
+            )
+        )
+    findings = {
+        "made": made,
+        "warned": warned,
+        "last": shown[-1],
+        "rises": shown == sorted(shown),
+        "failed": error_of(lambda: list(clradar.map_devices(failing, ["", ""]))),
+        "killed": error_of(lambda: list(clradar.map_devices(failing, ["killed", "killed"]))),
+        "twice": error_of(lambda: clradar.map_devices(met, [], device="0:0,0:0")),
+        "single": error_of(lambda: clradar.open_device("all")),
+        "sweeps_agree": sweeps_agree(),
+    }
+    print(json.dumps(findings))
+
+
+if __name__ == "__main__":
+    import warnings
+
+    warnings.simplefilter("ignore", ClradarWarning)
+    main(sys.argv[1])
