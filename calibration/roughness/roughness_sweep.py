@@ -115,7 +115,7 @@ def sweep_roughness(
     seeds: int = SEEDS,
     regions: Regions | None = None,
     calibrated: bool = False,
-    device: Device | str | Sequence[str] | None = None,
+    device: Devices | Device | str | Sequence[str] | None = None,
     store: Store | None = None,
     progress: Progress | None = None,
     settings: SimulationSettings | None = None,
@@ -141,7 +141,7 @@ def sweep_roughness(
     calibrated : bool
         The capture is in S-parameters, and the antennas and materials are right: the level counts,
         too. Otherwise its gain is found as well, one for all regions.
-    device : Device, str, sequence of str or None
+    device : Devices, Device, str, sequence of str or None
         As of `sweep`.
     store : mutable mapping, optional
         Images in it are not simulated again, new ones are stored one by one, as in `sweep`.

@@ -150,7 +150,7 @@ def sweep(
     waveform: Waveform | None = None,
     method: str = "fast",
     window: str = "rect",
-    device: Device | str | Sequence[str] | None = None,
+    device: Devices | Device | str | Sequence[str] | None = None,
     store: Store | None = None,
     progress: Progress | None = None,
     settings: SimulationSettings | None = None,
@@ -179,7 +179,7 @@ def sweep(
         Of the measurement. Default: the 94 x 94 imager and 72 to 82 GHz in 128 steps.
     method, window
         As in `clradar.backproject`.
-    device : Device, str, sequence of str or None
+    device : Devices, Device, str, sequence of str or None
         Images are divided among several devices of one kind, as `clradar.map_devices` has them
         ("all"): to the same bits.
     store : mutable mapping, optional

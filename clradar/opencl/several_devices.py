@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import pickle
 import signal
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
+from multiprocessing.reduction import ForkingPickler
 from time import monotonic
 from typing import Any, TypeVar
 
@@ -151,15 +151,16 @@ class Devices:
             yield from _Batch(processes, items, progress, limit or (lambda: len(items))).run()
 
 
-def open_devices(device: Device | str | Sequence[str] | None = "all") -> Devices:
+def open_devices(device: Devices | Device | str | Sequence[str] | None = "all") -> Devices:
     """Choose the devices of a batch.
 
     Parameters
     ----------
-    device : Device, str, sequence of str or None
-        "all": all GPUs, those of one name by the first driver that offers them; without GPUs the
-        CPU device that is used anyway, and others of its name and driver. A sequence, or names with
-        commas between them: those. Else as `clradar.open_device`.
+    device : Devices, Device, str, sequence of str or None
+        `Devices` are returned as they are. "all": all GPUs, those of one name by the first driver
+        that offers them; without GPUs the CPU device that is used anyway, and others of its name
+        and driver. A sequence, or names with commas between them: those. Else as
+        `clradar.open_device`.
 
     Raises
     ------
@@ -172,6 +173,8 @@ def open_devices(device: Device | str | Sequence[str] | None = "all") -> Devices
     >>> [info.kind for info in open_devices("pocl").infos]
     ['cpu']
     """
+    if isinstance(device, Devices):
+        return device
     if isinstance(device, Device):
         return Devices((device.info,), device)
     infos = select_devices(device)
@@ -283,7 +286,7 @@ class _Process:
         text = str(error).removeprefix(f"device {self.info.label}: ")
         return DeviceError(f"{self.name}: {text}")
 
-    def send(self, pickled: bytes) -> None:
+    def send(self, pickled: Any) -> None:
         """Send it work or an item."""
         try:
             self.pipe.send_bytes(pickled)
@@ -422,11 +425,11 @@ def _fewer_threads(processes: int) -> Iterator[None]:
             del os.environ[name]
 
 
-def _pickled(content: Any) -> bytes:
-    """For another process, or a `ModelError`."""
+def _pickled(content: Any) -> Any:
+    """The bytes for another process, or a `ModelError`."""
     try:
-        return pickle.dumps(content, pickle.HIGHEST_PROTOCOL)
-    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        return ForkingPickler.dumps(content)
+    except Exception as error:
         checks.fail(
             "several devices", "functions of a module and items that can be pickled", str(error)
         )
@@ -465,7 +468,7 @@ def _teller(pipe: Connection) -> Progress:
 
 def _sendable(error: Exception) -> Exception:
     try:
-        pickle.loads(pickle.dumps(error))
+        ForkingPickler.loads(ForkingPickler.dumps(error))
         return error
     except Exception:
         return ClradarError(f"{type(error).__name__}: {error}")

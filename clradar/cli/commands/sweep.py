@@ -14,7 +14,7 @@ from clradar.cli.console import print_line, print_table, print_text, print_warni
 from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.opening import open_written
 from clradar.cli.options.common import (
-    DeviceOption,
+    DevicesOption,
     ForceOption,
     MeasuredArgument,
     OpenOption,
@@ -145,7 +145,7 @@ def command(
     imaging: ImagingOptions,
     depth: DepthMapOptions,
     frames: FrameOptions,
-    device: DeviceOption = None,
+    device: DevicesOption = None,
     force: ForceOption = False,
     show: OpenOption = False,
 ) -> None:
@@ -159,9 +159,9 @@ def command(
     of given --material, by the physical estimator.
     """
     from calibration.roughness.sweep import check_within_grid
-    from clradar import open_device
     from clradar.cli import sweep_folder
     from clradar.compare import depth_map_of
+    from clradar.opencl import open_devices
 
     read = [measured, mesh, *place.files, *regions.files, *made_of.files]
     check_place_of_folder(output, replaced=sweep_folder.OWN_NAMES, inputs=read)
@@ -170,7 +170,9 @@ def command(
     alphas.check()
     regions.check(simulation.max_bounces)
     settings = simulation.settings(seed=alphas.seed, estimator=kind.estimator)
-    opened = open_device(device)
+    devices = open_devices(device)
+    devices.check_alike("a sweep")
+    opened = devices.first
     inputs = SweepInputs(
         place, mesh, made_of, regions, measured, frames, radar, voxels, imaging, opened
     )
@@ -194,7 +196,7 @@ def command(
         check_within_grid(inputs.placed, volume.grid)
     run = partial(
         kind.run, inputs.radar, image.content, volume, seeds=alphas.seeds, regions=inputs.labels,
-        settings=settings, device=opened,
+        settings=settings, device=devices,
     )  # fmt: skip
     result = sweep_folder.sweep_into(
         output, volume, inputs.placed, run, kind.write,

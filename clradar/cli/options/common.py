@@ -32,6 +32,15 @@ DeviceOption = Annotated[
         "[default: CLRADAR_DEVICE, else PYOPENCL_CTX, else a GPU, else a CPU]",
     ),
 ]
+DevicesOption = Annotated[
+    str | None,
+    typer.Option(
+        "--device",
+        metavar="NAME",
+        help="OpenCL device, or several to divide the work among: names with commas, or all (all "
+        "GPUs). [default: as `clradar devices` shows]",
+    ),
+]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 OpenOption = Annotated[
     bool, typer.Option("--open", help="Open the picture or the page once it is written.")
