@@ -34,6 +34,12 @@ from clradar.model import (
     material,
 )
 from clradar.model.material_file import read_materials, write_materials
+from clradar.motion.bodies import MovingBody, MovingScene
+from clradar.motion.hands import MovingHand
+from clradar.motion.motion_file import read_motion
+from clradar.motion.rigid import RigidMotion
+from clradar.motion.sweep import simulate_moving
+from clradar.motion.timing import SweepTiming
 from clradar.opencl import Device, list_devices, map_devices, open_device
 from clradar.simulation import simulate, simulate_image
 from clradar.synthesize import synthesize
@@ -56,12 +62,17 @@ __all__ = [
     "ImagingOperator",
     "Material",
     "Metrics",
+    "MovingBody",
+    "MovingHand",
+    "MovingScene",
     "Paths",
     "PermittivityTable",
     "PowerLaw",
+    "RigidMotion",
     "Scene",
     "SimulationSettings",
     "Spread",
+    "SweepTiming",
     "TraceStatistics",
     "Volume",
     "VoxelGrid",
@@ -79,10 +90,12 @@ __all__ = [
     "open_device",
     "place_grid",
     "read_materials",
+    "read_motion",
     "reconstruct",
     "room_capture",
     "simulate",
     "simulate_image",
+    "simulate_moving",
     "spread",
     "synthesize",
     "trace",

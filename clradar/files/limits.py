@@ -33,6 +33,9 @@ MAX_TOML_LINE_CHARACTERS = 2**14
 
 MAX_ANTENNA_FILE_BYTES = 2**20
 
+MAX_TIMES_BYTES = 2**26
+"""Of a table of times of a sweep."""
+
 MAX_ONNX_BYTES = 2**26
 """Learned starts: with 2000 samples learned from they have 6 MiB."""
 

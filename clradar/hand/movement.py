@@ -169,7 +169,7 @@ def hand_movement(
     """
     if isinstance(poses, str | os.PathLike | HandPose):
         poses = [poses]
-    keys = [_pose(pose) for pose in poses]
+    keys = [pose_of(pose) for pose in poses]
     if not keys:
         checks.fail("poses", "at least one", "none")
     n_frames = checks.whole("n_frames", n_frames, 2, MAX_FRAMES)
@@ -189,7 +189,8 @@ def hand_movement(
     return HandMovement(over_time, transforms, handedness, rate_hz)
 
 
-def _pose(pose: str | os.PathLike[str] | HandPose) -> HandPose:
+def pose_of(pose: str | os.PathLike[str] | HandPose) -> HandPose:
+    """Return a pose that is given by its name, by a pose file, or as it is."""
     if isinstance(pose, HandPose):
         return pose
     if not isinstance(pose, str | os.PathLike):

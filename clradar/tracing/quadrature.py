@@ -19,6 +19,7 @@ from clradar.tracing.antenna_packets import GROUP, bundled, n_groups
 from clradar.tracing.height_field import WAVES, mended_texture, wave_table
 from clradar.tracing.pieces import pieces_of
 from clradar.tracing.settings import SimulationSettings
+from clradar.tracing.surface_samples import sampled_triangles_m
 from clradar.tracing.traced_mesh import TracedMesh
 
 TILE_POINTS = 2**17
@@ -99,7 +100,7 @@ class LitQuadrature(TracedMesh):
         super().__init__(device)
         self.settings, self._scene, self._array = settings, scene, array
         assert settings.samples_per_mm2 is not None, "settings are resolved"
-        self._pieces = pieces_of(scene.triangles_m, settings.samples_per_mm2)
+        self._pieces = pieces_of(sampled_triangles_m(scene), settings.samples_per_mm2)
         self.n_points = self._pieces.n_points
         used = scene.vertices_m[scene.faces].reshape(-1, 3)
         self.middle_m = (0.5 * (used.min(axis=0) + used.max(axis=0))).astype(np.float32)

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from clradar.errors import MeshError
-from clradar.geometry.bvh import face_normals
 from clradar.geometry.curved import corner_heights
 from clradar.geometry.normals import corner_normals
 from clradar.model import Scene
 from clradar.opencl import Device, build
 from clradar.tracing.settings import SimulationSettings
+from clradar.tracing.surface_samples import sampled_areas_m2
 from clradar.tracing.traced_mesh import TracedMesh
 
 
@@ -37,7 +37,7 @@ def samples_per_face(scene: Scene, settings: SimulationSettings) -> np.ndarray:
     By density: face f gets the whole numbers between the running areas before and after it, so that
     the total is right to one sample whatever the tessellation. Faces without area get none.
     """
-    area_mm2 = face_normals(scene.triangles_m)[1] * 1e6
+    area_mm2 = sampled_areas_m2(scene) * 1e6
     if not (area_mm2 > 0).any():
         raise MeshError("scene: expected at least one face with an area, got only degenerate faces")
     if settings.rays_per_face is not None:

@@ -54,12 +54,13 @@ FOLDER_OUTPUTS = (
     "record-hand A --rig in.ply -o {} --force",
     "live . --device abacus -o {} --force",
     "process hand/30 -o {} --force",
+    "simulate in.ply --motion in.toml --frames 2 --device abacus -o {} --force",
 )
 OUTPUTS = {"output", "png", "joints", "plot", "json", "json_file", "fix_to", "report", "html"}
 INPUTS = {
     "rig", "mapping", "theta", "transform", "capture", "source", "sources", "layout", "rx_file",
     "tx_file", "empty", "file", "files", "materials", "measured", "simulated", "mesh", "channels",
-    "plan", "replay", "rigs", "path", "recording",
+    "plan", "replay", "rigs", "path", "recording", "motion",
 }  # fmt: skip
 """Parameters of commands that are paths; `joints` of a sweep is read."""
 

@@ -15,9 +15,10 @@ from clradar.cli.options.alphas import (
     read_part_alphas,
     with_part_alphas,
 )
-from clradar.cli.options.common import CaptureOutput, DeviceOption, ForceOption
-from clradar.cli.options.groups import REQUIRED, argument, option, recorded
+from clradar.cli.options.common import DeviceOption, ForceOption
+from clradar.cli.options.groups import REQUIRED, argument, option, output_option, recorded
 from clradar.cli.options.materials import PHYSICAL, MaterialOptions
+from clradar.cli.options.motion import MotionOptions
 from clradar.cli.options.radar import RadarOptions
 from clradar.cli.options.simulation import (
     ESTIMATORS,
@@ -25,7 +26,8 @@ from clradar.cli.options.simulation import (
     PlacementOptions,
     SimulationOptions,
 )
-from clradar.cli.outputs import check_outputs, save
+from clradar.cli.options.values import wrong_usage
+from clradar.cli.outputs import save
 from clradar.cli.provenance import provenance
 from clradar.errors import warn
 
@@ -37,9 +39,10 @@ if TYPE_CHECKING:
 class SceneOptions(PlacementOptions, AlphaOptions):
     """Meshes, their position and their alpha."""
 
-    meshes: list[str] = argument(
-        REQUIRED,
-        "Mesh files, each with an alpha of its own if it differs: hand.ply table.stl:0.1",
+    meshes: list[str] | None = argument(
+        None,
+        "Mesh files, each with an alpha of its own if it differs: hand.ply table.stl:0.1. None "
+        "where --motion has a hand.",
         metavar="MESH[:ALPHA]",
     )
 
@@ -58,7 +61,11 @@ class EstimatorOptions:
 
 def command(
     scenery: SceneOptions,
-    output: CaptureOutput,
+    moving: MotionOptions,
+    output: Path = output_option(
+        REQUIRED, "Capture to write (HDF5); with --frames the folder of a recording to make."
+    ),
+    *,
     made_of: MaterialOptions,
     simulation: SimulationOptions,
     estimator: EstimatorOptions,
@@ -72,29 +79,35 @@ def command(
 
     The parts that --alpha and --material-of can name are the geometries of the files; a wrong name
     lists them.
+
+    With --motion the scene moves while the imager records it (docs/movement.md), and --frames makes
+    a recording that every command reads; of another radar than the imager, a folder of captures.
     """
     import clradar
+    from clradar import Scene
+    from clradar.cli.motion_recording import MotionRecording
 
-    named = [split_alpha(text) for text in scenery.meshes]
+    named = [split_alpha(text) for text in scenery.meshes or []]
+    if not named and moving.motion is None:
+        raise wrong_usage("MESH", "expected a mesh file, or --motion with a hand")
     default, by_part = read_part_alphas(scenery.alpha or [])
     inputs = [*(path for path, _ in named), *scenery.files, *made_of.files, *radar.files]
-    check_outputs([output], force=force, inputs=inputs)
+    inputs += [] if moving.motion is None else [moving.motion]
+    moving.check(output, force=force, inputs=inputs)
+    motion = moving.read()
+    if motion is not None and len(motion.files) > 1:
+        inputs += motion.files[1:]
+        moving.check(output, force=force, inputs=inputs)  # they are known only now
     matrix = scenery.matrix()
     chosen = made_of.estimator(estimator.estimator)
     if chosen == PHYSICAL and (scenery.alpha or any(a is not None for _, a in named)):
         warn(f"--alpha: not used by --estimator {PHYSICAL}; --material has the roughness")
     settings = simulation.settings(seed=estimator.seed, estimator=chosen)
-    scene = made_of.on(load_scene(named, default, by_part, scenery.unit, matrix))
     antennas, waveform = radar.antennas(), radar.waveform()
     opened = clradar.open_device(device)
-    start_s = perf_counter()
-    with progress_bar("tracing") as progress:
-        capture = clradar.simulate(
-            scene, antennas, waveform,
-            settings=settings, device=opened, progress=progress,
-        )  # fmt: skip
     options = recorded(
         made_of,
+        moving,
         meshes=[{"file": p.name, "alpha": default if a is None else a} for p, a in named],
         alpha_of_parts=by_part,
         unit=scenery.unit,
@@ -102,9 +115,35 @@ def command(
         array=antennas.name,
         waveform_ghz=radar.band_ghz,
     )
-    save(output, capture, provenance("simulate", options, inputs), force=force)
+    origin = provenance("simulate", options, inputs)
+    start_s = perf_counter()
+    if motion is None:
+        scene = made_of.on(load_scene(named, default, by_part, scenery.unit, matrix))
+        with progress_bar("tracing") as progress:
+            capture = clradar.simulate(
+                scene, antennas, waveform,
+                settings=settings, device=opened, progress=progress,
+            )  # fmt: skip
+        save(output, capture, origin, force=force)
+        words = summary(capture)
+    else:
+        bodies = {
+            path.name: Scene.from_mesh(
+                path, alpha=default if a is None else a, unit=scenery.unit, transform=matrix
+            )
+            for path, a in named
+        }
+        if len(bodies) < len(named):
+            raise wrong_usage("MESH", "expected different names of files with --motion")
+        finish = lambda scene: made_of.on(with_part_alphas(scene, by_part))  # noqa: E731
+        recording = MotionRecording(
+            motion, motion.scene(bodies, finish=finish, alpha=default, device=opened),
+            antennas, waveform, settings, moving.rate_hz,
+        )  # fmt: skip
+        with progress_bar("simulating") as progress:
+            words = recording.write(output, moving.frames, origin, opened, progress, force=force)
     took_s = perf_counter() - start_s
-    print_line(f"{output}: {summary(capture)}, {took_s:.1f} s on {opened.info.label}")
+    print_line(f"{output}: {words}, {took_s:.1f} s on {opened.info.label}")
 
 
 def split_alpha(text: str) -> tuple[Path, float | None]:

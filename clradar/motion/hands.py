@@ -1,0 +1,231 @@
+"""Hands whose pose changes over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clradar.hand import (
+    JOINT_NAMES,
+    HandMesh,
+    HandMovement,
+    HandPose,
+    HandShape,
+    hand_mesh,
+    interpolate_poses,
+    posed_skeleton,
+)
+from clradar.hand.joints import JOINT_INDEX
+from clradar.hand.mesh import DEFAULT_CENTER_M, DEFAULT_EDGE_LENGTH_M
+from clradar.hand.movement import pose_of
+from clradar.hand.shape import AVERAGE
+from clradar.hand.skeleton import Skeleton
+from clradar.hand.texture import SKIN_BONES, skin_weights
+from clradar.model import Scene, checks
+from clradar.model.plausible import place
+from clradar.model.record import Record
+from clradar.motion.bodies import BodyInSweep
+from clradar.motion.rigid import PROFILES, RigidMotion, between, increasing
+from clradar.opencl import Device
+
+if TYPE_CHECKING:
+    from clradar.rigs import Rig
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class MovingHand(Record):
+    """A hand that goes from pose to pose, and may move as a whole meanwhile.
+
+    Parameters
+    ----------
+    times_s : array_like, shape (n,), float64, seconds
+        Increasing; of the poses. Before the first and after the last one the pose stays.
+    poses : sequence of str, path-like or HandPose
+        Names in `POSES`, pose files or poses.
+    profile : {"smooth", "linear"}
+        Of the joint angles between two poses: from rest to rest with the least jerk, or evenly.
+    motion : RigidMotion, optional
+        Of the whole hand, in the antenna frame.
+    center_m : array_like, shape (3,), metres
+        Where the centre of the box around the joints of all poses is. The wrist stays while the
+        pose changes.
+    shape, edge_length_m, handedness
+        As `clradar.hand.hand_mesh` takes them; not used with a rig, but for the shape.
+    rig : Rig, optional
+        A rigged hand in place of that of this package.
+    alpha : float
+        Roughness of the whole hand.
+    device : Device, str or None
+        Where the surface is sampled, see `clradar.open_device`.
+
+    Examples
+    --------
+    A fist that opens within a second.
+
+    >>> from clradar import MovingHand
+    >>> hand = MovingHand([0.0, 1.0], ["S", "flat"], edge_length_m=4e-3)
+    >>> hand.pose(0.5).name, len(hand.mesh(0.5).joints_m)
+    ('S to flat, 0.5', 25)
+    """
+
+    times_s: np.ndarray
+    poses: Sequence[Any]
+    profile: str = "smooth"
+    motion: RigidMotion | None = None
+    center_m: Any = DEFAULT_CENTER_M
+    shape: HandShape = AVERAGE
+    edge_length_m: float = DEFAULT_EDGE_LENGTH_M
+    handedness: str = "right"
+    rig: Rig | None = None
+    alpha: float = 0.5
+    device: Device | str | None = None
+
+    def __post_init__(self) -> None:
+        times_s = increasing("MovingHand.times_s", self.times_s)
+        given: Any = [self.poses] if isinstance(self.poses, str | HandPose) else self.poses
+        poses = tuple(pose_of(pose) for pose in given)
+        if len(poses) != len(times_s):
+            checks.fail("MovingHand.poses", f"one for each of {len(times_s)} times", len(poses))
+        checks.one_of("MovingHand.profile", self.profile, PROFILES)
+        if self.motion is not None:
+            checks.instance("MovingHand.motion", self.motion, RigidMotion)
+        checks.instance("MovingHand.shape", self.shape, HandShape)
+        checks.one_of("MovingHand.handedness", self.handedness, ("right", "left"))
+        center_m = checks.read_only("center_m", place("center_m", self.center_m), np.float64, (3,))
+        side = self.handedness if self.rig is None else self.rig.handedness
+        self._set(times_s=times_s, poses=poses, center_m=center_m, handedness=side)
+
+    def pose(self, time_s: float) -> HandPose:
+        """Return the pose at a time."""
+        begin, share = between(self.times_s, time_s, self.profile)
+        first, last = self.poses[begin], self.poses[min(begin + 1, len(self.poses) - 1)]
+        if share in (0.0, 1.0) or first == last:
+            return last if share == 1.0 else first
+        return interpolate_poses(first, last, share)
+
+    def transform(self, time_s: float) -> np.ndarray:
+        """Return the transform (4, 4) from the frame of the hand, whose wrist is the origin."""
+        made = np.eye(4)
+        made[:3, 3] = self.center_m - _middle_m(tuple(self.poses), self.shape, self.handedness)
+        moved: np.ndarray = made if self.motion is None else self.motion.at(time_s) @ made
+        return moved
+
+    def joints_m(self, time_s: float) -> np.ndarray:
+        """Return the joints at a time, shape (25, 3), antenna frame, metres; not those of a rig."""
+        own = HandMovement((self.pose(time_s),), self.transform(time_s)[None], self.handedness)
+        return own.joints_m(0, self.shape)
+
+    def mesh(self, time_s: float) -> HandMesh:
+        """Return the surface at a time, in the antenna frame."""
+        return self._placed(self._posed(self.pose(time_s)), time_s)
+
+    def during(self, begin_s: float, end_s: float) -> BodyInSweep:
+        """Return the hand during a sweep.
+
+        The hand of this package is meshed in the middle of the sweep, and its skin moves with the
+        bones from there; a rig has the same faces in all poses.
+        """
+        return _HandInSweep(self, 0.5 * (begin_s + end_s))
+
+    def _posed(self, pose: HandPose) -> HandMesh:
+        if self.rig is not None:
+            return self.rig.posed(pose)
+        return hand_mesh(
+            pose, self.edge_length_m, self.handedness, shape=self.shape, device=self.device
+        )
+
+    def _placed(self, mesh: HandMesh, time_s: float) -> HandMesh:
+        own = HandMovement((self.pose(time_s),), self.transform(time_s)[None], self.handedness)
+        return own.placed(0, mesh)
+
+
+_BONES = list(SKIN_BONES)
+
+
+@lru_cache(maxsize=8)
+def _middle_m(poses: tuple[HandPose, ...], shape: HandShape, handedness: str) -> np.ndarray:
+    """The centre (3,) of the box around the joints of all poses, metres, from the wrist."""
+    keys = HandMovement(poses, np.tile(np.eye(4), (len(poses), 1, 1)), handedness)
+    joints_m = np.concatenate([keys.joints_m(i, shape) for i in range(len(keys))])
+    return np.asarray(0.5 * (joints_m.min(axis=0) + joints_m.max(axis=0)))
+
+
+@dataclass(frozen=True)
+class _HandInSweep:
+    """A hand on the faces that it has in the middle of a sweep."""
+
+    hand: MovingHand
+    middle_s: float
+
+    @cached_property
+    def _mesh(self) -> HandMesh:
+        return self.hand._posed(self.hand.pose(self.middle_s))
+
+    @cached_property
+    def _skin(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Weights (V, b) and, in the frame of each bone, places (V, b, 3) and normals (V, b, 3)."""
+        mesh, bones = self._mesh, self._bones(self.middle_s)
+        assert mesh.normals is not None
+        at_m = (mesh.vertices_m - mesh.joints_m[JOINT_INDEX["wrist"]]) * self._mirror
+        at_m = at_m + bones.joints_m[JOINT_INDEX["wrist"]]
+        normals = mesh.normals * self._mirror
+        weight = skin_weights(at_m, normals, bones)
+        frames, origins_m = bones.frames[_BONES], bones.joints_m[_BONES]
+        own_m = np.einsum("bji,vbj->vbi", frames, at_m[:, None] - origins_m)
+        return weight, own_m, np.einsum("bji,vj->vbi", frames, normals)
+
+    @property
+    def _mirror(self) -> np.ndarray:
+        return np.array([-1.0 if self.hand.handedness == "left" else 1.0, 1.0, 1.0])
+
+    def _bones(self, time_s: float) -> Skeleton:
+        return posed_skeleton(self.hand.pose(time_s), self.hand.shape)
+
+    def _moved_m(self, time_s: float, rows: Any) -> np.ndarray:
+        """Vertices of `rows`, shape (n, 3), in the frame of the hand, metres."""
+        bones = self._bones(time_s)
+        weight, own_m, _ = self._skin
+        frames, origins_m = bones.frames[_BONES], bones.joints_m[_BONES]
+        places_m = np.einsum("bij,vbj->vbi", frames, own_m[rows]) + origins_m
+        moved_m = np.einsum("vb,vbi->vi", weight[rows], places_m)
+        return np.asarray((moved_m - bones.joints_m[JOINT_INDEX["wrist"]]) * self._mirror)
+
+    def _turned_normals(self, time_s: float) -> np.ndarray:
+        """Normals of all vertices, shape (V, 3), in the frame of the hand."""
+        weight, _, own = self._skin
+        frames = self._bones(time_s).frames[_BONES]
+        turned = np.einsum("vb,vbi->vi", weight, np.einsum("bij,vbj->vbi", frames, own))
+        turned /= np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12)
+        return np.asarray(turned * self._mirror)
+
+    def vertices_m(self, time_s: float, rows: np.ndarray | None = None) -> np.ndarray:
+        chosen = slice(None) if rows is None else rows
+        if self.hand.pose(time_s) == self.hand.pose(self.middle_s) or self.hand.rig is not None:
+            return self._mesh_at(time_s).vertices_m[chosen]
+        transform = self.hand.transform(time_s)
+        at_m = self._moved_m(time_s, chosen)
+        moved: np.ndarray = at_m @ transform[:3, :3].T + transform[:3, 3]
+        return moved
+
+    def scene(self, time_s: float) -> Scene:
+        return Scene.from_mesh(self._mesh_at(time_s), alpha=self.hand.alpha)
+
+    def _mesh_at(self, time_s: float) -> HandMesh:
+        pose = self.hand.pose(time_s)
+        if pose == self.hand.pose(self.middle_s):
+            return self.hand._placed(self._mesh, time_s)
+        if self.hand.rig is not None:
+            return self.hand._placed(self.hand.rig.posed(pose), time_s)
+        at_m = self._moved_m(time_s, slice(None))
+        joints_m = self._bones(time_s).joints_m
+        moved = replace(
+            self._mesh,
+            vertices_m=at_m,
+            normals=self._turned_normals(time_s),
+            joints_m=(joints_m - joints_m[JOINT_NAMES.index("wrist")]) * self._mirror,
+        )
+        return self.hand._placed(moved, time_s)

@@ -1,0 +1,129 @@
+"""Rigid motions: where a body is at any time, between places that are given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.hand.movement import minimum_jerk
+from clradar.model import checks
+from clradar.model.record import Record
+
+PROFILES = ("linear", "smooth")
+BEYOND = ("hold", "continue")
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RigidMotion(Record):
+    """Shift and turn of a body over time: p' = R (p - about) + about + shift.
+
+    Parameters
+    ----------
+    times_s : array_like, shape (n,), float64, seconds
+        Increasing; of the places that are given.
+    shifts_m : array_like, shape (n, 3), float64, metres
+    turns_rad : array_like, shape (n, 3), float64, radians, optional
+        Rotation vectors (axis times angle); none: it does not turn. Between two of one axis the
+        angle is interpolated, over any number of turns; between others the shortest rotation.
+    about_m : array_like, shape (3,), metres
+        The point about which the body turns.
+    profile : {"linear", "smooth"}
+        Constant velocity between two places, or from rest to rest (`minimum_jerk`).
+    beyond : {"hold", "continue"}
+        Before the first and after the last place: stay, or go on with the velocity there.
+
+    Raises
+    ------
+    ModelError
+        Wrong shapes, times that do not increase; "continue" with a single place or with "smooth".
+
+    Examples
+    --------
+    A metre per second away from the radar.
+
+    >>> from clradar import RigidMotion
+    >>> away = RigidMotion.steady(velocity_m_per_s=(0, 0, 1.0))
+    >>> away.at(0.25)[:3, 3].tolist()
+    [0.0, 0.0, 0.25]
+    """
+
+    times_s: np.ndarray
+    shifts_m: np.ndarray
+    turns_rad: np.ndarray | None = None
+    about_m: Any = (0.0, 0.0, 0.0)
+    profile: str = "linear"
+    beyond: str = "hold"
+
+    def __post_init__(self) -> None:
+        times_s = increasing("RigidMotion.times_s", self.times_s)
+        self._set(times_s=times_s)
+        self._set_array("shifts_m", np.float64, (len(times_s), 3))
+        if self.turns_rad is None:
+            self._set(turns_rad=np.zeros((len(times_s), 3)))
+        self._set_array("turns_rad", np.float64, (len(times_s), 3))
+        self._set_array("about_m", np.float64, (3,))
+        checks.one_of("RigidMotion.profile", self.profile, PROFILES)
+        checks.one_of("RigidMotion.beyond", self.beyond, BEYOND)
+        if self.beyond == "continue" and (self.profile == "smooth" or len(times_s) < 2):
+            got = f"profile '{self.profile}' and {len(times_s)} places"
+            checks.fail("RigidMotion.beyond", "'hold' unless two places are linear", got)
+
+    @classmethod
+    def steady(
+        cls,
+        velocity_m_per_s: Any = (0.0, 0.0, 0.0),
+        turn_rad_per_s: Any = (0.0, 0.0, 0.0),
+        about_m: Any = (0.0, 0.0, 0.0),
+    ) -> RigidMotion:
+        """Return the motion of constant velocity and turn that is in its own place at time 0."""
+        velocity = checks.read_only("velocity_m_per_s", velocity_m_per_s, np.float64, (3,))
+        turn = checks.read_only("turn_rad_per_s", turn_rad_per_s, np.float64, (3,))
+        still = np.zeros(3)
+        places = np.stack([still, velocity]), np.stack([still, turn])
+        return cls(np.array([0.0, 1.0]), *places, about_m, beyond="continue")
+
+    def at(self, time_s: float) -> np.ndarray:
+        """Return the rigid transform at a time, shape (4, 4), float64, metres."""
+        begin, share = between(self.times_s, time_s, self.profile, hold=self.beyond == "hold")
+        end = min(begin + 1, len(self.times_s) - 1)
+        assert self.turns_rad is not None
+        made = np.eye(4)
+        made[:3, :3] = _turned(self.turns_rad[begin], self.turns_rad[end], share)
+        shift_m = (1.0 - share) * self.shifts_m[begin] + share * self.shifts_m[end]
+        made[:3, 3] = self.about_m - made[:3, :3] @ self.about_m + shift_m
+        return made
+
+
+def increasing(field: str, times_s: Any) -> np.ndarray:
+    """Return times, shape (n,), float64, read-only; raise `ModelError` unless they increase."""
+    checked = checks.read_only(field, times_s, np.float64, (None,))
+    if (np.diff(checked) <= 0).any():
+        checks.fail(field, "times that increase", f"{checked.tolist()}")
+    return checked
+
+
+def between(
+    times_s: np.ndarray, time_s: float, profile: str, *, hold: bool = True
+) -> tuple[int, float]:
+    """Return the last key before a time, and the share of the way to the next one."""
+    if len(times_s) == 1:
+        return 0, 0.0
+    begin = int(np.clip(np.searchsorted(times_s, time_s, "right") - 1, 0, len(times_s) - 2))
+    share = (time_s - times_s[begin]) / (times_s[begin + 1] - times_s[begin])
+    if hold:
+        share = min(max(share, 0.0), 1.0)
+    return begin, float(minimum_jerk(share) if profile == "smooth" else share)
+
+
+def _turned(first_rad: np.ndarray, last_rad: np.ndarray, share: float) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    across = np.cross(first_rad, last_rad)
+    if np.linalg.norm(across) <= 1e-12 * np.linalg.norm(first_rad) * np.linalg.norm(last_rad):
+        vector = (1.0 - share) * first_rad + share * last_rad
+        return np.eye(3) if not vector.any() else Rotation.from_rotvec(vector).as_matrix()
+    first = Rotation.from_rotvec(np.array(first_rad))  # scipy takes no read-only arrays
+    way = (first.inv() * Rotation.from_rotvec(np.array(last_rad))).as_rotvec()
+    return (first * Rotation.from_rotvec(share * way)).as_matrix()

@@ -1,0 +1,92 @@
+"""When an imager records each sample of a sweep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clradar.model import AntennaArray, Waveform, checks
+from clradar.model.record import Record
+
+STEP_S = 2.5e-6
+"""Time of one frequency at one Tx. The imager's own is not published: this is an assumption, by
+which its 94 Tx and 128 frequencies take 30 ms."""
+
+ORDERS = ("tx", "frequency")
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class SweepTiming(Record):
+    """When the samples of one sweep are recorded, from its beginning on.
+
+    Parameters
+    ----------
+    times_s : array_like, shape (n_tx, n_rx or 1, n_freq), float64, seconds
+        Of every sample of a capture; with one column all Rx record at the same time.
+
+    Raises
+    ------
+    ModelError
+        Another number of axes, or a value that is not finite.
+
+    Examples
+    --------
+    Two Tx one after the other, each with three frequencies of 1 ms.
+
+    >>> from clradar import SweepTiming
+    >>> timing = SweepTiming.in_order(2, 3, step_s=1e-3)
+    >>> timing.times_s[:, 0].tolist()
+    [[0.0, 0.001, 0.002], [0.003, 0.004, 0.005]]
+    """
+
+    times_s: np.ndarray
+
+    def __post_init__(self) -> None:
+        self._set_array("times_s", np.float64, (None, None, None), " (tx, rx or 1, freq)")
+
+    @classmethod
+    def in_order(
+        cls, n_tx: int, n_freq: int, *, step_s: float = STEP_S, order: str = "tx"
+    ) -> SweepTiming:
+        """Return the timing of Tx that take turns, all Rx recording at once.
+
+        Parameters
+        ----------
+        n_tx, n_freq : int
+        step_s : float, seconds
+            From one sample to the next; 0: all at once.
+        order : {"tx", "frequency"}
+            What is switched last: "tx" records all frequencies at each Tx, "frequency" switches
+            through all Tx at each frequency.
+        """
+        n_tx = checks.whole("n_tx", n_tx, 1)
+        n_freq = checks.whole("n_freq", n_freq, 1)
+        step_s = checks.real("step_s", step_s)
+        if step_s < 0:
+            checks.fail("step_s", "a time of at least 0 s", f"{step_s:g}")
+        checks.one_of("order", order, ORDERS)
+        tx, step = np.arange(n_tx)[:, None, None], np.arange(n_freq)[None, None]
+        slot = tx * n_freq + step if order == "tx" else step * n_tx + tx
+        return cls(slot * step_s)
+
+    @property
+    def begin_s(self) -> float:
+        """Time of the first sample."""
+        return float(self.times_s.min())
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last sample."""
+        return float(self.times_s.max())
+
+    def check(self, array: AntennaArray, waveform: Waveform) -> None:
+        """Raise `ModelError` unless it is the timing of captures of this radar."""
+        wanted = (array.n_tx, array.n_rx, waveform.n_freq)
+        n_tx, n_rx, n_freq = self.times_s.shape
+        if (n_tx, n_freq) != wanted[::2] or n_rx not in (1, wanted[1]):
+            checks.fail(
+                "timing",
+                f"times of {wanted[0]} Tx, 1 or {wanted[1]} Rx and {wanted[2]} frequencies",
+                checks.shape_text(self.times_s.shape),
+            )

@@ -1,0 +1,68 @@
+"""`clradar simulate --motion`: a capture or a recording of a scene that moves."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from command_line import Run, one_error_line
+
+import clradar
+from measurement_io import open_capture, open_recording
+
+MOTION = """
+sweep.step_us = 20
+[[body]]
+velocity_mm_per_s = [0, 0, 50]
+[[hand]]
+edge_mm = 4
+pose = [{ time_s = 0, pose = "S" }, { time_s = 1, pose = "flat" }]
+center_mm = [0, 0, 400]
+"""
+
+
+def test_a_moving_scene_becomes_a_recording_with_its_truth(
+    tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.01)
+    ball.apply_translation([0, 0, 0.2]).export(tmp_path / "ball.ply")
+    (tmp_path / "motion.toml").write_text(MOTION)
+    options = "--band 72:82:2 --samples-per-mm2 0.1 --estimator expected"
+    command = f"simulate ball.ply --motion motion.toml {options} -o"
+    made = run(*command.split(), "moving", "--frames", 2, "--rate-hz", 1)
+    assert made.status == 0, made.err
+    assert "2 frames, sweeps of 3.74 ms" in made.out
+    recording = open_recording("moving")
+    assert recording.timestamps_us == (0, 1_000_000)
+    assert recording[0].data.shape == (94, 94, 2)
+    truth = json.loads(Path("moving/truth/truth.json").read_text())["frames"]
+    middle_s = truth[1]["middle_s"]
+    assert middle_s == pytest.approx(1.00187)
+    assert truth[1]["bodies"][""][2][3] == pytest.approx(0.05 * middle_s)
+    assert truth[1]["hands"][0]["pose"] == "flat"
+    assert len(truth[0]["hands"][0]["joints_m"]) == 25
+    assert run(*command.split(), "one.h5").status == 0
+    one = open_capture("one.h5")
+    assert np.array_equal(one.data, recording[0].data)
+    assert one.meta["movement"]["instants"] >= 2
+    assert clradar.read_motion("motion.toml").hands[0]["edge_length_m"] == 4e-3
+
+
+def test_frames_of_another_radar_are_a_folder_of_captures(
+    tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "hand.toml").write_text(MOTION.replace("[[body]]", "").replace("velocity", "#"))
+    (tmp_path / "radar.toml").write_text(
+        "[[tx]]\nline = { first_m = [0, 0, 0], last_m = [0.05, 0, 0], n = 3 }\n"
+        "[[rx]]\nline = { first_m = [0, 0, 0], last_m = [0, 0.05, 0], n = 2 }\n"
+    )
+    command = "simulate --motion hand.toml --frames 2 --array radar.toml --band 60:64:3 -o frames"
+    assert run(*command.split()).status == 0
+    assert sorted(p.name for p in Path("frames").iterdir()) == ["000000.h5", "000001.h5", "truth"]
+    assert open_capture("frames/000001.h5").meta["timestamp_us"] == 125_000
+    one_error_line(run(*command.split()), "holds files already")

@@ -1,0 +1,91 @@
+"""Motion files, and the motions that they describe."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clradar
+from clradar import RigidMotion
+from clradar.errors import MeasurementError, ModelError
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "motion.toml"
+    path.write_text(text)
+    return path
+
+
+def test_places_and_turns_are_interpolated() -> None:
+    motion = RigidMotion(
+        [1.0, 2.0, 4.0],
+        [(0, 0, 0), (0, 0, 0.1), (0, 0.2, 0.1)],
+        [(0, 0, 0), (0, 0, 4 * np.pi), (0, 0, 4 * np.pi)],
+        about_m=(0.1, 0, 0),
+    )
+    assert (motion.at(0.0) == np.eye(4)).all()
+    quarter = motion.at(1.125)  # a quarter of a turn of two about z at x = 0.1
+    assert quarter[:3, :3] @ (1, 0, 0) == pytest.approx((0, 1, 0), abs=1e-12)
+    assert quarter @ (0.1, 0, 0, 1) == pytest.approx((0.1, 0, 0.0125, 1))
+    assert motion.at(9.0)[:3, 3] == pytest.approx((0, 0.2, 0.1), abs=1e-12)
+    both = RigidMotion([0, 1], np.zeros((2, 3)), [(np.pi / 2, 0, 0), (0, np.pi / 2, 0)]).at(0.5)
+    # Half of the shortest way: the rotation R with R R = (last) (first)^-1 after the first one.
+    first = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    last = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    way = first.T @ both[:3, :3]
+    assert first @ way @ way == pytest.approx(last, abs=1e-12)
+
+
+def test_a_file_has_bodies_hands_and_the_order_of_switching(tmp_path: Path) -> None:
+    (tmp_path / "bent.toml").write_text(
+        'name = "bent"\n[joints.index-finger-phalanx-intermediate]\nflexion_deg = 80'
+    )
+    (tmp_path / "times.csv").write_text("0, 1\n2, 3\n")
+    motion = clradar.read_motion(
+        written(
+            tmp_path,
+            """
+            sweep.table_us = "times.csv"
+            [[body]]
+            mesh = "ball.ply"
+            profile = "smooth"
+            place = [{ time_s = 0 }, { time_s = 2, shift_mm = [0, 0, 20], turn_deg = [0, 90, 0] }]
+            [[hand]]
+            handedness = "left"
+            velocity_mm_per_s = [0, 0, 50]
+            pose = [{ time_s = 0, pose = "A" }, { time_s = 1, pose = "bent.toml" }]
+            """,
+        )
+    )
+    assert motion.bodies["ball.ply"].at(1.0)[2, 3] == pytest.approx(0.01)
+    assert motion.hands[0]["poses"][1].name == "bent"
+    assert [path.name for path in motion.files] == ["motion.toml", "bent.toml", "times.csv"]
+    radar = clradar.AntennaArray([(0, 0, 0), (0.01, 0, 0)], [(0, 0.01, 0)])
+    timing = motion.timing(radar, clradar.Waveform([72e9, 73e9]))
+    assert timing.times_s[:, 0].tolist() == [[0, 1e-6], [2e-6, 3e-6]]
+    with pytest.raises(ModelError, match=r"motion.toml: body.mesh: .* got 'ball.ply'"):
+        motion.scene({})
+    with pytest.raises(ModelError, match=r"sweep.table_us: expected 2 rows"):
+        motion.timing(radar, clradar.Waveform([72e9, 73e9, 74e9]))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", r"motion.toml: body: expected \[\[body\]\] or \[\[hand\]\]"),
+        ("[[body]]\nvelocty_mm_per_s = [0, 0, 1]", r"body\[0\].place: expected either"),
+        ("[[body]]\nvelocity_mm_per_s = [0, 1]", r"velocity_mm_per_s: expected a list of 3"),
+        ("[[body]]\nplace = [{ shift_mm = [0, 0, 1] }]", r"place\[0\].time_s: expected a time"),
+        ("[[body]]\nplace = [{ time_s = 1 }, { time_s = 1 }]", r"body\[0\].*times that increase"),
+        ("[[body]]\nturn_deg_per_s = [0, 0, 1]\nbeyond = 'hold'", r"unknown key|beyond"),
+        ("[[hand]]\npose = [{ time_s = 0, pose = 'nonesuch' }]", r"hand\[0\].*nonesuch"),
+        ("[[hand]]\npose = [{ time_s = 0, pose = 'no.toml' }]", r"no.toml: expected a pose"),
+        ("sweep.order = 'rx'\n[[hand]]\npose = [{ time_s = 0, pose = 'A' }]", "sweep.order"),
+        ("sweep.step_us = -1\n[[hand]]\npose = [{ time_s = 0, pose = 'A' }]", "sweep.step_us"),
+    ],
+)  # fmt: skip
+def test_mistakes_name_the_file_and_the_key(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(MeasurementError, match=said):
+        clradar.read_motion(written(tmp_path, text))

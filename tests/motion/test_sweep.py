@@ -1,0 +1,175 @@
+"""Sweeps over scenes that move, against closed forms and against still scenes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+import clradar
+from clradar import AntennaArray, MovingBody, MovingHand, MovingScene, RigidMotion, Scene
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.errors import ModelError
+from clradar.hand import hand_mesh
+from clradar.tracing.surface_samples import sampled_as
+
+WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 16)
+LINE_M = np.zeros((24, 3))
+LINE_M[:, 0] = 6e-3 * (np.arange(24) - 11.5)
+RADAR = AntennaArray(LINE_M, [[0.0, 0.01, 0.0], [0.01, -0.02, 0.0]], "line")
+POINT_M = np.array([0.005, 0.01, 0.3])
+STEP_S = 31.25e-6
+
+
+def point() -> Scene:
+    """A metal ball of 1 mm radius: its echo moves as that of a point does."""
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=1e-3)
+    return Scene.from_mesh(ball.apply_translation(POINT_M))
+
+
+def moving_point(velocity_m_per_s: tuple[float, float, float]) -> MovingScene:
+    return MovingScene([MovingBody(point(), RigidMotion.steady(velocity_m_per_s))])
+
+
+def echo(at_m: np.ndarray) -> np.ndarray:
+    """Samples of a point that is at `at_m`, (n_tx, 1, n_freq, 3), when each is recorded."""
+    legs_m = np.linalg.norm(at_m - RADAR.tx_m[:, None, None], axis=3)
+    legs_m = legs_m + np.linalg.norm(at_m - RADAR.rx_m[None, :, None], axis=3)
+    phase: np.ndarray = -2 * np.pi * WAVEFORM.frequencies_hz / SPEED_OF_LIGHT_M_PER_S * legs_m
+    return np.exp(1j * phase)
+
+
+@pytest.mark.parametrize("order", ["tx", "frequency"])
+@pytest.mark.parametrize("velocity", [(0.0, 0.0, -2.0), (2.0, 0.0, 0.0), (0.3, -1.0, 0.5)])
+def test_a_moving_point_has_the_phase_of_its_way_at_every_tx_and_frequency(
+    velocity: tuple[float, float, float], order: str
+) -> None:
+    timing = clradar.SweepTiming.in_order(24, 16, step_s=STEP_S, order=order)
+    settings = clradar.SimulationSettings(estimator="physical", samples_per_mm2=30)
+    capture = clradar.simulate_moving(
+        moving_point(velocity), RADAR, WAVEFORM, timing=timing, start_s=0.01, settings=settings
+    )
+    still = clradar.simulate(point(), RADAR, WAVEFORM, settings=settings)
+    way_m = POINT_M + (timing.times_s + 0.01)[..., None] * np.array(velocity)
+    wanted = echo(way_m) / echo(np.broadcast_to(POINT_M, way_m.shape))
+    turned = np.angle(capture.data / still.data / wanted)
+    assert np.ptp(np.unwrap(np.angle(wanted), axis=0)) > 3.0
+    # The mirror point wanders on the ball by what its radius is of the distance.
+    assert np.abs(turned).max() < 0.06
+
+
+@pytest.mark.parametrize("order", ["tx", "frequency"])
+def test_a_point_that_goes_away_is_shifted_in_the_image_as_theory_says(order: str) -> None:
+    # Of the range, because lengths grow over the frequencies; across, because they grow over the
+    # Tx, as they do for a point at another angle.
+    speed = 0.2 if order == "tx" else 0.04
+    timing = clradar.SweepTiming.in_order(24, 16, step_s=STEP_S, order=order)
+    capture = clradar.simulate_moving(
+        moving_point((0.0, 0.0, speed)), RADAR, WAVEFORM, timing=timing, samples_per_mm2=30,
+        estimator="physical",
+    )  # fmt: skip
+    grid = clradar.VoxelGrid.from_extent((-0.03, 0.03), (0.01, 0.01), (0.28, 0.33), 0.5e-3)
+    # One Rx: where its own phase does not say the angle again.
+    one_rx = clradar.Capture(capture.data[:, :1], RADAR.part(slice(None), [0]), WAVEFORM)
+    volume = clradar.backproject(one_rx, grid, window="hann", method="exact")
+    z, _, x = np.unravel_index(np.abs(volume.data).argmax(), volume.data.shape)
+    between_tx_s = STEP_S * (16 if order == "tx" else 1)
+    between_steps_s = STEP_S * (1 if order == "tx" else 24)
+    across_m = -2 * speed * between_tx_s / 6e-3 * 0.3
+    away_m = speed * timing.end_s / 2
+    away_m += 77e9 / np.diff(WAVEFORM.frequencies_hz)[0] * speed * between_steps_s
+    found_m = grid.x_m[x] - POINT_M[0], grid.z_m[z] - POINT_M[2]
+    assert found_m == pytest.approx((across_m, away_m), abs=1.1e-3)
+    assert max(abs(across_m), abs(away_m)) > 1.9e-3
+
+
+def test_a_fast_point_is_blurred_as_the_closed_form_is() -> None:
+    timing = clradar.SweepTiming.in_order(24, 16, step_s=STEP_S)
+    velocity = (3.0, 0.0, 0.0)
+    capture = clradar.simulate_moving(
+        moving_point(velocity), RADAR, WAVEFORM, timing=timing, samples_per_mm2=30,
+        estimator="physical",
+    )  # fmt: skip
+    way_m = POINT_M + timing.times_s[..., None] * np.array(velocity)
+    grid = clradar.VoxelGrid.from_extent((-0.02, 0.06), (0.01, 0.01), (0.3, 0.3), 0.5e-3)
+
+    def profile(data: np.ndarray) -> np.ndarray:
+        volume = clradar.backproject(clradar.Capture(data, RADAR, WAVEFORM), grid, method="exact")
+        values: np.ndarray = np.abs(volume.data[0, 0])
+        return values / np.linalg.norm(values)
+
+    moved, theory = profile(capture.data), profile(echo(way_m))
+    sharp = profile(echo(np.broadcast_to(way_m.mean(axis=(0, 1, 2)), way_m.shape)))
+    assert moved @ theory > 0.995
+    assert theory.max() < 0.75 * sharp.max()
+    assert moved @ sharp < 0.9
+
+
+@pytest.mark.parametrize("estimator", ["expected", "stochastic", "physical"])
+def test_a_scene_that_stays_has_the_bits_of_a_still_one(estimator: str) -> None:
+    ball = Scene.from_mesh(trimesh.creation.icosphere(radius=0.01).apply_translation(POINT_M))
+    moving = MovingScene([MovingBody(ball, RigidMotion([0.0, 1.0], np.zeros((2, 3))))])
+    settings = clradar.SimulationSettings(estimator=estimator, samples_per_mm2=4)
+    capture = clradar.simulate_moving(moving, RADAR, WAVEFORM, settings=settings)
+    still = clradar.simulate(ball, RADAR, WAVEFORM, settings=settings)
+    assert np.array_equal(capture.data, still.data)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_frames_without_duration_are_the_frames_of_a_still_hand(side: str) -> None:
+    motion = RigidMotion.steady(turn_rad_per_s=(0, 1, 0), about_m=(0, 0, 0.3))
+    hand = MovingHand([0.0, 1.0], ["A", "flat"], motion=motion, edge_length_m=4e-3, handedness=side)
+    timing = clradar.SweepTiming.in_order(24, 16, step_s=0.0)
+    for time_s in (0.0, 0.4):
+        still = Scene.from_mesh(hand.mesh(time_s))
+        capture = clradar.simulate_moving(
+            MovingScene([hand]), RADAR, WAVEFORM, timing=timing, start_s=time_s
+        )
+        assert np.array_equal(capture.data, clradar.simulate(still, RADAR, WAVEFORM).data)
+    between = hand.during(0.39, 0.41)
+    assert np.abs(between.scene(0.4).vertices_m - hand.mesh(0.4).vertices_m).max() < 1e-12
+    # The skin of one time, carried to another: on the surface there, whose vertices are others.
+    carried = trimesh.proximity.closest_point(
+        hand.mesh(0.39).to_trimesh(), between.scene(0.39).vertices_m[::40]
+    )[1]
+    assert np.quantile(carried, 0.95) < 0.5e-3
+
+
+@pytest.mark.parametrize("kind", ["turning", "closing"])
+def test_a_moving_hand_is_in_every_sample_where_it_is_then(kind: str) -> None:
+    if kind == "turning":
+        turn = RigidMotion.steady(turn_rad_per_s=(0, 2.0, 0), about_m=(0, 0, 0.3))
+        body = MovingBody(Scene.from_mesh(hand_mesh("F", edge_length_m=4e-3)), turn)
+        moving = MovingScene([body])
+    else:
+        moving = MovingScene([MovingHand([-0.2, 0.2], ["S", "flat"], edge_length_m=4e-3)])
+    timing = clradar.SweepTiming.in_order(24, 16, step_s=20e-6 if kind == "closing" else 60e-6)
+    settings = clradar.SimulationSettings(estimator="expected", samples_per_mm2=0.5)
+    capture = clradar.simulate_moving(moving, RADAR, WAVEFORM, timing=timing, settings=settings)
+    sweep = moving.during(0.0, timing.end_s)
+    reference = sweep.scene(0.5 * timing.end_s)
+    difference, power, unmoved = 0.0, 0.0, 0.0
+    still = clradar.simulate(reference, RADAR, WAVEFORM, settings=settings).data
+    with sampled_as(reference):
+        for tx, step in ((0, 3), (5, 0), (12, 9), (23, 15)):
+            scene = sweep.scene(timing.times_s[tx, 0, step])
+            then = clradar.simulate(scene, RADAR, WAVEFORM, settings=settings).data[tx, :, step]
+            difference += np.sum(np.abs(capture.data[tx, :, step] - then) ** 2)
+            unmoved += np.sum(np.abs(still[tx, :, step] - then) ** 2)
+            power += np.sum(np.abs(then) ** 2)
+    assert 10 * np.log10(difference / power) < -35
+    assert 10 * np.log10(unmoved / power) > -20
+
+
+def test_a_timing_of_another_radar_is_refused() -> None:
+    timing = clradar.SweepTiming.in_order(23, 16)
+    with pytest.raises(ModelError, match=r"timing: expected times of 24 Tx, 1 or 2 Rx and 16 freq"):
+        clradar.simulate_moving(moving_point((0, 0, 1)), RADAR, WAVEFORM, timing=timing)
+
+
+def test_what_is_too_fast_to_follow_is_refused() -> None:
+    radar = RADAR.part([0, 1], [0])
+    timing = clradar.SweepTiming.in_order(2, 16, step_s=1.0)
+    moving = MovingScene([MovingBody(point(), RigidMotion.steady(turn_rad_per_s=(0, 0, 300.0)))])
+    with pytest.raises(ModelError, match="256 instants"):
+        clradar.simulate_moving(moving, radar, WAVEFORM, timing=timing)
