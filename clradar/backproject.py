@@ -74,7 +74,8 @@ def backproject(
     ClradarWarning
         The strongest echo lies outside the grid, 15 dB above all that is in it. The object goes on
         beyond a face of the grid. The grid reaches beyond the unambiguous range c / (2 df), and no
-        focus tells the echoes in it from their aliases.
+        focus tells the echoes in it from their aliases. The brightest voxel has a grating lobe of
+        -3 dB or more in the grid, or is the lobe or the alias of an echo elsewhere.
 
     Examples
     --------

@@ -14,6 +14,7 @@ from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 from clradar.phasors.phasor_sum import PhasorSum
 from clradar.phasors.physical import physical_samples
+from clradar.tracing.ambiguous import warn_of_ambiguity
 from clradar.tracing.expected import Expectations, ExpectedTracer
 from clradar.tracing.facets import warn_of_coarse_facets
 from clradar.tracing.placement import check_placement
@@ -84,7 +85,8 @@ def simulate(
     -----
     ClradarWarning
         Faces of a curved surface are so coarse that the two-way phase is off by more than a quarter
-        of a wavelength on 5 % of the area; the scene reaches behind the antennas; no ray arrives,
+        of a wavelength on 5 % of the area; the scene reaches behind the antennas, or beyond the
+        unambiguous range, or is as wide as the array's grating lobes; no ray arrives,
         or so few that a tenth of the pairs has none by chance. With the physical estimator also:
         no Tx and Rx see a common point; points too sparse for the wavelength or the roughness; a
         roughness that the Kirchhoff approximation does not hold for.
@@ -107,6 +109,7 @@ def simulate(
     checks.instance("simulate: array", array, AntennaArray)
     checks.instance("simulate: waveform", waveform, Waveform)
     check_placement("simulate", scene, array)
+    warn_of_ambiguity(scene, array, waveform)
     resolved = merged_settings(settings, **fields).for_scene(scene).resolved()
     if resolved.estimator != "physical":
         array.refuse_patterns("simulate")
@@ -287,6 +290,7 @@ def simulate_alphas(
     checks.instance("simulate_alphas: array", array, AntennaArray)
     checks.instance("simulate_alphas: waveform", waveform, Waveform)
     check_placement("simulate_alphas", scene, array)
+    warn_of_ambiguity(scene, array, waveform)
     array.refuse_patterns("simulate_alphas")
     resolved = resolve_settings(settings, **fields)
     require_stochastic("simulate_alphas", resolved)

@@ -91,17 +91,48 @@ def lobes(
         if known or beyond or height < 10 ** (least_db / 20):
             continue
         taken.append(direction)
-        azimuth = np.arctan2(direction[0], direction[2])
-        angles = azimuth, np.arcsin(direction[1])
-        azimuth_deg, elevation_deg = (round(float(np.rad2deg(a)), 6) + 0.0 for a in angles)  # no -0
-        level_db = 20 * float(np.log10(height))
-        found.append(Lobe(position_m, azimuth_deg, elevation_deg, level_db))
+        found.append(_lobe(position_m, height))
 
     def strongest_first(lobe: Lobe) -> tuple[float, ...]:
         # Levels of symmetric lobes differ in their last digits.
         return -round(lobe.level_db, 2), round(lobe.elevation_deg, 2), round(lobe.azimuth_deg, 2)
 
     return tuple(sorted(found, key=strongest_first)[:MOST_LOBES])
+
+
+def _lobe(position_m: np.ndarray, height: float) -> Lobe:
+    direction = position_m / np.linalg.norm(position_m)
+    angles = np.arctan2(direction[0], direction[2]), np.arcsin(direction[1])
+    azimuth_deg, elevation_deg = (round(float(np.rad2deg(a)), 6) + 0.0 for a in angles)  # no -0
+    return Lobe(position_m, azimuth_deg, elevation_deg, 20 * float(np.log10(height)))
+
+
+def search_terms(array: AntennaArray, frequency_hz: float, within_deg: float) -> float:
+    """Antennas times directions of `response_over_directions`."""
+    n_x, n_y = (2 * count + 1 for count in _counts(array, frequency_hz, within_deg))
+    return (array.n_tx + array.n_rx) * float(n_x * n_y)
+
+
+def _counts(array: AntennaArray, frequency_hz: float, within_deg: float) -> list[int]:
+    """Steps of sines to either side along x and y; 0 without aperture."""
+    spans_m = np.ptp(array.tx_m, axis=0)[:2] + np.ptp(array.rx_m, axis=0)[:2]
+    most = np.sin(np.deg2rad(within_deg))
+    finest = [0.5 * SPEED_OF_LIGHT_M_PER_S / (frequency_hz * max(span, 1e-9)) for span in spans_m]
+    return [
+        int(np.ceil(most / min(step, COARSEST))) if span > 0 else 0
+        for span, step in zip(spans_m, finest, strict=True)
+    ]
+
+
+def climbed_lobe(
+    array: AntennaArray,
+    frequencies_hz: np.ndarray,
+    focus_m: np.ndarray,
+    start_m: np.ndarray,
+    step: np.ndarray,
+) -> Lobe:
+    """The lobe next to a point; `step` of sines as `response_over_directions` returns it."""
+    return _lobe(*_climbed(array, frequencies_hz, focus_m, start_m, step))
 
 
 def response_over_directions(
@@ -124,17 +155,14 @@ def response_over_directions(
     ModelError
         More than `MOST_TERMS` antennas times directions.
     """
-    spans_m = np.ptp(array.tx_m, axis=0)[:2] + np.ptp(array.rx_m, axis=0)[:2]
     most = np.sin(np.deg2rad(within_deg))
     distance_m = float(np.linalg.norm(focus_m))
-    axes = []
-    for span_m, at_focus_m in zip(spans_m, focus_m, strict=False):
-        finest = 0.5 * SPEED_OF_LIGHT_M_PER_S / (frequency_hz * max(span_m, 1e-9))
-        count = int(np.ceil(most / min(finest, COARSEST))) if span_m > 0 else 0
-        axes.append(most * np.linspace(-1, 1, 2 * count + 1))
-        if count == 0:
-            axes[-1] = np.array([at_focus_m / distance_m])
-    terms = (array.n_tx + array.n_rx) * float(len(axes[0]) * len(axes[1]))
+    counts = _counts(array, frequency_hz, within_deg)
+    axes = [
+        most * np.linspace(-1, 1, 2 * count + 1) if count else np.array([at_focus_m / distance_m])
+        for count, at_focus_m in zip(counts, focus_m, strict=False)
+    ]
+    terms = search_terms(array, frequency_hz, within_deg)
     if terms > MOST_TERMS:
         checks.fail(
             "array_figures: within_deg",

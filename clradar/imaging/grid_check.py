@@ -8,7 +8,11 @@ import numpy as np
 
 from clradar.constants import DYNAMIC_RANGE_DB, SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import warn
+from clradar.imaging.confusions import warn_of_confusions
 from clradar.imaging.echo_location import Echo, coarse_image, locate, resolution_m
+from clradar.imaging.grid_words import box_words as _box
+from clradar.imaging.grid_words import length_words as _length
+from clradar.imaging.grid_words import place_words as _place
 from clradar.imaging.placement import inside, reach_m, weaker_within
 from clradar.model import Capture, VoxelGrid
 from clradar.model.range_profile import RangeProfile, coupling_path_m, echo_profile, hann
@@ -120,6 +124,8 @@ def warn_of_grid(
     if outside is not None:
         _warn_of_echo(grid, outside, level)
         return
+    if level >= unfocused:
+        warn_of_confusions(capture, grid, peaks.place_m(grid), device)
     for face, beyond in cuts:
         _warn_of_cut(face, beyond, level)
 
@@ -264,28 +270,3 @@ def point_response(capture: Capture, point_m: np.ndarray, at_m: np.ndarray) -> f
     k = capture.waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
     tx, rx = (np.exp(2j * np.pi * np.outer(k, side_m)).mean(axis=1) for side_m in sides)
     return float(abs((weights * tx * rx).sum()) / weights.sum())
-
-
-def _unit(*lengths_m: float) -> tuple[str, float, int]:
-    """Metres from 1 m on, else millimetres: name, factor, decimals."""
-    return ("m", 1.0, 3) if max(map(abs, lengths_m)) >= 1 else ("mm", 1e3, 0)
-
-
-def _place(at_m: np.ndarray) -> str:
-    unit, scale, decimals = _unit(*at_m)
-    values = [round(scale * v, decimals) + 0.0 for v in at_m]  # + 0.0: no minus zero
-    return (
-        ", ".join(f"{n} {v:.{decimals}f}" for n, v in zip("xyz", values, strict=True)) + f" {unit}"
-    )
-
-
-def _length(length_m: float) -> str:
-    unit, scale, _ = _unit(length_m)
-    return f"{scale * length_m:.4g} {unit}"
-
-
-def _box(grid: VoxelGrid) -> str:
-    ends = [getattr(grid, f"{name}_m")[[0, -1]] for name in "xyz"]
-    unit, scale, _ = _unit(*np.ravel(ends))
-    parts = [f"{n} {scale * a:g} to {scale * b:g}" for n, (a, b) in zip("xyz", ends, strict=True)]
-    return f"{', '.join(parts)} {unit}"

@@ -1,0 +1,104 @@
+"""Messages about grating lobes and range aliases: of simulations and of images."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+
+import clradar
+from clradar.arrays.ambiguity import ghosts, range_alias
+from clradar.errors import ClradarWarning, handled_warnings
+
+LINES = np.linspace(-1, 1, 12), np.linspace(-1, 1, 16)
+CROSS = clradar.AntennaArray(
+    LINES[0][:, None] * [0.0275, 0, 0], LINES[1][:, None] * [0, 0.0375, 0], "cross"
+)
+"""5 mm apart: a wavelength at 60 GHz."""
+
+BAND = clradar.Waveform.sfcw(60e9, 64e9, 64)
+"""Unambiguous to 2.36 m."""
+
+
+def messages(capture: clradar.Capture, grid: clradar.VoxelGrid) -> list[str]:
+    found: list[str] = []
+    with handled_warnings(found.append):
+        clradar.backproject(capture, grid)
+    return found
+
+
+def echo(at_m: list[float], array: clradar.AntennaArray = CROSS) -> clradar.Capture:
+    return clradar.room_capture(array, BAND, [], points_m=[at_m])
+
+
+def around(at_m: list[float], half_m: float = 0.15) -> clradar.VoxelGrid:
+    return clradar.VoxelGrid.from_extent(
+        *((c - half_m, c + half_m) for c in at_m), spacing_m=half_m / 10
+    )
+
+
+@pytest.mark.parametrize("range_m", [0.5, 1.0, 2.0])
+def test_lobes_are_where_the_grating_equation_has_them(range_m: float) -> None:
+    """sin = lambda / d at the middle of the band, along x and along y, off boresight, too."""
+    sine = clradar.constants.SPEED_OF_LIGHT_M_PER_S / BAND.center_hz / 5e-3
+    for direction in (0.0, 0.3):
+        at_m = range_m * np.array([direction, 0, np.sqrt(1 - direction**2)])
+        (found,) = ghosts(CROSS, BAND, at_m, lambda places_m: places_m[:, 2] > 0)
+        sines = [lobe.position_m[:2] / np.linalg.norm(lobe.position_m) for lobe in found]
+        shifts = np.abs(np.array(sines) - [direction, 0])
+        assert len(found) > 0
+        assert np.abs(shifts.max(axis=1) - sine).max() < 0.03
+
+
+def test_an_alias_is_as_bright_as_the_echo_far_away_and_not_near() -> None:
+    for at_m, low, high in (([0, 0, 20.0], 0.99, 1.0), ([0, 0, 0.3], 0.2, 0.9)):
+        place_m, level = range_alias(CROSS, BAND, np.array(at_m), 1)
+        assert low < level <= high
+        assert abs(place_m[2] - at_m[2] - BAND.unambiguous_range_m) < 0.02
+    assert range_alias(CROSS, BAND, np.array([0, 0, 1.0]), -1) is None  # behind
+
+
+def test_a_lobe_in_the_grid_and_the_lobe_of_an_echo_beside_it() -> None:
+    wide = clradar.VoxelGrid.from_extent((-1.1, 1.1), (-0.1, 0.1), (0.2, 1.1), 0.02)
+    (text,) = messages(echo([0, 0, 1.0]), wide)
+    assert text.startswith("the array has a grating lobe in the grid: the echo at x 0.00")
+    assert "-0.9 dB" in text
+    assert messages(echo([0, 0, 1.0]), around([0, 0, 1.0])) == []
+    ((lobe, *_),) = ghosts(CROSS, BAND, np.array([0, 0, 1.0]), lambda p: p[:, 0] > 0.5)
+    (text,) = messages(echo([0, 0, 1.0]), around(list(lobe.position_m), 0.1))
+    assert "is the grating lobe of an echo at x" in text
+
+
+def test_a_far_target_in_a_near_grid() -> None:
+    """At 5 m, two unambiguous ranges beyond 0.28 m."""
+    (text,) = messages(echo([0, 0, 5.0]), around([0, 0, 0.3], 0.1))
+    assert "is the alias of an echo at" in text
+    assert messages(echo([0, 0, 0.3]), around([0, 0, 0.3], 0.1)) == []
+    assert messages(echo([0, 0, 2.0]), around([0, 0, 2.0])) == []
+
+
+def plate(width_m: float, z_m: float) -> clradar.Scene:
+    mesh = trimesh.creation.box((width_m, 0.05, 0.02)).apply_translation([0, 0, z_m])
+    return clradar.Scene.from_mesh(mesh, alpha=0.5)
+
+
+def test_simulations_say_what_their_scene_meets() -> None:
+    settings = {"estimator": "expected", "samples_per_mm2": 2e-3}
+    with pytest.warns(ClradarWarning, match=r"range of 5\.01 m, .*2\.36 m.* 0\.2\d+ m"):
+        clradar.simulate(plate(0.05, 5.0), CROSS, BAND, **settings)
+    with pytest.warns(ClradarWarning, match="as wide as the array's grating lobes.* dB"):
+        clradar.simulate(plate(2.0, 0.8), CROSS, BAND, **settings)
+
+
+def test_the_imager_and_its_hand_raise_no_message() -> None:
+    radar, band = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 128)
+    scene = plate(0.15, 0.3)
+    points_m = np.random.default_rng(1).uniform(-0.03, 0.03, (5, 3)) + np.array([0, 0, 0.3])
+    grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 4e-3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        clradar.simulate(scene, radar, band, estimator="expected", samples_per_mm2=2e-3)
+        capture = clradar.room_capture(radar, band, [], points_m=points_m)
+        clradar.backproject(capture, grid)
