@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import time
-from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
+from multiprocessing import forkserver
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from unittest.mock import patch
 
-from fuzz.worker import Progress, find_target, shared_progress
+from fuzz.worker import Progress, find_target, run_quietly, shared_progress
 
 _WAIT_LIMIT_S = 1800.0
 """Longest time without progress. What is at fault uses processor time, which is limited."""
@@ -104,40 +105,50 @@ def run(
 
 def _watched(target: str, seed: int, start: int, stop: int, folder: Path) -> tuple[str | None, int]:
     """Run one worker; return what it died of (None: of nothing) and the input it had come to."""
-    here = Path(__file__).resolve().parent
-    folders = [here.parent, here.parent / "support", here.parents[1]]
-    paths = [*map(str, folders), os.environ.get("PYTHONPATH", "")]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
-    command = [sys.executable, "-m", "fuzz.worker", target]
-    command += [str(seed), str(start), str(stop), str(folder)]
     output = folder / "output"
-    with open(output, "wb") as sink, shared_progress(folder) as shared:
+    with shared_progress(folder) as shared:
         progress = Progress.load(shared)
         progress.index, progress.reading = start, 0
         progress.store(shared)
-        worker = subprocess.Popen(command, env=environment, stdout=sink, stderr=sink)
+        worker = _workers().Process(target=run_quietly, args=(target, seed, start, stop, folder))
+        worker.start()
         try:
             last = progress
-            while worker.poll() is None:
-                with suppress(subprocess.TimeoutExpired):
-                    worker.wait(_WAIT_LIMIT_S)
+            while worker.is_alive():
+                worker.join(_WAIT_LIMIT_S)
                 progress = Progress.load(shared)
-                if worker.poll() is None and progress == last:
+                if worker.is_alive() and progress == last:
                     _require(bool(progress.reading), "the worker did not start", output)
                     return f"does nothing for {_WAIT_LIMIT_S:g} s", progress.index
                 last = progress
         finally:
-            if worker.poll() is None:
+            if worker.is_alive():
                 worker.kill()
-                worker.wait()
+                worker.join()
         progress = Progress.load(shared)
-    if worker.returncode == 0:
+    if worker.exitcode == 0:
         return None, progress.index
-    if worker.returncode == -signal.SIGPROF:
+    if worker.exitcode == -signal.SIGPROF:
         limit_s = find_target(target).processor_limit_s
         return f"takes more than {limit_s:g} s of processor time", progress.index
-    _require(bool(progress.reading), f"the worker ended with {worker.returncode}", output)
-    return f"ends the process with {worker.returncode}: {_tail(output)}", progress.index
+    _require(bool(progress.reading), f"the worker ended with {worker.exitcode}", output)
+    return f"ends the process with {worker.exitcode}: {_tail(output)}", progress.index
+
+
+@cache
+def _workers() -> multiprocessing.context.ForkServerContext:
+    """Forks of one process that has imported the readers, which takes longer than a short run."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["fuzz.worker", "fuzz.targets"])
+    here = Path(__file__).resolve().parent
+    folders = [here.parent, here.parent / "support", here.parents[1]]
+    paths = [*map(str, folders), os.environ.get("PYTHONPATH", "")]
+    changed = {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    with patch.dict(os.environ, changed):
+        # The worker may start no process: readers are forked by a server that the seeds start.
+        os.environ.pop("CLRADAR_READERS", None)
+        forkserver.ensure_running()
+    return context
 
 
 def _require(condition: bool, what: str, output: Path) -> None:

@@ -1,7 +1,5 @@
 """Read many inputs of one target in a process of its own; `campaign` starts and watches it.
 
-    python -m fuzz.worker TARGET SEED START STOP FOLDER
-
 FOLDER/progress holds a `Progress`, shared with the parent; the input that is being read lies where
 the target wants it. Faults go to FOLDER/faults.jsonl, their inputs to FOLDER/fault-NUMBER.
 """
@@ -16,7 +14,6 @@ import os
 import resource
 import signal
 import struct
-import sys
 import time
 import warnings
 from collections.abc import Iterator
@@ -67,9 +64,12 @@ def shared_progress(folder: Path) -> Iterator[mmap.mmap]:
         yield shared
 
 
-def main(arguments: list[str]) -> int:
-    name, seed, start, stop, folder = arguments
-    return run(find_target(name), int(seed), int(start), int(stop), Path(folder))
+def run_quietly(name: str, seed: int, start: int, stop: int, folder: Path) -> None:
+    """Read inputs `start` to `stop` of a target; what is printed goes to FOLDER/output."""
+    with open(folder / "output", "wb") as output:
+        os.dup2(output.fileno(), 1)
+        os.dup2(output.fileno(), 2)
+    run(find_target(name), seed, start, stop, folder)
 
 
 def find_target(name: str) -> Target:
@@ -83,7 +83,7 @@ def find_target(name: str) -> Target:
     return TARGETS[name]
 
 
-def run(target: Target, seed: int, start: int, stop: int, folder: Path) -> int:
+def run(target: Target, seed: int, start: int, stop: int, folder: Path) -> None:
     faulthandler.enable()
     # Ours are meant for users; one that leaks from a library is a fault.
     warnings.simplefilter("error")
@@ -115,7 +115,6 @@ def run(target: Target, seed: int, start: int, stop: int, folder: Path) -> int:
                 note_fault(folder, path, index, fault)
                 if "of memory" in fault:
                     break  # the peak stays: a fresh process sees the next one
-    return 0
 
 
 def read_seeds(target: Target, path: Path) -> None:
@@ -147,7 +146,3 @@ def limit_address_space() -> None:
         return
     limit = pages * os.sysconf("SC_PAGE_SIZE") + ADDRESS_SPACE_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
