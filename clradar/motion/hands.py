@@ -72,7 +72,7 @@ class MovingHand(Record):
     ('S to flat, 0.5', 25)
     """
 
-    times_s: np.ndarray
+    times_s: Any
     poses: Sequence[Any]
     profile: str = "smooth"
     motion: RigidMotion | None = None

@@ -49,9 +49,9 @@ class RigidMotion(Record):
     [0.0, 0.0, 0.25]
     """
 
-    times_s: np.ndarray
-    shifts_m: np.ndarray
-    turns_rad: np.ndarray | None = None
+    times_s: Any
+    shifts_m: Any
+    turns_rad: Any = None
     about_m: Any = (0.0, 0.0, 0.0)
     profile: str = "linear"
     beyond: str = "hold"
@@ -88,7 +88,6 @@ class RigidMotion(Record):
         """Return the rigid transform at a time, shape (4, 4), float64, metres."""
         begin, share = between(self.times_s, time_s, self.profile, hold=self.beyond == "hold")
         end = min(begin + 1, len(self.times_s) - 1)
-        assert self.turns_rad is not None
         made = np.eye(4)
         made[:3, :3] = _turned(self.turns_rad[begin], self.turns_rad[end], share)
         shift_m = (1.0 - share) * self.shifts_m[begin] + share * self.shifts_m[end]

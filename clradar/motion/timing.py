@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -40,7 +41,7 @@ class SweepTiming(Record):
     [[0.0, 0.001, 0.002], [0.003, 0.004, 0.005]]
     """
 
-    times_s: np.ndarray
+    times_s: Any
 
     def __post_init__(self) -> None:
         self._set_array("times_s", np.float64, (None, None, None), " (tx, rx or 1, freq)")

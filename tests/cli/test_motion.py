@@ -66,3 +66,41 @@ def test_frames_of_another_radar_are_a_folder_of_captures(
     assert sorted(p.name for p in Path("frames").iterdir()) == ["000000.h5", "000001.h5", "truth"]
     assert open_capture("frames/000001.h5").meta["timestamp_us"] == 125_000
     one_error_line(run(*command.split()), "holds files already")
+
+
+def test_a_hand_goes_from_pose_to_pose_as_a_motion_or_as_meshes(
+    tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    way = [
+        "hand",
+        "--from",
+        "A",
+        "--to",
+        "bent.toml",
+        "--edge-mm",
+        "4",
+        "--left",
+        "--length-mm",
+        "180",
+    ]
+    (tmp_path / "bent.toml").write_text(
+        'name = "bent"\n[joints.index-finger-phalanx-intermediate]\nflexion_deg = 80'
+    )
+    (tmp_path / "in").mkdir()
+    assert run(*way, "-o", "in/motion.toml", "--duration-s", 0.5, "--turn-deg", 20).status == 0
+    motion = clradar.read_motion("in/motion.toml")
+    hand = clradar.MovingHand(**motion.hands[0])
+    assert hand.handedness == "left"
+    assert hand.shape.length_m == pytest.approx(0.18)
+    assert hand.pose(0.5).name == "bent"
+    assert hand.times_s.tolist() == [0, 0.5]
+    assert hand.transform(0.2)[:3, :3] @ (1, 0, 0) == pytest.approx(
+        (np.cos(np.radians(20)), 0, -np.sin(np.radians(20)))
+    )
+    assert run(*way, "-o", "way", "--steps", 3, "--duration-s", 0.5, "--turn-deg", 20).status == 0
+    assert len(list(Path("way").glob("*.ply"))) == len(list(Path("way").glob("*.toml"))) == 3
+    middle = trimesh.load("way/000001.ply", process=False)
+    assert middle.vertices == pytest.approx(hand.mesh(0.25).vertices_m, abs=1e-6)
+    assert run("hand", "A", *way[1:], "-o", "in/other.toml").status == 2
+    assert run(*way, "-o", "way.ply").status == 2

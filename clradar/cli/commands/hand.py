@@ -6,14 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from clradar.cli.console import print_line, print_table
+from clradar.cli.console import print_line, print_table, progress_bar
 from clradar.cli.hand_mesh import SUFFIXES, save_hand, turned
 from clradar.cli.options.common import DeviceOption, ForceOption
 from clradar.cli.options.groups import argument, given, option, output_option
-from clradar.cli.options.hand import EmbeddedHandOptions
+from clradar.cli.options.hand import EDGE_MM, EmbeddedHandOptions
 from clradar.cli.options.rig import RigOptions
 from clradar.cli.options.values import wrong_usage
-from clradar.cli.outputs import check_outputs, check_suffix
+from clradar.cli.options.way import WayOptions, replaced_in
+from clradar.cli.outputs import check_folder, check_outputs, check_suffix
 from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
@@ -54,7 +55,10 @@ class PoseOptions:
 def command(
     *,
     pose: PoseOptions,
-    output: Path | None = output_option(None, "Mesh file: .ply, .stl, .obj, .off, .glb."),
+    way: WayOptions,
+    output: Path | None = output_option(
+        None, "Mesh file: .ply, .stl, .obj, .off, .glb; with --from a motion file or a folder."
+    ),
     embedded: EmbeddedHandOptions,
     joints: Path | None = option(
         None,
@@ -73,6 +77,8 @@ def command(
 
     With --rig, a hand of one's own is posed: its place in the file, its unit, and whether it is a
     left or a right hand follow from its joints.
+
+    With --from A --to B the hand goes from pose to pose (docs/movement.md).
     """
     from clradar.cli.region_files import joints_record
     from clradar.hand import POSES
@@ -82,7 +88,15 @@ def command(
         return
     if output is None:
         raise wrong_usage("-o", "expected a mesh file to write, or --list")
-    check_suffix(output, SUFFIXES)
+    moves, is_motion = bool(way.poses), output.suffix.lower() == ".toml"
+    if moves and (pose.pose is not None or rigged.theta is not None or joints is not None):
+        raise wrong_usage("--from", "expected no POSE, --theta or --joints beside it")
+    if moves and is_motion and rigged.rig is not None:
+        raise wrong_usage("--rig", "a motion file is of the embedded hand; expected a folder")
+    if not moves:
+        check_suffix(output, SUFFIXES)
+    if moves and output.suffix.lower() in SUFFIXES:
+        raise wrong_usage("-o", f"expected a motion file (.toml) or a folder, got '{output}'")
     if rigged.rig is not None:
         for name in given(embedded):
             raise wrong_usage(name, "a rig keeps mesh, size and side as it is; see --rig-hand")
@@ -94,7 +108,16 @@ def command(
         raise wrong_usage(
             "--turn-deg", f"expected an angle from -360 to 360 degrees, got {pose.turn_deg:g}"
         )
-    check_outputs([output, joints], force=force, inputs=[*pose.files, *rigged.files])
+    inputs = [*pose.files, *way.files, *rigged.files]
+    if moves and not is_motion:
+        check_folder(output, force=force, replaced=replaced_in(output), inputs=inputs)
+        _write_way(way, output, pose, embedded, rigged, device, force=force)
+        return
+    check_outputs([output, joints], force=force, inputs=inputs)
+    if moves:
+        way.write_motion(output, embedded, pose.center_mm, pose.turn_deg, force=force)
+        print_line(f"{output}: hand from '{way.start}' to '{way.end}' in {way.duration_s:g} s")
+        return
     joint_angles, center_m = pose.read(), [value / 1e3 for value in pose.center_mm]
     if rigged.rig is None:
         mesh = embedded.posed(joint_angles, center_m, device)
@@ -106,3 +129,34 @@ def command(
     if joints is not None:
         write_json(joints, joints_record(mesh.joints_m), force=force)
     print_line(f"{output}: {words}, {len(mesh.faces)} faces")
+
+
+def _write_way(
+    way: WayOptions,
+    output: Path,
+    pose: PoseOptions,
+    embedded: EmbeddedHandOptions,
+    rigged: RigOptions,
+    device: str | None,
+    *,
+    force: bool,
+) -> None:
+    """Write the meshes and poses of a hand on its way."""
+    from clradar.motion.hands import MovingHand
+
+    center_m = [value / 1e3 for value in pose.center_mm]
+    hand = MovingHand(
+        [0.0, way.duration_s],
+        way.poses,
+        center_m=center_m,
+        shape=embedded.shape,
+        edge_length_m=(EDGE_MM if embedded.edge_mm is None else embedded.edge_mm) / 1e3,
+        handedness=embedded.handedness,
+        rig=None if rigged.rig is None else rigged.read(),
+        device=device,
+    )
+    with progress_bar("posing") as progress:
+        way.write_meshes(
+            output, hand, lambda mesh: turned(mesh, pose.turn_deg, center_m), progress, force=force
+        )
+    print_line(f"{output}: {way.steps} meshes from '{way.start}' to '{way.end}'")
