@@ -94,7 +94,6 @@ class HandSequence:
         from clradar.hand import write_pose
 
         (self.folder / FRAMES).mkdir(exist_ok=True)
-        work_folder.remove_temporaries(self.folder / FRAMES)
         store = FolderStore(self.folder / WORK)
         track = Track.from_arrays(store[TRACK]) if TRACK in store else None
         if track is not None and track.frame == numbers[-1]:

@@ -114,7 +114,6 @@ class RecordingWork:
         folder = self.folder
         for name in (RECORDS, MAPS, *steps.keep):
             (folder / name).mkdir(exist_ok=True)
-            work_folder.remove_temporaries(folder / name)
         left = [group for group in self.groups if not record_file(folder, group[0]).is_file()]
         if len(left) < len(self.groups):
             there = counted(len(self.groups) - len(left), "frame")

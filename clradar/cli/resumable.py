@@ -35,7 +35,9 @@ def begin_work(
     OutputError
         It was begun with other settings, or holds files but nothing that was begun.
     """
-    remove_temporaries(folder)
+    # Here, where no other process writes, and not by those that share the work later.
+    for place in (folder, *(folder / name for name in own)):
+        remove_temporaries(place)
     path = folder / SETTINGS
     if path.exists() or path.is_symlink():
         different = differences(_read_settings(path, work, force), _plain(settings))
@@ -105,7 +107,6 @@ class FolderStore(MutableMapping[str, dict[str, np.ndarray]]):
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         folder.mkdir(exist_ok=True)
-        remove_temporaries(folder)
 
     def _path(self, name: str) -> Path:
         return self._folder / f"{name}.npz"

@@ -35,7 +35,10 @@ WEIGHTS = "frequency_weight"
 INSTRUMENT_DATASETS = tuple(
     f"{side}_{column}"
     for side in ("tx", "rx")
-    for column in ("pattern", "pattern_angle_deg", "pattern_field", *SIDE_COLUMNS)
+    for column in (
+        *("pattern", "pattern_angle_deg", "pattern_field"),
+        *(f"antenna_{column}" for column in SIDE_COLUMNS),
+    )
 )
 """Beside positions and frequencies; a file may lack them."""
 
@@ -193,11 +196,11 @@ def _instrument(path: Path, data: Any) -> Contents:
         "patterns": [_pattern(path, data, f"{side}_pattern") for side in ("tx", "rx")],
         "sides": {
             f"{side}_{column}": hdf5_guard.array(
-                path, data, f"{side}_{column}", np.float64, (None, count)
+                path, data, f"{side}_antenna_{column}", np.float64, (None, count)
             )
             for side in ("tx", "rx")
             for column, count in SIDE_COLUMNS.items()
-            if f"{side}_{column}" in data
+            if f"{side}_antenna_{column}" in data
         },
     }
 

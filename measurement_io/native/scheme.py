@@ -28,7 +28,8 @@ adds antenna patterns, without which a reader would misunderstand the samples, a
 volumes; version 3 gains and boresights of single antennas."""
 
 SIDE_COLUMNS = {"gain": 2, "boresight": 3}
-"""Of single antennas, beside their positions: real and imaginary part, unit vector."""
+"""Of single antennas, beside their positions: real and imaginary part, unit vector. In datasets
+such as `tx_antenna_gain`: `tx_gain` is that of a channel, in a file of channels."""
 
 
 NX_CLASSES = {"/": "NXroot", "/entry": "NXentry", "/entry/data": "NXdata"}
@@ -329,7 +330,7 @@ def _side_columns(array: Any, side: str) -> dict[str, np.ndarray]:
     """Return what single antennas of a side have: dataset -> float64 (n, columns)."""
     values = {column: getattr(array, f"{side}_{column}") for column in SIDE_COLUMNS}
     return {
-        f"{side}_{column}": value.view(np.float64).reshape(len(value), -1)
+        f"{side}_antenna_{column}": value.view(np.float64).reshape(len(value), -1)
         for column, value in values.items()
         if value is not None
     }

@@ -16,6 +16,7 @@ from recorder import Recorder, Recording
 from calibration import average_frames, correct, range_gate, subtract_background
 from clradar import ChannelCalibration, Waveform, backproject, place_grid
 from clradar.cli.frame_steps import FrameSteps
+from clradar.cli.resumable import FolderStore
 from clradar.model import VoxelGrid
 from measurement_io import open_capture, open_channels, open_volume, save_capture, save_channels
 
@@ -226,3 +227,13 @@ def test_the_grid_shows_the_object_of_the_first_frame(
     run("process", recorded.folder, "-o", tmp_path / "out", "--gate-mm", "200:400")
     capture = range_gate(open_capture(recorded.folder), near_m=0.2, far_m=0.4)
     assert grids[0].same_voxels(place_grid(capture))
+
+
+def test_what_a_worker_writes_is_left_alone(tmp_path: Path) -> None:
+    """Stores of one folder in several processes: none takes another's half-written file away."""
+    store = FolderStore(tmp_path / "maps")
+    half = tmp_path / "maps" / ".000001.npz.tmp"
+    half.write_bytes(b"half")
+    FolderStore(tmp_path / "maps")["000002"] = {"a": np.zeros(3)}
+    assert half.exists()
+    assert list(store) == ["000002"]
