@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from clradar.errors import ClradarError, MeasurementError
 from clradar.live.inbox import Arrived, Counts
@@ -21,6 +21,9 @@ from clradar.view.panel import escaped
 from clradar.view.server import running
 from clradar.view.session import Session, Shown
 from clradar.view.wish import Wish
+
+if TYPE_CHECKING:
+    from clradar.view.local_server import Clicks
 
 KEPT_BYTES = 256 * 2**20
 """Of samples, to look back at: 29 frames of 94 x 94 pairs and 128 frequencies."""
@@ -88,6 +91,7 @@ class LivePage:
     Parameters
     ----------
     server : viser.ViserServer
+    clicks : Clicks
     words : str
         What the source is.
     wish : Wish
@@ -101,13 +105,19 @@ class LivePage:
     """
 
     def __init__(
-        self, server: Any, words: str, wish: Wish, tolerance_db: float | None, device: Device
+        self,
+        server: Any,
+        clicks: Clicks,
+        words: str,
+        wish: Wish,
+        tolerance_db: float | None,
+        device: Device,
     ) -> None:
         self.port: int = server.get_port()
         self._grid = wish.grid
         self._frames = LiveFrames(words)
         self._imager = KeptImager(tolerance_db, device)
-        self._page = Page(server, self._frames, wish, live=True)
+        self._page = Page(server, clicks, self._frames, wish, live=True)
         self._front = _Front(self._page)
         self._session = Session(self._frames, wish, self._front, device, self._form)
         self._playing = True
@@ -192,8 +202,8 @@ def live_page(
     """Serve a live page during the block; arguments as `LivePage`, errors as those of
     `clradar.view.server.serving`.
     """
-    with running("clradar live", port) as server:
-        page = LivePage(server, words, wish, tolerance_db, device)
+    with running("clradar live", port) as (server, clicks):
+        page = LivePage(server, clicks, words, wish, tolerance_db, device)
         try:
             yield page
         finally:

@@ -26,6 +26,12 @@ BAR_GAP, BAR_WIDTH = 8.0, 9.0
 TICKS = 4
 """About as many along an axis."""
 
+CLICKED = (
+    'cursor="crosshair" onclick="const box = this.getBoundingClientRect(); fetch(\'/click/{}/\' + '
+    "(event.clientX - box.left) / box.width + '/' + (event.clientY - box.top) / box.height)\""
+)
+"""Of an image: viser has no clicks on what is in the panel, so the page asks the server."""
+
 
 @dataclass(frozen=True, slots=True)
 class Axis:
@@ -66,6 +72,7 @@ def framed(
     *,
     marked: tuple[float, float] | None = None,
     square: bool = True,
+    clicked: str = "",
 ) -> str:
     """Return an image with axes as SVG.
 
@@ -81,6 +88,8 @@ def framed(
         A place along the axes that lines cross at.
     square : bool
         The axes have the same unit and scale.
+    clicked : str
+        A click on the image is told under this name, see `clradar.view.local_server.Clicks`.
     """
     width = WIDTH - LEFT - RIGHT
     height = 0.75 * width
@@ -89,12 +98,15 @@ def framed(
         height = max(HEIGHTS[0], ratio * width)
         if height > HEIGHTS[1]:
             width, height = max(40.0, width * HEIGHTS[1] / height), HEIGHTS[1]
-    parts = [_image(pixels, LEFT, TOP, width, height), _frame(title, across, up, width, height)]
+    image = _image(pixels, LEFT, TOP, width, height, clicked and CLICKED.format(clicked))
+    parts = [image, _frame(title, across, up, width, height)]
     if marked is not None:
         x = LEFT + width * across.share(marked[0])
         y = TOP + height * (1 - up.share(marked[1]))
         for ends in ((x, TOP, x, TOP + height), (LEFT, y, LEFT + width, y)):
-            parts.append(_line(*ends, f'stroke="{MARK_COLOUR}" stroke-width="0.7"'))
+            parts.append(
+                _line(*ends, f'stroke="{MARK_COLOUR}" stroke-width="0.7" pointer-events="none"')
+            )
     if bar is not None:
         parts.append(_bar(bar, LEFT + width + BAR_GAP, height))
     return _svg(parts, height)
@@ -124,7 +136,9 @@ def _svg(parts: Sequence[str], height: float) -> str:
     return f'<svg viewBox="{box}" style="{style}">{"".join(parts)}</svg>'
 
 
-def _image(pixels: np.ndarray, x: float, y: float, width: float, height: float) -> str:
+def _image(
+    pixels: np.ndarray, x: float, y: float, width: float, height: float, more: str = ""
+) -> str:
     from PIL import Image
 
     file = io.BytesIO()
@@ -132,7 +146,7 @@ def _image(pixels: np.ndarray, x: float, y: float, width: float, height: float) 
     data = base64.b64encode(file.getvalue()).decode("ascii")
     return (
         f'<image x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}" '
-        f'preserveAspectRatio="none" style="image-rendering:pixelated" '
+        f'preserveAspectRatio="none" style="image-rendering:pixelated" {more} '
         f'href="data:image/png;base64,{data}"/>'
     )
 
@@ -142,7 +156,7 @@ def _frame(title: str, across: Axis, up: Axis, width: float, height: float) -> s
     parts = [
         _text(LEFT, TOP - 6, title, "start", 'font-weight="bold"'),
         f'<rect x="{LEFT}" y="{TOP}" width="{width:.1f}" height="{height:.1f}" fill="none" '
-        'stroke="currentColor" stroke-width="0.6"/>',
+        'stroke="currentColor" stroke-width="0.6" pointer-events="none"/>',
         _text((LEFT + right) / 2, bottom + 26, across.name),
         f'<g transform="translate(10 {TOP + height / 2:.1f}) rotate(-90)">',
         f"{_text(0, 0, up.name)}</g>",

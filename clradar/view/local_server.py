@@ -76,8 +76,32 @@ class PacedConnection(websockets_server.ServerConnection):
             await self._answers.popleft()
 
 
+class Clicks:
+    """Clicks on drawings of the page, which it tells by a request for /click/NAME/ACROSS/DOWN."""
+
+    def __init__(self) -> None:
+        self.act: Callable[[str, float, float], None] = lambda name, across, down: None
+        """Called with the name of the drawing, and shares of its width and height."""
+
+    def answer(self, path: str, sites: Sequence[str]) -> HTTPStatus | None:
+        """Take in a request for this path by a page of these sites; None: it is for no click."""
+        if not path.startswith("/click/"):
+            return None
+        if list(sites) != ["same-origin"]:
+            return HTTPStatus.FORBIDDEN
+        try:
+            name, across, down = path.split("/")[2:]
+            place = float(across), float(down)
+        except ValueError:
+            return HTTPStatus.BAD_REQUEST
+        if not all(0.0 <= share <= 1.0 for share in place):
+            return HTTPStatus.BAD_REQUEST
+        self.act(name, *place)
+        return HTTPStatus.NO_CONTENT
+
+
 @contextmanager
-def taking_over(listening: socket.socket) -> Iterator[Callable[[], bool]]:
+def taking_over(listening: socket.socket, clicks: Clicks) -> Iterator[Callable[[], bool]]:
     """Let a server that viser starts during the block serve `listening`, checked and paced.
 
     Yields a function that says whether it does. viser has no options for this. It calls
@@ -94,6 +118,9 @@ def taking_over(listening: socket.socket) -> Iterator[Callable[[], bool]]:
             refused = refusal(headers.get_all("Host"), headers.get_all("Origin"))
             if refused is not None:
                 return connection.respond(HTTPStatus.FORBIDDEN, f"{refused}\n")
+            clicked = clicks.answer(request.path, headers.get_all("Sec-Fetch-Site"))
+            if clicked is not None:
+                return connection.respond(clicked, "")
             answer = process_request and process_request(connection, request)
             return await answer if inspect.isawaitable(answer) else answer
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from clradar.model import Scene
 from clradar.view.beside import Beside
@@ -10,9 +10,13 @@ from clradar.view.panel import Panel, Plays
 from clradar.view.samples import SampleFrames
 from clradar.view.scene import SceneView
 from clradar.view.session import Session, Shown
+from clradar.view.slices import pointed_m, strongest_m
 from clradar.view.sources import Source
 from clradar.view.truth import TruthView
 from clradar.view.wish import Wish
+
+if TYPE_CHECKING:
+    from clradar.view.local_server import Clicks
 
 PANEL_PX = 350.0
 
@@ -23,6 +27,8 @@ class Page:
     Parameters
     ----------
     server : viser.ViserServer
+    clicks : Clicks
+        On its drawings.
     source : Source
     wish : Wish
     beside : Beside or None
@@ -34,6 +40,7 @@ class Page:
     def __init__(
         self,
         server: Any,
+        clicks: Clicks,
         source: Source,
         wish: Wish,
         beside: Beside | None = None,
@@ -41,7 +48,8 @@ class Page:
         *,
         live: bool = False,
     ) -> None:
-        self._server = server
+        self._server, self._clicks = server, clicks
+        self._shown: Shown | None = None
         server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
         server.gui.main_panel.dock_right()  # beside the scene, instead of upon it
         server.gui.main_panel.set_width(PANEL_PX)
@@ -59,8 +67,17 @@ class Page:
             self._truth.connect(session, self.panel)
         self._scene.on_click(lambda at_m: session.change(at_m=at_m))
 
+        def clicked(drawing: str, across: float, down: float) -> None:
+            if self._shown is not None:
+                volume = self._shown.chosen.volume
+                now_m = self._shown.wish.at_m or strongest_m(volume)
+                session.change(at_m=pointed_m(volume, now_m, drawing, across, down))
+
+        self._clicks.act = clicked
+
     def show(self, shown: Shown) -> None:
         """Draw a result."""
+        self._shown = shown
         with self._server.atomic():
             self._scene.show(shown)
             self.panel.show(shown)

@@ -99,7 +99,7 @@ def write_page(
     """
     refuse_existing(path, force=force)  # before the work
     written, frames = 0, source.frames()
-    with running(source.name, port=0) as server:
+    with running(source.name, port=0) as (server, _):
         front = _SceneAlone(server, source, mesh)
         session = Session(source, wish, front, device, beside=beside)
         try:

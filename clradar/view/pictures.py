@@ -158,7 +158,7 @@ def _in_radar_view(
 ) -> str:
     x, y = (mm_axis(f"{n} (mm)", axis) for n, axis in (("x", image.x_m), ("y", image.y_m)))
     left = Axis(x.name, x.last, x.first)
-    return framed(title, pixels[::-1, ::-1], left, y, bar, marked=marked_mm)
+    return framed(title, pixels[::-1, ::-1], left, y, bar, marked=marked_mm, clicked="projection")
 
 
 def mm_axis(name: str, centres_m: np.ndarray) -> Axis:

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from clradar.errors import ClradarError
 from clradar.model import Scene
@@ -24,6 +24,9 @@ from clradar.view.session import Session
 from clradar.view.sources import Source
 from clradar.view.wish import Wish
 
+if TYPE_CHECKING:
+    from clradar.view.local_server import Clicks
+
 HOST = "127.0.0.1"
 """This machine alone: who may log in may look, through ssh."""
 
@@ -35,18 +38,18 @@ class MissingViser(ClradarError, ImportError):
 
 
 @contextmanager
-def running(label: str, port: int) -> Iterator[Any]:
+def running(label: str, port: int) -> Iterator[tuple[Any, Clicks]]:
     """Run a server of viser on this machine alone during the block; errors as `serving`."""
     try:
         import viser
 
-        from clradar.view.local_server import listen, taking_over
+        from clradar.view.local_server import Clicks, listen, taking_over
     except ImportError as error:
         raise MissingViser(f"view: expected viser, got {error}; {INSTALL}") from error
-    listening = listen(HOST, port)
+    listening, clicks = listen(HOST, port), Clicks()
     port = listening.getsockname()[1]
     # Its banner is not shown: the caller prints the address.
-    with contextlib.redirect_stdout(io.StringIO()), taking_over(listening) as is_taken_over:
+    with contextlib.redirect_stdout(io.StringIO()), taking_over(listening, clicks) as is_taken_over:
         server = viser.ViserServer(host=HOST, port=port, label=label, verbose=False)
     try:
         if not is_taken_over():
@@ -55,7 +58,7 @@ def running(label: str, port: int) -> Iterator[Any]:
                 f"viser {viser.__version__}: expected a version that lets clradar check who "
                 "connects, as 1.1.1 does; pages of others could read what is shown"
             )
-        yield server
+        yield server, clicks
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
@@ -85,8 +88,8 @@ def serving(
     ClradarError
         No port is free, or this viser cannot be told whom to serve.
     """
-    with running(source.name, port) as server:
-        page = Page(server, source, wish, beside, mesh)
+    with running(source.name, port) as (server, clicks):
+        page = Page(server, clicks, source, wish, beside, mesh)
         session = Session(source, wish, page, device, beside=beside)
         player = Player(session, per_second=10.0)
         follower = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clradar.model import Volume
+from clradar.model import Volume, VoxelGrid
 from clradar.view.framed import Axis, framed
 from clradar.view.pictures import amplitude_bar, amplitude_pixels, mm_axis
 from clradar.view.wish import Place
@@ -45,6 +45,47 @@ def clicked_m(
     return float(x), float(y), float(z)
 
 
+def pointed_m(volume: Volume, at_m: Place, drawing: str, across: float, down: float) -> Place:
+    """Return the voxel that a click on a drawing means, metres.
+
+    Parameters
+    ----------
+    volume : Volume
+    at_m : tuple of three floats, metres
+        Where the slices are now.
+    drawing : {"projection", "xy", "xz", "zy"}
+        In a projection it is the strongest voxel along z.
+    across, down : float
+        From 0 at the left and upper edge to 1.
+    """
+    grid = volume.grid
+    i, j, k = _nearest(grid, at_m)
+    nx, ny, nz = grid.counts
+
+    def index(share: float, n: int) -> int:
+        return min(n - 1, max(0, int(share * n)))
+
+    if drawing != "zy":
+        i = nx - 1 - index(across, nx)
+    else:
+        k = index(across, nz)
+    if drawing != "xz":
+        j = ny - 1 - index(down, ny)
+    else:
+        k = nz - 1 - index(down, nz)
+    if drawing == "projection":
+        k = int(np.abs(volume.data[:, j, i]).argmax())
+    return float(grid.x_m[i]), float(grid.y_m[j]), float(grid.z_m[k])
+
+
+def _nearest(grid: VoxelGrid, at_m: Place) -> tuple[int, int, int]:
+    i, j, k = (
+        int(np.abs(axis - value).argmin())
+        for axis, value in zip((grid.x_m, grid.y_m, grid.z_m), at_m, strict=True)
+    )
+    return i, j, k
+
+
 def slice_drawings(volume: Volume, at_m: Place, dynamic_range_db: float) -> tuple[str, str, str]:
     """Return x-y, x-z and z-y slices through the voxel nearest to a place, as SVG.
 
@@ -52,10 +93,7 @@ def slice_drawings(volume: Volume, at_m: Place, dynamic_range_db: float) -> tupl
     strongest voxel.
     """
     grid = volume.grid
-    i, j, k = (
-        int(np.abs(axis - value).argmin())
-        for axis, value in zip((grid.x_m, grid.y_m, grid.z_m), at_m, strict=True)
-    )
+    i, j, k = _nearest(grid, at_m)
     x_mm, y_mm, z_mm = (round(1e3 * float(v), 6) for v in (grid.x_m[i], grid.y_m[j], grid.z_m[k]))
     peak = float(np.abs(volume.data).max())
     bar = amplitude_bar(dynamic_range_db)
@@ -65,12 +103,14 @@ def slice_drawings(volume: Volume, at_m: Place, dynamic_range_db: float) -> tupl
     )
     left = Axis(x.name, x.last, x.first)
 
-    def drawn(title: str, rows: np.ndarray, across: Axis, up: Axis, *marked: float) -> str:
+    def drawn(
+        name: str, title: str, rows: np.ndarray, across: Axis, up: Axis, *marked: float
+    ) -> str:
         pixels = amplitude_pixels(np.abs(rows), peak, dynamic_range_db)
-        return framed(title, pixels, across, up, bar, marked=(marked[0], marked[1]))
+        return framed(title, pixels, across, up, bar, marked=(marked[0], marked[1]), clicked=name)
 
     return (
-        drawn(f"z = {z_mm:g} mm", volume.data[k, ::-1, ::-1], left, y, x_mm, y_mm),
-        drawn(f"y = {y_mm:g} mm", volume.data[::-1, j, ::-1], left, z, x_mm, z_mm),
-        drawn(f"x = {x_mm:g} mm", volume.data[:, ::-1, i].T, z, y, z_mm, y_mm),
+        drawn("xy", f"z = {z_mm:g} mm", volume.data[k, ::-1, ::-1], left, y, x_mm, y_mm),
+        drawn("xz", f"y = {y_mm:g} mm", volume.data[::-1, j, ::-1], left, z, x_mm, z_mm),
+        drawn("zy", f"x = {x_mm:g} mm", volume.data[:, ::-1, i].T, z, y, z_mm, y_mm),
     )

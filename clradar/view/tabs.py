@@ -43,7 +43,7 @@ class SlicesTab:
         controls.on(self._place, lambda: session.change(at_m=self._typed_m()))
         strongest = gui.add_button("To the strongest voxel")
         strongest.on_click(lambda _: session.change(at_m=None))
-        gui.add_markdown("A click on a point in the scene puts the slices there.")
+        gui.add_markdown("A click on a point in the scene, or on a picture, puts the slices there.")
         self._drawings = controls.html()
 
     def show(self, shown: Shown) -> None:

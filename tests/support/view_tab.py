@@ -38,21 +38,19 @@ class Tab:
 
     def says(self, words: str) -> None:
         """Wait until the page contains these words."""
+        self.until(f"document.body.textContent.includes({json.dumps(words)})")
+
+    def until(self, condition: str) -> None:
+        """Wait until an expression is true."""
         self.page.js(
-            f"new Promise(done => {{ const words = {json.dumps(words)};"
-            " const there = () => document.body.textContent.includes(words) && done();"
-            " new MutationObserver(there).observe("
-            "  document.body, {subtree: true, childList: true, characterData: true}); there(); })"
+            f"new Promise(done => {{ const there = () => ({condition}) && done();"
+            " new MutationObserver(there).observe(document.body, {subtree: true, childList: true,"
+            "  attributes: true, characterData: true}); there(); })"
         )
 
-    def shows(self, selector: str) -> None:
-        """Wait until the page has such an element."""
-        self.page.js(
-            f"new Promise(done => {{ const there = () => document.querySelector({selector!r})"
-            " && done();"
-            " new MutationObserver(there).observe("
-            "  document.body, {subtree: true, childList: true, attributes: true}); there(); })"
-        )
+    def click(self, x: float, y: float) -> None:
+        for kind in ("mousePressed", "mouseReleased"):
+            self.page.mouse(kind, x, y, button="left", clickCount=1)
 
     def lit(self, wanted: Callable[[np.ndarray, np.ndarray], bool]) -> np.ndarray:
         """Wait until the columns of pixels in the measured and the simulated colours are as wanted.

@@ -35,10 +35,10 @@ def port() -> Iterator[int]:
         yield server.get_port()
 
 
-def connected(port: int, *headers: str, upgrade: bool = True) -> socket.socket:
+def connected(port: int, *headers: str, upgrade: bool = True, path: str = "/") -> socket.socket:
     """A connection that has sent a request."""
     key = base64.b64encode(bytes(16)).decode()
-    lines = ["GET / HTTP/1.1", *headers]
+    lines = [f"GET {path} HTTP/1.1", *headers]
     if upgrade:
         lines += ["Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13"]
         lines += [f"Sec-WebSocket-Key: {key}"]
@@ -48,8 +48,8 @@ def connected(port: int, *headers: str, upgrade: bool = True) -> socket.socket:
     return connection
 
 
-def status(port: int, *headers: str, upgrade: bool = True) -> int:
-    with closing(connected(port, *headers, upgrade=upgrade)) as connection:
+def status(port: int, *headers: str, upgrade: bool = True, path: str = "/") -> int:
+    with closing(connected(port, *headers, upgrade=upgrade, path=path)) as connection:
         return int(connection.makefile("rb").readline().split()[1])
 
 
@@ -76,6 +76,24 @@ def test_only_its_own_page_connects(
     if origin is not None:
         headers.append(f"Origin: {origin.format(port=port)}")
     assert status(port, *headers) == expected
+
+
+@pytest.mark.parametrize(
+    ("path", "site", "expected"),
+    [
+        ("/click/xy/0.5/1", "same-origin", 204),
+        ("/click/xy/0.5/1", "cross-site", 403),  # of a picture in another page, say
+        ("/click/xy/0.5/1", None, 403),
+        ("/click/xy/0.5/1.1", "same-origin", 400),
+        ("/click/xy/nan/1", "same-origin", 400),
+        ("/click/xy", "same-origin", 400),
+    ],
+)
+def test_clicks_are_of_its_own_page(port: int, path: str, site: str | None, expected: int) -> None:
+    headers = [f"Host: 127.0.0.1:{port}"]
+    if site is not None:
+        headers.append(f"Sec-Fetch-Site: {site}")
+    assert status(port, *headers, upgrade=False, path=path) == expected
 
 
 def test_the_page_is_for_names_of_this_machine_alone(port: int) -> None:

@@ -25,7 +25,7 @@ from clradar.view.pictures import (
     voxels_of,
 )
 from clradar.view.scene import box_edges
-from clradar.view.slices import clicked_m, slice_drawings, strongest_m
+from clradar.view.slices import clicked_m, pointed_m, slice_drawings, strongest_m
 
 GRID = clradar.VoxelGrid([-0.01, 0.0, 0.30], [0.01, 0.01, 0.01], (3, 2, 4))
 
@@ -77,6 +77,23 @@ def test_slices_go_through_the_place_in_the_radars_view() -> None:
         assert title in drawing
     # A place without the strongest voxel: its slices are dark relative to the whole volume.
     assert not any(lit(drawing) for drawing in slice_drawings(volume, (-0.01, 0.0, 0.30), 20.0))
+
+
+def test_a_click_on_a_drawing_means_the_voxel_that_is_drawn_there() -> None:
+    volume = volume_of((2, 1, 3, 1.0), (0, 0, 1, 0.9))
+    slices = slice_drawings(volume, (0.01, 0.01, 0.33), 20.0)
+    drawings = dict(zip(("xy", "xz", "zy"), slices, strict=True))
+    drawings["projection"] = projection_drawing(picture_of(volume, 20.0).image)
+    for name, drawing in drawings.items():
+        assert f"/click/{name}/" in drawing
+        rows, columns = pixels_of(drawing).shape[:2]
+        for row, column in lit(drawing):
+            place = (column + 0.5) / columns, (row + 0.5) / rows
+            assert pointed_m(volume, (0.01, 0.01, 0.33), name, *place) == strongest_m(volume)
+    # In a projection the strongest voxel along z; at the very edge the last voxel.
+    assert pointed_m(volume, (0.01, 0.01, 0.33), "projection", 1.0, 1.0) == pytest.approx(
+        (-0.01, 0.0, 0.31)
+    )
 
 
 def test_a_click_takes_the_point_that_its_ray_meets_first() -> None:

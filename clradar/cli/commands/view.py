@@ -17,7 +17,9 @@ from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, check_suffix
 
 if TYPE_CHECKING:
-    from clradar import Scene
+    import numpy as np
+
+    from clradar import Device, Scene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,15 +37,63 @@ class BesideOptions(PlacementOptions):
         metavar="MESH",
     )
 
-    def scene(self) -> Scene | None:
+    pose: str | None = option(
+        None,
+        "The same of the parametric hand: a name or a pose file, its middle at 300 mm or its wrist "
+        "where --transform has it; or pose.toml or folder of a fit, the hand where it was found.",
+        metavar="POSE",
+    )
+    left: bool = option(False, "With --pose: a left hand, unless a fit says which.")
+
+    def scene(self, device: Device) -> Scene | None:
         """The mesh where it is, if there is one."""
         from clradar import Scene
 
-        if self.mesh is None:
+        if self.mesh is None and self.pose is None:
             if self.transform is not None:
-                raise wrong_usage("--transform", "expected --mesh with it")
+                raise wrong_usage("--transform", "expected --mesh or --pose with it")
             return None
-        return Scene.from_mesh(self.mesh, unit=self.unit, transform=self.matrix())
+        if self.pose is None:
+            return Scene.from_mesh(self.mesh, unit=self.unit, transform=self.matrix())
+        if self.mesh is not None:
+            raise wrong_usage("--pose", "expected without --mesh")
+        handedness = "left" if self.left else "right"
+        return posed_hand(self.pose, handedness, self.matrix(), device)
+
+
+def posed_hand(text: str, handedness: str, transform: np.ndarray | None, device: Device) -> Scene:
+    """The hand of a pose, at 300 mm, where it was fitted, or its wrist where `transform` has it."""
+    import numpy as np
+
+    from calibration.hand_fit.starts import FIT_FILE, starts_of
+    from clradar import Scene
+    from clradar.errors import ModelError
+    from clradar.files.json_file import read_json_object
+    from clradar.hand import HandShape, hand_mesh
+
+    path = Path(text)
+    folder = path if path.is_dir() else path.parent
+    if (path.is_dir() or path.suffix == ".toml") and (folder / FIT_FILE).is_file():
+        text = str(folder)
+        options = read_json_object(folder / FIT_FILE).get("options")
+        if isinstance(options, dict) and options.get("rig"):
+            raise ModelError(
+                f"{folder}: expected the fit of the parametric hand, got that of a rig; "
+                f"--mesh {folder / 'placed.ply'} has it where it was found"
+            )
+    start, *others = starts_of(text)
+    if others or start.learned is not None:
+        raise wrong_usage("--pose", f"expected one pose, got {text!r}")
+    mesh = hand_mesh(
+        start.pose,
+        handedness=start.handedness or handedness,
+        shape=start.shape or HandShape(),
+        device=device,
+    )
+    matrix = start.transform if transform is None else transform
+    if matrix is not None:
+        mesh = mesh.moved(np.eye(3), -mesh.joints_m[0])
+    return Scene.from_mesh(mesh, transform=matrix)
 
 
 def command(
@@ -92,8 +142,8 @@ def command(
     if path.suffix == ".json":
         path, compared = compared_files(path)
         simulated = [*compared, *simulated]
-    scene = beside.scene()  # a mesh that cannot be read should not cost an image first
     opened = open_device(device)
+    scene = beside.scene(opened)  # a mesh that cannot be read should not cost an image first
     source = open_source(path, variant, watch=watch)
     second: Others | Simulation | None = None
     if simulated:
