@@ -15,7 +15,7 @@ from clradar.opencl import Device, open_device
 from clradar.phasors.phasor_sum import PhasorSum
 from clradar.phasors.physical import physical_samples
 from clradar.tracing.ambiguous import warn_of_ambiguity
-from clradar.tracing.expected import Expectations, ExpectedTracer
+from clradar.tracing.expected import ExpectedTracer
 from clradar.tracing.facets import warn_of_coarse_facets
 from clradar.tracing.placement import check_placement
 from clradar.tracing.settings import (
@@ -217,12 +217,8 @@ def _summed_paths(
         PhasorSum(array, waveform, opened, resolved.estimator == "expected") as total,
     ):
         for tile in tracer.tiles(progress):
-            if isinstance(tile, Expectations):
-                total.add_on_device(tile.start, tile.length, tile.amplitude, tile.longest_m)
-                paths += np.diff(tile.start)
-            else:
-                total.add(tile.pair, tile.length_m, tile.amplitude)
-                paths += np.bincount(tile.pair, minlength=len(paths))
+            total.add_on_device(tile.start, tile.length, tile.amplitude, tile.longest_m)
+            paths += np.diff(tile.start)
             statistics = statistics + tile.statistics
         meta = simulated_meta(scene, resolved, statistics, int(paths.sum()), opened)
         taken = take(total, meta)
@@ -356,10 +352,16 @@ def _batch(
         alphas = [np.asarray(scene.alpha, dtype=np.float32) for scene in scenes]
         for i, tile in tracer.tiles_of(alphas, progress):
             statistics[i] = statistics[i] + tile.statistics
+            if region is None:
+                sums[i][0].add_on_device(tile.start, tile.length, tile.amplitude, tile.longest_m)
+                paths[i, 0] += np.diff(tile.start)
+                continue
+            columns = tracer.read(tile)
+            region_of = region[columns.face]
             for r, total in enumerate(sums[i]):
-                chosen = slice(None) if region is None else region[tile.face] == r
-                pair = tile.pair[chosen]
-                total.add(pair, tile.length_m[chosen], tile.amplitude[chosen])
+                chosen = region_of == r
+                pair = columns.pair[chosen]
+                total.add(pair, columns.length_m[chosen], columns.amplitude[chosen])
                 paths[i, r] += np.bincount(pair, minlength=paths.shape[2])
         data = [[total.result() for total in row] for row in sums]
     of_pairs = paths.sum(axis=1)

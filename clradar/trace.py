@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.model import AntennaArray, Paths, Scene, checks
+from clradar.model import AntennaArray, Paths, Scene, TraceStatistics, checks
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 from clradar.tracing.placement import check_placement
@@ -16,7 +16,7 @@ from clradar.tracing.settings import (
     resolve_settings,
     takes_settings,
 )
-from clradar.tracing.stochastic import Receptions, Tracer
+from clradar.tracing.stochastic import PathColumns, Tracer
 
 
 @takes_settings
@@ -87,18 +87,19 @@ def trace(
     resolved = resolve_settings(settings, **fields)
     require_stochastic("trace", resolved)
     with Tracer(scene, array, resolved, open_device(device)) as tracer:
-        tiles = list(tracer.tiles(progress))
-    return _paths_of(tiles, array)
+        statistics = TraceStatistics(0, 0, 0, 0)
+        tiles = []
+        for tile in tracer.tiles(progress):
+            tiles.append(tracer.read(tile))
+            statistics = statistics + tile.statistics
+    return _paths_of(tiles, array, statistics)
 
 
-def _paths_of(tiles: list[Receptions], array: AntennaArray) -> Paths:
+def _paths_of(tiles: list[PathColumns], array: AntennaArray, statistics: TraceStatistics) -> Paths:
     pair = np.concatenate([tile.pair for tile in tiles])
     # Tiles come in the order of samples and each is sorted, so a stable sort by pair is enough.
     order = np.argsort(pair, kind="stable")
     pair = pair[order].astype(np.int64)
-    statistics = tiles[0].statistics
-    for tile in tiles[1:]:
-        statistics = statistics + tile.statistics
     columns = {
         "tx": (pair // array.n_rx).astype(np.int32),
         "rx": (pair % array.n_rx).astype(np.int32),

@@ -47,12 +47,12 @@ class PhasorSum(OnDevice):
     """The running sum of one capture on a device.
 
     A context manager. Where the state of all pairs exceeds the device's memory, that of one slice
-    of them is there at a time, and the slices stay on the host between calls. `on_device`: whether
-    paths come from a kernel (`add_on_device`) or from the host (`add`).
+    of them is there at a time, and the slices stay on the host between calls. `in_parts`: lengths
+    on the device come as hi + lo, and not as float64.
     """
 
     def __init__(
-        self, array: AntennaArray, waveform: Waveform, device: Device, on_device: bool = False
+        self, array: AntennaArray, waveform: Waveform, device: Device, in_parts: bool = False
     ) -> None:
         super().__init__(device)
         self._array, self._waveform = array, waveform
@@ -60,7 +60,7 @@ class PhasorSum(OnDevice):
         self._n_columns = -(-waveform.n_freq // device.width) * device.width
         self._blocks = length_blocks(waveform)
         self._item_pairs = 1 if device.width == 1 else GROUP_PAIRS
-        options = SynthesizeOptions(width=device.width, in_parts=on_device, pairs=self._item_pairs)
+        options = SynthesizeOptions(width=device.width, in_parts=in_parts, pairs=self._item_pairs)
         self._program = build(device, "synthesize.cl", options)
         self._running: list[Any] = []
 
@@ -138,7 +138,8 @@ class PhasorSum(OnDevice):
         start : ndarray, shape (n_pairs + 1,), uint32
             First path of each pair, then the number of paths.
         length : Buffer
-            float (n, 2): hi + lo, metres; like `amplitude` for at least eight paths.
+            float64 (n), metres; float (n, 2), hi + lo, with `in_parts`. For at least eight paths,
+            like `amplitude`.
         amplitude : Buffer
             float (n)
         longest_m : float, metres

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from clradar.model.progress import Progress
 from clradar.opencl import build
 from clradar.opencl.double_single import antenna_rows
 from clradar.tracing.antenna_packets import GROUP
-from clradar.tracing.lit_surface import TILE_SAMPLES, LitSurface
+from clradar.tracing.lit_surface import TILE_SAMPLES, LitSurface, Receptions
 
 PLAIN_NODES, EDGE_NODES, FINE_NODES = 4, 6, 12
 """Quadrature nodes of a disc, of a piece of one that the lobe's edge cuts, and of large discs."""
@@ -48,31 +48,6 @@ class ExpectedOptions:
     fine: int = FINE_NODES
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Expectations:
-    """Expected receptions of some samples, on the device until the next tile is requested.
-
-    Attributes
-    ----------
-    start : ndarray, shape (n_tx * n_rx + 1,), uint32
-        First path of each pair, then the number of paths. A pair's are in the order of samples.
-    length : Buffer
-        float (n, 2): hi + lo, metres.
-    amplitude : Buffer
-        float (n)
-    longest_m : float, metres
-        No path of the scene is longer.
-    statistics : TraceStatistics
-        Without outgoing and absorbed rays: none is drawn.
-    """
-
-    start: np.ndarray
-    length: Any
-    amplitude: Any
-    longest_m: float
-    statistics: TraceStatistics
-
-
 class ExpectedTracer(LitSurface):
     """Finds one path per sample, Tx and Rx, whose amplitude is the mean over random directions.
 
@@ -89,9 +64,7 @@ class ExpectedTracer(LitSurface):
         )
         self._rx_columns = up(np.ascontiguousarray(antenna_rows(rx).T))
         self._tx_rows = up(antenna_rows(array.tx_m))
-        ends = (self._scene.triangles_m.reshape(-1, 3), array.tx_m, array.rx_m)
-        point_m, *antennas_m = (np.linalg.norm(at, axis=1).max() for at in ends)
-        self._longest_m = float(2 * point_m + sum(antennas_m))
+        self._longest = self._longest_m()
         rules = np.concatenate([_gauss_legendre(EDGE_NODES), _gauss_legendre(FINE_NODES)])
         self._rule = up(rules.astype(np.float32))
         options = ExpectedOptions(width=self.device.width, spreading=spreading)
@@ -123,7 +96,7 @@ class ExpectedTracer(LitSurface):
         self._length = self._buffers.zeros(8 * max(8, n_pairs * batch))
         self._amplitude = self._buffers.zeros(4 * max(8, n_pairs * batch))
 
-    def tiles(self, progress: Progress | None = None) -> Iterator[Expectations]:
+    def tiles(self, progress: Progress | None = None) -> Iterator[Receptions]:
         """Yield the expected receptions of all samples, batch by batch, sorted by pair."""
         n_groups = self._n_tx_groups
         for first in range(0, self.n_samples, self._tile_samples):
@@ -137,7 +110,7 @@ class ExpectedTracer(LitSurface):
             bits = self._buffers.read(visible, (count, n_groups), np.uint8)
             # Samples that are visible from no Tx are left out.
             rows = np.flatnonzero(bits.any(axis=1))
-            statistics = TraceStatistics(count, n_visible, 0, 0)
+            statistics = TraceStatistics(count, int(n_visible.sum()), 0, 0)
             for at in range(0, max(1, len(rows)), self._batch_samples):
                 part = rows[at : at + self._batch_samples]
                 columns = [*(v[part] for v in vectors), self._face_alpha[faces[part]], bits[part]]
@@ -146,14 +119,14 @@ class ExpectedTracer(LitSurface):
             if progress is not None:
                 progress(first + count, self.n_samples)
 
-    def _expectations(self, columns: list[np.ndarray], statistics: TraceStatistics) -> Expectations:
+    def _expectations(self, columns: list[np.ndarray], statistics: TraceStatistics) -> Receptions:
         count = len(columns[0])
         start = np.zeros(self.array.n_tx * self.array.n_rx + 1, np.uint32)
         if count:
             np.cumsum(self._find_probabilities(columns, count), out=start[1:])
         if start[-1]:
             self._emit(start, count)
-        return Expectations(start, self._length, self._amplitude, self._longest_m, statistics)
+        return Receptions(start, self._length, self._amplitude, self._longest, statistics)
 
     def _find_probabilities(self, columns: list[np.ndarray], count: int) -> np.ndarray:
         s, array, u = self.settings, self.array, np.uint32

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from clradar.model import AntennaArray, Scene, checks
+from clradar.model import AntennaArray, Scene, TraceStatistics, checks
 from clradar.opencl import Device
 from clradar.tracing.antenna_packets import bundled, n_groups
 from clradar.tracing.sampled_surface import SampledSurface
@@ -14,6 +15,32 @@ from clradar.tracing.settings import SimulationSettings
 
 TILE_SAMPLES = 16384
 """Samples per tile, fewer where memory is short. No result depends on it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Receptions:
+    """Receptions of some samples, on the device until the next ones are requested.
+
+    Attributes
+    ----------
+    start : ndarray, shape (n_tx * n_rx + 1,), uint32
+        First path of each pair, then the number of paths. A pair's are in the order of samples.
+    length : Buffer
+        Of n paths, and of eight at least, metres: float64 of the stochastic estimator, float (n, 2)
+        as hi + lo of the expected one.
+    amplitude : Buffer
+        float (n), as many.
+    longest_m : float, metres
+        No path of the scene is longer.
+    statistics : TraceStatistics
+        Of the expected estimator without outgoing and absorbed rays: none is drawn.
+    """
+
+    start: np.ndarray
+    length: Any
+    amplitude: Any
+    longest_m: float
+    statistics: TraceStatistics
 
 
 class LitSurface(SampledSurface):
@@ -46,6 +73,12 @@ class LitSurface(SampledSurface):
         self._prepare_rays()
         self._size_tiles()
 
+    def _longest_m(self, reflections: int = 1) -> float:
+        """No path with so many reflections is longer, metres."""
+        ends = (self._scene.triangles_m.reshape(-1, 3), self.array.tx_m, self.array.rx_m)
+        point_m, *antennas_m = (np.linalg.norm(at, axis=1).max() for at in ends)
+        return float(2 * reflections * point_m + sum(antennas_m))
+
     def _prepare_rays(self) -> None:
         """Upload and build what comes after the samples."""
         raise NotImplementedError
@@ -60,10 +93,10 @@ class LitSurface(SampledSurface):
         lengths = (12, 12, 12, 4, 4, self._n_tx_groups, 12)
         return [self._buffers.empty(length * count) for length in lengths]
 
-    def _illuminate(self, first: int, count: int) -> tuple[np.ndarray, int]:
-        """Sample the surface and find the visible Tx; returns faces and how many Tx are visible."""
+    def _illuminate(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Sample the surface and find the visible Tx; returns face and number of these of each."""
         ground, _, geometric, face, _, visible, points = self._tile
         self._sample(first, count, [*self._tile[:4], points])
         self._find_visible(count, ground, geometric, self.array.n_tx, self._tx_bundles, visible)
-        bits = self._buffers.read(visible, count * self._n_tx_groups, np.uint8)
-        return self._buffers.read(face, count, np.int32), int(np.unpackbits(bits).sum())
+        bits = self._buffers.read(visible, (count, self._n_tx_groups), np.uint8)
+        return self._buffers.read(face, count, np.int32), np.unpackbits(bits, axis=1).sum(axis=1)

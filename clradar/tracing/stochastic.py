@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -18,25 +18,52 @@ from clradar.model.progress import Progress
 from clradar.opencl import build
 from clradar.opencl.double_single import antenna_rows
 from clradar.tracing.antenna_packets import GROUP
-from clradar.tracing.lit_surface import TILE_SAMPLES, LitSurface
+from clradar.tracing.lit_surface import TILE_SAMPLES, LitSurface, Receptions
 
-RECEPTION_BYTES = 8 + 16
-"""Device memory per reception: key and path."""
+APPENDED_BYTES, SORTED_BYTES = 8 + 16, 4 + 4 + 4 + 8 + 4
+"""Device memory per reception: key and path as they are appended; within and source, then place,
+length and amplitude."""
+
+MOST_BINS = 2**17
+"""Bins of all pairs into which the receptions of a tile are counted, but one per pair at least."""
+
+FEWEST_KEYS = 32
+"""Receptions that a bin can hold where there are as many bins as are of use."""
+
+SHARE = 512
+"""Receptions that an item brings into order on a CPU."""
+
+LISTED_BYTES = 64
+"""Device memory of a ray of a list."""
+
+MOST_LISTED = 2**19
+"""Rays that are drawn at a time; fewer where memory is short. No result depends on it."""
+
+LISTS = 64
+"""Lists that are drawn until their counters are set back."""
+
+CPU_ITEMS = 64
+"""Items that share a list on a CPU."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraceOptions(TraversalOptions):
     """Options of ``trace.cl``."""
 
-    width: int = 1
-    nvidia_registers: ClassVar[int] = 144  # 96 spill
     spreading: bool
     group: int = GROUP
 
 
+@dataclass(frozen=True, slots=True)
+class OrderOptions:
+    """Options of ``receptions.cl``."""
+
+    width: int = 1
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Receptions:
-    """Receptions of one tile, sorted by pair, then sample, ray and bounce.
+class PathColumns:
+    """Receptions of one tile on the host, sorted by pair, then sample, ray and bounce.
 
     Attributes
     ----------
@@ -46,7 +73,6 @@ class Receptions:
     bounces : ndarray, shape (n,), uint8
     face : ndarray, shape (n,), int32
         Of the first reflection.
-    statistics : TraceStatistics
     """
 
     pair: np.ndarray
@@ -54,7 +80,6 @@ class Receptions:
     amplitude: np.ndarray
     bounces: np.ndarray
     face: np.ndarray
-    statistics: TraceStatistics
 
 
 class Tracer(LitSurface):
@@ -63,12 +88,18 @@ class Tracer(LitSurface):
     def _prepare_rays(self) -> None:
         array, up = self.array, self._buffers.upload
         self._surface = [*self._sampling[2:4], up(self._face_alpha)]
-        self._antennas = [up(antenna_rows(at)) for at in (array.tx_m, array.rx_m)]
+        # Padding of the receivers is out of reach; that of the Tx is not visible.
+        beyond = array.rx_m.max(axis=0) + 1e3 + 10 * self.settings.reception_radius_m
+        self._antennas = [
+            up(_columns(array.tx_m, array.tx_m[-1])),
+            up(_columns(array.rx_m, beyond)),
+        ]
         self._box = self._reception_box()
-        self._counter = self._buffers.zeros(12)
+        self._longest = self._longest_m(self.settings.max_bounces)
         spreading = self.settings.amplitude == "spreading"
-        options = TraceOptions(**self._tree.traversal, spreading=spreading)
+        options = TraceOptions(width=self.device.width, **self._tree.traversal, spreading=spreading)
         self._trace = build(self.device, "trace.cl", options)
+        self._order = build(self.device, "receptions.cl", OrderOptions())
 
     def _size_tiles(self) -> None:
         """Divide the free memory between samples and receptions."""
@@ -80,24 +111,41 @@ class Tracer(LitSurface):
         wanted = min(TILE_SAMPLES, self.n_samples, most, max(1, free // 4 // per_sample))
         self._tile_samples = int(wanted)
         self._tile = self._sample_buffers(self._tile_samples)
-        self._keys = self._paths = None
+        n_pairs = self.array.n_tx * self.array.n_rx
+        most = max(1, min(MOST_BINS, free // 64) // n_pairs)
+        bins = min(most, -(-self._tile_samples * rays // FEWEST_KEYS))
+        self._bin_samples = -(-self._tile_samples // bins)
+        self._n_bins = -(-self._tile_samples // self._bin_samples)
+        self._tally = self._buffers.empty(4 * (3 + n_pairs * self._n_bins))
+        self._starts = self._buffers.empty(4 * (n_pairs * self._n_bins + 1))
+        lists = min(2, self.settings.max_bounces)
+        drawn = self._tile_samples * self.array.n_tx * self._rays_per_sample
+        listed = min(MOST_LISTED, drawn, free // 4 // (lists * LISTED_BYTES))
+        self._listed = max(listed, self.array.n_tx)
+        self._lists = [self._buffers.empty(LISTED_BYTES * self._listed) for _ in range(lists)]
+        self._fresh = np.zeros(LISTS * self.settings.max_bounces, np.uint32)
+        self._n_listed = self._buffers.empty(self._fresh.nbytes)
+        self._appended: list[Any] = []
+        self._sorted: list[Any] = []
         self._capacity = 0
         self._grow(max(1, min(64 * wanted, self._most_receptions())))
 
     def _most_receptions(self) -> int:
         """How many receptions fit into free memory and their present buffers."""
-        held = self._capacity * RECEPTION_BYTES
-        room = (self._buffers.free_bytes + held) // RECEPTION_BYTES
+        each = APPENDED_BYTES + SORTED_BYTES
+        room = (self._buffers.free_bytes + self._capacity * each) // each
         return int(min(room, self.device.max_buffer_bytes // 16, 2**32 - 1))
 
     def _grow(self, capacity: int) -> None:
-        for buffer in (self._keys, self._paths):
-            if buffer is not None:
-                self._buffers.release(buffer)
-        self._keys = self._paths = None
-        self._capacity = 0
-        self._keys = self._buffers.empty(8 * capacity)
-        self._paths = self._buffers.empty(16 * capacity)
+        for buffer in (*self._appended, *self._sorted):
+            self._buffers.release(buffer)
+        self._capacity, self._appended, self._sorted = 0, [], []
+        # The phasor sum reads eight paths at a time.
+        least = max(8, capacity)
+        self._appended = [self._buffers.empty(n * least) for n in (8, 16)]
+        self._sorted = [self._buffers.empty(n * least) for n in (4, 4, 4, 8, 4)]
+        for buffer, kind in zip(self._sorted[3:], (np.float64, np.float32), strict=True):
+            self._buffers.write(buffer, np.zeros(8, kind))
         self._capacity = capacity
 
     def tiles(self, progress: Progress | None = None) -> Iterator[Receptions]:
@@ -124,9 +172,9 @@ class Tracer(LitSurface):
     def _tile_of(
         self, first: int, count: int, alphas: list[tuple[int, np.ndarray]]
     ) -> Iterator[tuple[int, Receptions]]:
-        faces, n_visible = self._illuminate(first, count)
+        faces, visible = self._illuminate(first, count)
         for at, (index, alpha) in enumerate(alphas):
-            received, outgoing, absorbed = self._send(first, count, faces, alpha)
+            received, outgoing, absorbed = self._send(first, visible, faces, alpha)
             if received > self._capacity:
                 if received > self._most_receptions() and count > 1:
                     half = self._tile_samples = count // 2
@@ -134,31 +182,75 @@ class Tracer(LitSurface):
                     yield from self._tile_of(first + half, count - half, alphas[at:])
                     return
                 self._grow(received)  # raises where one sample alone does not fit
-                received, outgoing, absorbed = self._send(first, count, faces, alpha)
-            statistics = TraceStatistics(count, n_visible, outgoing, absorbed)
-            yield index, self._collect(received, faces, statistics)
+                received, outgoing, absorbed = self._send(first, visible, faces, alpha)
+            self._faces = faces
+            start = self._sort(received)
+            statistics = TraceStatistics(count, int(visible.sum()), outgoing, absorbed)
+            length, amplitude = self._sorted[3:]
+            yield index, Receptions(start, length, amplitude, self._longest, statistics)
 
     def _send(
-        self, first: int, count: int, faces: np.ndarray, face_alpha: np.ndarray
+        self, first: int, visible: np.ndarray, faces: np.ndarray, face_alpha: np.ndarray
     ) -> tuple[int, int, int]:
         """Trace the rays of a tile; returns how many receptions, outgoing and absorbed draws."""
-        s, array = self.settings, self.array
-        u = np.uint32
-        ground, shading, geometric, _, alpha, visible, points = self._tile
-        items = self._n_tx_groups if self._tree.wide else array.n_tx
+        s, array, u = self.settings, self.array, np.uint32
+        ground, shading, geometric, _, alpha, visible_bits, points = self._tile
         self._buffers.write(alpha, face_alpha[faces])
         self._buffers.write(self._surface[2], face_alpha)
-        self._buffers.write(self._counter, np.zeros(3, np.uint32))
-        self._trace.launch(
-            "trace_rays", (items, count), u(count), u(array.n_tx), u(array.n_rx),
-            u(self._n_tx_groups), u(self._n_rx_groups), u(self._rays_per_sample), u(s.max_bounces),
-            u(first), *self._seed_words(), np.float32(s.reception_radius_m),
-            np.float32(s.pattern_exponent), self._tree.delta_m, *self._box, u(self._capacity),
-            *self._tree.buffers, *self._surface, *self._antennas, self._rx_bundles, ground,
-            shading, geometric, points, alpha, visible, self._counter, self._keys, self._paths,
-        )  # fmt: skip
-        received, outgoing, absorbed = self._buffers.read(self._counter, 3, np.uint32)
-        return int(received), int(outgoing), int(absorbed)
+        bins = array.n_tx * array.n_rx * self._n_bins
+        self._buffers.write(self._tally, np.zeros(3 + bins, np.uint32))
+        radius, (tx, rx) = np.float32(s.reception_radius_m), self._antennas
+        tx_stride, rx_stride = u(self._n_tx_groups * GROUP), u(self._n_rx_groups * GROUP)
+        rays, bounces = u(self._rays_per_sample), u(s.max_bounces)
+        drawing = (u(first), *self._seed_words(), self._tree.delta_m, *self._box)
+        for at, (start, count, first_ray, last_ray, most) in enumerate(self._batches(visible)):
+            counter, listing = at % LISTS * s.max_bounces, self._lists
+            if counter == 0:
+                self._buffers.write(self._n_listed, self._fresh)
+            items = most if self.device.width == 1 else min(CPU_ITEMS, most)
+            self._trace.start(
+                "draw_rays", (-(-array.n_tx // self.device.width), count), u(count), u(start),
+                u(array.n_tx), u(self._n_tx_groups), tx_stride, rays, u(first_ray), u(last_ray),
+                bounces, *drawing, tx, ground, shading, geometric, points, alpha, visible_bits,
+                self._tally, u(counter), self._n_listed, listing[0],
+            )  # fmt: skip
+            for bounce in range(s.max_bounces):
+                of = (u(counter + bounce), self._n_listed, listing[0])
+                last = bounce + 1 == s.max_bounces
+                self._trace.start(
+                    "trace_rays", (items,), u(items), rx_stride, u(last), radius,
+                    *self._tree.buffers, rx, *of,
+                )  # fmt: skip
+                self._trace.start(
+                    "receive_rays", (items,), u(items), u(array.n_rx), rx_stride, tx_stride, rays,
+                    bounces, u(bounce), radius, np.float32(s.pattern_exponent), u(self._capacity),
+                    u(self._bin_samples), u(self._n_bins), rx, tx, points, *of, self._tally,
+                    *self._appended,
+                )  # fmt: skip
+                if not last:
+                    self._trace.start(
+                        "bounce_rays", (items,), u(items), rays, bounces, u(bounce + 1), *drawing,
+                        *self._tree.buffers, *self._surface, self._tally, *of, listing[1],
+                    )  # fmt: skip
+                    listing = listing[::-1]
+        tally = self._buffers.read(self._tally, 3 + bins, np.uint32)
+        self._counts = tally[3:]
+        received, further, absorbed = (int(n) for n in tally[:3])
+        return received, int(visible.sum()) * self._rays_per_sample + further, absorbed
+
+    def _batches(self, visible: np.ndarray) -> Iterator[tuple[int, int, int, int, int]]:
+        """Samples whose rays fit into a list: first, number, range of rays, and rays at most."""
+        seen, rays = int(visible.max()), self._rays_per_sample
+        step = min(rays, max(1, self._listed // max(1, seen)))
+        running = np.concatenate([[0], np.cumsum(visible)])
+        start = 0
+        while start < len(visible):
+            most = running[start] + max(seen, self._listed // step)
+            stop = int(np.searchsorted(running, most, side="right")) - 1
+            if drawn := int(running[stop] - running[start]):
+                for ray in range(0, rays, step):
+                    yield start, stop - start, ray, min(ray + step, rays), drawn * step
+            start = stop
 
     def _reception_box(self) -> list[np.ndarray]:
         """Corners of the box around all receivers' spheres, float4, padded for rounding."""
@@ -166,18 +258,36 @@ class Tracer(LitSurface):
         corners = (self.array.rx_m.min(axis=0) - pad, self.array.rx_m.max(axis=0) + pad)
         return [np.append(corner, 0.0).astype(np.float32) for corner in corners]
 
-    def _collect(self, found: int, faces: np.ndarray, statistics: TraceStatistics) -> Receptions:
-        keys = self._buffers.read(self._keys, found, np.uint64)
-        paths = self._buffers.read(self._paths, (found, 4), np.float32)
-        order = np.argsort(keys)  # keys are unique, so any sort gives the same order
-        keys, paths = keys[order], np.take(paths, order, axis=0)
-        within = keys & 0xFFFFFFFF
-        most = self.settings.max_bounces
-        return Receptions(
-            pair=(keys >> 32).astype(np.uint32),
-            length_m=paths[:, 0].astype(np.float64) + paths[:, 1],
-            amplitude=np.ascontiguousarray(paths[:, 2]),
+    def _sort(self, received: int) -> np.ndarray:
+        """Bring the tile's receptions into order; returns `Receptions.start`."""
+        start = np.zeros(len(self._counts) + 1, np.uint32)
+        np.cumsum(self._counts, out=start[1:])
+        if received:
+            self._buffers.write(self._starts, start)
+            keys, paths = self._appended
+            within, source, *ordered = self._sorted
+            share = 1 if self.device.width == 1 else SHARE
+            of = (np.uint32(received), np.uint32(share), keys, paths, self._starts, within, source)
+            items = (-(-received // share),)
+            self._order.start("place_receptions", items, *of)
+            self._order.start("order_receptions", items, *of, *ordered)
+        return np.ascontiguousarray(start[:: self._n_bins])
+
+    def read(self, tile: Receptions) -> PathColumns:
+        """Read a tile's receptions, before the next is requested."""
+        n, most = int(tile.start[-1]), self.settings.max_bounces
+        place, length, amplitude = self._sorted[2:]
+        within = self._buffers.read(place, n, np.uint32)
+        return PathColumns(
+            pair=np.repeat(np.arange(len(tile.start) - 1, dtype=np.uint32), np.diff(tile.start)),
+            length_m=self._buffers.read(length, n, np.float64),
+            amplitude=self._buffers.read(amplitude, n, np.float32),
             bounces=(within % most + 1).astype(np.uint8),
-            face=faces[within // (self._rays_per_sample * most)],
-            statistics=statistics,
+            face=self._faces[within // (self._rays_per_sample * most)],
         )
+
+
+def _columns(positions_m: np.ndarray, filler_m: np.ndarray) -> np.ndarray:
+    """Antennas by coordinate, (6, n) with n a multiple of `GROUP`: x, y, z as hi, then as lo."""
+    fill = np.repeat(np.asarray(filler_m)[None], -len(positions_m) % GROUP, axis=0)
+    return np.ascontiguousarray(antenna_rows(np.concatenate([positions_m, fill])).T)

@@ -12,19 +12,19 @@ from clradar.opencl.sources import kernel_folder
 TABLE = gpu_check.read_table()
 
 HOT = {
-    "visible_antennas", "visible_spheres", "nearest_hits", "trace_rays", "reception_probabilities",
-    "expected_paths", "add_paths", "finish", "block_phasors", "reduce_and_transpose", "reduce_rows",
+    "visible_antennas", "visible_spheres", "nearest_hits", "draw_rays", "trace_rays",
+    "receive_rays", "bounce_rays", "order_receptions", "reception_probabilities", "expected_paths",
+    "add_paths", "finish", "block_phasors", "reduce_and_transpose", "reduce_rows",
     "reduce_frequencies", "image_of_blocks",
 }  # fmt: skip
 MOST_REGISTERS = 96
 MOST_STACK = 256
 
-READ_BYTES = {"legs": 1, "receiver_discs": 1, "sides_seen": 1, "trace_rays": 1, "tx_lobes": 1}
+READ_BYTES = {"legs": 1, "receiver_discs": 1, "sides_seen": 1, "draw_rays": 1, "tx_lobes": 1}
 """Loads of buffers of bytes: visible antennas, eight to a byte, and media."""
 
 KNOWN_MISSES = {
     "split_nodes": ["stack"],  # 48 bins of an item; the tree is built once
-    "trace_rays": ["registers"],  # a path's state beside a ray's; with 96 it spills 232 bytes
 }
 
 

@@ -22,7 +22,7 @@ from clradar.tracing.antenna_packets import VisibilityOptions
 from clradar.tracing.expected import ExpectedOptions
 from clradar.tracing.quadrature import QuadratureOptions, RoughnessOptions
 from clradar.tracing.sampled_surface import SampleOptions
-from clradar.tracing.stochastic import TraceOptions
+from clradar.tracing.stochastic import OrderOptions, TraceOptions
 
 ROOT = Path(__file__).parents[2]
 
@@ -32,6 +32,7 @@ KERNELS = {
     "visibility.cl": VisibilityOptions,
     "sample.cl": SampleOptions,
     "trace.cl": TraceOptions,
+    "receptions.cl": OrderOptions,
     "expected.cl": ExpectedOptions,
     "synthesize.cl": SynthesizeOptions,
     "backproject_exact.cl": ExactSizes,

@@ -36,7 +36,7 @@ from clradar.tracing.antenna_packets import VisibilityOptions
 from clradar.tracing.expected import ExpectedOptions
 from clradar.tracing.quadrature import QuadratureOptions, RoughnessOptions
 from clradar.tracing.sampled_surface import SampleOptions
-from clradar.tracing.stochastic import TraceOptions
+from clradar.tracing.stochastic import OrderOptions, TraceOptions
 
 BUILTINS = Path(__file__).with_name("gpu_builtins.h")
 TABLE = Path(__file__).with_name("gpu_table.json")
@@ -51,7 +51,8 @@ PROGRAMS: dict[str, Any] = {
     "nearest.cl": TraversalOptions(width=1, **TRAVERSAL),
     "visibility.cl": VisibilityOptions(width=1, **TRAVERSAL),
     "sample.cl": SampleOptions(width=1),
-    "trace.cl": TraceOptions(**TRAVERSAL, spreading=True),
+    "trace.cl": TraceOptions(width=1, **TRAVERSAL, spreading=True),
+    "receptions.cl": OrderOptions(width=1),
     "expected.cl": ExpectedOptions(width=1, spreading=True),
     "synthesize.cl": SynthesizeOptions(width=1, in_parts=True, pairs=1),
     "backproject_exact.cl": ExactSizes(width=1, rx_chunk=ExactImager.gpu_rx_chunk),
