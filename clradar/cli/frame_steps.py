@@ -17,7 +17,7 @@ from clradar.errors import CompareError, MeasurementError
 from clradar.files.json_file import read_json_object, write_json
 
 if TYPE_CHECKING:
-    from clradar import Capture, DepthMap, Scene, Volume, VoxelGrid
+    from clradar import Capture, DepthMap, Device, Scene, Volume, VoxelGrid
 
 MAPS = "maps"
 """Folder of depth maps, one .npz for each frame; written before the record of the frame."""
@@ -64,7 +64,7 @@ class FrameSteps:
         Which of `CAPTURES` and `VOLUMES` are written, too.
     origin : mapping
         From `clradar.cli.provenance.provenance`.
-    device : str or None
+    device : Device, str or None
     """
 
     source: Path
@@ -86,7 +86,7 @@ class FrameSteps:
     align: Mapping[str, Any]
     keep: tuple[str, ...]
     origin: Mapping[str, Any]
-    device: str | None
+    device: Device | str | None
 
     def run(self, numbers: Sequence[int]) -> None:
         """Do a frame, or the mean of several, and write its results.

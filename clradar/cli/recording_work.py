@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +27,11 @@ from clradar.errors import ClradarError, CompareError, MeasurementError
 from clradar.files import work_folder
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
+from clradar.opencl import open_devices
+
+if TYPE_CHECKING:
+    from clradar import Device
+    from clradar.model.progress import Progress
 
 RESULT, TABLE, FIGURE, MOVIE, REPORT = (
     "recording.json", "frames.csv", "time-line.png", "movie.gif", "report.html"
@@ -47,6 +52,16 @@ DEFAULT_STEP_S = 0.1
 """Between the pictures of frames without time stamps."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """The steps of a frame on a device: work of `clradar.opencl.Devices`."""
+
+    steps: FrameSteps
+
+    def __call__(self, item: tuple[int, ...], device: Device, _: Progress) -> Iterator[Any]:
+        yield outcome_of(replace(self.steps, device=device).run, item)
+
+
 @dataclass(slots=True, kw_only=True)
 class RecordingWork:
     """A recording, what is done with its frames, and how.
@@ -64,7 +79,9 @@ class RecordingWork:
     origin : mapping
         From `clradar.cli.provenance.provenance`; a folder has to have been begun with its options.
     workers : int or None
-        Worker processes; None: in this one.
+        Worker processes; None: in this one, or in one for each of several devices.
+    device : str or None
+        As of `clradar.opencl.open_devices`.
     force : bool
         Begin anew in a folder that was begun with other settings.
     """
@@ -76,6 +93,7 @@ class RecordingWork:
     labels: Sequence[str]
     origin: Mapping[str, Any]
     workers: int | None
+    device: str | None
     force: bool
 
     def run(self) -> list[dict[str, Any]]:
@@ -135,9 +153,11 @@ class RecordingWork:
                     progress(done, len(left))
 
     def _outcomes(self, steps: FrameSteps, left: Sequence[tuple[int, ...]]) -> Iterator[Any]:
-        if self.workers is None:
-            return ((group, outcome_of(steps.run, group)) for group in left)
-        return each_on_workers(steps.run, left, self.workers, steps.device)
+        elsewhere = replace(steps, device=None)  # each opens the device that it is given
+        if self.workers is not None:
+            return each_on_workers(elsewhere.run, left, self.workers, self.device)
+        made = open_devices(self.device).made(_Frame(elsewhere), left)
+        return ((left[i], outcome) for i, outcome in made)
 
     def _write(self, steps: FrameSteps, records: Sequence[Mapping[str, Any]]) -> None:
         """Write what is made of all frames, and last the file that marks it as finished."""

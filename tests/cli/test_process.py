@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import two_devices
 from command_line import Run, one_error_line
 from recorder import Recorder, Recording
 
@@ -124,14 +128,25 @@ def test_a_killed_run_resumes_to_the_same_files(
     assert not (tmp_path / "x").exists()
 
 
-def test_workers_make_the_same_files(run: Run, recorded: Recording, tmp_path: Path) -> None:
+def test_workers_and_devices_make_the_same_files(
+    run: Run, recorded: Recording, tmp_path: Path
+) -> None:
     pytest.importorskip("distributed")
     for name, more in (("here", ()), ("workers", ("--workers", "2"))):
         outcome = run("process", recorded.folder, "-o", tmp_path / name, *GRID, *more)
         assert outcome.status == 0, outcome.err
+    # In a process of its own, which sees the CPU as two devices.
+    command = ["process", recorded.folder, "-o", tmp_path / "devices", *GRID, "--device", "all"]
+    done = subprocess.run(
+        [sys.executable, "-m", "clradar", *map(str, command)],
+        env={**os.environ, **two_devices.ENVIRONMENT}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
     for name in RESULTS[:-1]:
-        here, workers = ((tmp_path / where / name).read_bytes() for where in ("here", "workers"))
-        assert here == workers, name
+        one, *others = (
+            (tmp_path / where / name).read_bytes() for where in ("here", "workers", "devices")
+        )
+        assert [other == one for other in others] == [True, True], name
 
 
 def test_averages_hold_the_frames_that_agree(run: Run, recorded: Recording, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from clradar.cli.comparison import figure_labels
 from clradar.cli.frame_steps import CAPTURES, VOLUMES, FrameSteps
 from clradar.cli.opening import open_written
 from clradar.cli.options.clutter import EmptyOptions, GateOptions
-from clradar.cli.options.common import DeviceOption, ForceOption, OpenOption, Unit
+from clradar.cli.options.common import DevicesOption, ForceOption, OpenOption, Unit
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions
 from clradar.cli.options.recording import Variant
@@ -127,7 +127,7 @@ def command(
         metavar="N",
         min=1,
     ),
-    device: DeviceOption = None,
+    device: DevicesOption = None,
     force: ForceOption = False,
     show: OpenOption = False,
 ) -> None:
@@ -139,6 +139,7 @@ def command(
     """
     from clradar.cli.frame_sources import Frames
     from clradar.cli.recording_work import FIGURE, MOVIE, OWN_NAMES, RecordingWork
+    from clradar.opencl import open_devices
 
     others = list(simulated or [])
     window = gate.settings()
@@ -165,10 +166,11 @@ def command(
         channels=cleaning.channels, keep_noisy=cleaning.keep_noisy, imaging=imaging.arguments,
         dynamic_range_db=depth.dynamic_range_db, simulated=tuple(others), mesh=aligned.mesh,
         mesh_unit=aligned.unit, align=aligned.settings(), keep=kept.names(), origin=origin,
-        device=device,
+        device=None if workers else open_devices(device).first,
     )  # fmt: skip
     work = RecordingWork(
-        source=recording, folder=output, groups=groups, origin=origin, workers=workers, force=force,
+        source=recording, folder=output, groups=groups, origin=origin, workers=workers,
+        device=device, force=force,
         prepare=lambda: prepared(steps, cleaning.empty, groups, voxels),
         labels=[recording.name or str(recording), *figure_labels(others, [{} for _ in others])],
     )  # fmt: skip
