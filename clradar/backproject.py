@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 import numpy as np
 
 from clradar.imaging.frame_imager import DEFAULT_METHOD, METHODS, FrameImager
@@ -15,7 +18,7 @@ __all__ = ["METHODS", "WINDOWS", "backproject", "frequency_weights"]
 
 
 def backproject(
-    capture: Capture,
+    capture: Capture | Iterable[Capture],
     grid: VoxelGrid,
     *,
     method: str = DEFAULT_METHOD,
@@ -32,7 +35,9 @@ def backproject(
 
     Parameters
     ----------
-    capture : Capture
+    capture : Capture, or iterable of Capture
+        Of several, such as those of clusters whose Tx are measured with their own Rx only, the sum
+        goes over the pairs of all. One is held at a time.
     grid : VoxelGrid
         `clradar.place_grid` finds one that shows the object.
     method : "fast", "range" or "exact"
@@ -46,8 +51,8 @@ def backproject(
     tolerance_db : float, optional
         For "fast": RMS error relative to the RMS of the whole image, -80 to -30; default -50.
     check_grid : bool
-        Warn where the grid does not fit the capture. Turn it off for many images of one capture, or
-        for a grid that is beside the object on purpose.
+        Warn where the grid does not fit the capture; of several captures it is not checked. Turn
+        it off for many images of one capture, or for a grid that is beside the object on purpose.
     device : Device, str or None
         See `clradar.open_device`.
     progress : callable, optional
@@ -59,13 +64,14 @@ def backproject(
     -------
     Volume
         complex64, shape (n_z, n_y, n_x). Of a capture of S-parameters (`Capture.absolute`) it can
-        be read in dBsm: `Volume.rcs_dbsm`.
+        be read in dBsm: `Volume.rcs_dbsm`; not of several. `meta["capture"]` then is the list of
+        theirs.
 
     Raises
     ------
     ModelError
-        Unknown method or window; a tolerance out of range, or with a method other than "fast"; an
-        image that complex64 cannot hold.
+        No capture; unknown method or window; a tolerance out of range, or with a method other than
+        "fast"; an image that complex64 cannot hold.
     DeviceError
         The device is missing, out of memory or fails. A volume larger than its memory is tiled.
 
@@ -93,7 +99,9 @@ def backproject(
     >>> print(f"{grid.x_m[x]:.3f} {grid.y_m[y]:.3f} {grid.z_m[z]:.3f}")
     0.010 -0.020 0.300
     """
-    checks.instance("backproject: capture", capture, Capture)
+    if not isinstance(capture, Capture):
+        way = {"method": method, "window": window, "tolerance_db": tolerance_db, "device": device}
+        return _of_all(capture, grid, way, progress)
     with FrameImager(
         capture.array, capture.waveform, grid,
         method=method, window=window, tolerance_db=tolerance_db, device=device,
@@ -103,3 +111,22 @@ def backproject(
     if check_grid:
         warn_of_grid(capture, grid, volume.data, imager.weights, imager.device)
     return volume
+
+
+def _of_all(
+    captures: Iterable[Capture], grid: VoxelGrid, way: dict[str, Any], progress: Progress | None
+) -> Volume:
+    """The image of all pairs of several captures: the mean of theirs, weighted by their terms."""
+    if not isinstance(captures, Iterable):
+        checks.instance("backproject: capture", captures, Capture)
+    total, terms, metas = np.zeros(grid.shape, np.complex128), 0, []
+    last: Volume | None = None
+    for capture in captures:
+        checks.instance("backproject: capture", capture, Capture)
+        last = backproject(capture, grid, check_grid=False, progress=progress, **way)
+        total += last.data * float(capture.data.size)
+        terms += capture.data.size
+        metas.append(last.meta["capture"])
+    if last is None:
+        checks.fail("backproject: capture", "at least one capture", "none")
+    return Volume((total / terms).astype(np.complex64), grid, {**last.meta, "capture": metas})

@@ -58,9 +58,9 @@ FOLDER_OUTPUTS = (
 )
 OUTPUTS = {"output", "png", "joints", "plot", "json", "json_file", "fix_to", "report", "html"}
 INPUTS = {
-    "rig", "mapping", "theta", "transform", "capture", "source", "sources", "layout", "rx_file",
-    "tx_file", "empty", "file", "files", "materials", "measured", "simulated", "mesh", "channels",
-    "plan", "replay", "rigs", "path", "recording", "motion",
+    "rig", "mapping", "theta", "transform", "capture", "captures", "source", "sources", "layout",
+    "rx_file", "tx_file", "empty", "file", "files", "materials", "measured", "simulated", "mesh",
+    "channels", "plan", "replay", "rigs", "path", "recording", "motion",
 }  # fmt: skip
 """Parameters of commands that are paths; `joints` of a sweep is read."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -29,7 +29,7 @@ from clradar.cli.titles import title_of
 from clradar.files.atomic import write_file
 
 if TYPE_CHECKING:
-    from clradar import Volume, VoxelGrid
+    from clradar import Device, Volume, VoxelGrid
 
 
 RELATIVE = (
@@ -97,10 +97,11 @@ class ImageFiles:
 
 
 def command(
-    capture: Path = argument(
+    captures: list[Path] = argument(
         REQUIRED,
-        "Native capture, recorded .npy frame, or radar folder; or a volume, to be drawn.",
-        metavar="CAPTURE",
+        "Native capture, recorded .npy frame, or radar folder; or a volume, to be drawn. Several "
+        "captures, as those of clusters, make one image.",
+        metavar="CAPTURE...",
     ),
     *,
     files: ImageFiles,
@@ -129,7 +130,8 @@ def command(
     from clradar.errors import MeasurementError
 
     voxels.grid()  # wrong usage is reported before a file is read
-    files.check(force=force, inputs=[capture])
+    files.check(force=force, inputs=captures)
+    capture = captures[0]
     require_picture(show, "--png or --report", files.png, files.report)
     if files.dbsm and imaging.method in MODEL_METHODS:
         raise wrong_usage("--dbsm", f"images by --method {imaging.method} are relative")
@@ -138,6 +140,8 @@ def command(
         _check_seeds(files, imaging)
     if files.dbsm and not (absolute or loaded.content.absolute):
         raise MeasurementError(f"{capture}: expected S-parameters for --dbsm, {RELATIVE}")
+    if len(captures) > 1:
+        _check_several(loaded, files, imaging, repeated, absolute)
     if isinstance(loaded.content, Volume):
         options = {**given(voxels), **given(imaging), **given(repeated)}
         options |= {"--absolute": 1} if absolute else {}
@@ -155,18 +159,76 @@ def command(
             open_written(show and drawn, files.png)
             return
         start_s = perf_counter()
-        volume = form_image(samples, grid, imaging, opened, "imaging", tolerance_db)
+        if len(captures) > 1:
+            volume, read = _image_of_all(captures, frames, grid, imaging, tolerance_db, opened)
+        else:
+            volume = form_image(samples, grid, imaging, opened, "imaging", tolerance_db)
+            read = loaded.files
         took_s = perf_counter() - start_s
         options = recorded(imaging, frames, grid=grid_text(grid))
-        origin = provenance("image", options, loaded.files)
+        origin = provenance("image", options, read)
         if files.output is not None:
             save(files.output, volume, origin, force=force)
             print_line(f"{files.output}: {grid_text(grid)}, {took_s:.1f} s on {opened.info.label}")
         if "stopped" in volume.meta:
             print_line(_fit_words(volume.meta))
-    title = title_of(capture, volume.meta)
+    title = title_of(capture, volume.meta) if len(captures) == 1 else _title(captures)
     drawn = files.draw(volume, title, str(capture), origin, depth.dynamic_range_db, force=force)
     open_written(show and drawn, files.png, files.report)
+
+
+def _title(captures: list[Path]) -> str:
+    return f"{captures[0].name} and {len(captures) - 1} more"
+
+
+def _check_several(
+    loaded: ImageInput,
+    files: ImageFiles,
+    imaging: ModelImagingOptions,
+    repeated: SeedOptions,
+    absolute: bool,
+) -> None:
+    """Raise where something has no meaning for one image of several captures."""
+    from clradar import Volume
+
+    if isinstance(loaded.content, Volume):
+        raise wrong_usage("CAPTURE...", f"expected captures, got the volume {loaded.path}")
+    if imaging.method in MODEL_METHODS:
+        raise wrong_usage("--method", f"expected back-projection of several: {imaging.method}")
+    for name in (*given(repeated), *(["--dbsm"] if files.dbsm else [])):
+        raise wrong_usage(name, "of a single capture, not of several")
+    if absolute:
+        raise wrong_usage("--absolute", "of a single capture, not of several")
+
+
+def _image_of_all(
+    captures: list[Path],
+    frames: FrameOptions,
+    grid: VoxelGrid,
+    imaging: ModelImagingOptions,
+    tolerance_db: float | None,
+    device: Device,
+) -> tuple[Volume, list[Path]]:
+    """One image of several captures, and the files that were read; one capture at a time."""
+    from clradar import Capture, backproject
+
+    read: list[Path] = []
+
+    def opened() -> Iterator[Capture]:
+        with progress_bar("imaging") as progress:
+            for i, path in enumerate(captures):
+                one = ImageInput.open(path, frames)
+                if not isinstance(one.content, Capture):
+                    raise wrong_usage("CAPTURE...", f"expected captures, got the volume {path}")
+                read.extend(one.files)
+                yield one.content
+                if progress is not None:
+                    progress(i + 1, len(captures))
+
+    volume = backproject(
+        opened(), grid, tolerance_db=tolerance_db, device=device, **imaging.arguments
+    )
+    return volume, read
 
 
 def _check_seeds(files: ImageFiles, imaging: ModelImagingOptions) -> None:

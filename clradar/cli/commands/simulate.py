@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -27,7 +28,7 @@ from clradar.cli.options.simulation import (
     SimulationOptions,
 )
 from clradar.cli.options.values import wrong_usage
-from clradar.cli.outputs import save
+from clradar.cli.outputs import check_folder, made_folder, save
 from clradar.cli.provenance import provenance
 from clradar.errors import warn
 
@@ -82,6 +83,9 @@ def command(
 
     With --motion the scene moves while the imager records it (docs/movement.md), and --frames makes
     a recording that every command reads; of another radar than the imager, a folder of captures.
+
+    An --array of clusters whose Tx are measured with their own Rx only makes a folder with a
+    capture of each, of which `clradar image DIR/cluster_*.h5` makes one image.
     """
     import clradar
     from clradar import Scene
@@ -93,7 +97,14 @@ def command(
     default, by_part = read_part_alphas(scenery.alpha or [])
     inputs = [*(path for path, _ in named), *scenery.files, *made_of.files, *radar.files]
     inputs += [] if moving.motion is None else [moving.motion]
-    moving.check(output, force=force, inputs=inputs)
+    clusters = radar.clusters()
+    names = [f"cluster_{i + 1:03d}.h5" for i in range(len(clusters))]
+    if len(clusters) > 1:
+        if moving.motion is not None:
+            raise wrong_usage("--motion", "expected one array, not clusters with captures of each")
+        check_folder(output, force=force, replaced=names, inputs=inputs)
+    else:
+        moving.check(output, force=force, inputs=inputs)
     motion = moving.read()
     if motion is not None and len(motion.files) > 1:
         inputs += motion.files[1:]
@@ -103,7 +114,7 @@ def command(
     if chosen == PHYSICAL and (scenery.alpha or any(a is not None for _, a in named)):
         warn(f"--alpha: not used by --estimator {PHYSICAL}; --material has the roughness")
     settings = simulation.settings(seed=estimator.seed, estimator=chosen)
-    antennas, waveform = radar.antennas(), radar.waveform()
+    antennas, waveform = clusters[0], radar.waveform()
     opened = clradar.open_device(device)
     options = recorded(
         made_of,
@@ -119,13 +130,17 @@ def command(
     start_s = perf_counter()
     if motion is None:
         scene = made_of.on(load_scene(named, default, by_part, scenery.unit, matrix))
-        with progress_bar("tracing") as progress:
-            capture = clradar.simulate(
-                scene, antennas, waveform,
-                settings=settings, device=opened, progress=progress,
-            )  # fmt: skip
-        save(output, capture, origin, force=force)
+        files = [output] if len(clusters) == 1 else [output / name for name in names]
+        with nullcontext() if len(clusters) == 1 else made_folder(output):
+            for antennas, file in zip(clusters, files, strict=True):
+                with progress_bar("tracing") as progress:
+                    capture = clradar.simulate(
+                        scene, antennas, waveform,
+                        settings=settings, device=opened, progress=progress,
+                    )  # fmt: skip
+                save(file, capture, origin, force=force)
         words = summary(capture)
+        words = words if len(clusters) == 1 else f"{len(clusters)} captures, the last: {words}"
     else:
         bodies = {
             path.name: Scene.from_mesh(

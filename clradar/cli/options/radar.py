@@ -69,3 +69,9 @@ class RadarOptions(BandOptions):
 
         name = "qar50" if self.array is None else self.array
         return KNOWN[name]() if name in KNOWN else arrays.read_array(name)
+
+    def clusters(self) -> tuple[AntennaArray, ...]:
+        """The arrays of a file of clusters, each of which has a capture of its own; else one."""
+        from clradar import arrays
+
+        return arrays.read_clusters(str(self.array)) if self.files else (self.antennas(),)
