@@ -48,6 +48,31 @@ class Tab:
             "  attributes: true, characterData: true}); there(); })"
         )
 
+    def control(self, label: str) -> str:
+        """The expression of the input beside a label."""
+        return (
+            "(() => { let row = [...document.querySelectorAll('*')].find(one =>"
+            f" !one.children.length && one.textContent === {json.dumps(label)});"
+            " while (row && !row.querySelector('input')) row = row.parentElement;"
+            " return row && row.querySelector('input'); })()"
+        )
+
+    def choose(self, label: str, option: str) -> None:
+        """Choose an option of a dropdown."""
+        self.page.js(f"{self.control(label)}.click()")
+        found = (
+            "[...document.querySelectorAll('[role=option]')].find(one => one.textContent === "
+            f"{json.dumps(option)})"
+        )
+        self.until(found)
+        self.page.js(f"{found}.click()")
+
+    def type(self, label: str, text: str) -> None:
+        """Replace the text of an input."""
+        self.page.js(f"(input => {{ input.focus(); input.select(); }})({self.control(label)})")
+        self.page.call("Input.insertText", text=text)
+        self.page.key("Tab", "Tab")
+
     def click(self, x: float, y: float) -> None:
         for kind in ("mousePressed", "mouseReleased"):
             self.page.mouse(kind, x, y, button="left", clickCount=1)

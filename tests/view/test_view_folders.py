@@ -6,8 +6,10 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+import chromium
 import numpy as np
 import pytest
+from view_tab import Tab, in_browser, viewing
 
 import clradar
 from clradar.errors import MeasurementError
@@ -151,3 +153,23 @@ def test_folders_and_files_that_cannot_be_viewed(tmp_path: Path) -> None:
         open_source(tmp_path / "notes.txt", watch=True)
     with pytest.raises(MeasurementError, match="expected a folder, got nothing there"):
         open_source(tmp_path / "absent", watch=True)
+
+
+@in_browser
+def test_files_appear_in_a_browser_once_they_are_whole(tmp_path: Path) -> None:
+    pytest.importorskip("viser")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    with (
+        viewing("view", folder, "--watch") as (_, address),
+        chromium.chromium(tmp_path / "profile", webgl=True) as page,
+    ):
+        tab = Tab(page, address)
+        tab.load("waiting for a first file")
+        save_volume(folder / "a.h5", volume(1.0))
+        tab.says("a.h5: volume of")
+        content = (folder / "a.h5").read_bytes()
+        (folder / "b.h5").write_bytes(content[: len(content) // 2])
+        tab.says("Not shown:")
+        (folder / "b.h5").write_bytes(content)
+        tab.says("b.h5: volume of")
