@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clradar.constants import PLAUSIBLE_RANGE_M, SPEED_OF_LIGHT_M_PER_S
+from clradar.constants import FINEST_SPACING_M, PLAUSIBLE_RANGE_M, SPEED_OF_LIGHT_M_PER_S
 from clradar.imaging.range_profiles import RangeImager
 from clradar.model import Capture, VoxelGrid
 from clradar.model.range_profile import (
@@ -82,14 +82,14 @@ def coarse_image(
     low_m, high_m = (
         np.clip(end, -PLAUSIBLE_RANGE_M[1], PLAUSIBLE_RANGE_M[1]) for end in (low_m, high_m)
     )
-    spacing_m = np.minimum(
-        resolution_m(capture, (low_m + high_m) / 2) / VOXELS_PER_RESOLUTION,
-        np.maximum(high_m - low_m, 1e-6),
-    )
-    intervals = (high_m - low_m) / spacing_m
+    extent_m = high_m - low_m
+    extent_m[extent_m < FINEST_SPACING_M] = 0.0  # ends that differ by rounding are one slice
+    fine_m = resolution_m(capture, (low_m + high_m) / 2) / VOXELS_PER_RESOLUTION
+    intervals = extent_m / np.maximum(fine_m, FINEST_SPACING_M)
+    intervals = np.where(extent_m > 0, np.maximum(intervals, 1.0), 0.0)
     larger = np.cbrt(np.prod(intervals + 1) / COARSE_VOXELS)
     counts = np.ceil(intervals / max(1.0, larger)).astype(int) + 1
-    spacing_m = np.maximum(high_m - low_m, 1e-6) / np.maximum(counts - 1, 1)
+    spacing_m = np.where(extent_m > 0, extent_m, FINEST_SPACING_M) / np.maximum(counts - 1, 1)
     grid = VoxelGrid(low_m, spacing_m, (int(counts[0]), int(counts[1]), int(counts[2])))
     part = antenna_subset(capture, min(most_pairs, COARSE_TERMS / np.prod(counts)))
     weights = hann(capture.waveform.n_freq)

@@ -13,7 +13,7 @@ import calibration
 import clradar
 from clradar import AntennaArray, Capture, ClradarWarning, VoxelGrid, Wall, Waveform
 from clradar.cli.options.imaging import GridOptions
-from clradar.imaging import grid_check
+from clradar.imaging import echo_location, grid_check
 from clradar.imaging.placement import MOST_VOXELS, PAPER_GRID, place_grid
 
 QAR50 = clradar.arrays.qar50()
@@ -264,3 +264,13 @@ def test_searches_of_calibration_do_not_check_their_grids(monkeypatch: pytest.Mo
     assert not asked
     clradar.backproject(echoes_of(AT_HAND), HAND_BOX)
     assert asked
+
+
+@pytest.mark.parametrize("thickness_m", [0.0, 1e-17, 2e-6])
+def test_a_box_whose_ends_differ_by_rounding_is_a_slice(thickness_m: float) -> None:
+    capture = echoes_of([0.0, 0.0, 0.3])
+    low_m = np.array([-0.02, -0.02, 0.3])
+    high_m = low_m + np.array([0.04, 0.04, thickness_m])
+    found = echo_location.coarse_image(capture, low_m, high_m, clradar.open_device())
+    assert found.grid.counts[2] == 1
+    assert np.linalg.norm(found.brightest().position_m - [0, 0, 0.3]) < 5e-3
