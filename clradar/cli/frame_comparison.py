@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +14,12 @@ from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.options.imaging import GridOptions, ImagingOptions
 from clradar.cli.options.sequence import chosen_frames
 from clradar.cli.options.values import wrong_usage
+from clradar.errors import CompareError
 
 if TYPE_CHECKING:
-    from clradar import Device, Volume, VoxelGrid
+    from clradar import DepthMap, Device, Volume, VoxelGrid
+    from clradar.model.progress import Progress
+    from clradar.opencl import Devices
     from clradar.report import FrameSeries
 
 
@@ -36,20 +40,58 @@ def open_frames(
     return sources, numbers
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _FrameImages:
+    """Makes the images of a frame on a device, and says on which."""
+
+    sources: Sequence[Frames]
+    grid: VoxelGrid
+    arguments: Mapping[str, Any]
+    dynamic_range_db: float
+    kept: dict[Path, Volume | DepthMap] = field(default_factory=dict)
+    """Of what is the same at every frame."""
+
+    def __call__(
+        self, number: int, device: Device, progress: Progress
+    ) -> list[tuple[list[Volume | DepthMap], str]]:
+        images = [self.image(source, number, device) for source in self.sources]
+        return [(images, device.info.label)]
+
+    def image(self, source: Frames, number: int, device: Device) -> Volume | DepthMap:
+        """The depth map of a frame, or the image where it has none."""
+        from clradar import Capture, backproject
+        from clradar.compare import depth_map_of
+
+        if source.path in self.kept:
+            return self.kept[source.path]
+        found = source.read(number)
+        if isinstance(found, Capture):
+            found = backproject(found, self.grid, device=device, **self.arguments)
+        try:
+            seen: Volume | DepthMap = depth_map_of(found, self.dynamic_range_db, "image")
+        except CompareError:
+            seen = found
+        if source.numbers is None:
+            self.kept[source.path] = seen
+        return seen
+
+
 def compare_frames(
     sources: Sequence[Frames],
     numbers: Sequence[int],
     voxels: GridOptions,
     imaging: ImagingOptions,
     dynamic_range_db: float,
-    device: Device,
-) -> tuple[FrameSeries, VoxelGrid]:
-    """Image and compare frame by frame, all on one grid: that of the options, or of the first."""
-    from clradar import Capture, backproject
+    devices: Devices,
+) -> tuple[FrameSeries, VoxelGrid, list[str]]:
+    """Image and compare frame by frame, all on one grid: that of the options, or of the first.
+
+    Also returns the device of each frame.
+    """
     from clradar.report import FrameSeries
 
     first = [ImageInput(source.path, source.read(numbers[0])) for source in sources]
-    grid = common_grid(voxels, *first, device=device)
+    grid = common_grid(voxels, *first, device=devices.first)
     # A recording has its name, and not that of a frame.
     metas = [
         {} if source.numbers else one.content.meta
@@ -57,24 +99,14 @@ def compare_frames(
     ]
     labels = ["Measurement", *figure_labels([source.path for source in sources[1:]], metas)]
     series = FrameSeries(labels, dynamic_range_db)
-    kept: dict[Path, Volume] = {}  # of what is the same at every frame
-
-    def image(source: Frames, number: int) -> Volume:
-        if source.path in kept:
-            return kept[source.path]
-        found = source.read(number)
-        if isinstance(found, Capture):
-            found = backproject(found, grid, device=device, **imaging.arguments)
-        if source.numbers is None:
-            kept[source.path] = found
-        return found
-
+    work = _FrameImages(sources, grid, imaging.arguments, dynamic_range_db)
+    made_on = []
     with progress_bar("comparing frames") as progress:
-        for done, number in enumerate(numbers, start=1):
-            series.add(f"frame {number}", [image(source, number) for source in sources])
-            if progress is not None:
-                progress(done, len(numbers))
-    return series, grid
+        found = devices.in_order(work, numbers, progress)
+        for number, (images, label) in zip(numbers, found, strict=True):
+            series.add(f"frame {number}", images)
+            made_on.append(label)
+    return series, grid, made_on
 
 
 def print_series(series: FrameSeries) -> None:
@@ -87,17 +119,19 @@ def print_series(series: FrameSeries) -> None:
 
 
 def frame_records(
-    series: FrameSeries, numbers: Sequence[int], simulated: Sequence[Path]
+    series: FrameSeries, numbers: Sequence[int], simulated: Sequence[Path], made_on: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """One JSON object for each simulation: its metrics at every frame, and their means."""
+    """One JSON object for each simulation: metrics and device of every frame, and the means."""
     return [
         {
             "file": str(path),
             "label": label,
             "mean": series.mean_metrics(i).to_dict(),
             "frames": [
-                {"frame": number, "metrics": None if found is None else found.to_dict()}
-                for number, found in zip(numbers, (m[i] for m in series.metrics), strict=True)
+                {"frame": n, "metrics": None if found is None else found.to_dict(), "device": label}
+                for n, found, label in zip(
+                    numbers, (m[i] for m in series.metrics), made_on, strict=True
+                )
             ],
         }
         for i, (path, label) in enumerate(zip(simulated, series.labels[1:], strict=True))

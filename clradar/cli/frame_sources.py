@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from clradar.cli.inputs import ImageInput
 from clradar.errors import MeasurementError
@@ -25,11 +25,17 @@ class Frames:
         Frames that are there; None: a single capture or volume, the same at every frame.
     read : callable
         Read the frame of a number.
+    variant : str or None
+        Of a recording.
     """
 
     path: Path
     numbers: tuple[int, ...] | None
     read: Callable[[int], Capture | Volume]
+    variant: str | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Frames.open, (self.path, self.variant)  # another process opens it for itself
 
     @classmethod
     def open(cls, path: Path, variant: str | None = None) -> Frames:
@@ -43,7 +49,7 @@ class Frames:
         if not files or any(path.glob("radar_*")):
             recording = open_recording(path, variant=variant or "raw")
             numbers = recording.frame_numbers
-            return cls(path, numbers, lambda number: recording[numbers.index(number)])
+            return cls(path, numbers, lambda number: recording[numbers.index(number)], variant)
         # As `convert --all-frames` names them; other names count from 0.
         by_number = {int(file.stem): file for file in files if file.stem.isdecimal()}
         by_number = by_number or dict(enumerate(files))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,8 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClradarWarning
 from clradar.impairments.impair import impair
 from clradar.model import AntennaArray, Scene, Spread, Volume, VoxelGrid, Waveform, checks
-from clradar.model.progress import Progress, part_of
-from clradar.opencl import Device, open_device
+from clradar.model.progress import Progress
+from clradar.opencl import Device, Devices, open_devices
 from clradar.simulation import simulate
 from clradar.tracing.settings import SimulationSettings, merged_settings, takes_settings
 
@@ -43,7 +43,7 @@ def spread(
     window: str | np.ndarray = "rect",
     tolerance_db: float | None = None,
     settings: SimulationSettings | None = None,
-    device: Device | str | None = None,
+    device: Devices | Device | str | Sequence[str] | None = None,
     progress: Progress | None = None,
     **fields: Any,
 ) -> Spread:
@@ -70,8 +70,8 @@ def spread(
     method, window, tolerance_db
         As `clradar.backproject`.
     settings : SimulationSettings, optional
-    device : Device, str or None
-        See `clradar.open_device`.
+    device : Devices, Device, str, sequence of str or None
+        Seeds are divided among several, as `clradar.map_devices` has them ("all").
     progress : callable, optional
         Called with (done, total) units of work.
     **fields
@@ -140,28 +140,19 @@ def spread(
     faults = None if impairments is None else dict(impairments)
     if faults is not None:
         _check_faults(faults)
-    opened = open_device(device)
+    seed_images = _SeedImages(
+        scene, array, waveform, grid, base, faults,
+        {"method": method, "window": window, "tolerance_db": tolerance_db},
+    )  # fmt: skip
+    devices = open_devices(device)
+    devices.check_alike("a spread")
     total: _Accumulated | None = None
-    for i in range(count):
-        part = part_of(progress, i / count, (i + 1) / count)
-        with warnings.catch_warnings():
-            if i:  # the first has said it
-                warnings.simplefilter("ignore", ClradarWarning)
-            capture = simulate(
-                scene, array, waveform, settings=replace(base, seed=base.seed + i),
-                device=opened, progress=part,
-            )  # fmt: skip
-            estimator = capture.meta["settings"]["estimator"]
-            if faults is not None:
-                capture = impair(capture, **{**faults, "seed": faults.get("seed", 0) + i})
-            volume = backproject(
-                capture, grid, method=method, window=window, tolerance_db=tolerance_db,
-                device=opened,
-            )  # fmt: skip
+    for volume in devices.in_order(seed_images, range(count), progress):
         if total is None:
             total = _Accumulated(volume, dynamic_range_db)
         total.add(volume)
     assert total is not None
+    estimator = str(base.for_scene(scene).resolved().estimator)
     causes = [VARIES[estimator]]
     if estimator == "physical" and not any(
         m.roughness_rms_m > 0 or m.micro_roughness_rms_m > 0 for m in scene.materials
@@ -171,6 +162,33 @@ def spread(
         causes.append("noise")
     varies = " and ".join(causes) or "nothing"
     return total.result(tuple(range(base.seed, base.seed + count)), varies)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _SeedImages:
+    """Makes the image of a seed on a device."""
+
+    scene: Scene
+    array: AntennaArray
+    waveform: Waveform
+    grid: VoxelGrid
+    base: SimulationSettings
+    faults: dict[str, Any] | None
+    way: dict[str, Any]
+
+    def __call__(self, i: int, device: Device, progress: Progress) -> list[Volume]:
+        with warnings.catch_warnings():
+            if i:  # the first has said it
+                warnings.simplefilter("ignore", ClradarWarning)
+            capture = simulate(
+                self.scene, self.array, self.waveform,
+                settings=replace(self.base, seed=self.base.seed + i), device=device,
+                progress=progress,
+            )  # fmt: skip
+            if self.faults is not None:
+                own = {**self.faults, "seed": self.faults.get("seed", 0) + i}
+                capture = impair(capture, **own)
+            return [backproject(capture, self.grid, device=device, **self.way)]
 
 
 def _check_faults(faults: Mapping[str, Any]) -> None:

@@ -47,6 +47,19 @@ Work = Callable[[Any, Device, Progress], Iterable[Result]]
 """Makes the results of an item on a device; says by the last argument how far it is."""
 
 
+def check_alike(infos: Sequence[DeviceInfo], what: str) -> None:
+    """Raise `DeviceError` unless all devices are of one name and driver."""
+    if not all(info.is_like(infos[0]) for info in infos[1:]):
+        raise DeviceError(
+            f"device: expected devices of one name and driver for {what}, since those of others "
+            f"give other bits, got {_listed(infos)}; name those of one kind, as in 0:0,0:1"
+        )
+
+
+def _listed(infos: Sequence[DeviceInfo]) -> str:
+    return ", ".join(f"{info.selector} {info.label}" for info in infos)
+
+
 @dataclass(frozen=True, slots=True)
 class Devices:
     """The devices of a batch.
@@ -75,17 +88,11 @@ class Devices:
         """Their names, for a person."""
         if len(self.infos) == 1:
             return self.first.info.label
-        return ", ".join(f"{info.selector} {info.label}" for info in self.infos)
+        return _listed(self.infos)
 
     def check_alike(self, what: str) -> None:
         """Raise `DeviceError` unless all are of one name and driver, so that bits are the same."""
-        for info in self.infos[1:]:
-            if not info.is_like(self.first.info):
-                raise DeviceError(
-                    f"device: expected devices of one name and driver for {what}, whose parts are "
-                    f"compared bit by bit, got {self.text}; name those of one kind, as in "
-                    "--device 0:0,0:1"
-                )
+        check_alike(self.infos, what)
 
     def made(
         self, work: Work[Result], items: Iterable[Any], progress: Progress | None = None

@@ -10,7 +10,7 @@ from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.opening import open_written, require_picture
-from clradar.cli.options.common import DeviceOption, ForceOption, OpenOption
+from clradar.cli.options.common import DevicesOption, ForceOption, OpenOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions, grid_text
 from clradar.cli.options.recording import FrameOptions
@@ -56,7 +56,7 @@ def command(
         names=("--frames",),
         metavar=FRAMES_METAVAR,
     ),
-    device: DeviceOption = None,
+    device: DevicesOption = None,
     force: ForceOption = False,
     show: OpenOption = False,
 ) -> None:
@@ -127,13 +127,13 @@ def _compare_over_frames(
     force: bool,
 ) -> None:
     """Compare frame by frame, and write metrics and page as far as they were asked for."""
-    from clradar import open_device
     from clradar.cli.frame_comparison import (
         compare_frames,
         frame_records,
         open_frames,
         print_series,
     )
+    from clradar.opencl import open_devices
     from clradar.report import frames_report
 
     voxels, imaging, depth, frames = settings
@@ -142,8 +142,8 @@ def _compare_over_frames(
     if files.output is not None:
         raise wrong_usage("-o", "of one frame; with --frames there are --report and --json")
     sources, numbers = open_frames(chosen, measured, simulated, frames.variant)
-    series, grid = compare_frames(
-        sources, numbers, voxels, imaging, depth.dynamic_range_db, open_device(device)
+    series, grid, made_on = compare_frames(
+        sources, numbers, voxels, imaging, depth.dynamic_range_db, open_devices(device)
     )
     print_series(series)
     options = recorded(
@@ -154,7 +154,7 @@ def _compare_over_frames(
     if files.json is not None:
         record = {
             "measured": str(measured),
-            "simulated": frame_records(series, numbers, simulated),
+            "simulated": frame_records(series, numbers, simulated, made_on),
             **origin,
         }
         write_json(files.json, record, force=force)

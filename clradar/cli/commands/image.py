@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.inputs import ImageInput, form_image, grid_for
 from clradar.cli.opening import open_written, require_picture
-from clradar.cli.options.common import DeviceOption, ForceOption, OpenOption
+from clradar.cli.options.common import DevicesOption, ForceOption, OpenOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.imaging import (
     MODEL_METHODS,
@@ -118,7 +118,7 @@ def command(
     depth: DepthMapOptions,
     repeated: SeedOptions,
     frames: FrameOptions,
-    device: DeviceOption = None,
+    device: DevicesOption = None,
     force: ForceOption = False,
     show: OpenOption = False,
 ) -> None:
@@ -128,6 +128,7 @@ def command(
     """
     from clradar import Volume, open_device
     from clradar.errors import MeasurementError
+    from clradar.opencl import open_devices
 
     voxels.grid()  # wrong usage is reported before a file is read
     files.check(force=force, inputs=captures)
@@ -148,13 +149,14 @@ def command(
         _check_no_imaging(files, options, tolerance_db, device)
         volume, origin = loaded.content, provenance("image", {}, loaded.files)
     else:
-        opened = open_device(device)
+        devices = open_devices(device if repeated.seeds is not None else open_device(device))
+        opened = devices.first
         samples = loaded.content
         if absolute:
             samples = replace(samples, meta={**samples.meta, "absolute": True})
         grid = grid_for(samples, voxels, opened)
         if repeated.seeds is not None:
-            way = {**imaging.arguments, "tolerance_db": tolerance_db, "device": opened}
+            way = {**imaging.arguments, "tolerance_db": tolerance_db, "device": devices}
             drawn = _image_over_seeds(loaded, grid, repeated, files, depth, way, force=force)
             open_written(show and drawn, files.png)
             return
