@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,6 +44,9 @@ def fit_sequences(
     CompareError
         Some of several failed; a warning says why of each.
     """
+    from clradar.dataset.engine.worker_resources import divided
+    from clradar.opencl import several
+
     if frame.frame is not None:
         raise wrong_usage("--frame", "expected without --frames")
     voxels.grid()  # wrong usage is reported before a file is read
@@ -50,6 +54,9 @@ def fit_sequences(
     folders = [output]
     if len(sources) > 1:
         folders = [output / f"{i:03d}-{path.resolve().name}" for i, path in enumerate(sources)]
+    workers, device = divided(chosen.workers, device)
+    if len(sources) == 1 and several(device):
+        raise wrong_usage("--device", "expected one: each frame is fitted from the one before")
     sequences = [
         HandSequence(source, folder, chosen, frame.variant, voxels, imaging, settings,
                      _with_frames(origin, source, chosen.frames), device, force)
@@ -66,7 +73,7 @@ def fit_sequences(
         print_warning(f"{sequence.source}: {outcome}")
         failed.append(sequence.source)
 
-    fit = _one_by_one if chosen.workers is None else partial(_on_workers, chosen.workers)
+    fit = _one_by_one if workers is None else partial(_on_workers, workers)
     fit(sequences, done)
     if failed:
         raise CompareError(f"{len(failed)} of {len(sequences)} recordings could not be fitted")
@@ -102,9 +109,12 @@ def _on_workers(workers: int, sequences: Sequence[HandSequence], done: Done) -> 
         progress_bar("fitting") as progress,
     ):
         futures = {
-            client.submit(_with_warnings, sequence, resources={DEVICE: 1}, pure=False): sequence
+            client.submit(
+                # Each worker has its device in CLRADAR_DEVICE.
+                _with_warnings, replace(sequence, device=None), resources={DEVICE: 1}, pure=False
+            ): sequence
             for sequence in sequences
-        }
+        }  # fmt: skip
         for number, future in enumerate(as_completed(futures), start=1):
             outcome, said = future.result()
             for text in said:

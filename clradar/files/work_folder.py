@@ -47,7 +47,7 @@ def held(folder: Path, work: str) -> Iterator[None]:
             raise OutputError(f"{shown(folder)}: expected a folder's name, got a file")
         missing = not folder.is_dir()
         folder.mkdir(parents=True, exist_ok=True)
-        lock = _locked(folder / LOCK)
+        lock = locked(folder / LOCK)
     except OutputError:
         raise
     except (OSError, ValueError) as error:
@@ -67,7 +67,7 @@ def held(folder: Path, work: str) -> Iterator[None]:
                 folder.rmdir()
 
 
-def _locked(path: Path) -> IO[bytes] | None:
+def locked(path: Path) -> IO[bytes] | None:
     """Open the file and lock it; None if another process has it."""
     while True:
         lock = open(path, "ab")  # noqa: SIM115 - closed by the caller

@@ -273,9 +273,14 @@ def devices_like(device: str | None = None) -> list[DeviceInfo]:
     return [info for info in list_devices() if info.is_like(chosen)]
 
 
-def several(device: str) -> bool:
-    """Whether it may mean several devices: "all", or names with commas between them."""
-    return device.strip().lower() == ALL or "," in device
+def several(device: str | None) -> bool:
+    """Whether it may mean several devices: "all", or names with commas between them.
+
+    None stands for what the environment names.
+    """
+    named = _named()
+    text = device or (named[1] if named else "")
+    return text.strip().lower() == ALL or "," in text
 
 
 def select_devices(device: str | Sequence[str] | None) -> list[DeviceInfo]:

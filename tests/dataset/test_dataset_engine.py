@@ -18,6 +18,7 @@ import faulty_samples
 import pytest
 from dataset_plans import digests
 from systems import posix_only
+from two_devices import findings_of
 
 from clradar.cli import main
 from clradar.dataset import Plan, read_plan, run
@@ -144,6 +145,13 @@ def test_gpus_are_assigned_in_turn() -> None:
     found = partition(3, [info("0:0", "gpu"), info("0:1", "gpu")], [0, 1])
     assert [one.device for one in found] == ["0:0", "0:1", "0:0"]
     assert {one.threads for one in found} == {1}
+
+
+def test_workers_of_all_devices_find_their_own(tmp_path: Path) -> None:
+    found = findings_of("cluster", tmp_path)
+    assert found["devices"] == ["0:0", "0:1"]
+    assert found["assigned"] == ["0:0", "0:1"][: len(found["assigned"])]
+    assert found["same"]
 
 
 def test_pocl_keeps_to_its_threads() -> None:

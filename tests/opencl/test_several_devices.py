@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from typing import Any
 
 import pytest
-import two_devices
+from two_devices import N, findings_of
 
 import clradar
 from clradar.errors import DeviceError
@@ -19,19 +15,12 @@ from clradar.opencl import DeviceInfo, device, open_devices
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What a process finds that has two devices."""
-    done = subprocess.run(
-        [sys.executable, two_devices.__file__, str(tmp_path_factory.mktemp("met"))],
-        env={**os.environ, **two_devices.ENVIRONMENT},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    found: dict[str, Any] = findings_of("batches", tmp_path_factory.mktemp("met"))
+    return found
 
 
 def test_results_come_in_order_from_both(found: dict[str, Any]) -> None:
-    assert [number for number, _ in found["made"]] == list(range(two_devices.N))
+    assert [number for number, _ in found["made"]] == list(range(N))
     assert sorted({selector for _, selector in found["made"]}) == ["0:0", "0:1"]
     assert found["warned"] == ["each says this"]
     assert found["rises"]

@@ -1,7 +1,6 @@
 """What batches make on two devices: PoCL shows the CPU twice where POCL_DEVICES says so.
 
-Run as a program by `tests/opencl/test_several_devices.py`, since POCL_DEVICES is read once per
-process; prints its findings as JSON.
+Run as a program, since POCL_DEVICES is read once per process; prints its findings as JSON.
 """
 
 from __future__ import annotations
@@ -9,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 from time import sleep
@@ -23,6 +23,27 @@ from clradar.opencl import Device
 ENVIRONMENT = {"POCL_DEVICES": "pthread pthread", "CLRADAR_DEVICE": "pocl"}
 
 N = 6
+
+PLAN = """
+seed = 3
+samples = 4
+poses.names = ["A", "B"]
+hands.edge_mm = 4
+placement.z_mm = 300
+[radar]
+every = 32
+steps = 4
+[simulation]
+samples_per_mm2 = 0.02
+[image]
+x_mm = [-60, 60]
+y_mm = [-60, 60]
+z_mm = [260, 340]
+step_mm = [10, 10, 10]
+[output]
+products = ["capture", "max_projection"]
+shard_size = 2
+"""
 
 
 def met(item: tuple[int, str], device: Device) -> tuple[int, str]:
@@ -43,6 +64,18 @@ def failing(item: str, device: Device) -> str:
         raise DeviceError(f"device {device.info.label}: out of memory")
     signal.pause()  # until the batch is ended
     return item
+
+
+def findings_of(mode: str, folder: Path) -> Any:
+    """What a process with two devices finds."""
+    done = subprocess.run(
+        [sys.executable, __file__, mode, str(folder)],
+        env={**os.environ, **ENVIRONMENT, "TMPDIR": str(folder)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
 
 
 def error_of(call: Any) -> str:
@@ -81,6 +114,37 @@ def sweeps_agree() -> bool:
     return len(one) == 3 and one == all_of_them
 
 
+def cluster(folder: str) -> None:
+    """A data set by two workers that find their own of all devices, and by one device here."""
+    from dataset_plans import digests
+
+    from clradar.dataset import read_plan, run
+    from clradar.dataset.engine.cluster import local_cluster
+    from clradar.dataset.engine.distributed import Distributed
+    from clradar.dataset.engine.worker_resources import (
+        WorkerResources,
+        own_cores,
+        own_device,
+        worker_resources,
+    )
+
+    cores = own_cores()
+    plan_file = Path(folder) / "plan.toml"
+    plan_file.write_text(PLAN, encoding="utf-8")
+    plan = read_plan(plan_file)
+    each = [WorkerResources("all", (cores[i % len(cores)],), 1) for i in range(2)]
+    with local_cluster(each) as (client, _):
+        devices = client.run(lambda: own_device(None).info.selector)
+        run(plan, Path(folder) / "cluster", engine=Distributed(client))
+    run(plan, Path(folder) / "here", device="0:0")
+    findings = {
+        "devices": sorted(devices.values()),
+        "assigned": [one.device for one in worker_resources(min(2, len(cores)), "all")],
+        "same": digests(Path(folder) / "cluster") == digests(Path(folder) / "here"),
+    }
+    print(json.dumps(findings))
+
+
 def main(folder: str) -> None:
     warned: list[str] = []
     shown: list[tuple[int, int]] = []
@@ -108,4 +172,4 @@ if __name__ == "__main__":
     import warnings
 
     warnings.simplefilter("ignore", ClradarWarning)
-    main(sys.argv[1])
+    {"batches": main, "cluster": cluster}[sys.argv[1]](sys.argv[2])

@@ -13,7 +13,7 @@ import typer
 
 from clradar.cli.console import counted, print_error, print_line, print_warning, progress_bar
 from clradar.cli.opening import open_written, require_picture
-from clradar.cli.options.common import DeviceOption, OpenOption
+from clradar.cli.options.common import DevicesOption, OpenOption
 from clradar.cli.options.groups import argument, option, output_option
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, check_place_of_folder
@@ -48,7 +48,7 @@ class EngineOptions:
     workers: int | None = option(
         None,
         "Make samples in N processes, each with a GPU or a share of the cores. "
-        "[default: in this process]",
+        "[default: one for each of several devices, else in this process]",
         metavar="N",
         min=1,
     )
@@ -67,8 +67,12 @@ class EngineOptions:
     def engine(self, device: str | None) -> Iterator[Engine]:
         """This process, new ones, or those of a running cluster."""
         from clradar.dataset.engine.part_making import Serial
+        from clradar.dataset.engine.worker_resources import divided, worker_resources
 
-        if self.workers is None and self.scheduler is None:
+        workers = None
+        if self.scheduler is None:
+            workers, device = divided(self.workers, device)
+        if workers is None and self.scheduler is None:
             yield Serial(device)
             return
         try:
@@ -80,7 +84,8 @@ class EngineOptions:
             from clradar.dataset.engine.distributed import Distributed
         except ImportError as error:
             raise ClusterError(
-                f"--workers and --scheduler need Dask: pip install 'clradar[dataset]' ({error})"
+                "--workers, --scheduler and several devices need Dask: "
+                f"pip install 'clradar[dataset]' ({error})"
             ) from error
         _silence_dask()
         if self.scheduler is not None:
@@ -88,10 +93,8 @@ class EngineOptions:
                 print_line(cluster_text(client))
                 yield Distributed(client, device)
             return
-        from clradar.dataset.engine.worker_resources import worker_resources
-
-        assert self.workers is not None
-        with local_cluster(worker_resources(self.workers, device)) as (client, end):
+        assert workers is not None
+        with local_cluster(worker_resources(workers, device)) as (client, end):
             print_line(cluster_text(client))
             # Each worker has its device in CLRADAR_DEVICE.
             yield Distributed(client, end_workers=end)
@@ -111,7 +114,7 @@ def command(
     repetition: ReplayOptions,
     processes: EngineOptions,
     retry: bool = option(False, "Try the samples again that were set aside."),
-    device: DeviceOption = None,
+    device: DevicesOption = None,
     force: bool = option(
         False,
         "Remove the data set that is in the folder, of this plan or another, and begin "

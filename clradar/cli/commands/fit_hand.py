@@ -13,7 +13,7 @@ from clradar.cli.hand_sequences import fit_sequences
 from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.opening import open_written
 from clradar.cli.options.common import (
-    DeviceOption,
+    DevicesOption,
     ForceOption,
     OpenOption,
     SearchOptions,
@@ -108,7 +108,7 @@ def command(
     frame: FrameOptions,
     sequence: SequenceOptions,
     radar: RadarOptions,
-    device: DeviceOption = None,
+    device: DevicesOption = None,
     force: ForceOption = False,
     show: OpenOption = False,
 ) -> None:

@@ -27,7 +27,8 @@ class SequenceOptions:
     workers: int | None = option(
         None,
         "With --frames: worker processes for several recordings "
-        '(pip install "clradar[dataset]"). [default: one after the other, here]',
+        '(pip install "clradar[dataset]"). [default: one for each of several devices, else one '
+        "after the other, here]",
         metavar="N",
         min=1,
     )

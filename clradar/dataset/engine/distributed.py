@@ -32,12 +32,12 @@ from clradar.dataset.engine.part_making import (
     made_with,
     reason_of,
 )
+from clradar.dataset.engine.worker_resources import own_device
 from clradar.dataset.store.folder import Aside
 from clradar.errors import ClusterError, OutputError
 from clradar.files.atomic import write_file
 from clradar.files.failures import shown
 from clradar.files.json_differences import differences
-from clradar.opencl import open_device
 
 WAITING = 2
 """Submitted samples per worker: the one being made, and the next."""
@@ -64,7 +64,7 @@ class Refusal:
 
 def worker_facts(device: str | None) -> dict[str, Any]:
     """Return the versions and the device of the worker that runs this."""
-    return made_with(open_device(device))
+    return made_with(own_device(device))
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from clradar import __version__
+from clradar.dataset.engine.worker_resources import own_device
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import make_sample
@@ -58,7 +59,7 @@ class PartMaker:
         """
         texts: list[str] = []
         try:
-            device = open_device(self.device)
+            device = own_device(self.device)
             with handled_warnings(texts.append):  # for the process that shows them
                 made = make_sample(recipe(self.plan, sample), device, rigs=self.plan.folder)
         except DeviceError:

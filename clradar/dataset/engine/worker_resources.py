@@ -3,10 +3,89 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from dataclasses import dataclass
+from functools import lru_cache
+from getpass import getuser
+from itertools import count
+from pathlib import Path
+from typing import IO
 
-from clradar.errors import ModelError
-from clradar.opencl import DeviceInfo, devices_like
+from clradar.errors import DeviceError, ModelError
+from clradar.files.work_folder import locked
+from clradar.opencl import (
+    Device,
+    DeviceInfo,
+    check_alike,
+    devices_like,
+    open_device,
+    select_devices,
+    several,
+)
+
+_leases: list[IO[bytes]] = []
+"""Of this process: the system lets go of them when it ends, however it ends."""
+
+
+def own_device(device: str | None) -> Device:
+    """Open the device of this process; of several one that no other process here has leased.
+
+    Workers that were started apart, such as those of one `dask worker` for each GPU, find their
+    own by it. If there are more of them than devices, devices get a second one, and so on.
+
+    Parameters
+    ----------
+    device : str or None
+        See `clradar.open_device`; or "all", or names with commas between them.
+    """
+    return open_device(_leased(device) if several(device) else device)
+
+
+@lru_cache(maxsize=4)
+def _leased(device: str | None) -> str:
+    infos = select_devices(device)
+    if len(infos) == 1:
+        return infos[0].selector
+    try:
+        folder = Path(tempfile.gettempdir()) / f"clradar-devices-{getuser()}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        for turn in count():
+            for info in infos:
+                lease = locked(folder / f"{info.selector.replace(':', '-')}.{turn}")
+                if lease is not None:
+                    _leases.append(lease)
+                    return info.selector
+    except OSError as error:
+        raise DeviceError(
+            f"device: cannot lease one of several ({error}); name one for each worker by "
+            "CLRADAR_DEVICE"
+        ) from error
+    raise AssertionError("unreachable")
+
+
+def divided(workers: int | None, device: str | None) -> tuple[int | None, str | None]:
+    """How many worker processes there are, None for none, and on what.
+
+    Where several devices are named, and no number of workers, each gets one.
+
+    Parameters
+    ----------
+    workers : int or None
+    device : str or None
+        See `clradar.open_device`; or "all", or names with commas between them.
+
+    Raises
+    ------
+    DeviceError
+        No such device, or they differ in name or driver.
+    """
+    if not several(device):
+        return workers, device
+    infos = select_devices(device)
+    check_alike(infos, "worker processes")
+    if len(infos) > 1 and workers is None:
+        workers = len(infos)
+    return workers, ",".join(info.selector for info in infos)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,15 +123,15 @@ class WorkerResources:
 def worker_resources(workers: int, device: str | None = None) -> list[WorkerResources]:
     """Assign devices and cores to worker processes.
 
-    GPUs of one kind are assigned in turn, so there may be more workers than GPUs. The cores of a
-    CPU device are divided as equally as possible.
+    Devices of one kind are assigned in turn, so there may be more workers than GPUs. The cores of
+    CPU devices are divided as equally as possible.
 
     Parameters
     ----------
     workers : int
     device : str or None
         See `clradar.open_device`. All devices of the same name and driver are used; a selector such
-        as "0:1" means that one alone.
+        as "0:1" means that one alone, "all" or names with commas those.
 
     Raises
     ------
@@ -61,7 +140,12 @@ def worker_resources(workers: int, device: str | None = None) -> list[WorkerReso
     DeviceError
         No such device.
     """
-    return partition(workers, devices_like(device), own_cores())
+    if several(device):
+        infos = select_devices(device)
+        check_alike(infos, "worker processes")
+    else:
+        infos = devices_like(device)
+    return partition(workers, infos, own_cores())
 
 
 def own_cores() -> list[int]:
@@ -85,8 +169,8 @@ def partition(workers: int, devices: list[DeviceInfo], cores: list[int]) -> list
         )
     found, first = [], 0
     for i in range(workers):
-        count = len(cores) // workers + (i < len(cores) % workers)
-        own = tuple(cores[first : first + count])
-        found.append(WorkerResources(devices[0].selector, own, count))
-        first += count
+        n = len(cores) // workers + (i < len(cores) % workers)
+        own = tuple(cores[first : first + n])
+        found.append(WorkerResources(devices[i % len(devices)].selector, own, n))
+        first += n
     return found
