@@ -156,7 +156,9 @@ class RecordingWork:
         elsewhere = replace(steps, device=None)  # each opens the device that it is given
         if self.workers is not None:
             return each_on_workers(elsewhere.run, left, self.workers, self.device)
-        made = open_devices(self.device).made(_Frame(elsewhere), left)
+        devices = open_devices(self.device)
+        devices.check_alike("the frames of a folder")
+        made = devices.made(_Frame(elsewhere), left)
         return ((left[i], outcome) for i, outcome in made)
 
     def _write(self, steps: FrameSteps, records: Sequence[Mapping[str, Any]]) -> None:
