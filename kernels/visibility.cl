@@ -50,9 +50,7 @@ typedef struct {
 
 /* Rays to the antennas of a bundle go along a main axis, to one side. Their slopes along the two others: */
 typedef struct {
-    float8 a_middle, a_half, b_middle, b_half;    /* of each group */
-    float a_low, a_high, b_low, b_high;           /* of all groups together */
-    float a_centre, a_extent, b_centre, b_extent; /* the same */
+    float8 a_middle, a_half, b_middle, b_half; /* of each group */
 } shafts;
 
 static inline float most8(float8 v) {
@@ -121,17 +119,13 @@ static inline boxes8 boxes_of(const search *s, __global const float *node) {
 }
 
 /* Boxes that a shaft meets. */
-static inline int8 met_by(const boxes8 box, const float a_low, const float a_high, const float b_low,
-                          const float b_high) {
+static inline int8 met_in(const boxes8 box, const slopes of) {
+    const float a_low = of.a_centre - of.a_extent, a_high = of.a_centre + of.a_extent;
+    const float b_low = of.b_centre - of.b_extent, b_high = of.b_centre + of.b_extent;
     return (box.start <= box.end) & (smaller8(box.start * a_low, box.end * a_low) <= box.a_to) &
            (larger8(box.start * a_high, box.end * a_high) >= box.a_from) &
            (smaller8(box.start * b_low, box.end * b_low) <= box.b_to) &
            (larger8(box.start * b_high, box.end * b_high) >= box.b_from);
-}
-
-static inline int8 met_in(const boxes8 box, const slopes of) {
-    return met_by(box, of.a_centre - of.a_extent, of.a_centre + of.a_extent,
-                  of.b_centre - of.b_extent, of.b_centre + of.b_extent);
 }
 
 /* Boxes that are much smaller than the shaft is wide. */
@@ -279,28 +273,72 @@ __attribute__((noinline)) static ulong unblocked_apart(const search *s, const in
     return open;
 }
 
-/* The rays of `open` (bit 8 g + lane) that nothing blocks. */
+/* Lanes whose bits are set. */
+static inline int8 lanes_of(const uint bits) {
+    return ((int8)((int)bits) & (int8)(1, 2, 4, 8, 16, 32, 64, 128)) != 0;
+}
+
+/* The lane of `bits` whose value is the least. */
+static inline uint least_of(const uint bits, const float8 value) {
+    if (!(bits & (bits - 1))) return bits;
+    const float8 among = lanes_of(bits) ? value : (float8)(FLT_MAX);
+    const uint least = lanes8(among == least8(among));
+    return least & -least;
+}
+
+/* Groups with a ray in `open`, as bits. */
+static inline uint groups_of(ulong open) {
+    open |= open >> 4;
+    open |= open >> 2;
+    open |= open >> 1;
+    return (uint)((open & 0x0101010101010101ul) * 0x0102040810204080ul >> 56);
+}
+
+/* Least and most of the slopes of some groups as middle and half the width, wider by what rounding may take. */
+static inline void around(const int8 groups, const float8 middle, const float8 spread,
+                          float *centre, float *extent) {
+    const float low = least8(groups ? middle - spread : (float8)(FLT_MAX));
+    const float high = -least8(groups ? -(middle + spread) : (float8)(FLT_MAX));
+    *centre = 0.5f * (low + high);
+    *extent = 0.5f * (high - low) + 0x1p-20f * larger(absolute(low), absolute(high));
+}
+
+/* Slopes of the rays of some groups together. */
+static inline slopes of_groups(const search *s, const uint groups) {
+    const int8 lanes = lanes_of(groups);
+    slopes all;
+    around(lanes, s->shaft->a_middle, s->shaft->a_half, &all.a_centre, &all.a_extent);
+    around(lanes, s->shaft->b_middle, s->shaft->b_half, &all.b_centre, &all.b_extent);
+    return all;
+}
+
+/* The rays of `open` (bit 8 g + lane) that nothing blocks. Children that end near are visited first: what blocks a
+ * ray there saves what is behind. The shaft is that around the groups that have a ray left. */
 static inline ulong unblocked(const search *s, ulong open) {
-    const shafts *shaft = s->shaft;
-    const slopes all = {shaft->a_centre, shaft->a_extent, shaft->b_centre, shaft->b_extent};
-    /* Nodes, and which of their children are still to be visited. */
+    uint groups = groups_of(open);
+    slopes all = of_groups(s, groups);
+    /* Nodes, which of their children are still to be visited, where they end, and the groups that they were tested
+     * for. */
     int stack[CLR_STACK];
-    uint waiting[CLR_STACK];
+    uint waiting[CLR_STACK], tested[CLR_STACK];
+    float8 end[CLR_STACK];
     int top = 0;
     int child = 0;
     for (;;) {
+        const ulong before = open;
         if (child >= 0) {
             const boxes8 box = boxes_of(s, s->nodes + (size_t)child * NODE_FLOATS);
-            const int8 met = met_by(box, shaft->a_low, shaft->a_high, shaft->b_low, shaft->b_high);
+            const int8 met = met_in(box, all);
             uint hit = lanes8(met);
             const uint small = lanes8(met & small_in(box, all, WIDE_OF_BUNDLE));
             if (small) {
                 open = unblocked_apart(s, child, small, open);
-                if (!open) return 0;
                 hit &= ~small;
             }
             stack[top] = child;
             waiting[top] = hit;
+            tested[top] = groups;
+            end[top] = box.end;
             top += hit != 0;
         } else {
             const shaft_block block = shaft_block_from(s, child);
@@ -313,14 +351,27 @@ static inline ulong unblocked(const search *s, ulong open) {
                     pairs |= (ulong)lanes8(hit & edges_met(&block, of)) << 8 * g;
                 }
                 open = left_open(s, &block, pairs, open);
-                if (!open) return 0;
             }
         }
+        if (open != before) {
+            if (!open) return 0;
+            const uint left = groups_of(open);
+            if (left != groups) all = of_groups(s, left);
+            groups = left;
+        }
+        for (; top && tested[top - 1] != groups; top -= waiting[top - 1] == 0) {
+            const boxes8 box = boxes_of(s, s->nodes + (size_t)stack[top - 1] * NODE_FLOATS);
+            waiting[top - 1] &= lanes8(met_in(box, all));
+            tested[top - 1] = groups;
+        }
         if (top == 0) return open;
-        const uint left = waiting[top - 1], rest = left & (left - 1);
         __global const float *family = s->nodes + (size_t)stack[top - 1] * NODE_FLOATS;
-        child = as_int(family[lowest(left)]);
-        if (rest) fetch_child(s->nodes, s->triangles, as_int(family[lowest(rest)]));
+        const uint left = waiting[top - 1], first = least_of(left, end[top - 1]), rest = left & ~first;
+        child = as_int(family[lowest(first)]);
+        if (rest) {
+            const uint next = least_of(rest, end[top - 1]);
+            fetch_child(s->nodes, s->triangles, as_int(family[lowest(next)]));
+        }
         waiting[top - 1] = rest;
         top -= rest == 0;
     }
@@ -328,14 +379,11 @@ static inline ulong unblocked(const search *s, ulong open) {
 
 /* Interval product: least and most of [low, high] x [c, d], c, d > 0, wider by what rounding may take. */
 static inline void stretch(const float8 low, const float8 high, const float8 c, const float8 d,
-                           float8 *middle, float8 *spread, float *least, float *most) {
+                           float8 *middle, float8 *spread) {
     const float8 least_8 = smaller8(low * c, low * d), most_8 = larger8(high * c, high * d);
     const float8 size = larger8(larger8(least_8, -least_8), larger8(most_8, -most_8));
     *middle = 0.5f * (least_8 + most_8);
     *spread = 0.5f * (most_8 - least_8) + 0x1p-20f * size;
-    const float margin = 0x1p-20f * most8(size);
-    *least = least8(least_8) - margin;
-    *most = most8(most_8) + margin;
 }
 
 /* Directions and distances from o to the antennas of group g; returns those on this side of the face, as bits. */
@@ -457,14 +505,8 @@ static inline void find_visible(const float3 p, const float3 normal, const float
             if (shortest * 8.0f > most8(most_distance)) {
                 const float8 c = 1.0f / farthest, d = 1.0f / nearest;
                 shafts shaft;
-                stretch(low[second], high[second], c, d, &shaft.a_middle, &shaft.a_half, &shaft.a_low,
-                        &shaft.a_high);
-                stretch(low[third], high[third], c, d, &shaft.b_middle, &shaft.b_half, &shaft.b_low,
-                        &shaft.b_high);
-                shaft.a_centre = 0.5f * (shaft.a_low + shaft.a_high);
-                shaft.a_extent = 0.5f * (shaft.a_high - shaft.a_low);
-                shaft.b_centre = 0.5f * (shaft.b_low + shaft.b_high);
-                shaft.b_extent = 0.5f * (shaft.b_high - shaft.b_low);
+                stretch(low[second], high[second], c, d, &shaft.a_middle, &shaft.a_half);
+                stretch(low[third], high[third], c, d, &shaft.b_middle, &shaft.b_half);
                 const float at[3] = {o.x, o.y, o.z};
                 const search what = {nodes, triangles, o, (float3)(at[second], at[third], at[main]),
                                      main, second, third, n_used, sense, longest * (1.0f + 0x1p-20f),
