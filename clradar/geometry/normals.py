@@ -55,15 +55,10 @@ def corner_normals(
     if normals == "face":
         return flat, face_normal
 
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     _, position = np.unique(scene.vertices_m, axis=0, return_inverse=True)
     faces = position.reshape(-1)[scene.faces]
-    n_corners = 3 * len(faces)
     one, other = _smooth_corner_pairs(faces, face_normal, area > 0, np.cos(np.radians(crease_deg)))
-    graph = coo_array((np.ones(len(one), bool), (one, other)), shape=(n_corners, n_corners))
-    _, group = connected_components(graph, directed=False)
+    group = _connected(3 * len(faces), one, other)
     weighted = (_corner_angles(triangles)[:, :, None] * flat).reshape(-1, 3)
     total = np.stack([np.bincount(group, weights=weighted[:, k]) for k in range(3)], axis=1)
     norm = np.linalg.norm(total, axis=1, keepdims=True)
@@ -102,6 +97,26 @@ def _smooth_corner_pairs(
     cosine = np.einsum("ij,ij->i", face_normal[a[:, 0] // 3], face_normal[b[:, 0] // 3])
     smooth = cosine >= cos_crease - 1e-9
     return a[smooth].ravel(), b[smooth].ravel()
+
+
+def _connected(n: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The first corner that each of `n` is connected to by pairs of corners, shape (n,).
+
+    Those around a vertex are few; SciPy's graphs take longer to import than this does.
+    """
+    first = np.arange(n)
+    while True:
+        a, b = first[one], first[other]
+        apart = a != b
+        if not apart.any():
+            return first
+        one, other, a, b = one[apart], other[apart], a[apart], b[apart]
+        np.minimum.at(first, np.maximum(a, b), np.minimum(a, b))
+        while True:
+            further = first[first]
+            if (further == first).all():
+                break
+            first = further
 
 
 def _corner_angles(triangles_m: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ Fourier transforms for nonequispaced data", SIAM J. Sci. Comput. 14 (1993) 1368.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import factorial
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -30,6 +31,9 @@ MOST_SLOTS = 64
 MOST_CYCLES = 2**21
 """Longest path in cycles of the highest frequency. The kernels count cycles, and blocks, of which
 there are up to 1.75 per cycle, in float32 up to 2^22."""
+
+SERIES_TERMS = 12
+"""Of the power series of a Bessel function at `EDGE_PHASE_RAD`: the next is below 1e-20."""
 
 NARROWEST_HZ = 1e6
 """Narrower bands have the blocks of this one, 191 m: in longer ones the powers of a short path's
@@ -95,8 +99,21 @@ def _coefficients(edge_phase_rad: np.ndarray) -> np.ndarray:
     The first terms of the Jacobi-Anger series, exp(-j z x) = J_0(z) + 2 sum_p (-j)^p J_p(z) T_p(x),
     written in powers of x.
     """
-    from scipy.special import jv  # slow to import, and the command line imports this module
-
     order = np.arange(MOMENTS)[:, None]
-    terms = np.where(order == 0, 1, 2) * (-1) ** (order // 2) * jv(order, edge_phase_rad)
+    terms = np.where(order == 0, 1, 2) * (-1) ** (order // 2) * _bessel(edge_phase_rad)
     return _POWERS @ terms
+
+
+def _bessel(z: np.ndarray) -> np.ndarray:
+    """J_p(z) of the first orders, shape (MOMENTS, n), for |z| up to `EDGE_PHASE_RAD`.
+
+    By its power series, which needs few terms there; ``scipy.special`` is slow to import.
+    """
+    squared = -((z / 2) ** 2)
+    rows = []
+    for p in range(MOMENTS):
+        tail = np.ones_like(z)
+        for k in range(SERIES_TERMS, 0, -1):
+            tail = 1 + squared / (k * (k + p)) * tail
+        rows.append((z / 2) ** p / factorial(p) * tail)
+    return np.stack(rows)
