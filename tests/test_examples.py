@@ -218,6 +218,17 @@ def test_tutorial_own_array(folder: Path, output_of: OutputOf) -> None:
     assert is_picture(folder / "own_array.png")
 
 
+def test_tutorial_other_radar(folder: Path, output_of: OutputOf) -> None:
+    _, _, lobe, in_grid, alias, place = output_of("tutorials/7a_other_radar.py")
+    # asin(4.835 mm / 5 mm) = 75.2 degrees.
+    assert numbers(lobe)[0] == 75
+    assert in_grid.startswith("the array has a grating lobe in the grid")
+    assert "is the alias of an echo at" in alias
+    assert numbers(place) == [0, 0, 1]
+    assert is_picture(folder / "other_radar.png")
+    assert is_picture(folder / "cross60.png")
+
+
 def test_tutorial_physical_surfaces(folder: Path, output_of: OutputOf) -> None:
     ball, skin, smooth, rough, rougher = output_of("tutorials/8_physical_surfaces.py")
     theory_dbsm, read_dbsm = numbers(ball)

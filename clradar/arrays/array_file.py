@@ -91,9 +91,9 @@ def read_clusters(path: str | os.PathLike[str]) -> tuple[AntennaArray, ...]:
     ... '''
     >>> _ = Path("two.toml").write_text(rules)
     >>> for array in clradar.arrays.read_clusters("two.toml"):
-    ...     print(array.name, array.n_tx, array.n_rx, array.tx_m.mean(axis=0).round(3))
-    two, cluster 1 of 2 94 94 [-0.1  0.   0. ]
-    two, cluster 2 of 2 94 94 [0.1 0.  0. ]
+    ...     print(f"{array.name}: {array.n_tx} Tx about x = {array.tx_m[:, 0].mean():.1f} m")
+    two, cluster 1 of 2: 94 Tx about x = -0.1 m
+    two, cluster 2 of 2: 94 Tx about x = 0.1 m
     """
     path = Path(path)
     return _arrays(StrictTable(str(path), "", _content(path)), path.stem)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clradar.arrays.lobes import Lobe, lobes
+from clradar.arrays.lobes import DirectionMap, Lobe, lobes
 from clradar.arrays.point_spread import width_m
 from clradar.model import AntennaArray, Waveform, checks
 
@@ -45,6 +45,8 @@ class ArrayFigures:
     """Strongest first."""
     within_deg: float
     """Directions up to this angle to +z were searched."""
+    over_directions: DirectionMap
+    """What was searched: the response at the middle frequency."""
 
 
 def array_figures(
@@ -108,7 +110,7 @@ def array_figures(
     if within > 90 or level >= 0:
         checks.fail("array_figures", "within_deg up to 90, level_db below 0", (within, level))
     frequencies_hz = _chosen(waveform)
-    found = lobes(array, frequencies_hz, focus, within, level)
+    found, over_directions = lobes(array, frequencies_hz, focus, within, level)
     across_m = 2 * float(np.linalg.norm(focus))
     along_m = 0.99 * float(focus[2] - foremost_m)
     width_x, width_y, width_z = (
@@ -122,6 +124,7 @@ def array_figures(
         waveform.unambiguous_range_m,
         found,
         within,
+        over_directions,
     )
 
 

@@ -27,6 +27,24 @@ SHIFTS = 256
 """Ranges at which the echoes of a direction are added up over the band."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class DirectionMap:
+    """The response at one frequency over directions, at the distance of the focus.
+
+    Attributes
+    ----------
+    directions : ndarray, shape (n_y, n_x, 3)
+        Unit vectors, on a lattice of sines.
+    level : ndarray, shape (n_y, n_x)
+        Relative to the focus.
+    frequency_hz : float
+    """
+
+    directions: np.ndarray
+    level: np.ndarray
+    frequency_hz: float
+
+
 @dataclass(frozen=True, slots=True)
 class Lobe:
     """A direction whose echoes the focused array takes for those of its focus.
@@ -66,18 +84,18 @@ def lobes(
     focus_m: np.ndarray,
     within_deg: float,
     least_db: float,
-) -> tuple[Lobe, ...]:
+) -> tuple[tuple[Lobe, ...], DirectionMap]:
     """Maxima of the response over direction and range but for the main lobe, strongest first.
 
     The response at the middle frequency tells where to look; there the echoes of the whole band
-    are added up at the range that suits them, and the maximum is climbed.
+    are added up at the range that suits them, and the maximum is climbed. That response is
+    returned, too.
     """
     from scipy.ndimage import maximum_filter
 
     distance_m = float(np.linalg.norm(focus_m))
-    directions, level, step = response_over_directions(
-        array, float(frequencies_hz[len(frequencies_hz) // 2]), focus_m, within_deg
-    )
+    middle_hz = float(frequencies_hz[len(frequencies_hz) // 2])
+    directions, level, step = response_over_directions(array, middle_hz, focus_m, within_deg)
     # A maximum may be between directions, and another frequency's higher: half the level will do.
     peaks = (level == maximum_filter(level, size=3)) & (level > 10 ** (least_db / 20) / 2)
     order = np.argsort(-level[peaks])[: 5 * MOST_LOBES]
@@ -97,7 +115,8 @@ def lobes(
         # Levels of symmetric lobes differ in their last digits.
         return -round(lobe.level_db, 2), round(lobe.elevation_deg, 2), round(lobe.azimuth_deg, 2)
 
-    return tuple(sorted(found, key=strongest_first)[:MOST_LOBES])
+    strongest = tuple(sorted(found, key=strongest_first)[:MOST_LOBES])
+    return strongest, DirectionMap(directions, level, middle_hz)
 
 
 def _lobe(position_m: np.ndarray, height: float) -> Lobe:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clradar.arrays.figures_of_merit import ArrayFigures
-from clradar.arrays.lobes import response_over_directions
 from clradar.arrays.point_spread import response
 from clradar.model import AntennaArray, Waveform
 from clradar.plot.layout import LABEL_PT, TICK_PT, TITLE_PT, new_figure, printable
@@ -51,7 +50,7 @@ def array_figure(
     figure.suptitle(printable(title or array.name), fontsize=TITLE_PT, fontweight="bold")
     _elements(axes[0, 0], array)
     _virtual(axes[0, 1], array)
-    _directions(axes[1, 0], array, waveform, found)
+    _directions(axes[1, 0], found)
     _cuts(axes[1, 1], array, waveform, found)
     for panel in axes.flat:
         panel.tick_params(labelsize=TICK_PT)
@@ -91,10 +90,8 @@ def _equal_mm(axes: Axes) -> None:
     axes.invert_xaxis()
 
 
-def _directions(axes: Axes, array: AntennaArray, waveform: Waveform, found: ArrayFigures) -> None:
-    directions, level, _ = response_over_directions(
-        array, waveform.center_hz, found.focus_m, found.within_deg
-    )
+def _directions(axes: Axes, found: ArrayFigures) -> None:
+    directions, level = found.over_directions.directions, found.over_directions.level
     level_db = 20 * np.log10(np.maximum(level, 10 ** (-LEVELS_DB / 20)))
     sines = directions[0, :, 0], directions[:, 0, 1]
     if min(level.shape) == 1:  # a line of antennas
@@ -118,7 +115,8 @@ def _directions(axes: Axes, array: AntennaArray, waveform: Waveform, found: Arra
         axes.set_xlabel("sine of the angle along x")
         axes.set_ylabel("sine of the angle along y")
         axes.invert_xaxis()
-    axes.set_title(f"response at {waveform.center_hz / 1e9:g} GHz; circles: lobes of the band")
+    at_ghz = found.over_directions.frequency_hz / 1e9
+    axes.set_title(f"response at {at_ghz:.4g} GHz; circles: lobes of the band")
 
 
 def _cuts(axes: Axes, array: AntennaArray, waveform: Waveform, found: ArrayFigures) -> None:

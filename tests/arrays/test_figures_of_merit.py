@@ -59,6 +59,25 @@ def test_grating_lobes_are_where_the_grating_equation_has_them(sine: float) -> N
     assert [own.level_db for own in found.lobes] == pytest.approx(len(sines) * [0.0], abs=0.01)
 
 
+@pytest.mark.parametrize(("hz", "wavelengths"), [(24e9, 1.2), (60e9, 1.0), (77e9, 1.5), (140e9, 2)])
+def test_arrays_at_other_bands_have_the_lobes_and_the_range_of_theory(
+    hz: float, wavelengths: float
+) -> None:
+    """A band of 2 %: sin = lambda / d at its middle, and the level of the sum over the band of the
+    array factors there, which the lobe's own range makes as large as it can be."""
+    spacing_m, n = wavelengths * C / hz, 8
+    band = clradar.Waveform.sfcw(0.99 * hz, 1.01 * hz, 16)
+    found = array_figures(line(n, spacing_m), band, (0, 0, FAR_M), level_db=-3)
+    strongest = found.lobes[0]
+    sine = abs(np.sin(np.deg2rad(strongest.azimuth_deg)))
+    assert sine == pytest.approx(1 / wavelengths, abs=0.01)
+    x_m = spacing_m * (np.arange(n) - (n - 1) / 2)
+    phase = 2 * np.pi / C * np.outer(band.frequencies_hz - hz, x_m) / wavelengths
+    level = np.abs(np.exp(1j * phase).mean())
+    assert strongest.level_db == pytest.approx(20 * np.log10(level), abs=0.1)
+    assert found.unambiguous_range_m == pytest.approx(C / (2 * 0.02 * hz / 15), rel=1e-9)
+
+
 def test_the_width_in_range_is_that_of_the_band() -> None:
     """sinc: 0.886 c / (2 B), with B of the whole steps that the sum stands for."""
     one = clradar.AntennaArray([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]])

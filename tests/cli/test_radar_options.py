@@ -31,6 +31,7 @@ WITHOUT = {
     "background": OWN,
     "channels": OWN,
     "correct": OWN,
+    "process": OWN,
     "diagnose": OWN,
     "inspect": OWN,
     "compare": "nothing is simulated",
