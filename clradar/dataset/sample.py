@@ -24,6 +24,11 @@ from clradar.impairments.environment import Wall, room_capture
 from clradar.impairments.impair import impair
 from clradar.model import AntennaArray, Capture, Scene, VoxelGrid, Waveform
 from clradar.model.material_file import material_of
+from clradar.motion.bodies import MovingScene
+from clradar.motion.hands import MovingHand
+from clradar.motion.rigid import RigidMotion
+from clradar.motion.sweep import simulate_moving
+from clradar.motion.timing import SweepTiming
 from clradar.opencl import Device
 from clradar.simulation import simulate
 
@@ -143,7 +148,8 @@ def _recipe(given: Mapping[str, Any] | str | bytes) -> Mapping[str, Any]:
 def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders) -> Sample:
     products = recipe["products"]
     arrays: dict[str, np.ndarray] = {}
-    mesh = placed_hand(recipe, device, rigs)
+    hand = moving_hand(recipe, device) if "movement" in recipe else None
+    mesh = placed_hand(recipe, device, rigs) if hand is None else _in_the_middle(hand, recipe)
     if "joints" in products:
         arrays["joints"] = mesh.joints_m
     if "mesh" in products:
@@ -153,7 +159,7 @@ def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders)
     image = recipe.get("image")
     if image is None and "capture" not in products:
         return Sample(recipe, arrays)
-    capture = recorded_capture(recipe, scene_of(mesh, recipe), device)
+    capture = recorded_capture(recipe, hand or scene_of(mesh, recipe), device)
     if "capture" in products:
         arrays["capture"] = capture.data
     if image is not None:
@@ -197,6 +203,48 @@ def placed_hand(
     matrix = rotation(place["rotation_rad"])
     centre_m = np.asarray(place["center_m"])
     return mesh.moved(matrix, centre_m)
+
+
+def moving_hand(recipe: Mapping[str, Any], device: Device | str | None = None) -> MovingHand:
+    """Return the hand of the sequence that a sample is a frame of."""
+    from scipy.spatial.transform import Rotation
+
+    hand, place, movement = recipe["hand"], recipe["placement"], recipe["movement"]
+    first, last = (pose_of(record) for record in movement["poses"])
+    begin = Rotation.from_matrix(rotation(place["rotation_rad"]))
+    end = Rotation.from_matrix(rotation(movement["rotation_rad"])) * begin
+    times_s = (0.0, movement["duration_s"])
+    motion = RigidMotion(
+        times_s,
+        [(0.0, 0.0, 0.0), movement["shift_m"]],
+        [begin.as_rotvec(), end.as_rotvec()],
+        about_m=place["center_m"],
+        profile="smooth",
+    )
+    return MovingHand(
+        times_s,
+        [first, last],
+        motion=motion,
+        center_m=place["center_m"],
+        shape=shape_of(hand["shape"]),
+        edge_length_m=hand["edge_length_m"],
+        handedness=hand["handedness"],
+        device=device,
+    )
+
+
+def _in_the_middle(hand: MovingHand, recipe: Mapping[str, Any]) -> HandMesh:
+    """The hand in the middle of a frame's sweep."""
+    timing, start_s = _timing(recipe), recipe["movement"]["start_s"]
+    return hand.mesh(0.5 * ((timing.begin_s + start_s) + (timing.end_s + start_s)))
+
+
+def _timing(recipe: Mapping[str, Any]) -> SweepTiming:
+    array, waveform = recipe_radar(recipe)
+    movement = recipe["movement"]
+    return SweepTiming.in_order(
+        array.n_tx, waveform.n_freq, step_s=movement["step_s"], order=movement["order"]
+    )
 
 
 def posed_rig(
@@ -273,20 +321,31 @@ def scene_of(mesh: HandMesh, recipe: Mapping[str, Any]) -> Scene:
         mesh.vertices_m, mesh.faces, part=mesh.part, part_names=mesh.part_names,
         normals=mesh.normals, texture_m=mesh.texture_m,
     )  # fmt: skip
+    return _with_surface(scene, recipe)
+
+
+def _with_surface(scene: Scene, recipe: Mapping[str, Any]) -> Scene:
     if "material" in recipe:
-        own = {name: material_of(recipe["material"][name]) for name in mesh.part_names}
+        own = {name: material_of(recipe["material"][name]) for name in scene.part_names}
         return scene.with_material(own)
-    return scene.with_alpha({name: recipe["alpha"][name] for name in mesh.part_names})
+    return scene.with_alpha({name: recipe["alpha"][name] for name in scene.part_names})
 
 
 def recorded_capture(
-    recipe: Mapping[str, Any], scene: Scene, device: Device | str | None
+    recipe: Mapping[str, Any], scene: Scene | MovingHand, device: Device | str | None
 ) -> Capture:
     """Return the simulated capture of a scene, with the impairments of the recipe."""
     array, waveform = recipe_radar(recipe)
     # Recipes that do not say it are older than curved faces.
     settings = {"facets": "flat", **recipe["simulation"]}
-    capture = simulate(scene, array, waveform, device=device, **settings)
+    if isinstance(scene, MovingHand):
+        moving = MovingScene([scene], lambda own: _with_surface(own, recipe))
+        capture = simulate_moving(
+            moving, array, waveform, timing=_timing(recipe),
+            start_s=recipe["movement"]["start_s"], device=device, **settings,
+        )  # fmt: skip
+    else:
+        capture = simulate(scene, array, waveform, device=device, **settings)
     impairments = recipe.get("impairments")
     if not impairments:
         return capture
@@ -297,7 +356,7 @@ def recorded_capture(
     if impairments.get("walls"):
         walls = [Wall(**wall) for wall in impairments["walls"]]
         errors["room"] = room_capture(array, waveform, walls)
-    return impair(capture, **errors)
+    return impair(capture, **errors, frame=recipe.get("movement", {}).get("frame", 0))
 
 
 def recipe_radar(recipe: Mapping[str, Any]) -> tuple[AntennaArray, Waveform]:

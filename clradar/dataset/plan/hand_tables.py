@@ -1,4 +1,4 @@
-"""The tables [poses], [hands], [placement] and alpha of a plan."""
+"""The tables [poses], [hands], [placement], [movement] and alpha of a plan."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from clradar.dataset.plan.draws import Draw, fixed
 from clradar.dataset.plan.hand_json import pose_of, shape_of
-from clradar.dataset.plan.plan import Alpha, Hands, Placement, Poses, RigFile
+from clradar.dataset.plan.plan import Alpha, Hands, MovementPlan, Placement, Poses, RigFile
 from clradar.dataset.plan.table import PlanTable
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import clean
@@ -24,8 +24,10 @@ from clradar.hand import (
     pose_by_name,
     read_pose,
 )
+from clradar.hand.movement import RATE_HZ
 from clradar.hand.sampler import MOST_SPREAD_DEG, SPREAD_DEG
 from clradar.hand.shape import BREADTH_LIMITS_M, FACTOR_LIMITS, LENGTH_LIMITS_M
+from clradar.motion.timing import ORDERS, STEP_S
 
 POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
 """Names of sets of poses."""
@@ -37,6 +39,7 @@ NEAREST_MM, FARTHEST_MM = 100.0, 3000.0
 """Limits of the centre of a hand along z."""
 
 SIDE_MM = 1000.0
+MOST_FRAMES = 10_000
 
 
 def poses_of(table: PlanTable, folder: Path) -> Poses:
@@ -213,6 +216,25 @@ def placement_of(table: PlanTable) -> Placement:
         rotation_x_deg=table.draw("rotation_x_deg", zero, -360.0, 360.0),
         rotation_y_deg=table.draw("rotation_y_deg", zero, -360.0, 360.0),
         rotation_z_deg=table.draw("rotation_z_deg", zero, -360.0, 360.0),
+    )
+    table.done()
+    return found
+
+
+def movement_of(table: PlanTable) -> MovementPlan:
+    zero = fixed(0.0)
+    found = MovementPlan(
+        frames=table.whole("frames", 8, 2, MOST_FRAMES),
+        rate_hz=table.number("rate_hz", RATE_HZ, 0.0, 1e6, above=True),
+        poses=table.one_of("poses", "next", ("next", "stay")),
+        x_mm=table.draw("x_mm", zero, -SIDE_MM, SIDE_MM),
+        y_mm=table.draw("y_mm", zero, -SIDE_MM, SIDE_MM),
+        z_mm=table.draw("z_mm", zero, -SIDE_MM, SIDE_MM),
+        rotation_x_deg=table.draw("rotation_x_deg", zero, -360.0, 360.0),
+        rotation_y_deg=table.draw("rotation_y_deg", zero, -360.0, 360.0),
+        rotation_z_deg=table.draw("rotation_z_deg", zero, -360.0, 360.0),
+        order=table.one_of("order", "tx", ORDERS),
+        step_us=table.number("step_us", 1e6 * STEP_S, 0.0, 1e6),
     )
     table.done()
     return found

@@ -253,6 +253,36 @@ class Output:
 
 
 @dataclass(frozen=True, slots=True)
+class MovementPlan:
+    """The table [movement]: consecutive samples are the frames of a sequence.
+
+    Attributes
+    ----------
+    frames : int
+        Of a sequence.
+    rate_hz : float
+    poses : "next" or "stay"
+        The hand goes from its pose to another, drawn like it, until the last frame; or keeps it.
+    x_mm, ..., rotation_z_deg : Draw
+        How far the hand has moved and turned in the last frame.
+    order, step_us : str, float
+        When samples are recorded, as `clradar.SweepTiming.in_order` takes them.
+    """
+
+    frames: int
+    rate_hz: float
+    poses: str
+    x_mm: Draw
+    y_mm: Draw
+    z_mm: Draw
+    rotation_x_deg: Draw
+    rotation_y_deg: Draw
+    rotation_z_deg: Draw
+    order: str
+    step_us: float
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """The plan of a data set with all defaults filled in, as `read_plan` returns it.
 
@@ -264,6 +294,7 @@ class Plan:
         None with the physical estimator.
     material : PlanMaterials or None
         Of the physical estimator.
+    movement : MovementPlan or None
     folder : Path
         What the names of rig files are relative to. It does not count in comparisons: the same
         plan in another folder is equal.
@@ -292,6 +323,7 @@ class Plan:
     image: Image
     output: Output
     material: PlanMaterials | None = None
+    movement: MovementPlan | None = None
     folder: Path = field(default=Path(), compare=False)
 
     @property

@@ -7,7 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from clradar.dataset.plan.hand_tables import alpha_of, hands_of, placement_of, poses_of
+from clradar.dataset.plan.hand_tables import (
+    alpha_of,
+    hands_of,
+    movement_of,
+    placement_of,
+    poses_of,
+)
 from clradar.dataset.plan.material_table import materials_of
 from clradar.dataset.plan.plan import PRODUCTS, Output, Plan
 from clradar.dataset.plan.radar_tables import (
@@ -80,9 +86,10 @@ def plan_from(parsed: Mapping[str, Any], source: str, folder: Path) -> Plan:
         image=image_of(top.table("image")),
         output=_output(top.table("output")),
         material=materials_of(top, folder) if physical else None,
+        movement=movement_of(top.table("movement")) if top.has("movement") else None,
         folder=folder.absolute(),
     )
-    top.done(("alpha", "material"))
+    top.done(("alpha", "material", "movement"))
     if not mistakes:
         _check_together(top, plan)
     if mistakes:
@@ -145,6 +152,12 @@ def _check_together(top: PlanTable, plan: Plan) -> None:
             "a product that they change (capture, volume, max_projection or depth_map)",
             ", ".join(plan.output.products),
         )
+    if plan.movement is not None:
+        if plan.samples % plan.movement.frames:
+            expected = f"a multiple of movement.frames, {plan.movement.frames}"
+            top.mistake("samples", expected, f"{plan.samples}")
+        if plan.hands.rigs:
+            top.mistake("movement", "hands without rigs", "hands.rigs")
     if plan.keeps_images:
         _check_hands_are_imaged(top, plan)
 

@@ -13,11 +13,13 @@ from clradar.dataset.plan.plan import (
     ChannelErrors,
     Hands,
     Impairments,
+    MovementPlan,
     PartMaterial,
     Plan,
     Poses,
     RigFile,
 )
+from clradar.dataset.plan.radar_tables import plan_array
 from clradar.hand import (
     PART_NAMES,
     HandPose,
@@ -27,10 +29,14 @@ from clradar.hand import (
     random_pose,
     random_shape,
 )
+from clradar.hand.movement import minimum_jerk
 from clradar.model import checks
 from clradar.model.material_file import material_record
 
 VERSION = 1
+MOVING_VERSION = 2
+"""Of recipes of frames of a sequence, which older programs would take for still hands."""
+
 SEED_BITS = 63
 
 Recipe = dict[str, Any]
@@ -62,11 +68,16 @@ def recipe(plan: Plan, index: int) -> Recipe:
     ('B', 'right', [0.0, 0.0, 0.3])
     """
     index = checks.whole("sample", index, 0, plan.samples - 1)
-    drawn = _Drawn(plan.seed, index)
+    # All frames of a sequence have the draws of the sequence.
+    number = _number(plan, index)
+    drawn = _Drawn(plan.seed, number)
+    pose = _pose(plan.poses, drawn, number)
+    movement = {} if plan.movement is None else _movement(plan, plan.movement, drawn, pose, index)
     return {
-        "version": VERSION,
+        "version": VERSION if plan.movement is None else MOVING_VERSION,
         "sample": index,
-        "pose": pose_record(_pose(plan.poses, drawn, index)),
+        "pose": pose_record(_pose_of_sample(plan, index)),
+        **movement,
         "hand": _hand(plan.hands, drawn),
         "placement": _placement(plan, drawn),
         **_surface(plan, drawn),
@@ -86,8 +97,65 @@ def recipe(plan: Plan, index: int) -> Recipe:
 
 def pose_and_hand(plan: Plan, index: int) -> tuple[str, str]:
     """Return the name of the pose and the handedness of sample `index`, as its recipe has them."""
-    drawn = _Drawn(plan.seed, index)
-    return _pose(plan.poses, drawn, index).name, _side_and_rig(plan.hands, drawn)[0]
+    drawn = _Drawn(plan.seed, _number(plan, index))
+    return _pose_of_sample(plan, index).name, _side_and_rig(plan.hands, drawn)[0]
+
+
+def _number(plan: Plan, index: int) -> int:
+    """What a sample's draws are numbered by: itself, or its sequence."""
+    return index if plan.movement is None else index // plan.movement.frames
+
+
+def _pose_of_sample(plan: Plan, index: int) -> HandPose:
+    """The pose of a sample; of a frame of a sequence that in the middle of its sweep."""
+    number = _number(plan, index)
+    drawn = _Drawn(plan.seed, number)
+    pose = _pose(plan.poses, drawn, number)
+    if plan.movement is None:
+        return pose
+    movement, radar = plan.movement, plan.radar
+    last = _last_pose(plan, movement, drawn, pose)
+    slots = plan_array(radar.array, radar.every).n_tx * radar.steps
+    middle_s = index % movement.frames / movement.rate_hz + 0.5e-6 * (slots - 1) * movement.step_us
+    share = minimum_jerk(min(1.0, middle_s * movement.rate_hz / (movement.frames - 1)))
+    if last == pose or share in (0.0, 1.0):
+        return last if share == 1.0 else pose
+    return interpolate_poses(pose, last, share)
+
+
+def _last_pose(plan: Plan, movement: MovementPlan, drawn: _Drawn, first: HandPose) -> HandPose:
+    if movement.poses == "stay":
+        return first
+    random = drawn.stream("movement.pose")
+    if plan.poses.kind == "sampler":
+        return random_pose(random)
+    poses = plan.poses.poses
+    return poses[int(random.integers(len(poses)))]
+
+
+def _movement(
+    plan: Plan, movement: MovementPlan, drawn: _Drawn, first: HandPose, index: int
+) -> Recipe:
+    def three(keys: tuple[str, str, str]) -> list[float]:
+        return [drawn.number(f"movement.{key}", getattr(movement, key)) for key in keys]
+
+    shift_mm = three(("x_mm", "y_mm", "z_mm"))
+    turn_deg = three(("rotation_x_deg", "rotation_y_deg", "rotation_z_deg"))
+    frame = index % movement.frames
+    last = _last_pose(plan, movement, drawn, first)
+    return {
+        "movement": {
+            "sequence": index // movement.frames,
+            "frame": frame,
+            "start_s": frame / movement.rate_hz,
+            "duration_s": (movement.frames - 1) / movement.rate_hz,
+            "poses": [pose_record(first), pose_record(last)],
+            "shift_m": [value / 1e3 for value in shift_mm],
+            "rotation_rad": [float(np.deg2rad(value)) for value in turn_deg],
+            "order": movement.order,
+            "step_s": movement.step_us * 1e-6,
+        }
+    }
 
 
 class _Drawn:

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from clradar.dataset.store.folder import Manifest, read_manifest
+from clradar.dataset.store.shard_reader import opened_shard
 from clradar.files.failures import fail
+from clradar.model import checks
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +32,28 @@ class Index:
         ends = np.cumsum(self.counts)
         shard = int(np.searchsorted(ends, position, side="right"))
         return self.files[shard], position - int(ends[shard]) + self.counts[shard]
+
+    def sequences(self, function: str) -> np.ndarray:
+        """Return the positions of the samples of all whole sequences, shape (n, n_frames).
+
+        Raises
+        ------
+        ModelError
+            The data set has no sequences.
+        """
+        movement = self.manifest.plan.movement
+        if movement is None:
+            checks.fail(f"{function}: sequences", "a data set whose plan has [movement]", "none")
+        samples: list[int] = []
+        for path in self.files:
+            with opened_shard(path) as file:
+                samples += file["entry/labels/sample"][:].tolist()
+        place = {sample: position for position, sample in enumerate(samples)}
+        frames = movement.frames
+        firsts = sorted(sample for sample in samples if sample % frames == 0)
+        wanted = [range(first, first + frames) for first in firsts]
+        whole = [[place[s] for s in own] for own in wanted if all(s in place for s in own)]
+        return np.array(whole, dtype=np.int64).reshape(-1, frames)
 
 
 def read_index(folder: str | os.PathLike[str]) -> Index:

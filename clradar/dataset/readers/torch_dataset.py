@@ -15,7 +15,7 @@ from clradar.dataset.plan.plan import PRODUCTS
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.readers.index import read_index
 from clradar.dataset.store.shard_reader import opened_shard
-from clradar.dataset.store.shard_schema import FIELDS, labels_of
+from clradar.dataset.store.shard_schema import FIELDS, OF_SEQUENCES, labels_of
 from clradar.errors import ClradarError
 from clradar.model import checks
 
@@ -39,6 +39,9 @@ class TorchDataset:
         plan.
     transform : callable, optional
         Applied to each dictionary.
+    sequences : bool
+        Of a data set whose plan has [movement]: an item is a sequence, and each value has its
+        frames along a first axis. Sequences that lack a frame are left out.
 
     Attributes
     ----------
@@ -75,25 +78,30 @@ class TorchDataset:
         folder: str | os.PathLike[str],
         names: Sequence[str] = ("max_projection", "pose"),
         transform: Callable[[dict[str, Any]], Any] | None = None,
+        *,
+        sequences: bool = False,
     ) -> None:
         self._index = read_index(folder)
+        self._rows = self._index.sequences("TorchDataset") if sequences else None
         plan = self._index.manifest.plan
         self.poses = tuple(pose.name for pose in plan.poses.poses)
         self._names, self._transform = tuple(names), transform
         numbers = [n for n, label in labels_of(recipe(plan, 0)).items() if label.axes]
         arrays = [n for n in PRODUCTS if n in plan.output.products and n in FIELDS]
         known = [*arrays, *numbers, "handedness", "sample"]
-        if plan.poses.kind == "list":
+        if plan.movement is not None:
+            known += OF_SEQUENCES
+        if plan.poses.kind == "list" and (plan.movement is None or plan.movement.poses == "stay"):
             known.append("pose")
         for name in self._names:
             checks.one_of("TorchDataset: names", name, tuple(known))
         self._open: OrderedDict[Path, tuple[ExitStack, Any]] = OrderedDict()
 
     def __len__(self) -> int:
-        return len(self._index)
+        return len(self._index) if self._rows is None else len(self._rows)
 
     def __getitem__(self, position: int) -> Any:
-        """Return the sample at a position, negative ones from the end.
+        """Return the sample or sequence at a position, negative ones from the end.
 
         Raises
         ------
@@ -109,9 +117,12 @@ class TorchDataset:
         at = position + len(self) if position < 0 else position
         if not 0 <= at < len(self):
             raise IndexError(f"position {position} of a data set of {len(self)} samples")
-        path, row = self._index.locate(at)
-        file = self._file(path)
-        sample = {name: torch.as_tensor(self._value(file, name, row)) for name in self._names}
+        if self._rows is None:
+            values = self._values(at)
+        else:
+            frames = [self._values(int(frame)) for frame in self._rows[at]]
+            values = {name: np.stack([own[name] for own in frames]) for name in self._names}
+        sample = {name: torch.as_tensor(value) for name, value in values.items()}
         return sample if self._transform is None else self._transform(sample)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -121,6 +132,11 @@ class TorchDataset:
         """Close the files; the next sample opens them again."""
         while self._open:
             self._open.popitem()[1][0].close()
+
+    def _values(self, position: int) -> dict[str, Any]:
+        path, row = self._index.locate(position)
+        file = self._file(path)
+        return {name: self._value(file, name, row) for name in self._names}
 
     def _value(self, file: Any, name: str, row: int) -> Any:
         if name == "sample":

@@ -30,13 +30,16 @@ NAMES = ("pose", "handedness", "rig")
 INSTALL = "pip install 'clradar[dataset]'"
 
 
-def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
+def open_dataset(folder: str | os.PathLike[str], *, sequences: bool = False) -> xarray.Dataset:
     """Return a data set with its axes, units and labels.
 
     Parameters
     ----------
     folder : path-like
         A data set, as ``clradar dataset`` writes it, complete or not.
+    sequences : bool
+        Of a data set whose plan has [movement]: along `sequence` and `frame` instead of `sample`;
+        without meshes, and without sequences that lack a frame.
 
     Returns
     -------
@@ -78,6 +81,7 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
             f"open_dataset: expected xarray and dask, got {error}; {INSTALL}"
         ) from error
     index = read_index(folder)
+    whole = index.sequences("open_dataset") if sequences else None
     shards = _Shards(index)
     with opened_shard(index.files[0]) as file:
         coordinates = _coordinates(file)
@@ -95,7 +99,23 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
     for name in NAMES:
         texts = shards.whole(f"entry/labels/{name}")
         coordinates[name] = ("sample", np.char.decode(texts, "utf-8"))
-    return xarray.Dataset(variables, coordinates, _attributes(index.manifest))
+    view = xarray.Dataset(variables, coordinates, _attributes(index.manifest))
+    return view if whole is None else _sequences(view, whole)
+
+
+def _sequences(view: xarray.Dataset, whole: np.ndarray) -> xarray.Dataset:
+    """The samples at positions (n, n_frames) along `sequence` and `frame`."""
+    meshes = [name for name in view.variables if str(name).startswith("mesh_")]
+    kept = view.drop_vars([*meshes, "sequence", "frame"]).isel(sample=whole.reshape(-1))
+    numbers = kept["sample"].values.reshape(whole.shape)
+    split = kept.drop_vars("sample").coarsen(sample=whole.shape[1])
+    made = split.construct(sample=("sequence", "frame"))
+    made = made.assign_coords(
+        sample=(("sequence", "frame"), numbers),
+        sequence=numbers[:, 0] // whole.shape[1],
+        frame=np.arange(whole.shape[1]),
+    )
+    return made.assign_attrs(view.attrs)
 
 
 def _coordinates(file: Any) -> dict[str, Any]:

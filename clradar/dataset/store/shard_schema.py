@@ -119,6 +119,9 @@ LABELS: Mapping[str, Label] = {
     "roughness_rms_m": Label(("part",), "m", "RMS height of the roughness"),
     "correlation_length_m": Label(("part",), "m", "of the roughness; NaN: smooth"),
     "coating_thickness_m": Label(("part",), "m", "of the coating; NaN: none"),
+    "sequence": Label((), None, "number of the sequence of frames"),
+    "frame": Label((), None, "number of the frame in its sequence"),
+    "time_s": Label((), "s", "when the frame begins in its sequence"),
     "recipe": Label((), None, "all that the sample is made of, JSON"),
     "made_with": Label((), None, "versions and device, JSON"),
 }
@@ -128,9 +131,15 @@ OF_MATERIALS = ("roughness_rms_m", "correlation_length_m", "coating_thickness_m"
 """Labels of samples of the physical estimator, which have no "alpha"."""
 
 
+OF_SEQUENCES = ("sequence", "frame", "time_s")
+"""Labels of samples that are frames of a sequence."""
+
+
 def labels_of(recipe: Mapping[str, Any]) -> dict[str, Label]:
     """Return those of `LABELS` that a sample has."""
-    others = ("alpha",) if "material" in recipe else OF_MATERIALS
+    others: tuple[str, ...] = ("alpha",) if "material" in recipe else OF_MATERIALS
+    if "movement" not in recipe:
+        others += OF_SEQUENCES
     return {name: label for name, label in LABELS.items() if name not in others}
 
 
@@ -145,6 +154,18 @@ def label_values(recipes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "center_m": np.array([r["placement"]["center_m"] for r in recipes]),
         "rotation_rad": np.array([r["placement"]["rotation_rad"] for r in recipes]),
         **_surface_labels(recipes),
+        **_sequence_labels(recipes),
+    }
+
+
+def _sequence_labels(recipes: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
+    if "movement" not in recipes[0]:
+        return {}
+    moving = [r["movement"] for r in recipes]
+    return {
+        "sequence": np.array([own["sequence"] for own in moving], dtype=np.int64),
+        "frame": np.array([own["frame"] for own in moving], dtype=np.int32),
+        "time_s": np.array([own["start_s"] for own in moving], dtype=np.float64),
     }
 
 

@@ -1,0 +1,90 @@
+"""Data sets of moving hands: consecutive samples are the frames of a sequence."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from dataset_plans import DEVICE, tiny
+
+import clradar
+from clradar.dataset import TorchDataset, make_sample, open_dataset, recipe, run
+from clradar.dataset.plan.hand_json import pose_of
+from clradar.dataset.plan.plan_json import plan_record
+from clradar.dataset.plan.reader import plan_from
+from clradar.dataset.plan.table import PlanError
+from clradar.dataset.sample import moving_hand
+from clradar.dataset.store.check import check_dataset
+from clradar.hand import JOINT_NAMES
+
+MOVEMENT = {"frames": 3, "rate_hz": 10, "z_mm": 30, "rotation_y_deg": {"uniform": [10, 20]}}
+OUTPUT = {"shard_size": 4, "products": ["max_projection", "joints", "mesh"]}
+
+
+def plan(**movement: object) -> clradar.dataset.Plan:
+    tables = tiny(samples=6, movement={**MOVEMENT, **movement}, output=OUTPUT)
+    return plan_from(tables, "plan.toml", Path())
+
+
+def test_frames_share_the_draws_of_their_sequence() -> None:
+    found = plan()
+    assert plan_from(plan_record(found), "manifest", Path()) == found
+    recipes = [recipe(found, i) for i in range(6)]
+    assert [r["movement"]["sequence"] for r in recipes] == [0, 0, 0, 1, 1, 1]
+    assert [r["movement"]["start_s"] for r in recipes[3:]] == [0.0, 0.1, 0.2]
+    for key in ("hand", "placement", "alpha", "simulation"):
+        assert recipes[3][key] == recipes[5][key] != recipes[0][key]
+    hand = moving_hand(recipes[4])
+    moved_m = hand.transform(0.2)[:3, 3] - hand.transform(0.0)[:3, 3]
+    assert moved_m[2] == pytest.approx(0.03, abs=0.03)
+    assert hand.motion is not None
+    about = (*recipes[4]["placement"]["center_m"], 1.0)
+    assert hand.motion.at(0.2) @ about == pytest.approx(np.add(about, (0, 0, 0.03, 0)))
+    # The label is the pose in the middle of the sweep.
+    slots = 12 * 16
+    middle_s = 0.1 + 0.5 * (slots - 1) * 2.5e-6
+    wanted, labelled = hand.pose(middle_s), pose_of(recipes[4]["pose"])
+    for joint in JOINT_NAMES:
+        assert labelled.angles(joint).degrees() == pytest.approx(wanted.angles(joint).degrees())
+
+
+@pytest.mark.parametrize(
+    ("samples", "movement", "said"),
+    [
+        (5, {}, "samples: expected a multiple of movement.frames, 3, got 5"),
+        (6, {"frames": 1}, "movement.frames: expected a whole number from 2"),
+        (6, {"order": "rx"}, "movement.order"),
+        (6, {"shift_mm": 3}, "movement.shift_mm: unknown key"),
+    ],
+)
+def test_mistakes_name_the_key(samples: int, movement: dict[str, object], said: str) -> None:
+    tables = tiny(samples=samples, movement={**MOVEMENT, **movement})
+    with pytest.raises(PlanError, match=said):
+        plan_from(tables, "plan.toml", Path())
+
+
+@pytest.mark.filterwarnings("ignore:.*grating lobes")
+def test_readers_give_sequences_along_their_frames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "moving"
+    run(plan(step_us=20), folder, device=DEVICE)
+    assert check_dataset(folder).problems == ()
+    flat, view = open_dataset(folder), open_dataset(folder, sequences=True)
+    assert flat.frame.values.tolist() == [0, 1, 2, 0, 1, 2]
+    assert view.max_projection.dims[:2] == ("sequence", "frame")
+    assert view.joints.shape == (2, 3, 25, 3)
+    assert np.array_equal(view.max_projection.values[1, 2], flat.max_projection.values[5])
+    assert view.sample.values.tolist() == [[0, 1, 2], [3, 4, 5]]
+    again = make_sample(flat.recipe.values[4], DEVICE)
+    assert np.array_equal(again.arrays["max_projection"], flat.max_projection.values[4])
+    wrist_m = view.joints.sel(joint="wrist", sequence=0).values
+    assert wrist_m[2, 2] - wrist_m[0, 2] > 0.01
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(as_tensor=np.asarray))
+    data = TorchDataset(folder, ("joints", "frame"), sequences=True)
+    assert len(data) == 2
+    assert data[1]["joints"].shape == (3, 25, 3)
+    assert data[1]["frame"].tolist() == [0, 1, 2]
