@@ -252,5 +252,14 @@ def test_tutorial_hand_from_capture(folder: Path, output_of: OutputOf) -> None:
     assert is_picture(folder / "hand_from_capture.png")
 
 
+@pytest.mark.slow
+def test_tutorial_moving_hand(folder: Path, output_of: OutputOf) -> None:
+    rests, moves, way, alike = output_of("tutorials/10_moving_hand.py")[-4:]
+    assert numbers(rests)[1] < numbers(moves)[1]
+    assert numbers(way)[0] > 5.0
+    assert numbers(alike)[0] < 0.95
+    assert is_picture(folder / "moving_hand.png")
+
+
 def is_picture(path: Path) -> bool:
     return path.read_bytes().startswith(b"\x89PNG")
