@@ -141,11 +141,10 @@ class Tracer(LitSurface):
             self._buffers.release(buffer)
         self._capacity, self._appended, self._sorted = 0, [], []
         # The phasor sum reads eight paths at a time.
-        least = max(8, capacity)
-        self._appended = [self._buffers.empty(n * least) for n in (8, 16)]
-        self._sorted = [self._buffers.empty(n * least) for n in (4, 4, 4, 8, 4)]
-        for buffer, kind in zip(self._sorted[3:], (np.float64, np.float32), strict=True):
-            self._buffers.write(buffer, np.zeros(8, kind))
+        least, buffers = max(8, capacity), self._buffers
+        self._appended = [buffers.empty(n * least) for n in (8, 16)]
+        self._sorted = [buffers.empty(4 * least) for _ in range(3)]
+        self._sorted += [buffers.zeros(n * least) for n in (8, 4)]
         self._capacity = capacity
 
     def tiles(self, progress: Progress | None = None) -> Iterator[Receptions]:
