@@ -1,6 +1,6 @@
 """Error of `method="fast"` over drawn arrays, waveforms, grids and tolerances.
 
-    .venv/bin/python benchmarks/fast_accuracy.py [--cases 200] [--seed 0] [--width 1] [--json FILE]
+    .venv/bin/python benchmarks/fast_accuracy.py [--cases 200] [--seed 0] [--width 1]
 
 Every case is drawn from its own number, so that one that fails can be run again (`--only N`).
 Error: RMS over random voxels of the difference to the exact sum, in float64, relative to the RMS of
@@ -21,7 +21,7 @@ import numpy as np
 
 import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform
-from clradar.imaging import fast
+from clradar.imaging import block_tree, fast
 
 C_M_PER_S = 299_792_458.0
 N_VOXELS = 400
@@ -241,9 +241,11 @@ def one(number: int, seed: int, device: clradar.Device, chosen: dict[str, str]) 
 
     start = time.perf_counter()
     volume = clradar.backproject(
-        capture, grid, method="fast", tolerance_db=tolerance_db, device=device
+        capture, grid, method="fast", tolerance_db=tolerance_db, device=device, check_grid=False
     )
     seconds = time.perf_counter() - start
+    levels, skeleton = block_tree.image_levels(array, waveform, grid, 10.0 ** (tolerance_db / 20.0))
+    kept = 1.0 if skeleton is None else np.prod(skeleton.counts) / np.prod(levels[-1].voxels)
     last = np.array(grid.counts) - 1
     corners = np.array(np.meshgrid(*zip((0, 0, 0), last, strict=True))).reshape(3, -1).T
     at = np.concatenate([corners, rng.integers(0, last + 1, (N_VOXELS, 3))])
@@ -257,7 +259,7 @@ def one(number: int, seed: int, device: clradar.Device, chosen: dict[str, str]) 
     return {
         "case": number, **kind, "tx": array.n_tx, "rx": array.n_rx, "steps": waveform.n_freq,
         "counts": list(grid.counts), "tolerance_db": tolerance_db, "error_db": level_db(error[8:]),
-        "corners_db": level_db(error[:8]), "seconds": seconds,
+        "corners_db": level_db(error[:8]), "seconds": seconds, "kept": float(kept),
     }  # fmt: skip
 
 
@@ -266,7 +268,7 @@ def _line_of(row: dict[str, Any]) -> str:
         f"{row['case']:5d} {row['array']:>9} {row['tx']:4d}x{row['rx']:<4d} {row['waveform']:>9} "
         f"{row['steps']:4d} {row['grid']:>9} {row['counts']!s:>16} {row['data']:>10} "
         f"tolerance {row['tolerance_db']:4.0f} error {row['error_db']:6.1f} corners "
-        f"{row['corners_db']:6.1f} dB {row['seconds']:5.2f} s"
+        f"{row['corners_db']:6.1f} dB {row['seconds']:5.2f} s, {row['kept']:.2f} summed"
     )
 
 
@@ -277,6 +279,9 @@ def main() -> None:
     parser.add_argument("--only", type=int, nargs="*", help="numbers of cases")
     parser.add_argument("--device", default=None)
     parser.add_argument("--width", type=int, choices=(1, 8), default=None)
+    parser.add_argument(
+        "--interpolate", action="store_true", help="use skeleton voxels however many there are"
+    )
     parser.add_argument("--verbose", action="store_true", help="print every case")
     parser.add_argument("--json", type=Path)
     for name, table in (("array", ARRAYS), ("waveform", WAVEFORMS), ("grid", GRIDS)):
@@ -284,6 +289,8 @@ def main() -> None:
     given = parser.parse_args()
     device = clradar.open_device(given.device, width=given.width)
     fast.FEW_TERMS = 0  # or small cases are summed directly
+    if given.interpolate:
+        block_tree.FEW_KEPT = np.inf
     chosen = {name: getattr(given, name) for name in ("array", "waveform", "grid")}
     rows = []
     for number in given.only or range(given.cases):

@@ -10,7 +10,7 @@ import clradar
 from clradar.bench import peers
 from clradar.bench.timing import ARRAY, WAVEFORM, Row, interleaved_s, relative_rms_db
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.imaging.block_tree import block_levels
+from clradar.imaging.block_tree import image_levels
 from clradar.imaging.range_profiles import RangeImager
 
 PAPER = {"x_m": (-0.1, 0.1), "y_m": (-0.1, 0.1), "z_m": (0.26, 0.34)}
@@ -69,7 +69,7 @@ def images(
     ours, fast = partial(image.ours, "range"), partial(image.ours, "fast")
 
     def fast_anew() -> np.ndarray:
-        block_levels.cache_clear()
+        image_levels.cache_clear()
         return fast()
 
     by_range = ours()

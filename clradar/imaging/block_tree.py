@@ -14,6 +14,12 @@ from functools import lru_cache
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.imaging.voxel_skeleton import (
+    PlaneWaves,
+    VoxelSkeleton,
+    kept_voxels,
+    voxel_skeleton,
+)
 from clradar.model import AntennaArray, VoxelGrid, Waveform
 from clradar.phasors.interpolative import Decomposition
 from clradar.phasors.skeletons import (
@@ -38,6 +44,12 @@ MARGIN = 0.8
 
 EXTREME = 0.5
 """Fraction of the samples' coordinates at the ends of their range, where the errors are largest."""
+
+STEP_COST = 2.0
+"""What a term on the way down costs, in terms of the last sum's products."""
+
+FEW_KEPT = 1 / 3
+"""Fraction of the grid's voxels up to which the image in the rest is interpolated from them."""
 
 MOST_LEAF = 2**18
 """Voxels of a smallest block: the positions of all are held in memory."""
@@ -104,7 +116,8 @@ def block_sizes(counts: Triple, leaf: Triple) -> list[Triple]:
 def block_levels(
     array: AntennaArray, waveform: Waveform, grid: VoxelGrid, tolerance: float
 ) -> tuple[BlockLevel, ...]:
-    """Return the levels of the tree, from the whole grid down to the smallest blocks.
+    """Return the levels of the tree, from the whole grid down to the smallest blocks, of which all
+    voxels are summed.
 
     They do not depend on the samples and take most of the time of a small image, so those of the
     last call are kept: images of one array, waveform and grid (the same objects) share them.
@@ -116,13 +129,51 @@ def block_levels(
         get the same part of its square, and each level the same part of that; where the levels
         together exceed it, each is given less.
     """
+    sizes = _grid_sizes(waveform, grid)
+    return tree_levels(array, waveform, _voxel_sampler(array, grid, sizes), sizes, tolerance)
+
+
+@lru_cache(maxsize=1)
+def image_levels(
+    array: AntennaArray, waveform: Waveform, grid: VoxelGrid, tolerance: float
+) -> tuple[tuple[BlockLevel, ...], VoxelSkeleton | None]:
+    """Return the levels for an image alone, and the skeleton voxels of the smallest blocks where
+    the image in all voxels is interpolated from these.
+
+    Parameters as of `block_levels`; the skeleton voxels get a quarter of the tolerance's square.
+    """
+    sizes, k = _grid_sizes(waveform, grid), waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
+    kept = kept_voxels(PlaneWaves(array, k), grid, [size[0] for size in sizes])
+    most = FEW_KEPT * np.prod(grid.counts)
+    few = [bool(n * size[1] <= most) for n, size in zip(kept, sizes, strict=True)]
+    if any(few):
+        n_levels = len(few) - few[::-1].index(True)
+        sampler = _voxel_sampler(array, grid, sizes[:n_levels])
+        share = MARGIN * tolerance / 2.0
+        found = _levels(array, k, sampler, sizes[:n_levels], share)
+        summed = [n * level.n_blocks for n, level in zip(kept, found, strict=False)]
+        best = cheapest(array, waveform, found, summed)
+        skeleton = None
+        if few[best - 1]:
+            skeleton = voxel_skeleton(array, k, sampler, best - 1, share)
+        if skeleton is not None:
+            return found[:best], skeleton
+    return block_levels(array, waveform, grid, tolerance), None
+
+
+def _grid_sizes(waveform: Waveform, grid: VoxelGrid) -> list[tuple[Triple, int, int]]:
+    """Return the blocks of all sizes as `tree_levels` takes them."""
     sizes = block_sizes(grid.counts, leaf_voxels(grid, centre_wavelength_m(waveform)))
-    sampler = _VoxelSampler(grid, sizes, array, np.random.Generator(np.random.Philox(0)))
     blocks = [int(np.prod(grid_block_counts(grid, size))) for size in sizes]
     voxels = [n * int(np.prod(size)) for n, size in zip(blocks, sizes, strict=True)]
-    return tree_levels(
-        array, waveform, sampler, list(zip(sizes, blocks, voxels, strict=True)), tolerance
-    )
+    return list(zip(sizes, blocks, voxels, strict=True))
+
+
+def _voxel_sampler(
+    array: AntennaArray, grid: VoxelGrid, sizes: list[tuple[Triple, int, int]]
+) -> _VoxelSampler:
+    rng = np.random.Generator(np.random.Philox(0))
+    return _VoxelSampler(grid, [size[0] for size in sizes], array, rng)
 
 
 def grid_block_counts(grid: VoxelGrid, size: Triple) -> Triple:
@@ -152,22 +203,42 @@ def tree_levels(
         See `block_levels`.
     """
     k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
-    share = MARGIN * tolerance / np.sqrt(3)
+    found = _levels(array, k, sampler, sizes, MARGIN * tolerance / np.sqrt(3))
+    return found[: cheapest(array, waveform, found, [level.n_voxels for level in found])]
+
+
+def _levels(
+    array: AntennaArray,
+    k: np.ndarray,
+    sampler: PositionSampler,
+    sizes: list[tuple[Triple, int, int]],
+    share: float,
+) -> tuple[BlockLevel, ...]:
+    """Return all levels; Tx, Rx and frequency may each cause an error of `share`."""
     tx = decompositions(AntennaPhases(array.tx_m, k, sampler), share)
     rx = decompositions(AntennaPhases(array.rx_m, k, sampler), share)
     frequency = decompositions(FrequencyPhases(array, k, sampler), share)
-    found = [
+    return tuple(
         BlockLevel(*size, *parts) for size, *parts in zip(sizes, tx, rx, frequency, strict=True)
-    ]
-    return tuple(found[: _worthwhile(array, waveform, found)])
+    )
 
 
-def _worthwhile(array: AntennaArray, waveform: Waveform, found: list[BlockLevel]) -> int:
+def cheapest(
+    array: AntennaArray,
+    waveform: Waveform,
+    found: tuple[BlockLevel, ...],
+    summed: list[int],
+) -> int:
     """Return how many levels make the image cheapest; with fewer, the last sum is larger.
 
     Where a block has few voxels, or where the skeletons hardly shrink because the voxels are far
     apart, the sum from larger blocks is faster. Costs are in terms of that sum and were
     measured with 8 lanes on PoCL.
+
+    Parameters
+    ----------
+    summed : list of int
+        For each level as the last one, in how many voxels the samples are summed.
     """
     way_down, least, best = 0.0, np.inf, len(found)
     r, c, m = array.n_tx, array.n_rx, waveform.n_freq
@@ -180,11 +251,11 @@ def _worthwhile(array: AntennaArray, waveform: Waveform, found: list[BlockLevel]
         step = m * c * (0.5 * r * rows + 2 * r + 2 * rows)
         step += m * rows * (0.5 * c * columns + 2 * c + 2 * columns)
         step += rows * columns * (0.5 * m * frequencies + m + frequencies)
-        way_down += level.n_blocks * step
+        way_down += STEP_COST * level.n_blocks * step
         antennas = rows + columns
-        last = frequencies * (rows * columns + 9 * antennas) + 5 * antennas
-        last *= level.n_voxels
-        if level.n_voxels <= level.n_blocks * MOST_LEAF and way_down + last < least:
+        last = frequencies * (rows * columns + 6 * antennas) + 9 * antennas
+        last *= summed[i]
+        if summed[i] <= level.n_blocks * MOST_LEAF and way_down + last < least:
             least, best = way_down + last, i + 1
         r, c, m = columns, rows, frequencies
     return best

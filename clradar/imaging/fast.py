@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.imaging.block_tree import block_levels
+from clradar.imaging.block_tree import block_levels, image_levels
 from clradar.imaging.grid_blocks import GridBlocks
 from clradar.imaging.point_blocks import PointBlocks, point_blocks
 from clradar.imaging.samples import SampleCube
@@ -56,8 +56,13 @@ class GridPiece:
     tile: Tile
     grid: VoxelGrid
 
-    def blocks(self, array: AntennaArray, waveform: Waveform, tolerance: float) -> GridBlocks:
-        return GridBlocks(block_levels(array, waveform, self.grid, tolerance), self.grid)
+    def blocks(
+        self, array: AntennaArray, waveform: Waveform, tolerance: float, both_ways: bool
+    ) -> GridBlocks:
+        if both_ways:
+            return GridBlocks(block_levels(array, waveform, self.grid, tolerance), self.grid)
+        levels, skeleton = image_levels(array, waveform, self.grid, tolerance)
+        return GridBlocks(levels, self.grid, skeleton)
 
     def values(self, volume: np.ndarray, blocks: AnyBlocks) -> np.ndarray:
         """Return the piece's values of a volume as the kernels read them, (2, n), float32."""
@@ -78,7 +83,9 @@ class PointPiece:
     number: np.ndarray
     points_m: np.ndarray
 
-    def blocks(self, array: AntennaArray, waveform: Waveform, tolerance: float) -> PointBlocks:
+    def blocks(
+        self, array: AntennaArray, waveform: Waveform, tolerance: float, both_ways: bool
+    ) -> PointBlocks:
         return point_blocks(array, waveform, self.points_m, tolerance)
 
     def values(self, volume: np.ndarray, blocks: AnyBlocks) -> np.ndarray:
@@ -98,7 +105,10 @@ class PointPiece:
 
 
 class FastSum:
-    """The sums over pairs and frequencies, and over voxels or points, to a tolerance."""
+    """The sums over pairs and frequencies, and over voxels or points, to a tolerance.
+
+    `both_ways`: the two are adjoint to each other, and no voxel is interpolated from others.
+    """
 
     def __init__(
         self,
@@ -107,7 +117,10 @@ class FastSum:
         pieces: Sequence[GridPiece | PointPiece],
         tolerance_db: float,
         device: Device,
+        *,
+        both_ways: bool,
     ) -> None:
+        self._both_ways = both_ways
         self.array, self.waveform, self.pieces, self.device = array, waveform, pieces, device
         self.tolerance = 10.0 ** (tolerance_db / 20.0)
         self.parts = array_parts(array)
@@ -156,7 +169,8 @@ class FastSum:
         kept = self._blocks.get((part, piece))
         if kept is not None:
             return kept
-        return self.pieces[piece].blocks(self.parts[part][2], self.waveform, self.tolerance)
+        array = self.parts[part][2]
+        return self.pieces[piece].blocks(array, self.waveform, self.tolerance, self._both_ways)
 
     def tree(
         self, array: AntennaArray, blocks: AnyBlocks, buffers: Buffers, *, upwards: bool

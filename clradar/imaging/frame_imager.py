@@ -130,7 +130,7 @@ class FrameImager:
         self._resident: ResidentImage | None = None
         if method == "fast" and np.prod(grid.shape) * self._n_samples > fast.FEW_TERMS:
             pieces = fast.grid_pieces(grid)
-            self._sum = FastSum(array, waveform, pieces, tolerance_db, self.device)
+            self._sum = FastSum(array, waveform, pieces, tolerance_db, self.device, both_ways=False)
             if len(self._sum.parts) == len(pieces) == 1:
                 self._resident = ResidentImage(self._sum, self.weights)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.imaging.block_tree import BlockLevel, grid_block_counts
+from clradar.imaging.voxel_skeleton import VoxelSkeleton
 from clradar.model import VoxelGrid
 from clradar.opencl.double_single import antenna_rows
 
@@ -20,6 +21,8 @@ class GridBlocks:
 
     levels: tuple[BlockLevel, ...]
     grid: VoxelGrid
+    skeleton: VoxelSkeleton | None = None
+    """The voxels of a smallest block that are summed; all by default."""
 
     @property
     def counts(self) -> tuple[int, int, int]:
@@ -55,20 +58,34 @@ class GridBlocks:
         return self.grid.origin_m + self.grid.spacing_m * (index * size + 0.5 * (size - 1))
 
     def leaf(self, width: int, far: bool) -> tuple[int, np.ndarray, np.ndarray]:
-        """Return the voxels of a smallest block, whole lanes: how many, their offsets from its
-        centre (x, y, z as hi, then as lo, metres, float32), and their indices in it."""
-        size = self.levels[-1].voxels
-        n_x, n_y, n_z = size
-        index = np.arange(-(-n_x * n_y * n_z // width) * width)
+        """Return the voxels of a smallest block that are summed, whole lanes: how many, their
+        offsets from its centre (x, y, z as hi, then as lo, metres, float32), and their indices
+        among them."""
+        size = np.array(self.levels[-1].voxels)
+        axes = [np.arange(n) for n in size]
+        if self.skeleton is not None:
+            axes = [axis.skeleton for axis in self.skeleton.axes]
+        n_x, n_y, n_z = (len(axis) for axis in axes)
+        n = n_x * n_y * n_z
+        index = np.arange(-(-n // width) * width)
         place = np.stack([index % n_x, index // n_x % n_y, index // (n_x * n_y)], axis=1)
-        offset_m = self.grid.spacing_m * (place - 0.5 * (np.array(size) - 1))
-        place[n_x * n_y * n_z :] = NO_VOXEL
+        at = [axis.take(column, mode="clip") for axis, column in zip(axes, place.T, strict=True)]
+        offset_m = self.grid.spacing_m * (np.stack(at, axis=1) - 0.5 * (size - 1))
+        place[n:] = NO_VOXEL
         planes = antenna_rows(offset_m).T[: 6 if far else 3]
         return len(index), planes, place.astype(np.int32)
 
+    def axis_offsets_m(self) -> list[np.ndarray]:
+        """Return the offsets of a smallest block's voxels from its centre along x, y, z."""
+        return [
+            step * (np.arange(n) - 0.5 * (n - 1))
+            for n, step in zip(self.levels[-1].voxels, self.grid.spacing_m, strict=True)
+        ]
+
     def most_voxels(self, index: np.ndarray) -> int:
-        """Return the largest number of voxels of some smallest blocks."""
-        return int(np.prod(self.levels[-1].voxels))
+        """Return the largest number of voxels of some smallest blocks that are summed."""
+        kept = self.levels[-1].voxels if self.skeleton is None else self.skeleton.counts
+        return int(np.prod(kept))
 
     def first(self, index: np.ndarray) -> np.ndarray:
         """Return the first voxel of smallest blocks, x, y, z, shape (n, 3), int32."""

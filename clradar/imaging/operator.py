@@ -170,7 +170,9 @@ class ImagingOperator:
         return n * int(np.prod(self.range_shape)) <= fast.FEW_TERMS
 
     def _fast(self, pieces: Sequence[GridPiece | PointPiece]) -> FastSum:
-        found = FastSum(self.array, self.waveform, pieces, self.tolerance_db, self.device)
+        found = FastSum(
+            self.array, self.waveform, pieces, self.tolerance_db, self.device, both_ways=True
+        )
         found.prepare()
         return found
 

@@ -48,6 +48,7 @@ class _KernelSizes:
     leaf: int
     far: bool
     points: bool
+    kept: int = 0
     tile: int = WEIGHTS_TILE
 
 
@@ -156,6 +157,7 @@ class TreeOnDevice:
         self._middle: Any = None
         chunk = GPU_CHUNK_BYTES if device.info.kind == "gpu" else CPU_CHUNK_BYTES
         self.chunk_bytes = min(chunk, device.budget_bytes // 16)
+        self.skeleton = blocks.skeleton if isinstance(blocks, GridBlocks) else None
         self.steps = [self._step(i) for i in range(len(self.levels))]
         # Sizes are rounded up, so that similar images share a program.
         rows = max(side.n for step in self.steps for side in (step.rows, step.columns))
@@ -166,6 +168,8 @@ class TreeOnDevice:
             "width": self.width, "rows": padded(rows, 32), "leaf": leaf, "far": far,
             "points": isinstance(blocks, PointBlocks),
         }  # fmt: skip
+        if self.skeleton is not None:
+            sizes["kept"] = padded(self.skeleton.counts[0], 8)
         self.program = build(device, "backproject_fast.cl", _KernelSizes(**sizes))
         self.up_program = None
         if upwards:
@@ -195,6 +199,9 @@ class TreeOnDevice:
         n_bytes = step.n_skeleton_frequencies * columns.n_skeleton * row
         if not striped:
             n_bytes += step.n_frequencies * per_frequency
+        if self.skeleton is not None and i + 1 == len(self.steps):
+            planes = self.skeleton.counts[2] + self.levels[i].voxels[2]
+            n_bytes += 4 * self.skeleton.row * self.skeleton.counts[1] * planes
         return max(1, self.chunk_bytes // n_bytes)
 
     def phasors(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from clradar.imaging.tree_on_device import WEIGHTS_TILE, Blocks, LevelStep, TreeOnDevice, padded
+from clradar.imaging.voxels_on_device import VoxelsOnDevice
 
 STRIPES = 16
 """Items per core of the kernel that takes a level's steps block by block: they are not of one
@@ -44,7 +45,8 @@ class _Chunk:
     phasors : list of Buffer
         Of the first level: rows and columns.
     leaf : tuple or None
-        Of smallest blocks: global size of the last sum, and its arguments before and after G.
+        Of smallest blocks: global size of the last sum, its arguments before and after G, and where
+        not all voxels are summed, the first voxels and wave vectors of the blocks.
     inner : list or None
         The chunks of the blocks in these; None until they are needed.
     """
@@ -54,7 +56,7 @@ class _Chunk:
     centres: Any
     parents: Any
     phasors: list[Any]
-    leaf: tuple[tuple[int, int], list[Any], list[Any]] | None
+    leaf: tuple[tuple[int, int], list[Any], list[Any], tuple[Any, Any] | None] | None
     inner: list[_Chunk] | None
 
     @property
@@ -96,6 +98,8 @@ class WayDown:
     def __exit__(self, *error: Any) -> None:
         self.tree.release(*self._held)
         self._held.clear()
+        if self._voxels is not None:
+            self._voxels.release()
 
     def image(self, cube: Any, report: Report) -> Any:
         """Write the unscaled sum of an uploaded cube; return its buffer, (2, n_values), float32.
@@ -125,9 +129,11 @@ class WayDown:
             reduce = self._reduce_striped if self._striped[i] else self._reduce
             reduce(i, above, chunk)
             if chunk.leaf is not None:
-                size, before, after = chunk.leaf
+                size, before, after, spread = chunk.leaf
                 program = self.tree.program
                 wait = program.start("image_of_blocks", size, *before, blocks.g, *after)
+                if self._voxels is not None and spread is not None:
+                    wait = self._voxels.start(chunk.n, *spread, self.volume)
                 self._waits.append((chunk.n, wait))
                 self._wait_until_ahead(AHEAD)
                 continue
@@ -166,13 +172,25 @@ class WayDown:
             made.append(chunk)
         return made
 
-    def _leaf(self, chunk: _Chunk) -> tuple[tuple[int, int], list[Any], list[Any]]:
+    def _leaf(
+        self, chunk: _Chunk
+    ) -> tuple[tuple[int, int], list[Any], list[Any], tuple[Any, Any] | None]:
         tree = self.tree
         blocks = Blocks(chunk.index, chunk.centre_m, chunk.centres, None)
         numbers, per_block, shared = tree.leaf_arguments(blocks)
         self._held += per_block[2:]
         items = padded(tree.blocks.most_voxels(chunk.index), tree.width) // tree.width
-        return (items, chunk.n), numbers, [*per_block, *shared, self.volume]
+        size = items, chunk.n
+        if self._voxels is None or tree.skeleton is None:
+            return size, numbers, [*per_block, *shared, self.volume], None
+        n_row, n_y, n_z = self._voxels.summed_counts
+        numbers[6:9] = (np.uint32(count) for count in (n_row, n_y, n_z * chunk.n))
+        starts = np.zeros((chunk.n, 3), np.int32)
+        starts[:, 2] = n_z * np.arange(chunk.n)
+        waves = self._upload(tree.skeleton.waves.cycles_per_m(chunk.centre_m).astype(np.float32))
+        *per_block, first = per_block
+        after = [*per_block, self._upload(starts), *shared, waves, self._voxels.values]
+        return size, numbers, after, (first, waves)
 
     def _reduce(self, i: int, above: Blocks, chunk: _Chunk) -> None:
         """Sum blocks of level i from those of the level above, step by step."""
@@ -237,6 +255,10 @@ class WayDown:
         room = self.tree.chunk_bytes // (4 * max(1, scratch))
         self._n_items = min(STRIPES * self.buffers.device.info.compute_units, room)
         self._scratch = self._empty(4 * self._n_items * scratch)
+        self._voxels: VoxelsOnDevice | None = None
+        if self.tree.skeleton is not None:
+            most = min(self._at_once[-1], self.tree.blocks.n_leaves)
+            self._voxels = VoxelsOnDevice(self.tree, most)
 
     def _empty(self, n_bytes: int) -> Any:
         self._held.append(self.buffers.empty(n_bytes))

@@ -24,7 +24,7 @@ SAMPLES_PER_POINT = 4
 """Sampled functions per antenna or frequency; as many complex numbers count twice."""
 
 N_FAMILIES = 6
-"""Families of voxels that samples are drawn of, see `_draw_samples`."""
+"""Families of voxels that samples are drawn of, see `draw_samples`."""
 
 CANDIDATES = 4
 """Samples of which the one whose phase varies most is taken."""
@@ -38,7 +38,7 @@ CHECKED = 120
 LEVEL_ROUNDS = 6
 """How often the levels are chosen again with smaller errors before all points are kept."""
 
-_PathSet = tuple[np.ndarray, ...]
+PathSet = tuple[np.ndarray, ...]
 """For each of n voxels the path that its phase is sampled on: frequency, or Tx and Rx."""
 
 
@@ -64,6 +64,20 @@ class PositionSampler(Protocol):
         """Return positions in metres."""
 
 
+class SampledPhases(Protocol):
+    """Phases in cycles at positions, along paths: what `draw_samples` draws."""
+
+    sampler: PositionSampler
+
+    def paths(self, voxel_m: np.ndarray) -> PathSet:
+        """Return a random path for each of n voxels."""
+
+    def hardest(
+        self, voxel_m: np.ndarray, centre_m: np.ndarray, n: int
+    ) -> tuple[np.ndarray, PathSet]:
+        """Return n of some voxels, and paths, whose phase relative to the centre varies most."""
+
+
 class AntennaPhases:
     """Phases over the antennas of one side, in cycles; a path is its frequency."""
 
@@ -71,13 +85,13 @@ class AntennaPhases:
         self.antennas_m, self.k, self.sampler = antennas_m, k, sampler
         self.n_points, self.n_levels = len(antennas_m), len(sampler.sizes)
 
-    def paths(self, voxel_m: np.ndarray) -> _PathSet:
+    def paths(self, voxel_m: np.ndarray) -> PathSet:
         """Return a random path for each of n voxels."""
         return (self.sampler.rng.choice(self.k, len(voxel_m)),)
 
     def hardest(
         self, voxel_m: np.ndarray, centre_m: np.ndarray, n: int
-    ) -> tuple[np.ndarray, _PathSet]:
+    ) -> tuple[np.ndarray, PathSet]:
         """Return n of some voxels, and paths, whose phase relative to the centre varies most."""
         paths = self.paths(voxel_m)
         some = self.sampler.rng.choice(self.n_points, min(PROBES, self.n_points), replace=False)
@@ -85,7 +99,7 @@ class AntennaPhases:
         chosen = _largest(np.ptp(cycles, axis=1), n)
         return chosen, (paths[0][chosen],)
 
-    def cycles(self, at_m: np.ndarray, paths: _PathSet, points: Any) -> np.ndarray:
+    def cycles(self, at_m: np.ndarray, paths: PathSet, points: Any) -> np.ndarray:
         """Return the cycles to positions (..., n, 3) over some points, (..., n, n_points)."""
         return paths[0][:, None] * distances(at_m[..., None, :], self.antennas_m[points])
 
@@ -99,13 +113,13 @@ class FrequencyPhases:
         self.offset, self.sampler = k - 0.5 * (k[0] + k[-1]), sampler
         self.n_points, self.n_levels = len(k), len(sampler.sizes)
 
-    def paths(self, voxel_m: np.ndarray) -> _PathSet:
+    def paths(self, voxel_m: np.ndarray) -> PathSet:
         rng, n = self.sampler.rng, len(voxel_m)
         return tuple(side[rng.integers(0, len(side), n)] for side in self.sides)
 
     def hardest(
         self, voxel_m: np.ndarray, centre_m: np.ndarray, n: int
-    ) -> tuple[np.ndarray, _PathSet]:
+    ) -> tuple[np.ndarray, PathSet]:
         # The largest difference over all pairs is the sum of the largest ones of Tx and Rx.
         every = np.arange(len(voxel_m))
         longest, shortest, paths = np.zeros(len(every)), np.zeros(len(every)), []
@@ -119,7 +133,7 @@ class FrequencyPhases:
         chosen = _largest(np.maximum(longest, -shortest), n)
         return chosen, tuple(np.where(outward, far, near)[chosen] for far, near in paths)
 
-    def cycles(self, at_m: np.ndarray, paths: _PathSet, points: Any) -> np.ndarray:
+    def cycles(self, at_m: np.ndarray, paths: PathSet, points: Any) -> np.ndarray:
         length = distances(at_m, paths[0]) + distances(at_m, paths[1])
         return length[..., None] * self.offset[points]
 
@@ -137,7 +151,7 @@ def _largest(values: np.ndarray, n: int) -> np.ndarray:
     return np.argsort(-values, kind="stable")[:n]
 
 
-def _draw_samples(phases: Phases, n: int, level: int) -> tuple[np.ndarray, _PathSet]:
+def draw_samples(phases: SampledPhases, n: int, level: int) -> tuple[np.ndarray, PathSet]:
     """Return n voxels of each of six families, and their paths; each family has to keep the
     tolerance on its own.
 
@@ -147,7 +161,7 @@ def _draw_samples(phases: Phases, n: int, level: int) -> tuple[np.ndarray, _Path
     """
     sampler, m = phases.sampler, CANDIDATES * n
     found: list[np.ndarray] = []
-    chosen: list[_PathSet] = []
+    chosen: list[PathSet] = []
     for draw in (partial(sampler.spread, level=level), sampler.corners, sampler.near):
         voxel = draw(n)
         found.append(voxel)
@@ -183,7 +197,7 @@ def _decomposition(
     n = max(MIN_SAMPLES, SAMPLES_PER_POINT * len(points)) // N_FAMILIES
 
     def draw() -> np.ndarray:
-        voxel, paths = _draw_samples(phases, n, level)
+        voxel, paths = draw_samples(phases, n, level)
         cycles = phases.cycles(phases.sampler.metres(voxel), paths, points)
         centre_m = phases.sampler.centres(voxel, level)
         cycles -= phases.cycles(centre_m, paths, points)
@@ -197,7 +211,7 @@ def _decomposition(
 def _rms_error(phases: Phases, found: list[Decomposition]) -> float:
     """Return the RMS error of all levels together on new voxels: the largest of the families."""
     sampler, every = phases.sampler, np.arange(phases.n_points)
-    voxel, paths = _draw_samples(phases, CHECKED, phases.n_levels - 1)
+    voxel, paths = draw_samples(phases, CHECKED, phases.n_levels - 1)
     voxel_m, centre_m = sampler.metres(voxel), sampler.centres(voxel, slice(None))
     last = found[-1].skeleton
     cycles = phases.cycles(voxel_m, paths, last)

@@ -17,11 +17,35 @@
 #elif CLR_TILE != 4
 #error "CLR_TILE must be 4: transposed sums are stored as float4"
 #endif
+#ifndef CLR_KEPT
+#error "CLR_KEPT (most skeleton voxels of a row, held in private memory; 0 where all voxels are summed) is missing"
+#endif
 #ifndef CLR_POINTS
 #error "CLR_POINTS (1 for points, 0 for the voxels of a grid) is missing"
 #endif
 
 #include "common/phase.h"
+
+/* cos and sin of 2 pi length k, for less than 2^21 cycles: the nearest half is subtracted. Maximal error 2e-7, in
+ * half the operations of cos_sin_cycles and shorter chains of them: sums over blocks spend a third of their time
+ * here. Minimax polynomials. */
+static inline void cos_sin_of(realw length, realw k, realw *cosine, realw *sine) {
+    const realw magic = 6291456.0f; /* 1.5 * 2^22: adding it rounds to halves */
+    const realw shifted = fused(length, k, magic);
+    const realw r = fused(length, k, magic - shifted), r2 = r * r, r4 = r2 * r2;
+    const intw sign = AS_INTW(shifted) << 31;
+    const realw s0 = fused((realw)(-41.341656f), r2, (realw)(6.283185f));
+    realw s = fused((realw)(-76.54978f), r2, (realw)(81.601006f));
+    s = fused((realw)(39.536705f), r4, s);
+    s = fused(s, r4, s0) * r;
+    const realw c0 = fused((realw)(-19.739208f), r2, (realw)(1.0f));
+    const realw c1 = fused((realw)(-85.453575f), r2, (realw)(64.93935f));
+    realw c = fused((realw)(-24.982239f), r2, (realw)(60.144016f));
+    c = fused(c, r4, c1);
+    c = fused(c, r4, c0);
+    *cosine = AS_REALW(AS_INTW(c) ^ sign);
+    *sine = AS_REALW(AS_INTW(s) ^ sign);
+}
 
 #if CLR_FAR
 /* Over blocks of many wavelengths a float32 has no digits left for the phase: lengths and wavenumbers are
@@ -44,22 +68,32 @@ static inline dual length_difference(dual vx, dual vy, dual vz, dual cx, dual cy
 }
 
 static inline void phasor(dual length, float k_hi, float k_lo, realw *cosine, realw *sine) {
-    cos_sin_cycles(cycles(length, make_wavenumber((realw)(k_hi), (realw)(k_lo))), cosine, sine);
+    cos_sin_of(cycles(length, make_wavenumber((realw)(k_hi), (realw)(k_lo))), 1.0f, cosine, sine);
 }
 #else
 typedef realw length_type;
 
-/* |v| - |c| for v = c + o, without cancellation. */
+/* Square roots. sqrt() is a call on PoCL, which costs its caller all registers. */
+static inline realw root(realw v) {
+#if CLR_WIDTH == 8 && defined(__clang__) && !defined(CLR_CHECKED)
+    return (realw)(__builtin_sqrtf(v.s0), __builtin_sqrtf(v.s1), __builtin_sqrtf(v.s2),
+                   __builtin_sqrtf(v.s3), __builtin_sqrtf(v.s4), __builtin_sqrtf(v.s5),
+                   __builtin_sqrtf(v.s6), __builtin_sqrtf(v.s7));
+#else
+    return sqrt(v);
+#endif
+}
+
+/* |v| - |c| for v = c + o, without cancellation; length = |c|. */
 static inline realw length_difference(realw vx, realw vy, realw vz, realw cx, realw cy, realw cz,
-                                      realw ox, realw oy, realw oz) {
-    const realw sum = sqrt(vx * vx + vy * vy + vz * vz) + sqrt(cx * cx + cy * cy + cz * cz);
+                                      realw ox, realw oy, realw oz, realw length) {
+    const realw sum = root(vx * vx + vy * vy + vz * vz) + length;
     const realw product = ox * (vx + cx) + oy * (vy + cy) + oz * (vz + cz);
     return sum > 0.0f ? product / sum : (realw)(0.0f);
 }
 
-/* For less than 2^19 cycles: their quarters are subtracted exactly. */
 static inline void phasor(realw length, float k_hi, float k_lo, realw *cosine, realw *sine) {
-    cos_sin_cycles(length * k_hi, cosine, sine);
+    cos_sin_of(length, k_hi, cosine, sine);
 }
 #endif
 
@@ -99,6 +133,7 @@ typedef struct {
 static inline weighted_sums sum_rows(const uint n_rows, const row_set *rows,
                                      __global const float *weights, const uint n_weights) {
     weighted_sums sum;
+#pragma unroll
     for (uint t = 0; t < CLR_TILE; ++t) sum.re[t] = sum.im[t] = 0.0f;
     for (uint i = 0; i < n_rows; ++i) {
         __global const float *w = weights + (size_t)i * n_weights;
@@ -164,7 +199,8 @@ static inline length_type length_from_centre(const offsets o, __global const flo
     return length_difference(dual_add(cx, ox), dual_add(cy, oy), dual_add(cz, oz), cx, cy, cz);
 #else
     const float cx = c[0] - a[0], cy = c[1] - a[1], cz = c[2] - a[2];
-    return length_difference(o.x + cx, o.y + cy, o.z + cz, cx, cy, cz, o.x, o.y, o.z);
+    return length_difference(o.x + cx, o.y + cy, o.z + cz, cx, cy, cz, o.x, o.y, o.z,
+                             root((realw)(cx * cx + cy * cy + cz * cz)));
 #endif
 }
 

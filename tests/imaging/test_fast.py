@@ -13,7 +13,7 @@ import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, reference
 from clradar.errors import ModelError
 from clradar.imaging import fast
-from clradar.imaging.block_tree import block_levels, block_sizes, leaf_voxels
+from clradar.imaging.block_tree import block_levels, block_sizes, image_levels, leaf_voxels
 from clradar.imaging.tree_on_device import FLOAT32_SHARE, float32_phase_error
 from clradar.phasors.interpolative import SLACK, decompose, decompose_sampled, phasor_rms
 
@@ -148,6 +148,21 @@ def test_the_smallest_blocks_have_eight_voxels_where_the_grid_has_and_not_too_ma
     counts: tuple[int, int, int], step: float, leaf: tuple[int, int, int]
 ) -> None:
     assert leaf_voxels(VoxelGrid(np.zeros(3), np.full(3, step), counts), 3.9e-3) == leaf
+
+
+def test_fine_voxels_are_interpolated_for_images_alone() -> None:
+    """From an eighth of the voxels; forward and adjoint, which are each other's, sum in all."""
+    array, sweep = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2]), Waveform.sfcw(72e9, 82e9, 9)
+    grid = GRIDS["fine"]
+    levels, skeleton = image_levels(array, sweep, grid, 3e-3)
+    assert skeleton is not None
+    assert np.prod(skeleton.counts) < np.prod(levels[-1].voxels) / 8
+    assert image_levels(array, sweep, PAPER_COARSE, 3e-3)[1] is None
+    operator = clradar.ImagingOperator(array, sweep, grid)
+    rng = np.random.default_rng(0)
+    rho, samples = rng.normal(size=operator.domain_shape), rng.normal(size=operator.range_shape)
+    one = np.vdot(samples, operator.forward(rho))
+    assert abs(one - np.vdot(operator.adjoint(samples), rho)) < 1e-5 * abs(one)
 
 
 def test_skeletons_are_nested_and_shrink() -> None:

@@ -142,9 +142,10 @@ def everything(width: int) -> None:
         tx_visible=np.ones((9, 7)), device=device,
     )  # fmt: skip
     clradar.ImagingOperator(array, waveform, array.rx_m, device=device).adjoint(capture)
-    # "fast" is not to become "exact", nor to leave out levels; and phases are made both ways.
-    fast.FEW_TERMS = 0
-    block_tree._worthwhile = lambda array, waveform, found: len(found)
+    # "fast" is not to become "exact", nor to leave out levels or interpolation; and phases are made
+    # both ways.
+    fast.FEW_TERMS, block_tree.FEW_KEPT = 0, np.inf
+    block_tree.cheapest = lambda array, waveform, found, summed: len(found)
     shapes = ((-0.001, 0.001), (0.0, 0.0), (-0.004, 0.004))  # 3, 1 and 9 voxels along x
     for shape in shapes if width > 1 else shapes[2:]:
         grid = clradar.VoxelGrid.from_extent(shape, (0, 0.002), (0.30, 0.302), 1e-3)

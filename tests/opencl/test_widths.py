@@ -9,7 +9,7 @@ import pytest
 
 import clradar
 from clradar.hand import hand_mesh
-from clradar.imaging import fast
+from clradar.imaging import block_tree, fast
 
 # Both widths do the same IEEE operations per lane. Only products that the compiler may fuse with a
 # sum differ, by one rounding each: 2^-24 of a term, and at most a few hundred terms in a row.
@@ -29,6 +29,7 @@ def results_on(device: clradar.Device) -> Results:
     mesh = hand_mesh("F", edge_length_m=3e-3)
     scene = clradar.Scene.from_mesh(mesh, alpha=0.5)
     grid = clradar.VoxelGrid.from_extent((-0.05, 0.05), (-0.04, 0.04), (0.29, 0.31), 10e-3)
+    fine = clradar.VoxelGrid.from_extent((0.0, 0.02), (0.0, 0.012), (0.29, 0.31), 1e-3)
     paths = clradar.trace(scene, array, samples_per_mm2=0.5, max_bounces=2, device=device)
     capture = clradar.synthesize(paths, array, waveform, device=device)
     expected = clradar.simulate(
@@ -36,10 +37,12 @@ def results_on(device: clradar.Device) -> Results:
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fast, "FEW_TERMS", 0)  # "fast" is not to become "exact"
+        patch.setattr(block_tree, "FEW_KEPT", np.inf)  # nor to sum in all voxels of the fine grid
         volumes = [
             clradar.backproject(capture, grid, method=method, device=device)
             for method in ("exact", "range", "fast")
         ]
+        volumes.append(clradar.backproject(capture, fine, check_grid=False, device=device))
     return Results(paths, [capture, expected], volumes)
 
 

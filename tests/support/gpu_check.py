@@ -57,7 +57,7 @@ PROGRAMS: dict[str, Any] = {
     "synthesize.cl": SynthesizeOptions(width=1, in_parts=True, pairs=1),
     "backproject_exact.cl": ExactSizes(width=1, rx_chunk=ExactImager.gpu_rx_chunk),
     "backproject_range.cl": KernelSizes(width=1, rx_chunk=RangeImager.gpu_rx_chunk),
-    "backproject_fast.cl": _KernelSizes(**_BLOCKS, far=False),
+    "backproject_fast.cl": _KernelSizes(**_BLOCKS, far=False, kept=16),
     "forward_fast.cl": _ForwardSizes(**_BLOCKS, far=False, groups=1),
     "samples.cl": SampleSizes(width=1),
     "depth.cl": DepthSizes(width=1),
