@@ -66,10 +66,11 @@ with work_folder.held(Path("work"), "sweep"):
     write_file(Path("work") / "text", b"a\\n")
 print(sorted(os.listdir("work")), Path("work/text").read_bytes())
 
-from clradar.dataset.engine.cluster import KeepToCores, _interrupts_blocked
+from clradar.dataset.engine.cluster import KeepToCores
+from clradar.files.interrupts import interrupts_blocked
 from clradar.dataset.engine.worker_resources import own_cores
 KeepToCores(own_cores()).setup(None)
-with _interrupts_blocked():
+with interrupts_blocked():
     print("cores:", own_cores() == list(range(os.cpu_count())))
 print(clradar.open_device("pocl").info.name != "")
 """
