@@ -11,11 +11,9 @@ from clradar.opencl.device import (
     forget_devices,
     list_devices,
     open_device,
-    select_devices,
-    several,
 )
 from clradar.opencl.program import Program, build
-from clradar.opencl.several_devices import Devices, check_alike, map_devices, open_devices
+from clradar.opencl.several_devices import Devices, map_devices, open_devices
 
 __all__ = [
     "Buffers",
@@ -24,15 +22,12 @@ __all__ = [
     "Devices",
     "Program",
     "build",
-    "check_alike",
     "devices_like",
     "forget_devices",
     "list_devices",
     "map_devices",
     "open_device",
     "open_devices",
-    "select_devices",
-    "several",
 ]
 
 

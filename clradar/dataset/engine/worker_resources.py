@@ -13,15 +13,9 @@ from typing import IO
 
 from clradar.errors import DeviceError, ModelError
 from clradar.files.work_folder import locked
-from clradar.opencl import (
-    Device,
-    DeviceInfo,
-    check_alike,
-    devices_like,
-    open_device,
-    select_devices,
-    several,
-)
+from clradar.opencl import Device, DeviceInfo, devices_like, open_device
+from clradar.opencl.device import select_devices, several
+from clradar.opencl.several_devices import check_alike
 
 _leases: list[IO[bytes]] = []
 """Of this process: the system lets go of them when it ends, however it ends."""
