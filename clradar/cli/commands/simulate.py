@@ -114,6 +114,10 @@ def command(
     if chosen == PHYSICAL and (scenery.alpha or any(a is not None for _, a in named)):
         warn(f"--alpha: not used by --estimator {PHYSICAL}; --material has the roughness")
     settings = simulation.settings(seed=estimator.seed, estimator=chosen)
+    # Meshes that cannot be read are said before their content is part of the record.
+    still = None
+    if motion is None:
+        still = made_of.on(load_scene(named, default, by_part, scenery.unit, matrix))
     antennas, waveform = clusters[0], radar.waveform()
     opened = clradar.open_device(device)
     options = recorded(
@@ -128,20 +132,19 @@ def command(
     )
     origin = provenance("simulate", options, inputs)
     start_s = perf_counter()
-    if motion is None:
-        scene = made_of.on(load_scene(named, default, by_part, scenery.unit, matrix))
+    if still is not None:
         files = [output] if len(clusters) == 1 else [output / name for name in names]
         with nullcontext() if len(clusters) == 1 else made_folder(output):
             for antennas, file in zip(clusters, files, strict=True):
                 with progress_bar("tracing") as progress:
                     capture = clradar.simulate(
-                        scene, antennas, waveform,
+                        still, antennas, waveform,
                         settings=settings, device=opened, progress=progress,
                     )  # fmt: skip
                 save(file, capture, origin, force=force)
         words = summary(capture)
         words = words if len(clusters) == 1 else f"{len(clusters)} captures, the last: {words}"
-    else:
+    elif motion is not None:
         bodies = {
             path.name: Scene.from_mesh(
                 path, alpha=default if a is None else a, unit=scenery.unit, transform=matrix
