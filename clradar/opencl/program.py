@@ -12,6 +12,7 @@ import pyopencl as cl
 
 from clradar.errors import DeviceError
 from clradar.opencl.device import Device
+from clradar.opencl.self_test import self_test
 from clradar.opencl.sources import source
 
 CACHE_FAILURE = "PYOPENCL_CACHE_FAILURE_FATAL"
@@ -128,6 +129,8 @@ def group_shape(global_size: tuple[int, ...], most: int) -> tuple[int, ...]:
 def build(device: Device, file: str, options: Any) -> Program:
     """Build kernel file `file`, or return the program that the device has already.
 
+    A device's arithmetic is tested before its first program (`clradar.opencl.self_test`).
+
     Parameters
     ----------
     options : frozen dataclass
@@ -137,7 +140,8 @@ def build(device: Device, file: str, options: Any) -> Program:
     Raises
     ------
     DeviceError
-        The build failed; the message has the device, the options and the build log.
+        The build failed; the message has the device, the options and the build log. Or the device
+        failed its test.
 
     Examples
     --------
@@ -150,6 +154,14 @@ def build(device: Device, file: str, options: Any) -> Program:
     cached = device.programs.get(key)
     if cached is not None:
         return cached
+    self_test(device, compiled)
+    program = compiled(device, file, options)
+    device.programs[key] = program
+    return program
+
+
+def compiled(device: Device, file: str, options: Any) -> Program:
+    """As `build`, always anew, and on a device that need not have been tested."""
     flags = ["-cl-std=CL1.2", *defines(options), *_gpu_flags(device, options)]
     if device.info.is_interpreter:
         # Oclgrind checks the code as written and does not support all that its own optimiser
@@ -168,9 +180,7 @@ def build(device: Device, file: str, options: Any) -> Program:
             f"device {device.info.label}: {file} does not build with {' '.join(flags)}; "
             f"{OTHER_DEVICE_HINT}, or report this log:\n{log}"
         ) from error
-    program = Program(device, file, kernels)
-    device.programs[key] = program
-    return program
+    return Program(device, file, kernels)
 
 
 def nvidia_registers(options: Any) -> int | None:

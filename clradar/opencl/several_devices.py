@@ -23,6 +23,7 @@ from clradar.files.interrupts import interrupts_blocked
 from clradar.model import checks
 from clradar.model.progress import Progress, part_of
 from clradar.opencl.device import Device, DeviceInfo, open_device, select_devices
+from clradar.opencl.program import compiled
 from clradar.opencl.self_test import self_test
 
 BLAS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -449,7 +450,7 @@ def _serve(pipe: Connection, selector: str) -> None:
         try:
             work: Work[Any] = pipe.recv()
             device = open_device(selector)
-            self_test(device)
+            self_test(device, compiled)
             while True:
                 pipe.send(("ready", None))
                 item = pipe.recv()

@@ -15,6 +15,7 @@ from clradar.imaging.exact import ExactSizes
 from clradar.imaging.samples import SampleSizes
 from clradar.imaging.strongest import DepthSizes
 from clradar.imaging.tiled import KernelSizes
+from clradar.opencl import self_test
 from clradar.opencl.sources import source
 from clradar.phasors.kirchhoff_sum import KirchhoffOptions
 from clradar.phasors.phasor_sum import SynthesizeOptions
@@ -46,6 +47,7 @@ KERNELS = {
     "roughness.cl": RoughnessOptions,
     "kirchhoff.cl": KirchhoffOptions,
     "flesh.cl": flesh_field._FleshOptions,
+    "self_test.cl": self_test._Width,
 }
 
 

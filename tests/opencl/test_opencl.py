@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib.metadata import PackageNotFoundError, PackagePath
 from pathlib import Path
@@ -18,12 +18,22 @@ import pytest
 
 import clradar
 from clradar.errors import DeviceError, ModelError
-from clradar.opencl import Buffers, DeviceInfo, build, list_devices, open_device, runtimes
+from clradar.imaging.strongest import DepthSizes
+from clradar.opencl import (
+    Buffers,
+    DeviceInfo,
+    Program,
+    build,
+    list_devices,
+    open_device,
+    runtimes,
+)
 from clradar.opencl import device as device_module
 from clradar.opencl import program as program_module
 from clradar.opencl.buffers import OnDevice
 from clradar.opencl.device import default_device
 from clradar.opencl.double_single import hi_lo
+from clradar.opencl.self_test import self_test
 from clradar.opencl.sources import source
 
 # The polynomials err by at most 1.1e-7 over a cycle (Cephes); reducing x to a quadrant is exact,
@@ -416,6 +426,7 @@ __kernel void scale(__global float *x) {
 @pytest.fixture
 def kernel_text(monkeypatch: pytest.MonkeyPatch, device: clradar.Device) -> Iterator[Callable]:
     """Replace every kernel file by a text."""
+    self_test(device, program_module.compiled)
     known = dict(device.programs)
 
     def use(text: str) -> None:
@@ -648,6 +659,54 @@ def test_lengths_keep_what_float32_loses(compute: Callable) -> None:
     scale = np.maximum(want, np.abs(parts[0:3]).max(axis=0))
     assert (np.abs(hi + lo - want)[1:] / scale[1:]).max() <= LENGTH_ERROR
     assert np.median(np.abs(naive - want)[5:] / want[5:]) > 1000 * LENGTH_ERROR
+
+
+@pytest.mark.parametrize(
+    ("exact", "changed", "flags", "wrong"),
+    [
+        ("(b.hi - square)", "fma(-root, root, b.hi)", [], "length of a vector"),  # contracted
+        ("", "", ["-cl-fast-relaxed-math"], "product of "),  # reordered
+    ],
+)
+def test_a_device_that_changes_exact_arithmetic_is_refused(
+    monkeypatch: pytest.MonkeyPatch, exact: str, changed: str, flags: list[str], wrong: str
+) -> None:
+    device = replace(open_device("pocl"), programs={})
+    options = DepthSizes(device.width)
+    with monkeypatch.context() as patched:
+        assert exact in source("self_test.cl")
+        text = source("self_test.cl").replace(exact, changed)
+        patched.setattr(program_module, "source", lambda _: text)
+        patched.setattr(program_module, "_gpu_flags", lambda *_: flags)
+        for _ in range(2):
+            with pytest.raises(DeviceError) as caught:
+                build(device, "depth.cl", options)
+            message = str(caught.value)
+            assert message.startswith(
+                f"device {device.info.label}, driver {device.info.version}: expected "
+            )
+            assert wrong in message
+            assert "another version of the driver" in message
+    assert list(build(device, "depth.cl", options).kernels) == ["strongest_along_z"]
+
+
+def test_a_device_is_tested_once_whatever_its_memory_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    built = []
+    compiled = program_module.compiled
+
+    def counted(device: clradar.Device, file: str, options: Any) -> Program:
+        built.append(file)
+        return compiled(device, file, options)
+
+    monkeypatch.setattr(program_module, "compiled", counted)
+    device = replace(open_device("pocl", profiling=True), programs={}, budget_bytes=300)
+    assert device.launched == []
+    build(device, "depth.cl", DepthSizes(8))
+    build(device, "depth.cl", DepthSizes(1))
+    assert built == ["self_test.cl", "depth.cl", "depth.cl"]
+    assert device.launched == []  # nor is it measured
 
 
 # Intel's runtime

@@ -29,6 +29,7 @@ from clradar.imaging.strongest import DepthSizes
 from clradar.imaging.tiled import KernelSizes
 from clradar.imaging.tree_on_device import _ForwardSizes, _KernelSizes
 from clradar.opencl.program import defines, nvidia_registers
+from clradar.opencl.self_test import _Width
 from clradar.opencl.sources import source
 from clradar.phasors.kirchhoff_sum import KirchhoffOptions
 from clradar.phasors.phasor_sum import SynthesizeOptions
@@ -66,6 +67,7 @@ PROGRAMS: dict[str, Any] = {
     "roughness.cl": RoughnessOptions(width=1),
     "kirchhoff.cl": KirchhoffOptions(width=1, terms=2, materials=True, pattern=False),
     "flesh.cl": _FleshOptions(width=1, palm=5, root=3, end=3),
+    "self_test.cl": _Width(width=1),
 }
 """The options of a simulation of the default hand and of the paper's image on a GPU."""
 
