@@ -117,7 +117,7 @@ def _of_all(
     captures: Iterable[Capture], grid: VoxelGrid, way: dict[str, Any], progress: Progress | None
 ) -> Volume:
     """The image of all pairs of several captures: the mean of theirs, weighted by their terms."""
-    if not isinstance(captures, Iterable):
+    if isinstance(captures, str) or not isinstance(captures, Iterable):
         checks.instance("backproject: capture", captures, Capture)
     total, terms, metas = np.zeros(grid.shape, np.complex128), 0, []
     last: Volume | None = None

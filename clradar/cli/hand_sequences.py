@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -12,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 from clradar.cli.console import print_warning, progress_bar
 from clradar.cli.hand_sequence import HandSequence
 from clradar.cli.movement_table import print_sequence
+from clradar.cli.on_workers import each_on_workers
 from clradar.cli.options.imaging import GridOptions, ImagingOptions
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.sequence import SequenceOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_place_of_folder
-from clradar.errors import ClradarError, ClradarWarning, CompareError
+from clradar.errors import ClradarError, CompareError
 
 if TYPE_CHECKING:
     from calibration.hand_fit.frame_fit import FrameFit
@@ -73,7 +73,7 @@ def fit_sequences(
         print_warning(f"{sequence.source}: {outcome}")
         failed.append(sequence.source)
 
-    fit = _one_by_one if workers is None else partial(_on_workers, workers)
+    fit = _one_by_one if workers is None else partial(_on_workers, workers, device)
     fit(sequences, done)
     if failed:
         raise CompareError(f"{len(failed)} of {len(sequences)} recordings could not be fitted")
@@ -95,50 +95,26 @@ def _one_by_one(sequences: Sequence[HandSequence], done: Done) -> None:
         done(sequence, outcome)
 
 
-def _on_workers(workers: int, sequences: Sequence[HandSequence], done: Done) -> None:
+def _on_workers(
+    workers: int, device: str | None, sequences: Sequence[HandSequence], done: Done
+) -> None:
     """The same on worker processes of this machine."""
-    from distributed import as_completed
-
-    from clradar.dataset.engine.cluster import DEVICE, local_cluster
-    from clradar.dataset.engine.worker_resources import worker_resources
-
-    resources = worker_resources(min(workers, len(sequences)), sequences[0].device)
-    with (
-        local_cluster(resources) as (client, end),
-        client.as_current(),
-        progress_bar("fitting") as progress,
-    ):
-        futures = {
-            client.submit(
-                # Each worker has its device in CLRADAR_DEVICE.
-                _with_warnings, replace(sequence, device=None), resources={DEVICE: 1}, pure=False
-            ): sequence
-            for sequence in sequences
-        }  # fmt: skip
-        for number, future in enumerate(as_completed(futures), start=1):
-            outcome, said = future.result()
+    with progress_bar("fitting") as progress:
+        # Each worker has its device in CLRADAR_DEVICE.
+        elsewhere = [replace(sequence, device=None) for sequence in sequences]
+        outcomes = each_on_workers(HandSequence.run, elsewhere, workers, device)
+        for number, (sequence, (outcome, said)) in enumerate(outcomes, start=1):
             for text in said:
-                print_warning(f"{futures[future].source}: {text}")
-            done(futures[future], outcome)
+                print_warning(f"{sequence.source}: {text}")
+            done(sequence, outcome)
             if progress is not None:
-                progress(number, len(futures))
-        end()
+                progress(number, len(sequences))
 
 
 def _outcome(
     sequence: HandSequence, progress: Progress | None = None
 ) -> list[FrameFit] | ClradarError:
-    """The fits of a recording, or why there are none: an error keeps its type on its way back."""
     try:
         return sequence.run(progress)
     except ClradarError as error:
         return error
-
-
-def _with_warnings(sequence: HandSequence) -> tuple[list[FrameFit] | ClradarError, list[str]]:
-    """The outcome on a worker, and what it warned of, each once."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", ClradarWarning)
-        outcome = _outcome(sequence)
-    ours = (str(one.message) for one in caught if issubclass(one.category, ClradarWarning))
-    return outcome, list(dict.fromkeys(ours))

@@ -113,6 +113,8 @@ def test_what_the_options_say_goes_into_the_fit(
     assert call.pop("shape") == HandShape(length_m=0.18, girth=0.95)
     assert call.pop("measured").grid.same_voxels(open_volume("volume.h5").grid)
     assert isinstance(call.pop("device"), clradar.Device)
+    assert call.pop("array").name == "qar50"
+    assert call.pop("waveform").same_frequencies(clradar.Waveform.sfcw(72e9, 82e9, 128))
     assert call == {
         "handedness": "left", "fit_shape": True, "alpha": 0.2, "closed_loop": False,
         "angle_std_deg": 9.0, "search_deg": 60.0, "seed": 5, "progress": None,

@@ -62,7 +62,7 @@ shard_size = 3
 pytestmark = [
     pytest.mark.usefixtures("no_contact_sheet"),
     # What is set aside is compared by the results.
-    pytest.mark.filterwarnings("ignore:sample . was set aside"),
+    pytest.mark.filterwarnings("ignore:sample . was set aside", "ignore:.*grating lobes"),
 ]
 
 

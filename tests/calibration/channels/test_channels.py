@@ -615,7 +615,7 @@ def damage(name: str) -> Any:
     def apply(file: h5py.File) -> None:
         data = file["entry/data"]
         if name == "version":
-            file.attrs["clradar_version"] = 3
+            file.attrs["clradar_version"] = 4
         elif name == "text":
             data.attrs["target"] = "sphere"
         elif name == "missing":
