@@ -13,7 +13,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 from multiprocessing.reduction import ForkingPickler
 from time import monotonic
 from typing import Any, TypeVar
@@ -280,7 +280,7 @@ class _Process:
 
     info: DeviceInfo
     process: Any
-    pipe: Connection
+    pipe: Any  # a Connection, on Windows a PipeConnection
     item: int | None = None
 
     @property
@@ -443,7 +443,7 @@ def _pickled(content: Any) -> Any:
         )
 
 
-def _serve(pipe: Connection, selector: str) -> None:
+def _serve(pipe: Any, selector: str) -> None:
     """Make items that come through a pipe until it closes: what a process runs."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it is not blocked
     with handled_warnings(lambda text: pipe.send(("warning", text))):
@@ -462,7 +462,7 @@ def _serve(pipe: Connection, selector: str) -> None:
             pipe.send(("failed", (_sendable(error), traceback.format_exc())))
 
 
-def _teller(pipe: Connection) -> Progress:
+def _teller(pipe: Any) -> Progress:
     last_s = monotonic()
 
     def tell(done: int, total: int) -> None:
