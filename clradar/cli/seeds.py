@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.cli.commands.simulate import load_scene
+from clradar.cli.mesh_scene import load_scene
 from clradar.cli.options.materials import MaterialOptions
 from clradar.files.failures import fail
 from clradar.files.hashing import sha256_of

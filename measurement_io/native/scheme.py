@@ -7,6 +7,7 @@ when it was made and, as JSON, where it comes from.
 
 from __future__ import annotations
 
+import os
 import zlib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -227,7 +228,7 @@ def write(
     import h5py
 
     scheme = SCHEMES[kind]
-    created = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    created = _now().isoformat(timespec="seconds")
     # From version 1.10 on HDF5 keeps checksums of its own structures, and long attributes.
     with ExitStack() as stack:
         temporary = stack.enter_context(replacing(path, force=force))
@@ -346,6 +347,14 @@ def instrument_bytes(array: Any, waveform: Any) -> int:
         if pattern is not None and pattern.angle_deg is not None:
             values += [pattern.angle_deg, pattern.field]
     return stored_bytes(*values)
+
+
+def _now() -> datetime:
+    """The time, or that of SOURCE_DATE_EPOCH, seconds since 1970, for files of equal bytes."""
+    given = os.environ.get("SOURCE_DATE_EPOCH", "")
+    if given.isdecimal() and len(given) <= 10:
+        return datetime.fromtimestamp(int(given), timezone.utc)
+    return datetime.now(timezone.utc)
 
 
 def text_crc32(created: str, text: str, texts: list[str]) -> int:

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
-from command_line import Run
+import two_devices
+from command_line import Run, one_error_line
 
 import clradar
 from clradar.arrays import read_clusters
+from clradar.cli import cluster_captures
+from clradar.cli.cluster_captures import ClusterSteps, Item
 from clradar.errors import ModelError
 from clradar.measurement_io import open_capture, open_volume
 
@@ -63,17 +71,31 @@ def test_the_image_is_the_sum_over_the_pairs_of_all_clusters(radar: Path) -> Non
         clradar.backproject([], GRID)
 
 
-def test_from_the_simulation_to_one_image_on_the_command_line(
-    run: Run, tmp_path: Path, radar: Path
-) -> None:
+@pytest.fixture
+def command(radar: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """`clradar simulate` of a ball by clusters, but for the folder."""
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1000000000")  # files of equal bytes
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.015)
-    ball.apply_translation([0.01, 0, 0.3]).export(tmp_path / "ball.ply")
+    ball.apply_translation([0.01, 0, 0.3]).export(radar.parent / "ball.ply")
+    words = ["simulate", radar.parent / "ball.ply", "--array", radar, "--band", "76:80:12"]
+    return [str(word) for word in (*words, "--estimator", "expected")]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+NAMES = ["cluster_001.h5", "cluster_002.h5", "cluster_003.h5", "settings.json"]
+
+
+def test_from_the_simulation_to_one_image_on_the_command_line(
+    run: Run, tmp_path: Path, radar: Path, command: list[str]
+) -> None:
     made = tmp_path / "made"
-    words = ["--array", radar, "--band", "76:80:12", "--estimator", "expected"]
-    outcome = run("simulate", tmp_path / "ball.ply", "-o", made, *words)
+    outcome = run(*command, "-o", made)
     assert outcome.status == 0, outcome.err
-    files = sorted(made.iterdir())
-    assert [path.name for path in files] == [f"cluster_00{i}.h5" for i in (1, 2, 3)]
+    assert sorted(contents(made)) == NAMES
+    files = sorted(made.glob("cluster_*.h5"))
     captures = [open_capture(path) for path in files]
     scene = clradar.Scene.from_mesh(tmp_path / "ball.ply")
     again = clradar.simulate(scene, read_clusters(radar)[1], BAND, estimator="expected")
@@ -87,7 +109,105 @@ def test_from_the_simulation_to_one_image_on_the_command_line(
     outcome = run("image", files[0], volume, "-o", tmp_path / "no.h5", *grid)
     assert outcome.status == 2
     assert "expected captures, got the volume" in outcome.err
-    outcome = run("simulate", tmp_path / "ball.ply", "-o", made, *words)
-    assert "holds files already" in outcome.err
     outcome = run("record-hand", "flat", "-o", tmp_path / "moving", "--array", radar)
     assert "3 clusters, which simulate and image take" in outcome.err
+
+
+def test_workers_devices_and_parts_make_the_same_files(
+    run: Run, tmp_path: Path, command: list[str]
+) -> None:
+    pytest.importorskip("distributed")
+    here = tmp_path / "here"
+    assert run(*command, "-o", here).status == 0
+    ways = {"workers": [["--workers", "2"]], "parts": [["--clusters", "2:3"], ["--clusters", "1"]]}
+    for name, parts in ways.items():
+        for part in parts:
+            outcome = run(*command, "-o", tmp_path / name, *part)
+            assert outcome.status == 0, outcome.err
+    # In a process of its own, which sees the CPU as two devices.
+    done = subprocess.run(
+        [sys.executable, "-m", "clradar", *command, "-o", tmp_path / "devices", "--device", "all"],
+        env={**os.environ, **two_devices.ENVIRONMENT}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    want = contents(here)
+    assert sorted(want) == NAMES
+    for name in (*ways, "devices"):
+        assert contents(tmp_path / name) == want, name
+
+
+KILLED = """
+import os, signal, sys
+from clradar.cli import cluster_captures
+from clradar.cli.launcher import main
+
+def save(path, *rest, **options):
+    if path.name == "cluster_002.h5":
+        path.with_name(f".{path.name}.0.tmp").write_bytes(b"half")
+        os.kill(os.getpid(), signal.SIGKILL)
+    whole(path, *rest, **options)
+
+whole, cluster_captures.save = cluster_captures.save, save
+main(sys.argv[1:])
+"""
+
+
+def test_a_killed_simulation_of_clusters_resumes(
+    run: Run, tmp_path: Path, radar: Path, command: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    assert run(*command, "-o", whole).status == 0
+    done = subprocess.run([sys.executable, "-c", KILLED, *command, "-o", killed])
+    assert done.returncode == -signal.SIGKILL
+    assert {*contents(killed)} > {"cluster_001.h5", ".cluster_002.h5.0.tmp", "settings.json"}
+    one = ClusterSteps.run
+    made: list[int] = []
+    monkeypatch.setattr(ClusterSteps, "run", lambda s, i, p=None: made.append(i[0]) or one(s, i, p))
+    outcome = run(*command, "-o", killed)
+    assert outcome.status == 0, outcome.err
+    assert "resumes with 1 cluster done before" in outcome.out
+    assert made == [2, 3]
+    assert contents(killed) == contents(whole)
+    one_error_line(run(*command, "--seed", "1", "-o", killed), "settings.seed 0, now 1", "--force")
+    assert contents(killed) == contents(whole)
+    radar.write_text(RULES.replace("n = 2", "n = 1").replace("[-0.1, 0, 0]", "[0.1, 0, 0]"))
+    one_error_line(run(*command, "-o", killed), "wall.toml")
+    outcome = run(*command, "-o", killed, "--force")
+    assert outcome.status == 0, outcome.err
+    assert sorted(contents(killed)) == ["cluster_001.h5", "cluster_002.h5", "settings.json"]
+
+
+def test_a_mesh_that_changes_between_clusters_is_refused(
+    run: Run, tmp_path: Path, command: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = ClusterSteps.run
+
+    def changing(self: ClusterSteps, item: Item, progress: Any = None) -> str:
+        ball = trimesh.creation.icosphere(subdivisions=1, radius=0.015)
+        ball.apply_translation([0.01, 0, 0.3]).export(tmp_path / "ball.ply")
+        cluster_captures._scenes.clear()  # as in another process
+        return one(self, item, progress)
+
+    monkeypatch.setattr(ClusterSteps, "run", changing)
+    outcome = run(*command, "-o", tmp_path / "made")
+    one_error_line(outcome, "ball.ply: changed while clusters were simulated")
+    assert not (tmp_path / "made").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--clusters", "4"], "some of the clusters 1 to 3"),
+        (["--clusters", "x"], "--clusters"),
+        (["--workers", "0"], "--workers"),
+        (["--array", "qar50", "--workers", "1"], "expected an --array of clusters"),
+        (["--array", "qar50", "--clusters", "1"], "expected an --array of clusters"),
+    ],
+)
+def test_numbers_of_clusters_and_workers(
+    run: Run, tmp_path: Path, command: list[str], options: list[str], named: str
+) -> None:
+    outcome = run(*command, "-o", tmp_path / "made", *options)
+    assert outcome.status != 0
+    assert named in outcome.err
+    assert not (tmp_path / "made").exists()

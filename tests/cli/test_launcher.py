@@ -50,7 +50,7 @@ HELP = {
     "--workers --keep-captures --keep-volumes --output fit-hand",
     "simulate": "--alpha --unit --transform --samples-per-mm2 --rays-per-sample --rays-per-face "
     "--reception-radius-mm --max-bounces --normals --crease-deg --amplitude --array "
-    "--band --seed --device --force MESH[:ALPHA] PART=ALPHA",
+    "--band --seed --clusters --workers --device --force MESH[:ALPHA] PART=ALPHA",
     "image": "--x-mm --y-mm --z-mm -100:100:1 260:340:1 --method exact --tolerance-db --window "
     "taylor --png --dynamic-range-db",
     "convert": "--frame --variant emptyfiltered --to --all-frames --timestamp-us",

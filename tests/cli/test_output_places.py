@@ -55,6 +55,7 @@ FOLDER_OUTPUTS = (
     "live . --device abacus -o {} --force",
     "process hand/30 -o {} --force",
     "simulate in.ply --motion in.toml --frames 2 --device abacus -o {} --force",
+    "simulate in.ply --array wall.toml --device abacus -o {} --force",
 )
 OUTPUTS = {"output", "png", "joints", "plot", "json", "json_file", "fix_to", "report", "html"}
 INPUTS = {
@@ -107,6 +108,9 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         path.write_text("as it was")
     plan = 'samples = 1\nposes.names = ["A"]\noutput.products = ["joints"]'
     (tmp_path / "plan.toml").write_text(plan)
+    (tmp_path / "wall.toml").write_text(
+        'copy_of = "qar50"\npairs = "cluster"\npose = [{points_m = [[0, 0, 0], [0, 1, 0]]}]'
+    )
     return tmp_path
 
 

@@ -13,6 +13,7 @@ from command_line import DENSITY, Run, one_error_line
 
 import clradar
 from clradar.cli.commands import simulate as simulate_command
+from clradar.cli.mesh_scene import load_scene
 from clradar.cli.options.simulation import PlacementOptions
 from clradar.errors import ClradarError, ModelError
 from clradar.files.hashing import sha256_of
@@ -91,7 +92,7 @@ def test_alpha_by_mesh_and_by_part(made: Path) -> None:
     named = [simulate_command.split_alpha(str(made / n)) for n in ("hand.ply:0.2", "parts.glb")]
     default, by_part = simulate_command.read_part_alphas(["palm-2=0.6", "0.9", "thumb=0"])
     assert default == 0.9
-    scene = simulate_command.load_scene(named, default, by_part, "m", None)
+    scene = load_scene(named, default, by_part, "m", None)
     alpha, part = np.asarray(scene.alpha), np.asarray(scene.part)
     # Both meshes have the parts of a hand.
     expected = {"palm": 0.2, "palm-2": 0.6, "thumb": 0.0, "thumb-2": 0.9, "index-2": 0.9}
@@ -117,7 +118,7 @@ def test_transform_moves_the_mesh(made: Path, tmp_path: Path, run: Run) -> None:
         read = PlacementOptions(transform=path).matrix()
         assert np.array_equal(read, matrix)
     named = [(made / "hand.ply", None)]
-    moved = simulate_command.load_scene(named, 0.5, {}, "m", read)
+    moved = load_scene(named, 0.5, {}, "m", read)
     assert moved.digest() == clradar.Scene.from_mesh(made / "hand.ply", transform=matrix).digest()
     for text in ("", "{", "[1, 2]", '{"matrix": []}', '["a"]', json.dumps([0] * 16),
                  "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]]",

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, progress_bar
+from clradar.cli.mesh_scene import MeshScene
 from clradar.cli.options.alphas import (
     AlphaOptions,
     read_alpha,
     read_part_alphas,
     with_part_alphas,
 )
-from clradar.cli.options.common import DeviceOption, ForceOption
-from clradar.cli.options.groups import REQUIRED, argument, option, output_option, recorded
+from clradar.cli.options.common import DevicesOption, ForceOption
+from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.materials import PHYSICAL, MaterialOptions
 from clradar.cli.options.motion import MotionOptions
 from clradar.cli.options.radar import RadarOptions
+from clradar.cli.options.sequence import ALL, FRAMES_METAVAR, chosen_frames
 from clradar.cli.options.simulation import (
     ESTIMATORS,
     Estimator,
@@ -28,12 +27,9 @@ from clradar.cli.options.simulation import (
     SimulationOptions,
 )
 from clradar.cli.options.values import wrong_usage
-from clradar.cli.outputs import check_folder, made_folder, save
+from clradar.cli.outputs import save
 from clradar.cli.provenance import provenance
 from clradar.errors import warn
-
-if TYPE_CHECKING:
-    from clradar import Capture, Scene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,18 +56,37 @@ class EstimatorOptions:
     seed: int = option(0, "Same seed, same device: same bits.", metavar="N")
 
 
+@dataclass(frozen=True, kw_only=True)
+class ClusterOptions:
+    """Which clusters of an array, and on how many workers."""
+
+    clusters: str = option(
+        ALL, "Of an --array of clusters those of these numbers, from 1.", metavar=FRAMES_METAVAR
+    )
+    workers: int | None = option(
+        None,
+        'Of clusters: worker processes (pip install "clradar[dataset]"). [default: one after the '
+        "other, here]",
+        metavar="N",
+        min=1,
+    )
+
+
 def command(
     scenery: SceneOptions,
     moving: MotionOptions,
     output: Path = output_option(
-        REQUIRED, "Capture to write (HDF5); with --frames the folder of a recording to make."
+        REQUIRED,
+        "Capture to write (HDF5); with --frames the folder of a recording to make, of clusters "
+        "that of their captures, which is resumed if begun.",
     ),
     *,
     made_of: MaterialOptions,
     simulation: SimulationOptions,
     estimator: EstimatorOptions,
     radar: RadarOptions,
-    device: DeviceOption = None,
+    divided: ClusterOptions,
+    device: DevicesOption = None,
     force: ForceOption = False,
 ) -> None:
     """The radar is the 94 x 94 imager with a 14 cm aperture in the plane z = 0, or that of --array.
@@ -85,11 +100,20 @@ def command(
     a recording that every command reads; of another radar than the imager, a folder of captures.
 
     An --array of clusters whose Tx are measured with their own Rx only makes a folder with a
-    capture of each, of which `clradar image DIR/cluster_*.h5` makes one image.
+    capture of each, of which `clradar image DIR/cluster_*.h5` makes one image (docs/bodies.md).
+    What is done is not done again; workers and devices divide the clusters and change no bit.
     """
     import clradar
     from clradar import Scene
+    from clradar.cli.cluster_captures import (
+        ClusterSteps,
+        ClusterWork,
+        check_clusters_folder,
+        keep_scene,
+        summary,
+    )
     from clradar.cli.motion_recording import MotionRecording
+    from clradar.opencl import open_devices
 
     named = [split_alpha(text) for text in scenery.meshes or []]
     if not named and moving.motion is None:
@@ -98,12 +122,14 @@ def command(
     inputs = [*(path for path, _ in named), *scenery.files, *made_of.files, *radar.files]
     inputs += [] if moving.motion is None else [moving.motion]
     clusters = radar.clusters()
-    names = [f"cluster_{i + 1:03d}.h5" for i in range(len(clusters))]
     if len(clusters) > 1:
         if moving.motion is not None:
             raise wrong_usage("--motion", "expected one array, not clusters with captures of each")
-        check_folder(output, force=force, replaced=names, inputs=inputs)
+        numbers = chosen_frames(divided.clusters, range(1, len(clusters) + 1), "--clusters")
+        check_clusters_folder(output, inputs)
     else:
+        for name in given(divided):
+            raise wrong_usage(name, "expected an --array of clusters with it")
         moving.check(output, force=force, inputs=inputs)
     motion = moving.read()
     if motion is not None and len(motion.files) > 1:
@@ -115,11 +141,16 @@ def command(
         warn(f"--alpha: not used by --estimator {PHYSICAL}; --material has the roughness")
     settings = simulation.settings(seed=estimator.seed, estimator=chosen)
     # Meshes that cannot be read are said before their content is part of the record.
-    still = None
-    if motion is None:
-        still = made_of.on(load_scene(named, default, by_part, scenery.unit, matrix))
+    meshes = MeshScene(
+        meshes=named, alpha=default, alpha_of_parts=by_part, unit=scenery.unit, transform=matrix,
+        materials=made_of,
+    )  # fmt: skip
+    still = meshes.load() if motion is None else None
     antennas, waveform = clusters[0], radar.waveform()
-    opened = clradar.open_device(device)
+    devices = open_devices(device)
+    opened = devices.first
+    if len(clusters) == 1 and len(devices.infos) > 1:
+        raise wrong_usage("--device", "expected one device, or an --array of clusters")
     options = recorded(
         made_of,
         moving,
@@ -132,18 +163,23 @@ def command(
     )
     origin = provenance("simulate", options, inputs)
     start_s = perf_counter()
-    if still is not None:
-        files = [output] if len(clusters) == 1 else [output / name for name in names]
-        with nullcontext() if len(clusters) == 1 else made_folder(output):
-            for antennas, file in zip(clusters, files, strict=True):
-                with progress_bar("tracing") as progress:
-                    capture = clradar.simulate(
-                        still, antennas, waveform,
-                        settings=settings, device=opened, progress=progress,
-                    )  # fmt: skip
-                save(file, capture, origin, force=force)
+    if still is not None and len(clusters) > 1:
+        steps = ClusterSteps(
+            scene=meshes, digest=keep_scene(still), waveform=waveform, settings=settings,
+            folder=output, origin=origin,
+        )  # fmt: skip
+        ClusterWork(
+            steps=steps, clusters=[(i, clusters[i - 1]) for i in numbers],
+            workers=divided.workers, device=device, force=force,
+        ).run()  # fmt: skip
+        words = f"{len(numbers)} of {len(clusters)} clusters"
+    elif still is not None:
+        with progress_bar("tracing") as progress:
+            capture = clradar.simulate(
+                still, antennas, waveform, settings=settings, device=opened, progress=progress
+            )
+        save(output, capture, origin, force=force)
         words = summary(capture)
-        words = words if len(clusters) == 1 else f"{len(clusters)} captures, the last: {words}"
     elif motion is not None:
         bodies = {
             path.name: Scene.from_mesh(
@@ -161,7 +197,7 @@ def command(
         with progress_bar("simulating") as progress:
             words = recording.write(output, moving.frames, origin, opened, progress, force=force)
     took_s = perf_counter() - start_s
-    print_line(f"{output}: {words}, {took_s:.1f} s on {opened.info.label}")
+    print_line(f"{output}: {words}, {took_s:.1f} s on {devices.text}")
 
 
 def split_alpha(text: str) -> tuple[Path, float | None]:
@@ -173,38 +209,3 @@ def split_alpha(text: str) -> tuple[Path, float | None]:
         return Path(name), read_alpha("MESH:ALPHA", number)
     except ValueError:
         return Path(text), None
-
-
-def load_scene(
-    meshes: Sequence[tuple[Path, float | None]],
-    default: float,
-    by_part: dict[str, float],
-    unit: str,
-    transform: Any,
-) -> Scene:
-    """All meshes as one scene."""
-    from clradar import Scene
-
-    scene = Scene.combine(
-        Scene.from_mesh(path, alpha=default if a is None else a, unit=unit, transform=transform)
-        for path, a in meshes
-    )
-    return with_part_alphas(scene, by_part)
-
-
-def summary(capture: Capture) -> str:
-    """A simulated capture in words."""
-    rays = capture.meta["rays"]
-    shape = " x ".join(str(n) for n in capture.data.shape)
-    estimator = capture.meta["settings"]["estimator"]
-    if estimator == "physical":
-        materials = ", ".join(own["name"] for own in capture.meta["scene"]["materials"])
-        lit = capture.meta["kirchhoff"]["lit"]
-        points = f"{rays['samples']} points of which {lit} are seen"
-        return f"{shape} S-parameters of {materials}, {points}"
-    if estimator == "expected":
-        return f"{shape}, {rays['samples']} samples, {rays['paths']} expected receptions"
-    return (
-        f"{shape}, {rays['samples']} samples, {rays['outgoing']} rays of which {rays['paths']} "
-        f"reached an Rx, {100 * rays['absorbed_share']:.1f} % absorbed"
-    )

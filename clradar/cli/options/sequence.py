@@ -48,8 +48,8 @@ class SequenceOptions:
         return chosen_frames(str(self.frames), there)
 
 
-def chosen_frames(text: str, there: Sequence[int]) -> list[int]:
-    """The frames that ``--frames`` chooses of those that are there."""
+def chosen_frames(text: str, there: Sequence[int], option: str = "--frames") -> list[int]:
+    """The frames, or what else has numbers, that an option chooses of those that are there."""
     if text.strip() == ALL:
         return list(there)
     try:
@@ -62,11 +62,11 @@ def chosen_frames(text: str, there: Sequence[int]) -> list[int]:
             chosen = sorted({int(part) for part in text.split(",")})
     except ValueError:
         raise wrong_usage(
-            "--frames", f"expected all, {RANGE} or numbers with commas, got '{text}'"
+            option, f"expected all, {RANGE} or numbers with commas, got '{text}'"
         ) from None
     missing = sorted(set(chosen) - set(there))
     if missing or not chosen:
         raise ModelError(
-            f"--frames: expected some of the frames {there[0]} to {there[-1]}, got '{text}'"
+            f"{option}: expected some of the {option[2:]} {there[0]} to {there[-1]}, got '{text}'"
         )
     return chosen
