@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from clradar.arrays.instruments import qar50
-from clradar.arrays.lobes import Lobe, climbed_lobe, response_over_directions, search_terms
-from clradar.arrays.point_spread import response
+from clradar.arrays.lobes import Lobe, climbed_lobes, response_over_directions, search_terms
+from clradar.arrays.point_spread import Clusters, clusters_of, pair_sums, response, spans_m
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Waveform
 from clradar.model.range_profile import MIN_STEPS
 
@@ -19,7 +20,11 @@ SEARCHED = 24
 """Antennas of a side, drawn, whose response tells where all of them may have a lobe."""
 
 MOST_TERMS = 2e7
-"""Antennas times directions of a search: 2 s. Larger arrays are not searched."""
+"""Antennas times directions of a search: 0.3 s. Larger arrays are not searched."""
+
+ENVELOPES = 3
+"""Of several clusters, so many tell where their image may have lobes: none is above the mean of
+theirs."""
 
 FEWEST_PEAK = 0.3
 """Of the response of the drawn antennas at one frequency, on a lattice that may miss the top."""
@@ -37,7 +42,7 @@ ALIAS_CELLS, ALIAS_POINTS = 3.0, 49
 
 
 def ghosts(
-    array: AntennaArray,
+    array: Clusters,
     waveform: Waveform,
     at_m: np.ndarray,
     *among: Callable[[np.ndarray], np.ndarray],
@@ -46,7 +51,8 @@ def ghosts(
 
     Parameters
     ----------
-    array : AntennaArray
+    array : AntennaArray or sequence of AntennaArray
+        Several: lobes of one image of all.
     waveform : Waveform
     at_m : ndarray, shape (3,), metres
         In front of the antennas.
@@ -58,71 +64,134 @@ def ghosts(
     list of list of Lobe
         For each of `among` the strongest of its own.
     """
-    if _is_imager(array, waveform) or array.n_tx * array.n_rx == 1:
+    clusters = clusters_of(array)
+    if len(clusters) == 1 and _needs_no_search(clusters[0], waveform):
         return [[] for _ in among]
     distance_m = float(np.linalg.norm(at_m))
-    few = array.part(_drawn(array.n_tx), _drawn(array.n_rx))
-    if search_terms(few, waveform.center_hz, 90.0) > MOST_TERMS:
-        return [[] for _ in among]
-    directions, level, step = response_over_directions(few, waveform.center_hz, at_m, 90.0)
-    rows = np.flatnonzero((_peaks(level) & (level > FEWEST_PEAK)).ravel())
-    places_m = distance_m * directions.reshape(-1, 3)[rows]
+    places_m, level, step = _candidates(clusters, waveform.center_hz, at_m)
     own = (np.abs(places_m - at_m)[:, :2] <= 2 * distance_m * step + 1e-9).all(axis=1)
-    some_hz, found = _some(waveform), []
+    chosen = []
     for counts in among:
-        chosen = np.flatnonzero(~own & counts(places_m))
-        chosen = chosen[np.argsort(-level.ravel()[rows[chosen]])][:CLIMBED]
-        climbed = [climbed_lobe(array, some_hz, at_m, places_m[i], step) for i in chosen]
-        away = (lobe for lobe in climbed if _is_away(lobe, at_m, step))
+        rows = np.flatnonzero(~own & counts(places_m))
+        chosen.append(places_m[rows[np.argsort(-level[rows], kind="stable")]][:CLIMBED])
+    climbed = climbed_lobes(clusters, _some(waveform), at_m, np.concatenate(chosen), step)
+    found, first = [], 0
+    for places in chosen:
+        lobes = climbed[first : first + len(places)]
+        first += len(places)
+        away = (lobe for lobe in lobes if _is_away(lobe, at_m, step))
         strong = (lobe for lobe in away if lobe.level_db >= GHOST_DB)
         found.append(sorted(strong, key=lambda lobe: -lobe.level_db))
     return found
 
 
-def range_alias(
-    array: AntennaArray, waveform: Waveform, at_m: np.ndarray, periods: int
-) -> tuple[np.ndarray, float] | None:
-    """Return where a point appears so many unambiguous ranges farther, and how bright.
+def _candidates(
+    clusters: Sequence[AntennaArray], hz: float, at_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places where the response at one frequency has a maximum, their levels, step of the sines.
+
+    Of few of the antennas. Nothing where even they would take long.
+    """
+    distance_m = float(np.linalg.norm(at_m))
+    rows = np.linspace(0, len(clusters) - 1, min(len(clusters), ENVELOPES)).round().astype(int)
+    several = [_few(clusters[row], SEARCHED) for row in rows]
+    if sum(search_terms(few, hz, 90.0) for few in several) > MOST_TERMS:
+        return np.empty((0, 3)), np.empty(0), np.zeros(2)
+    directions, level, step = response_over_directions(several[0], hz, at_m, 90.0)
+    if len(clusters) == 1:
+        peaks = _peaks(level) & (level > FEWEST_PEAK)
+        return distance_m * directions[peaks], level[peaks], step
+    flat = distance_m * directions.reshape(-1, 3)
+    others = [np.abs(pair_sums(few, np.array([hz]), at_m, flat)[:, 0]) for few in several[1:]]
+    envelope = np.mean([level.ravel(), *others], axis=0)
+    cells = directions.reshape(-1, 3)[(envelope > FEWEST_PEAK) & (level.ravel() > 0), :2]
+    return _candidates_about(clusters, hz, at_m, cells, step)
+
+
+def _candidates_about(
+    clusters: Sequence[AntennaArray],
+    hz: float,
+    at_m: np.ndarray,
+    cells: np.ndarray,
+    cell: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `_candidates`, of all clusters, in cells (n, 2) of sines with the sides `cell`."""
+    finest = 0.5 * SPEED_OF_LIGHT_M_PER_S / (hz * np.maximum(spans_m(clusters)[:2], 1e-9))
+    counts = np.ceil(cell / finest).astype(int)  # 0 without aperture
+    counts = np.where(spans_m(clusters)[:2] > 0, np.maximum(counts, 1), 0)
+    step = np.where(counts > 0, cell / np.maximum(counts, 1), 0.0)
+    few = [_few(one, max(1, SEARCHED // len(clusters))) for one in clusters]
+    terms = len(cells) * np.prod(counts + 3.0) * sum(one.n_tx + one.n_rx for one in few)
+    if terms > MOST_TERMS:
+        return np.empty((0, 3)), np.empty(0), step
+    # One step beyond the cell to every side, so that a maximum at its end is seen to be one.
+    x, y = (np.arange(-1, n + 2) * own - side / 2 if n else np.zeros(1)
+            for n, own, side in zip(counts, step, cell, strict=True))  # fmt: skip
+    sines = cells[:, None, None] + np.stack(np.meshgrid(x, y), axis=-1)
+    square = (sines**2).sum(axis=-1)
+    upwards = np.sqrt(np.clip(1 - square, 0.0, None))
+    places_m = float(np.linalg.norm(at_m)) * np.concatenate([sines, upwards[..., None]], axis=-1)
+    sums = pair_sums(few, np.array([hz]), at_m, places_m.reshape(-1, 3))
+    level = np.where(square <= 1, np.abs(sums).reshape(square.shape), 0.0)
+    inner = np.zeros(level.shape[1:], dtype=bool)
+    own = tuple(slice(1, -2) if count else slice(None) for count in counts[::-1].tolist())
+    inner[own] = True  # the last step is the next cell's
+    peaks = _peaks(level, (1, 3, 3)) & inner & (level > FEWEST_PEAK)
+    return places_m[peaks], level[peaks], step
+
+
+def range_aliases(
+    array: Clusters, waveform: Waveform, at_m: np.ndarray, periods: Sequence[int]
+) -> list[tuple[np.ndarray, float]]:
+    """Return where a point appears some unambiguous ranges farther, and how bright.
 
     Parameters
     ----------
-    array : AntennaArray
+    array : AntennaArray or sequence of AntennaArray
     waveform : Waveform
     at_m : ndarray, shape (3,), metres
-    periods : int
+    periods : sequence of int
         Negative: nearer.
 
     Returns
     -------
-    (ndarray, float) or None
-        Position, metres, and amplitude relative to the point itself: 1 far away, and less where the
-        curvature of the wavefronts tells the range. None behind the antennas, and for so few
-        frequencies that they resolve no range.
+    list of (ndarray, float)
+        Position, metres, and amplitude relative to the point itself, `ALIAS_DB` or more: 1 far
+        away, and less where the curvature of the wavefronts tells the range. Nothing behind the
+        antennas, and for so few frequencies that they resolve no range.
     """
-    if waveform.n_freq < MIN_STEPS or waveform.span_hz <= 0:
-        return None
-    antennas_m = np.concatenate([array.tx_m, array.rx_m])
+    if waveform.n_freq < MIN_STEPS or waveform.span_hz <= 0 or not len(periods):
+        return []
+    antennas_m = np.concatenate([side.antennas_m for a in clusters_of(array) for side in a.sides])
     middle_m = antennas_m.mean(axis=0)
     range_m = float(np.linalg.norm(at_m - middle_m))
-    there_m = range_m + periods * waveform.unambiguous_range_m
     cells_m = ALIAS_CELLS * waveform.range_resolution_m * np.linspace(-1, 1, ALIAS_POINTS)
-    places_m = middle_m + (there_m + cells_m)[:, None] * (at_m - middle_m) / range_m
-    ahead = (there_m + cells_m > 0) & (places_m[:, 2] > antennas_m[:, 2].max())
-    if not ahead.any():
-        return None
-    level = response(array, _some(waveform), at_m, places_m[ahead])
-    return places_m[ahead][level.argmax()], float(level.max())
+    there_m = range_m + np.array(periods)[:, None] * waveform.unambiguous_range_m + cells_m
+    places_m = middle_m + there_m[:, :, None] * (at_m - middle_m) / range_m
+    ahead = (there_m > 0) & (places_m[:, :, 2] > antennas_m[:, 2].max())
+    level = np.zeros(there_m.shape)
+    level[ahead] = response(array, _some(waveform), at_m, places_m[ahead])
+    highest = level.argmax(axis=1)
+    found = [
+        (p[i], float(values[i])) for p, values, i in zip(places_m, level, highest, strict=True)
+    ]
+    return [alias for alias in found if alias[1] >= 10 ** (ALIAS_DB / 20)]
 
 
-def _is_imager(array: AntennaArray, waveform: Waveform) -> bool:
-    """Whether it is the 94 x 94 imager up to its band, whose lobes are below -13 dB."""
-    return array.same_positions(qar50()) and float(waveform.frequencies_hz.max()) <= 82.5e9
+def _needs_no_search(array: AntennaArray, waveform: Waveform) -> bool:
+    """Whether it is one pair, or the 94 x 94 imager up to its band: all lobes below -13 dB."""
+    imager = float(waveform.frequencies_hz.max()) <= 82.5e9 and array.same_positions(qar50())
+    return imager or array.n_tx * array.n_rx == 1
 
 
-def _drawn(count: int) -> np.ndarray:
-    if count <= SEARCHED:
+def _few(array: AntennaArray, count: int) -> AntennaArray:
+    return array.part(_drawn(array.n_tx, count), _drawn(array.n_rx, count))
+
+
+def _drawn(count: int, most: int) -> np.ndarray:
+    if count <= most:
         return np.arange(count)
-    return np.sort(np.random.default_rng(0).choice(count, SEARCHED, replace=False))
+    return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
 
 
 def _some(waveform: Waveform) -> np.ndarray:
@@ -131,10 +200,10 @@ def _some(waveform: Waveform) -> np.ndarray:
     return waveform.frequencies_hz[rows]
 
 
-def _peaks(level: np.ndarray) -> np.ndarray:
+def _peaks(level: np.ndarray, size: int | tuple[int, ...] = 3) -> np.ndarray:
     from scipy.ndimage import maximum_filter
 
-    return np.asarray(level == maximum_filter(level, size=3))
+    return np.asarray(level == maximum_filter(level, size=size))
 
 
 def _is_away(lobe: Lobe, at_m: np.ndarray, step: np.ndarray) -> bool:

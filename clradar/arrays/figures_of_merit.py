@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clradar.arrays.lobes import DirectionMap, Lobe, lobes
-from clradar.arrays.point_spread import width_m
+from clradar.arrays.lobes import DirectionMap, Lobe, lobes, widest_search_deg
+from clradar.arrays.point_spread import Clusters, clusters_of, width_m
 from clradar.model import AntennaArray, Waveform, checks
 
 FREQUENCIES = 32
 """At most so many of a band take part; the range that they leave unambiguous covers the lobes."""
 
-WITHIN_DEG = 90.0
 LEVEL_DB = -20.0
 
 
@@ -50,23 +49,26 @@ class ArrayFigures:
 
 
 def array_figures(
-    array: AntennaArray,
+    array: Clusters,
     waveform: Waveform,
     focus_m: Sequence[float],
     *,
-    within_deg: float = WITHIN_DEG,
+    within_deg: float | None = None,
     level_db: float = LEVEL_DB,
 ) -> ArrayFigures:
     """Resolution, lobes and unambiguous range of an array that is focused on a point.
 
     Parameters
     ----------
-    array : AntennaArray
+    array : AntennaArray, or sequence of AntennaArray
+        Several, as `read_clusters` returns them: figures are those of one image of all.
     waveform : Waveform
     focus_m : sequence of 3 float, metres
         In the antenna frame, in front of the antennas.
-    within_deg : float, degrees
+    within_deg : float, optional, degrees
         Lobes are looked for in directions up to this angle to +z, at the distance of the focus.
+        Default: 90, and less for so many antennas and directions that the search would take
+        minutes; `ArrayFigures.within_deg` has it.
     level_db : float, decibel
         Lobes below this level are left out; the strongest 20 are kept.
 
@@ -77,8 +79,8 @@ def array_figures(
     Raises
     ------
     ModelError
-        An invalid argument; a focus behind the antennas; so many antennas and directions that the
-        search would take minutes (`within_deg` makes it smaller).
+        An invalid argument; a focus behind the antennas; a `within_deg` whose search would take
+        minutes.
 
     Notes
     -----
@@ -99,17 +101,22 @@ def array_figures(
     >>> found.lobes, f"{1e3 * found.unambiguous_range_m:.0f} mm"
     ((), '2323 mm')
     """
-    checks.instance("array_figures: array", array, AntennaArray)
+    if not isinstance(array, Sequence) or not array:
+        checks.instance("array_figures: array", array, AntennaArray)
+    for one in clusters_of(array):
+        checks.instance("array_figures: array", one, AntennaArray)
     checks.instance("array_figures: waveform", waveform, Waveform)
     focus = checks.read_only("array_figures: focus_m", focus_m, np.float64, (3,))
+    frequencies_hz = _chosen(waveform)
+    if within_deg is None:
+        within_deg = widest_search_deg(array, float(frequencies_hz[len(frequencies_hz) // 2]))
     within = checks.positive("array_figures: within_deg", within_deg)
     level = checks.real("array_figures: level_db", level_db)
-    foremost_m = max(array.tx_m[:, 2].max(), array.rx_m[:, 2].max())
+    foremost_m = max(side.antennas_m[:, 2].max() for a in clusters_of(array) for side in a.sides)
     if focus[2] <= foremost_m:
         checks.fail("array_figures: focus_m", f"z above {foremost_m:g} m, in front", focus[2])
     if within > 90 or level >= 0:
         checks.fail("array_figures", "within_deg up to 90, level_db below 0", (within, level))
-    frequencies_hz = _chosen(waveform)
     found, over_directions = lobes(array, frequencies_hz, focus, within, level)
     across_m = 2 * float(np.linalg.norm(focus))
     along_m = 0.99 * float(focus[2] - foremost_m)

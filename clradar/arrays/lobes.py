@@ -6,16 +6,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clradar.arrays.point_spread import pair_sums, response, wavenumbers
+from clradar.arrays.point_spread import (
+    Clusters,
+    clusters_of,
+    pair_sums,
+    response,
+    spans_m,
+    wavenumbers,
+)
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import AntennaArray, checks
+from clradar.model import checks
 
 GRATING_DB = -6.0
 """Lobes from this level on can be taken for the target: they are called grating lobes."""
 
 MOST_LOBES = 20
 MOST_TERMS = 500_000_000
-"""Antennas times directions: some 20 s."""
+"""Antennas times directions of a search: some 10 s."""
+
+NARROWER_DEG = 0.8
+"""Factor between angles that are tried until a search is small enough."""
 
 COARSEST = 0.02
 """Step of the sines of directions at most."""
@@ -25,6 +35,9 @@ CELLS = 4.0
 
 SHIFTS = 256
 """Ranges at which the echoes of a direction are added up over the band."""
+
+CLIMBS = 6
+"""Steps to a maximum, each through the parabola of 27 points around the one before."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +92,7 @@ class Lobe:
 
 
 def lobes(
-    array: AntennaArray,
+    array: Clusters,
     frequencies_hz: np.ndarray,
     focus_m: np.ndarray,
     within_deg: float,
@@ -101,15 +114,15 @@ def lobes(
     order = np.argsort(-level[peaks])[: 5 * MOST_LOBES]
     found: list[Lobe] = []
     taken = [focus_m / distance_m]
-    for start in directions[peaks][order]:
-        position_m, height = _climbed(array, frequencies_hz, focus_m, distance_m * start, step)
-        direction = position_m / np.linalg.norm(position_m)
+    starts_m = distance_m * directions[peaks][order]
+    for lobe in climbed_lobes(array, frequencies_hz, focus_m, starts_m, step):
+        direction = lobe.position_m / np.linalg.norm(lobe.position_m)
         known = any(np.all(np.abs(direction - other)[:2] <= 2 * step + 1e-9) for other in taken)
         beyond = np.hypot(*direction[:2]) > np.sin(np.deg2rad(within_deg)) + 1e-9
-        if known or beyond or height < 10 ** (least_db / 20):
+        if known or beyond or lobe.level_db < least_db:
             continue
         taken.append(direction)
-        found.append(_lobe(position_m, height))
+        found.append(lobe)
 
     def strongest_first(lobe: Lobe) -> tuple[float, ...]:
         # Levels of symmetric lobes differ in their last digits.
@@ -126,36 +139,33 @@ def _lobe(position_m: np.ndarray, height: float) -> Lobe:
     return Lobe(position_m, azimuth_deg, elevation_deg, 20 * float(np.log10(height)))
 
 
-def search_terms(array: AntennaArray, frequency_hz: float, within_deg: float) -> float:
+def search_terms(array: Clusters, frequency_hz: float, within_deg: float) -> float:
     """Antennas times directions of `response_over_directions`."""
     n_x, n_y = (2 * count + 1 for count in _counts(array, frequency_hz, within_deg))
-    return (array.n_tx + array.n_rx) * float(n_x * n_y)
+    return sum(one.n_tx + one.n_rx for one in clusters_of(array)) * float(n_x * n_y)
 
 
-def _counts(array: AntennaArray, frequency_hz: float, within_deg: float) -> list[int]:
+def widest_search_deg(array: Clusters, frequency_hz: float) -> float:
+    """The largest angle of some, 90 degrees at first, whose search has at most `MOST_TERMS`."""
+    within_deg = 90.0
+    while search_terms(array, frequency_hz, within_deg) > MOST_TERMS and within_deg > 0.1:
+        within_deg = float(f"{NARROWER_DEG * within_deg:.2g}")
+    return within_deg
+
+
+def _counts(array: Clusters, frequency_hz: float, within_deg: float) -> list[int]:
     """Steps of sines to either side along x and y; 0 without aperture."""
-    spans_m = np.ptp(array.tx_m, axis=0)[:2] + np.ptp(array.rx_m, axis=0)[:2]
     most = np.sin(np.deg2rad(within_deg))
-    finest = [0.5 * SPEED_OF_LIGHT_M_PER_S / (frequency_hz * max(span, 1e-9)) for span in spans_m]
+    spans = spans_m(array)[:2]
+    finest = [0.5 * SPEED_OF_LIGHT_M_PER_S / (frequency_hz * max(span, 1e-9)) for span in spans]
     return [
         int(np.ceil(most / min(step, COARSEST))) if span > 0 else 0
-        for span, step in zip(spans_m, finest, strict=True)
+        for span, step in zip(spans, finest, strict=True)
     ]
 
 
-def climbed_lobe(
-    array: AntennaArray,
-    frequencies_hz: np.ndarray,
-    focus_m: np.ndarray,
-    start_m: np.ndarray,
-    step: np.ndarray,
-) -> Lobe:
-    """The lobe next to a point; `step` of sines as `response_over_directions` returns it."""
-    return _lobe(*_climbed(array, frequencies_hz, focus_m, start_m, step))
-
-
 def response_over_directions(
-    array: AntennaArray, frequency_hz: float, focus_m: np.ndarray, within_deg: float
+    array: Clusters, frequency_hz: float, focus_m: np.ndarray, within_deg: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Magnitude of the response at one frequency, at the distance of the focus.
 
@@ -199,34 +209,76 @@ def response_over_directions(
     return directions, level, step
 
 
-def _climbed(
-    array: AntennaArray,
+def climbed_lobes(
+    array: Clusters,
     frequencies_hz: np.ndarray,
     focus_m: np.ndarray,
-    start_m: np.ndarray,
+    starts_m: np.ndarray,
     step: np.ndarray,
-) -> tuple[np.ndarray, float]:
-    """The maximum of the response next to a point, at the range that suits it, and its height."""
-    from scipy.optimize import minimize
+) -> list[Lobe]:
+    """The maxima of the response next to some points, at the ranges that suit them.
 
-    distance_m = float(np.linalg.norm(start_m))
+    Parameters
+    ----------
+    starts_m : ndarray, shape (n, 3), metres
+        At the distance of the focus.
+    step : ndarray, shape (2,)
+        Of sines, as `response_over_directions` returns it.
+    """
+    if not len(starts_m):
+        return []
+    distance_m = float(np.linalg.norm(focus_m))
     span_hz = float(np.ptp(frequencies_hz))
     cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * span_hz) if span_hz > 0 else 0.0
     shifts_m = np.linspace(-CELLS, CELLS, SHIFTS) * min(cell_m, distance_m / (CELLS + 1))
-    sums = pair_sums(array, frequencies_hz, focus_m, start_m[None])[0]
-    profile = np.abs(np.exp(2j * np.outer(shifts_m, wavenumbers(frequencies_hz))) @ sums)
-    at = np.array([*start_m[:2] / distance_m, distance_m + shifts_m[profile.argmax()]])
+    sums = pair_sums(array, frequencies_hz, focus_m, starts_m)
+    profiles = np.abs(sums @ np.exp(2j * np.outer(wavenumbers(frequencies_hz), shifts_m)))
+    ranges_m = distance_m + shifts_m[profiles.argmax(axis=1)]
+    at = np.column_stack([starts_m[:, :2] / distance_m, ranges_m])  # sines along x and y, range
+    nearest_m, farthest_m = distance_m + shifts_m[[0, -1]]
 
-    def position_m(place: np.ndarray) -> np.ndarray:
-        upwards = np.sqrt(max(0.0, 1.0 - place[0] ** 2 - place[1] ** 2))
-        within_m = np.clip(place[2], *(distance_m + shifts_m[[0, -1]]))
-        return within_m * np.array([place[0], place[1], upwards])
+    def levels(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (..., 3), metres, of sines and ranges, and the response there."""
+        sines = places[..., :2] / np.maximum(1.0, np.hypot(*places.T[:2]).T)[..., None]
+        upwards = np.sqrt(np.clip(1.0 - (sines**2).sum(axis=-1), 0.0, None))
+        direction = np.concatenate([sines, upwards[..., None]], axis=-1)
+        at_m = np.clip(places[..., 2:], nearest_m, farthest_m) * direction
+        level = response(array, frequencies_hz, focus_m, at_m.reshape(-1, 3))
+        return at_m, level.reshape(places.shape[:-1])
 
-    corners = np.vstack([np.zeros(3), np.diag([*step, cell_m / 4])])
-    best = minimize(
-        lambda place: -response(array, frequencies_hz, focus_m, position_m(place)[None])[0],
-        at,
-        method="Nelder-Mead",
-        options={"initial_simplex": at + corners, "xatol": 1e-5, "fatol": 1e-4},
-    )
-    return position_m(best.x), -float(best.fun)
+    reach = np.tile([*step, cell_m / 4], (len(at), 1))
+    best_m, best = levels(at)
+    for _ in range(CLIMBS):
+        at_m, level = levels(at[:, None] + _AROUND * reach[:, None])
+        highest = level.argmax(axis=1)
+        rows = np.arange(len(at))
+        better = level[rows, highest] > best
+        best_m[better] = at_m[rows, highest][better]
+        best = np.maximum(best, level[rows, highest])
+        move, peaked = _summits(level)
+        move[~peaked] = _AROUND[highest[~peaked]]
+        at = at + move * reach
+        reach[peaked] *= 0.4
+    return [_lobe(*found) for found in zip(best_m, best, strict=True)]
+
+
+_AROUND = np.stack(np.meshgrid(*3 * [[-1.0, 0.0, 1.0]]), axis=-1).reshape(-1, 3)
+_PAIRS = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
+_PARABOLA = np.linalg.pinv(
+    np.column_stack([np.ones(27), _AROUND, *(_AROUND[:, i] * _AROUND[:, j] for i, j in _PAIRS)])
+)
+
+
+def _summits(level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tops of parabolas through values around points, shape (n, 27), in steps, shape (n, 3).
+
+    Also whether each is a maximum within the steps, shape (n,).
+    """
+    values = level @ _PARABOLA.T
+    slope, bend = values[:, 1:4], np.empty((len(level), 3, 3))
+    for value, (i, j) in zip(values[:, 4:].T, _PAIRS, strict=True):
+        bend[:, i, j] = bend[:, j, i] = value * (2 if i == j else 1)
+    # Along an axis without aperture or bandwidth nothing changes: no slope, no bend, no step.
+    top = -(np.linalg.pinv(bend, rcond=1e-3, hermitian=True) @ slope[:, :, None])[:, :, 0]
+    peaked = (np.abs(top) <= 1.0).all(axis=1) & (np.linalg.eigvalsh(bend)[:, 2] < 1e-4)
+    return np.clip(top, -1.0, 1.0), peaked

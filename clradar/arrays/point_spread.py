@@ -1,20 +1,43 @@
 """Response of a focused array: the normalised back-projection of one point's echoes.
 
 The image of a point at p, at v: the sum over all pairs and frequencies of
-exp(j k (d(v) - d(p))), d = |. - tx| + |. - rx|, divided by their number. Over pairs it is the
-product of the sum over Tx and the sum over Rx.
+exp(j k (d(v) - d(p))), d = |. - tx| + |. - rx|, divided by their number. Over the pairs of an array
+it is the product of the sum over Tx and the sum over Rx; of several arrays (clusters, whose Tx are
+measured with their own Rx only) it is the sum of theirs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray
+from clradar.model.antenna_side import AntennaSide
 
-TERMS_AT_ONCE = 4_000_000
+Clusters: TypeAlias = AntennaArray | Sequence[AntennaArray]
+"""One array, or several of which one image is formed."""
+
+TERMS_AT_ONCE = 100_000
+"""Antennas times points: what a core's cache holds."""
+
+SAME_STEP = 1e-9
+"""Of the highest frequency: steps that differ by less are one."""
+
+
+def clusters_of(array: Clusters) -> tuple[AntennaArray, ...]:
+    """The arrays whose pairs an image is the sum over."""
+    return (array,) if isinstance(array, AntennaArray) else tuple(array)
+
+
+def spans_m(array: Clusters) -> np.ndarray:
+    """Extent of Tx + Rx over all pairs along x, y and z, shape (3,): twice that of the middles."""
+    own = clusters_of(array)
+    last = np.max([one.tx_m.max(axis=0) + one.rx_m.max(axis=0) for one in own], axis=0)
+    first = np.min([one.tx_m.min(axis=0) + one.rx_m.min(axis=0) for one in own], axis=0)
+    return np.asarray(last - first)
 
 
 def wavenumbers(frequencies_hz: np.ndarray) -> np.ndarray:
@@ -23,15 +46,14 @@ def wavenumbers(frequencies_hz: np.ndarray) -> np.ndarray:
 
 
 def pair_sums(
-    array: AntennaArray, frequencies_hz: np.ndarray, focus_m: np.ndarray, points_m: np.ndarray
+    array: Clusters, frequencies_hz: np.ndarray, focus_m: np.ndarray, points_m: np.ndarray
 ) -> np.ndarray:
     """The response per frequency, before the sum over frequencies.
 
     Parameters
     ----------
-    array : AntennaArray
-        Its patterns and gains weigh the antennas towards each point, as echoes from there would
-        be.
+    array : AntennaArray or sequence of AntennaArray
+        Patterns and gains weigh the antennas towards each point, as echoes from there would be.
     frequencies_hz : ndarray, shape (n_freq,)
     focus_m : ndarray, shape (3,), metres
         Where the point is, whose response is 1.
@@ -40,28 +62,63 @@ def pair_sums(
     Returns
     -------
     ndarray, shape (n, n_freq), complex128
+        To 1e-5, as phasors are complex64.
     """
-    k = wavenumbers(frequencies_hz)
-    found = np.ones((len(points_m), len(k)), dtype=np.complex128)
-    for side in array.sides:
-        at_focus_m, weight = side.towards(focus_m[None])
-        top = weight.sum()
-        for rows in _chunks(len(points_m), len(side.antennas_m) * len(k)):
-            away_m, weight = side.towards(points_m[rows])
-            phase = (away_m - at_focus_m)[:, :, None] * k
-            found[rows] *= (weight[:, :, None] * np.exp(1j * phase)).sum(axis=1) / top
-    return found
+    total = np.zeros((len(points_m), len(frequencies_hz)), dtype=np.complex128)
+    top = 0.0j
+    for one in clusters_of(array):
+        own, own_top = np.ones_like(total), 1.0 + 0.0j
+        for side in one.sides:
+            at_focus_m, weight = side.towards(focus_m[None])
+            own_top *= complex(weight.sum())
+            for rows in _chunks(len(points_m), len(side.antennas_m)):
+                own[rows] *= _side_sums(side, frequencies_hz, at_focus_m, points_m[rows])
+        total += own
+        top += own_top
+    return total / top
+
+
+def _side_sums(
+    side: AntennaSide, frequencies_hz: np.ndarray, at_focus_m: np.ndarray, points_m: np.ndarray
+) -> np.ndarray:
+    """Sum over the antennas of one side, shape (n, n_freq): from frequency to frequency each
+    phasor is turned, as few steps have few different phasors."""
+    away_m, weight = side.towards(points_m)
+    away_m -= at_focus_m
+    turned = _phasors(away_m, frequencies_hz[0])
+    if side.pattern is not None or side.gain is not None:
+        turned *= weight.astype(np.complex64)
+    sums = [turned.sum(axis=1)]
+    by_step: dict[int, np.ndarray] = {}
+    for step_hz in np.diff(frequencies_hz):
+        key = round(step_hz / (SAME_STEP * frequencies_hz[-1]))
+        if key not in by_step:
+            by_step[key] = _phasors(away_m, step_hz)
+        turned *= by_step[key]
+        sums.append(turned.sum(axis=1))
+    return np.stack(sums, axis=1)
+
+
+def _phasors(length_m: np.ndarray, frequency_hz: float) -> np.ndarray:
+    """exp(j 2 pi f l / c), complex64."""
+    turns = length_m * (frequency_hz / SPEED_OF_LIGHT_M_PER_S)
+    turns -= np.rint(turns)
+    angle = (2 * np.pi * turns).astype(np.float32)
+    phasors = np.empty(angle.shape, np.complex64)
+    np.cos(angle, out=phasors.real)
+    np.sin(angle, out=phasors.imag)
+    return phasors
 
 
 def response(
-    array: AntennaArray, frequencies_hz: np.ndarray, focus_m: np.ndarray, points_m: np.ndarray
+    array: Clusters, frequencies_hz: np.ndarray, focus_m: np.ndarray, points_m: np.ndarray
 ) -> np.ndarray:
     """Magnitude of the response at points, shape (n,); 1 at the focus."""
     return np.abs(pair_sums(array, frequencies_hz, focus_m, points_m).mean(axis=1))
 
 
 def width_m(
-    array: AntennaArray,
+    array: Clusters,
     frequencies_hz: np.ndarray,
     focus_m: np.ndarray,
     axis: np.ndarray,
@@ -76,18 +133,25 @@ def width_m(
     longest_m : float, metres
         Half of the longest width that is looked for.
     """
+
+    def levels(steps_m: np.ndarray) -> np.ndarray:
+        line_m = focus_m + steps_m[:, None] * axis
+        return response(array, frequencies_hz, focus_m, line_m)
+
     ends = []
-    steps_m = longest_m * np.geomspace(1e-5, 1.0, 400)
     for sign in (-1.0, 1.0):
-        line_m = focus_m + sign * steps_m[:, None] * axis
-        level = response(array, frequencies_hz, focus_m, line_m)
-        below = np.flatnonzero(level < np.sqrt(0.5))
-        if not len(below):
-            return float("inf")
-        first = below[0]
-        before = (0.0, 1.0) if first == 0 else (steps_m[first - 1], level[first - 1])
-        share = (before[1] - np.sqrt(0.5)) / (before[1] - level[first])
-        ends.append(before[0] + share * (steps_m[first] - before[0]))
+        steps_m = longest_m * np.concatenate([[0.0], np.geomspace(1e-5, 1.0, 60)])
+        for _ in range(2):  # the second time between the two steps that are found
+            level = levels(sign * steps_m)
+            below = np.flatnonzero(level < np.sqrt(0.5))
+            if not len(below):
+                return float("inf")
+            first = max(int(below[0]), 1)
+            inside_m, outside_m = steps_m[first - 1], steps_m[first]
+            above, under = level[first - 1], level[first]
+            steps_m = np.linspace(inside_m, outside_m, 12)
+        share = (above - np.sqrt(0.5)) / (above - under)
+        ends.append(inside_m + share * (outside_m - inside_m))
     return float(sum(ends))
 
 

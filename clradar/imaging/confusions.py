@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clradar.arrays.ambiguity import ALIAS_DB, ghosts, range_alias
+from clradar.arrays.ambiguity import ghosts, range_aliases
 from clradar.errors import warn
 from clradar.imaging.echo_location import coarse_image, resolution_m
 from clradar.imaging.grid_words import box_words as _box
@@ -58,10 +58,8 @@ def warn_of_confusions(capture: Capture, grid: VoxelGrid, at_m: np.ndarray, devi
             )
             return
     doubles = [(lobe.position_m, "grating lobe") for lobe in lobes_beside]
-    for periods in range(1, PERIODS + 1):
-        alias = range_alias(array, waveform, at_m, periods)
-        if alias is not None and alias[1] >= 10 ** (ALIAS_DB / 20):
-            doubles.append((alias[0], "alias"))
+    aliases = range_aliases(array, waveform, at_m, range(1, PERIODS + 1))
+    doubles += [(place_m, "alias") for place_m, _ in aliases]
     if not doubles:
         return
     own = _amplitude(capture, at_m, device)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clradar.arrays.figures_of_merit import ArrayFigures
-from clradar.arrays.point_spread import response
-from clradar.model import AntennaArray, Waveform
+from clradar.arrays.point_spread import Clusters, clusters_of, response
+from clradar.model import Waveform
 from clradar.plot.layout import LABEL_PT, TICK_PT, TITLE_PT, new_figure, printable
 
 if TYPE_CHECKING:
@@ -20,17 +20,21 @@ LEVELS_DB = 40.0
 CUT_RESOLUTIONS = 6.0
 """Cuts reach so many resolutions to either side."""
 
+MOST_NUMBERS = 64
+"""Of clusters, in the picture."""
+
 TX_COLOUR, RX_COLOUR, PAIR_COLOUR = "#c44e52", "#4c72b0", "#555555"
 
 
 def array_figure(
-    array: AntennaArray, waveform: Waveform, found: ArrayFigures, title: str | None = None
+    array: Clusters, waveform: Waveform, found: ArrayFigures, title: str | None = None
 ) -> Figure:
     """Draw an array and what `clradar.arrays.array_figures` found of it.
 
     Parameters
     ----------
-    array : AntennaArray
+    array : AntennaArray, or sequence of AntennaArray
+        Several: clusters, whose pairs are those of each alone.
     waveform : Waveform
     found : ArrayFigures
         Of this array and waveform.
@@ -47,7 +51,9 @@ def array_figure(
     figure = new_figure(*SIZE)
     axes = figure.subplots(2, 2)
     figure.subplots_adjust(0.08, 0.07, 0.97, 0.9, wspace=0.28, hspace=0.32)
-    figure.suptitle(printable(title or array.name), fontsize=TITLE_PT, fontweight="bold")
+    figure.suptitle(
+        printable(title or clusters_of(array)[0].name), fontsize=TITLE_PT, fontweight="bold"
+    )
     _elements(axes[0, 0], array)
     _virtual(axes[0, 1], array)
     _directions(axes[1, 0], found)
@@ -61,22 +67,28 @@ def array_figure(
     return figure
 
 
-def _elements(axes: Axes, array: AntennaArray) -> None:
-    for positions_m, colour, marker, name in (
-        (array.tx_m, TX_COLOUR, "s", f"{array.n_tx} Tx"),
-        (array.rx_m, RX_COLOUR, "o", f"{array.n_rx} Rx"),
+def _elements(axes: Axes, array: Clusters) -> None:
+    own = clusters_of(array)
+    for sides_m, colour, marker, name in (
+        ([one.tx_m for one in own], TX_COLOUR, "s", "Tx"),
+        ([one.rx_m for one in own], RX_COLOUR, "o", "Rx"),
     ):
-        x, y = 1e3 * positions_m[:, 0], 1e3 * positions_m[:, 1]
-        axes.plot(x, y, marker, color=colour, markersize=3, fillstyle="none", label=name)
-    axes.set_title("elements")
+        x, y = 1e3 * np.concatenate(sides_m)[:, :2].T
+        label = f"{len(sides_m[0])} {name}" + (f", {len(own)} times" if len(own) > 1 else "")
+        axes.plot(x, y, marker, color=colour, markersize=3, fillstyle="none", label=label)
+    if 1 < len(own) <= MOST_NUMBERS:
+        for i, one in enumerate(own, start=1):
+            middle = 1e3 * np.concatenate([one.tx_m, one.rx_m])[:, :2].mean(axis=0)
+            axes.text(middle[0], middle[1], str(i), fontsize=TICK_PT, ha="center", va="center")
+    axes.set_title("elements" if len(own) == 1 else "elements, and the numbers of clusters")
     axes.legend(fontsize=TICK_PT)
     _equal_mm(axes)
 
 
-def _virtual(axes: Axes, array: AntennaArray) -> None:
+def _virtual(axes: Axes, array: Clusters) -> None:
     """The middle of every pair: where a single antenna would see nearly the same phase far away."""
-    tx, rx = (1e3 * side[:, :2] / 2 for side in (array.tx_m, array.rx_m))
-    middles = (tx[:, None] + rx[None]).reshape(-1, 2)
+    sides = [[1e3 * side.antennas_m[:, :2] / 2 for side in one.sides] for one in clusters_of(array)]
+    middles = np.concatenate([(tx[:, None] + rx[None]).reshape(-1, 2) for tx, rx in sides])
     places = np.unique(middles.round(4), axis=0)
     axes.plot(places[:, 0], places[:, 1], ".", color=PAIR_COLOUR, markersize=1.5)
     axes.set_title(f"virtual aperture: {len(middles)} pairs at {len(places)} places")
@@ -119,7 +131,7 @@ def _directions(axes: Axes, found: ArrayFigures) -> None:
     axes.set_title(f"response at {at_ghz:.4g} GHz; circles: lobes of the band")
 
 
-def _cuts(axes: Axes, array: AntennaArray, waveform: Waveform, found: ArrayFigures) -> None:
+def _cuts(axes: Axes, array: Clusters, waveform: Waveform, found: ArrayFigures) -> None:
     frequencies_hz = waveform.frequencies_hz
     finite = [width for width in found.resolution_m if np.isfinite(width)]
     for axis, name in enumerate("xyz"):

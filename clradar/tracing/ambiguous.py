@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from clradar.arrays.ambiguity import ALIAS_DB, ghosts, range_alias
+from clradar.arrays.ambiguity import ghosts, range_aliases
 from clradar.arrays.lobes import Lobe
 from clradar.errors import warn
 from clradar.model import AntennaArray, Scene, Waveform
@@ -40,7 +40,7 @@ def warn_of_ambiguity(scene: Scene, array: AntennaArray, waveform: Waveform) -> 
         return
     range_m = float(f"{np.linalg.norm(centre_m):.1g}")
     keys = tuple(np.ceil(span * 20) / 20)
-    lobe = _lobe_within(_Radar(array, waveform), range_m, keys)
+    lobe = _lobe_within(_Radar(array, middle_m, waveform), range_m, keys)
     if lobe is not None:
         warn(
             "simulate: the scene is as wide as the array's grating lobes: parts of it appear at "
@@ -55,8 +55,7 @@ def _warn_of_range(
 ) -> None:
     period_m = waveform.unambiguous_range_m
     folds = int(min(PERIODS, range_m // period_m)) if period_m > 0 else 0
-    aliases = (range_alias(array, waveform, at_m, -n) for n in range(1, folds + 1))
-    found = [a for a in aliases if a is not None and a[1] >= 10 ** (ALIAS_DB / 20)]
+    found = range_aliases(array, waveform, at_m, range(-1, -folds - 1, -1))
     if found:
         places = [f"{at[2]:.3g} m ({20 * np.log10(level) + 0.0:.1f} dB)" for at, level in found]
         warn(
@@ -67,11 +66,13 @@ def _warn_of_range(
 
 
 class _Radar:
-    """An array and its frequencies as a key: equal ones have one hash."""
+    """An array about its middle and its frequencies as a key: equal ones have one hash."""
 
-    def __init__(self, array: AntennaArray, waveform: Waveform) -> None:
-        self.array, self.waveform = array, waveform
-        self._key = (array.tx_m.tobytes(), array.rx_m.tobytes(), waveform.frequencies_hz.tobytes())
+    def __init__(self, array: AntennaArray, middle_m: np.ndarray, waveform: Waveform) -> None:
+        # Copies of a cluster at other places differ by rounding.
+        tx_m, rx_m = ((side - middle_m).round(9) + 0.0 for side in (array.tx_m, array.rx_m))
+        self.array, self.waveform = AntennaArray(tx_m, rx_m, array.name), waveform
+        self._key = (tx_m.tobytes(), rx_m.tobytes(), waveform.frequencies_hz.tobytes())
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Radar) and self._key == other._key
@@ -88,11 +89,7 @@ def _lobe_within(radar: _Radar, range_m: float, span: tuple[float, ...]) -> Lobe
         return np.asarray((np.abs(places_m[:, :2]) / range_m <= span).all(axis=1))
 
     antennas_m = np.concatenate([radar.array.tx_m, radar.array.rx_m])
-    middle_m = antennas_m.mean(axis=0)
     if range_m <= np.ptp(antennas_m[:, 2]):
         return None
-    centred = AntennaArray(
-        radar.array.tx_m - middle_m, radar.array.rx_m - middle_m, radar.array.name
-    )
-    (found,) = ghosts(centred, radar.waveform, np.array([0.0, 0.0, range_m]), near)
+    (found,) = ghosts(radar.array, radar.waveform, np.array([0.0, 0.0, range_m]), near)
     return found[0] if found else None

@@ -7,6 +7,8 @@ import pytest
 
 import clradar
 from clradar.arrays import array_figures
+from clradar.arrays.ambiguity import ghosts
+from clradar.arrays.point_spread import response
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S as C
 from clradar.errors import ModelError
 
@@ -131,7 +133,7 @@ def test_patterns_lower_the_lobes() -> None:
         ({"focus_m": (0, 0)}, "focus_m: expected shape"),
         ({"within_deg": 91}, "within_deg up to 90"),
         ({"level_db": 0}, "level_db below 0"),
-        ({"array": wall(100, 4.0)}, "antennas times directions"),
+        ({"array": wall(100, 4.0), "within_deg": 90}, "antennas times directions"),
         ({"array": None}, "array: expected"),
     ],
 )
@@ -143,3 +145,43 @@ def test_bad_arguments_are_named(change: dict[str, object], words: str) -> None:
     }
     with pytest.raises(ModelError, match=words):
         array_figures(**{**given, **change})  # type: ignore[arg-type]
+
+
+def clusters(n: int, pitch_m: float) -> list[clradar.AntennaArray]:
+    """Three Tx 6 mm apart, three Rx 2 mm apart, all along x; n times."""
+    own = np.arange(-1, 2)[:, None] * [1.0, 0.0, 0.0]
+    at_m = (np.arange(n) - (n - 1) / 2)[:, None] * [pitch_m, 0.0, 0.0]
+    return [clradar.AntennaArray(6e-3 * own + at, 2e-3 * own + at, f"cluster {at}") for at in at_m]
+
+
+def test_clusters_have_the_lobes_of_their_pitch_below_the_pattern_of_each() -> None:
+    """sin = m lambda / (2 pitch), since Tx and Rx are shifted; the level is one cluster's own."""
+    n, pitch_m, hz = 4, 60e-3, 77e9
+    band = clradar.Waveform.sfcw(hz, hz, 1)
+    focus_m = (0.0, 0.0, 100.0)
+    found = array_figures(clusters(n, pitch_m), band, focus_m, level_db=-7)
+    k, sines = 2 * np.pi * hz / C, np.arange(1, 5) * C / hz / (2 * pitch_m)
+    each = [np.abs(1 + 2 * np.cos(k * d * sines)) / 3 for d in (6e-3, 2e-3)]
+    levels_db = 20 * np.log10(each[0] * each[1])
+    right = sorted(
+        (own for own in found.lobes if 0 < own.azimuth_deg < 8), key=lambda o: -o.level_db
+    )
+    assert np.sin(np.deg2rad([o.azimuth_deg for o in right])) == pytest.approx(sines, rel=0.01)
+    assert [o.level_db for o in right] == pytest.approx(levels_db, abs=0.1)
+    (searched,) = ghosts(clusters(n, pitch_m), band, np.array(focus_m), lambda p: p[:, 0] > 0)
+    assert [o.level_db for o in searched] == pytest.approx(
+        [o.level_db for o in right if o.level_db >= -3], abs=1e-3
+    )
+
+
+def test_the_image_of_several_captures_has_the_response_of_clusters() -> None:
+    band = clradar.Waveform.sfcw(60e9, 64e9, 16)
+    point_m, own = np.array([0.05, 0.01, 0.5]), clusters(3, 40e-3)
+    captures = [clradar.room_capture(one, band, [], points_m=[point_m]) for one in own]
+    grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (0.01, 0.01), (0.47, 0.53), 5e-3)
+    image = np.abs(clradar.backproject(captures, grid, method="exact").data)
+    z_m, y_m, x_m = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
+    points_m = np.stack([x_m, y_m, z_m], axis=-1).reshape(-1, 3)
+    want = response(own, band.frequencies_hz, point_m, points_m)
+    # complex64 samples and single precision.
+    np.testing.assert_allclose(image.ravel() / image.max(), want, atol=1e-4)

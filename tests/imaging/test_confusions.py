@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 import clradar
-from clradar.arrays.ambiguity import ghosts, range_alias
+from clradar.arrays.ambiguity import ghosts, range_aliases
 from clradar.errors import ClradarWarning, handled_warnings
 
 LINES = np.linspace(-1, 1, 12), np.linspace(-1, 1, 16)
@@ -54,10 +54,10 @@ def test_lobes_are_where_the_grating_equation_has_them(range_m: float) -> None:
 
 def test_an_alias_is_as_bright_as_the_echo_far_away_and_not_near() -> None:
     for at_m, low, high in (([0, 0, 20.0], 0.99, 1.0), ([0, 0, 0.3], 0.2, 0.9)):
-        place_m, level = range_alias(CROSS, BAND, np.array(at_m), 1)
+        ((place_m, level),) = range_aliases(CROSS, BAND, np.array(at_m), [1])
         assert low < level <= high
         assert abs(place_m[2] - at_m[2] - BAND.unambiguous_range_m) < 0.02
-    assert range_alias(CROSS, BAND, np.array([0, 0, 1.0]), -1) is None  # behind
+    assert range_aliases(CROSS, BAND, np.array([0, 0, 1.0]), [-1]) == []  # behind
 
 
 def test_a_lobe_in_the_grid_and_the_lobe_of_an_echo_beside_it() -> None:

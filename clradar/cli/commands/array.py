@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from clradar.cli.options.values import check_unit, position_m
 from clradar.cli.outputs import check_figure, check_outputs
 
 if TYPE_CHECKING:
+    from clradar import AntennaArray
     from clradar.arrays import ArrayFigures
 
 FARTHEST_M = 100.0
@@ -25,8 +27,11 @@ def command(
     output: Path | None = output_option(None, "Figure: .png, .pdf or .svg."),
     at_mm: str = option("0,0,300", "Point that the array is focused on.", metavar="X,Y,Z"),
     band: BandOptions,
-    within_deg: float = option(
-        90.0, "Lobes in directions up to this angle to boresight.", metavar="DEG"
+    within_deg: float | None = option(
+        None,
+        "Lobes in directions up to this angle to boresight. [default: 90, less where the search "
+        "would take minutes]",
+        metavar="DEG",
     ),
     as_json: bool = option(False, "Print JSON for programs, in metres.", names=("--json",)),
     show: OpenOption = False,
@@ -34,7 +39,8 @@ def command(
 ) -> None:
     """Widths are those of the response at -3 dB, which back-projection has without a window. A lobe
     is another direction whose echoes appear at the focus, too, with its level over the whole band.
-    See docs/arrays.md.
+    Clusters whose Tx are measured with their own Rx only are taken together, as one image of all of
+    them is. See docs/arrays.md.
     """
     from clradar.arrays import array_figures
     from clradar.files.json_text import indented
@@ -43,20 +49,21 @@ def command(
     require_picture(show, "-o", output)
     radar = RadarOptions(array=array, band=band.band)
     check_outputs([output], force=force, inputs=radar.files)
-    focus_m, antennas, waveform = _focus(at_mm), radar.antennas(), radar.waveform()
-    found = array_figures(antennas, waveform, focus_m, within_deg=within_deg)
+    focus_m, clusters, waveform = _focus(at_mm), radar.clusters(), radar.waveform()
+    name = clusters[0].name.partition(", cluster ")[0]
+    found = array_figures(clusters, waveform, focus_m, within_deg=within_deg)
     if output is not None:
         from clradar.plot import array_figure, save_figure
 
         title = (
-            f"{antennas.name}, {waveform.frequencies_hz[0] / 1e9:g} to "
+            f"{name}, {waveform.frequencies_hz[0] / 1e9:g} to "
             f"{waveform.frequencies_hz[-1] / 1e9:g} GHz, focused on {at_mm} mm"
         )
-        save_figure(array_figure(antennas, waveform, found, title), output, force=force)
+        save_figure(array_figure(clusters, waveform, found, title), output, force=force)
     if as_json:
-        print_text(indented(_record(antennas.name, found)))
+        print_text(indented({"array": name, "clusters": len(clusters), **_record(found)}))
     else:
-        _print_figures(antennas.name, antennas.n_tx, antennas.n_rx, found)
+        _print_figures(name, clusters, found)
         if output is not None:
             print_line(f"{output}: elements, virtual aperture, response")
     open_written(show, output)
@@ -69,17 +76,23 @@ def _focus(text: str) -> list[float]:
     return focus_m
 
 
-def _print_figures(name: str, n_tx: int, n_rx: int, found: ArrayFigures) -> None:
+def _print_figures(name: str, clusters: Sequence[AntennaArray], found: ArrayFigures) -> None:
     from clradar.arrays.figures_of_merit import LEVEL_DB
 
     at = ", ".join(f"{1e3 * value:g}" for value in found.focus_m)
     widths = ", ".join(f"{a} {_mm(w)}" for a, w in zip("xyz", found.resolution_m, strict=True))
-    print_line(f"{name}: {n_tx} Tx, {n_rx} Rx, focused on {at} mm")
+    antennas = f"{clusters[0].n_tx} Tx, {clusters[0].n_rx} Rx"
+    if len(clusters) > 1:
+        antennas = f"one image of {len(clusters)} clusters of {antennas} each"
+    print_line(f"{name}: {antennas}, focused on {at} mm")
     print_line(f"resolution (-3 dB): {widths}; c/2B {_mm(found.range_cell_m)}")
     print_line(f"unambiguous range c/2df: {_mm(found.unambiguous_range_m)}")
+    within = f" within {found.within_deg:g} degrees" if found.within_deg < 90 else ""
     if not found.lobes:
-        print_line(f"no other lobe above {LEVEL_DB:g} dB")
+        print_line(f"no other lobe above {LEVEL_DB:g} dB{within}")
         return
+    if within:
+        print_line(f"lobes{within}:")
     rows = [
         (
             f"{round(lobe.azimuth_deg, 1) + 0.0:.1f}",
@@ -102,12 +115,11 @@ def _mm(length_m: float) -> str:
     return f"{1e3 * length_m:.1f} mm" if length_m < float("inf") else "none"
 
 
-def _record(name: str, found: ArrayFigures) -> dict[str, Any]:
+def _record(found: ArrayFigures) -> dict[str, Any]:
     def plain(length_m: float) -> float | None:
         return length_m if length_m < float("inf") else None
 
     return {
-        "array": name,
         "focus_m": found.focus_m.tolist(),
         "resolution_m": [plain(width) for width in found.resolution_m],
         "range_cell_m": plain(found.range_cell_m),
