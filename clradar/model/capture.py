@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -75,6 +75,36 @@ class Capture(Record):
         and which belongs to measurements whose level has been calibrated.
         """
         return self.meta.get("absolute") is True
+
+    def without_gains(self) -> Capture:
+        """Return the capture divided by the gains of its antennas, which are 1 then.
+
+        Raises
+        ------
+        ModelError
+            A gain is 0.
+
+        Examples
+        --------
+        >>> import clradar
+        >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0.01, 0]], tx_gain=[2j])
+        >>> capture = clradar.Capture([[[4j]]], array, clradar.Waveform([76e9]))
+        >>> capture.without_gains().data
+        array([[[2.+0.j]]], dtype=complex64)
+        """
+        factor = np.ones((1, 1, 1), np.complex128)
+        for name, shape in (("tx", (-1, 1, 1)), ("rx", (1, -1, 1))):
+            gain = getattr(self.array, f"{name}_gain")
+            if gain is None:
+                continue
+            if not gain.all():
+                expected = "no gain of 0, of which nothing can be divided out"
+                at = int(np.flatnonzero(gain == 0)[0])
+                checks.fail(f"Capture.array.{name}_gain", expected, f"0 at index {at}")
+            factor = factor * gain.reshape(shape)
+        if not self.array.has_gains:
+            return self
+        return replace(self, data=self.data / factor, array=self.array.without_gains())
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return self._own_array(dtype, copy)

@@ -48,6 +48,18 @@ def test_gains_multiply_the_samples(settings: dict[str, Any]) -> None:
     np.testing.assert_array_equal(uneven, plain * TIMES)
 
 
+def test_gains_are_taken_out_of_samples_unless_one_is_zero() -> None:
+    data = RNG.normal(size=(5, 9, 8)).astype(np.complex64)
+    found = clradar.Capture(data * TIMES, UNEVEN, WAVEFORM).without_gains()
+    np.testing.assert_allclose(found.data, data, atol=1e-6)
+    assert not found.array.has_gains
+    dead = clradar.AntennaArray(TX_M, RX_M, rx_gain=[1.0] * 8 + [0.0])
+    with pytest.raises(
+        clradar.errors.ModelError, match=r"rx_gain: expected no gain of 0.* index 8"
+    ):
+        clradar.Capture(data, dead, WAVEFORM).without_gains()
+
+
 def test_gains_in_every_other_way_to_a_capture() -> None:
     scene = ball()
     fields: dict[str, Any] = {"samples_per_mm2": 5, "rays_per_sample": 2}

@@ -65,7 +65,7 @@ HELP = {
     "--frame --variant NEAR:FAR",
     "channels": "--target plate --distance-mm --tilt-deg --size-mm --position-mm --radius-mm "
     "--tolerance-mm --hold --common-delay --level --gate-mm --plot --frame",
-    "correct": "--channels --keep-noisy --frame --variant",
+    "correct": "--channels --gains --keep-noisy --frame --variant",
     "diagnose": "--expect-mm --json --output --frame --variant --device",
     "inspect": "--check --json --png --open",
     "dataset": "[PLAN.toml] --output --dry-run --replay",
