@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clradar.geometry.bvh import TraversalOptions, upload_tree
+from clradar.geometry.bvh import RAY_WORK, TraversalOptions, upload_tree
 from clradar.model import checks
 from clradar.opencl import Device, build
 from clradar.opencl.buffers import OnDevice
@@ -57,7 +57,7 @@ class NearestHits(OnDevice):
             self._sort()
         self._program.launch(
             "nearest_hits", (n,), np.uint32(n), *self._tree.buffers, self._order,
-            *self._uploaded_rays, *self._out,
+            *self._uploaded_rays, *self._out, work=RAY_WORK,
         )  # fmt: skip
 
     def _sort(self) -> None:

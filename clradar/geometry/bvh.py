@@ -37,6 +37,9 @@ MEDIAN_BELOW_LEVEL = 40
 """From this depth on nodes are halved by count, which bounds the depth of any tree to this plus
 log2 of the number of triangles."""
 
+RAY_WORK = 2000.0
+"""Operations, roughly, of a ray through the tree: some 8 nodes and 2 leaves."""
+
 ERROR_ULPS = 32.0
 """Error bound of the triangle test, in 2^-24 of the scene's size (``kernels/common/bvh.h``)."""
 

@@ -87,6 +87,7 @@ class DirectSum:
                         self.program.launch(
                             "sum_over_points", (n_rx // RX_BLOCK, n_tx // TX_BLOCK, n_freq),
                             *_numbers(held.n_points, n_tx, n_rx, n_freq), held.tx, held.rx, capture,
+                            work=8.0 * TX_BLOCK * RX_BLOCK * held.n_points,
                         )  # fmt: skip
                         report(self._share(tx, rx, chunk, held.stop))
                     sums = buffers.read(capture, (n_freq, n_tx, n_rx), np.complex64)
@@ -114,7 +115,7 @@ class DirectSum:
                         self.program.launch(
                             "sum_over_pairs", (n_points // self.device.width, n_freq),
                             *_numbers(n_points, n_tx, n_rx, n_freq), held.tx, held.rx, capture,
-                            values,
+                            values, work=8.0 * n_tx * n_rx,
                         )  # fmt: skip
                         shape = (n_freq, 2, n_points)
                         sums = buffers.read(values, shape, np.float32).sum(axis=0, dtype=np.float64)
@@ -176,7 +177,7 @@ class DirectSum:
                 self.program.launch(
                     "point_phasors", (n_points // self.device.width, n_padded),
                     *_numbers(n_points, len(antennas), n_freq, n_padded), points, given[0], k,
-                    *given[1:], phasors,
+                    *given[1:], phasors, work=40.0 * n_freq,
                 )  # fmt: skip
                 for buffer in given:
                     buffers.release(buffer)

@@ -58,10 +58,12 @@ class ExactImager(TiledImager):
                     part = np.pad(part, ((0, 0), pad, (0, 0)))
                     antennas = [np.pad(tx_m, (pad, (0, 0)), mode="edge"), array.rx_m[rx]]
                     held = [buffers.upload(a) for a in (part, *map(antenna_rows, antennas))]
-                    sizes = [np.uint32(len(a)) for a in (*antennas, cube)]
+                    n_tx, n_rx, n_k = counts = [len(a) for a in (*antennas, cube)]
                     self.launch(
-                        "backproject_exact", tile, *sizes, held[0], *k, *held[1:], axes, volume
-                    )
+                        "backproject_exact", tile, *map(np.uint32, counts), held[0], *k, *held[1:],
+                        axes, volume,
+                        work=n_k * (8.0 * n_tx * n_rx + 50.0 * (n_tx + n_rx)),
+                    )  # fmt: skip
                     for buffer in held:
                         buffers.release(buffer)
             for half in k:

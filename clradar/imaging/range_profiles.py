@@ -92,12 +92,13 @@ class RangeImager(TiledImager):
             n_pairs = counts[0] * counts[1]
             self.program.launch(
                 "range_profiles", (n_bins // self.width, n_pairs), u(n_pairs), u(n_freq),
-                u(n_bins), cube, table, profiles,
+                u(n_bins), cube, table, profiles, work=8.0 * n_freq,
             )  # fmt: skip
             held = [buffers.upload(antenna_rows(a)) for a in antennas]
             self.launch(
                 "backproject_range", tile, *map(u, counts), u(n_bins), np.int32(first),
                 self.bins_per_m, *hi_lo(np.float64(self.carrier)), profiles, *held, axes, volume,
+                work=25.0 * n_pairs,
             )  # fmt: skip
             for buffer in held:
                 buffers.release(buffer)

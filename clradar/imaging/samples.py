@@ -59,6 +59,7 @@ class SampleCube:
             "transpose_samples", (self._n_columns // width, self._n_tx), u(self._n_freq),
             u(self._n_tx), u(self._n_rx), u(self._n_columns), *(u(n) for n in self._first),
             u(stride or self._n_freq), samples, self._weights, self.buffer,
+            work=10.0 * self._n_freq,
         )  # fmt: skip
         return self.buffer
 

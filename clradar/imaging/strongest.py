@@ -55,6 +55,7 @@ class StrongestAlongZ:
         self._program.launch(
             "strongest_along_z", (n // self._buffers.device.width,), u(self._n_pixels), u(n),
             u(self._n_z), divisor, volume, self._top, self._values,
+            work=10.0 * self._n_z,
         )  # fmt: skip
         top = self._buffers.read(self._top, n, np.int32)
         values = self._buffers.read(self._values, (3, n), np.complex64)

@@ -92,12 +92,13 @@ class TiledImager:
         """Add all samples to the tile; yield the number of steps done before each step."""
         raise NotImplementedError
 
-    def launch(self, kernel: str, tile: Tile, *args: Any) -> None:
+    def launch(self, kernel: str, tile: Tile, *args: Any, work: float) -> None:
         """Run a kernel over the voxels of a tile; `args` follow those of tile and axes."""
         u = np.uint32
         self.program.launch(
             kernel, (self.n_x // self.width, tile.n_y, tile.n_z), u(self.n_x), u(tile.n_y),
             u(tile.n_z), u(tile.y.start), u(tile.z.start), u(self.grid.counts[1]), *args,
+            work=work,
         )  # fmt: skip
 
     def _axes(self) -> np.ndarray:

@@ -237,7 +237,7 @@ class TreeOnDevice:
                 self.program.start(
                     "block_phasors", (count // self.width, n), u(count), u(n),
                     u(step.n_frequencies), side.planes, step.k, centres, above.centres, parents,
-                    phasors,
+                    phasors, work=40.0 * step.n_frequencies,
                 )
             )  # fmt: skip
         return started
@@ -266,6 +266,12 @@ class TreeOnDevice:
         ]  # fmt: skip
         shared = [leaf.place, leaf.rows, leaf.columns, leaf.k]
         return [u(number) for number in numbers], [leaf.offsets, blocks.centres, *held], shared
+
+    def leaf_work(self) -> float:
+        """Operations of a voxel of a smallest block at each of its frequencies."""
+        step = self.steps[-1]
+        n_rows, n_columns = step.rows.n_skeleton, step.columns.n_skeleton
+        return 8.0 * n_rows * n_columns + 50.0 * (n_rows + n_columns)
 
     def _kept(self, array: np.ndarray) -> Any:
         """Upload an array that is freed at the end."""

@@ -65,10 +65,12 @@ class VoxelsOnDevice:
         tree.program.start(
             "reduce_frequencies", (n_values // tree.width, n), u(n_values), u(n), u(n_z),
             u(size[2]), u(padded(size[2], WEIGHTS_TILE)), self.values, self._along_z, self._planes,
+            work=2.0 * n_z * size[2],
         )  # fmt: skip
         n_items = size[1] if tree.buffers.device.info.kind == "gpu" else 1
         return tree.program.start(
             "voxels_of_blocks", (n_items, size[2], n), u(n_items), u(n), u(n_y), u(n_row),
             u(self._skeleton.counts[0]), *(u(s) for s in size), u(self._n_padded),
             *(u(count) for count in self._counts), first, waves, *self._rest, self._planes, volume,
+            work=4.0 * size[1] * n_row * (n_y + size[0]) / n_items,
         )  # fmt: skip

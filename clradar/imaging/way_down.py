@@ -131,7 +131,8 @@ class WayDown:
             if chunk.leaf is not None:
                 size, before, after, spread = chunk.leaf
                 program = self.tree.program
-                wait = program.start("image_of_blocks", size, *before, blocks.g, *after)
+                work = self.tree.steps[-1].n_skeleton_frequencies * self.tree.leaf_work()
+                wait = program.start("image_of_blocks", size, *before, blocks.g, *after, work=work)
                 if self._voxels is not None and spread is not None:
                     wait = self._voxels.start(chunk.n, *spread, self.volume)
                 self._waits.append((chunk.n, wait))
@@ -207,17 +208,19 @@ class WayDown:
         start(
             "reduce_and_transpose", (n_columns // width, n_m, n), u(n_columns), u(n_m), u(n),
             u(rows.n), u(new_row), u(columns.n), u(n_rows), above.g, chunk.parents, phasors[0],
-            rows.weights, self._transposed,
+            rows.weights, self._transposed, work=4.0 * rows.n * new_row,
         )  # fmt: skip
         start(
             "reduce_rows", (new_row // width, n_m, n), u(new_row), u(n_m), u(n), u(columns.n),
             u(columns.n_skeleton), u(padded(columns.n_skeleton, WEIGHTS_TILE)), u(n_columns),
             self._transposed, phasors[1], columns.weights, self._reduced,
+            work=4.0 * columns.n * columns.n_skeleton,
         )  # fmt: skip
         n_values, n_left = 2 * columns.n_skeleton * new_row, step.n_skeleton_frequencies
         start(
             "reduce_frequencies", (n_values // width, n), u(n_values), u(n), u(n_m), u(n_left),
             u(padded(n_left, WEIGHTS_TILE)), self._reduced, step.frequency_weights, self._g[i],
+            work=2.0 * n_m * n_left,
         )  # fmt: skip
 
     def _reduce_striped(self, i: int, above: Blocks, chunk: _Chunk) -> None:

@@ -70,6 +70,7 @@ class WayUp:
         tree.up_program.launch(
             "blocks_of_voxels", (-(-n_m // at_once), len(blocks.index)), *numbers,
             np.uint32(at_once), self.values, *per_block, *shared, blocks.g,
+            work=tree.leaf_work() * at_once * tree.leaf.n_voxels,
         )  # fmt: skip
         tree.release(*per_block[2:])
 
@@ -90,6 +91,7 @@ class WayUp:
             tree.program.start(
                 "reduce_frequencies", (n_values // width, n), u(n_values), u(n), u(n_few), u(n_m),
                 u(padded(n_m, WEIGHTS_TILE)), blocks.g, step.frequency_weights, every,
+                work=2.0 * n_few * n_m,
             )
         )  # fmt: skip
         expanded = buffers.empty(8 * n * n_m * rows.n_skeleton * n_columns)
@@ -97,7 +99,7 @@ class WayUp:
             up.start(
                 "expand_and_transpose", (n_lanes // width, n_m, n), u(n_lanes), u(n_m), u(n),
                 u(columns.n_skeleton), u(n_columns), u(rows.n_skeleton), every, phasors[1],
-                columns.weights, expanded,
+                columns.weights, expanded, work=4.0 * columns.n_skeleton * n_columns,
             )
         )  # fmt: skip
         first, n_parents = int(parent[0]), int(parent[-1] - parent[0]) + 1
@@ -110,6 +112,7 @@ class WayUp:
                 "expand_rows", (n_columns // width, n_m, n_parents), u(n_columns), u(n_m),
                 u(n_parents), u(rows.n_skeleton), u(rows.n), u(padded(rows.n, WEIGHTS_TILE)),
                 u(n_rows), u(first), expanded, held, phasors[0], rows.weights, above.g,
+                work=4.0 * rows.n_skeleton * rows.n * n / n_parents,
             )
         )  # fmt: skip
         for wait in started:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -26,6 +27,10 @@ ALL = "all"
 
 VARIABLES = ("CLRADAR_DEVICE", "PYOPENCL_CTX")
 """Each names a device; the first that is set counts."""
+
+GPU_LAUNCH_WORK = 4e9
+"""Operations of one launch on a GPU, roughly; more are split. A tenth of a second where 0.4 TFLOP/s
+are used to a tenth: one that drives a display stops what takes some seconds."""
 
 GPU_GROUP_ITEMS = 64
 """Items of a work-group on a GPU: two warps of NVIDIA's, one or two wavefronts of AMD's."""
@@ -105,6 +110,8 @@ class Device:
     group_items : int
         Most items of a work-group: 64 on a GPU; 1 on a CPU, where an item is 8 lanes wide and PoCL
         keeps the private arrays of a whole group on the stack.
+    launch_work : float
+        Operations, roughly, from which on `Program.start` splits a launch; none on a CPU.
     launched : list or None
         Of a device that was opened with ``profiling=True``: the events of its kernels.
 
@@ -122,6 +129,7 @@ class Device:
     budget_bytes: int
     width: int
     group_items: int = 1
+    launch_work: float = math.inf
     programs: dict[Any, Any] = field(default_factory=dict, repr=False)
     launched: list[Any] | None = None
 
@@ -177,6 +185,7 @@ def open_device(
     memory_limit_bytes: int | None = None,
     width: int | None = None,
     group_items: int | None = None,
+    launch_work: float | None = None,
     profiling: bool = False,
 ) -> Device:
     """Open a device, or return the one that is open already.
@@ -194,6 +203,8 @@ def open_device(
         Build the kernels for this many lanes per work-item instead of what suits the device's kind.
     group_items : int, optional
         Run at most this many items in a work-group instead of what suits the device's kind.
+    launch_work : float, optional
+        Split launches of more operations than this instead of what suits the device's kind.
     profiling : bool
         Measure how long kernels run, see `Device.kernel_time_s`.
 
@@ -210,10 +221,11 @@ def open_device(
     True
     """
     if isinstance(device, Device):
-        if profiling or any(v is not None for v in (memory_limit_bytes, width, group_items)):
+        settled = (memory_limit_bytes, width, group_items, launch_work)
+        if profiling or any(value is not None for value in settled):
             raise DeviceError(
-                "device: expected its name together with memory_limit_bytes, width, group_items or "
-                "profiling, got a clradar.Device, for which they are settled"
+                "device: expected its name together with memory_limit_bytes, width, group_items, "
+                "launch_work or profiling, got a clradar.Device, for which they are settled"
             )
         return device
     if device is not None and not isinstance(device, str):
@@ -226,8 +238,10 @@ def open_device(
         checks.fail("width", "1 or 8 lanes per work-item", repr(width))
     if group_items is not None:
         group_items = checks.whole("group_items", group_items, 1)
+    if launch_work is not None:
+        launch_work = checks.positive("launch_work", launch_work)
     info = default_device() if device is None else _select(device, "device")
-    return _open(info.selector, memory_limit_bytes, width, group_items, profiling)
+    return _open(info.selector, memory_limit_bytes, width, group_items, launch_work, profiling)
 
 
 def forget_devices() -> None:
@@ -424,6 +438,7 @@ def _open(
     memory_limit_bytes: int | None,
     width: int | None,
     group_items: int | None,
+    launch_work: float | None,
     profiling: bool,
 ) -> Device:
     info, dev = next(pair for pair in _found() if pair[0].selector == selector)
@@ -443,5 +458,7 @@ def _open(
         width = 1 if info.kind == "gpu" else 8
     if group_items is None:
         group_items = GPU_GROUP_ITEMS if info.kind == "gpu" else 1
+    if launch_work is None:
+        launch_work = GPU_LAUNCH_WORK if info.kind == "gpu" else math.inf
     launched: list[Any] | None = [] if profiling else None
-    return Device(info, context, queue, budget, width, group_items, launched=launched)
+    return Device(info, context, queue, budget, width, group_items, launch_work, launched=launched)

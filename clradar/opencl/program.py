@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
 import warnings
 from collections.abc import Callable
@@ -19,6 +21,9 @@ CACHE_FAILURE = "PYOPENCL_CACHE_FAILURE_FATAL"
 """pyopencl caches programs for the user. Where one of another processor or a damaged file does not
 load, pyopencl builds from source only if this variable is set and empty; where it is missing it
 stops with a KeyError."""
+
+ITEM_WORK = 1000.0
+"""Operations of an item, roughly, of a kernel that states no other number."""
 
 OTHER_DEVICE_HINT = "choose another device with CLRADAR_DEVICE=... (see `clradar devices`)"
 
@@ -54,16 +59,21 @@ class Program:
     file: str
     kernels: dict[str, Any]
 
-    def launch(self, name: str, global_size: tuple[int, ...], *args: Any) -> None:
+    def launch(
+        self, name: str, global_size: tuple[int, ...], *args: Any, work: float = ITEM_WORK
+    ) -> None:
         """Run kernel `name` over `global_size` items and wait for it.
 
         `args` are buffers and numpy scalars in the kernel's order. Sizes are padded to whole
-        work-groups of up to `Device.group_items`, and kernels do nothing beyond theirs. No result
-        depends on it.
+        work-groups of up to `Device.group_items`, and kernels do nothing beyond theirs. Where the
+        items, of `work` operations each, are more than `Device.launch_work`, they run in several
+        launches. No result depends on it.
         """
-        self.start(name, global_size, *args)()
+        self.start(name, global_size, *args, work=work)()
 
-    def start(self, name: str, global_size: tuple[int, ...], *args: Any) -> Callable[[], None]:
+    def start(
+        self, name: str, global_size: tuple[int, ...], *args: Any, work: float = ITEM_WORK
+    ) -> Callable[[], None]:
         """As `launch`, without waiting; returns a function that waits.
 
         Later commands run after it. Borrowed arrays must not change until it has run.
@@ -71,17 +81,27 @@ class Program:
         kernel = self.kernels[name]
         local = group_shape(global_size, self._most_items(kernel))
         padded = tuple(-(-n // side) * side for n, side in zip(global_size, local, strict=True))
+        parts = launch_parts(padded, local, self.device.launch_work / max(1.0, work))
 
-        def enqueue() -> Any:
+        def enqueue() -> list[Any]:
             kernel.set_args(*args)
-            event = cl.enqueue_nd_range_kernel(self.device.queue, kernel, padded, local)
-            self.device.queue.flush()
+            events = []
+            for offset, size in parts:
+                events.append(
+                    cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local, offset)
+                )
+                self.device.queue.flush()
             if self.device.launched is not None:
-                self.device.launched.append(event)
-            return event
+                self.device.launched.extend(events)
+            return events
 
-        event = self._checked(name, global_size, enqueue)
-        return lambda: self._checked(name, global_size, event.wait)
+        events = self._checked(name, global_size, enqueue)
+
+        def wait() -> None:
+            for event in events:
+                event.wait()
+
+        return lambda: self._checked(name, global_size, wait)
 
     def _most_items(self, kernel: Any) -> int:
         """Items of a work-group: what the device wants, and the kernel's registers allow."""
@@ -124,6 +144,37 @@ def group_shape(global_size: tuple[int, ...], most: int) -> tuple[int, ...]:
         shape.append(side)
         most //= side
     return tuple(shape)
+
+
+def launch_parts(
+    size: tuple[int, ...], group: tuple[int, ...], most_items: float
+) -> list[tuple[tuple[int, ...] | None, tuple[int, ...]]]:
+    """Offsets (None: from the start) and sizes of launches that together have all items of `size`.
+
+    None has more than `most_items`, but for a single work-group. The last axes are cut first, so
+    that neighbouring items stay together.
+
+    Examples
+    --------
+    >>> from clradar.opencl.program import launch_parts
+    >>> launch_parts((64, 30), (64, 1), 10**6)
+    [(None, (64, 30))]
+    >>> launch_parts((64, 30), (64, 1), 1300)
+    [((0, 0), (64, 20)), ((0, 20), (64, 10))]
+    >>> launch_parts((256, 2), (64, 1), 130)
+    [((0, 0), (128, 1)), ((0, 1), (128, 1)), ((128, 0), (128, 1)), ((128, 1), (128, 1))]
+    """
+    if math.prod(size) <= most_items:
+        return [(None, size)]
+    step = list(size)
+    for axis in reversed(range(len(size))):
+        others = math.prod(step) // step[axis]
+        side = group[axis]
+        step[axis] = min(size[axis], max(1, int(most_items / (others * side))) * side)
+    starts = itertools.product(*(range(0, n, d) for n, d in zip(size, step, strict=True)))
+    return [
+        (at, tuple(min(d, n - a) for a, d, n in zip(at, step, size, strict=True))) for at in starts
+    ]
 
 
 def build(device: Device, file: str, options: Any) -> Program:

@@ -240,12 +240,13 @@ class KirchhoffSum(OnDevice):
                 self._program.launch(
                     "centre_phases", (side.n_padded // self.device.width, count), u(side.n_padded),
                     u(n_f), u(count), side.rows, centres, k_all, phases[-1],
+                    work=40.0 * n_f,
                 )  # fmt: skip
             self._program.launch(
                 "add_cubes",
                 (n_f // FREQUENCIES, tx.n_padded, rx.n_padded // self.device.width),
                 u(count), u(n_m), u(n_f), u(tx.n_padded), u(rx.n_padded), total, weights,
-                *phases, capture,
+                *phases, capture, work=FREQUENCIES * count * (4.0 * n_m + 16.0),
             )  # fmt: skip
             for buffer in (total, centres, *phases):
                 self._buffers.release(buffer)
@@ -280,10 +281,12 @@ class KirchhoffSum(OnDevice):
         self._program.launch(
             "spread_columns", (rx.n_padded // width, few_tx.n_padded, n), u(n), u(few_tx.n_padded),
             u(few_rx.n_padded), u(rx.n_padded), sums, weights[1], wide,
+            work=4.0 * few_rx.n_padded,
         )  # fmt: skip
         self._program.launch(
             "spread_rows", (rx.n_padded // width, tx.n_padded // ROWS, n), u(n),
             u(few_tx.n_padded), u(tx.n_padded), u(rx.n_padded), wide, weights[0], total,
+            work=4.0 * ROWS * few_tx.n_padded,
         )  # fmt: skip
         for buffer in (sums, wide, *weights, few_tx.rows, few_rx.rows):
             buffers.release(buffer)
@@ -326,13 +329,14 @@ class KirchhoffSum(OnDevice):
                 self._program.start(
                     "legs", (side.n_padded // width, n), u(n), u(at), u(side.n_padded), u(n_m),
                     u(groups), u(i == 0), *seed, side.rows, points, cube, centre, bits[i], k,
-                    material, self._patterns[i], legs[i],
+                    material, self._patterns[i], legs[i], work=60.0 * n_m,
                 )  # fmt: skip
             self._program.launch(
                 "add_products",
                 (tx.n_padded // ROWS, rx.n_padded // width, (high - low + 1) * n_m),
                 u(at), u(n), u(low), u(high - low + 1), u(n_cubes), u(n_m), u(tx.n_padded),
                 u(rx.n_padded), starts, *legs, sums,
+                work=8.0 * ROWS * self._terms * n / (high - low + 1),
             )  # fmt: skip
         for buffer in (points, cube, starts, *bits, *legs):
             buffers.release(buffer)

@@ -182,6 +182,7 @@ class PhasorSum(OnDevice):
                 self._tag,
                 self._moments,
                 self._sum,
+                work=350.0 * total / (stop - first),
             )
             if len(self._slices) == 1:
                 # The host prepares the next call while this one runs.
@@ -269,4 +270,5 @@ class PhasorSum(OnDevice):
             self._moments,
             self._sum,
             self._out,
+            work=60.0 * self._blocks.n_slots,
         )

@@ -151,7 +151,7 @@ class ExpectedTracer(LitSurface):
         self._expected.launch(
             "reception_probabilities", (blocks, array.n_tx), u(count), u(array.n_tx),
             u(self._padded), self._discs, self._tx_lobes, alpha, self._rule, self._probabilities,
-            self._pending, self._counts,
+            self._pending, self._counts, work=500.0 * count,
         )  # fmt: skip
         counts = self._buffers.read(self._counts, (array.n_tx, self._padded), np.float32)
         return counts[:, : array.n_rx].ravel().astype(np.int64)
@@ -163,7 +163,7 @@ class ExpectedTracer(LitSurface):
             "expected_paths", (self._padded // self.device.width, array.n_tx), u(count),
             u(array.n_tx), u(array.n_rx), u(self._padded),
             np.float32(self._rays_per_sample), self._discs, self._tx_lobes, self._probabilities,
-            self._starts, self._length, self._amplitude,
+            self._starts, self._length, self._amplitude, work=30.0 * count,
         )  # fmt: skip
 
 

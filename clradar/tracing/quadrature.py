@@ -239,6 +239,7 @@ class LitQuadrature(TracedMesh):
             self._roughness.launch(
                 "roughen", (padded // width,), u(padded), u(WAVES), np.int32(index),
                 np.float32(rms_m * np.sqrt(2.0 / WAVES)), materials, waves, out, frame,
+                work=40.0 * WAVES,
             )  # fmt: skip
         rows = buffers.read(out, (OUT_ROWS, padded), np.float32)[:, :n]
         for buffer in (samples, side, materials, out, frame):

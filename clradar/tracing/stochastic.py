@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.geometry.bvh import TraversalOptions
+from clradar.geometry.bvh import RAY_WORK, TraversalOptions
 from clradar.model import TraceStatistics
 from clradar.model.progress import Progress
 from clradar.opencl import build
@@ -212,19 +212,20 @@ class Tracer(LitSurface):
                 u(array.n_tx), u(self._n_tx_groups), tx_stride, rays, u(first_ray), u(last_ray),
                 bounces, *drawing, tx, ground, shading, geometric, points, alpha, visible_bits,
                 self._tally, u(counter), self._n_listed, listing[0],
+                work=350.0 * (last_ray - first_ray),
             )  # fmt: skip
             for bounce in range(s.max_bounces):
                 of = (u(counter + bounce), self._n_listed, listing[0])
                 last = bounce + 1 == s.max_bounces
                 self._trace.start(
                     "trace_rays", (items,), u(items), rx_stride, u(last), radius,
-                    *self._tree.buffers, rx, *of,
+                    *self._tree.buffers, rx, *of, work=RAY_WORK,
                 )  # fmt: skip
                 self._trace.start(
                     "receive_rays", (items,), u(items), u(array.n_rx), rx_stride, tx_stride, rays,
                     bounces, u(bounce), radius, np.float32(s.pattern_exponent), u(self._capacity),
                     u(self._bin_samples), u(self._n_bins), rx, tx, points, *of, self._tally,
-                    *self._appended,
+                    *self._appended, work=30.0 * array.n_rx,
                 )  # fmt: skip
                 if not last:
                     self._trace.start(

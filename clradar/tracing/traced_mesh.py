@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from clradar.geometry.bvh import upload_tree
+from clradar.geometry.bvh import RAY_WORK, upload_tree
 from clradar.opencl import build
 from clradar.opencl.buffers import OnDevice
-from clradar.tracing.antenna_packets import VisibilityOptions, items, n_groups
+from clradar.tracing.antenna_packets import GROUP, VisibilityOptions, items, n_groups
 
 
 class TracedMesh(OnDevice):
@@ -46,4 +46,5 @@ class TracedMesh(OnDevice):
         self._visibility.launch(
             kernel, items(self.device, n_points, groups), u(n_points), u(n_antennas), u(groups),
             self._tree.delta_m, *radius, *self._tree.buffers, antennas, points, normals, bits,
+            work=GROUP * RAY_WORK,
         )  # fmt: skip

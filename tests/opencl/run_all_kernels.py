@@ -47,9 +47,9 @@ def everything(width: int) -> None:
     launched = set()
     start = Program.start
 
-    def recorded(self: Program, name: str, *args: Any) -> Callable[[], None]:
+    def recorded(self: Program, name: str, *args: Any, **work: float) -> Callable[[], None]:
         launched.add(name)
-        return start(self, name, *args)
+        return start(self, name, *args, **work)
 
     Program.start = recorded  # type: ignore[method-assign]
     # Oclgrind's check of uninitialised reads keeps the marks of a freed buffer for the next one at
@@ -59,7 +59,8 @@ def everything(width: int) -> None:
     kept: list[object] = []
     # The module, which the function of the same name hides.
     import_module("clradar.phasors.phasor_sum").CALL_PATHS = 64  # type: ignore[attr-defined]
-    device = open_device(width=width)
+    # As a GPU launches them: in parts.
+    device = open_device(width=width, launch_work=1e6 if width == 1 else None)
     full = clradar.arrays.qar50()
     array = clradar.AntennaArray(full.tx_m[::14], full.rx_m[::11])  # 7 x 9: odd against 8 lanes
     waveform = clradar.Waveform([72e9, 75e9, 76e9, 81e9, 82e9])
