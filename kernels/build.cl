@@ -1,6 +1,7 @@
 /* Building a bounding volume hierarchy, one level at a time: every node is split in two by the binned surface area
  * heuristic (I. Wald, "On fast construction of SAH-based bounding volume hierarchies", IEEE Symposium on Interactive
- * Ray Tracing 2007). Item = one node, which goes through its triangles one by one: the same tree on every device. */
+ * Ray Tracing 2007). Item = one node, which goes through its triangles one by one: for CPUs
+ * (clradar/geometry/node_splits.py has the same in numpy). */
 #include "common/width.h"
 #include "common/vector.h"
 

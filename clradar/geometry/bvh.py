@@ -1,5 +1,5 @@
-"""Bounding volume hierarchy: a binary tree, split level by level on a device by the binned surface
-area heuristic [1]_, and collapsed into the 8-wide nodes that the kernels traverse [2]_.
+"""Bounding volume hierarchy: a binary tree, split level by level by the binned surface area
+heuristic [1]_, and collapsed into the 8-wide nodes that the kernels traverse [2]_.
 
 References
 ----------
@@ -12,20 +12,19 @@ References
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from clradar.geometry.node_splits import BLOCK, SplitsOnDevice, SplitsOnHost
 from clradar.geometry.watertight import outward_side
 from clradar.model import checks
-from clradar.opencl import Buffers, Device, build
+from clradar.opencl import Buffers, Device, cpu_beside
 
 CHILDREN = 8
 """Children per node in the kernels."""
-
-BLOCK = 8
-"""Triangles per leaf in the kernels."""
 
 NODE_ROWS, TRIANGLE_ROWS = 8, 12
 """Numbers per child of a node and per triangle of a block in the kernels."""
@@ -67,14 +66,6 @@ class Bvh:
     depth: int
 
 
-@dataclass(frozen=True, slots=True)
-class BuildOptions:
-    """Options of ``build.cl``."""
-
-    width: int = 1
-    block: int = BLOCK
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraversalOptions:
     """Options of the kernels that include ``common/bvh.h``."""
@@ -90,7 +81,9 @@ class TraversalOptions:
 
 
 def build_bvh(triangles_m: np.ndarray, device: Device) -> Bvh:
-    """Build the tree; it is the same on every device.
+    """Build the tree; it is the same for every device.
+
+    It is built on a CPU device of this machine, else by numpy.
 
     Parameters
     ----------
@@ -115,8 +108,11 @@ def build_bvh(triangles_m: np.ndarray, device: Device) -> Bvh:
     boxes[:, 0, :3] = -np.minimum(np.minimum(corners[:, 0], corners[:, 1]), corners[:, 2])[kept]
     boxes[:, 1, :3] = np.maximum(np.maximum(corners[:, 0], corners[:, 1]), corners[:, 2])[kept]
     if n > BLOCK:
-        with Buffers(device) as buffers:
-            levels, order = _split_all(boxes.reshape(n, 8), device, buffers)
+        cpu = cpu_beside(device)
+        with nullcontext() if cpu is None else Buffers(cpu) as buffers:
+            put = boxes.reshape(n, 8)
+            splits = SplitsOnHost(put) if buffers is None else SplitsOnDevice(put, buffers)
+            levels, order = _split_all(n, splits)
     else:
         root = np.full((1, 2, 2, 4), -EMPTY_M, dtype=np.float32)
         if n:
@@ -128,37 +124,23 @@ def build_bvh(triangles_m: np.ndarray, device: Device) -> Bvh:
 
 
 def _split_all(
-    boxes: np.ndarray, device: Device, buffers: Buffers
+    n: int, splits: SplitsOnDevice | SplitsOnHost
 ) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
     """Boxes and children of the nodes of every level, and the triangles in the order of leaves."""
-    program = build(device, "build.cl", BuildOptions())
-    n = len(boxes)
-    most = n // BLOCK + 1  # nodes of a level have more than a block each
-    put = buffers.upload(boxes)
-    order, scratch = buffers.upload(np.arange(n, dtype=np.int32)), buffers.empty(4 * n)
-    start_at, count_at, left_at = (buffers.empty(4 * most) for _ in range(3))
-    children_at = buffers.empty(64 * most)
     start, count = np.zeros(1, dtype=np.int32), np.full(1, n, dtype=np.int32)
     levels: list[tuple[np.ndarray, np.ndarray]] = []
     n_nodes = 1
     while len(start):
-        m = len(start)
-        buffers.write(start_at, start)
-        buffers.write(count_at, count)
-        program.launch(
-            "split_nodes", (m,), np.uint32(m), np.uint32(len(levels) >= MEDIAN_BELOW_LEVEL), put,
-            start_at, count_at, order, scratch, left_at, children_at,
-        )  # fmt: skip
-        n_left = buffers.read(left_at, m, np.int32)
+        n_left, both = splits.split(start, count, len(levels) >= MEDIAN_BELOW_LEVEL)
         starts = np.stack([start, start + n_left], axis=1)
         counts = np.stack([n_left, count - n_left], axis=1)
         inner = counts > BLOCK
         child = _leaf(starts, counts)
         child[inner] = n_nodes + np.arange(inner.sum())
-        levels.append((buffers.read(children_at, (m, 2, 2, 4), np.float32), child))
+        levels.append((both, child))
         n_nodes += int(inner.sum())
         start, count = starts[inner], counts[inner]
-    return levels, buffers.read(order, n, np.int32)
+    return levels, splits.order()
 
 
 def face_normals(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,6 +7,7 @@ from clradar.opencl.buffers import Buffers
 from clradar.opencl.device import (
     Device,
     DeviceInfo,
+    cpu_beside,
     devices_like,
     forget_devices,
     list_devices,
@@ -22,6 +23,7 @@ __all__ = [
     "Devices",
     "Program",
     "build",
+    "cpu_beside",
     "devices_like",
     "forget_devices",
     "list_devices",

@@ -244,6 +244,27 @@ def open_device(
     return _open(info.selector, memory_limit_bytes, width, group_items, launch_work, profiling)
 
 
+def cpu_beside(device: Device) -> Device | None:
+    """A CPU for what one thread does best: the device itself, else one of this machine, or None.
+
+    The memory checker stands for itself.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> from clradar.opencl import cpu_beside
+    >>> device = clradar.open_device("pocl")
+    >>> cpu_beside(device) is device
+    True
+    """
+    if device.info.kind == "cpu" or device.info.is_interpreter:
+        return device
+    try:
+        return open_device("cpu")
+    except DeviceError:
+        return None
+
+
 def forget_devices() -> None:
     """Make `open_device` open every device anew; `Device` objects stay valid.
 

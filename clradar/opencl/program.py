@@ -37,7 +37,7 @@ class Program:
     Four boxes along x, as (-low, high), split by the surface area heuristic into two and two.
 
     >>> import numpy as np
-    >>> from clradar.geometry.bvh import BuildOptions
+    >>> from clradar.geometry.node_splits import BuildOptions
     >>> from clradar.opencl import Buffers, build, open_device
     >>> device = open_device("pocl")
     >>> x = np.array([0.0, 1.0, 8.0, 9.0], dtype=np.float32)
@@ -196,7 +196,7 @@ def build(device: Device, file: str, options: Any) -> Program:
 
     Examples
     --------
-    >>> from clradar.geometry.bvh import BuildOptions
+    >>> from clradar.geometry.node_splits import BuildOptions
     >>> from clradar.opencl import build, open_device
     >>> list(build(open_device("pocl"), "build.cl", BuildOptions()).kernels)
     ['split_nodes']

@@ -202,6 +202,20 @@ def test_same_tree_for_the_same_triangles(device):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
 
 
+@pytest.mark.parametrize("name", [*MESHES, "exponential", "identical"])
+def test_without_a_cpu_device_numpy_builds_the_same_tree(name, monkeypatch, device):
+    others = {
+        "exponential": exponential(2000, 120),
+        "identical": np.repeat(MESHES["soup"][:1], 100, axis=0),
+    }
+    triangles = MESHES[name] if name in MESHES else others[name]
+    expected = build_bvh(triangles, device)
+    monkeypatch.setattr(module, "cpu_beside", lambda device: None)
+    found = build_bvh(triangles, device)
+    for field in ("low", "high", "child", "order", "depth"):
+        np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
+
+
 def test_normals_and_areas_of_faces():
     normal, area = face_normals(
         np.array(

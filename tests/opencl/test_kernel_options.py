@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from clradar.geometry.bvh import BuildOptions, TraversalOptions
+from clradar.geometry.bvh import TraversalOptions
+from clradar.geometry.node_splits import BuildOptions
 from clradar.hand import flesh_field
 from clradar.imaging import direct_sum, tree_on_device
 from clradar.imaging.exact import ExactSizes

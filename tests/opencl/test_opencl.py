@@ -24,6 +24,7 @@ from clradar.opencl import (
     DeviceInfo,
     Program,
     build,
+    cpu_beside,
     list_devices,
     open_device,
     runtimes,
@@ -421,6 +422,14 @@ __kernel void scale(__global float *x) {
     x[i] = (CLR_NEGATE ? -1.0f : 1.0f) * (CLR_FACTOR * x[i] + CLR_OFFSET);
 }
 """
+
+
+def test_a_gpu_has_a_cpu_beside_it_if_there_is_one(device: clradar.Device, monkeypatch) -> None:
+    gpu = replace(device, info=replace(device.info, kind="gpu"))
+    assert cpu_beside(device) is device
+    assert cpu_beside(gpu) is clradar.open_device("cpu")
+    monkeypatch.setattr(device_module, "_found", lambda: [(CARD, None)])
+    assert cpu_beside(gpu) is None
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from clradar.geometry.bvh import BuildOptions, TraversalOptions
+from clradar.geometry.bvh import TraversalOptions
 from clradar.hand.flesh_field import _FleshOptions
 from clradar.imaging.direct_sum import _Sizes
 from clradar.imaging.exact import ExactImager, ExactSizes
@@ -48,7 +48,6 @@ TRAVERSAL: dict[str, Any] = {"wide": False, "stack": 8}
 _BLOCKS: dict[str, Any] = {"width": 1, "rows": 96, "leaf": 16, "points": False}
 
 PROGRAMS: dict[str, Any] = {
-    "build.cl": BuildOptions(width=1),
     "nearest.cl": TraversalOptions(width=1, **TRAVERSAL),
     "visibility.cl": VisibilityOptions(width=1, **TRAVERSAL),
     "sample.cl": SampleOptions(width=1),
