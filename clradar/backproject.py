@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from clradar.imaging.frame_imager import DEFAULT_METHOD, METHODS, FrameImager
 from clradar.imaging.grid_check import warn_of_grid
+from clradar.imaging.memory import BYTES_OF_SEVERAL, check_memory
+from clradar.imaging.several_captures import mean_over_pairs
 from clradar.imaging.windows import WINDOWS, frequency_weights
 from clradar.model import Capture, Volume, VoxelGrid, checks
 from clradar.model.progress import Progress
@@ -71,7 +73,8 @@ def backproject(
     ------
     ModelError
         No capture; unknown method or window; a tolerance out of range, or with a method other than
-        "fast"; an image that complex64 cannot hold.
+        "fast"; an image that complex64 cannot hold, or this machine's memory: 9 bytes per voxel,
+        of several captures 24.
     DeviceError
         The device is missing, out of memory or fails. A volume larger than its memory is tiled.
 
@@ -119,14 +122,19 @@ def _of_all(
     """The image of all pairs of several captures: the mean of theirs, weighted by their terms."""
     if isinstance(captures, str) or not isinstance(captures, Iterable):
         checks.instance("backproject: capture", captures, Capture)
-    total, terms, metas = np.zeros(grid.shape, np.complex128), 0, []
-    last: Volume | None = None
-    for capture in captures:
-        checks.instance("backproject: capture", capture, Capture)
-        last = backproject(capture, grid, check_grid=False, progress=progress, **way)
-        total += last.data * float(capture.data.size)
-        terms += capture.data.size
-        metas.append(last.meta["capture"])
-    if last is None:
+    check_memory(grid, BYTES_OF_SEVERAL)
+    metas: list[Mapping[str, Any]] = []
+
+    def images() -> Iterator[tuple[np.ndarray, int]]:
+        for capture in captures:
+            checks.instance("backproject: capture", capture, Capture)
+            image = backproject(capture, grid, check_grid=False, progress=progress, **way)
+            metas.append(image.meta)
+            yield image.data, capture.data.size
+            del image  # before the next is formed
+
+    data = mean_over_pairs(images(), grid.shape)
+    if not metas:
         checks.fail("backproject: capture", "at least one capture", "none")
-    return Volume((total / terms).astype(np.complex64), grid, {**last.meta, "capture": metas})
+    data.flags.writeable = False
+    return Volume(data, grid, {**metas[-1], "capture": [meta["capture"] for meta in metas]})

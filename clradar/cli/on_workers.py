@@ -1,16 +1,61 @@
-"""Work on worker processes of this machine, by Dask: errors and warnings come back with it."""
+"""Work on worker processes by Dask, or on devices: errors and warnings come back with it."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from clradar.errors import ClradarError, ClradarWarning
+
+if TYPE_CHECKING:
+    from clradar import Device
+    from clradar.model.progress import Progress
 
 Item = TypeVar("Item")
 Outcome = tuple[Any, list[str]]
 """What a function returned, or its `ClradarError`; and its warnings, each once."""
+
+
+@dataclass(frozen=True, slots=True)
+class _OnDevice:
+    """Steps on a device: work of `clradar.opencl.Devices`."""
+
+    steps: Any
+
+    def __call__(self, item: Any, device: Device, _: Progress) -> Iterator[Any]:
+        yield outcome_of(replace(self.steps, device=device).run, item)
+
+
+def each_made(
+    steps: Any, items: Sequence[Item], workers: int | None, device: str | None, what: str
+) -> Iterator[tuple[Item, Outcome]]:
+    """Run the steps of every item; yield items as they are done.
+
+    Parameters
+    ----------
+    steps : dataclass
+        With a field `device` and a method `run`, which is called with an item. They can be sent.
+    items : sequence
+        Of values that can be sent.
+    workers : int or None
+        Worker processes; None: in this one, or in one for each of several devices.
+    device : str or None
+        As of `clradar.opencl.open_devices`.
+    what : str
+        For which the devices have to be alike.
+    """
+    from clradar.opencl import open_devices
+
+    elsewhere = replace(steps, device=None)  # each opens the device that it is given
+    if workers is not None:
+        yield from each_on_workers(elsewhere.run, items, workers, device)
+        return
+    devices = open_devices(device)
+    devices.check_alike(what)
+    for i, outcome in devices.made(_OnDevice(elsewhere), items):
+        yield items[i], outcome
 
 
 def each_on_workers(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,17 +21,15 @@ from clradar.cli.frame_steps import (
     record_file,
 )
 from clradar.cli.frame_table import curves, table, write_table
-from clradar.cli.on_workers import each_on_workers, outcome_of
+from clradar.cli.on_workers import each_made
 from clradar.cli.resumable import SETTINGS, FolderStore, begin_work, cleared_on_failure
 from clradar.errors import ClradarError, CompareError, MeasurementError
 from clradar.files import work_folder
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
-from clradar.opencl import open_devices
 
 if TYPE_CHECKING:
-    from clradar import Device
-    from clradar.model.progress import Progress
+    pass
 
 RESULT, TABLE, FIGURE, MOVIE, REPORT = (
     "recording.json", "frames.csv", "time-line.png", "movie.gif", "report.html"
@@ -50,16 +48,6 @@ what is left is never taken for finished."""
 
 DEFAULT_STEP_S = 0.1
 """Between the pictures of frames without time stamps."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    """The steps of a frame on a device: work of `clradar.opencl.Devices`."""
-
-    steps: FrameSteps
-
-    def __call__(self, item: tuple[int, ...], device: Device, _: Progress) -> Iterator[Any]:
-        yield outcome_of(replace(self.steps, device=device).run, item)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -140,7 +128,8 @@ class RecordingWork:
             return
         said: set[str] = set()
         with progress_bar("frames") as progress:
-            for done, (group, (outcome, warned)) in enumerate(self._outcomes(steps, left), start=1):
+            made = each_made(steps, left, self.workers, self.device, "the frames of a folder")
+            for done, (group, (outcome, warned)) in enumerate(made, start=1):
                 if isinstance(outcome, MeasurementError):
                     warned = [*warned, str(outcome)]
                 elif isinstance(outcome, ClradarError):
@@ -151,15 +140,6 @@ class RecordingWork:
                     said.add(text)
                 if progress is not None:
                     progress(done, len(left))
-
-    def _outcomes(self, steps: FrameSteps, left: Sequence[tuple[int, ...]]) -> Iterator[Any]:
-        elsewhere = replace(steps, device=None)  # each opens the device that it is given
-        if self.workers is not None:
-            return each_on_workers(elsewhere.run, left, self.workers, self.device)
-        devices = open_devices(self.device)
-        devices.check_alike("the frames of a folder")
-        made = devices.made(_Frame(elsewhere), left)
-        return ((left[i], outcome) for i, outcome in made)
 
     def _write(self, steps: FrameSteps, records: Sequence[Mapping[str, Any]]) -> None:
         """Write what is made of all frames, and last the file that marks it as finished."""

@@ -12,6 +12,7 @@ from clradar.errors import ModelError
 from clradar.imaging import fast
 from clradar.imaging.exact import ExactImager
 from clradar.imaging.fast import FastSum, ResidentImage
+from clradar.imaging.memory import BYTES_OF_ONE, check_memory
 from clradar.imaging.range_profiles import RangeImager
 from clradar.imaging.windows import frequency_weights
 from clradar.model import (
@@ -30,6 +31,22 @@ from clradar.opencl import Device, open_device
 
 METHODS = ("exact", "range", "fast")
 DEFAULT_METHOD = "fast"
+
+
+def image_meta(
+    method: str, window: str | np.ndarray, tolerance_db: float | None, device: Device
+) -> dict[str, Any]:
+    """Return what `Volume.meta` says of how an image was formed; arguments as of `backproject`."""
+    accuracy = {}
+    if method == "fast":
+        accuracy["tolerance_db"] = fast.checked_tolerance_db("tolerance_db", tolerance_db)
+    return {
+        "kind": "image",
+        "method": method,
+        "window": window if isinstance(window, str) else "custom",
+        **accuracy,
+        "device": dict(device.describe()),
+    }
 
 
 class FrameImager:
@@ -109,18 +126,13 @@ class FrameImager:
         if tolerance_db is not None and method != "fast":
             checks.fail("tolerance_db", "none for a method other than 'fast'", repr(tolerance_db))
         tolerance_db = fast.checked_tolerance_db("tolerance_db", tolerance_db)
+        check_memory(grid, BYTES_OF_ONE)
         self.array, self.waveform, self.grid = array, waveform, grid
         self.weights = frequency_weights(window, waveform.n_freq)
         self.device = open_device(device)
         self._method = method
         self._n_samples = array.n_tx * array.n_rx * waveform.n_freq
-        self._meta: dict[str, Any] = {
-            "kind": "image",
-            "method": method,
-            "window": window if isinstance(window, str) else "custom",
-            **({"tolerance_db": tolerance_db} if method == "fast" else {}),
-            "device": dict(self.device.describe()),
-        }
+        self._meta = image_meta(method, window, tolerance_db, self.device)
         self._frame: Mapping[str, Any] | None = None
         """`meta` of the frame whose image it is."""
         self._capture: Capture | None = None

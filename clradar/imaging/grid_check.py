@@ -16,6 +16,7 @@ from clradar.imaging.grid_words import place_words as _place
 from clradar.imaging.placement import inside, reach_m, weaker_within
 from clradar.model import Capture, VoxelGrid
 from clradar.model.range_profile import RangeProfile, coupling_path_m, echo_profile, hann
+from clradar.model.volume import Planes
 from clradar.opencl import Device
 
 FOCUS = 20.0
@@ -55,7 +56,7 @@ class Peaks:
     along: tuple[np.ndarray, np.ndarray, np.ndarray]
 
     @classmethod
-    def of(cls, data: np.ndarray) -> Peaks:
+    def of(cls, data: Planes) -> Peaks:
         x, y = np.zeros(data.shape[2], np.float32), np.zeros(data.shape[1], np.float32)
         z = np.zeros(data.shape[0], np.float32)
         for at in range(0, len(data), PLANES):
@@ -76,7 +77,7 @@ class Peaks:
 
 
 def warn_of_grid(
-    capture: Capture, grid: VoxelGrid, data: np.ndarray, weights: np.ndarray, device: Device
+    capture: Capture, grid: VoxelGrid, data: Planes, weights: np.ndarray, device: Device
 ) -> None:
     """Warn where an image does not show what the capture holds.
 
@@ -84,7 +85,7 @@ def warn_of_grid(
     ----------
     capture : Capture
     grid : VoxelGrid
-    data : ndarray, shape of the grid, complex64
+    data : ndarray, shape of the grid, complex64, or planes that are read
         The image of the capture, as `clradar.backproject` returns it.
     weights : ndarray, shape (n_freq,)
         Over frequency, of the image.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -16,6 +16,28 @@ from clradar.model.scale import ImageScale
 
 if TYPE_CHECKING:
     import xarray
+
+SLAB_VOXELS = 2**22
+"""Voxels whose amplitude is taken at a time: whole planes, and one more on either side."""
+
+
+class Planes(Protocol):
+    """The complex voxels of a volume, (n_z, n_y, n_x): an array, or planes that are on disk."""
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, planes: slice, /) -> np.ndarray: ...
+
+
+def plane_slabs(grid: VoxelGrid, voxels: int = SLAB_VOXELS) -> Iterator[slice]:
+    """Yield slices along z of at most so many voxels, or of one plane."""
+    n_x, n_y, n_z = grid.counts
+    step = max(1, voxels // (n_x * n_y))
+    for first in range(0, n_z, step):
+        yield slice(first, min(first + step, n_z))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -209,14 +231,10 @@ class Volume(Record):
         ModelError
             An amplitude is beyond the range of float32, although both its parts are within it.
         """
-        return self._amplitude().max(axis=0)
-
-    def _amplitude(self) -> np.ndarray:
-        with np.errstate(over="ignore"):
-            amplitude = np.abs(self.data)
-        if not np.isfinite(amplitude.max()):
-            checks.fail("Volume.data", "amplitudes within the range of float32", "an overflow")
-        return amplitude
+        highest = np.zeros(self.grid.shape[1:], np.float32)
+        for slab in plane_slabs(self.grid):
+            np.maximum(highest, _amplitude(self.data[slab]).max(axis=0), out=highest)
+        return highest
 
     def as_rcs(self) -> Volume:
         """Return the image in units of radar cross section: its squared amplitude is in m^2.
@@ -276,7 +294,7 @@ class Volume(Record):
         -35.0 dBsm
         """
         with np.errstate(divide="ignore"):
-            return np.float32(20) * np.log10(self.as_rcs()._amplitude())
+            return np.float32(20) * np.log10(_amplitude(self.as_rcs().data))
 
     def depth_map(self, dynamic_range_db: float = DYNAMIC_RANGE_DB) -> DepthMap:
         """Return the depth of the maximum along z where it is within the dynamic range.
@@ -299,15 +317,39 @@ class Volume(Record):
             `dynamic_range_db` is not above 0 and at most 1000; or an amplitude is beyond the range
             of float32, although both its parts are within it.
         """
-        dynamic_range_db = checks.dynamic_range("depth_map: dynamic_range_db", dynamic_range_db)
-        amplitude = self._amplitude()
-        n_z = amplitude.shape[0]
-        top = amplitude.argmax(axis=0)
-        rows, columns = np.indices(top.shape, sparse=True)
-        before = amplitude[np.maximum(top - 1, 0), rows, columns]
-        after = amplitude[np.minimum(top + 1, n_z - 1), rows, columns]
-        peak = amplitude[top, rows, columns]
-        return refined_depth_map(self.grid, top, (before, peak, after), dynamic_range_db)
+        return depth_map_of_planes(self.data, self.grid, dynamic_range_db)
+
+
+def depth_map_of_planes(planes: Planes, grid: VoxelGrid, dynamic_range_db: float) -> DepthMap:
+    """Return the depth map of a volume whose planes are read a few at a time.
+
+    Errors as of `Volume.depth_map`.
+    """
+    dynamic_range_db = checks.dynamic_range("depth_map: dynamic_range_db", dynamic_range_db)
+    pixels = grid.shape[1:]
+    rows, columns = np.indices(pixels, sparse=True)
+    top = np.zeros(pixels, np.intp)
+    before, peak, after = (np.full(pixels, -1, np.float32) for _ in range(3))
+    for slab in plane_slabs(grid):
+        first = max(slab.start - 1, 0)
+        amplitude = _amplitude(planes[first : slab.stop + 1])
+        at = amplitude[slab.start - first : slab.stop - first].argmax(axis=0) + slab.start - first
+        found = amplitude[at, rows, columns]
+        stronger = found > peak
+        last = len(amplitude) - 1
+        np.copyto(before, amplitude[np.maximum(at - 1, 0), rows, columns], where=stronger)
+        np.copyto(after, amplitude[np.minimum(at + 1, last), rows, columns], where=stronger)
+        np.copyto(peak, found, where=stronger)
+        np.copyto(top, at + first, where=stronger)
+    return refined_depth_map(grid, top, (before, peak, after), dynamic_range_db)
+
+
+def _amplitude(data: np.ndarray) -> np.ndarray:
+    with np.errstate(over="ignore"):
+        amplitude = np.abs(data)
+    if not np.isfinite(amplitude.max()):
+        checks.fail("Volume.data", "amplitudes within the range of float32", "an overflow")
+    return amplitude
 
 
 def refined_depth_map(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ModelError
 from clradar.files import json_text
 from clradar.files.failures import clean, fail, reading
@@ -22,6 +23,7 @@ from clradar.model import (
     Waveform,
     checks,
 )
+from clradar.model.volume import Planes, depth_map_of_planes
 from measurement_io.confined import hdf5_process
 from measurement_io.native import contents as native_contents
 from measurement_io.native.scheme import (
@@ -34,10 +36,12 @@ from measurement_io.native.scheme import (
     instrument_bytes,
     instrument_version,
     plain_text,
+    shape_bytes,
     stored_bytes,
     write,
     write_dataset,
     write_instrument,
+    write_planes,
 )
 
 
@@ -107,13 +111,25 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
     True
     """
     checks.instance("save_volume: volume", volume, Volume)
-    grid, scale = volume.grid, volume.scale
+    save_planes(path, volume.data, volume.grid, volume.meta, volume.scale, force=force)
+
+
+def save_planes(
+    path: str | os.PathLike[str],
+    planes: Planes,
+    grid: VoxelGrid,
+    meta: Mapping[str, Any],
+    scale: ImageScale | None,
+    *,
+    force: bool = False,
+) -> None:
+    """Write a volume whose planes are read a few at a time; as `save_volume`."""
     texts = {}
     if scale is not None:
         texts["array_name"] = plain_text("AntennaArray.name", scale.array.name)
 
     def fill(data: Any) -> None:
-        write_dataset(data, "data", volume.data, "complex image", None)
+        write_planes(data, "data", planes, grid.shape, "complex image")
         write_dataset(data, "x_m", grid.x_m, "voxel centres, x", "m")
         write_dataset(data, "y_m", grid.y_m, "voxel centres, y", "m")
         write_dataset(data, "z_m", grid.z_m, "voxel centres, z", "m")
@@ -124,21 +140,21 @@ def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = F
             write_instrument(data, scale.array, scale.waveform)
             write_dataset(data, native_contents.WEIGHTS, scale.weights, "window", None)
 
-    text = json_text.to_json("Volume.meta", volume.meta)
-    size = stored_bytes(volume.data, grid.x_m, grid.y_m, grid.z_m)
+    text = json_text.to_json("Volume.meta", meta)
+    size = shape_bytes(grid.shape, 8) + stored_bytes(grid.x_m, grid.y_m, grid.z_m)
     if scale is not None:
         size += instrument_bytes(scale.array, scale.waveform) + scale.weights.nbytes
     version = 1 if scale is None else max(2, instrument_version(scale.array))
     write(
         Path(path), "volume", text, texts, fill, size_bytes=size, force=force, version=version,
-        views=_views(volume),
+        views=_views(planes, grid),
     )  # fmt: skip
 
 
-def _views(volume: Volume) -> list[View]:
+def _views(planes: Planes, grid: VoxelGrid) -> list[View]:
     """Return what viewers show of a volume; nothing where an amplitude is beyond float32."""
     try:
-        depth = volume.depth_map()
+        depth = depth_map_of_planes(planes, grid, DYNAMIC_RANGE_DB)
     except ModelError:
         return []
     titles = (
@@ -205,7 +221,7 @@ def view_problems(path: Path, volume: Volume) -> list[str]:
     """Return which of the images that viewers show are not those of the volume in the file."""
     with reading(path, EXPECTED):
         found = hdf5_process.run(native_contents.read_views, path)
-        wanted = {view.name: view.data for view in _views(volume)}
+        wanted = {view.name: view.data for view in _views(volume.data, volume.grid)}
     problems = [f"/entry/{name}: expected none, got one" for name in found if name not in wanted]
     for name in wanted.keys() & found.keys():
         # Where two depths are equally bright, rounding may choose the other one.

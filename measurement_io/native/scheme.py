@@ -7,6 +7,7 @@ when it was made and, as JSON, where it comes from.
 
 from __future__ import annotations
 
+import math
 import os
 import zlib
 from collections.abc import Callable, Sequence
@@ -35,6 +36,7 @@ such as `tx_antenna_gain`: `tx_gain` is that of a channel, in a file of channels
 
 NX_CLASSES = {"/": "NXroot", "/entry": "NXentry", "/entry/data": "NXdata"}
 _CHUNK_BYTES = 2**20
+_AT_ONCE_BYTES = 2**25
 _STRUCTURE_BYTES = 2**16
 """Of a file beside its arrays and its provenance; 16 kB in a capture of the 94 x 94 imager."""
 
@@ -274,27 +276,44 @@ def write_dataset(
     group: Any, name: str, value: np.ndarray, long_name: str, unit: str | None
 ) -> None:
     """Write a dataset with checksums and the names that viewers show."""
-    chunks = (_rows_per_chunk(value), *value.shape[1:])
+    chunks = (_rows_per_chunk(value.shape, value.itemsize), *value.shape[1:])
     made = group.create_dataset(name, data=value, chunks=chunks, shuffle=True, fletcher32=True)
+    _name(made, long_name, unit)
+
+
+def write_planes(group: Any, name: str, planes: Any, shape: tuple[int, ...], title: str) -> None:
+    """The same of complex64 values of which a few MiB are read at a time, by slices of rows."""
+    rows = _rows_per_chunk(shape, 8)
+    chunks = (rows, *shape[1:])
+    made = group.create_dataset(name, shape, "c8", chunks=chunks, shuffle=True, fletcher32=True)
+    step = rows * max(1, _AT_ONCE_BYTES // (8 * math.prod(chunks)))
+    for first in range(0, shape[0], step):
+        made[first : first + step] = planes[first : first + step]
+    _name(made, title, None)
+
+
+def _name(made: Any, long_name: str, unit: str | None) -> None:
     # Viewers write either the long name or the name and the unit.
     made.attrs["long_name"] = long_name if unit is None else f"{long_name} ({unit})"
     if unit is not None:
         made.attrs["units"] = unit
 
 
-def _rows_per_chunk(value: np.ndarray) -> int:
+def _rows_per_chunk(shape: tuple[int, ...], itemsize: int) -> int:
     # About 1 MiB per chunk, cut along the first axis, so that one pair or slice is read quickly.
-    row_bytes = max(1, value.nbytes // len(value))
-    return min(len(value), max(1, _CHUNK_BYTES // row_bytes))
+    row_bytes = itemsize * math.prod(shape[1:])
+    return min(shape[0], max(1, _CHUNK_BYTES // row_bytes))
 
 
 def stored_bytes(*values: np.ndarray) -> int:
     """Return what arrays take in a file, whose last chunks are as long as the others."""
-    total = 0
-    for value in values:
-        rows = _rows_per_chunk(value)
-        total += -(-len(value) // rows) * rows * (value.nbytes // len(value))
-    return total
+    return sum(shape_bytes(value.shape, value.itemsize) for value in values)
+
+
+def shape_bytes(shape: tuple[int, ...], itemsize: int) -> int:
+    """The same of an array of a shape."""
+    rows = _rows_per_chunk(shape, itemsize)
+    return -(-shape[0] // rows) * rows * itemsize * math.prod(shape[1:])
 
 
 def write_instrument(group: Any, array: Any, waveform: Any) -> None:

@@ -8,7 +8,16 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from clradar.cli.console import print_line, print_warning, progress_bar
+from clradar.cli.image_parts import (
+    OWN_NAMES,
+    PartedImage,
+    PartSteps,
+    capture_of,
+    made_by_parts,
+)
 from clradar.cli.inputs import ImageInput, form_image, grid_for
 from clradar.cli.opening import open_written, require_picture
 from clradar.cli.options.common import DevicesOption, ForceOption, OpenOption
@@ -23,13 +32,19 @@ from clradar.cli.options.imaging import (
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.seeds import SeedOptions
 from clradar.cli.options.values import wrong_usage
-from clradar.cli.outputs import check_figure, check_outputs, check_suffix, save
+from clradar.cli.outputs import (
+    check_figure,
+    check_outputs,
+    check_place_of_folder,
+    check_suffix,
+    save,
+)
 from clradar.cli.provenance import provenance
 from clradar.cli.titles import title_of
 from clradar.files.atomic import write_file
 
 if TYPE_CHECKING:
-    from clradar import Device, Volume, VoxelGrid
+    from clradar import Capture, DepthMap, Device, Volume, VoxelGrid
 
 
 RELATIVE = (
@@ -63,9 +78,23 @@ class ImageFiles:
         check_suffix(self.report, (".html", ".htm"))
         check_outputs(files, force=force, inputs=inputs)
 
+    @property
+    def first(self) -> Path:
+        """That of them which comes first."""
+        return next(file for file in (self.output, self.png, self.report) if file is not None)
+
+    def shown_of(self, image: PartedImage, range_db: float) -> Volume | DepthMap:
+        """What is drawn of a large image: its depth map, where that is enough."""
+        from clradar.plot.views import thin_view
+
+        front = (self.view or thin_view(image.grid)) == "xy"
+        if front and self.report is None and not self.dbsm:
+            return image.depth_map(range_db)
+        return image.volume()
+
     def draw(
         self,
-        volume: Volume,
+        volume: Volume | DepthMap,
         title: str,
         source: str,
         origin: Mapping[str, Any],
@@ -74,6 +103,7 @@ class ImageFiles:
         force: bool,
     ) -> bool:
         """Write figure and page, as far as they were asked for; False where nothing is to see."""
+        from clradar import DepthMap
         from clradar.plot import image_figure, save_figure
         from clradar.report import ReportImage, image_report
 
@@ -90,6 +120,7 @@ class ImageFiles:
             print_line(f"{self.png}: amplitude and depth, {range_db:g} dB")
         if self.report is not None:
             with progress_bar("writing the page"):
+                assert not isinstance(volume, DepthMap)
                 page = image_report(ReportImage(title, volume, source), settings=origin, **shown)
             write_file(self.report, page.encode("utf-8"), force=force)
             print_line(f"{self.report}: the image as a page, to be opened in a browser")
@@ -118,13 +149,22 @@ def command(
     depth: DepthMapOptions,
     repeated: SeedOptions,
     frames: FrameOptions,
+    workers: int | None = option(
+        None,
+        'Worker processes for several captures and large grids (pip install "clradar[dataset]"). '
+        "[default: one part after the other, here]",
+        metavar="N",
+        min=1,
+    ),
     device: DevicesOption = None,
     force: ForceOption = False,
     show: OpenOption = False,
 ) -> None:
     """Without --x-mm, --y-mm and --z-mm the grid is that of the paper, 201 x 201 x 81 voxels of
     1 mm, if the object is in it; else one around the strongest echo beyond the direct coupling. Of
-    a volume, which is an image already, --png and --report are drawn.
+    a volume, which is an image already, --png and --report are drawn. A grid of more than 2^23
+    voxels is imaged piece by piece: what is done is kept beside the output until all is, and the
+    same command resumes.
     """
     from clradar import Volume, open_device
     from clradar.errors import MeasurementError
@@ -143,13 +183,17 @@ def command(
         raise MeasurementError(f"{capture}: expected S-parameters for --dbsm, {RELATIVE}")
     if len(captures) > 1:
         _check_several(loaded, files, imaging, repeated, absolute)
+    if workers is not None and (repeated.seeds is not None or imaging.method in MODEL_METHODS):
+        raise wrong_usage("--workers", "expected back-projection without --seeds")
     if isinstance(loaded.content, Volume):
         options = {**given(voxels), **given(imaging), **given(repeated)}
         options |= {"--absolute": 1} if absolute else {}
+        options |= {"--workers": workers} if workers is not None else {}
         _check_no_imaging(files, options, tolerance_db, device)
         volume, origin = loaded.content, provenance("image", {}, loaded.files)
     else:
-        devices = open_devices(device if repeated.seeds is not None else open_device(device))
+        fitted = imaging.method in MODEL_METHODS
+        devices = open_devices(open_device(device) if fitted else device)
         opened = devices.first
         samples = loaded.content
         if absolute:
@@ -159,6 +203,16 @@ def command(
             way = {**imaging.arguments, "tolerance_db": tolerance_db, "device": devices}
             drawn = _image_over_seeds(loaded, grid, repeated, files, depth, way, force=force)
             open_written(show and drawn, files.png)
+            return
+        parts = PartSteps(
+            folder=files.first.with_name(f"{files.first.name}.parts"), captures=tuple(captures),
+            frames=frames, grid=grid, imaging={**imaging.arguments, "tolerance_db": tolerance_db},
+        )  # fmt: skip
+        divided = workers is not None or len(devices.infos) > 1
+        if not fitted and (len(parts.pieces) > 1 or (divided and len(captures) > 1)):
+            by = {"workers": workers, "device": device, "force": force}
+            drawn = _image_by_parts(parts, samples, files, imaging, depth, opened, by)
+            open_written(show and drawn, files.png, files.report)
             return
         start_s = perf_counter()
         if len(captures) > 1:
@@ -212,18 +266,16 @@ def _image_of_all(
     device: Device,
 ) -> tuple[Volume, list[Path]]:
     """One image of several captures, and the files that were read; one capture at a time."""
-    from clradar import Capture, backproject
+    from clradar import backproject
 
     read: list[Path] = []
 
     def opened() -> Iterator[Capture]:
         with progress_bar("imaging") as progress:
             for i, path in enumerate(captures):
-                one = ImageInput.open(path, frames)
-                if not isinstance(one.content, Capture):
-                    raise wrong_usage("CAPTURE...", f"expected captures, got the volume {path}")
-                read.extend(one.files)
-                yield one.content
+                capture, found = capture_of(path, frames)
+                read.extend(found)
+                yield capture
                 if progress is not None:
                     progress(i + 1, len(captures))
 
@@ -231,6 +283,59 @@ def _image_of_all(
         opened(), grid, tolerance_db=tolerance_db, device=device, **imaging.arguments
     )
     return volume, read
+
+
+def _image_by_parts(
+    parts: PartSteps,
+    samples: Capture,
+    files: ImageFiles,
+    imaging: ModelImagingOptions,
+    depth: DepthMapOptions,
+    opened: Device,
+    by: Mapping[str, Any],
+) -> bool:
+    """Write and draw an image of a large grid, or one that is divided; False if nothing is to see.
+
+    `samples` are those of the first capture, `by` options of `made_by_parts`.
+    """
+    from clradar.imaging.frame_imager import image_meta
+    from clradar.imaging.grid_check import warn_of_grid
+    from clradar.imaging.windows import frequency_weights
+    from clradar.model import ImageScale
+
+    start_s = perf_counter()
+    check_place_of_folder(parts.folder, OWN_NAMES, parts.captures)
+    range_db, grid, way = depth.dynamic_range_db, parts.grid, parts.imaging
+    sizes, metas, read = [], [], []
+    for path in parts.captures:
+        capture, found = capture_of(path, parts.frames)
+        sizes.append(capture.data.size)
+        metas.append(capture.meta)
+        read += found
+    alone = len(sizes) == 1
+    weights = frequency_weights(way["window"], samples.waveform.n_freq)
+    meta = {**image_meta(device=opened, **way), "capture": samples.meta if alone else metas}
+    scale = ImageScale(samples.array, samples.waveform, weights) if samples.absolute else None
+    image = PartedImage(steps=parts, meta=meta, scale=scale if alone else None)
+    options = recorded(imaging, parts.frames, grid=grid_text(grid))
+    origin = provenance("image", options, read)
+    begun = {
+        **options, "tolerance_db": way["tolerance_db"], "origin_m": grid.origin_m.tolist(),
+        "spacing_m": grid.spacing_m.tolist(), "counts": list(grid.counts),
+        "inputs": origin["inputs"], "clradar": origin["clradar"], "device": opened.describe(),
+    }  # fmt: skip
+    with made_by_parts(parts, begun, sizes, **by):
+        if alone:
+            warn_of_grid(samples, grid, image, weights, opened)
+        if files.output is not None:
+            image.save(files.output, origin, force=by["force"])
+            took = f"{perf_counter() - start_s:.1f} s on {opened.info.label}"
+            print_line(f"{files.output}: {grid_text(grid)}, {took}")
+        if files.png is None and files.report is None:
+            return False
+        title = title_of(parts.captures[0], meta) if alone else _title(list(parts.captures))
+        shown, source = files.shown_of(image, range_db), str(parts.captures[0])
+        return files.draw(shown, title, source, origin, range_db, force=by["force"])
 
 
 def _check_seeds(files: ImageFiles, imaging: ModelImagingOptions) -> None:
@@ -313,9 +418,10 @@ def _check_no_imaging(
         raise wrong_usage(name, "the input is a volume, which is an image already")
 
 
-def _nothing_to_draw(volume: Volume) -> str | None:
-    if not volume.data.any():
+def _nothing_to_draw(volume: Volume | DepthMap) -> str | None:
+    values = np.asarray(volume.data if hasattr(volume, "data") else volume.amplitude)
+    if not values.any():
         return "zero everywhere"
-    if volume.data.size == 1:
-        return f"one voxel, of amplitude {abs(volume.data.item()):.4g}"
+    if values.size == 1:
+        return f"one voxel, of amplitude {abs(values.item()):.4g}"
     return None

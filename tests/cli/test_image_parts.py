@@ -1,0 +1,173 @@
+"""``clradar image`` of large grids and several captures: by parts, divided, resumed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import two_devices
+from command_line import Run, one_error_line
+
+import clradar
+from clradar.cli.image_parts import PartSteps
+from clradar.imaging import fast
+from measurement_io import check_file, open_volume, save_capture
+
+ARRAY = clradar.AntennaArray(
+    [[x, 0.03, 0] for x in np.linspace(-0.03, 0.03, 8)],
+    [[0.03, y, 0] for y in np.linspace(-0.03, 0.03, 8)],
+)
+BAND = clradar.Waveform.sfcw(76e9, 80e9, 32)
+GRID = clradar.VoxelGrid.from_extent((-0.099, 0.099), (-0.06, 0.06), (0.9, 0.99), 3e-3)
+WORDS = ("--x-mm", "-99:99:3", "--y-mm", "-60:60:3", "--z-mm", "900:990:3")
+OFFSETS_M = (-0.05, 0.05)
+PIECE_VOXELS = 45_000
+"""Of 85 157: two pieces."""
+
+
+@pytest.fixture(scope="module")
+def captures(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("clusters")
+    files = []
+    for i, x_m in enumerate(OFFSETS_M):
+        shift_m = [x_m, 0, 0]
+        array = clradar.AntennaArray(ARRAY.tx_m + shift_m, ARRAY.rx_m + shift_m)
+        files.append(folder / f"cluster_{i}.h5")
+        points_m = [[0.02, 0.01, 0.94], [-0.04, -0.03, 0.965]]
+        save_capture(files[-1], clradar.room_capture(array, BAND, [], points_m=points_m))
+    return files
+
+
+@pytest.fixture(autouse=True)
+def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fast, "TILE_VOXELS", PIECE_VOXELS)
+    monkeypatch.setattr(fast, "FEW_TERMS", 0)
+
+
+def datasets(path: Path) -> dict[str, Any]:
+    """The content of a file, but for the time it was made at."""
+    found: dict[str, Any] = {}
+    with h5py.File(path) as file:
+        file.visititems(
+            lambda name, one: found.update({name: one[()]}) if hasattr(one, "dtype") else None
+        )
+        found["provenance"] = file.attrs["provenance"]
+    return {name: getattr(value, "tobytes", lambda v=value: v)() for name, value in found.items()}
+
+
+def test_the_parts_make_the_image_that_is_formed_in_memory(
+    run: Run, captures: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = [clradar.measurement_io.open_capture(path) for path in captures]
+    for some, want in (
+        (captures, clradar.backproject(opened, GRID)),
+        (captures[:1], clradar.backproject(opened[0], GRID, check_grid=False)),
+    ):
+        out, png = tmp_path / f"{len(some)}.h5", tmp_path / f"{len(some)}.png"
+        outcome = run("image", *some, "-o", out, "--png", png, *WORDS)
+        assert outcome.status == 0, outcome.err
+        assert check_file(out).ok
+        volume = open_volume(out)
+        np.testing.assert_array_equal(volume.data, want.data)
+        assert volume.grid.same_voxels(GRID)
+        assert volume.meta["capture"] == want.meta["capture"]
+        assert png.stat().st_size > 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["1.h5", "1.png", "2.h5", "2.png"]
+    # Of one piece.
+    monkeypatch.setattr(fast, "TILE_VOXELS", 2**23)
+    one = clradar.backproject(opened, GRID)
+    error = np.sqrt(np.mean(np.abs(one.data - open_volume(tmp_path / "2.h5").data) ** 2))
+    # Both are within -50 dB of the sum.
+    assert error < 2 * 10**-2.5 * np.sqrt(np.mean(np.abs(one.data) ** 2))
+
+
+PROGRAM = """
+import sys
+from clradar.imaging import fast
+fast.TILE_VOXELS, fast.FEW_TERMS = {voxels}, 0
+if __name__ == "__main__":
+    from clradar.cli import main
+    main()
+"""
+
+
+def test_workers_and_devices_make_the_same_file(
+    run: Run, captures: list[Path], tmp_path: Path
+) -> None:
+    pytest.importorskip("distributed")
+    program = tmp_path / "divided.py"  # processes that are spawned import it
+    program.write_text(PROGRAM.format(voxels=PIECE_VOXELS))
+    assert run("image", *captures, "-o", tmp_path / "here.h5", *WORDS).status == 0
+    for name, more in (("two", ["--workers", "2"]), ("all", ["--device", "all"])):
+        command = [program, "image", *captures, "-o", tmp_path / f"{name}.h5", *WORDS, *more]
+        environment = two_devices.ENVIRONMENT if name == "all" else {}
+        done = subprocess.run(
+            [sys.executable, *map(str, command)],
+            env={**os.environ, **environment}, capture_output=True, text=True,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert datasets(tmp_path / f"{name}.h5") == datasets(tmp_path / "here.h5")
+
+
+KILLED = PROGRAM.replace(
+    "if __name__",
+    """
+import os, signal
+from clradar.cli import image_parts
+write, written = image_parts._write, []
+def until_killed(path, image):
+    written.append(path)
+    if len(written) == {last}:
+        path.with_name(f".{{path.name}}.0.tmp").write_bytes(b"half")
+        os.kill(os.getpid(), signal.SIGKILL)
+    write(path, image)
+image_parts._write = until_killed
+if __name__""",
+)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
+@pytest.mark.parametrize(("last", "kept"), [(2, 1), (3, 2), (5, 3)])
+def test_a_killed_image_resumes(
+    run: Run,
+    captures: list[Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    last: int,
+    kept: int,
+) -> None:
+    """Killed at a part, while the first piece is joined, and after that."""
+    program, out = tmp_path / "killed.py", tmp_path / "out.h5"
+    program.write_text(KILLED.format(voxels=PIECE_VOXELS, last=last))
+    command = ["image", *map(str, captures), *WORDS, "-o", str(out)]
+    done = subprocess.run([sys.executable, program, *command], capture_output=True, text=True)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert not out.exists()
+    # Other options are refused, and what is done stays.
+    one_error_line(run(*command, "--window", "hann"), "was begun with other settings", "window")
+    made: list[tuple[int, int]] = []
+    one_part = PartSteps.run
+    monkeypatch.setattr(PartSteps, "run", lambda s, part: made.append(part) or one_part(s, part))
+    outcome = run(*command)
+    assert outcome.status == 0, outcome.err
+    assert f"resumes with {kept} of 4 parts done before" in outcome.out
+    assert len(made) == 4 - kept
+    opened = [clradar.measurement_io.open_capture(path) for path in captures]
+    np.testing.assert_array_equal(open_volume(out).data, clradar.backproject(opened, GRID).data)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["killed.py", "out.h5"]
+
+
+def test_a_grid_that_no_memory_holds(captures: list[Path]) -> None:
+    grid = clradar.VoxelGrid.from_extent((-1, 1), (-1, 1), (0.5, 1), 1e-3)
+    capture = clradar.measurement_io.open_capture(captures[0])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("clradar.imaging.memory._memory_bytes", lambda: 10**10)
+        with pytest.raises(clradar.errors.ModelError, match=r"2001 x 2001 x 501 .* needs 18.1 GB"):
+            clradar.backproject(capture, grid)
