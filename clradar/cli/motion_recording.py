@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from clradar.cli.options.motion import TRUTH, replaced_in
+from clradar.cli.options.motion import CLUSTER_NAME, TRUTH, replaced_in
 from clradar.cli.outputs import save, whole_folder
 from clradar.cli.recording_conversion import described
 from clradar.errors import warn
@@ -32,11 +32,11 @@ _STEPS = 1000
 
 @dataclass(frozen=True, slots=True)
 class MotionRecording:
-    """What a recording is simulated from."""
+    """What a recording is simulated from; of several clusters each has its own."""
 
     motion: Motion
     moving: MovingScene
-    array: AntennaArray
+    clusters: Sequence[AntennaArray]
     waveform: Waveform
     settings: SimulationSettings
     rate_hz: float
@@ -53,56 +53,69 @@ class MotionRecording:
     ) -> str:
         """Write a capture, or `n_frames` as a recording, whole or not at all; return it in words.
 
-        One frame is in memory at a time.
+        Of several clusters a folder of them. One frame is in memory at a time.
         """
-        from clradar.arrays import qar50
         from measurement_io import save_recording
 
-        timing = self.motion.timing(self.array, self.waveform)
-        sweep_s = timing.end_s - timing.begin_s
-        words = f"sweeps of {1e3 * sweep_s:.3g} ms"
-        if n_frames is None:
-            (capture,) = self._captures(1, timing, device, progress)
-            save(output, capture, origin, force=force)
-            instants = capture.meta["movement"].get("instants", 1)
-            return f"a sweep of {1e3 * sweep_s:.3g} ms, simulated at {instants} instants"
-        if n_frames > 1 and sweep_s * self.rate_hz > 1.0:
+        timings = self.motion.timings(self.clusters, self.waveform)
+        sweep_s = max(t.end_s for t in timings) - min(t.begin_s for t in timings)
+        if n_frames is not None and n_frames > 1 and sweep_s * self.rate_hz > 1.0:
             warn(
                 f"a sweep takes {1e3 * sweep_s:.3g} ms, longer than the "
                 f"{1e3 / self.rate_hz:.3g} ms between frames; lower --rate-hz, or give shorter "
                 "times in the motion file"
             )
-        frames = self._captures(n_frames, timing, device, progress)
-        stamps_us = [round(1e6 * self._start_s(i)) for i in range(n_frames)]
+        several = len(self.clusters) > 1
+        if n_frames is None and not several:
+            (capture,) = self._captures(0, 1, timings[0], device, progress)
+            save(output, capture, origin, force=force)
+            instants = capture.meta["movement"].get("instants", 1)
+            return f"a sweep of {1e3 * sweep_s:.3g} ms, simulated at {instants} instants"
+        words = f"{n_frames} frames, sweeps" if n_frames is not None else "a sweep"
+        words += f" of {1e3 * sweep_s:.3g} ms"
+        if several:
+            words += f", {len(self.clusters)} clusters"
+        stamps_us = [round(1e6 * self._start_s(i)) for i in range(n_frames or 1)]
         with whole_folder(output, force=force, replaced=replaced_in(output)) as made:
-            if self.array.same_positions(qar50()):
-                described_frames = (described(capture, origin) for capture in frames)
-                save_recording(made, described_frames, timestamps_us=stamps_us)
-            else:
-                for i, capture in enumerate(frames):
-                    save(made / f"{i:06d}.h5", capture, origin, force=False)
-            (made / TRUTH).mkdir()
-            truth = {"frames": self._truth(stamps_us, timing), **origin}
-            write_json(made / TRUTH / "truth.json", truth, force=False)
-        return f"{n_frames} frames, {words}"
+            for number, timing in enumerate(timings):
+                captures = self._captures(number, len(stamps_us), timing, device, progress)
+                name = CLUSTER_NAME.format(number + 1)
+                if n_frames is None:
+                    save(made / f"{name}.h5", next(captures), origin, force=False)
+                    continue
+                folder = made / name if several else made
+                described_frames = (described(capture, origin) for capture in captures)
+                save_recording(folder, described_frames, timestamps_us=stamps_us, force=True)
+                (folder / TRUTH).mkdir()
+                truth = {"frames": self._truth(stamps_us, timing), **origin}
+                write_json(folder / TRUTH / "truth.json", truth, force=False)
+        return words
 
     def _start_s(self, frame: int) -> float:
         return frame / self.rate_hz
 
     def _captures(
-        self, n_frames: int, timing: SweepTiming, device: Device, progress: Progress | None
+        self,
+        number: int,
+        n_frames: int,
+        timing: SweepTiming,
+        device: Device,
+        progress: Progress | None,
     ) -> Iterator[Capture]:
+        """The frames of one cluster."""
         from clradar import simulate_moving
 
+        total = n_frames * len(self.clusters)
         for i in range(n_frames):
 
-            def show(done: int, total: int, i: int = i) -> None:
+            def show(done: int, of: int, i: int = i) -> None:
                 if progress is not None:
-                    progress(i * _STEPS + _STEPS * done // total, n_frames * _STEPS)
+                    before = number * n_frames + i
+                    progress(before * _STEPS + _STEPS * done // of, total * _STEPS)
 
             capture = simulate_moving(
-                self.moving, self.array, self.waveform, timing=timing, start_s=self._start_s(i),
-                settings=self.settings, device=device, progress=show,
+                self.moving, self.clusters[number], self.waveform, timing=timing,
+                start_s=self._start_s(i), settings=self.settings, device=device, progress=show,
             )  # fmt: skip
             stamp_us = round(1e6 * self._start_s(i))
             yield replace(capture, meta={**capture.meta, "frame": i, "timestamp_us": stamp_us})

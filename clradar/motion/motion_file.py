@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +43,8 @@ class Motion:
         As `SweepTiming.in_order` takes them.
     table_s : ndarray, shape (n_tx, n_freq) or (n_tx * n_rx, n_freq), seconds, or None
         Times of a table, instead.
+    cluster_s : float or None, seconds
+        From the sweep of one cluster to that of the next; None: when it has ended.
     files : tuple of Path
         All files that were read.
     """
@@ -52,6 +54,7 @@ class Motion:
     order: str
     step_s: float
     table_s: np.ndarray | None
+    cluster_s: float | None
     files: tuple[Path, ...]
 
     def timing(self, array: AntennaArray, waveform: Waveform) -> SweepTiming:
@@ -68,6 +71,15 @@ class Motion:
                 f"{rows} rows of {columns}",
             )
         return SweepTiming(self.table_s.reshape(n_tx, rows // n_tx, n_freq))
+
+    def timings(self, clusters: Sequence[AntennaArray], waveform: Waveform) -> list[SweepTiming]:
+        """Return when samples are recorded by clusters that take turns, or by the only array."""
+        own = [self.timing(array, waveform) for array in clusters]
+        turn_s = self.cluster_s
+        if turn_s is None:
+            last_s = self.step_s if self.table_s is None else 0.0
+            turn_s = own[0].end_s - own[0].begin_s + last_s
+        return [SweepTiming(timing.times_s + i * turn_s) for i, timing in enumerate(own)]
 
     def scene(
         self,
@@ -142,6 +154,9 @@ def read_motion(path: str | os.PathLike[str]) -> Motion:
         sweep.fail("step_us", "a time of at least 0 microseconds", step_us)
     if named is not None and (sweep.has("order") or step_us is not None):
         sweep.fail("table_us", "neither order nor step_us beside it", "both")
+    cluster_us = sweep.number("cluster_us")
+    if cluster_us is not None and not 0 <= cluster_us < 1e12:
+        sweep.fail("cluster_us", "a time of at least 0 microseconds", cluster_us)
     sweep.done()
     table.done()
     table_s = None
@@ -151,7 +166,8 @@ def read_motion(path: str | os.PathLike[str]) -> Motion:
     if not bodies and not hands:
         table.fail("body", "[[body]] or [[hand]], at least one", "none")
     step_s = STEP_S if step_us is None else step_us * 1e-6
-    return Motion(bodies, hands, str(order), step_s, table_s, tuple(files))
+    cluster_s = None if cluster_us is None else cluster_us * 1e-6
+    return Motion(bodies, hands, str(order), step_s, table_s, cluster_s, tuple(files))
 
 
 def _rigid(table: StrictTable, *, needed: bool) -> RigidMotion | None:

@@ -52,20 +52,47 @@ def test_a_moving_scene_becomes_a_recording_with_its_truth(
     assert clradar.read_motion("motion.toml").hands[0]["edge_length_m"] == 4e-3
 
 
-def test_frames_of_another_radar_are_a_folder_of_captures(
+def test_frames_of_another_radar_and_clusters_one_after_the_other(
     tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "hand.toml").write_text(MOTION.replace("[[body]]", "").replace("velocity", "#"))
-    (tmp_path / "radar.toml").write_text(
-        "[[tx]]\nline = { first_m = [0, 0, 0], last_m = [0.05, 0, 0], n = 3 }\n"
-        "[[rx]]\nline = { first_m = [0, 0, 0], last_m = [0, 0.05, 0], n = 2 }\n"
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.01)
+    ball.apply_translation([0, 0, 0.3]).export("ball.ply")
+    Path("motion.toml").write_text("body = [{ velocity_mm_per_s = [0, 0, 500] }]")
+    rules = (
+        "[[tx]]\nline = { first_m = [0, 0, 0], last_m = [0.01, 0, 0], n = 3 }\n"
+        "[[rx]]\nline = { first_m = [0, 0, 0], last_m = [0, 0.01, 0], n = 2 }\n"
     )
-    command = "simulate --motion hand.toml --frames 2 --array radar.toml --band 60:64:3 -o frames"
-    assert run(*command.split()).status == 0
-    assert sorted(p.name for p in Path("frames").iterdir()) == ["000000.h5", "000001.h5", "truth"]
-    assert open_capture("frames/000001.h5").meta["timestamp_us"] == 125_000
-    one_error_line(run(*command.split()), "holds files already")
+    Path("radar.toml").write_text(rules)
+    poses = "[[pose]]\npoints_m = [[0, 0, 0], [0.03, 0, 0]]"
+    Path("wall.toml").write_text(f'pairs = "cluster"\n{rules}{poses}')
+    options = "--motion motion.toml --band 60:60.2:3 --estimator expected"
+    command = f"simulate ball.ply {options} --frames 2 --array".split()
+    assert run(*command, "radar.toml", "-o", "frames").status == 0
+    recording = open_recording("frames")
+    assert recording.timestamps_us == (0, 125_000)
+    assert recording[1].array.same_positions(clradar.arrays.read_array("radar.toml"))
+    one_error_line(run(*command, "radar.toml", "-o", "frames"), "holds files already")
+    assert run(*command, "wall.toml", "-o", "wall").status == 0
+    first, second = (open_recording(f"wall/cluster_00{i}") for i in (1, 2))
+    np.testing.assert_array_equal(first[1].data, recording[1].data)
+    # The second cluster begins when 3 Tx had 3 frequencies of 2.5 us each.
+    moving = clradar.MovingScene(
+        [clradar.MovingBody(clradar.Scene.from_mesh("ball.ply"),
+                            clradar.read_motion("motion.toml").bodies[""])]
+    )  # fmt: skip
+    own, band = clradar.arrays.read_clusters("wall.toml")[1], clradar.Waveform.sfcw(60e9, 60.2e9, 3)
+    want = clradar.simulate_moving(moving, own, band, start_s=0.125 + 22.5e-6, estimator="expected")
+    np.testing.assert_allclose(second[1].data, want.data, rtol=1e-5)
+    for missing in ("none.ply", "ball.ply:0.5 none.ply"):
+        outcome = run("simulate", *missing.split(), *options.split(), "-o", "no.h5")
+        one_error_line(outcome, "none.ply: expected a mesh file")
+    outcome = run("simulate", "ball.ply", *options.split(), "--array", "wall.toml", "-o", "one")
+    assert outcome.status == 0, outcome.err
+    assert sorted(path.name for path in Path("one").iterdir()) == [
+        "cluster_001.h5",
+        "cluster_002.h5",
+    ]
 
 
 def test_a_hand_goes_from_pose_to_pose_as_a_motion_or_as_meshes(

@@ -97,11 +97,12 @@ def command(
     lists them.
 
     With --motion the scene moves while the imager records it (docs/movement.md), and --frames makes
-    a recording that every command reads; of another radar than the imager, a folder of captures.
+    a recording that every command reads.
 
     An --array of clusters whose Tx are measured with their own Rx only makes a folder with a
     capture of each, of which `clradar image DIR/cluster_*.h5` makes one image (docs/bodies.md).
-    What is done is not done again; workers and devices divide the clusters and change no bit.
+    What is done is not done again; workers and devices divide the clusters and change no bit. With
+    --motion clusters record one after the other, and --frames makes a recording of each.
     """
     import clradar
     from clradar import Scene
@@ -122,19 +123,19 @@ def command(
     inputs = [*(path for path, _ in named), *scenery.files, *made_of.files, *radar.files]
     inputs += [] if moving.motion is None else [moving.motion]
     clusters = radar.clusters()
-    if len(clusters) > 1:
-        if moving.motion is not None:
-            raise wrong_usage("--motion", "expected one array, not clusters with captures of each")
+    several = len(clusters) > 1
+    if several and moving.motion is None:
         numbers = chosen_frames(divided.clusters, range(1, len(clusters) + 1), "--clusters")
         check_clusters_folder(output, inputs)
     else:
         for name in given(divided):
-            raise wrong_usage(name, "expected an --array of clusters with it")
-        moving.check(output, force=force, inputs=inputs)
+            words = "without --motion" if several else "an --array of clusters with it"
+            raise wrong_usage(name, f"expected {words}")
+        moving.check(output, several=several, force=force, inputs=inputs)
     motion = moving.read()
     if motion is not None and len(motion.files) > 1:
         inputs += motion.files[1:]
-        moving.check(output, force=force, inputs=inputs)  # they are known only now
+        moving.check(output, several=several, force=force, inputs=inputs)  # they are known only now
     matrix = scenery.matrix()
     chosen = made_of.estimator(estimator.estimator)
     if chosen == PHYSICAL and (scenery.alpha or any(a is not None for _, a in named)):
@@ -145,12 +146,29 @@ def command(
         meshes=named, alpha=default, alpha_of_parts=by_part, unit=scenery.unit, transform=matrix,
         materials=made_of,
     )  # fmt: skip
+    bodies: dict[str, Scene] = {}
     still = meshes.load() if motion is None else None
+    if motion is not None:
+        bodies = {
+            path.name: Scene.from_mesh(
+                path, alpha=default if a is None else a, unit=scenery.unit, transform=matrix
+            )
+            for path, a in named
+        }
+        if len(bodies) < len(named):
+            raise wrong_usage("MESH", "expected different names of files with --motion")
     antennas, waveform = clusters[0], radar.waveform()
     devices = open_devices(device)
     opened = devices.first
-    if len(clusters) == 1 and len(devices.infos) > 1:
+    if (still is None or not several) and len(devices.infos) > 1:
         raise wrong_usage("--device", "expected one device, or an --array of clusters")
+    recording = None
+    if motion is not None:
+        finish = lambda scene: made_of.on(with_part_alphas(scene, by_part))  # noqa: E731
+        recording = MotionRecording(
+            motion, motion.scene(bodies, finish=finish, alpha=default, device=opened),
+            clusters, waveform, settings, moving.rate_hz,
+        )  # fmt: skip
     options = recorded(
         made_of,
         moving,
@@ -163,7 +181,7 @@ def command(
     )
     origin = provenance("simulate", options, inputs)
     start_s = perf_counter()
-    if still is not None and len(clusters) > 1:
+    if still is not None and several:
         steps = ClusterSteps(
             scene=meshes, digest=keep_scene(still), waveform=waveform, settings=settings,
             folder=output, origin=origin,
@@ -180,20 +198,7 @@ def command(
             )
         save(output, capture, origin, force=force)
         words = summary(capture)
-    elif motion is not None:
-        bodies = {
-            path.name: Scene.from_mesh(
-                path, alpha=default if a is None else a, unit=scenery.unit, transform=matrix
-            )
-            for path, a in named
-        }
-        if len(bodies) < len(named):
-            raise wrong_usage("MESH", "expected different names of files with --motion")
-        finish = lambda scene: made_of.on(with_part_alphas(scene, by_part))  # noqa: E731
-        recording = MotionRecording(
-            motion, motion.scene(bodies, finish=finish, alpha=default, device=opened),
-            antennas, waveform, settings, moving.rate_hz,
-        )  # fmt: skip
+    elif recording is not None:
         with progress_bar("simulating") as progress:
             words = recording.write(output, moving.frames, origin, opened, progress, force=force)
     took_s = perf_counter() - start_s

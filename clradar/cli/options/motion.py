@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 TRUTH = "truth"
 """Folder beside the frames with what a recording was made of."""
 
+CLUSTER_NAME = "cluster_{:03d}"
+"""Capture or recording of one cluster, in the folder of all."""
+
 MAX_FRAMES = 10_000
 
 
@@ -49,9 +52,9 @@ class MotionOptions:
 
         return None if self.motion is None else read_motion(self.motion)
 
-    def check(self, output: Path, *, force: bool, inputs: Iterable[Path]) -> None:
-        """Raise unless the capture or the recording may be written there."""
-        if self.frames is None:
+    def check(self, output: Path, *, several: bool, force: bool, inputs: Iterable[Path]) -> None:
+        """Raise unless the capture, the recording or those of several clusters may be written."""
+        if self.frames is None and not several:
             check_outputs([output], force=force, inputs=inputs)
         else:
             check_folder(output, force=force, replaced=replaced_in(output), inputs=inputs)
@@ -59,5 +62,5 @@ class MotionOptions:
 
 def replaced_in(folder: Path) -> list[str]:
     """What a recording of this command replaces in a folder."""
-    found = [*folder.glob("radar_*"), *folder.glob("[0-9]*.h5")]
+    found = [*folder.glob("radar_*"), *folder.glob("cluster_*")]
     return [TRUTH, *(path.name for path in found)]
