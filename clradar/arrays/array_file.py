@@ -13,7 +13,7 @@ import numpy as np
 from clradar.arrays.instruments import KNOWN
 from clradar.arrays.position_rules import MOST_ANTENNAS, positions_of
 from clradar.errors import ModelError
-from clradar.files.limits import MAX_ARRAY_BYTES
+from clradar.files.limits import MAX_ARRAY_FILE_BYTES
 from clradar.files.table import StrictTable
 from clradar.files.toml_file import read_toml, toml_document, toml_string
 from clradar.model import AntennaArray, AntennaPattern
@@ -142,7 +142,7 @@ def array_text(array: AntennaArray) -> str:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    return read_toml(path, _EXPECTED, limit=MAX_ARRAY_BYTES)
+    return read_toml(path, _EXPECTED, limit=MAX_ARRAY_FILE_BYTES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,7 +25,7 @@ MAX_TOML_BYTES = 2**18
 MAX_PLAN_BYTES = 2**20
 """Plans of data sets: they can list thousands of poses."""
 
-MAX_ARRAY_BYTES = 2**21
+MAX_ARRAY_FILE_BYTES = 2**21
 """Antenna arrays: they can list thousands of antennas."""
 
 MAX_TOML_LINE_CHARACTERS = 2**14

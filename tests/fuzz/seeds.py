@@ -254,6 +254,72 @@ def materials() -> list[bytes]:
     return [page.read_text(encoding="utf-8").split("```toml\n")[1].split("```")[0].encode()]
 
 
+def _toml_of(page: str) -> bytes:
+    """The longest TOML file of a page of the documentation."""
+    text = (Path(__file__).resolve().parents[2] / "docs" / page).read_text(encoding="utf-8")
+    return max(text.split("```toml\n")[1:], key=len).split("```")[0].encode()
+
+
+def arrays() -> list[bytes]:
+    """Arrays with every rule, and with gains, poses and patterns."""
+    return [
+        b"""
+[[tx]]
+line = { first_m = [-0.03, 0, 0], last_m = [0.03, 0, 0], n = 3 }
+gain_db = [0, -6, -3]
+phase_deg = 10
+[[rx]]
+cross = { length_m = 0.05, n = 5, center_m = [0, 0, 0.01] }
+boresight = [0, 0.1, 1]
+[[antennas]]
+ring = { radius_m = 0.05, n = 4, first_deg = 45 }
+[tx_pattern]
+gain_dbi = 3.0
+exponent = 1.0
+[rx_pattern]
+angle_deg = [0.0, 90.0, 180.0]
+field = [1.0, 0.7, 0.0]
+""",
+        b"""
+name = "wall"
+pairs = "cluster"
+[[tx]]
+points_m = [[0, 0, 0], [0.01, 0, 0]]
+[[rx]]
+plane = { size_m = [0.1, 0.1], n = [2, 3] }
+[[pose]]
+line = { first_m = [0, 0, 0], last_m = [0.3, 0, 0], n = 2 }
+rotation_deg = [0, 10, 0]
+""",
+        b'copy_of = "qar50"\n',
+    ]
+
+
+POSE = b'name = "bent"\n[joints.index-finger-phalanx-intermediate]\nflexion_deg = 80\n'
+
+
+def motions() -> list[bytes]:
+    """The motion of docs/movement.md, and one with a table of times."""
+    table = b'[sweep]\ntable_us = "times.csv"\n[[body]]\nturn_deg_per_s = [0, 1, 0]\n'
+    return [_toml_of("movement.md"), table]
+
+
+def motion_folder(folder: Path) -> None:
+    """Put there what motions name."""
+    (folder / "motion" / "bent.toml").write_bytes(POSE)
+    (folder / "motion" / "times.csv").write_bytes(b"0, 1, 2\n3, 4, 5\n")
+
+
+def times() -> list[bytes]:
+    """Tables of times in microseconds."""
+    return [b"0, 1.5, 2\n3, 4, 5e3\n", b"\xef\xbb\xbf7\r\n8\r\n"]
+
+
+def motion_of_times(folder: Path) -> None:
+    """Put the motion there that names a table."""
+    (folder / "motion.toml").write_bytes(motions()[1])
+
+
 def _hand_model() -> dict[str, Any]:
     """A MANO model of 48 vertices, three at each joint."""
     from mano_files import ORDER, PARENTS, TURN

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from clradar.arrays import read_clusters
 from clradar.dataset.plan.table import PlanError
 from clradar.dataset.store.folder import Manifest, read_manifest
 from clradar.errors import MeasurementError, MeshError, RigError
@@ -21,6 +22,7 @@ from clradar.model import (
     Volume,
 )
 from clradar.model.material_file import read_materials
+from clradar.motion.motion_file import Motion, read_motion
 from clradar.rigs import Rig, read_rig
 from fuzz import (
     mutate_bytes,
@@ -455,6 +457,38 @@ TARGETS = {
                 b"{",
             ),
             file_name="lab.toml",
+            short_run=100,
+        ),
+        Target(
+            "array_toml",
+            seeds.arrays,
+            read_clusters,
+            (tuple,),
+            (mutate_text.mutate_lines,),
+            (b"n = 20000", b"[[pose]]", b"points_m", b"gain_db", b"= 1e999", b"= -1", b"nan", b"{"),
+            file_name="array.toml",
+            short_run=100,
+        ),
+        Target(
+            "motion_toml",
+            seeds.motions,
+            read_motion,
+            (Motion,),
+            (mutate_text.mutate_lines,),
+            (b"time_s", b"place", b"[[hand]]", b"mesh", b"= 1e999", b"= -1", b"nan", b"{", b"[["),
+            file_name="motion/motion.toml",
+            around=seeds.motion_folder,
+            short_run=100,
+        ),
+        Target(
+            "times_csv",
+            seeds.times,
+            lambda path: read_motion(path.with_name("motion.toml")),
+            (Motion,),
+            (mutate_text.mutate_lines,),
+            mutate_text.DICTIONARY,
+            file_name="times.csv",
+            around=seeds.motion_of_times,
             short_run=100,
         ),
     )
