@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.options.groups import given
-from clradar.cli.options.imaging import MODEL_METHODS, GridOptions, ImagingOptions, grid_text
+from clradar.cli.options.imaging import MODEL_METHODS, GridOptions, ImagingOptions
 from clradar.cli.options.radar import RadarOptions
 from clradar.cli.options.recording import FrameOptions, recording_files
 from clradar.cli.options.values import wrong_usage
@@ -99,17 +99,25 @@ class ImageInput:
 
 
 def grid_for(
-    capture: Capture, options: GridOptions, device: Device | str | None = None
+    capture: Capture,
+    options: GridOptions,
+    device: Device | str | None = None,
+    *,
+    everything: bool = False,
 ) -> VoxelGrid:
-    """The grid of the options; without them one that shows the object in the capture."""
-    from clradar import place_grid
+    """The grid of the options; without them one that shows what is in the capture, and say which.
+
+    `everything` is that of `clradar.place_grid`.
+    """
+    from clradar import open_device
+    from clradar.imaging.placement import placement, placement_words
 
     if given(options):
         return options.grid()
-    grid = place_grid(capture, device=device)
-    if not grid.same_voxels(options.grid()):
-        print_line(f"no grid given: placed around the strongest echo, {grid_text(grid)}")
-    return grid
+    placed = placement(capture, open_device(device), everything=everything)
+    if placed.shown:
+        print_line(f"no grid given: {placement_words(capture, placed)}")
+    return placed.grid
 
 
 def common_grid(

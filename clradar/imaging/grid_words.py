@@ -25,6 +25,12 @@ def length_words(length_m: float) -> str:
     return f"{scale * length_m:.4g} {unit}"
 
 
+def lengths_words(lengths_m: np.ndarray) -> str:
+    """Lengths along x, y and z."""
+    unit, scale, _ = _unit(*lengths_m)
+    return f"{' x '.join(f'{scale * v:.3g}' for v in lengths_m)} {unit}"
+
+
 def box_words(grid: VoxelGrid) -> str:
     ends = [getattr(grid, f"{name}_m")[[0, -1]] for name in "xyz"]
     unit, scale, _ = _unit(*np.ravel(ends))

@@ -1,51 +1,70 @@
-"""Voxel grids for captures of which none is given: around the strongest echo."""
+"""Voxel grids for captures of which none is given: around the echoes."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from clradar.constants import PLAUSIBLE_RANGE_M
-from clradar.imaging.echo_location import CoarseImage, coarse_image, locate, resolution_m
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.errors import warn
+from clradar.imaging.echo_location import Echo, locate, resolution_m
+from clradar.imaging.grid_words import box_words, length_words, lengths_words, place_words
+from clradar.imaging.object_box import (
+    LESS_ROUND,
+    PAPER_GRID,
+    box_around,
+    round_step,
+    rounded,
+    spanned,
+)
 from clradar.model import Capture, VoxelGrid, checks
-from clradar.model.range_profile import RangeProfile, echo_profile
+from clradar.model.range_profile import MIN_STEPS, RangeProfile, echo_profile
 from clradar.opencl import Device, open_device
-
-PAPER_GRID = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
-"""The grid of the paper's experiment: a hand 0.3 m in front of the aperture."""
 
 WEAKER_DB = 20.0
 """An echo in the paper's grid (or in one that was given) is the object even where another is
 stronger by up to this: a wall behind a hand."""
 
-BRIGHT_DB = 10.0
-"""The object is what is at most this far below the strongest echo. Side lobes are at -13 dB."""
+ALSO_DB = DYNAMIC_RANGE_DB
+"""Other bodies are echoes at most this far below the strongest: what a picture shows."""
 
-VOXELS_PER_RESOLUTION = 3.5
-"""At least, as in the paper's grid across boresight: 1 mm for 3.8 mm."""
+MOST_BODIES = 4
+MOST_TRIED = 12
+"""Maxima of the range profile that are located in search of other bodies."""
 
-CREST = 3.0
-"""Nor is what exceeds the RMS of a coarse image by less: random side lobes reach this."""
-
-MARGIN_RESOLUTIONS = 2.0
-"""Between the object and the faces of its grid."""
-
-END_M, END_SHARE = 0.01, 0.1
-"""Ends of a grid are multiples of this, which round steps up to it divide. A box is cut by a tenth
-of it at most, so that errors of a millimetre in the place do not add another."""
-
-MOST_VOXELS = 4_000_000
-"""Of a grid that is placed; that of the paper has 3.3 million."""
-
-GROWTHS = 6
-"""How often the box that is searched for the object grows, by half at most."""
+FEWEST_PER_RESOLUTION = 2.0
+"""Of a grid around several bodies. With more voxels than `MOST_VOXELS` it shows fewer of them."""
 
 
-def place_grid(capture: Capture, *, device: Device | str | None = None) -> VoxelGrid:
-    """Return a voxel grid for the object in a capture.
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """A grid that was placed.
+
+    Attributes
+    ----------
+    grid : VoxelGrid
+    shown : tuple of Echo
+        The echoes that it was placed around, strongest first; none where nothing was found.
+    left_out : tuple of Echo
+        Others at most `ALSO_DB` below the strongest that it does not hold.
+    """
+
+    grid: VoxelGrid
+    shown: tuple[Echo, ...]
+    left_out: tuple[Echo, ...]
+
+
+def place_grid(
+    capture: Capture, *, everything: bool = False, device: Device | str | None = None
+) -> VoxelGrid:
+    """Return a voxel grid for the object, or the objects, in a capture.
 
     Parameters
     ----------
     capture : Capture
+    everything : bool
+        Never the grid of the paper, but one around all echoes.
     device : Device, str or None
         See `clradar.open_device`.
 
@@ -53,22 +72,29 @@ def place_grid(capture: Capture, *, device: Device | str | None = None) -> Voxel
     -------
     VoxelGrid
         That of the paper, x and y from -100 to 100 mm and z from 260 to 340 mm every 1 mm, if the
-        object is in it, or if nothing is seen above the noise. Else a grid around the strongest
-        echo beyond the direct coupling: of the same size or larger, so that it holds what is
-        within 10 dB of that echo, every 3.5th of the resolution at least, of 4 million voxels at
-        most.
+        object is in it and array and band fit it, or if nothing is seen above the noise. Else a
+        grid around the strongest echo beyond the direct coupling and others up to 15 dB below it,
+        as far as 4 million voxels of half the resolution reach: of the paper's size or larger, so
+        that it holds what is within 10 dB of each, every 3.5th of the resolution if possible. An
+        axis without aperture has one voxel.
 
     Raises
     ------
     DeviceError
         See `clradar.backproject`.
 
+    Warns
+    -----
+    ClradarWarning
+        No echo stands out of the noise, or there are too few frequencies for a range.
+
     Notes
     -----
-    The mean range profile over pairs gives the range. Its direction is that in which the profiles
-    add up without their phases, which depends on path lengths alone; a coarse image there gives the
-    position. The object is in the paper's grid if an echo there is at most 20 dB below the
-    strongest of all.
+    The mean range profile over pairs gives the ranges. The direction of each is that in which the
+    profiles add up without their phases, which depends on path lengths alone; a coarse image there
+    gives the position. The object is in the paper's grid if an echo there is at most 20 dB below
+    the strongest of all. That grid fits where its voxels are at most half of the resolution at its
+    middle, and it is at least twice as large as the resolution, along every axis.
 
     Examples
     --------
@@ -84,18 +110,78 @@ def place_grid(capture: Capture, *, device: Device | str | None = None) -> Voxel
     (41, 41, 51) [1.45 1.55]
     """
     checks.instance("place_grid: capture", capture, Capture)
-    opened = open_device(device)
+    return placement(capture, open_device(device), everything=everything).grid
+
+
+def placement(capture: Capture, device: Device, *, everything: bool = False) -> Placement:
+    """Place a grid, see `place_grid`, and say around which echoes."""
     profile = echo_profile(capture)
     if profile is None:
-        return PAPER_GRID
-    here = weaker_within(
-        profile, reach_m(capture, PAPER_GRID), capture.waveform.unambiguous_range_m
+        _warn_of_nothing(capture)
+        return Placement(PAPER_GRID, (), ())
+    if not everything and paper_grid_fits(capture):
+        here = weaker_within(
+            profile, reach_m(capture, PAPER_GRID), capture.waveform.unambiguous_range_m
+        )
+        for path_m in [*here[:1], profile.path_m[0]]:
+            echo = locate(capture, float(path_m), device)
+            if inside(PAPER_GRID, echo.position_m):
+                others = _bodies(capture, profile, [(echo, PAPER_GRID)], device)[1:]
+                return Placement(PAPER_GRID, (echo,), tuple(other for other, _ in others))
+    strongest = locate(capture, float(profile.path_m[0]), device)
+    first = (strongest, box_around(capture, strongest, device))
+    return _around_all(capture, _bodies(capture, profile, [first], device))
+
+
+def placement_words(capture: Capture, placed: Placement) -> str:
+    """Say in one line which grid was placed around at least one echo, and why that one."""
+    first, grid = placed.shown[0], placed.grid
+    around = "; ".join(place_words(echo.position_m) for echo in placed.shown)
+    counts = " x ".join(map(str, grid.counts))
+    spacing_m, cells_m = grid.spacing_m, resolution_m(capture, first.position_m)
+    words = (
+        f"that of a hand at 0.3 m, since the strongest echo in it is at {around}"
+        if grid is PAPER_GRID
+        else f"placed around the strongest echo, at {around}"
+        if len(placed.shown) == 1
+        else f"placed around {len(placed.shown)} echoes, at {around}"
     )
-    for path_m in [*here[:1], profile.path_m[0]]:
-        at_m = locate(capture, float(path_m), opened).position_m
-        if inside(PAPER_GRID, at_m):
-            return PAPER_GRID
-    return _around(capture, at_m, opened)
+    words += (
+        f": {counts} voxels of {lengths_words(spacing_m)} ({box_words(grid)}), resolution "
+        f"{lengths_words(cells_m)}, range unambiguous to "
+        f"{length_words(capture.waveform.unambiguous_range_m)}"
+    )
+    if placed.left_out:
+        levels_db = [20 * np.log10(e.amplitude / first.amplitude) for e in placed.left_out]
+        words += "; not in it: " + "; ".join(
+            f"{place_words(echo.position_m)} ({level_db:+.0f} dB)"
+            for echo, level_db in zip(placed.left_out, levels_db, strict=True)
+        )
+    return words
+
+
+def paper_grid_fits(capture: Capture) -> bool:
+    """Whether the paper's grid is neither too coarse nor too small for a capture's resolution."""
+    extent_m = PAPER_GRID.spacing_m * (np.array(PAPER_GRID.counts) - 1)
+    cells_m = resolution_m(capture, PAPER_GRID.origin_m + extent_m / 2)
+    return bool(((2 * PAPER_GRID.spacing_m <= cells_m) & (2 * cells_m <= extent_m)).all())
+
+
+def _warn_of_nothing(capture: Capture) -> None:
+    if not capture.data.any():
+        return  # said of the image
+    x, y, z = (1e3 * axis[[0, -1]] for axis in (PAPER_GRID.x_m, PAPER_GRID.y_m, PAPER_GRID.z_m))
+    count = capture.waveform.n_freq
+    why = "no echo stands out of the noise beyond the direct coupling"
+    if count < MIN_STEPS:
+        why = (
+            f"{count} frequencies are too few for a range profile, which {MIN_STEPS} are enough for"
+        )
+    warn(
+        f"{why}: there is nothing to place a grid around, and the one of a hand is taken (x "
+        f"{x[0]:g} to {x[1]:g}, y {y[0]:g} to {y[1]:g}, z {z[0]:g} to {z[1]:g} mm); give one "
+        "(--x-mm, --y-mm, --z-mm) if you know where to look"
+    )
 
 
 def reach_m(capture: Capture, grid: VoxelGrid) -> tuple[float, float]:
@@ -130,57 +216,45 @@ def inside(grid: VoxelGrid, at_m: np.ndarray, margin_m: np.ndarray | float = 0.0
     return bool(((at_m >= low) & (at_m <= high)).all())
 
 
-def _around(capture: Capture, at_m: np.ndarray, device: Device) -> VoxelGrid:
-    """The grid around an object whose strongest echo is at a point."""
-    margin_m = MARGIN_RESOLUTIONS * resolution_m(capture, at_m)
-    paper_m = PAPER_GRID.spacing_m * (np.array(PAPER_GRID.counts) - 1) / 2
-    half_m = np.maximum(paper_m, margin_m)
-    front_m = max(capture.array.tx_m[:, 2].max(), capture.array.rx_m[:, 2].max()) + 1e-3
-    for _ in range(GROWTHS):
-        low_m, high_m = at_m - half_m, at_m + half_m
-        low_m[2] = max(low_m[2], min(front_m, at_m[2]))
-        bright_m = _bright_box(coarse_image(capture, low_m, high_m, device))
-        low_m = np.minimum(at_m - np.maximum(paper_m, margin_m), bright_m[0] - margin_m)
-        high_m = np.maximum(at_m + np.maximum(paper_m, margin_m), bright_m[1] + margin_m)
-        grown_m = np.maximum(at_m - low_m, high_m - at_m)
-        if (grown_m <= half_m * (1 + 1e-9)).all():
+def _bodies(
+    capture: Capture,
+    profile: RangeProfile,
+    found: list[tuple[Echo, VoxelGrid]],
+    device: Device,
+) -> list[tuple[Echo, VoxelGrid]]:
+    """The bodies found, and others at other ranges, each with a grid around it."""
+    cell_m = capture.waveform.range_resolution_m
+    period_m, tried = capture.waveform.unambiguous_range_m, 0
+    strong = profile.power >= 10 ** (-ALSO_DB / 10) * profile.power[0]
+    for path_m in profile.path_m[strong]:
+        reaches = [reach_m(capture, box) for _, box in found]
+        if any((path_m / 2 - near + cell_m) % period_m <= far - near + 2 * cell_m
+               for near, far in reaches):  # fmt: skip
+            continue
+        echo = locate(capture, float(path_m), device)
+        bright = echo.amplitude >= 10 ** (-ALSO_DB / 20) * max(e.amplitude for e, _ in found)
+        if bright and not any(inside(box, echo.position_m) for _, box in found):
+            found = [*found, (echo, box_around(capture, echo, device))]
+        tried += 1
+        if tried == MOST_TRIED or len(found) == MOST_BODIES:
             break
-        half_m = np.maximum(half_m, np.minimum(grown_m, 1.5 * half_m))
-    low_m[2] = max(low_m[2], min(front_m, at_m[2]))
-    farthest_m = PLAUSIBLE_RANGE_M[1]
-    low_m, high_m = (np.clip(end, -farthest_m, farthest_m) for end in (low_m, high_m))
-    return _rounded(low_m, high_m, resolution_m(capture, at_m))
+    return found
 
 
-def _bright_box(image: CoarseImage) -> np.ndarray:
-    """Least and largest coordinates of the bright voxels, shape (2, 3), metres."""
-    highest = float(image.amplitude.max())
-    floor = CREST * float(np.sqrt(np.mean(np.square(image.amplitude))))
-    bright = image.amplitude >= max(10 ** (-BRIGHT_DB / 20) * highest, min(floor, highest))
-    index = np.argwhere(bright)[:, ::-1]
-    ends = np.stack([index.min(axis=0), index.max(axis=0)])
-    return image.grid.origin_m + image.grid.spacing_m * ends
-
-
-def _rounded(low_m: np.ndarray, high_m: np.ndarray, resolution: np.ndarray) -> VoxelGrid:
-    """The grid of a box with round spacings, whose ends are multiples of 10 mm or more."""
-    step_m = np.array([_round_step(r / VOXELS_PER_RESOLUTION) for r in resolution])
-    while True:
-        end_m = np.maximum(step_m, END_M)
-        first = np.round(np.floor(low_m / end_m + END_SHARE) * end_m / step_m)
-        last = np.round(np.ceil(high_m / end_m - END_SHARE) * end_m / step_m)
-        counts = (last - first).astype(int) + 1
-        if np.prod(counts.astype(float)) <= MOST_VOXELS:
-            break
-        finest = int(np.argmin(step_m / resolution))
-        step_m[finest] = _round_step(2.5 * step_m[finest])
-    return VoxelGrid(
-        np.round(first * step_m, 9), step_m, (int(counts[0]), int(counts[1]), int(counts[2]))
-    )
-
-
-def _round_step(step_m: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is no larger."""
-    decade = 10.0 ** np.floor(np.log10(step_m) + 1e-9)
-    factor = max(f for f in (1, 2, 5) if f * decade <= step_m * (1 + 1e-9))
-    return float(round(factor * decade, 12))
+def _around_all(capture: Capture, bodies: list[tuple[Echo, VoxelGrid]]) -> Placement:
+    """The grid around as many bodies as it can hold, strongest first."""
+    echoes, boxes = zip(*bodies, strict=True)
+    for count in range(len(bodies), 1, -1):
+        ends = [
+            (box.origin_m, box.origin_m + box.spacing_m * (np.array(box.counts) - 1))
+            for box in boxes[:count]
+        ]
+        low_m, high_m = np.min([low for low, _ in ends], 0), np.max([high for _, high in ends], 0)
+        finest_m = np.min([resolution_m(capture, e.position_m) for e in echoes[:count]], axis=0)
+        grid: VoxelGrid | None = rounded(capture, low_m, high_m, finest_m)
+        if grid is not None and (FEWEST_PER_RESOLUTION * grid.spacing_m > finest_m).any():
+            step_m = [round_step(cell / FEWEST_PER_RESOLUTION, LESS_ROUND) for cell in finest_m]
+            grid = spanned(capture, low_m, high_m, np.array(step_m))
+        if grid is not None:
+            return Placement(grid, echoes[:count], echoes[count:])
+    return Placement(boxes[0], echoes[:1], echoes[1:])

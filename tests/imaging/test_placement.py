@@ -13,8 +13,9 @@ import calibration
 import clradar
 from clradar import AntennaArray, Capture, ClradarWarning, VoxelGrid, Wall, Waveform
 from clradar.cli.options.imaging import GridOptions
-from clradar.imaging import echo_location, grid_check
-from clradar.imaging.placement import MOST_VOXELS, PAPER_GRID, place_grid
+from clradar.imaging import echo_location, grid_check, placement
+from clradar.imaging.object_box import MOST_VOXELS, PAPER_GRID
+from clradar.imaging.placement import place_grid
 
 QAR50 = clradar.arrays.qar50()
 ARRAY = AntennaArray(QAR50.tx_m[::3], QAR50.rx_m[::3])
@@ -104,15 +105,78 @@ def test_the_hand_s_grid_is_that_of_the_paper_to_the_bit() -> None:
         echoes_of(AT_HAND, walls=[wall]),  # the wall is 10 dB stronger
         echoes_of(AT_HAND, AT_WALL, amplitudes=[0.3, 1.0]),
         with_noise(echoes_of(AT_HAND), 3.0),
-        noise_only(),
         Capture(np.zeros((32, 32, 128)), ARRAY, SWEEP),
-        echoes_of([0, 0, 0.5], waveform=Waveform.sfcw(72e9, 82e9, 4)),  # no range to be seen
     ):
         assert place_grid(capture) is PAPER_GRID
+    few = echoes_of([0, 0, 0.5], waveform=Waveform.sfcw(72e9, 82e9, 4))
+    for capture, why in ((noise_only(), "no echo stands out"), (few, "4 frequencies are too few")):
+        with pytest.warns(ClradarWarning, match=why):
+            assert place_grid(capture) is PAPER_GRID
     given = GridOptions().grid()
     assert given.counts == PAPER_GRID.counts
     assert np.array_equal(given.origin_m, PAPER_GRID.origin_m)
     assert np.array_equal(given.spacing_m, PAPER_GRID.spacing_m)
+
+
+def line_m(length_m: float, count: int, axis: int) -> np.ndarray:
+    places = np.zeros((count, 3))
+    places[:, axis] = np.linspace(-length_m / 2, length_m / 2, count)
+    return places
+
+
+@pytest.mark.parametrize(
+    ("side_m", "count", "sweep", "range_m", "slope"),
+    [
+        (0.094, 16, Waveform.sfcw(23e9, 26e9, 200), 7.0, 0.1),
+        (0.055, 12, Waveform.sfcw(60e9, 64e9, 128), 1.0, 0.4),
+        (0.045, 12, Waveform.sfcw(76e9, 81e9, 256), 3.0, -0.2),
+        (0.025, 12, Waveform.sfcw(135e9, 145e9, 128), 0.3, 0.0),
+    ],
+)
+def test_grids_of_other_radars_hold_the_target_at_half_the_resolution(
+    side_m: float, count: int, sweep: Waveform, range_m: float, slope: float
+) -> None:
+    array = AntennaArray(line_m(side_m, count, 0), line_m(side_m, count, 1))
+    at_m = range_m * np.array([slope, -slope / 2, 1]) / np.hypot(1, np.hypot(slope, slope / 2))
+    capture = with_noise(clradar.room_capture(array, sweep, [], points_m=[at_m]), 0.1)
+    grid = place_grid(capture)
+    low, high = box_of(grid).T
+    assert (low < at_m).all()
+    assert (at_m < high).all()
+    # lambda R / D of an aperture that only Tx or Rx have, and c / 2B.
+    cells_m = np.array(
+        [*[2.998e8 / sweep.center_hz * range_m / side_m] * 2, sweep.range_resolution_m]
+    )
+    assert (grid.spacing_m <= cells_m / 2).all()
+    assert (high - low >= 2 * cells_m).all()
+
+
+def test_bodies_apart_are_in_one_grid_or_named() -> None:
+    places = [[0, 0, 1.0], [0.1, 0.1, 1.6], [-0.3, 0.0, 1.0]]  # two of one range
+    found = placement.placement(echoes_of(*places), clradar.open_device())
+    low, high = box_of(found.grid).T
+    assert ((low < places) & (places < high)).all()
+    assert (2 * found.grid.spacing_m <= [0.0139, 0.0139, 0.015]).all()
+    two = echoes_of(AT_HAND, [0, 0, 0.8])
+    found = placement.placement(two, clradar.open_device())
+    assert found.grid is PAPER_GRID
+    np.testing.assert_allclose([e.position_m for e in found.left_out], [[0, 0, 0.8]], atol=5e-3)
+    assert "not in it: x 0, y 0, z 800 mm (" in placement.placement_words(two, found)
+    low, high = box_of(place_grid(two, everything=True)).T
+    assert low[2] < 0.3
+    assert high[2] > 0.8
+
+
+def test_an_array_on_a_line_gets_one_plane() -> None:
+    array = AntennaArray(line_m(0.03, 4, 0), line_m(0.03, 8, 0))
+    sweep = Waveform.sfcw(76e9, 77e9, 256)
+    capture = clradar.room_capture(array, sweep, [], points_m=[[0.5, 0, 5.0]])
+    grid = place_grid(capture)
+    assert grid.counts[1] == 1
+    assert grid.y_m[0] == 0
+    low, high = box_of(grid).T
+    assert (low <= [0.5, 0, 5.0]).all()
+    assert (high >= [0.5, 0, 5.0]).all()
 
 
 def test_the_direct_coupling_is_no_object() -> None:

@@ -137,6 +137,11 @@ def command(
     *,
     files: ImageFiles,
     voxels: GridOptions,
+    everything: bool = option(
+        False,
+        "Without a grid: one around all echoes, also where one is in the paper's grid.",
+        names=("--all-echoes",),
+    ),
     imaging: ModelImagingOptions,
     tolerance_db: float | None = option(
         None,
@@ -161,15 +166,18 @@ def command(
     show: OpenOption = False,
 ) -> None:
     """Without --x-mm, --y-mm and --z-mm the grid is that of the paper, 201 x 201 x 81 voxels of
-    1 mm, if the object is in it; else one around the strongest echo beyond the direct coupling. Of
-    a volume, which is an image already, --png and --report are drawn. A grid of more than 2^23
-    voxels is imaged piece by piece: what is done is kept beside the output until all is, and the
-    same command resumes.
+    1 mm, if the object is in it and the radar resolves it there; else one around the echoes beyond
+    the direct coupling, up to 15 dB below the strongest, with voxels of half the resolution at
+    most. The command says which. Of a volume, which is an image already, --png and --report are
+    drawn. A grid of more than 2^23 voxels is imaged piece by piece: what is done is kept beside the
+    output until all is, and the same command resumes.
     """
     from clradar import Volume, open_device
     from clradar.errors import MeasurementError
     from clradar.opencl import open_devices
 
+    if everything and given(voxels):
+        raise wrong_usage("--all-echoes", f"expected without {', '.join(given(voxels))}")
     voxels.grid()  # wrong usage is reported before a file is read
     files.check(force=force, inputs=captures)
     capture = captures[0]
@@ -189,6 +197,7 @@ def command(
         options = {**given(voxels), **given(imaging), **given(repeated)}
         options |= {"--absolute": 1} if absolute else {}
         options |= {"--workers": workers} if workers is not None else {}
+        options |= {"--all-echoes": 1} if everything else {}
         _check_no_imaging(files, options, tolerance_db, device)
         volume, origin = loaded.content, provenance("image", {}, loaded.files)
     else:
@@ -198,7 +207,7 @@ def command(
         samples = loaded.content
         if absolute:
             samples = replace(samples, meta={**samples.meta, "absolute": True})
-        grid = grid_for(samples, voxels, opened)
+        grid = grid_for(samples, voxels, opened, everything=everything)
         if repeated.seeds is not None:
             way = {**imaging.arguments, "tolerance_db": tolerance_db, "device": devices}
             drawn = _image_over_seeds(loaded, grid, repeated, files, depth, way, force=force)

@@ -146,10 +146,8 @@ def axis_mm(option: str, text: str) -> tuple[float, float, float]:
 
 
 def grid_text(grid: VoxelGrid) -> str:
-    """Voxels and ends of a grid in words, millimetres."""
-    ends = [
-        f"{name} {1e3 * axis[0]:g} to {1e3 * axis[-1]:g}"
-        for name, axis in zip("xyz", (grid.x_m, grid.y_m, grid.z_m), strict=True)
-    ]
+    """Voxels and ends of a grid in words."""
+    from clradar.imaging.grid_words import box_words
+
     counts = " x ".join(str(n) for n in grid.counts)
-    return f"{counts} voxels ({', '.join(ends)} mm)"
+    return f"{counts} voxels ({box_words(grid)})"

@@ -1,0 +1,175 @@
+"""The box of voxels around one object in a capture, of which the strongest echo is known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clradar.arrays.point_spread import response
+from clradar.constants import PLAUSIBLE_RANGE_M
+from clradar.imaging.echo_location import CoarseImage, Echo, coarse_image, resolution_m
+from clradar.model import Capture, VoxelGrid
+from clradar.model.resolution import lateral_resolution_m
+from clradar.opencl import Device
+
+PAPER_GRID = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
+"""The grid of the paper's experiment: a hand 0.3 m in front of the aperture."""
+
+BRIGHT_DB = 10.0
+"""The object is what is at most this far below the strongest echo. Side lobes are at -13 dB."""
+
+VOXELS_PER_RESOLUTION = 3.5
+"""At least, as in the paper's grid across boresight: 1 mm for 3.8 mm."""
+
+LEAST_RESOLUTIONS = 40.0
+"""Half the size of a grid is at least that of the paper's, or this where that is less."""
+
+ASIDE = 0.35
+"""Of the range: other bodies of one range are looked for so far to the sides."""
+
+ASIDE_VOXELS, LOBE_FREQUENCIES = 2000, 16
+"""Bright voxels to the sides that are held against the lobes of the strongest echo."""
+
+COARSE_LOSS = 0.7
+"""An image of which the strongest echo has less is too coarse to tell others from lobes."""
+
+CREST = 3.0
+"""Nor is what exceeds the RMS of a coarse image by less: random side lobes reach this."""
+
+MARGIN_RESOLUTIONS = 2.0
+"""Between the object and the faces of its grid."""
+
+END_M, END_SHARE = 0.01, 0.1
+"""Ends of a grid are multiples of this, which round steps up to it divide. A box is cut by a tenth
+of it at most, so that errors of a millimetre in the place do not add another."""
+
+MOST_VOXELS = 4_000_000
+"""Of a grid that is placed; that of the paper has 3.3 million."""
+
+ROUND, LESS_ROUND = (1, 2, 5), (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+"""Spacings times a power of ten; the second of grids that would otherwise be too large."""
+
+GROWTHS = 6
+"""How often the box that is searched for the object grows, by half at most."""
+
+
+def box_around(capture: Capture, echo: Echo, device: Device) -> VoxelGrid:
+    """The grid around an object whose strongest echo is given."""
+    at_m = echo.position_m.copy()
+    middle_m = np.concatenate([capture.array.tx_m, capture.array.rx_m]).mean(axis=0)
+    flat = _flat(capture)
+    away_m = np.where(flat, at_m - middle_m, 0.0)
+    at_m = np.where(flat, middle_m, at_m)
+    at_m[2] = np.hypot(at_m[2] - middle_m[2], np.linalg.norm(away_m)) + middle_m[2]
+    cells_m = resolution_m(capture, at_m)
+    margin_m = np.where(flat, 0.0, MARGIN_RESOLUTIONS * cells_m)
+    paper_m = PAPER_GRID.spacing_m * (np.array(PAPER_GRID.counts) - 1) / 2
+    least_m = np.maximum(np.minimum(paper_m, LEAST_RESOLUTIONS * cells_m), margin_m)
+    least_m[flat] = 0.0
+    front_m = max(capture.array.tx_m[:, 2].max(), capture.array.rx_m[:, 2].max()) + 1e-3
+    half_m = _half_of_others(capture, at_m, echo.amplitude, least_m, front_m, device)
+    for _ in range(GROWTHS):
+        low_m, high_m = at_m - half_m, at_m + half_m
+        low_m[2] = max(low_m[2], min(front_m, at_m[2]))
+        bright_m = _bright_box(coarse_image(capture, low_m, high_m, device))
+        low_m = np.minimum(at_m - least_m, bright_m[0] - margin_m)
+        high_m = np.maximum(at_m + least_m, bright_m[1] + margin_m)
+        grown_m = np.maximum(at_m - low_m, high_m - at_m)
+        if (grown_m <= half_m * (1 + 1e-9)).all():
+            break
+        half_m = np.maximum(half_m, np.minimum(grown_m, 1.5 * half_m))
+    low_m[2] = max(low_m[2], min(front_m, at_m[2]))
+    farthest_m = PLAUSIBLE_RANGE_M[1]
+    low_m, high_m = (np.clip(end, -farthest_m, farthest_m) for end in (low_m, high_m))
+    return rounded(capture, low_m, high_m, cells_m)
+
+
+def _flat(capture: Capture) -> np.ndarray:
+    """The axes without aperture, shape (3,), along which nothing is resolved."""
+    return np.array([*(np.isinf(lateral_resolution_m(capture, a, 1.0)) for a in (0, 1)), False])
+
+
+def _half_of_others(
+    capture: Capture,
+    at_m: np.ndarray,
+    level: float,
+    least_m: np.ndarray,
+    front_m: float,
+    device: Device,
+) -> np.ndarray:
+    """Half the size of a box that holds what else is bright at the range of an echo.
+
+    What is there of the echo itself, as lobes of the array, does not count.
+    """
+    antennas_m = np.concatenate([capture.array.tx_m, capture.array.rx_m])
+    away_m = at_m - antennas_m.mean(axis=0)
+    range_m = float(np.linalg.norm(away_m))
+    wide_m = np.where(least_m > 0, np.maximum(least_m, ASIDE * range_m), 0.0)
+    slope = float(np.linalg.norm(away_m[:2])) / max(away_m[2], 0.1 * range_m)
+    deep_m = range_m * (1 - np.sqrt(1 - ASIDE**2)) + min(slope, 1.0) * ASIDE * range_m
+    wide_m[2] = max(least_m[2], deep_m)
+    low_m = at_m - wide_m
+    low_m[2] = max(low_m[2], min(front_m, at_m[2]))
+    image = coarse_image(capture, low_m, at_m + wide_m, device)
+    index = np.argwhere(_is_bright(image))[:, ::-1]
+    places_m = image.grid.origin_m + image.grid.spacing_m * index
+    aside = (np.abs(places_m - at_m) > least_m + 1e-9).any(axis=1)
+    too_coarse = image.amplitude.max() < COARSE_LOSS * level
+    if too_coarse or not 0 < aside.sum() <= ASIDE_VOXELS:
+        return least_m
+    index, places_m = index[aside], places_m[aside]
+    amplitude = image.amplitude[index[:, 2], index[:, 1], index[:, 0]]
+    hz = capture.waveform.frequencies_hz
+    some_hz = hz[np.linspace(0, len(hz) - 1, min(len(hz), LOBE_FREQUENCIES)).round().astype(int)]
+    own = level * response(capture.array, some_hz, at_m, places_m)
+    kept = amplitude - own >= 10 ** (-BRIGHT_DB / 20) * level
+    if not kept.any():
+        return least_m
+    return np.maximum(least_m, np.abs(places_m[kept] - at_m).max(axis=0))
+
+
+def _is_bright(image: CoarseImage) -> np.ndarray:
+    highest = float(image.amplitude.max())
+    floor = CREST * float(np.sqrt(np.mean(np.square(image.amplitude))))
+    return np.asarray(
+        image.amplitude >= max(10 ** (-BRIGHT_DB / 20) * highest, min(floor, highest))
+    )
+
+
+def _bright_box(image: CoarseImage) -> np.ndarray:
+    """Least and largest coordinates of the bright voxels, shape (2, 3), metres."""
+    index = np.argwhere(_is_bright(image))[:, ::-1]
+    ends = np.stack([index.min(axis=0), index.max(axis=0)])
+    return image.grid.origin_m + image.grid.spacing_m * ends
+
+
+def rounded(
+    capture: Capture, low_m: np.ndarray, high_m: np.ndarray, resolution: np.ndarray
+) -> VoxelGrid:
+    """The grid of a box with round spacings, as fine as the number of voxels allows."""
+    step_m = np.array([round_step(r / VOXELS_PER_RESOLUTION) for r in resolution])
+    while (grid := spanned(capture, low_m, high_m, step_m)) is None:
+        finest = int(np.argmin(np.where(_flat(capture), np.inf, step_m / resolution)))
+        step_m[finest] = round_step(2.5 * step_m[finest])
+    return grid
+
+
+def spanned(
+    capture: Capture, low_m: np.ndarray, high_m: np.ndarray, step_m: np.ndarray
+) -> VoxelGrid | None:
+    """The grid of a box, whose ends are multiples of 10 mm or more; None if it is too large."""
+    flat = _flat(capture)
+    end_m = np.maximum(step_m, END_M)
+    first = np.round(np.floor(low_m / end_m + END_SHARE) * end_m / step_m)
+    last = np.round(np.ceil(high_m / end_m - END_SHARE) * end_m / step_m)
+    counts = np.where(flat, 1, (last - first).astype(int) + 1)
+    if np.prod(counts.astype(float)) > MOST_VOXELS:
+        return None
+    origin_m = np.where(flat, (low_m + high_m) / 2, np.round(first * step_m, 9))
+    return VoxelGrid(origin_m, step_m, (int(counts[0]), int(counts[1]), int(counts[2])))
+
+
+def round_step(step_m: float, factors: tuple[float, ...] = ROUND) -> float:
+    """The largest of some factors times a power of ten that is no larger."""
+    decade = 10.0 ** np.floor(np.log10(step_m) + 1e-9)
+    factor = max(f for f in factors if f * decade <= step_m * (1 + 1e-9))
+    return float(round(factor * decade, 12))
