@@ -10,11 +10,11 @@ import numpy as np
 from clradar.imaging.frame_imager import DEFAULT_METHOD, METHODS, FrameImager
 from clradar.imaging.grid_check import warn_of_grid
 from clradar.imaging.memory import BYTES_OF_SEVERAL, check_memory
-from clradar.imaging.several_captures import mean_over_pairs
+from clradar.imaging.several_captures import KeptCaptures, mean_over_pairs
 from clradar.imaging.windows import WINDOWS, frequency_weights
 from clradar.model import Capture, Volume, VoxelGrid, checks
 from clradar.model.progress import Progress
-from clradar.opencl import Device
+from clradar.opencl import Device, open_device
 
 __all__ = ["METHODS", "WINDOWS", "backproject", "frequency_weights"]
 
@@ -53,8 +53,9 @@ def backproject(
     tolerance_db : float, optional
         For "fast": RMS error relative to the RMS of the whole image, -80 to -30; default -50.
     check_grid : bool
-        Warn where the grid does not fit the capture; of several captures it is not checked. Turn
-        it off for many images of one capture, or for a grid that is beside the object on purpose.
+        Warn where the grid does not fit the capture; of several captures a thousand pairs of each
+        tell. Turn it off for many images of one capture, or for a grid that is beside the object
+        on purpose.
     device : Device, str or None
         See `clradar.open_device`.
     progress : callable, optional
@@ -104,7 +105,7 @@ def backproject(
     """
     if not isinstance(capture, Capture):
         way = {"method": method, "window": window, "tolerance_db": tolerance_db, "device": device}
-        return _of_all(capture, grid, way, progress)
+        return _of_all(capture, grid, way, progress, check_grid=check_grid)
     with FrameImager(
         capture.array, capture.waveform, grid,
         method=method, window=window, tolerance_db=tolerance_db, device=device,
@@ -117,24 +118,34 @@ def backproject(
 
 
 def _of_all(
-    captures: Iterable[Capture], grid: VoxelGrid, way: dict[str, Any], progress: Progress | None
+    captures: Iterable[Capture],
+    grid: VoxelGrid,
+    way: dict[str, Any],
+    progress: Progress | None,
+    *,
+    check_grid: bool,
 ) -> Volume:
     """The image of all pairs of several captures: the mean of theirs, weighted by their terms."""
     if isinstance(captures, str) or not isinstance(captures, Iterable):
         checks.instance("backproject: capture", captures, Capture)
     check_memory(grid, BYTES_OF_SEVERAL)
     metas: list[Mapping[str, Any]] = []
+    kept = KeptCaptures()
 
     def images() -> Iterator[tuple[np.ndarray, int]]:
         for capture in captures:
             checks.instance("backproject: capture", capture, Capture)
             image = backproject(capture, grid, check_grid=False, progress=progress, **way)
             metas.append(image.meta)
+            kept.add(capture)
             yield image.data, capture.data.size
             del image  # before the next is formed
 
     data = mean_over_pairs(images(), grid.shape)
     if not metas:
         checks.fail("backproject: capture", "at least one capture", "none")
+    if check_grid:
+        window = frequency_weights(way["window"], kept.captures[0].waveform.n_freq)
+        warn_of_grid(kept, grid, data, window, open_device(way["device"]))
     data.flags.writeable = False
     return Volume(data, grid, {**metas[-1], "capture": [meta["capture"] for meta in metas]})

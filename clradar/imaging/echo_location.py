@@ -8,6 +8,7 @@ import numpy as np
 
 from clradar.constants import FINEST_SPACING_M, PLAUSIBLE_RANGE_M, SPEED_OF_LIGHT_M_PER_S
 from clradar.imaging.range_profiles import RangeImager
+from clradar.imaging.several_captures import Captures, captures_of
 from clradar.model import Capture, VoxelGrid
 from clradar.model.range_profile import (
     BINS_PER_CELL,
@@ -37,6 +38,9 @@ and side lobes of random antennas at -33 dB."""
 
 COARSE_VOXELS = 500_000
 """Of a coarse image; beyond that its voxels are larger."""
+
+AROUND_RESOLUTIONS = 1.33
+"""Half of a box around a place where the image has a maximum."""
 
 MOVES = 3
 """How often the coarse image is centred again on a maximum at its face."""
@@ -72,7 +76,7 @@ class CoarseImage:
 
 
 def coarse_image(
-    capture: Capture,
+    capture: Captures,
     low_m: np.ndarray,
     high_m: np.ndarray,
     device: Device,
@@ -91,19 +95,40 @@ def coarse_image(
     counts = np.ceil(intervals / max(1.0, larger)).astype(int) + 1
     spacing_m = np.where(extent_m > 0, extent_m, FINEST_SPACING_M) / np.maximum(counts - 1, 1)
     grid = VoxelGrid(low_m, spacing_m, (int(counts[0]), int(counts[1]), int(counts[2])))
-    part = antenna_subset(capture, min(most_pairs, COARSE_TERMS / np.prod(counts)))
-    weights = hann(capture.waveform.n_freq)
-    data = RangeImager(part, grid, weights, device).run(None)
-    scale = part.array.n_tx * part.array.n_rx * weights.sum()
+    captures = captures_of(capture)
+    pairs_each = min(most_pairs, COARSE_TERMS / np.prod(counts)) / len(captures)
+    weights = hann(captures[0].waveform.n_freq)
+    data, scale = np.zeros(grid.shape, np.complex64), 0.0
+    for one in captures:
+        part = antenna_subset(one, pairs_each)
+        data += RangeImager(part, grid, weights, device).run(None)
+        scale += part.array.n_tx * part.array.n_rx * weights.sum()
     return CoarseImage(grid, np.abs(data) / np.float32(scale))
 
 
-def resolution_m(capture: Capture, at_m: np.ndarray) -> np.ndarray:
+def amplitude_near(capture: Captures, at_m: np.ndarray, device: Device) -> float:
+    """Of the image at the maximum next to a place."""
+    antennas_m = antennas_of(capture)
+    half_m = AROUND_RESOLUTIONS * resolution_m(capture, at_m)
+    low_m = at_m - half_m
+    low_m[2] = max(low_m[2], min(antennas_m[:, 2].max() + 1e-3, at_m[2]))
+    around = coarse_image(capture, low_m, at_m + half_m, device, np.inf).brightest()
+    exact = coarse_image(capture, around.position_m, around.position_m, device, np.inf)
+    return max(around.amplitude, float(exact.amplitude.max()))
+
+
+def antennas_of(capture: Captures) -> np.ndarray:
+    """Positions of all Tx and Rx, shape (n, 3), metres."""
+    return np.concatenate(
+        [at for one in captures_of(capture) for at in (one.array.tx_m, one.array.rx_m)]
+    )
+
+
+def resolution_m(capture: Captures, at_m: np.ndarray) -> np.ndarray:
     """Distance between peak and first zero of a point's image along x, y, z, shape (3,), metres."""
-    antennas = np.concatenate([capture.array.tx_m, capture.array.rx_m])
-    range_m = float(np.linalg.norm(at_m - antennas.mean(axis=0)))
-    cell_m = capture.waveform.range_resolution_m
-    across = [lateral_resolution_m(capture, axis, range_m) for axis in (0, 1)]
+    range_m = float(np.linalg.norm(at_m - antennas_of(capture).mean(axis=0)))
+    cell_m = captures_of(capture)[0].waveform.range_resolution_m
+    across = [lateral_resolution_m(captures_of(capture), axis, range_m) for axis in (0, 1)]
     # Without aperture along an axis its image is a stripe, whose length does not matter.
     return np.minimum(np.array([*across, cell_m]), range_m)
 

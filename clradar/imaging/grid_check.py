@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,11 +10,19 @@ import numpy as np
 from clradar.constants import DYNAMIC_RANGE_DB, SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import warn
 from clradar.imaging.confusions import warn_of_confusions
-from clradar.imaging.echo_location import Echo, coarse_image, locate, resolution_m
+from clradar.imaging.echo_location import (
+    Echo,
+    amplitude_near,
+    antennas_of,
+    coarse_image,
+    locate,
+    resolution_m,
+)
 from clradar.imaging.grid_words import box_words as _box
 from clradar.imaging.grid_words import length_words as _length
 from clradar.imaging.grid_words import place_words as _place
 from clradar.imaging.placement import inside, reach_m, weaker_within
+from clradar.imaging.several_captures import Captures, KeptCaptures, captures_of
 from clradar.model import Capture, VoxelGrid
 from clradar.model.range_profile import RangeProfile, coupling_path_m, echo_profile, hann
 from clradar.model.volume import Planes
@@ -77,13 +86,18 @@ class Peaks:
 
 
 def warn_of_grid(
-    capture: Capture, grid: VoxelGrid, data: Planes, weights: np.ndarray, device: Device
+    capture: Capture | KeptCaptures,
+    grid: VoxelGrid,
+    data: Planes,
+    weights: np.ndarray,
+    device: Device,
 ) -> None:
     """Warn where an image does not show what the capture holds.
 
     Parameters
     ----------
-    capture : Capture
+    capture : Capture or KeptCaptures
+        Several of different frequencies are not checked.
     grid : VoxelGrid
     data : ndarray, shape of the grid, complex64, or planes that are read
         The image of the capture, as `clradar.backproject` returns it.
@@ -98,58 +112,69 @@ def warn_of_grid(
         from their aliases. The strongest echo lies outside,
         more than 15 dB above all that is in the grid. The object goes on beyond a face of the grid.
     """
-    profile = echo_profile(capture)
-    if profile is None or not weights.sum() > 0:
+    captures = (capture,) if isinstance(capture, Capture) else tuple(capture.captures)
+    arrays = [capture.array] if isinstance(capture, Capture) else capture.arrays
+    waveform = captures[0].waveform
+    if not all(waveform.same_frequencies(one.waveform) for one in captures):
         return
+    found = [(one, profile) for one in captures if (profile := echo_profile(one)) is not None]
+    if not found or not weights.sum() > 0:
+        return
+    loudest, profile = max(found, key=lambda own: float(own[1].power[0]))
     peaks = Peaks.of(data)
     level = peaks.highest / float(weights.mean())
-    faces = _faces(capture, grid, peaks)
-    pairs = capture.array.n_tx * capture.array.n_rx
+    faces = _faces(captures, grid, peaks)
+    pairs = sum(one.array.n_tx * one.array.n_rx for one in captures)
     unfocused = float(np.sqrt(FOCUS / pairs * profile.power[0]))
-    reach = reach_m(capture, grid)
+    reaches = np.array([reach_m(one, grid) for one in captures])
+    reach = float(reaches[:, 0].min()), float(reaches[:, 1].max())
     outside = None
     cuts = [
         (face, beyond)
         for face in faces
         if face.level_db >= -FACE_DB
-        and (beyond := _echo_beyond(capture, grid, face, peaks, level, unfocused, device))
+        and (beyond := _echo_beyond(captures, grid, face, peaks, level, unfocused, device))
     ]
     if level < unfocused or cuts:  # what seems cut off may be the side lobes of an echo outside
         # Where the image goes on beyond the grid, less is enough, but farther off.
         away = (BEYOND_DB, BEYOND_RESOLUTIONS[1]) if cuts else (OUTSIDE_DB, 1.0)
-        outside = _echo_outside(capture, grid, profile, reach, level, away, device)
+        outside = _echo_outside(captures, grid, loudest, profile, level, away, device)
     alias = outside
-    if alias is None and level >= unfocused and reach[0] > capture.waveform.unambiguous_range_m:
-        alias = _equal_alias(capture, peaks.place_m(grid), level, device)
-    _warn_of_aliases(capture, reach, alias)
+    if alias is None and level >= unfocused and reach[0] > waveform.unambiguous_range_m:
+        alias = _equal_alias(captures, peaks.place_m(grid), level, device)
+    _warn_of_aliases(waveform.unambiguous_range_m, reach, alias)
     if outside is not None:
         _warn_of_echo(grid, outside, level)
         return
     if level >= unfocused:
-        warn_of_confusions(capture, grid, peaks.place_m(grid), device)
+        warn_of_confusions(captures, arrays, grid, peaks.place_m(grid), device)
     for face, beyond in cuts:
         _warn_of_cut(face, beyond, level)
 
 
 def _echo_outside(
-    capture: Capture,
+    captures: Sequence[Capture],
     grid: VoxelGrid,
+    loudest: Capture,
     profile: RangeProfile,
-    reach: tuple[float, float],
     level: float,
     away: tuple[float, float],
     device: Device,
 ) -> Echo | None:
     """The strongest echo, if it is beside the grid and the grid has none that comes close.
 
-    `away` is how far beside: decibel above the level in the grid, and resolutions from it.
+    `away` is how far beside: decibel above the level in the grid, and resolutions from it. Of
+    several captures the one with the strongest echo tells where it is, whose range `profile` is.
     """
-    here = weaker_within(profile, reach, capture.waveform.unambiguous_range_m)
+    reach = reach_m(loudest, grid)
+    here = weaker_within(profile, reach, loudest.waveform.unambiguous_range_m)
     if len(here) and here[0] != profile.path_m[0]:
         return None
-    echo = locate(capture, float(profile.path_m[0]), device)
+    echo = locate(loudest, float(profile.path_m[0]), device)
+    if len(captures) > 1:
+        echo = Echo(echo.position_m, amplitude_near(captures, echo.position_m, device))
     louder = echo.amplitude > 10 ** (away[0] / 20) * level
-    margin_m = away[1] * resolution_m(capture, echo.position_m)
+    margin_m = away[1] * resolution_m(loudest, echo.position_m)
     return echo if louder and not inside(grid, echo.position_m, margin_m) else None
 
 
@@ -163,7 +188,7 @@ class Face:
     level_db: float
 
 
-def _faces(capture: Capture, grid: VoxelGrid, peaks: Peaks) -> list[Face]:
+def _faces(capture: Captures, grid: VoxelGrid, peaks: Peaks) -> list[Face]:
     """The faces of a grid across the axes that are not thin."""
     length_m = grid.spacing_m * (np.array(grid.counts) - 1)
     cells_m = resolution_m(capture, grid.origin_m + length_m / 2)
@@ -176,9 +201,8 @@ def _faces(capture: Capture, grid: VoxelGrid, peaks: Peaks) -> list[Face]:
     return found
 
 
-def _warn_of_aliases(capture: Capture, reach: tuple[float, float], alias: Echo | None) -> None:
+def _warn_of_aliases(period_m: float, reach: tuple[float, float], alias: Echo | None) -> None:
     """Warn of a grid across the unambiguous range, or beyond it with an equal alias elsewhere."""
-    period_m = capture.waveform.unambiguous_range_m
     near_m, far_m = reach
     across = near_m < period_m or far_m - near_m > period_m
     if far_m > period_m and (across or alias is not None):
@@ -191,16 +215,16 @@ def _warn_of_aliases(capture: Capture, reach: tuple[float, float], alias: Echo |
         )
 
 
-def _equal_alias(capture: Capture, at_m: np.ndarray, level: float, device: Device) -> Echo | None:
+def _equal_alias(capture: Captures, at_m: np.ndarray, level: float, device: Device) -> Echo | None:
     """The alias of an image point, by one period nearer or farther, if it is as bright.
 
     In the near field the curvature of the wavefronts focuses the point itself alone, so that few
     frequencies are enough.
     """
-    antennas_m = np.concatenate([capture.array.tx_m, capture.array.rx_m])
+    antennas_m = antennas_of(capture)
     middle_m, front_m = antennas_m.mean(axis=0), antennas_m[:, 2].max()
     range_m = float(np.linalg.norm(at_m - middle_m))
-    for shift_m in capture.waveform.unambiguous_range_m * np.array([-1.0, 1.0]):
+    for shift_m in captures_of(capture)[0].waveform.unambiguous_range_m * np.array([-1.0, 1.0]):
         alias_m = middle_m + (at_m - middle_m) * (range_m + shift_m) / range_m
         if alias_m[2] <= front_m:
             continue
@@ -223,7 +247,7 @@ def _warn_of_echo(grid: VoxelGrid, echo: Echo, level: float) -> None:
 
 
 def _echo_beyond(
-    capture: Capture,
+    captures: Sequence[Capture],
     grid: VoxelGrid,
     face: Face,
     peaks: Peaks,
@@ -234,20 +258,18 @@ def _echo_beyond(
     """Where the object goes on beyond a bright face; None if it does not."""
     low_m = grid.origin_m.copy()
     high_m = low_m + grid.spacing_m * (np.array(grid.counts) - 1)
-    cell_m = resolution_m(capture, (low_m + high_m) / 2)[face.axis]
+    cell_m = resolution_m(captures, (low_m + high_m) / 2)[face.axis]
     beyond_m = face.at_m + face.outward * cell_m * np.array(BEYOND_RESOLUTIONS)
     low_m[face.axis], high_m[face.axis] = beyond_m.min(), beyond_m.max()
-    antennas = [capture.array.tx_m, capture.array.rx_m]
-    low_m[2] = max(low_m[2], min(max(a[:, 2].max() for a in antennas), high_m[2]))
-    image = coarse_image(capture, low_m, high_m, device, most_pairs=np.inf)
+    low_m[2] = max(low_m[2], min(antennas_of(captures)[:, 2].max(), high_m[2]))
+    image = coarse_image(captures, low_m, high_m, device, most_pairs=np.inf)
     found = image.brightest()
-    own = found.amplitude - level * point_response(capture, peaks.place_m(grid), found.position_m)
+    own = found.amplitude - level * point_response(captures, peaks.place_m(grid), found.position_m)
     floor = np.quantile(image.amplitude.max(axis=0), FLOOR_SHARE)
-    path_m = sum(float(np.linalg.norm(found.position_m - a, axis=1).mean()) for a in antennas)
     goes_on = (
         own >= max(unfocused, 10 ** (-BEYOND_DB / 20) * level)
         and found.amplitude >= 10 ** (FLOOR_DB / 20) * floor
-        and path_m > coupling_path_m(capture)
+        and all(_mean_path_m(one, found.position_m) > coupling_path_m(one) for one in captures)
     )
     return found if goes_on else None
 
@@ -261,13 +283,24 @@ def _warn_of_cut(face: Face, beyond: Echo, level: float) -> None:
     )
 
 
-def point_response(capture: Capture, point_m: np.ndarray, at_m: np.ndarray) -> float:
+def _mean_path_m(capture: Capture, at_m: np.ndarray) -> float:
+    """Length from the Tx over a place to the Rx, mean over the pairs."""
+    sides = (capture.array.tx_m, capture.array.rx_m)
+    return sum(float(np.linalg.norm(at_m - a, axis=1).mean()) for a in sides)
+
+
+def point_response(captures: Sequence[Capture], point_m: np.ndarray, at_m: np.ndarray) -> float:
     """Amplitude at one place of the image of a point of amplitude 1 at another."""
-    weights = hann(capture.waveform.n_freq)
-    sides = [
-        np.linalg.norm(at_m - a, axis=1) - np.linalg.norm(point_m - a, axis=1)
-        for a in (capture.array.tx_m, capture.array.rx_m)
-    ]
-    k = capture.waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
-    tx, rx = (np.exp(2j * np.pi * np.outer(k, side_m)).mean(axis=1) for side_m in sides)
-    return float(abs((weights * tx * rx).sum()) / weights.sum())
+    waveform = captures[0].waveform
+    weights = hann(waveform.n_freq)
+    k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
+    total, pairs = np.zeros(waveform.n_freq, np.complex128), 0
+    for one in captures:
+        sides = [
+            np.linalg.norm(at_m - a, axis=1) - np.linalg.norm(point_m - a, axis=1)
+            for a in (one.array.tx_m, one.array.rx_m)
+        ]
+        tx, rx = (np.exp(2j * np.pi * np.outer(k, side_m)).mean(axis=1) for side_m in sides)
+        total += one.array.n_tx * one.array.n_rx * tx * rx
+        pairs += one.array.n_tx * one.array.n_rx
+    return float(abs((weights * total).sum()) / weights.sum() / pairs)

@@ -2,9 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import TypeAlias
 
 import numpy as np
+
+from clradar.model import AntennaArray, Capture
+from clradar.model.range_profile import antenna_subset
+
+Captures: TypeAlias = Capture | Sequence[Capture]
+"""One capture, or several of which one image is formed."""
+
+KEPT_PAIRS = 1024
+"""Of each of several captures, for what is looked at beside the image: 1 MB of 128 frequencies."""
+
+
+def captures_of(capture: Captures) -> tuple[Capture, ...]:
+    """The captures whose pairs an image is the sum over."""
+    return (capture,) if isinstance(capture, Capture) else tuple(capture)
+
+
+class KeptCaptures:
+    """What is kept of captures that pass one by one: all antennas, samples of some pairs."""
+
+    def __init__(self) -> None:
+        self.arrays: list[AntennaArray] = []
+        self.captures: list[Capture] = []
+
+    def add(self, capture: Capture) -> None:
+        """Keep what is needed of one more."""
+        self.arrays.append(capture.array)
+        self.captures.append(antenna_subset(capture, KEPT_PAIRS))
 
 
 def mean_over_pairs(images: Iterable[tuple[np.ndarray, int]], shape: tuple[int, ...]) -> np.ndarray:
@@ -30,5 +58,5 @@ def mean_over_pairs(images: Iterable[tuple[np.ndarray, int]], shape: tuple[int, 
         del image  # before the next is formed
     mean = np.empty(shape, np.complex64)
     for plane, summed in zip(mean, total, strict=True):
-        plane[...] = summed / n_all
+        plane[...] = summed / max(n_all, 1)
     return mean

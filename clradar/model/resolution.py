@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model.capture import Capture
 
 
-def lateral_resolution_m(capture: Capture, axis: int, range_m: float) -> float:
-    """Wavelength over the sines that both apertures span, metres; infinite without aperture."""
-    wavelength_m = SPEED_OF_LIGHT_M_PER_S / capture.waveform.center_hz
-    spanned = 0.0
-    for antennas in (capture.array.tx_m, capture.array.rx_m):
-        ends = antennas[:, axis].min(), antennas[:, axis].max()
-        spanned += float(
-            ends[1] / np.hypot(ends[1], range_m) - ends[0] / np.hypot(ends[0], range_m)
-        )
+def lateral_resolution_m(capture: Capture | Sequence[Capture], axis: int, range_m: float) -> float:
+    """Wavelength over the sines that both apertures span, metres; infinite without aperture.
+
+    Of several captures, whose images add up, those that all of them span together.
+    """
+    captures = [capture] if isinstance(capture, Capture) else capture
+    wavelength_m = SPEED_OF_LIGHT_M_PER_S / captures[0].waveform.center_hz
+    lows, highs = [], []
+    for one in captures:
+        own = [antennas[:, axis] for antennas in (one.array.tx_m, one.array.rx_m)]
+        lows.append([at.min() / np.hypot(at.min(), range_m) for at in own])
+        highs.append([at.max() / np.hypot(at.max(), range_m) for at in own])
+    low, high = min(lows, key=sum), max(highs, key=sum)
+    spanned = float(high[0] - low[0]) + float(high[1] - low[1])
     return wavelength_m / spanned if spanned > 0 else float("inf")

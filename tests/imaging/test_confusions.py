@@ -102,3 +102,28 @@ def test_the_imager_and_its_hand_raise_no_message() -> None:
         clradar.simulate(scene, radar, band, estimator="expected", samples_per_mm2=2e-3)
         capture = clradar.room_capture(radar, band, [], points_m=points_m)
         clradar.backproject(capture, grid)
+
+
+def test_images_of_several_captures_are_checked_as_one() -> None:
+    """Four clusters 60 mm apart: lobes at sin = lambda / 120 mm, which no cluster has alone."""
+    own = np.arange(-1, 2)[:, None] * [1.0, 0, 0]
+    at_m = np.arange(-1.5, 2)[:, None] * [0.06, 0, 0]
+    wall = [clradar.AntennaArray(6e-3 * own + at, 2e-3 * own + at) for at in at_m]
+    band = clradar.Waveform.sfcw(72e9, 82e9, 128)
+
+    def said(point_m: list[float], x_m: tuple[float, float]) -> list[str]:
+        found: list[str] = []
+        captures = (clradar.room_capture(one, band, [], points_m=[point_m]) for one in wall)
+        with handled_warnings(found.append):
+            clradar.backproject(
+                captures, clradar.VoxelGrid.from_extent(x_m, (0, 0), (0.96, 1.04), 4e-3)
+            )
+        return found
+
+    assert said([0, 0, 1.0], (-0.02, 0.02)) == []
+    (text,) = said([0, 0, 1.0], (-0.08, 0.08))
+    assert "the echo at x 0.000, y 0.000, z 1.000 m appears at x -32, y 0, z 999 mm" in text
+    (text,) = said([0, 0, 1.0], (0.02, 0.048))
+    assert "is the grating lobe of an echo at x" in text
+    (text,) = said([0.3, 0, 0.7], (-0.02, 0.02))
+    assert text.startswith("the strongest echo, at x")

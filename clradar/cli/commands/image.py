@@ -309,17 +309,19 @@ def _image_by_parts(
     """
     from clradar.imaging.frame_imager import image_meta
     from clradar.imaging.grid_check import warn_of_grid
+    from clradar.imaging.several_captures import KeptCaptures
     from clradar.imaging.windows import frequency_weights
     from clradar.model import ImageScale
 
     start_s = perf_counter()
     check_place_of_folder(parts.folder, OWN_NAMES, parts.captures)
     range_db, grid, way = depth.dynamic_range_db, parts.grid, parts.imaging
-    sizes, metas, read = [], [], []
+    sizes, metas, read, kept = [], [], [], KeptCaptures()
     for path in parts.captures:
         capture, found = capture_of(path, parts.frames)
         sizes.append(capture.data.size)
         metas.append(capture.meta)
+        kept.add(capture)
         read += found
     alone = len(sizes) == 1
     weights = frequency_weights(way["window"], samples.waveform.n_freq)
@@ -334,8 +336,7 @@ def _image_by_parts(
         "inputs": origin["inputs"], "clradar": origin["clradar"], "device": opened.describe(),
     }  # fmt: skip
     with made_by_parts(parts, begun, sizes, **by):
-        if alone:
-            warn_of_grid(samples, grid, image, weights, opened)
+        warn_of_grid(samples if alone else kept, grid, image, weights, opened)
         if files.output is not None:
             image.save(files.output, origin, force=by["force"])
             took = f"{perf_counter() - start_s:.1f} s on {opened.info.label}"
