@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from typing import Any, TypeVar
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from clradar.imaging.frame_imager import FrameImager
 from clradar.model import AntennaArray, Capture, Scene, TraceStatistics, Waveform, checks
-from clradar.model.progress import Progress
+from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, open_device
-from clradar.phasors.phasor_sum import PhasorSum
+from clradar.phasors.phasor_sum import PhasorSum, sum_bytes_of_pair
 from clradar.phasors.physical import physical_samples
 from clradar.tracing.ambiguous import warn_of_ambiguity
 from clradar.tracing.expected import ExpectedTracer
@@ -29,7 +30,9 @@ from clradar.tracing.settings import (
 from clradar.tracing.starvation import warn_if_starved
 from clradar.tracing.stochastic import Tracer
 
-Taken = TypeVar("Taken")
+SUM_BYTES = 2**30
+"""Most that the sums of pairs take, 11.5 kB each with 128 frequencies; of more pairs the sums of a
+block of Tx are held at a time, and their rays traced. No result depends on it."""
 
 SUMS_AT_ONCE = 12
 """Phasor sums held at the same time, fewer where memory is short. No result depends on it."""
@@ -48,8 +51,7 @@ def simulate(
 ) -> Capture:
     """Simulate a capture: trace and synthesize tile by tile.
 
-    The memory needed depends on neither the number of samples nor that of paths; with the physical
-    estimator it is some 150 bytes for every point that antennas see.
+    The memory needed depends on neither the number of samples nor that of paths (docs/bodies.md).
 
     Parameters
     ----------
@@ -118,9 +120,13 @@ def simulate(
     if resolved.estimator == "physical":
         data, meta = physical_samples(scene, array, waveform, resolved, opened, progress)
     else:
-        data, meta = _summed_paths(
-            scene, array, waveform, resolved, opened, progress, lambda total, _: total.result()
-        )
+        data = np.empty((array.n_tx, array.n_rx, waveform.n_freq), np.complex64)
+
+        def take(tx: slice, total: PhasorSum, _: dict[str, Any]) -> None:
+            data[tx] = total.result()
+
+        meta = _summed_paths(scene, array, waveform, resolved, opened, progress, take)
+        data.flags.writeable = False
     return Capture(array.with_gains(data), array, waveform, meta)
 
 
@@ -173,7 +179,8 @@ def simulate_image(
     checks.instance("simulate_image: imager", imager, FrameImager)
     merged = merged_settings(settings, **fields)
     physical = merged.for_scene(scene).resolved().estimator == "physical"
-    if not imager.keeps_image or physical or imager.array.has_gains:
+    in_blocks = len(_blocks_of_tx(imager.array, imager.waveform)) > 1
+    if not imager.keeps_image or physical or imager.array.has_gains or in_blocks:
         imager.form(
             simulate(
                 scene, imager.array, imager.waveform,
@@ -188,7 +195,7 @@ def simulate_image(
     highest_hz = float(imager.waveform.frequencies_hz.max())
     warn_of_coarse_facets("simulate_image", scene, resolved, highest_hz)
 
-    def take(total: PhasorSum, meta: dict[str, Any]) -> None:
+    def take(_: slice, total: PhasorSum, meta: dict[str, Any]) -> None:
         kept = total.on_device()
         if kept is None:
             imager.form(Capture(total.result(), imager.array, imager.waveform, meta))
@@ -198,6 +205,13 @@ def simulate_image(
     _summed_paths(scene, imager.array, imager.waveform, resolved, imager.device, progress, take)
 
 
+def _blocks_of_tx(array: AntennaArray, waveform: Waveform) -> list[slice]:
+    """Tx whose sums are held at the same time."""
+    most = max(1, SUM_BYTES // (array.n_rx * sum_bytes_of_pair(waveform)))
+    starts = range(0, array.n_tx, most)
+    return [slice(start, min(start + most, array.n_tx)) for start in starts]
+
+
 def _summed_paths(
     scene: Scene,
     array: AntennaArray,
@@ -205,25 +219,36 @@ def _summed_paths(
     resolved: SimulationSettings,
     opened: Device,
     progress: Progress | None,
-    take: Callable[[PhasorSum, dict[str, Any]], Taken],
-) -> tuple[Taken, dict[str, Any]]:
-    """What `take` makes of the sum of paths, by chance or on average, and `meta` of its capture."""
+    take: Callable[[slice, PhasorSum, dict[str, Any]], None],
+) -> dict[str, Any]:
+    """Sum paths, by chance or on average; return `meta` of the capture.
+
+    `take` is called with every block of Tx, its sum, and `meta` so far.
+    """
     statistics = TraceStatistics(0, 0, 0, 0)
     paths = np.zeros(array.n_tx * array.n_rx, np.int64)
-    tracer_type = ExpectedTracer if resolved.estimator == "expected" else Tracer
-    with (
-        # The sum, which may be using the tracer's memory, ends first.
-        tracer_type(scene, array, resolved, opened) as tracer,
-        PhasorSum(array, waveform, opened, resolved.estimator == "expected") as total,
-    ):
-        for tile in tracer.tiles(progress):
-            total.add_on_device(tile.start, tile.length, tile.amplitude, tile.longest_m)
-            paths += np.diff(tile.start)
-            statistics = statistics + tile.statistics
-        meta = simulated_meta(scene, resolved, statistics, int(paths.sum()), opened)
-        taken = take(total, meta)
+    expected = resolved.estimator == "expected"
+    blocks, meta = _blocks_of_tx(array, waveform), dict[str, Any]()
+    with (ExpectedTracer if expected else Tracer)(scene, array, resolved, opened) as tracer:
+        for i, tx in enumerate(blocks):
+            part, share = array, progress
+            if len(blocks) > 1:
+                part = AntennaArray(array.tx_m[tx], array.rx_m)
+                share = part_of(progress, i / len(blocks), (i + 1) / len(blocks))
+                tracer.light_by(tx)
+            pairs = slice(tx.start * array.n_rx, tx.stop * array.n_rx + 1)
+            # The sum, which may be using the tracer's memory, ends first.
+            with PhasorSum(part, waveform, opened, expected) as total:
+                for tile in tracer.tiles(share):
+                    columns = (tile.length, tile.amplitude, tile.longest_m)
+                    total.add_on_device(tile.start[pairs], *columns)
+                    paths += np.diff(tile.start)
+                    new = replace(tile.statistics, samples=0) if i else tile.statistics
+                    statistics = statistics + new
+                meta = simulated_meta(scene, resolved, statistics, int(paths.sum()), opened)
+                take(tx, total, meta)
     warn_if_starved(paths, scene, array, resolved)
-    return taken, meta
+    return meta
 
 
 @takes_settings

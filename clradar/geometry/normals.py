@@ -56,7 +56,7 @@ def corner_normals(
         return flat, face_normal
 
     _, position = np.unique(scene.vertices_m, axis=0, return_inverse=True)
-    faces = position.reshape(-1)[scene.faces]
+    faces = position.reshape(-1).astype(np.int32)[scene.faces]
     one, other = _smooth_corner_pairs(faces, face_normal, area > 0, np.cos(np.radians(crease_deg)))
     group = _connected(3 * len(faces), one, other)
     weighted = (_corner_angles(triangles)[:, :, None] * flat).reshape(-1, 3)
@@ -84,7 +84,8 @@ def _smooth_corner_pairs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of corners (3 * face + corner) at both ends of every edge but creases."""
     ends = faces[:, [[0, 1], [1, 2], [2, 0]]]  # (n_faces, 3 edges, 2 ends)
-    corner = 3 * np.arange(len(faces))[:, None, None] + np.array([[0, 1], [1, 2], [2, 0]])
+    sides = np.array([[0, 1], [1, 2], [2, 0]], np.int32)
+    corner = 3 * np.arange(len(faces), dtype=np.int32)[:, None, None] + sides
     reverse = ends[..., 0] > ends[..., 1]
     ends = np.where(reverse[..., None], ends[..., ::-1], ends)[real].reshape(-1, 2)
     corner = np.where(reverse[..., None], corner[..., ::-1], corner)[real].reshape(-1, 2)
@@ -104,7 +105,7 @@ def _connected(n: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
     Those around a vertex are few; SciPy's graphs take longer to import than this does.
     """
-    first = np.arange(n)
+    first = np.arange(n, dtype=np.int32)
     while True:
         a, b = first[one], first[other]
         apart = a != b

@@ -253,10 +253,13 @@ class KirchhoffSum(OnDevice):
             if progress is not None:
                 progress(first + count, n_cubes)
         sums = self._buffers.read(capture, (tx.n_padded, n_f, 2, rx.n_padded), np.float32)
+        self._buffers.release(capture)
         sums = sums[: array.n_tx, : self.waveform.n_freq, :, : array.n_rx]
-        data = (sums[:, :, 0] + 1j * sums[:, :, 1]).transpose(0, 2, 1)
-        # (j k / 4 pi) (lambda / 4 pi), and Gamma = -g g.
-        return np.ascontiguousarray(data * np.complex64(-1j / (8.0 * np.pi)), dtype=np.complex64)
+        data = np.empty((array.n_tx, array.n_rx, self.waveform.n_freq), np.complex64)
+        for own, row in zip(data, sums, strict=True):
+            # (j k / 4 pi) (lambda / 4 pi), and Gamma = -g g.
+            own[:] = (row[:, 0] + 1j * row[:, 1]).T * np.complex64(-1j / (8.0 * np.pi))
+        return data
 
     def _add_full(
         self, first: int, count: int, n_m: int, shared: tuple[Any, ...], total: Any

@@ -34,6 +34,16 @@ class SynthesizeOptions:
     most_slots: int = MOST_SLOTS
 
 
+def sum_bytes_of_pair(waveform: Waveform) -> int:
+    """Return how much memory the sum of a pair takes, but for the padding of frequencies."""
+    return sum(_bytes_of_pair(length_blocks(waveform).n_slots, waveform.n_freq))
+
+
+def _bytes_of_pair(n_slots: int, n_columns: int) -> tuple[int, int, int, int]:
+    """Of tags, moments, sums, and the samples that are read."""
+    return 4 * (n_slots + 1), 16 * MOMENTS * n_slots, 16 * n_columns, 8 * n_columns
+
+
 @dataclass(slots=True, eq=False)
 class _Slice:
     """A range of pairs whose state is on the device at a time, and that state when it is not."""
@@ -72,8 +82,8 @@ class PhasorSum(OnDevice):
 
     def _prepare(self) -> None:
         n_slots, n_columns = self._blocks.n_slots, self._n_columns
-        moments, total, out = 16 * MOMENTS * n_slots, 16 * n_columns, 8 * n_columns
-        per_pair = 4 * (n_slots + 1) + moments + total + out
+        tag, moments, total, out = _bytes_of_pair(n_slots, n_columns)
+        per_pair = tag + moments + total + out
         room = min(
             self.device.budget_bytes // 3 // per_pair,
             self.device.max_buffer_bytes // max(moments, total),
@@ -83,7 +93,7 @@ class PhasorSum(OnDevice):
         self._slices = [_Slice(at, min(at + count, self._n_pairs), None) for at in firsts]
         fill = ((0, 0), (0, n_columns - self._waveform.n_freq))
         self._table = self._buffers.upload(np.pad(self._blocks.table, fill, mode="edge"))
-        self._tag = self._buffers.zeros(4 * (n_slots + 1) * count)
+        self._tag = self._buffers.zeros(tag * count)
         self._moments = self._buffers.empty(moments * count)
         self._sum = self._buffers.empty(total * count)
         self._out = self._buffers.empty(out * count)

@@ -42,14 +42,19 @@ def physical_samples(
     for material in used:
         check_kirchhoff(material, waveform)
     _warn_of_sparse_points(used, waveform, settings)
+    data = np.zeros((array.n_tx, array.n_rx, waveform.n_freq), np.complex64)
+    n_lit, n_seen, n_paths, counts = 0, 0, 0, dict[str, int]()
     with LitQuadrature(scene, array, settings, device) as quadrature:
-        lit = quadrature.lit_points(progress)
-        middle_m, n_points = quadrature.middle_m, quadrature.n_points
-    args = (array, waveform, scene.materials, middle_m, settings.seed, device)
-    with KirchhoffSum(*args) as total:
-        data = total.result(lit)
-        counts = total.counts
-    n_seen, n_paths = _sightings(lit)
+        args = (array, waveform, scene.materials, quadrature.middle_m, settings.seed, device)
+        for lit in quadrature.lit_parts(progress):
+            if len(lit.sample) == 0:
+                continue
+            with KirchhoffSum(*args) as total:
+                data += total.result(lit)
+            counts = _joined(counts, total.counts)
+            seen, paths = _sightings(lit)
+            n_lit, n_seen, n_paths = n_lit + len(lit.sample), n_seen + seen, n_paths + paths
+        n_points = quadrature.n_points
     if n_paths == 0:
         warn(
             "no Tx and Rx see a common point of the scene: the capture is zero everywhere; is the "
@@ -58,8 +63,18 @@ def physical_samples(
     statistics = TraceStatistics(n_points, n_seen, 0, 0)
     meta = simulated_meta(scene, settings, statistics, n_paths, device)
     meta["scene"]["materials"] = [material_record(material) for material in used]
-    meta["kirchhoff"] = {"lit": len(lit.sample), **counts, "tolerance_db": TOLERANCE_DB}
+    meta["kirchhoff"] = {"lit": n_lit, **counts, "tolerance_db": TOLERANCE_DB}
     return data, meta
+
+
+def _joined(counts: dict[str, int], more: dict[str, int]) -> dict[str, int]:
+    """Counts of two parts: of cubes and points their sums, of skeletons the larger."""
+    return {
+        name: (max if name.startswith("skeleton") else sum)(
+            (counts.get(name, 0), more.get(name, 0))
+        )
+        for name in {**counts, **more}
+    }
 
 
 def _sightings(lit: LitPoints) -> tuple[int, int]:

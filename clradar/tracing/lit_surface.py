@@ -9,7 +9,7 @@ import numpy as np
 
 from clradar.model import AntennaArray, Scene, TraceStatistics, checks
 from clradar.opencl import Device
-from clradar.tracing.antenna_packets import bundled, n_groups
+from clradar.tracing.antenna_packets import GROUP, bundled, n_groups
 from clradar.tracing.sampled_surface import SampledSurface
 from clradar.tracing.settings import SimulationSettings
 
@@ -63,6 +63,13 @@ class LitSurface(SampledSurface):
         self._n_tx_groups, self._n_rx_groups = n_groups(array.n_tx), n_groups(array.n_rx)
         self._tile_samples = 0
         self._tile: list[Any] = []
+        self._tx_bits: np.ndarray | None = None
+
+    def light_by(self, tx: slice) -> None:
+        """Have only these Tx illuminate the samples from now on; all else stays the same."""
+        lit = np.zeros(GROUP * self._n_tx_groups, np.uint8)
+        lit[: self.array.n_tx][tx] = 1
+        self._tx_bits = np.packbits(lit, bitorder="little")
 
     def _prepare(self) -> None:
         array = self.array
@@ -99,4 +106,7 @@ class LitSurface(SampledSurface):
         self._sample(first, count, [*self._tile[:4], points])
         self._find_visible(count, ground, geometric, self.array.n_tx, self._tx_bundles, visible)
         bits = self._buffers.read(visible, (count, self._n_tx_groups), np.uint8)
+        if self._tx_bits is not None:
+            bits &= self._tx_bits
+            self._buffers.write(visible, bits)
         return self._buffers.read(face, count, np.int32), np.unpackbits(bits, axis=1).sum(axis=1)

@@ -29,6 +29,10 @@ MOST_POINTS = 2**31
 """Their ordinals are signed numbers of 32 bits on the device."""
 
 
+BLOCK_FACES = 2**16
+"""Faces that are cut at a time, with some kilobytes of memory for each. No result depends on it."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
     """Faces and parts of faces, in the order of faces.
@@ -73,9 +77,21 @@ def pieces_of(triangles_m: np.ndarray, samples_per_mm2: float) -> Pieces:
         raise MeshError("scene: expected at least one face with an area, got only degenerate faces")
     spacing_m = 1e-3 / np.sqrt(samples_per_mm2)
     _check_points(area_m2.sum() / spacing_m**2)
+    parts = (face[i : i + BLOCK_FACES] for i in range(0, len(face), BLOCK_FACES))
+    cut = [_cut(triangles_m, part, area_m2[part], spacing_m) for part in parts]
+    face, corners, k = (np.concatenate(column) for column in zip(*cut, strict=True))
+    start = np.zeros(len(k) + 1, np.int64)
+    np.cumsum(k.astype(np.int64) ** 2, out=start[1:])
+    _check_points(float(start[-1]))
+    return Pieces(face, corners, k, start.astype(np.uint32))
+
+
+def _cut(
+    triangles_m: np.ndarray, face: np.ndarray, area: np.ndarray, spacing_m: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cut some faces of an area: `Pieces.face`, `corners` and `edge_points`."""
     corners = np.broadcast_to(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), (len(face), 3, 2))
     done: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    area = area_m2[face]
     while len(face):
         at_m = _positions(triangles_m[face], corners)
         edges_m = np.linalg.norm(np.roll(at_m, -1, axis=1) - at_m, axis=2)
@@ -88,15 +104,9 @@ def pieces_of(triangles_m: np.ndarray, samples_per_mm2: float) -> Pieces:
         _check_points(float(len(face)))
     face, corners, k = (np.concatenate(column) for column in zip(*done, strict=True))
     order = np.argsort(face, kind="stable")
-    k = k[order]
-    start = np.concatenate([[0], np.cumsum(k * k)])
-    _check_points(float(start[-1]))
-    return Pieces(
-        face[order].astype(np.int32),
-        corners[order].astype(np.float32),
-        k.astype(np.uint32),
-        start.astype(np.uint32),
-    )
+    columns = ((face, np.int32), (corners, np.float32), (k, np.uint32))
+    face, corners, k = (column[order].astype(dtype) for column, dtype in columns)
+    return face, corners, k
 
 
 def _check_points(count: float) -> None:

@@ -5,7 +5,9 @@ E12 in ``docs/equations.md``.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,10 @@ from clradar.tracing.traced_mesh import TracedMesh
 
 TILE_POINTS = 2**17
 """Points per tile, fewer where memory is short. No result depends on it."""
+
+PART_POINTS = 2**20
+"""Most points of a part, whose lit ones are in memory at a time, with some 500 bytes for each while
+they are summed."""
 
 FRAME_ROWS = 18
 """Numbers of a point that its roughness needs, beside those of `LitPoints`."""
@@ -81,6 +87,11 @@ class LitPoints:
     rx: np.ndarray
 
 
+def _joined(parts: list[LitPoints]) -> LitPoints:
+    columns = (np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(LitPoints))
+    return LitPoints(*columns)
+
+
 class LitQuadrature(TracedMesh):
     """Finds the points of a scene that antennas see, tile by tile.
 
@@ -113,11 +124,13 @@ class LitQuadrature(TracedMesh):
         heights = np.zeros((len(faces), 3, 2))
         if s.facets == "curved":
             heights = corner_heights(triangles, corners)
+        columns = [heights, corners, faces]
+        del heights, corners, faces
+        # One after the other, since those of a body take hundreds of megabytes.
+        later = [up(columns.pop(0).astype(np.float32)) for _ in range(3)]
         relative = triangles - self.middle_m.astype(np.float64)
-        self._surface = [
-            up(np.ascontiguousarray(column, dtype=np.float32))
-            for column in (relative, heights, corners, faces)
-        ]
+        self._surface = [up(relative.astype(np.float32)), *later]
+        del relative
         body_m = scene.vertices_m if scene.texture_m is None else scene.texture_m
         texture_m = body_m[scene.faces]
         if any(material.roughness_rms_m > 0 for material in scene.materials):
@@ -157,22 +170,28 @@ class LitQuadrature(TracedMesh):
         for side in self._sides:
             side.allocate(n)
 
-    def lit_points(self, progress: Progress | None = None) -> LitPoints:
-        """Return all points that some Tx and some Rx see.
+    def lit_parts(self, progress: Progress | None = None) -> Iterator[LitPoints]:
+        """Yield the points that some Tx and some Rx see, in parts of all points of equal size.
 
         Raises
         ------
         ModelError
             An antenna is on the surface.
         """
-        tiles = []
-        for first in range(0, self.n_points, self._tile_points):
-            count = min(self._tile_points, self.n_points - first)
-            tiles.append(self._tile(first, count))
-            if progress is not None:
-                progress(first + count, self.n_points)
-        columns = (np.concatenate([getattr(t, f.name) for t in tiles]) for f in fields(LitPoints))
-        return LitPoints(*columns)
+        n_parts = -(-self.n_points // PART_POINTS)
+        ends = [i * self.n_points // n_parts for i in range(n_parts + 1)]
+        for first, stop in pairwise(ends):
+            tiles = []
+            for at in range(first, stop, self._tile_points):
+                count = min(self._tile_points, stop - at)
+                tiles.append(self._tile(at, count))
+                if progress is not None:
+                    progress(at + count, self.n_points)
+            yield _joined(tiles)
+
+    def lit_points(self) -> LitPoints:
+        """Return the points of all parts as one."""
+        return _joined(list(self.lit_parts()))
 
     def _tile(self, first: int, count: int) -> LitPoints:
         u = np.uint32

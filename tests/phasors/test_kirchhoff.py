@@ -274,6 +274,24 @@ def test_micro_roughness_damps_and_scatters_what_it_takes() -> None:
     assert data.var(axis=0).mean() == pytest.approx(power.mean(), rel=0.15)
 
 
+def test_parts_of_the_points_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is within the tolerance by itself, whatever the memory for tiles."""
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.02).apply_translation([0, 0, 0.3])
+    scene = clradar.Scene(ball.vertices, ball.faces)
+    whole = clradar.simulate(scene, ARRAY, WAVEFORM, estimator="physical", samples_per_mm2=1.5)
+    monkeypatch.setattr("clradar.tracing.quadrature.PART_POINTS", 1500)
+    got = clradar.simulate(scene, ARRAY, WAVEFORM, estimator="physical", samples_per_mm2=1.5)
+    assert got.meta["kirchhoff"]["cubes"] > whole.meta["kirchhoff"]["cubes"]
+    assert got.meta["rays"] == whole.meta["rays"]
+    assert got.meta["kirchhoff"]["lit"] == whole.meta["kirchhoff"]["lit"]
+    assert db(got.data, whole.data) < TOLERANCE_DB
+    small = clradar.open_device("pocl", memory_limit_bytes=30_000_000)
+    again = clradar.simulate(
+        scene, ARRAY, WAVEFORM, estimator="physical", samples_per_mm2=1.5, device=small
+    )
+    np.testing.assert_array_equal(again.data, got.data)
+
+
 @pytest.mark.parametrize("material", [SKIN, clradar.material("palm"), clradar.METAL])
 def test_micro_roughness_keeps_the_energy(material: clradar.Material) -> None:
     """What the incoherent part sends to all directions is what the mirror direction lost."""

@@ -11,7 +11,8 @@ from scipy.stats import chi2
 from shapes import bowl, box, plate, sphere
 
 import clradar
-from clradar import AntennaArray, Scene, Waveform, reference
+from clradar import AntennaArray, Scene, Waveform, reference, simulation
+from clradar.phasors.phasor_sum import sum_bytes_of_pair
 from clradar.tracing.expected import ExpectedTracer
 from clradar.tracing.sampled_surface import samples_per_face
 from clradar.tracing.settings import SimulationSettings, resolve_settings
@@ -345,6 +346,21 @@ def test_tiles_change_no_bit(tile: int, batch: int, device, monkeypatch) -> None
 def test_little_memory_changes_no_bit(limit_kib: int, device) -> None:
     small = clradar.open_device(device.info.selector, memory_limit_bytes=limit_kib * 1024)
     np.testing.assert_array_equal(tracks(small), tracks(device))
+
+
+@pytest.mark.parametrize("settings", [{}, {"estimator": "stochastic", "max_bounces": 2}])
+def test_blocks_of_tx_change_neither_bits_nor_counts(settings, device, monkeypatch) -> None:
+    scene = Scene(*MESHES["waves"], 0.3)
+    fields = {"samples_per_mm2": 0.02, "estimator": "expected", "device": device, **settings}
+    whole = clradar.simulate(scene, ARRAY, WAVEFORM, **fields)
+    monkeypatch.setattr(simulation, "SUM_BYTES", 2 * ARRAY.n_rx * sum_bytes_of_pair(WAVEFORM))
+    shown: list[int] = []
+    progress = lambda done, total: shown.append(done)  # noqa: E731
+    got = clradar.simulate(scene, ARRAY, WAVEFORM, progress=progress, **fields)
+    assert len(shown) == 3  # 5 Tx, the samples of each block in one tile
+    assert shown == sorted(shown)
+    np.testing.assert_array_equal(got.data, whole.data)
+    assert got.meta["rays"] == whole.meta["rays"]
 
 
 LANES_TOLERANCE = 1e-4
