@@ -1,10 +1,14 @@
 /* Expected receptions: in place of random outgoing directions, the probability P of each sample, Tx and Rx that
  * the outgoing ray enters the Rx sphere (common/lobe.h).
  *
- * Four steps for a tile of samples: directions to the receivers; lobes of the transmitters; P for every
- * pair and sample, item = one Tx and CLR_WIDTH Rx, which goes through the samples; and the paths of each pair in the
- * order of samples. The host sums the counts of the third step to the first path of each pair. So the paths need no
- * sort, and no result depends on the tiling. */
+ * Steps for a tile of samples: directions to the receivers; lobes of the transmitters; P for every pair and sample; how
+ * many there are of each pair; and the paths of each pair in the order of samples. Items of the last three are one Tx
+ * and CLR_WIDTH Rx, and go through `share` samples, which are one part. The host sums the counts to the first path of
+ * each part of each pair. So the paths need no sort, and no result depends on the tiling.
+ *
+ * Where the density on a disc is not smooth P takes many times as long. An item on a CPU lists these discs, then takes
+ * them in full vectors, and counts; on a GPU all items share a list, which is a launch of its own. Those that take most
+ * slices are listed from the end. */
 #if !defined(CLR_SPREADING) || !defined(CLR_GROUP)
 #error "CLR_SPREADING (0: amplitude 1, 1: 1 / (R1 R2) and patterns), CLR_GROUP (antennas) are missing"
 #endif
@@ -20,10 +24,27 @@
 /* P below this is rounding. */
 #define LEAST_PROBABILITY 0x1p-24f
 
+/* Of the half angle of a disc; a sine of 2 marks a sample inside its sphere. */
+static inline realw cosine_of(const realw sine) {
+    const realw within = lesser(sine, (realw)(1.0f));
+    return sqrt((1.0f - within) * (1.0f + within));
+}
+
+static inline void set_alpha(lobe *l, realw alpha) {
+    l->alpha = alpha;
+    l->k = 1.0f - alpha;
+    const realw difference = l->k - alpha, k = greater(l->k, (realw)(0.5f));
+    l->two = difference > 0.0f;
+    l->any_two = ANYW(l->two);
+    const realw square = l->two ? difference : (realw)(0.0f);
+    l->edge = choose(l->two, alpha / k, (realw)(1.0f));
+    l->edge_cos = sqrt(square) / k;
+}
+
 /* antenna   float (6, n_padded)  x, y, z as hi, then as lo, metres
  * visible   uchar (n_samples, n_groups)
  * direction float (n_samples, CLR_RX_FIELDS, n_padded)  out: unit vector to the Rx (3), sine of its disc
- *           or 0 where it is hidden, path segment as hi and lo, metres, weight */
+ *           or 0 where it is hidden, path segment as hi and lo, metres, weight, cosine of its disc */
 __kernel void receiver_discs(const uint n_samples, const uint n_rx, const uint n_padded,
                              const float radius, const float pattern_exponent,
                              __global const float *antenna, __global const float *point,
@@ -43,7 +64,6 @@ __kernel void receiver_discs(const uint n_samples, const uint n_rx, const uint n
     const uint bits = visible[(size_t)i * (n_padded / CLR_GROUP) + first / CLR_GROUP] >> (first % CLR_GROUP);
     const intw visible_lanes = (((intw)((int)bits) >> TO_INTW(LANE_INDEX)) & 1) != 0;
     const intw there = (LANE_INDEX + (float)first) < (float)n_rx;
-    /* 2 marks a sample inside the sphere. */
     const realw sine = segment.hi > radius ? radius * inverse : (realw)(2.0f);
     realw weight = (realw)(1.0f);
 #if CLR_SPREADING
@@ -57,10 +77,12 @@ __kernel void receiver_discs(const uint n_samples, const uint n_rx, const uint n
     STOREW(x.hi * inverse, row);
     STOREW(y.hi * inverse, row + n_padded);
     STOREW(z.hi * inverse, row + 2 * n_padded);
-    STOREW(choose((visible_lanes & there) | ((sine > 1.0f) & there), sine, (realw)(0.0f)), row + 3 * n_padded);
+    const realw seen = choose((visible_lanes & there) | ((sine > 1.0f) & there), sine, (realw)(0.0f));
+    STOREW(seen, row + 3 * n_padded);
     STOREW(segment.hi, row + 4 * n_padded);
     STOREW(segment.lo, row + 5 * n_padded);
     STOREW(weight, row + 6 * n_padded);
+    STOREW(cosine_of(seen), row + 7 * n_padded);
 }
 
 /* The lobe of outgoing directions of each sample and Tx: its axis t_m, and the normals in a frame about it. Item = one
@@ -72,13 +94,17 @@ __kernel void receiver_discs(const uint n_samples, const uint n_rx, const uint n
  * tx_lobe    float (n_samples, n_tx, CLR_TX_FIELDS)  out:
  *     [0..2] t_m   [3..5] x axis of its frame: the normal lies in the plane of t_m and x
  *     [6] n_z, [7] n_x  the normal, facing the ray   [8..10] the face's normal, facing it
- *     [11] |Tx p| hi  [12] lo, metres  [13] weight: 0 where the Tx is hidden   [14, 15] unused */
+ *     [11] |Tx p| hi  [12] lo, metres  [13] weight: 0 where the Tx is hidden
+ *     [14] sine, [15] cosine of the lobe's edge   [16..18] y axis of its frame   [19] unused
+ * n_listed   uint (2)  out: 0 */
 __kernel void tx_lobes(const uint n_samples, const uint n_tx, const uint n_groups,
                        const float pattern_exponent, __global const float *antenna,
                        __global const float *point, __global const float *shading,
-                       __global const float *geometric, __global const uchar *visible,
-                       __global float *tx_lobe) {
+                       __global const float *geometric, __global const float *alpha,
+                       __global const uchar *visible, __global float *tx_lobe,
+                       __global uint *n_listed) {
     const uint tx = (uint)get_global_id(0), i = (uint)get_global_id(1);
+    if (tx == 0 && i == 0) n_listed[0] = n_listed[1] = 0;
     if (i >= n_samples || tx >= n_tx) return;
     __global float *out = tx_lobe + ((size_t)i * n_tx + tx) * CLR_TX_FIELDS;
     for (int k = 0; k < CLR_TX_FIELDS; ++k) out[k] = 0.0f;
@@ -108,8 +134,9 @@ __kernel void tx_lobes(const uint n_samples, const uint n_tx, const uint n_group
     store3(side, out + 3);
     out[6] = n_z;
     out[7] = dot3(n, side);
+    const float3 up = cross3(t_m, side);
     out[8] = dot3(face, side);
-    out[9] = dot3(face, cross3(t_m, side));
+    out[9] = dot3(face, up);
     out[10] = dot3(face, t_m);
     out[11] = length;
     out[12] = FIRSTW(segment.lo);
@@ -122,25 +149,19 @@ __kernel void tx_lobes(const uint n_samples, const uint n_tx, const uint n_group
     }
 #endif
     out[13] = weight;
+    lobe l;
+    set_alpha(&l, (realw)(alpha[i]));
+    out[14] = FIRSTW(l.edge);
+    out[15] = FIRSTW(l.edge_cos);
+    store3(up, out + 16);
 }
 
-static inline void set_alpha(lobe *l, realw alpha) {
-    l->alpha = alpha;
-    l->k = 1.0f - alpha;
-    const realw difference = l->k - alpha, k = greater(l->k, (realw)(0.5f));
-    l->two = difference > 0.0f;
-    l->any_two = ANYW(l->two);
-    const realw square = l->two ? difference : (realw)(0.0f);
-    l->edge = choose(l->two, alpha / k, (realw)(1.0f));
-    l->edge_cos = sqrt(square) / k;
-}
-
-/* The disc from its centre in the lobe's frame, and the sine of its half angle. */
-static inline disc make_disc(realw x, realw y, realw z, realw sine) {
+/* The disc of a receiver from its centre in the lobe's frame, sine and cosine as of receiver_discs. */
+static inline disc make_disc(realw x, realw y, realw z, realw sine, realw cosine) {
     disc d;
     d.inside = sine > 1.0f;
     d.sine = choose(d.inside, (realw)(1.0f), sine);
-    d.cosine = sqrt((1.0f - d.sine) * (1.0f + d.sine));
+    d.cosine = cosine;
     d.z = z;
     d.rho = sqrt(x * x + y * y);
     const realw inverse = 1.0f / greater(d.rho, (realw)(1e-20f));
@@ -152,131 +173,205 @@ static inline disc make_disc(realw x, realw y, realw z, realw sine) {
     return d;
 }
 
-/* Lobe and disc from fields of a sample: [0..10] of tx_lobes, [11..14] of receiver_discs, [15] alpha. Returns the
- * height of the disc's centre above the face. */
-static inline realw lobe_and_disc(const realw *field, lobe *l, disc *d) {
-    const realw ax = field[0], ay = field[1], az = field[2];
-    const realw sx = field[3], sy = field[4], sz = field[5];
-    const realw ux = field[11], uy = field[12], uz = field[13];
-    set_alpha(l, field[15]);
-    l->n_z = field[6];
-    l->n_x = field[7];
-    l->g_x = field[8];
-    l->g_y = field[9];
-    l->g_z = field[10];
-    const realw bx = ay * sz - az * sy, by = az * sx - ax * sz, bz = ax * sy - ay * sx;
-    const realw x = ux * sx + uy * sy + uz * sz;
-    const realw y = ux * bx + uy * by + uz * bz;
-    const realw z = ux * ax + uy * ay + uz * az;
-    *d = make_disc(x, y, z, field[14]);
-    return l->g_x * x + l->g_y * y + l->g_z * z;
+/* Sum of products with the three numbers from `at` on of a Tx, which lanes share. */
+static inline realw shared_product(__global const float *at, realw x, realw y, realw z) {
+    return x * at[0] + y * at[1] + z * at[2];
+}
+
+/* Where a pair's numbers are, of item `block` and one part: */
+#define ITEM_OF_PAIRS                                                                              \
+    const uint block = (uint)get_global_id(0), tx = (uint)get_global_id(1);                        \
+    const uint part = (uint)get_global_id(2), begin = part * share, first = block * CLR_WIDTH;     \
+    if (first >= n_padded || tx >= n_tx || begin >= n_samples) return;                             \
+    const uint end = n_samples - begin < share ? n_samples : begin + share;
+
+/* P of CLR_WIDTH of the listed discs from `at` on, by slices; the last ones are filled up with copies. */
+static inline void slices_of(const uint at, const uint n, const uint n_samples, const uint n_tx,
+                             const uint n_padded, __global const float *direction,
+                             __global const float *tx_lobe, __global const float *alpha,
+                             __global const float *rule, __global const uint *listed,
+                             __global float *probability) {
+    realw field[13];
+    for (uint lane = 0; lane < CLR_WIDTH; ++lane) {
+        const uint which = listed[at + lane < n ? at + lane : at];
+        const uint rx = which % n_padded, row = which / n_padded, i = row % n_samples;
+        __global const float *t = tx_lobe + ((size_t)i * n_tx + row / n_samples) * CLR_TX_FIELDS;
+        __global const float *r = direction + (size_t)i * CLR_RX_FIELDS * n_padded + rx;
+        const float u = r[0], v = r[n_padded], w = r[2 * n_padded];
+        float *column = (float *)field + lane;
+        column[0] = u * t[3] + v * t[4] + w * t[5];
+        column[CLR_WIDTH] = u * t[16] + v * t[17] + w * t[18];
+        column[2 * CLR_WIDTH] = u * t[0] + v * t[1] + w * t[2];
+        column[3 * CLR_WIDTH] = r[3 * n_padded];
+        column[4 * CLR_WIDTH] = r[7 * n_padded];
+        for (uint k = 0; k < 5; ++k) column[(5 + k) * CLR_WIDTH] = t[6 + k];
+        column[10 * CLR_WIDTH] = t[14];
+        column[11 * CLR_WIDTH] = t[15];
+        column[12 * CLR_WIDTH] = alpha[i];
+    }
+    lobe l;
+    l.n_z = field[5];
+    l.n_x = field[6];
+    l.g_x = field[7];
+    l.g_y = field[8];
+    l.g_z = field[9];
+    l.edge = field[10];
+    l.edge_cos = field[11];
+    l.alpha = field[12];
+    l.k = 1.0f - l.alpha;
+    l.two = l.k - l.alpha > 0.0f;
+    l.any_two = ANYW(l.two);
+    const disc d = make_disc(field[0], field[1], field[2], field[3], field[4]);
+    const realw height = l.g_x * field[0] + l.g_y * field[1] + l.g_z * field[2];
+    const realw p = sliced_probability(l, d, (height < d.sine) | d.inside, rule);
+    for (uint lane = 0; lane < CLR_WIDTH && at + lane < n; ++lane)
+        probability[listed[at + lane]] = LANE(p, lane);
+}
+
+/* How many of n_here samples of CLR_WIDTH pairs have a P; below 2^24, so exact. */
+static inline realw counted(const uint n_here, const uint n_padded, __global const float *probability) {
+    realw sum = (realw)(0.0f);
+    for (uint i = 0; i < n_here; ++i) {
+        const realw p = LOADW(probability + (size_t)i * n_padded);
+        sum += choose(p > LEAST_PROBABILITY, (realw)(1.0f), (realw)(0.0f));
+    }
+    return sum;
 }
 
 /* direction float (n_samples, CLR_RX_FIELDS, n_padded)
  * tx_lobe   float (n_samples, n_tx, CLR_TX_FIELDS)
  * alpha     float (n_samples)
  * rule      float, see common/lobe.h
- * probability     float (n_tx, n_samples, n_padded)  out: P
- * pending   uint (n_tx, n_padded * n_samples)  work space, each item's own part: discs to be integrated by slices
- * count     float (n_tx, n_padded)             out: samples with a P of each pair; below 2^24, so exact */
+ * probability  float (n_tx, n_samples, n_padded)  out: P, on a GPU but of those that are listed
+ * n_listed  uint (2)                            in: 0; out: how many from the start and from the end, on a GPU
+ * listed    uint (n_tx * n_samples * n_padded)  out: which, as indices into `probability`, in any order; on a CPU work
+ *                                               space, each item's own part
+ * count     float (n_tx, n_parts, n_padded)     out, on a CPU: samples of a part with a P of each pair */
 __kernel void reception_probabilities(const uint n_samples, const uint n_tx, const uint n_padded,
-                              __global const float *direction, __global const float *tx_lobe,
-                              __global const float *alpha, __global const float *rule,
-                              __global float *probability, __global uint *pending,
-                              __global float *count) {
-    const uint block = (uint)get_global_id(0), tx = (uint)get_global_id(1);
-    if (block * CLR_WIDTH >= n_padded || tx >= n_tx) return;
-    const uint first = block * CLR_WIDTH;
-    const size_t tx_row = (size_t)n_tx * CLR_TX_FIELDS, rx_row = (size_t)CLR_RX_FIELDS * n_padded;
-    __global const float *lobes = tx_lobe + (size_t)tx * CLR_TX_FIELDS;
-    __global const float *rx = direction + first;
-    __global float *out = probability + (size_t)tx * n_samples * n_padded + first;
-    __global uint *left = pending + ((size_t)tx * n_padded + first) * n_samples;
-    uint waiting = 0;
-
-    for (uint i = 0; i < n_samples; ++i) {
-        __global const float *t = lobes + i * tx_row, *r = rx + i * rx_row;
+                                      const uint share, const uint n_parts,
+                                      __global const float *direction,
+                                      __global const float *tx_lobe, __global const float *alpha,
+                                      __global const float *rule, __global float *probability,
+                                      __global uint *n_listed, __global uint *listed,
+                                      __global float *count) {
+    ITEM_OF_PAIRS
+#if CLR_WIDTH == 8
+    listed += ((size_t)tx * n_padded + first) * n_samples + begin * CLR_WIDTH;
+    uint n_first = 0, n_last = 0;
+    const uint capacity = (end - begin) * CLR_WIDTH;
+#define AT_START n_first++
+#define AT_END capacity - ++n_last
+#else
+    const uint capacity = n_tx * n_samples * n_padded;
+#define AT_START atomic_inc(n_listed)
+#define AT_END capacity - 1 - atomic_inc(n_listed + 1)
+#endif
+    for (uint i = begin; i < end; ++i) {
+        __global const float *t = tx_lobe + ((size_t)i * n_tx + tx) * CLR_TX_FIELDS;
+        __global const float *r = direction + (size_t)i * CLR_RX_FIELDS * n_padded + first;
+        const uint at = (tx * n_samples + i) * n_padded + first;
         realw p = (realw)(0.0f);
         if (t[13] != 0.0f) {
-            realw field[16];
-#pragma unroll
-            for (int k = 0; k < 11; ++k) field[k] = (realw)(t[k]);
-#pragma unroll
-            for (int k = 0; k < 4; ++k) field[11 + k] = LOADW(r + k * n_padded);
-            field[15] = (realw)(alpha[i]);
-            lobe l;
-            disc d;
-            const realw height = lobe_and_disc(field, &l, &d);
-            intw wanted = field[14] > 0.0f;
-            if (alpha[i] < LEAST_ALPHA) {
-                const intw hit = ((d.rho < d.sine) & (d.z > 0.0f)) | d.inside;
-                p = choose(hit & wanted & (l.g_z > 0.0f), (realw)(1.0f), p);
+            const realw u = LOADW(r), v = LOADW(r + n_padded), w = LOADW(r + 2 * n_padded);
+            const realw sine = LOADW(r + 3 * n_padded), cosine = LOADW(r + 7 * n_padded);
+            const realw x = shared_product(t + 3, u, v, w), y = shared_product(t + 16, u, v, w);
+            const realw z = shared_product(t, u, v, w);
+            const realw height = shared_product(t + 8, x, y, z);
+            const float a = alpha[i];
+            intw wanted = sine > 0.0f;
+            if (a < LEAST_ALPHA) {
+                const disc d = make_disc(x, y, z, sine, cosine);
+                const intw hit = ((d.rho < d.sine) & (z > 0.0f)) | d.inside;
+                p = choose(hit & wanted & (intw)(-(t[10] > 0.0f)), (realw)(1.0f), p);
             } else {
+                lobe l;
+                l.alpha = (realw)(a);
+                l.k = (realw)(1.0f - a);
+                l.any_two = (1.0f - a) - a > 0.0f;
+                l.two = (intw)(-l.any_two);
+                l.edge = (realw)(t[14]);
+                l.edge_cos = (realw)(t[15]);
                 /* Not out of the lobe's reach, nor below the face. */
-                const intw near = (d.z > l.edge_cos * d.cosine - l.edge * d.sine - 1e-5f) | !l.two;
-                wanted &= ((height > -d.sine) & near) | d.inside;
+                const realw within = lesser(sine, (realw)(1.0f));
+                const intw near = (z > l.edge_cos * cosine - l.edge * within - 1e-5f) | !l.two;
+                wanted &= ((height > -within) & near) | (sine > 1.0f);
                 if (ANYW(wanted)) {
+                    const disc d = make_disc(x, y, z, sine, cosine);
+                    l.n_z = (realw)(t[6]);
+                    l.n_x = (realw)(t[7]);
                     const intw smooth = wanted & is_smooth(l, d, height);
                     const intw rest = wanted & !smooth;
                     if (ANYW(smooth)) p = choose(smooth, smooth_probability(l, d), p);
                     if (ANYW(rest)) {
+                        intw outer = rest & !rest;
+                        if (l.any_two) outer = rest & cut_of(l, d).outer;
 #pragma unroll
-                        for (uint lane = 0; lane < CLR_WIDTH; ++lane)
-                            if (INT_LANE(rest, lane)) left[waiting++] = i * CLR_WIDTH + lane;
+                        for (uint lane = 0; lane < CLR_WIDTH; ++lane) {
+                            if (!INT_LANE(rest, lane)) continue;
+                            const uint to = INT_LANE(outer, lane) ? AT_END : AT_START;
+                            listed[to] = at + lane;
+                        }
                     }
                 }
             }
         }
-        STOREW(p, out + (size_t)i * n_padded);
+        STOREW(p, probability + at);
     }
-
-    /* The remaining discs in full vectors, the last one filled up with copies of its first. */
-    for (uint at = 0; at < waiting; at += CLR_WIDTH) {
-        realw field[16];
-        for (uint lane = 0; lane < CLR_WIDTH; ++lane) {
-            const uint which = left[at + lane < waiting ? at + lane : at];
-            const uint i = which / CLR_WIDTH;
-            __global const float *t = lobes + i * tx_row, *r = rx + i * rx_row + which % CLR_WIDTH;
-            float *column = (float *)field + lane;
-            for (int k = 0; k < 11; ++k) column[k * CLR_WIDTH] = t[k];
-            for (int k = 0; k < 4; ++k) column[(11 + k) * CLR_WIDTH] = r[k * n_padded];
-            column[15 * CLR_WIDTH] = alpha[i];
-        }
-        lobe l;
-        disc d;
-        const realw height = lobe_and_disc(field, &l, &d);
-        const realw p = sliced_probability(l, d, (height < d.sine) | d.inside, rule);
-        for (uint lane = 0; lane < CLR_WIDTH && at + lane < waiting; ++lane) {
-            const uint which = left[at + lane];
-            out[(size_t)(which / CLR_WIDTH) * n_padded + which % CLR_WIDTH] = LANE(p, lane);
-        }
+#if CLR_WIDTH == 8
+    for (uint last = 0; last < 2; ++last) {
+        const uint n = last ? n_last : n_first;
+        __global const uint *list = last ? listed + capacity - n : listed;
+        for (uint at = 0; at < n; at += CLR_WIDTH)
+            slices_of(at, n, n_samples, n_tx, n_padded, direction, tx_lobe, alpha, rule, list, probability);
     }
-
-    realw counted = (realw)(0.0f);
-    for (uint i = 0; i < n_samples; ++i) {
-        const realw p = LOADW(out + (size_t)i * n_padded);
-        counted += choose(p > LEAST_PROBABILITY, (realw)(1.0f), (realw)(0.0f));
-    }
-    STOREW(counted, count + (size_t)tx * n_padded + first);
+    STOREW(counted(end - begin, n_padded, probability + ((size_t)tx * n_samples + begin) * n_padded + first),
+           count + ((size_t)tx * n_parts + part) * n_padded + first);
+#endif
 }
 
-/* start  uint (n_tx * n_rx + 1)  first path of each pair
+#if CLR_WIDTH == 1
+/* P of the listed discs. Item = every n_items-th of them; arguments as above. */
+__kernel void listed_probabilities(const uint n_items, const uint n_samples, const uint n_tx,
+                                   const uint n_padded, __global const float *direction,
+                                   __global const float *tx_lobe, __global const float *alpha,
+                                   __global const float *rule, __global float *probability,
+                                   __global const uint *n_listed, __global const uint *listed) {
+    const uint item = (uint)get_global_id(0);
+    if (item >= n_items) return;
+    for (uint last = 0; last < 2; ++last) {
+        const uint n = n_listed[last];
+        __global const uint *list = last ? listed + n_tx * n_samples * n_padded - n : listed;
+        for (uint at = item; at < n; at += n_items)
+            slices_of(at, n, n_samples, n_tx, n_padded, direction, tx_lobe, alpha, rule, list, probability);
+    }
+}
+
+/* Arguments as above. */
+__kernel void count_probabilities(const uint n_samples, const uint n_tx, const uint n_padded,
+                                  const uint share, const uint n_parts,
+                                  __global const float *probability, __global float *count) {
+    ITEM_OF_PAIRS
+    STOREW(counted(end - begin, n_padded, probability + ((size_t)tx * n_samples + begin) * n_padded + first),
+           count + ((size_t)tx * n_parts + part) * n_padded + first);
+}
+#endif
+
+/* start  uint (n_tx * n_rx * n_parts + 1)  first path of each part of each pair
  * length     float (n_paths, 2)  out: hi and lo, metres
  * amplitude  float (n_paths)     out */
 __kernel void expected_paths(const uint n_samples, const uint n_tx, const uint n_rx,
-                             const uint n_padded, const float rays,
+                             const uint n_padded, const uint share, const uint n_parts,
+                             const float rays,
                              __global const float *direction, __global const float *tx_lobe,
                              __global const float *probability, __global const uint *start,
                              __global float *length, __global float *amplitude) {
-    const uint block = (uint)get_global_id(0), tx = (uint)get_global_id(1);
-    if (block * CLR_WIDTH >= n_padded || tx >= n_tx) return;
-    const uint first = block * CLR_WIDTH;
+    ITEM_OF_PAIRS
     uint next[CLR_WIDTH];
     for (uint lane = 0; lane < CLR_WIDTH; ++lane) {
         const uint rx = first + lane;
-        next[lane] = start[tx * n_rx + (rx < n_rx ? rx : n_rx - 1)];
+        next[lane] = start[(tx * n_rx + (rx < n_rx ? rx : n_rx - 1)) * n_parts + part];
     }
-    for (uint i = 0; i < n_samples; ++i) {
+    for (uint i = begin; i < end; ++i) {
         __global const float *of = probability + ((size_t)tx * n_samples + i) * n_padded + first;
         const realw p = LOADW(of);
         if (!ANYW(p > LEAST_PROBABILITY)) continue;

@@ -29,7 +29,13 @@ large. No result depends on it."""
 BATCH_BYTES = 2**26
 """Most that the probabilities and paths of a batch may take."""
 
-RX_FIELDS, TX_FIELDS = 7, 16
+GPU_SHARE = 16
+"""Samples of an item on a GPU; on a CPU it takes all of a batch."""
+
+LIST_ITEMS = 2**17
+"""Most items on a GPU for the discs that need slices."""
+
+RX_FIELDS, TX_FIELDS = 8, 20
 """Numbers per sample and antenna between the kernels."""
 
 
@@ -83,15 +89,17 @@ class ExpectedTracer(LitSurface):
         tile = int(max(1, min(TILE_SAMPLES, self.n_samples, max(0, free) // 4 // per_sample)))
         empty = self._buffers.empty
         self._tile_samples, self._batch_samples = tile, batch
+        self._share = batch if self.device.width == 8 else GPU_SHARE
+        most_parts = -(-batch // self._share)
         self._tile = self._sample_buffers(tile)
         self._batch = self._sample_buffers(batch)
         self._rx_visible = empty(self._n_rx_groups * batch)
         self._discs = empty(4 * RX_FIELDS * self._padded * batch)
         self._tx_lobes = empty(4 * TX_FIELDS * self.array.n_tx * batch)
         self._probabilities = empty(probabilities * batch)
-        self._pending = empty(probabilities * batch)
-        self._counts = empty(4 * self.array.n_tx * self._padded)
-        self._starts = empty(4 * (n_pairs + 1))
+        self._listed, self._n_listed = empty(probabilities * batch), empty(8)
+        self._counts = empty(probabilities * most_parts)
+        self._starts = empty(4 * (n_pairs * most_parts + 1))
         # At least the eight that the phasor sum reads at a time.
         self._length = self._buffers.zeros(8 * max(8, n_pairs * batch))
         self._amplitude = self._buffers.zeros(4 * max(8, n_pairs * batch))
@@ -121,14 +129,19 @@ class ExpectedTracer(LitSurface):
 
     def _expectations(self, columns: list[np.ndarray], statistics: TraceStatistics) -> Receptions:
         count = len(columns[0])
-        start = np.zeros(self.array.n_tx * self.array.n_rx + 1, np.uint32)
+        n_parts = max(1, -(-count // self._share))
+        start = np.zeros(self.array.n_tx * self.array.n_rx * n_parts + 1, np.uint32)
         if count:
-            np.cumsum(self._find_probabilities(columns, count), out=start[1:])
+            np.cumsum(self._find_probabilities(columns, count, n_parts), out=start[1:])
         if start[-1]:
-            self._emit(start, count)
+            self._emit(start, count, n_parts)
+        start = np.ascontiguousarray(start[::n_parts])
         return Receptions(start, self._length, self._amplitude, self._longest, statistics)
 
-    def _find_probabilities(self, columns: list[np.ndarray], count: int) -> np.ndarray:
+    def _find_probabilities(
+        self, columns: list[np.ndarray], count: int, n_parts: int
+    ) -> np.ndarray:
+        """How many paths each part of each pair has."""
         s, array, u = self.settings, self.array, np.uint32
         ground, shading, geometric, _, alpha, visible, points = self._batch
         buffers = (ground, shading, geometric, points, alpha, visible)
@@ -139,31 +152,46 @@ class ExpectedTracer(LitSurface):
             count, ground, geometric, array.n_rx, self._rx_bundles, self._rx_visible,
             s.reception_radius_m,
         )  # fmt: skip
-        blocks = self._padded // self.device.width
-        self._expected.launch(
+        width = self.device.width
+        blocks = self._padded // width
+        self._expected.start(
             "receiver_discs", (blocks, count), u(count), u(array.n_rx), u(self._padded), radius,
             exponent, self._rx_columns, points, self._rx_visible, self._discs,
         )  # fmt: skip
-        self._expected.launch(
+        self._expected.start(
             "tx_lobes", (array.n_tx, count), u(count), u(array.n_tx), u(self._n_tx_groups),
-            exponent, self._tx_rows, points, shading, geometric, visible, self._tx_lobes,
+            exponent, self._tx_rows, points, shading, geometric, alpha, visible, self._tx_lobes,
+            self._n_listed,
         )  # fmt: skip
-        self._expected.launch(
-            "reception_probabilities", (blocks, array.n_tx), u(count), u(array.n_tx),
-            u(self._padded), self._discs, self._tx_lobes, alpha, self._rule, self._probabilities,
-            self._pending, self._counts, work=500.0 * count,
+        sizes, parts = (u(count), u(array.n_tx), u(self._padded)), (u(self._share), u(n_parts))
+        discs = (self._discs, self._tx_lobes, alpha, self._rule, self._probabilities)
+        listed, size = (self._n_listed, self._listed), (blocks, array.n_tx, n_parts)
+        self._expected.start(
+            "reception_probabilities", size, *sizes, *parts, *discs, *listed, self._counts,
+            work=200.0 * self._share,
         )  # fmt: skip
-        counts = self._buffers.read(self._counts, (array.n_tx, self._padded), np.float32)
-        return counts[:, : array.n_rx].ravel().astype(np.int64)
+        if width == 1:
+            most = count * array.n_tx * self._padded
+            items = min(LIST_ITEMS, most)
+            self._expected.start(
+                "listed_probabilities", (items,), u(items), *sizes, *discs, *listed,
+                work=200.0 * most / items,
+            )  # fmt: skip
+            self._expected.start(
+                "count_probabilities", size, *sizes, *parts, self._probabilities, self._counts,
+                work=4.0 * self._share,
+            )  # fmt: skip
+        counts = self._buffers.read(self._counts, (array.n_tx, n_parts, self._padded), np.float32)
+        return counts[..., : array.n_rx].transpose(0, 2, 1).ravel().astype(np.int64)
 
-    def _emit(self, start: np.ndarray, count: int) -> None:
+    def _emit(self, start: np.ndarray, count: int, n_parts: int) -> None:
         array, u = self.array, np.uint32
         self._buffers.write(self._starts, start)
         self._expected.launch(
-            "expected_paths", (self._padded // self.device.width, array.n_tx), u(count),
-            u(array.n_tx), u(array.n_rx), u(self._padded),
+            "expected_paths", (self._padded // self.device.width, array.n_tx, n_parts), u(count),
+            u(array.n_tx), u(array.n_rx), u(self._padded), u(self._share), u(n_parts),
             np.float32(self._rays_per_sample), self._discs, self._tx_lobes, self._probabilities,
-            self._starts, self._length, self._amplitude, work=30.0 * count,
+            self._starts, self._length, self._amplitude, work=30.0 * self._share,
         )  # fmt: skip
 
 

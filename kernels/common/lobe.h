@@ -245,6 +245,34 @@ static inline intw is_smooth(const lobe l, const disc d, realw height) {
     return smooth;
 }
 
+/* How the lobe's edge lies to a disc. */
+typedef struct {
+    realw sine, cosine; /* of the azimuth psi* at which its circle meets the disc's */
+    intw cut;
+    intw outer;         /* cut, and parts of the disc are inside the edge on both sides of the cut */
+    intw apart;         /* all of the disc is outside */
+} edge_cut;
+
+static inline edge_cut cut_of(const lobe l, const disc d) {
+    /* cos psi* is cos theta - cos beta_c cos beta_m over sin beta_c sin beta_m, the cosines as 1 - versine, whose
+     * difference does not cancel. */
+    edge_cut c;
+    const realw versine = d.sine * d.sine / (1.0f + d.cosine);
+    const realw versine_c = d.z > 0.0f ? d.rho * d.rho / (1.0f + d.z) : 1.0f - d.z;
+    const realw versine_m = l.edge * l.edge / (1.0f + l.edge_cos);
+    const realw above = versine_c + versine_m - versine_c * versine_m - versine;
+    const realw below = d.rho * l.edge;
+    const intw edged = l.two & !d.inside;
+    c.cut = (above < below) & (above > -below) & edged;
+    c.apart = (above >= below) & (d.rho * l.edge_cos > d.z * l.edge) & edged;
+    c.cosine = choose(c.cut, above / (below + 1e-30f), (realw)(0.0f));
+    const realw sine_square = 1.0f - c.cosine * c.cosine;
+    c.sine = sqrt(sine_square > 0.0f ? sine_square : (realw)(0.0f));
+    /* Beyond the cut the chords end before the edge if the tangent from t_m to the disc does. */
+    c.outer = c.cut & (d.around | (d.z > l.edge_cos * d.cosine));
+    return c;
+}
+
 /* P of any discs by slices. */
 static inline realw sliced_probability(const lobe l, const disc d, intw clipped,
                                  __global const float *rule) {
@@ -252,27 +280,15 @@ static inline realw sliced_probability(const lobe l, const disc d, intw clipped,
     const realw whole = choose(d.around, (realw)(PI_F), (realw)(0.5f * PI_F));
     realw cut_at = whole;
     intw cut = whole < 0.0f; /* none */
-    intw outer = cut;        /* the edge cuts the disc, parts of which are inside it on both sides of the cut */
-    intw apart = cut;
+    intw outer = cut, apart = cut;
     if (l.any_two) {
-        /* Azimuth psi* at which the edge's circle meets the disc's: cos theta - cos beta_c cos beta_m over
-         * sin beta_c sin beta_m, the cosines as 1 - versine, whose difference does not cancel. */
-        const realw versine = d.sine * d.sine / (1.0f + d.cosine);
-        const realw versine_c = d.z > 0.0f ? d.rho * d.rho / (1.0f + d.z) : 1.0f - d.z;
-        const realw versine_m = l.edge * l.edge / (1.0f + l.edge_cos);
-        const realw above = versine_c + versine_m - versine_c * versine_m - versine;
-        const realw below = d.rho * l.edge;
-        const intw edged = l.two & !d.inside;
-        cut = (above < below) & (above > -below) & edged;
-        apart = (above >= below) & (d.rho * l.edge_cos > d.z * l.edge) & edged;
-        const realw cosine = choose(cut, above / (below + 1e-30f), (realw)(0.0f));
-        const realw sine_square = 1.0f - cosine * cosine;
-        const realw sine = sqrt(sine_square > 0.0f ? sine_square : (realw)(0.0f));
-        const realw part = lesser(sine / d.ratio, (realw)(1.0f));
+        const edge_cut c = cut_of(l, d);
+        cut = c.cut;
+        outer = c.outer;
+        apart = c.apart;
+        const realw part = lesser(c.sine / d.ratio, (realw)(1.0f));
         const realw rest = sqrt(1.0f - part * part);
-        cut_at = choose(cut, angle(choose(d.around, sine, part), choose(d.around, cosine, rest)), whole);
-        /* Beyond the cut the chords end before the edge if the tangent from t_m to the disc does. */
-        outer = cut & (d.around | (d.z > l.edge_cos * d.cosine));
+        cut_at = choose(cut, angle(choose(d.around, c.sine, part), choose(d.around, c.cosine, rest)), whole);
     }
     realw sum = (realw)(0.0f);
     const intw plain = !(cut | apart);

@@ -13,9 +13,10 @@ TABLE = gpu_check.read_table()
 
 HOT = {
     "visible_antennas", "visible_spheres", "nearest_hits", "draw_rays", "trace_rays",
-    "receive_rays", "bounce_rays", "order_receptions", "reception_probabilities", "expected_paths",
-    "add_paths", "finish", "block_phasors", "reduce_and_transpose", "reduce_rows",
-    "reduce_frequencies", "image_of_blocks", "voxels_of_blocks",
+    "receive_rays", "bounce_rays", "order_receptions", "reception_probabilities",
+    "listed_probabilities", "expected_paths", "add_paths", "finish", "block_phasors",
+    "reduce_and_transpose", "reduce_rows", "reduce_frequencies", "image_of_blocks",
+    "voxels_of_blocks",
 }  # fmt: skip
 MOST_REGISTERS = 96
 MOST_STACK = 256
