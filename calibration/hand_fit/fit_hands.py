@@ -26,6 +26,7 @@ from clradar.hand import HandShape
 from clradar.hand.shape import AVERAGE
 from clradar.model import AntennaArray, Capture, DepthMap, Volume, Waveform, checks
 from clradar.model.progress import Progress
+from clradar.model.volume import capture_meta
 from clradar.opencl import Device, open_device
 from clradar.rigs import Rig
 
@@ -206,8 +207,7 @@ def followed(
 
 def _time_s(number: int, measured: Any) -> float:
     """When a frame was recorded; without time stamps frames are `FRAME_S` apart."""
-    meta = getattr(measured, "meta", {})
-    stamps = meta.get("capture", meta).get("timestamp_us")
+    stamps: Any = capture_meta(getattr(measured, "meta", {})).get("timestamp_us")
     stamp = stamps[0] if isinstance(stamps, list | tuple) and stamps else stamps
     known = isinstance(stamp, int | float) and not isinstance(stamp, bool) and stamp > 0
     return 1e-6 * stamp if known else number * FRAME_S

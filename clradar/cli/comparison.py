@@ -32,9 +32,9 @@ def simulated_surface(meta: Mapping[str, Any]) -> str | None:
 
     None if unknown, or where alpha is not one number.
     """
-    capture = meta.get("capture")
-    capture = capture if isinstance(capture, Mapping) else meta
-    scene = capture.get("scene")
+    from clradar.model.volume import capture_meta
+
+    scene = capture_meta(meta).get("scene")
     if not isinstance(scene, Mapping):
         return None
     materials = scene.get("materials")  # of the physical estimator, which does not use alpha

@@ -17,7 +17,9 @@ def title_of(path: Path, meta: Mapping[str, Any]) -> str:
     meta : mapping
         Of the capture or the volume that was read.
     """
-    capture = _capture(meta)
+    from clradar.model.volume import capture_meta
+
+    capture = capture_meta(meta)
     name = path.name or path.absolute().name or str(path)
     words = recording_words(meta)
     if not words:
@@ -29,17 +31,14 @@ def title_of(path: Path, meta: Mapping[str, Any]) -> str:
 
 def recording_words(meta: Mapping[str, Any]) -> str:
     """Name object, distance, variant and frame of a recorded capture; empty for any other."""
-    capture = _capture(meta)
+    from clradar.model.volume import capture_meta
+
+    capture = capture_meta(meta)
     if capture.get("format") != "maroon":
         return ""
     variant, frame = capture.get("variant"), capture.get("frame")
     parts = [*_recording(capture.get("source")), *([variant] if variant else [])]
     return ", ".join(map(str, [*parts, *([f"frame {frame}"] if isinstance(frame, int) else [])]))
-
-
-def _capture(meta: Mapping[str, Any]) -> Mapping[str, Any]:
-    capture = meta.get("capture")
-    return capture if isinstance(capture, Mapping) else meta
 
 
 def _recording(source: object) -> list[str]:

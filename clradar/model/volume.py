@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -318,6 +318,27 @@ class Volume(Record):
             of float32, although both its parts are within it.
         """
         return depth_map_of_planes(self.data, self.grid, dynamic_range_db)
+
+
+def capture_meta(meta: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what the metadata of an image, or of a capture itself, say of its capture.
+
+    Of an image of several that in which they agree.
+
+    Examples
+    --------
+    >>> from clradar.model.volume import capture_meta
+    >>> capture_meta({"capture": [{"frame": 3, "source": "a"}, {"frame": 3, "source": "b"}]})
+    {'frame': 3}
+    >>> capture_meta({"frame": 3})
+    {'frame': 3}
+    """
+    captures = meta.get("capture")
+    if isinstance(captures, Sequence) and captures and not isinstance(captures, str):
+        first, *others = captures
+        if all(isinstance(own, Mapping) for own in captures):
+            return {k: v for k, v in first.items() if all(o.get(k) == v for o in others)}
+    return captures if isinstance(captures, Mapping) else meta
 
 
 def depth_map_of_planes(planes: Planes, grid: VoxelGrid, dynamic_range_db: float) -> DepthMap:
