@@ -63,10 +63,10 @@ from measurement_io.maroon.products import (
 )
 from measurement_io.maroon.recording import placed_mesh
 
-HDF5_SHORT_RUN = 80
+HDF5_SHORT_RUN = 40
 """Each input of HDF5 costs three processes: to open it, to check it, to describe it."""
 
-MESH_SHORT_RUN = 60
+MESH_SHORT_RUN = 30
 """Each mesh or rig costs a process."""
 
 _PLY_TOKENS = (
@@ -123,7 +123,7 @@ class Target:
     errors: tuple[type[Exception], ...] = (MeasurementError, LayoutNeeded)
     processor_limit_s: float = 10.0
     resident_limit_bytes: int = 10**9
-    short_run: int = 250
+    short_run: int = 100
     any_format: bool = False
 
     def place(self, folder: Path) -> Path:
@@ -245,7 +245,7 @@ def _lab(
     structured: tuple[Mutator, ...] = (),
     dictionary: tuple[bytes, ...] = (),
     repair: Callable[[bytes], bytes] | None = None,
-    short_run: int = 250,
+    short_run: int = 100,
 ) -> Target:
     return Target(
         name,
@@ -457,7 +457,6 @@ TARGETS = {
                 b"{",
             ),
             file_name="lab.toml",
-            short_run=100,
         ),
         Target(
             "array_toml",
@@ -467,7 +466,6 @@ TARGETS = {
             (mutate_text.mutate_lines,),
             (b"n = 20000", b"[[pose]]", b"points_m", b"gain_db", b"= 1e999", b"= -1", b"nan", b"{"),
             file_name="array.toml",
-            short_run=100,
         ),
         Target(
             "motion_toml",
@@ -478,7 +476,6 @@ TARGETS = {
             (b"time_s", b"place", b"[[hand]]", b"mesh", b"= 1e999", b"= -1", b"nan", b"{", b"[["),
             file_name="motion/motion.toml",
             around=seeds.motion_folder,
-            short_run=100,
         ),
         Target(
             "times_csv",
@@ -489,7 +486,6 @@ TARGETS = {
             mutate_text.DICTIONARY,
             file_name="times.csv",
             around=seeds.motion_of_times,
-            short_run=100,
         ),
     )
 }
