@@ -78,7 +78,7 @@ def fit_hands(
     ----------
     recording : sequence of Capture, Volume or DepthMap
         A recording of `measurement_io.open_recording`, or any other sequence. Frames are read one
-        by one.
+        by one. Depth maps have no time: a sequence may bring it as `timestamps_us`.
     pose : str, Path, HandPose, HandFit, Start, or several of them
         Where searches start, as for `fit_hand`. For lost tracks give the poses that occur.
     frames : sequence of int, optional
@@ -184,13 +184,14 @@ def followed(
 ) -> Iterator[tuple[FrameFit, Track | None]]:
     """Fit frames, given by number and index, each from the one before; see `fit_hands`."""
     failure: str | None = None
+    stamps = getattr(recording, "timestamps_us", None)
     for done, (number, index) in enumerate(numbers, start=1):
         if track is not None and number <= track.frame:
             continue
         time_s = number * FRAME_S
         try:
             measured = recording[index]
-            time_s = _time_s(number, measured)
+            time_s = _time_s(number, stamps[index] if stamps else _stamp(measured))
             fit, track = _one_frame(fitting, fitting.image(measured), number, time_s, track)
             del measured  # before the next one is read
         except (CompareError, MeasurementError) as error:
@@ -205,10 +206,14 @@ def followed(
         raise CompareError(f"{failure}; and no hand in any other frame")
 
 
-def _time_s(number: int, measured: Any) -> float:
-    """When a frame was recorded; without time stamps frames are `FRAME_S` apart."""
+def _stamp(measured: Any) -> Any:
+    """The time stamp of a frame."""
     stamps: Any = capture_meta(getattr(measured, "meta", {})).get("timestamp_us")
-    stamp = stamps[0] if isinstance(stamps, list | tuple) and stamps else stamps
+    return stamps[0] if isinstance(stamps, list | tuple) and stamps else stamps
+
+
+def _time_s(number: int, stamp: Any) -> float:
+    """When a frame was recorded; without time stamps frames are `FRAME_S` apart."""
     known = isinstance(stamp, int | float) and not isinstance(stamp, bool) and stamp > 0
     return 1e-6 * stamp if known else number * FRAME_S
 

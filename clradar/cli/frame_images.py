@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from clradar.errors import CompareError
 
 if TYPE_CHECKING:
     from calibration.hand_fit.movement_figure import Picture
-    from clradar import Capture, Volume
+    from clradar import Capture, DepthMap, Volume
     from measurement_io import Recording
 
 SHEET_PIXEL_M = 2e-3
@@ -41,23 +41,57 @@ class FrameImages(Sequence["Volume"]):
 
     def __getitem__(self, index: Any) -> Any:
         from clradar import place_grid
-        from clradar.compare import depth_map_of
-        from clradar.constants import DYNAMIC_RANGE_DB
 
         capture: Capture = self.recording[index]
         grid = self.voxels.grid() if given(self.voxels) else place_grid(capture, device=self.device)
         volume = form_image(capture, grid, self.imaging, self.device, "imaging")
-        number = self.frame_numbers[index]
-        try:
-            seen = depth_map_of(volume, DYNAMIC_RANGE_DB, "image")
-        except CompareError:
-            return volume
-        thin = slice(None, None, max(1, round(SHEET_PIXEL_M / float(grid.spacing_m[0]))))
-        amplitude = seen.amplitude[thin, thin] / seen.amplitude.max()
-        self.store[f"{number:06d}"] = {
-            "amplitude": amplitude.astype(np.float32), "x_m": seen.x_m[thin], "y_m": seen.y_m[thin],
-        }  # fmt: skip
+        keep_picture(self.store, self.frame_numbers[index], volume)
         return volume
+
+
+@dataclass(frozen=True, slots=True)
+class KeptImages(Sequence["DepthMap"]):
+    """Depth maps of frames, read on access; their maxima are kept in a store.
+
+    Attributes
+    ----------
+    frame_numbers : tuple of int
+    timestamps_us : tuple of int or None
+        Of the frames, as far as they have any.
+    read : callable
+        The depth map of a frame, by its number.
+    store : FolderStore
+    """
+
+    frame_numbers: tuple[int, ...]
+    timestamps_us: tuple[float | None, ...]
+    read: Callable[[int], DepthMap]
+    store: FolderStore
+
+    def __len__(self) -> int:
+        return len(self.frame_numbers)
+
+    def __getitem__(self, index: Any) -> Any:
+        number = self.frame_numbers[index]
+        seen = self.read(number)
+        keep_picture(self.store, number, seen)
+        return seen
+
+
+def keep_picture(store: FolderStore, number: int, image: Volume | DepthMap) -> None:
+    """Keep a thin picture of a frame's maxima, if there is anything above zero."""
+    from clradar.compare import depth_map_of
+    from clradar.constants import DYNAMIC_RANGE_DB
+
+    try:
+        seen = depth_map_of(image, DYNAMIC_RANGE_DB, "image")
+    except CompareError:
+        return
+    thin = slice(None, None, max(1, round(SHEET_PIXEL_M / float(seen.x_m[1] - seen.x_m[0]))))
+    amplitude = seen.amplitude[thin, thin] / seen.amplitude.max()
+    store[f"{number:06d}"] = {
+        "amplitude": amplitude.astype(np.float32), "x_m": seen.x_m[thin], "y_m": seen.y_m[thin],
+    }  # fmt: skip
 
 
 def picture_of(store: FolderStore, number: int) -> Picture | None:

@@ -60,6 +60,8 @@ class FrameSteps:
     mesh_unit : str
     align : mapping
         Settings of `calibration.align_mesh`.
+    hand : bool
+        A depth map is kept that a hand can be fitted to.
     keep : tuple of str
         Which of `CAPTURES` and `VOLUMES` are written, too.
     origin : mapping
@@ -84,6 +86,7 @@ class FrameSteps:
     mesh: Path | None
     mesh_unit: str
     align: Mapping[str, Any]
+    hand: bool
     keep: tuple[str, ...]
     origin: Mapping[str, Any]
     device: Device | str | None
@@ -112,6 +115,10 @@ class FrameSteps:
             record["alignment"] = self._aligned(volume, capture)
         store = FolderStore(self.folder / MAPS)
         store[f"{numbers[0]:06d}"] = map_arrays(seen)
+        if self.hand:
+            from calibration.registration.mesh_pose import DEEPEST_DB  # of fits
+
+            store[_hand_name(numbers[0])] = map_arrays(volume.depth_map(DEEPEST_DB))
         for i, other in enumerate(others):
             if fixed_name(i) not in store:
                 store[f"{numbers[0]:06d}-{i}"] = map_arrays(other)
@@ -138,11 +145,20 @@ class FrameSteps:
 
     def map_of(self, name: str) -> DepthMap:
         """A depth map that is kept: of a frame, or of a simulation."""
+        return self._map(name, self.dynamic_range_db)
+
+    def hand_map_of(self, number: int) -> DepthMap:
+        """The depth map of a frame that a hand is fitted to."""
+        from calibration.registration.mesh_pose import DEEPEST_DB
+
+        return self._map(_hand_name(number), DEEPEST_DB)
+
+    def _map(self, name: str, dynamic_range_db: float) -> DepthMap:
         from clradar import DepthMap
 
         arrays = FolderStore(self.folder / MAPS)[name]
         axes_m = (arrays["x_m"], arrays["y_m"])
-        return DepthMap(arrays["depth_m"], arrays["amplitude"], *axes_m, self.dynamic_range_db)
+        return DepthMap(arrays["depth_m"], arrays["amplitude"], *axes_m, dynamic_range_db)
 
     def _metrics(self, seen: DepthMap, other: DepthMap) -> dict[str, Any] | None:
         from clradar.compare import metrics_of
@@ -235,6 +251,10 @@ def read_record(folder: Path, number: int) -> dict[str, Any]:
 def fixed_name(i: int) -> str:
     """Under which the depth map of a simulation that is the same at every frame is kept."""
     return f"simulated-{i}"
+
+
+def _hand_name(number: int) -> str:
+    return f"{number:06d}-hand"
 
 
 def map_arrays(image: DepthMap) -> dict[str, np.ndarray]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from clradar.cli.comparison import METRIC_COLUMNS
+from clradar.cli.movement_table import hand_columns
 from clradar.cli.sweep_folder import write_csv
 
 Record = Mapping[str, Any]
@@ -47,6 +48,11 @@ def table(records: Sequence[Record], labels: Sequence[str]) -> dict[str, np.ndar
             )
     if any("alignment" in one for one in records):
         found |= _motion(records)
+    if any("hand" in one for one in records):
+        from calibration.hand_fit.frame_fit import FrameFit
+
+        fits = (one.get("hand") for one in records)
+        found |= hand_columns([fit and FrameFit.from_dict(fit, Path("hand")) for fit in fits])
     return found
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,6 @@ from clradar.files.json_file import read_json_object, write_json
 if TYPE_CHECKING:
     from calibration.hand_fit.frame_fit import FrameFit
     from clradar.model.progress import Progress
-    from measurement_io import Recording
 
 FRAMES, WORK = "frames", "work"
 RESULT, TABLE, FIGURE, SHEET = "movement.json", "movement.csv", "movement.png", "contact-sheet.png"
@@ -73,66 +72,108 @@ class HandSequence:
         recording = open_source(self.source, self.variant, AntennaOptions())
         check_apart(self.folder, recording.path)
         numbers = self.chosen.numbers(recording.frame_numbers)
+
+        def images_of(store: FolderStore) -> FrameImages:
+            return FrameImages(recording, self.voxels, self.imaging, self.device, store)
+
+        settings = {
+            **self.settings, "array": recording.array, "waveform": recording.waveform,
+            "device": self.device,
+        }  # fmt: skip
         with work_folder.held(self.folder, "fit"):
-            begin_work(
-                self.folder,
-                {**self.origin["options"], "clradar": self.origin["clradar"]},
-                own=OWN_NAMES,
-                work="fit of a moving hand",
+            return fitted(
+                self.folder, self.source, images_of, numbers, settings, self.origin, progress,
                 force=self.force,
-            )
-            if not (self.folder / RESULT).is_file():
-                with _removed_if_nothing_is_done(self.folder):
-                    self._fit(recording, numbers, progress)
-                self._write(numbers)
-            shutil.rmtree(self.folder / WORK, ignore_errors=True)
-            return [_read(self.folder, number) for number in numbers]
+            )  # fmt: skip
 
-    def _fit(self, recording: Recording, numbers: list[int], progress: Progress | None) -> None:
-        from calibration import fit_hands
-        from calibration.hand_fit.track import Track
-        from clradar.hand import write_pose
 
-        (self.folder / FRAMES).mkdir(exist_ok=True)
-        store = FolderStore(self.folder / WORK)
-        track = Track.from_arrays(store[TRACK]) if TRACK in store else None
-        if track is not None and track.frame == numbers[-1]:
-            return
-        images = FrameImages(recording, self.voxels, self.imaging, self.device, store)
-        for fit, reached in fit_hands(
-            images, frames=numbers, array=recording.array, waveform=recording.waveform,
-            after=track, device=self.device, progress=progress, **self.settings,
-        ):  # fmt: skip
-            if fit.state is not None:
-                pose = self.folder / FRAMES / f"{fit.frame:06d}.toml"
-                write_pose(pose, fit.state.pose, force=True)
-            write_json(_frame_file(self.folder, fit.frame), fit.to_dict(), force=True)
-            if reached is not None:
-                store[TRACK] = reached.to_arrays()
+def fitted(
+    folder: Path,
+    source: Path,
+    images_of: Callable[[FolderStore], Sequence[Any]],
+    numbers: list[int],
+    settings: Mapping[str, Any],
+    origin: Mapping[str, Any],
+    progress: Progress | None,
+    *,
+    force: bool,
+) -> list[FrameFit]:
+    """Fit frames into a folder that is there, those that are not done yet; then table and figures.
 
-    def _write(self, numbers: list[int]) -> None:
-        """Write figures and table, and last the JSON file, which marks the folder as finished."""
-        from calibration.hand_fit.movement_figure import (
-            movement_figure,
-            movement_sheet,
-            shown_frames,
-        )
-        from clradar.plot import save_figure
+    Parameters
+    ----------
+    folder, source : Path
+    images_of : callable
+        The images of all frames, which keep their pictures (`keep_picture`) in a store.
+    numbers : list of int
+        The frames that are fitted.
+    settings : mapping
+        Of `calibration.fit_hands`.
+    origin, force
+        As of `HandSequence`.
+    """
+    begin_work(
+        folder, {**origin["options"], "clradar": origin["clradar"]}, own=OWN_NAMES,
+        work="fit of a moving hand", force=force,
+    )  # fmt: skip
+    if not (folder / RESULT).is_file():
+        with _removed_if_nothing_is_done(folder):
+            _fit(folder, images_of, numbers, settings, progress)
+        _write(folder, source, numbers, origin)
+    shutil.rmtree(folder / WORK, ignore_errors=True)
+    return [_read(folder, number) for number in numbers]
 
-        fits = [_read(self.folder, number) for number in numbers]
-        shown = [fits[i] for i in shown_frames(len(fits))]
-        store = FolderStore(self.folder / WORK)
-        pictures = [picture_of(store, fit.frame) for fit in shown]
-        save_figure(movement_sheet(shown, pictures), self.folder / SHEET, force=True)
-        title = f"{self.source.name}: angles and tips, with one standard deviation"
-        save_figure(movement_figure(fits, title), self.folder / FIGURE, force=True)
-        write_movement_table(self.folder / TABLE, fits)
-        record = {
-            "recording": str(self.source),
-            "frames": [read_json_object(_frame_file(self.folder, number)) for number in numbers],
-            **self.origin,
-        }
-        write_json(self.folder / RESULT, record, force=True)
+
+def _fit(
+    folder: Path,
+    images_of: Callable[[FolderStore], Sequence[Any]],
+    numbers: list[int],
+    settings: Mapping[str, Any],
+    progress: Progress | None,
+) -> None:
+    from calibration import fit_hands
+    from calibration.hand_fit.track import Track
+    from clradar.hand import write_pose
+
+    (folder / FRAMES).mkdir(exist_ok=True)
+    store = FolderStore(folder / WORK)
+    track = Track.from_arrays(store[TRACK]) if TRACK in store else None
+    if track is not None and track.frame == numbers[-1]:
+        return
+    for fit, reached in fit_hands(
+        images_of(store), frames=numbers, after=track, progress=progress, **settings
+    ):
+        if fit.state is not None:
+            pose = folder / FRAMES / f"{fit.frame:06d}.toml"
+            write_pose(pose, fit.state.pose, force=True)
+        write_json(frame_file(folder, fit.frame), fit.to_dict(), force=True)
+        if reached is not None:
+            store[TRACK] = reached.to_arrays()
+
+
+def _write(folder: Path, source: Path, numbers: list[int], origin: Mapping[str, Any]) -> None:
+    """Write figures and table, and last the JSON file, which marks the folder as finished."""
+    from calibration.hand_fit.movement_figure import (
+        movement_figure,
+        movement_sheet,
+        shown_frames,
+    )
+    from clradar.plot import save_figure
+
+    fits = [_read(folder, number) for number in numbers]
+    shown = [fits[i] for i in shown_frames(len(fits))]
+    store = FolderStore(folder / WORK)
+    pictures = [picture_of(store, fit.frame) for fit in shown]
+    save_figure(movement_sheet(shown, pictures), folder / SHEET, force=True)
+    title = f"{source.name}: angles and tips, with one standard deviation"
+    save_figure(movement_figure(fits, title), folder / FIGURE, force=True)
+    write_movement_table(folder / TABLE, fits)
+    record = {
+        "recording": str(source),
+        "frames": [read_json_object(frame_file(folder, number)) for number in numbers],
+        **origin,
+    }
+    write_json(folder / RESULT, record, force=True)
 
 
 @contextmanager
@@ -151,9 +192,10 @@ def _removed_if_nothing_is_done(folder: Path) -> Iterator[None]:
 def _read(folder: Path, number: int) -> FrameFit:
     from calibration.hand_fit.frame_fit import FrameFit
 
-    path = _frame_file(folder, number)
+    path = frame_file(folder, number)
     return FrameFit.from_dict(read_json_object(path), path)
 
 
-def _frame_file(folder: Path, number: int) -> Path:
+def frame_file(folder: Path, number: int) -> Path:
+    """The file with the fit of a frame."""
     return folder / FRAMES / f"{number:06d}.json"

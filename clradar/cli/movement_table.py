@@ -14,6 +14,9 @@ from clradar.cli.sweep_folder import write_csv
 if TYPE_CHECKING:
     from calibration.hand_fit.frame_fit import FrameFit
 
+ABOUT = ("frame", "time s", "how", "notes")
+"""Columns that are no numbers of the hand."""
+
 
 def write_movement_table(path: Path, fits: Sequence[FrameFit]) -> None:
     """Write one row per frame: time, tips in millimetres, angles in degrees, shape."""
@@ -50,6 +53,18 @@ def _row(fit: FrameFit) -> list[Any]:
         *(round(1e3 * value, 2) for value in (shape.length_m, shape.breadth_m)),
         *(round(value, 4) for value in (*shape.finger_lengths, shape.girth)),
     ]
+
+
+def hand_columns(fits: Sequence[FrameFit | None]) -> dict[str, np.ndarray]:
+    """The columns of numbers, each of shape (n,), float64; NaN where there is no hand."""
+    names = _columns()
+    kept = [i for i, name in enumerate(names) if name not in ABOUT]
+    values = np.full((len(fits), len(kept)), np.nan)
+    for row, fit in zip(values, fits, strict=True):
+        if fit is not None and fit.state is not None:
+            cells = _row(fit)
+            row[:] = [np.nan if cells[i] == "" else cells[i] for i in kept]
+    return {f"hand {names[i]}": values[:, j] for j, i in enumerate(kept)}
 
 
 def print_sequence(folder: Path, fits: Sequence[FrameFit]) -> None:

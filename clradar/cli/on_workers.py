@@ -3,19 +3,42 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from clradar.errors import ClradarError, ClradarWarning
+from clradar.errors import ClradarError, ClradarWarning, ClusterError
 
 if TYPE_CHECKING:
     from clradar import Device
+    from clradar.dataset.engine.distributed import Distributed
     from clradar.model.progress import Progress
 
 Item = TypeVar("Item")
 Outcome = tuple[Any, list[str]]
 """What a function returned, or its `ClradarError`; and its warnings, each once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cluster:
+    """A running Dask cluster, and what its workers have to see under the same names.
+
+    Attributes
+    ----------
+    scheduler : str
+        Its address.
+    folder : Path
+        Where the work is written; it is there.
+    files : sequence of Path
+        What it reads: files and folders.
+    """
+
+    scheduler: str
+    folder: Path
+    files: Sequence[Path]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +51,25 @@ class _OnDevice:
         yield outcome_of(replace(self.steps, device=device).run, item)
 
 
+@dataclass(frozen=True, slots=True)
+class _OnCluster:
+    """Steps on the device of a worker, of several one that is free."""
+
+    steps: Any
+    device: str | None
+
+    def __call__(self, item: Any) -> Any:
+        from clradar.dataset.engine.worker_resources import own_device
+
+        return replace(self.steps, device=own_device(self.device)).run(item)
+
+
 def each_made(
-    steps: Any, items: Sequence[Item], workers: int | None, device: str | None, what: str
+    steps: Any,
+    items: Sequence[Item],
+    workers: int | Cluster | None,
+    device: str | None,
+    what: str,
 ) -> Iterator[tuple[Item, Outcome]]:
     """Run the steps of every item; yield items as they are done.
 
@@ -39,7 +79,7 @@ def each_made(
         With a field `device` and a method `run`, which is called with an item. They can be sent.
     items : sequence
         Of values that can be sent.
-    workers : int or None
+    workers : int, Cluster or None
         Worker processes; None: in this one, or in one for each of several devices.
     device : str or None
         As of `clradar.opencl.open_devices`.
@@ -49,6 +89,9 @@ def each_made(
     from clradar.opencl import open_devices
 
     elsewhere = replace(steps, device=None)  # each opens the device that it is given
+    if isinstance(workers, Cluster):
+        yield from each_on_workers(_OnCluster(elsewhere, device), items, workers, device)
+        return
     if workers is not None:
         yield from each_on_workers(elsewhere.run, items, workers, device)
         return
@@ -59,9 +102,14 @@ def each_made(
 
 
 def each_on_workers(
-    function: Callable[[Item], Any], items: Sequence[Item], workers: int, device: str | None
+    function: Callable[[Item], Any],
+    items: Sequence[Item],
+    workers: int | Cluster,
+    device: str | None,
 ) -> Iterator[tuple[Item, Outcome]]:
     """Call a function with every item on workers; yield items as they are done.
+
+    An item whose worker dies is done again; it is an error of the item where that dies each time.
 
     Parameters
     ----------
@@ -69,8 +117,9 @@ def each_on_workers(
         Importable, as it is sent to processes that were started afresh.
     items : sequence
         Of values that can be sent.
-    workers : int
-        At most so many, each with its own device and cores (`worker_resources`).
+    workers : int or Cluster
+        At most so many, each with its own device and cores (`worker_resources`); or those of a
+        running cluster.
     device : str or None
         See `clradar.open_device`.
 
@@ -79,23 +128,63 @@ def each_on_workers(
     ModelError
         More workers than a CPU device has cores.
     ClusterError
-        The workers do not start.
+        The workers do not start, differ from each other, or do not see the files.
     """
-    from distributed import as_completed
+    with TemporaryDirectory() as own, _engine(workers, len(items), device) as engine:
+        # Workers of this machine see what this process sees.
+        shared = workers if isinstance(workers, Cluster) else Cluster("", Path(own), ())
+        files = tuple(str(path.absolute()) for path in shared.files)
+        folder = shared.folder.absolute()
+        make = _Numbered(function, dict(enumerate(items)), folder, engine.device, files)
+        for made in engine.outcomes(range(len(items)), make):
+            if isinstance(made, tuple):
+                number, outcome = made
+                yield items[number], outcome
+            else:
+                yield items[made.sample], (ClradarError(made.reason), [])
+        engine.stop()
 
-    from clradar.dataset.engine.cluster import DEVICE, local_cluster
+
+@contextmanager
+def _engine(workers: int | Cluster, items: int, device: str | None) -> Iterator[Distributed]:
+    try:
+        from clradar.dataset.engine.cluster import local_cluster, running_cluster, silence
+        from clradar.dataset.engine.distributed import Distributed
+    except ImportError as error:
+        raise ClusterError(
+            f"workers need Dask: pip install 'clradar[dataset]' ({error})"
+        ) from error
     from clradar.dataset.engine.worker_resources import worker_resources
 
-    resources = worker_resources(min(workers, len(items)), device)
-    with local_cluster(resources) as (client, end), client.as_current():
-        futures = {
-            client.submit(outcome_of, function, item, resources={DEVICE: 1}, pure=False): item
-            for item in items
-        }
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-            future.release()
-        end()
+    silence()
+    if isinstance(workers, Cluster):
+        with running_cluster(workers.scheduler) as client:
+            engine = Distributed(client, device)
+            try:
+                yield engine
+            finally:
+                engine.stop()
+        return
+    with local_cluster(worker_resources(min(workers, items), device)) as (client, end):
+        # Each worker has its device in CLRADAR_DEVICE.
+        yield Distributed(client, end_workers=end)
+
+
+@dataclass(frozen=True, slots=True)
+class _Numbered:
+    """A function and its items by their numbers: work of `Distributed`."""
+
+    function: Callable[[Any], Any]
+    items: Mapping[int, Any]
+    folder: Path
+    device: str | None
+    files: tuple[str, ...]
+
+    def alone(self, sample: int) -> _Numbered:
+        return replace(self, items={sample: self.items[sample]})
+
+    def __call__(self, sample: int) -> tuple[int, Outcome]:
+        return sample, outcome_of(self.function, self.items[sample])
 
 
 def outcome_of(function: Callable[[Item], Any], item: Item) -> Outcome:

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from clradar.cli.console import counted, print_line
 from clradar.cli.frame_sources import Frames
 from clradar.cli.frame_steps import MAPS, FrameSteps, cleaned, fixed_name, frame_of, map_arrays
@@ -19,6 +21,9 @@ from clradar.errors import MeasurementError
 
 if TYPE_CHECKING:
     from clradar import VoxelGrid
+
+GRID = "grid"
+"""Under which the grid is kept among the maps."""
 
 
 def prepared(
@@ -39,6 +44,7 @@ def prepared(
     voxels : GridOptions
     """
     from calibration import average_frames
+    from clradar import VoxelGrid
 
     found = steps(empty=empty, grid=voxels.grid(PAPER_GRID_MM))
     if empty is not None and empty.is_dir() and not found.empty_by_frame:
@@ -48,8 +54,15 @@ def prepared(
             frames = (frame_of(empty, None, number) for number in numbers)
             save(mean, average_frames(frames), found.origin, force=True)
         found = replace(found, empty=mean)
-    found = replace(found, grid=_grid(found, groups, voxels))
     store = FolderStore(found.folder / MAPS)
+    if GRID not in store:  # kept: another first frame may be readable when the run is resumed
+        grid = _grid(found, groups, voxels)
+        store[GRID] = {
+            "origin_m": grid.origin_m, "spacing_m": grid.spacing_m, "counts": np.array(grid.counts)
+        }  # fmt: skip
+    kept = store[GRID]
+    counts = kept["counts"].tolist()
+    found = replace(found, grid=VoxelGrid(kept["origin_m"], kept["spacing_m"], counts))
     for i, path in enumerate(found.simulated):
         source = Frames.open(path)
         if source.numbers is None and fixed_name(i) not in store:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from clradar.cli.console import counted, print_line, print_warning, progress_bar
+from clradar.cli.frame_images import KeptImages
 from clradar.cli.frame_steps import (
     CAPTURES,
     MAPS,
@@ -17,37 +18,51 @@ from clradar.cli.frame_steps import (
     VOLUMES,
     FrameSteps,
     fixed_name,
+    frame_of,
     read_record,
     record_file,
 )
 from clradar.cli.frame_table import curves, table, write_table
-from clradar.cli.on_workers import each_made
+from clradar.cli.hand_sequence import fitted, frame_file
+from clradar.cli.movement_table import print_sequence
+from clradar.cli.on_workers import Cluster, each_made
 from clradar.cli.resumable import SETTINGS, FolderStore, begin_work, cleared_on_failure
-from clradar.errors import ClradarError, CompareError, MeasurementError
+from clradar.errors import (
+    ClradarError,
+    ClusterError,
+    CompareError,
+    DeviceError,
+    MeasurementError,
+    OutputError,
+)
 from clradar.files import work_folder
 from clradar.files.atomic import write_file
-from clradar.files.json_file import write_json
-
-if TYPE_CHECKING:
-    pass
+from clradar.files.json_file import read_json_object, write_json
+from clradar.opencl import open_devices
 
 RESULT, TABLE, FIGURE, MOVIE, REPORT = (
     "recording.json", "frames.csv", "time-line.png", "movie.gif", "report.html"
 )  # fmt: skip
 PICTURES = "pictures"
 
+HANDS = "hand"
+"""Folder of the fit of a hand, as of ``clradar fit-hand --frames``."""
+
 EMPTY = "empty.h5"
 """The mean of the empty room's frames."""
 
 OWN_NAMES = (
     RESULT, SETTINGS, EMPTY, TABLE, FIGURE, MOVIE, REPORT,
-    PICTURES, RECORDS, MAPS, CAPTURES, VOLUMES,
+    PICTURES, HANDS, RECORDS, MAPS, CAPTURES, VOLUMES,
 )  # fmt: skip
 """Names in the folder that are its own; --force replaces no others. The result goes first, so that
 what is left is never taken for finished."""
 
 DEFAULT_STEP_S = 0.1
 """Between the pictures of frames without time stamps."""
+
+MISSED = (DeviceError, OutputError, ClusterError)
+"""Errors that are not of a single frame, and end the run."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -66,10 +81,12 @@ class RecordingWork:
         Of the recording and of the simulations.
     origin : mapping
         From `clradar.cli.provenance.provenance`; a folder has to have been begun with its options.
-    workers : int or None
+    workers : int, Cluster or None
         Worker processes; None: in this one, or in one for each of several devices.
     device : str or None
         As of `clradar.opencl.open_devices`.
+    hand : mapping or None
+        Settings of `calibration.fit_hands`: a hand is fitted to the frames.
     force : bool
         Begin anew in a folder that was begun with other settings.
     """
@@ -80,8 +97,9 @@ class RecordingWork:
     groups: Sequence[tuple[int, ...]]
     labels: Sequence[str]
     origin: Mapping[str, Any]
-    workers: int | None
+    workers: int | Cluster | None
     device: str | None
+    hand: Mapping[str, Any] | None
     force: bool
 
     def run(self) -> list[dict[str, Any]]:
@@ -100,17 +118,26 @@ class RecordingWork:
             begin_work(
                 folder, settings, own=OWN_NAMES, work="processed recording", force=self.force
             )
-            finished = (folder / RESULT).is_file()
-            if not finished:
+            if not self._finished() or len(self._done()) < len(self.groups):
                 with cleared_on_failure(folder, OWN_NAMES, unless=f"{RECORDS}/*.json"):
                     steps = self.prepare()
                     self._frames(steps)
                     if not self._done():
                         raise MeasurementError(f"{self.source}: no frame could be processed")
             records = [read_record(folder, number) for number in self._done()]
-            if not finished:
+            if not self._finished():
+                if self.hand is not None:
+                    records = self._with_hands(steps, records)
                 self._write(steps, records)
         return records
+
+    def _finished(self) -> bool:
+        """Whether what is made of all frames is there, and no frame was done after it."""
+        result = self.folder / RESULT
+        if not result.is_file():
+            return False
+        done = (record_file(self.folder, number) for number in self._done())
+        return all(one.stat().st_mtime_ns <= result.stat().st_mtime_ns for one in done)
 
     def _done(self) -> list[int]:
         firsts = (group[0] for group in self.groups)
@@ -130,16 +157,51 @@ class RecordingWork:
         with progress_bar("frames") as progress:
             made = each_made(steps, left, self.workers, self.device, "the frames of a folder")
             for done, (group, (outcome, warned)) in enumerate(made, start=1):
-                if isinstance(outcome, MeasurementError):
-                    warned = [*warned, str(outcome)]
-                elif isinstance(outcome, ClradarError):
+                if isinstance(outcome, MISSED):
                     raise outcome
+                if isinstance(outcome, ClradarError):
+                    warned = [*warned, str(outcome)]
                 for text in warned:
                     if text not in said:
                         print_warning(f"frame {group[0]}: {text}")
                     said.add(text)
                 if progress is not None:
                     progress(done, len(left))
+
+    def _with_hands(
+        self, steps: FrameSteps, records: Sequence[Mapping[str, Any]]
+    ) -> list[dict[str, Any]]:
+        """The records with the hands that are fitted to their frames.
+
+        Each is fitted from the one before, so that is done by this process alone, whoever did the
+        frames; from the depth maps that are kept of them.
+        """
+        assert self.hand is not None
+        numbers = [int(one["frame"]) for one in records]
+        times_us = tuple(one["time_us"] for one in records)
+        first = frame_of(steps.source, steps.variant, numbers[0])
+        settings = {
+            **self.hand, "array": first.array, "waveform": first.waveform,
+            "device": steps.device or open_devices(self.device).first,
+        }  # fmt: skip
+        del first
+        options = {**self.origin["options"], "frames": numbers}
+        folder = self.folder / HANDS
+        with work_folder.held(folder, "fit"), progress_bar("fitting the hand") as progress:
+            try:
+                fits = fitted(
+                    folder, self.source,
+                    lambda store: KeptImages(tuple(numbers), times_us, steps.hand_map_of, store),
+                    numbers, settings, {**self.origin, "options": options}, progress, force=True,
+                )  # fmt: skip
+            except CompareError as error:
+                print_warning(f"{HANDS}: {error}")
+                return [dict(one) for one in records]
+        print_sequence(folder, fits)
+        return [
+            {**one, "hand": read_json_object(frame_file(folder, number))}
+            for one, number in zip(records, numbers, strict=True)
+        ]
 
     def _write(self, steps: FrameSteps, records: Sequence[Mapping[str, Any]]) -> None:
         """Write what is made of all frames, and last the file that marks it as finished."""
@@ -180,11 +242,19 @@ class RecordingWork:
         write_json(folder / RESULT, record, force=True)
 
     def _report(self, steps: FrameSteps, records: Sequence[Mapping[str, Any]]) -> None:
-        from clradar.report import FrameSeries, frames_report
+        from clradar.report import FrameSeries, frames, frames_report
 
         series = FrameSeries(list(self.labels), steps.dynamic_range_db)
         store = FolderStore(steps.folder / MAPS)
-        for one in records:
+        every = -(-len(records) // frames.MAX_FRAMES)
+        notes = []
+        if every > 1:
+            nth = {2: "2nd", 3: "3rd"}.get(every, f"{every}th")
+            notes = [
+                f"every {nth} of {len(records)} frames: a page has at most {frames.MAX_FRAMES}"
+            ]
+            print_line(f"{REPORT}: {notes[0]}")
+        for one in records[::every]:
             name = f"{one['frame']:06d}"
             others = [
                 steps.map_of(fixed_name(i) if fixed_name(i) in store else f"{name}-{i}")
@@ -196,5 +266,5 @@ class RecordingWork:
                 print_warning(f"{REPORT}: not written: {error}")
                 return
         sources = [str(path) for path in (steps.source, *steps.simulated)]
-        page = frames_report(series, sources=sources, settings=steps.origin)
+        page = frames_report(series, sources=sources, notes=notes, settings=steps.origin)
         write_file(steps.folder / REPORT, page.encode("utf-8"), force=True)

@@ -23,8 +23,10 @@ from made_up_frames import MOVEMENT, made_up_fit_hands, no_figure
 import calibration
 import clradar.plot
 from calibration.hand_fit.starts import read_start
+from calibration.registration.mesh_pose import depth_for_mesh
 from clradar.cli.hand_sequence import FIGURE, OWN_NAMES, RESULT, SHEET, TABLE
 from clradar.hand import read_pose
+from clradar.model import DepthMap
 from clradar.plot import save_figure
 from measurement_io import open_capture, save_recording
 
@@ -188,3 +190,57 @@ def test_one_of_several_recordings_fails_alone(
     assert "1 of 2 recordings could not be fitted" in outcome.err
     assert (tmp_path / "fits/001-one" / RESULT).is_file()
     assert not (tmp_path / "fits/000-none").exists()
+
+
+class _Numbers(list[int]):
+    """Numbers of images, for fits that know the truth; the images are looked at."""
+
+    def __init__(self, images: Any, seen: dict[int, DepthMap]) -> None:
+        super().__init__(images.frame_numbers)
+        self.frame_numbers = images.frame_numbers
+        times = [1 + 125_000 * i for i in range(N)]  # which numbers have not
+        self.timestamps_us = getattr(images, "timestamps_us", times)
+        self._images, self._seen = images, seen
+
+    def __getitem__(self, index: Any) -> Any:
+        image = depth_for_mesh(self._images[index], None)  # raises where nothing is seen
+        self._seen[self.frame_numbers[index]] = image
+        return self.frame_numbers[index]
+
+
+def test_process_fits_what_fit_hand_fits(
+    run: Run, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The images, results and times of both commands, also where `process` was interrupted."""
+    seen: dict[int, DepthMap] = {}
+    cut_at: int | None = None
+
+    def watched(images: Any, **settings: Any) -> Iterator[Any]:
+        for fit, track in made_up_fit_hands(_Numbers(images, seen), **settings):
+            if fit.frame == cut_at:
+                raise KeyboardInterrupt
+            yield fit, track
+
+    monkeypatch.setattr(calibration, "fit_hands", watched)
+    assert run(*FIT, recordings / "one", "--frames", "all", "-o", tmp_path / "fit").status == 0
+    expected, seen = seen, {}
+    command = ("process", recordings / "one", *GRID, "--fit-hand", "F", "--fit-shape", "-o")
+    cut_at, out = 2, tmp_path / "out"
+    assert run(*command, out).status == 130
+    cut_at = None
+    outcome = run(*command, out)
+    assert outcome.status == 0, outcome.err
+    assert "4 frames, 1 followed, 2 searched, 1 without a hand" in outcome.out
+    assert seen.keys() == expected.keys() == {0, 2, 3}
+    for number, image in expected.items():
+        assert np.array_equal(image.amplitude, seen[number].amplitude)
+        assert np.array_equal(image.depth_m, seen[number].depth_m, equal_nan=True)
+    for name in (TABLE, "frames/000003.json", "frames/000001.json"):
+        one, other = ((folder / name).read_text() for folder in (tmp_path / "fit", out / "hand"))
+        assert one == other, name
+    rows = list(csv.DictReader((out / "frames.csv").read_text().splitlines()))
+    tip_mm = [float(rows[3][f"hand index tip {axis} mm"]) for axis in "xyz"]
+    np.testing.assert_allclose(tip_mm, 1e3 * MOVEMENT.joints_m(3)[9], rtol=0, atol=5.1e-4)
+    assert rows[1]["hand index tip x mm"] == ""  # nothing is seen there
+    record = json.loads((out / "recording.json").read_text())
+    assert record["frames"][3]["hand"] == json.loads((out / "hand/frames/000003.json").read_text())

@@ -19,6 +19,7 @@ from recorder import Recorder, Recording
 
 from calibration import average_frames, correct, range_gate, subtract_background
 from clradar import ChannelCalibration, Waveform, backproject, place_grid
+from clradar.cli import recording_preparation
 from clradar.cli.frame_steps import FrameSteps
 from clradar.cli.resumable import FolderStore
 from clradar.model import VoxelGrid
@@ -168,15 +169,58 @@ def test_averages_hold_the_frames_that_agree(run: Run, recorded: Recording, tmp_
 
 
 def test_a_frame_that_cannot_be_read_costs_no_other(
-    run: Run, recorded: Recording, tmp_path: Path
+    run: Run, recorded: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made = recorded.recorder.write(tmp_path, n_frames=2)
-    next(made.folder.rglob("000000.npy")).write_bytes(b"no frame")
-    outcome = run("process", made.folder, "-o", tmp_path / "out", *GRID)
+    placed = [VoxelGrid([-0.05, -0.04, z_m], [5e-3] * 3, [21, 17, 3]) for z_m in (0.3, 0.31)]
+    monkeypatch.setattr(recording_preparation, "grid_for", lambda *_: placed.pop(0))
+    made = recorded.recorder.write(tmp_path, n_frames=3)
+    broken = next(made.folder.rglob("000000.npy"))
+    content = broken.read_bytes()
+    broken.write_bytes(b"no frame")
+    command = ("process", made.folder, "-o", tmp_path / "out", "--keep-volumes")
+    outcome = run(*command)
     assert outcome.status == 1
     assert "000000.npy" in outcome.err
-    assert "1 of 2 frames could not be processed" in outcome.err
-    assert [row["frame"] for row in rows_of(tmp_path / "out")] == ["1"]
+    assert "1 of 3 frames could not be processed" in outcome.err
+    assert [row["frame"] for row in rows_of(tmp_path / "out")] == ["1", "2"]
+    # Pictures are numbered without gaps, as a video needs them.
+    pictures = tmp_path / "out" / "pictures"
+    assert sorted(path.name for path in pictures.iterdir()) == ["000000.png", "000001.png"]
+    # The same command tries it again, on the grid that the other frames are on.
+    broken.write_bytes(content)
+    outcome = run(*command)
+    assert outcome.status == 0, outcome.err
+    assert [row["frame"] for row in rows_of(tmp_path / "out")] == ["0", "1", "2"]
+    grids = [open_volume(tmp_path / f"out/volumes/{i:06d}.h5").grid for i in range(3)]
+    assert [grid.z_m[0] for grid in grids] == [0.3, 0.3, 0.3]
+
+
+def test_a_page_has_no_more_frames_than_it_can(
+    run: Run, recorded: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("clradar.report.frames.MAX_FRAMES", 2)
+    command = ("process", recorded.folder, recorded.folder, "-o", tmp_path / "out", *GRID)
+    outcome = run(*command)
+    assert outcome.status == 0, outcome.err
+    assert "report.html: every 2nd of 3 frames" in outcome.out
+    assert "frame 0 to frame 2" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_the_workers_of_a_scheduler_make_the_same_files(
+    run: Run, recorded: Recording, tmp_path: Path
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    command = ("process", recorded.folder, *GRID, "-o")
+    with distributed.LocalCluster(
+        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None,
+        resources={"DEVICE": 1},
+    ) as cluster:  # fmt: skip
+        outcome = run(*command, tmp_path / "there", "--scheduler", cluster.scheduler_address)
+    assert outcome.status == 0, outcome.err
+    assert run(*command, tmp_path / "here").status == 0
+    for name in RESULTS[:-1]:
+        one, other = ((tmp_path / where / name).read_bytes() for where in ("here", "there"))
+        assert one == other, name
 
 
 @pytest.mark.parametrize(
@@ -186,6 +230,9 @@ def test_a_frame_that_cannot_be_read_costs_no_other(
         (("--align-phase",), "--average"),
         (("--keep-noisy",), "--channels"),
         (("--bias",), "--mesh"),
+        (("--fit-shape",), "--fit-hand"),
+        (("--fit-hand", "F", "--bias"), "--mesh"),
+        (("--workers", "2", "--scheduler", "tcp://127.0.0.1:1"), "--scheduler"),
         (("--average", "1"), "--average"),
         (("--workers", "0"), "--workers"),
         (("--scaling", "common"), "--empty"),

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from clradar.cli.console import print_line
-from clradar.cli.inputs import mean_capture
+from clradar.cli.options.average import AverageOptions
 from clradar.cli.options.clutter import EmptyOptions, GateOptions
 from clradar.cli.options.common import CaptureArgument, CaptureOutput, ForceOption
-from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.groups import recorded
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, save
@@ -21,33 +19,6 @@ from clradar.cli.provenance import provenance
 
 if TYPE_CHECKING:
     from clradar import Capture
-
-
-@dataclass(frozen=True, kw_only=True)
-class AverageOptions:
-    """The mean over the frames of recordings."""
-
-    average: bool = option(False, "Take the coherent mean of all frames of each radar folder.")
-    align_phase: bool = option(False, "With --average: first rotate frames to a common phase.")
-
-    def check(self, frames: FrameOptions, sources: list[Path]) -> None:
-        """Raise unless the options go together."""
-        if self.align_phase and not self.average:
-            raise wrong_usage("--align-phase", "expected --average with it")
-        if self.average and frames.frame is not None:
-            raise wrong_usage("--frame", "expected either --frame or --average")
-        if self.average and not any(path.is_dir() for path in sources):
-            raise wrong_usage("--average", "expected a radar folder among CAPTURE and EMPTY")
-
-    def read(self, path: Path, frames: FrameOptions) -> tuple[Capture, list[Path], str]:
-        """One frame or the mean of all, the files it comes from, and the mean in words."""
-        if self.average and path.is_dir():
-            mean, files = mean_capture(
-                path, variant=frames.chosen["variant"], align_phase=self.align_phase
-            )
-            count = mean.meta["average"]["frames"]
-            return mean, files, "1 frame" if count == 1 else f"mean of {count} frames"
-        return *frames.open(path), ""
 
 
 def command(
@@ -71,7 +42,7 @@ def command(
     sources = [path for path in (capture, empty) if path is not None]
     if empty is None and window is None and not mean.average:
         raise wrong_usage("--empty", "expected --empty, --gate-mm or --average: nothing to do")
-    mean.check(frames, sources)
+    mean.check(frames, sources, "CAPTURE and EMPTY")
     check_outputs([output], force=force, inputs=sources)
     done, inputs, words = mean.read(capture, frames)
     steps = [words] if words else []

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli.console import print_line, print_table, progress_bar
 from clradar.cli.opening import open_written, require_picture
+from clradar.cli.options.average import AverageOptions
 from clradar.cli.options.common import Amplitude, ForceOption, OpenOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.recording import FrameOptions
@@ -110,6 +111,7 @@ def command(
     output: Path = output_option(REQUIRED, "Channels to write (HDF5)."),
     estimate: EstimateOptions,
     plot: Path | None = option(None, "Also draw gains, phases and delays: .png, .pdf or .svg."),
+    mean: AverageOptions,
     frames: FrameOptions,
     force: ForceOption = False,
     show: OpenOption = False,
@@ -124,11 +126,14 @@ def command(
     known = target.read()
     require_picture(show, "--plot", plot)
     check_figure(plot)
+    mean.check(frames, [capture], "CAPTURE")
     check_outputs([output, plot], force=force, inputs=[capture])
-    loaded, files = frames.open(capture)
+    loaded, files, words = mean.read(capture, frames)
+    if words:
+        print_line(f"{capture}: {words}")
     with progress_bar("fitting channels") as progress:
         channels = estimate_channels(loaded, known, progress=progress, **estimate.settings())
-    options = recorded(target, estimate, frames)
+    options = recorded(target, estimate, mean, frames)
     origin = provenance("channels", options, files)
     save(output, channels, origin, force=force)
     print_summary(output, channels)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -80,6 +79,7 @@ class EngineOptions:
                 cluster_text,
                 local_cluster,
                 running_cluster,
+                silence,
             )
             from clradar.dataset.engine.distributed import Distributed
         except ImportError as error:
@@ -87,7 +87,7 @@ class EngineOptions:
                 "--workers, --scheduler and several devices need Dask: "
                 f"pip install 'clradar[dataset]' ({error})"
             ) from error
-        _silence_dask()
+        silence()
         if self.scheduler is not None:
             with running_cluster(self.scheduler) as client:
                 print_line(cluster_text(client))
@@ -162,15 +162,6 @@ def checked_plan(path: Path) -> Plan:
         for line in str(error).splitlines():
             print_error(line)
         raise typer.Exit(1) from None
-
-
-def _silence_dask() -> None:
-    """Silence Dask's own messages: the fate of samples and workers is reported here."""
-    # Dask gives some of its loggers levels of their own, so that the parent's does not count.
-    known = list(logging.root.manager.loggerDict)
-    for name in {"distributed", "tornado.application", "asyncio", *known}:
-        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
-            logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def make(plan: Plan, output: Path, engine: Engine, *, force: bool, retry: bool) -> None:

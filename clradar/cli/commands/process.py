@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 from clradar.cli.comparison import figure_labels
 from clradar.cli.frame_steps import CAPTURES, VOLUMES, FrameSteps
+from clradar.cli.on_workers import Cluster
 from clradar.cli.opening import open_written
 from clradar.cli.options.clutter import EmptyOptions, GateOptions
 from clradar.cli.options.common import DevicesOption, ForceOption, OpenOption, Unit
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
+from clradar.cli.options.hand import ShapeOptions
+from clradar.cli.options.hand_fit import AnyHandOptions, HandFitOptions, sequence_settings
 from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions
 from clradar.cli.options.recording import Variant
+from clradar.cli.options.rig import RigFileOptions
 from clradar.cli.options.sequence import ALL, FRAMES_METAVAR, chosen_frames
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_place_of_folder
@@ -77,14 +82,67 @@ class FrameAlignOptions:
     )
     search_deg: float = option(45.0, "Rotations about boresight that are tried.", metavar="DEG")
 
-    def __post_init__(self) -> None:
-        if self.mesh is None and given(self):
-            raise wrong_usage(next(iter(given(self))), "expected --mesh with it")
+    def check(self, hand: FrameHandOptions) -> None:
+        """Raise unless the options go with a mesh, or with a hand that is searched for."""
+        names = [name for name in given(self) if hand.fit_hand is None or name != "--search-deg"]
+        if self.mesh is None and names:
+            raise wrong_usage(names[0], "expected --mesh with it")
 
     def settings(self) -> dict[str, Any]:
         """Settings of `calibration.align_mesh`."""
         search_deg = checks.positive("--search-deg", self.search_deg)
         return {"correct_bias": self.bias, "search_deg": search_deg}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameHandOptions(AnyHandOptions):
+    """A hand that is fitted to every frame, each from the one before."""
+
+    fit_hand: str | None = option(
+        None,
+        "Fit a hand to every frame, each from the one before; the first from here: as --pose of "
+        "`clradar fit-hand`.",
+        metavar="POSE,...",
+    )
+
+    def fitting(
+        self, shape: ShapeOptions, rigged: RigFileOptions, search_deg: float
+    ) -> HandFitOptions | None:
+        """The options of the fit, if there is one."""
+        if self.fit_hand is None:
+            for name in (*given(self), *given(shape), *given(rigged)):
+                raise wrong_usage(name, "expected --fit-hand with it")
+            return None
+        known = {one.name: getattr(self, one.name) for one in fields(AnyHandOptions)}
+        return HandFitOptions(pose=self.fit_hand, search_deg=search_deg, **known)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkerOptions:
+    """The processes that do the frames."""
+
+    workers: int | None = option(
+        None,
+        'Worker processes (pip install "clradar[dataset]"). [default: one after the other, here]',
+        metavar="N",
+        min=1,
+    )
+    scheduler: str | None = option(
+        None,
+        "The workers of a Dask scheduler, tcp://HOST:PORT, that see the same files; see "
+        "docs/datasets-cluster.md.",
+        metavar="ADDRESS",
+    )
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.scheduler is not None:
+            raise wrong_usage("--scheduler", "expected no --workers with it: it has its own")
+
+    def chosen(self, folder: Path, files: Sequence[Path]) -> int | Cluster | None:
+        """The workers; those of a scheduler have to see the folder and the files."""
+        if self.scheduler is None:
+            return self.workers
+        return Cluster(self.scheduler, folder, files)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,22 +178,20 @@ def command(
     imaging: ImagingOptions,
     depth: DepthMapOptions,
     aligned: FrameAlignOptions,
+    hand: FrameHandOptions,
+    shape: ShapeOptions,
+    rigged: RigFileOptions,
     kept: KeepOptions,
-    workers: int | None = option(
-        None,
-        'Worker processes (pip install "clradar[dataset]"). [default: one after the other, here]',
-        metavar="N",
-        min=1,
-    ),
+    processes: WorkerOptions,
     device: DevicesOption = None,
     force: ForceOption = False,
     show: OpenOption = False,
 ) -> None:
     """Each frame is averaged, freed of the empty room, gated, corrected, imaged, compared and
-    aligned, as far as the options ask for it; all images are on one grid: that of the options, or
-    the one that shows the object of the first frame. DIR gets a table over time, curves, a picture
-    of every frame, an animation and, with SIMULATED, a page with a time line. One frame is in
-    memory at a time. To fit a hand to every frame: `clradar fit-hand --frames`.
+    aligned, and a hand is fitted to it, as far as the options ask for it; all images are on one
+    grid: that of the options, or the one that shows the object of the first frame. DIR gets a table
+    over time, curves, a picture of every frame, an animation and, with SIMULATED, a page with a
+    time line. One frame is in memory at a time.
     """
     from clradar.cli.frame_sources import Frames
     from clradar.cli.recording_work import FIGURE, MOVIE, OWN_NAMES, RecordingWork
@@ -144,7 +200,11 @@ def command(
     others = list(simulated or [])
     window = gate.settings()
     voxels.grid()  # wrong usage is reported before a file is read
+    aligned.check(hand)
+    fitting = hand.fitting(shape, rigged, aligned.search_deg)
     extra = [path for path in (cleaning.empty, cleaning.channels, aligned.mesh) if path is not None]
+    if fitting is not None:
+        extra += [*fitting.files, *rigged.files]
     check_place_of_folder(output, OWN_NAMES, inputs=[recording, *others, *extra])
     there = Frames.open(recording, chosen.variant).numbers
     if there is None:
@@ -154,24 +214,31 @@ def command(
     for path in (*others, *by_frame):
         Frames.open(path).check_frames([group[0] for group in groups], recording)
     options = recorded(
-        chosen, cleaning, gate, voxels, imaging, depth, aligned, kept,
+        chosen, cleaning, gate, voxels, imaging, depth, aligned, hand, shape, rigged, kept,
         recording=recording, simulated=others,
     )  # fmt: skip
     files = [path for path in (*others, *extra) if path.is_file()]
     origin = provenance("process", options, files)
+    workers = processes.chosen(output, [recording, *others, *extra])
+    empty = cleaning.empty and cleaning.empty.absolute()
     steps = partial(
         FrameSteps,
-        source=recording, variant=chosen.variant, folder=output, align_phase=chosen.align_phase,
+        source=recording.absolute(), variant=chosen.variant, folder=output.absolute(),
+        align_phase=chosen.align_phase,
         empty_by_frame=cleaning.empty_by == "frame", scaling=cleaning.scaling, gate=window,
-        channels=cleaning.channels, keep_noisy=cleaning.keep_noisy, imaging=imaging.arguments,
-        dynamic_range_db=depth.dynamic_range_db, simulated=tuple(others), mesh=aligned.mesh,
-        mesh_unit=aligned.unit, align=aligned.settings(), keep=kept.names(), origin=origin,
-        device=None if workers else open_devices(device).first,
+        channels=cleaning.channels and cleaning.channels.absolute(),
+        keep_noisy=cleaning.keep_noisy, imaging=imaging.arguments,
+        dynamic_range_db=depth.dynamic_range_db,
+        simulated=tuple(path.absolute() for path in others),
+        mesh=aligned.mesh and aligned.mesh.absolute(), mesh_unit=aligned.unit,
+        align=aligned.settings(), hand=fitting is not None, keep=kept.names(), origin=origin,
+        device=None if workers is not None else open_devices(device).first,
     )  # fmt: skip
     work = RecordingWork(
         source=recording, folder=output, groups=groups, origin=origin, workers=workers,
         device=device, force=force,
-        prepare=lambda: prepared(steps, cleaning.empty, groups, voxels),
+        hand=None if fitting is None else sequence_settings(fitting, shape, rigged),
+        prepare=lambda: prepared(steps, empty, groups, voxels),
         labels=[recording.name or str(recording), *figure_labels(others, [{} for _ in others])],
     )  # fmt: skip
     records = work.run()

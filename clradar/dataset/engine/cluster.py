@@ -31,6 +31,15 @@ BLAS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 HERE = "127.0.0.1"
 
 
+def silence() -> None:
+    """Silence Dask's own messages: the fate of samples and workers is reported here."""
+    # Dask gives some of its loggers levels of their own, so that the parent's does not count.
+    known = list(logging.root.manager.loggerDict)
+    for name in {"distributed", "tornado.application", "asyncio", *known}:
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
 @contextmanager
 def local_cluster(
     resources: Sequence[WorkerResources],

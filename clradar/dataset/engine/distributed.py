@@ -1,4 +1,4 @@
-"""The engine that makes samples on the workers of a Dask cluster.
+"""The engine that makes samples, or other numbered work, on the workers of a Dask cluster.
 
 Dask schedules the samples, retries failed ones and restarts dead workers. This module limits the
 number of submitted samples and interprets their outcomes.
@@ -17,7 +17,7 @@ from itertools import islice
 from pathlib import Path
 from socket import gethostname
 from time import monotonic, sleep
-from typing import Any
+from typing import Any, Protocol
 
 from distributed import CancelledError, Client, Future, KilledWorker, as_completed
 from distributed.comm import CommClosedError
@@ -26,9 +26,6 @@ from clradar import __version__
 from clradar.dataset.engine.cluster import DEVICE
 from clradar.dataset.engine.part_making import (
     ATTEMPTS,
-    Made,
-    Outcome,
-    PartMaker,
     made_with,
     reason_of,
 )
@@ -49,6 +46,34 @@ LOOK_S = 10.0
 """Interval at which the number of workers is read."""
 
 KILLED = "its worker process died each time"
+
+
+class Maker(Protocol):
+    """Work that can be sent to workers, such as `PartMaker`.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it writes.
+    device : str or None
+        See `clradar.open_device`.
+    files : tuple of str
+        What it reads.
+    """
+
+    @property
+    def folder(self) -> Path: ...
+
+    @property
+    def device(self) -> str | None: ...
+
+    @property
+    def files(self) -> tuple[str, ...]: ...
+
+    def alone(self, sample: int) -> Maker:
+        """The work without what only other samples need."""
+
+    def __call__(self, sample: int) -> Any: ...
 
 
 class SampleError(Exception):
@@ -82,7 +107,7 @@ class Contract:
     token : str
         Its content, which a folder of the same name on another machine lacks.
     files : tuple of str
-        Other files that samples need.
+        Other files and folders that samples need.
     """
 
     made_with: str
@@ -106,7 +131,7 @@ class Contract:
         if not os.access(folder, os.W_OK | os.X_OK):
             return f"may not write into {shown(folder)}"
         for file in self.files:
-            if not os.path.isfile(file):
+            if not os.path.exists(file):
                 return f"cannot see {shown(file)}; share it under this name"
         return None
 
@@ -116,7 +141,7 @@ def _breach(contract: Contract) -> str | None:
     return contract.breach()
 
 
-def make_part(sample: int, make: PartMaker, contract: Contract) -> Made | Refusal:
+def make_part(sample: int, make: Maker, contract: Contract) -> Any:
     """Make a sample: the task that Dask runs.
 
     Raises
@@ -214,7 +239,7 @@ class Distributed:
                 ) from answer
         return answers
 
-    def outcomes(self, samples: Sequence[int], make: PartMaker) -> Iterator[Outcome]:
+    def outcomes(self, samples: Sequence[int], make: Maker) -> Iterator[Any]:
         """Yield the outcome of each sample as soon as it is known.
 
         When a worker dies, Dask blames all samples that it had. So those that it gives up are
@@ -242,10 +267,10 @@ class Distributed:
     def _made(
         self,
         samples: Sequence[int],
-        make: PartMaker,
+        make: Maker,
         contract: Contract,
         window: Callable[[], int],
-    ) -> Iterator[Outcome]:
+    ) -> Iterator[Any]:
         left = iter(samples)
         run = secrets.token_hex(4)
 
@@ -254,7 +279,7 @@ class Distributed:
                 self.client.submit(
                     make_part,
                     sample,
-                    make,
+                    make.alone(sample),
                     contract,
                     key=("sample", run, sample),
                     resources={DEVICE: 1},
@@ -302,7 +327,7 @@ def _is_busy(run: str, dask_worker: Any) -> bool:
     return any(isinstance(key, tuple) and key[:2] == ("sample", run) for key in keys)
 
 
-def _outcome(future: Future) -> Outcome:
+def _outcome(future: Future) -> Any:
     sample = future.key[-1]
     try:
         made = future.result()
@@ -322,16 +347,14 @@ def _outcome(future: Future) -> Outcome:
 
 
 @contextmanager
-def _contract(make: PartMaker, made_with: Mapping[str, Any]) -> Iterator[Contract]:
+def _contract(make: Maker, made_with: Mapping[str, Any]) -> Iterator[Contract]:
     """Yield the conditions on workers, with the token file in the folder meanwhile."""
     token = secrets.token_hex(16)
     # A later run removes it as a temporary file, if this one is killed.
     token_file = make.folder / f".visible.{token}.tmp"
-    names = [name for rig in make.plan.hands.rigs for name in (rig.file, rig.mapping)]
-    files = [str(make.plan.folder / name) for name in names if name is not None]
     write_file(token_file, token.encode("ascii"))
     try:
-        yield Contract(json.dumps(made_with), make.device, token_file, token, tuple(files))
+        yield Contract(json.dumps(made_with), make.device, token_file, token, make.files)
     finally:
         with suppress(OSError):
             token_file.unlink()

@@ -46,6 +46,16 @@ class PartMaker:
     plan: Plan
     device: str | None = None
 
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The files beside the folder that samples need."""
+        names = [name for rig in self.plan.hands.rigs for name in (rig.file, rig.mapping)]
+        return tuple(str(self.plan.folder / name) for name in names if name is not None)
+
+    def alone(self, sample: int) -> PartMaker:
+        """The same: no sample brings anything of its own."""
+        return self
+
     def __call__(self, sample: int) -> Made:
         """Make a sample, and write its part whole or not at all.
 

@@ -37,6 +37,7 @@ from measurement_io import (
     open_channels,
     save_capture,
     save_channels,
+    save_recording,
 )
 
 # Tolerated change of the image of another target.
@@ -736,6 +737,21 @@ def test_commands(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     np.testing.assert_array_equal(corrected.data, want.data)
     assert [item["file"] for item in corrected.meta["inputs"]] == ["corner.h5", "channels.h5"]
     assert run(capsys, "inspect", "channels.h5", "--check")[0] == 0
+
+
+def test_channels_of_a_mean(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The frames of a recording that agree; a moved target is left out, with a warning."""
+    capture = open_capture("plate.h5")
+    moved = replace(capture, data=-capture.data)
+    save_recording("plates", [capture, moved, capture])
+    mean = ("channels", "plates", *PLATE[2:], "--average")
+    status, out, err = run(capsys, *mean, "-o", "mean.h5")
+    assert status == 0, err
+    assert "1 of 3 frames left out" in err
+    assert "plates: mean of 2 frames" in out
+    assert run(capsys, *PLATE, "-o", "one.h5")[0] == 0
+    gains = [open_channels(name).response.rx_gain for name in ("mean.h5", "one.h5")]
+    np.testing.assert_array_equal(*gains)
 
 
 def test_the_command_shows_progress_once(
