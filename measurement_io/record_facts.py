@@ -20,6 +20,7 @@ from clradar.model import (
     VoxelGrid,
     Waveform,
 )
+from clradar.model.length_unit import unit_for
 from clradar.model.range_profile import MIN_STEPS, echo_profile
 from clradar.model.resolution import lateral_resolution_m
 
@@ -271,21 +272,22 @@ def volume_facts(volume: Volume) -> list[Fact]:
     """Describe a volume."""
     grid = volume.grid
     axes = (grid.x_m, grid.y_m, grid.z_m)
+    unit = unit_for(*(float(axis[i]) for axis in axes for i in (0, -1)))
     facts = []
     for name, values, step in zip("xyz", axes, grid.spacing_m, strict=True):
         first, last = float(values[0]), float(values[-1])
         facts.append(
             Fact(
                 f"{name} axis",
-                f"{len(values)} voxels from {first * 1e3:.6g} to {last * 1e3:.6g} mm, "
-                f"every {step * 1e3:.6g} mm",
+                f"{len(values)} voxels from {first * unit.per_m:.6g} to {last * unit.per_m:.6g} "
+                f"{unit.name}, every {step * unit.per_m:.6g} {unit.name}",
                 {"count": len(values), "first_m": first, "last_m": last, "spacing_m": float(step)},
             )
         )
     amplitude = np.abs(volume.data)
     at = np.unravel_index(int(amplitude.argmax()), amplitude.shape)[::-1]
     peak_m = [float(axis[i]) for axis, i in zip(axes, at, strict=True)]
-    peak = ", ".join(f"{n} {p * 1e3:.6g}" for n, p in zip("xyz", peak_m, strict=True))
+    peak = ", ".join(f"{n} {p * unit.per_m:.6g}" for n, p in zip("xyz", peak_m, strict=True))
     return [
         *facts,
         Fact(
@@ -294,7 +296,7 @@ def volume_facts(volume: Volume) -> list[Fact]:
             {"shape": list(volume.data.shape), "type": "complex64", "axes": ["z", "y", "x"]},
         ),
         _amplitude_fact(amplitude),
-        Fact("strongest voxel", f"{peak} mm", {"position_m": peak_m}),
+        Fact("strongest voxel", f"{peak} {unit.name}", {"position_m": peak_m}),
         *_scale_facts(volume),
         *_meta_facts(dict(volume.meta)),
     ]

@@ -26,6 +26,7 @@ from clradar.plot import (
     disagreement_figure,
     image_figure,
     panels_figure,
+    plane_of,
     save_figure,
 )
 
@@ -402,7 +403,7 @@ WIDE, DEEP = (-100, 100), (240, 360)
         ((WIDE, (30, 30), DEEP), ["x (mm)", "z (mm)"], (20, 300), "Amplitude at y = 30 mm"),
         ((WIDE, (26, 34), DEEP), ["x (mm)", "z (mm)"], (20, 300), "Amplitude, maximum over y"),
         (((20, 20), WIDE, DEEP), ["z (mm)", "y (mm)"], (300, 30), "Amplitude at x = 20 mm"),
-        ((WIDE, WIDE, (300, 300)), ["x (mm)", "y (mm)"], (20, 30), "Amplitude, maximum over depth"),
+        ((WIDE, WIDE, (300, 300)), ["x (mm)", "y (mm)"], (20, 30), "Amplitude at z = 300 mm"),
         ((WIDE, WIDE, DEEP), ["x (mm)", "y (mm)"], (20, 30), "Amplitude, maximum over depth"),
         ((WIDE, (14, 46), DEEP), ["x (mm)", "y (mm)"], (20, 30), "Amplitude, maximum over depth"),
     ],
@@ -506,6 +507,31 @@ def test_levels_as_radar_cross_sections(shape: str) -> None:
         image_figure(plain, dbsm=True)
     with pytest.raises(CompareError, match="expected a Volume"):
         image_figure(blob().depth_map(), dbsm=True)
+
+
+def test_all_three_views_are_below_one_maximum_in_one_unit() -> None:
+    volume = blob()
+    far = Volume(volume.data, VoxelGrid([-0.1, -0.1, 0.96], [4e-3] * 3, volume.grid.counts))
+    for image, unit in ((volume, "mm"), (far, "m")):
+        *panels, _ = image_figure(image, view="all").axes
+        names = [(panel.get_xlabel(), panel.get_ylabel()) for panel in panels]
+        assert names == [(f"{a} ({unit})", f"{b} ({unit})") for a, b in ("xy", "xz", "zy")]
+        assert [drawn(panel).max() for panel in panels] == [0.0] * 3
+        assert [drawn(panel).shape for panel in panels] == [(51, 51), (21, 51), (51, 21)]
+
+
+def test_planes_are_the_nearest_voxels_or_those_of_the_maximum() -> None:
+    volume = blob()
+    for axis, place_m, index in (("x", 0.0201, 30), ("y", None, 32), ("z", 0.2999, 10)):
+        plane = plane_of(volume, axis, place_m)
+        number = "zyx".index(axis)
+        assert np.array_equal(plane.data, volume.data.take([index], number))
+        assert getattr(plane.grid, f"{axis}_m").tolist() == [
+            getattr(volume.grid, f"{axis}_m")[index]
+        ]
+        assert len(image_figure(plane).axes) == 2
+    with pytest.raises(CompareError, match="expected z from 260 to 340 mm, got 350"):
+        plane_of(volume, "z", 0.35)
 
 
 def test_what_has_no_picture_or_no_such_view_is_refused() -> None:

@@ -133,6 +133,14 @@ def resolution_m(capture: Captures, at_m: np.ndarray) -> np.ndarray:
     return np.minimum(np.array([*across, cell_m]), range_m)
 
 
+def flat_axes(capture: Capture) -> np.ndarray:
+    """The axes without aperture, shape (3,), bool: there is no telling where an echo is on them.
+
+    It is looked for in the plane of the antennas.
+    """
+    return np.array([*(np.isinf(lateral_resolution_m(capture, a, 1.0)) for a in (0, 1)), False])
+
+
 def locate(capture: Capture, path_m: float, device: Device) -> Echo:
     """Locate the echo of a path length in the mean range profile, or of its aliases up to 1.2 m."""
     period_m = 2 * capture.waveform.unambiguous_range_m
@@ -150,13 +158,13 @@ def _located(capture: Capture, range_m: float, device: Device) -> Echo:
     # Off boresight the shell of one range is tilted against the planes of the image.
     slope = np.linalg.norm(forward_m[:2]) / forward_m[2]
     deep_m = 2 * cell_m + min(slope * float(aside_m.max()), range_m / 2)
-    half_m = np.array([*aside_m, deep_m])
+    half_m = np.where(flat_axes(capture), 0.0, [*aside_m, deep_m])
     nearest_m = antennas[:, 2].max() + 1e-3
     for _ in range(MOVES + 1):
         low_m, high_m = centre_m - half_m, centre_m + half_m
         low_m[2] = max(low_m[2], min(nearest_m, centre_m[2]))
         found = coarse_image(capture, low_m, high_m, device).brightest()
-        inner = np.abs(found.position_m - centre_m) < 0.9 * half_m
+        inner = np.abs(found.position_m - centre_m) <= 0.9 * half_m
         if inner.all():
             break
         centre_m = found.position_m
@@ -177,7 +185,10 @@ def _direction(capture: Capture, range_m: float) -> tuple[np.ndarray, float]:
     count = min(int(VIEW_SINE / half_step), MOST_DIRECTIONS // 2)
     step = VIEW_SINE / max(count, 1)
     sines = step * np.arange(-count, count + 1)
-    sx, sy = (s.ravel() for s in np.meshgrid(sines, sines))
+    sx, sy = (
+        s.ravel()
+        for s in np.meshgrid(*(np.zeros(1) if flat else sines for flat in flat_axes(part)[:2]))
+    )
     seen = sx**2 + sy**2 <= VIEW_SINE**2 + 1e-9
     sx, sy = sx[seen], sy[seen]
     unit = np.stack([sx, sy, np.sqrt(1 - sx**2 - sy**2)], axis=1)

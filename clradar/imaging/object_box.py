@@ -6,9 +6,8 @@ import numpy as np
 
 from clradar.arrays.point_spread import response
 from clradar.constants import PLAUSIBLE_RANGE_M
-from clradar.imaging.echo_location import CoarseImage, Echo, coarse_image, resolution_m
+from clradar.imaging.echo_location import CoarseImage, Echo, coarse_image, flat_axes, resolution_m
 from clradar.model import Capture, VoxelGrid
-from clradar.model.resolution import lateral_resolution_m
 from clradar.opencl import Device
 
 PAPER_GRID = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
@@ -54,12 +53,7 @@ GROWTHS = 6
 
 def box_around(capture: Capture, echo: Echo, device: Device) -> VoxelGrid:
     """The grid around an object whose strongest echo is given."""
-    at_m = echo.position_m.copy()
-    middle_m = np.concatenate([capture.array.tx_m, capture.array.rx_m]).mean(axis=0)
-    flat = _flat(capture)
-    away_m = np.where(flat, at_m - middle_m, 0.0)
-    at_m = np.where(flat, middle_m, at_m)
-    at_m[2] = np.hypot(at_m[2] - middle_m[2], np.linalg.norm(away_m)) + middle_m[2]
+    at_m, flat = echo.position_m, flat_axes(capture)
     cells_m = resolution_m(capture, at_m)
     margin_m = np.where(flat, 0.0, MARGIN_RESOLUTIONS * cells_m)
     paper_m = PAPER_GRID.spacing_m * (np.array(PAPER_GRID.counts) - 1) / 2
@@ -81,11 +75,6 @@ def box_around(capture: Capture, echo: Echo, device: Device) -> VoxelGrid:
     farthest_m = PLAUSIBLE_RANGE_M[1]
     low_m, high_m = (np.clip(end, -farthest_m, farthest_m) for end in (low_m, high_m))
     return rounded(capture, low_m, high_m, cells_m)
-
-
-def _flat(capture: Capture) -> np.ndarray:
-    """The axes without aperture, shape (3,), along which nothing is resolved."""
-    return np.array([*(np.isinf(lateral_resolution_m(capture, a, 1.0)) for a in (0, 1)), False])
 
 
 def _half_of_others(
@@ -148,7 +137,7 @@ def rounded(
     """The grid of a box with round spacings, as fine as the number of voxels allows."""
     step_m = np.array([round_step(r / VOXELS_PER_RESOLUTION) for r in resolution])
     while (grid := spanned(capture, low_m, high_m, step_m)) is None:
-        finest = int(np.argmin(np.where(_flat(capture), np.inf, step_m / resolution)))
+        finest = int(np.argmin(np.where(flat_axes(capture), np.inf, step_m / resolution)))
         step_m[finest] = round_step(2.5 * step_m[finest])
     return grid
 
@@ -157,7 +146,7 @@ def spanned(
     capture: Capture, low_m: np.ndarray, high_m: np.ndarray, step_m: np.ndarray
 ) -> VoxelGrid | None:
     """The grid of a box, whose ends are multiples of 10 mm or more; None if it is too large."""
-    flat = _flat(capture)
+    flat = flat_axes(capture)
     end_m = np.maximum(step_m, END_M)
     first = np.round(np.floor(low_m / end_m + END_SHARE) * end_m / step_m)
     last = np.round(np.ceil(high_m / end_m - END_SHARE) * end_m / step_m)

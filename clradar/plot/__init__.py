@@ -12,6 +12,7 @@ from clradar.plot.layout import printable
 from clradar.plot.panels import AMPLITUDE_BACKGROUND, DEPTH_BACKGROUND, depth_limits_mm
 from clradar.plot.saving import SUFFIXES, png_bytes, save_figure
 from clradar.plot.spread import spread_figure
+from clradar.plot.views import plane_of
 
 __all__ = [
     "AMPLITUDE_BACKGROUND",
@@ -24,6 +25,7 @@ __all__ = [
     "disagreement_figure",
     "image_figure",
     "panels_figure",
+    "plane_of",
     "png_bytes",
     "printable",
     "recording_figure",

@@ -9,6 +9,7 @@ import numpy as np
 from clradar.arrays.figures_of_merit import ArrayFigures
 from clradar.arrays.point_spread import Clusters, clusters_of, response
 from clradar.model import Waveform
+from clradar.model.length_unit import METRES, LengthUnit, unit_for
 from clradar.plot.layout import LABEL_PT, TICK_PT, TITLE_PT, new_figure, printable
 
 if TYPE_CHECKING:
@@ -68,37 +69,47 @@ def array_figure(
 
 
 def _elements(axes: Axes, array: Clusters) -> None:
-    own = clusters_of(array)
+    own, unit = clusters_of(array), _unit(array)
     for sides_m, colour, marker, name in (
         ([one.tx_m for one in own], TX_COLOUR, "s", "Tx"),
         ([one.rx_m for one in own], RX_COLOUR, "o", "Rx"),
     ):
-        x, y = 1e3 * np.concatenate(sides_m)[:, :2].T
+        x, y = unit.per_m * np.concatenate(sides_m)[:, :2].T
         label = f"{len(sides_m[0])} {name}" + (f", {len(own)} times" if len(own) > 1 else "")
         axes.plot(x, y, marker, color=colour, markersize=3, fillstyle="none", label=label)
     if 1 < len(own) <= MOST_NUMBERS:
         for i, one in enumerate(own, start=1):
-            middle = 1e3 * np.concatenate([one.tx_m, one.rx_m])[:, :2].mean(axis=0)
+            middle = unit.per_m * np.concatenate([one.tx_m, one.rx_m])[:, :2].mean(axis=0)
             axes.text(middle[0], middle[1], str(i), fontsize=TICK_PT, ha="center", va="center")
     axes.set_title("elements" if len(own) == 1 else "elements, and the numbers of clusters")
     axes.legend(fontsize=TICK_PT)
-    _equal_mm(axes)
+    _equal(axes, unit)
 
 
 def _virtual(axes: Axes, array: Clusters) -> None:
     """The middle of every pair: where a single antenna would see nearly the same phase far away."""
-    sides = [[1e3 * side.antennas_m[:, :2] / 2 for side in one.sides] for one in clusters_of(array)]
+    unit = _unit(array)
+    sides = [
+        [unit.per_m * side.antennas_m[:, :2] / 2 for side in one.sides]
+        for one in clusters_of(array)
+    ]
     middles = np.concatenate([(tx[:, None] + rx[None]).reshape(-1, 2) for tx, rx in sides])
-    places = np.unique(middles.round(4), axis=0)
+    places = unit.per_m * np.unique(middles.round(7), axis=0)
     axes.plot(places[:, 0], places[:, 1], ".", color=PAIR_COLOUR, markersize=1.5)
     axes.set_title(f"virtual aperture: {len(middles)} pairs at {len(places)} places")
-    _equal_mm(axes)
+    _equal(axes, unit)
 
 
-def _equal_mm(axes: Axes) -> None:
+def _unit(array: Clusters) -> LengthUnit:
+    sides = [side for one in clusters_of(array) for side in one.sides]
+    places_m = np.concatenate([side.antennas_m for side in sides])
+    return unit_for(*np.ravel(places_m[:, :2]))
+
+
+def _equal(axes: Axes, unit: LengthUnit) -> None:
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x (mm)")
-    axes.set_ylabel("y (mm)")
+    axes.set_xlabel(f"x ({unit.name})")
+    axes.set_ylabel(f"y ({unit.name})")
     axes.invert_xaxis()
 
 
@@ -134,18 +145,23 @@ def _directions(axes: Axes, found: ArrayFigures) -> None:
 def _cuts(axes: Axes, array: Clusters, waveform: Waveform, found: ArrayFigures) -> None:
     frequencies_hz = waveform.frequencies_hz
     finite = [width for width in found.resolution_m if np.isfinite(width)]
-    for axis, name in enumerate("xyz"):
+    widest_m = max(finite, default=0.01)
+    reaches_m = [
+        min(CUT_RESOLUTIONS * min(width_m, widest_m), 0.95 * float(found.focus_m[2]))
+        for width_m in found.resolution_m
+    ]
+    unit = unit_for(*reaches_m)
+    for axis, (name, reach_m) in enumerate(zip("xyz", reaches_m, strict=True)):
         width_m = found.resolution_m[axis]
-        reach_m = CUT_RESOLUTIONS * (width_m if np.isfinite(width_m) else max(finite, default=0.01))
-        reach_m = min(reach_m, 0.95 * float(found.focus_m[2]))
         offsets_m = np.linspace(-reach_m, reach_m, 601)
         points_m = found.focus_m + offsets_m[:, None] * np.eye(3)[axis]
         level = response(array, frequencies_hz, found.focus_m, points_m)
-        label = f"{name}: {1e3 * width_m:.1f} mm" if np.isfinite(width_m) else f"{name}: none"
+        width = f"{unit.per_m * width_m:.{3 if unit is METRES else 1}f} {unit.name}"
+        label = f"{name}: {width if np.isfinite(width_m) else 'none'}"
         level_db = 20 * np.log10(np.maximum(level, 10 ** (-LEVELS_DB / 20)))
-        axes.plot(1e3 * offsets_m, level_db, linewidth=0.9, label=label)
+        axes.plot(unit.per_m * offsets_m, level_db, linewidth=0.9, label=label)
     axes.axhline(-3, color="#999999", linewidth=0.6, linestyle=":")
-    axes.set_xlabel("distance from the focus (mm)")
+    axes.set_xlabel(f"distance from the focus ({unit.name})")
     axes.set_ylabel("dB")
     axes.set_title("response of the whole band; widths at -3 dB")
     axes.legend(fontsize=TICK_PT)

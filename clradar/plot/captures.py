@@ -9,6 +9,7 @@ import numpy as np
 
 from clradar.errors import CompareError
 from clradar.model import Capture, checks
+from clradar.model.length_unit import unit_for
 from clradar.model.progress import Progress
 from clradar.model.range_profile import (
     PROFILE_PAIRS,
@@ -68,11 +69,15 @@ def capture_figure(capture: Capture, title: str | None = None) -> Figure:
     panels = figure.subplots(1, 2 if ranged else 1, squeeze=False)[0]
     if ranged:
         profile = range_profile(capture)
-        panels[0].plot(500 * profile.path_m, _level_db(profile.power), linewidth=0.9)
-        panels[0].set_xlim(0, 500 * profile.path_m[-1])
+        unit = unit_for(profile.path_m[-1] / 2)
+        ranges = unit.per_m * profile.path_m / 2
+        panels[0].plot(ranges, _level_db(profile.power), linewidth=0.9)
+        panels[0].set_xlim(0, ranges[-1])
         panels[0].set_ylim(-SHOWN_DB, 2)
         panels[0].grid(linewidth=0.3)
-        _label(panels[0], "Echoes, mean of all pairs", "half path length (mm)", "power (dB)")
+        _label(
+            panels[0], "Echoes, mean of all pairs", f"half path length ({unit.name})", "power (dB)"
+        )
     power = np.asarray(np.mean(np.abs(capture.data) ** 2, axis=2, dtype=np.float64))
     drawn = panels[-1].imshow(
         _level_db(power), origin="lower", aspect="auto", vmin=-PAIRS_DB, vmax=0, cmap="viridis"
@@ -128,12 +133,13 @@ def recording_figure(
     panels = figure.subplots(1, 2 if profiles else 1, squeeze=False)[0]
     if profiles:
         power = np.array([profile.power for profile in profiles])
-        places_mm = 500 * profiles[0].path_m
+        unit = unit_for(profiles[0].path_m[-1] / 2)
+        places = unit.per_m * profiles[0].path_m / 2
         drawn = panels[0].pcolormesh(
-            frames, places_mm, _level_db(power).T, vmin=-SHOWN_DB, vmax=0, cmap="viridis",
+            frames, places, _level_db(power).T, vmin=-SHOWN_DB, vmax=0, cmap="viridis",
             shading="nearest", rasterized=True,
         )  # fmt: skip
-        _label(panels[0], "Echoes of every frame", "frame", "half path length (mm)")
+        _label(panels[0], "Echoes of every frame", "frame", f"half path length ({unit.name})")
         _bar(figure, drawn, panels[0])
     panels[-1].plot(frames, _level_db(np.array(levels)), ".-", linewidth=0.9, markersize=4)
     panels[-1].grid(linewidth=0.3)

@@ -30,7 +30,6 @@ from clradar.plot.layout import (
     panel_size,
     text_height,
     typeset,
-    unit_for,
     wrapped,
 )
 from clradar.plot.lines import line_figure
@@ -43,6 +42,7 @@ from clradar.plot.panels import (
     draw_frame,
     peak_dbsm,
 )
+from clradar.plot.three_views import three_views_figure
 from clradar.plot.views import FRONT, projected, rcs_image, view_of
 
 if TYPE_CHECKING:
@@ -66,9 +66,10 @@ def image_figure(
         Plain text above both panels.
     dynamic_range_db : float, decibel
         Pixels further below the maximum are background.
-    view : "xy", "xz" or "yz", optional
+    view : "xy", "xz", "yz" or "all", optional
         The axes of the figure; the volume is projected along the third. Default: along the axis
-        that is thin, an eighth of either other extent at most; else "xy", the radar's view.
+        that is thin, an eighth of either other extent at most; else "xy", the radar's view. "all":
+        amplitude from all three sides.
     dbsm : bool
         Draw the radar cross section that a voxel reads (`Volume.rcs_dbsm`), in place of the level
         relative to the maximum.
@@ -77,8 +78,9 @@ def image_figure(
     -------
     matplotlib.figure.Figure
         Axes in this order: amplitude, depth, colour bar of the amplitude, colour bar of the depth.
-        A single slice that is not seen along z has no depth: amplitude and its colour bar. A volume
-        of a single line has one curve of amplitude over position, whatever the view.
+        A single slice has no depth: amplitude and its colour bar; all views have three amplitudes
+        and their colour bar. A volume of a single line has one curve of amplitude over position,
+        whatever the view.
 
     Raises
     ------
@@ -90,23 +92,27 @@ def image_figure(
     """
     if dbsm:
         image = rcs_image(image)
+    flat = isinstance(image, Volume) and min(image.grid.counts) == 1
+    if view == "all" and not flat:
+        return three_views_figure(image, title, dynamic_range_db, dbsm=dbsm)
+    view = None if view == "all" else view
     seen = view_of(image, view)
     shown = projected(image, seen, dynamic_range_db, "image")
     if isinstance(image, Volume) and sum(count > 1 for count in image.grid.counts) < 2:
         return line_figure(image, title, dynamic_range_db, dbsm=dbsm)
     top_db = peak_dbsm(shown) if dbsm else None
     slice_m = None
-    if isinstance(image, Volume) and seen is not FRONT:
+    if isinstance(image, Volume):
         axis_m = getattr(image.grid, f"{seen.along}_m")
         slice_m = float(axis_m[0]) if len(axis_m) == 1 else None
     level = "Radar cross section" if dbsm else "Amplitude"
     panels = [f"{level}, maximum over depth", "Depth"]
+    extent = Extent.around([shown])
     if slice_m is not None:
-        unit = unit_for(slice_m)
-        panels = [f"{level} at {seen.along} = {typeset(f'{unit.per_m * slice_m:g}')} {unit.name}"]
+        place = typeset(f"{extent.unit.per_m * slice_m:g}")
+        panels = [f"{level} at {seen.along} = {place} {extent.unit.name}"]
     elif seen is not FRONT:
         panels = [f"{level}, maximum over {seen.along}", f"{seen.along} of the maximum"]
-    extent = Extent.around([shown])
     panel_w, panel_h = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
     bar = BAR_GAP + BAR_WIDTH + BAR_LABELS
     width = len(panels) * (LEFT + panel_w + bar)

@@ -12,6 +12,7 @@ import numpy as np
 
 from clradar.compare import Disagreement
 from clradar.model import DepthMap
+from clradar.model.length_unit import LengthUnit, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,26 +39,6 @@ TICK_DISTANCE = 0.32
 
 
 @dataclass(frozen=True, slots=True)
-class LengthUnit:
-    """The unit that lengths are drawn and labelled in."""
-
-    name: str
-    per_m: float
-
-
-MILLIMETRES, METRES = LengthUnit("mm", 1e3), LengthUnit("m", 1.0)
-
-METRES_FROM_M = 1.0
-"""Lengths from here on are labelled in metres: millimetres would have four digits and more, and
-neighbouring labels run together."""
-
-
-def unit_for(*lengths_m: float) -> LengthUnit:
-    """The unit in which these lengths are labelled together."""
-    return METRES if max(map(abs, lengths_m)) >= METRES_FROM_M else MILLIMETRES
-
-
-@dataclass(frozen=True, slots=True)
 class Extent:
     """The region that all panels of a figure show, in the unit that it is labelled in."""
 
@@ -66,9 +47,11 @@ class Extent:
     unit: LengthUnit
 
     @classmethod
-    def around(cls, images: Sequence[DepthMap | Disagreement]) -> Extent:
+    def around(
+        cls, images: Sequence[DepthMap | Disagreement], unit: LengthUnit | None = None
+    ) -> Extent:
         centres_m = [float(axis[i]) for m in images for axis in (m.x_m, m.y_m) for i in (0, -1)]
-        unit = unit_for(*centres_m)
+        unit = unit or unit_for(*centres_m)
         x, y = zip(*(pixel_edges(image, unit) for image in images), strict=True)
         return cls(
             (min(float(e[0]) for e in x), max(float(e[-1]) for e in x)),

@@ -9,6 +9,7 @@ import numpy as np
 
 from clradar.errors import CompareError
 from clradar.model import Volume
+from clradar.model.length_unit import unit_for
 from clradar.plot.layout import (
     BOTTOM,
     LABEL_PT,
@@ -22,7 +23,6 @@ from clradar.plot.layout import (
     new_figure,
     text_height,
     typeset,
-    unit_for,
     wrapped,
 )
 

@@ -10,17 +10,16 @@ import numpy as np
 
 from clradar.compare import Disagreement, clipped_db
 from clradar.model import DepthMap
+from clradar.model.length_unit import LengthUnit, unit_for
 from clradar.plot.layout import (
     LABEL_PT,
     TICK_DISTANCE,
     TICK_PT,
     Extent,
-    LengthUnit,
     axis_ticks,
     pixel_edges,
     round_ticks,
     typeset,
-    unit_for,
 )
 from clradar.plot.views import FRONT, View
 

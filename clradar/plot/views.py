@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from clradar.compare import depth_map_of
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, VoxelGrid, checks
+from clradar.model.length_unit import unit_for
 
 THIN = 1 / 8
 """An axis is thin where its extent is at most this share of either other axis' extent. Along the
@@ -50,6 +51,49 @@ def thin_view(grid: VoxelGrid) -> str:
         if extents[axis] <= THIN * min(extents[other] for other in others):
             return name
     return "xy"
+
+
+def plane_of(volume: Volume, axis: str, at_m: float | None = None) -> Volume:
+    """Return the plane of voxels across an axis that is nearest to a place.
+
+    Parameters
+    ----------
+    volume : Volume
+    axis : "x", "y" or "z"
+    at_m : float, metres, optional
+        Default: through the strongest voxel.
+
+    Returns
+    -------
+    Volume
+        With one voxel along the axis.
+
+    Raises
+    ------
+    ModelError
+        Another axis.
+    CompareError
+        The place is more than half a voxel outside of the volume.
+    """
+    checks.one_of("plane_of: axis", axis, ("x", "y", "z"))
+    grid, number = volume.grid, "xyz".index(axis)
+    places_m, step_m = getattr(grid, f"{axis}_m"), grid.spacing_m[number]
+    if at_m is None:
+        strongest = int(np.abs(volume.data).argmax())
+        index = int(np.unravel_index(strongest, volume.data.shape)[2 - number])
+    else:
+        index = round((at_m - places_m[0]) / step_m)
+        if not 0 <= index < len(places_m):
+            unit = unit_for(at_m, *places_m[[0, -1]])
+            first, last, at = (unit.per_m * v for v in (places_m[0], places_m[-1], at_m))
+            raise CompareError(
+                f"slice: expected {axis} from {first:g} to {last:g} {unit.name}, got {at:g}"
+            )
+    origin_m, counts = grid.origin_m.copy(), list(grid.counts)
+    origin_m[number], counts[number] = places_m[index], 1
+    data = np.take(volume.data, [index], axis=2 - number)
+    plane = VoxelGrid(origin_m, grid.spacing_m, (counts[0], counts[1], counts[2]))
+    return replace(volume, data=data, grid=plane)
 
 
 def rcs_image(image: Volume | DepthMap) -> Volume:

@@ -186,7 +186,7 @@ def image_report(
         As in `html_report`.
     dynamic_range_db : float, decibel
         Pixels further below the maximum are background.
-    view : "xy", "xz" or "yz", optional
+    view : "xy", "xz", "yz" or "all", optional
         Axes of the figure, as in `clradar.plot.image_figure`.
     dbsm : bool
         Levels as radar cross sections, as in `clradar.plot.image_figure`.
@@ -220,7 +220,7 @@ def image_report(
     content = rcs_image(image.image) if dbsm else image.image
     shown = depth_map_of(content, dynamic_range_db, f"image '{image.label}'")
     figure = image_figure(image.image, dynamic_range_db=dynamic_range_db, view=view, dbsm=dbsm)
-    front = len(figure.axes) == 4 and view_of(image.image, view) is FRONT
+    front = view != "all" and len(figure.axes) == 4 and view_of(image.image, view) is FRONT
     facts = settings_table(image_facts(content, shown, image.source, dbsm=dbsm))
     return _page(
         image.label if title is None else title,

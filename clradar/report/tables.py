@@ -11,6 +11,7 @@ import numpy as np
 
 from clradar.compare import HIGHER_IS_BETTER, UNDEFINED, Metrics
 from clradar.model import DepthMap, Volume
+from clradar.model.length_unit import METRES, unit_for
 from clradar.report.text import escaped, shortened
 
 MAX_ROWS = 200
@@ -166,27 +167,30 @@ def image_facts(
     axes = [("x", shown.x_m), ("y", shown.y_m)]
     if isinstance(image, Volume):
         axes.append(("z", image.grid.z_m))
+    unit = unit_for(*(float(axis_m[i]) for _, axis_m in axes for i in (0, -1)))
+    digits = 4 if unit is METRES else 1
     for name, axis_m in axes:
-        ends = f"{1e3 * axis_m[0]:.6g} to {1e3 * axis_m[-1]:.6g} mm in {len(axis_m)}"
-        step = f", every {1e3 * np.diff(axis_m).mean():.4g} mm" if len(axis_m) > 1 else ""
-        facts[name] = ends + step
-    depths_mm = 1e3 * shown.depth_m[shown.mask]
+        first, last = unit.per_m * axis_m[[0, -1]]
+        ends = f"{first:.6g} to {last:.6g} {unit.name} in {len(axis_m)}"
+        step = unit.per_m * np.diff(axis_m).mean() if len(axis_m) > 1 else None
+        facts[name] = ends + (f", every {step:.4g} {unit.name}" if step is not None else "")
+    depths = unit.per_m * shown.depth_m[shown.mask]
     facts["depth points"] = (
-        f"{len(depths_mm)} within {shown.dynamic_range_db:g} dB of the maximum, "
-        f"{depths_mm.min():.1f} to {depths_mm.max():.1f} mm deep"
+        f"{len(depths)} within {shown.dynamic_range_db:g} dB of the maximum, "
+        f"{depths.min():.{digits}f} to {depths.max():.{digits}f} {unit.name} deep"
     )
     row, column = divmod(int(np.argmax(shown.amplitude)), len(shown.x_m))
     place_m = {"x": shown.x_m[column], "y": shown.y_m[row], "z": shown.depth_m[row, column]}
     where = ", ".join(
-        f"{name} = {np.round(1e3 * value, 1) + 0.0:.1f}"  # no minus sign before 0
+        f"{name} = {np.round(unit.per_m * value, digits) + 0.0:.{digits}f}"  # no minus before 0
         for name, value in place_m.items()
         if np.isfinite(value)
     )
     if dbsm:
         top_dbsm = 20 * math.log10(shown.amplitude.max())
-        facts["highest radar cross section"] = f"{top_dbsm:.1f} dBsm, at {where} mm"
+        facts["highest radar cross section"] = f"{top_dbsm:.1f} dBsm, at {where} {unit.name}"
     else:
-        facts["maximum of the amplitude"] = f"{shown.amplitude.max():.4g}, at {where} mm"
+        facts["maximum of the amplitude"] = f"{shown.amplitude.max():.4g}, at {where} {unit.name}"
     return facts
 
 

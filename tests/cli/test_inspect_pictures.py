@@ -44,6 +44,16 @@ def test_files_are_drawn_without_a_device(
         assert same[0] == same[1]
 
 
+def test_slices_and_views_of_a_volume_are_drawn(run: Run, made: Path, tmp_path: Path) -> None:
+    for i, options in enumerate((["--view", "all"], ["--slice", "y=0"], ["--slice", "x"])):
+        outcome = run("inspect", made / "volume.h5", "--png", tmp_path / f"{i}.png", *options)
+        assert outcome.status == 0, outcome.err
+    for name, options in (("volume.h5", ["--slice", "q"]), ("sim.h5", ["--view", "xz"])):
+        outcome = run("inspect", made / name, "--png", tmp_path / "no.png", *options)
+        assert outcome.status == 2
+        assert options[0] in outcome.err
+
+
 def test_a_capture_shows_its_target_and_its_dead_channel() -> None:
     curve, pairs, _ = capture_figure(echo(0.4)).axes
     (line,) = curve.lines

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,10 +24,14 @@ from clradar.cli.options.common import DevicesOption, ForceOption, OpenOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.imaging import (
     MODEL_METHODS,
+    SLICE_HELP,
+    VIEW_HELP,
     DepthMapOptions,
     GridOptions,
     ModelImagingOptions,
+    ViewName,
     grid_text,
+    plane,
 )
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.seeds import SeedOptions
@@ -62,15 +66,18 @@ class ImageFiles:
     report: Path | None = option(
         None, "Page to write: figure, 3-D view, facts and settings in one .html file."
     )
-    view: Literal["xy", "xz", "yz"] | None = option(
-        None, "Axes of the figure. [default: xy, or across the axis that is thin]"
-    )
+    view: ViewName | None = option(None, VIEW_HELP)
+    slice: str | None = option(None, SLICE_HELP, metavar="AXIS[=MM]")
     dbsm: bool = option(
         False, "Draw radar cross sections in dBsm, of samples that are S-parameters."
     )
 
     def check(self, *, force: bool, inputs: list[Path]) -> None:
         """Raise unless all of them may be written, and there is one."""
+        if self.slice is not None:
+            plane(self.slice)
+            if self.png is None:
+                raise wrong_usage("--slice", "expected with --png, which it is for")
         files = [self.output, self.png, self.report]
         if not any(files):
             raise wrong_usage("-o", "expected a volume to write, or --png, or --report; got none")
@@ -104,7 +111,7 @@ class ImageFiles:
     ) -> bool:
         """Write figure and page, as far as they were asked for; False where nothing is to see."""
         from clradar import DepthMap
-        from clradar.plot import image_figure, save_figure
+        from clradar.plot import image_figure, plane_of, save_figure
         from clradar.report import ReportImage, image_report
 
         reason = _nothing_to_draw(volume)
@@ -115,9 +122,14 @@ class ImageFiles:
             return False
         shown: dict[str, Any] = {"dynamic_range_db": range_db, "view": self.view, "dbsm": self.dbsm}
         if self.png is not None:
+            drawn = volume
+            if self.slice is not None:
+                if isinstance(volume, DepthMap):
+                    raise wrong_usage("--slice", "of an image in one piece, or of its volume (-o)")
+                drawn = plane_of(volume, *plane(self.slice))
             with progress_bar("drawing"):
-                save_figure(image_figure(volume, title, **shown), self.png, force=force)
-            print_line(f"{self.png}: amplitude and depth, {range_db:g} dB")
+                save_figure(image_figure(drawn, title, **shown), self.png, force=force)
+            print_line(f"{self.png}: the picture, {range_db:g} dB")
         if self.report is not None:
             with progress_bar("writing the page"):
                 assert not isinstance(volume, DepthMap)

@@ -12,6 +12,7 @@ from clradar.cli.console import counted, print_error, print_line, print_text, pr
 from clradar.cli.opening import open_written, require_picture
 from clradar.cli.options.common import ForceOption, OpenOption
 from clradar.cli.options.groups import REQUIRED, argument, option
+from clradar.cli.options.imaging import SLICE_HELP, VIEW_HELP, ViewName, plane
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_figure, check_outputs
 from clradar.errors import MeasurementError
@@ -32,6 +33,8 @@ def command(
         "every pair of a capture, or over the frames of a recording.",
         names=("-o", "--png"),
     ),
+    view: ViewName | None = option(None, f"Of a volume's picture. {VIEW_HELP}"),
+    slice_: str | None = option(None, SLICE_HELP, metavar="AXIS[=MM]", names=("--slice",)),
     force: ForceOption = False,
     show: OpenOption = False,
 ) -> None:
@@ -42,6 +45,10 @@ def command(
 
     if png is not None and (check or as_json):
         raise wrong_usage("--png", "expected without --check and --json")
+    for name, value in {"--view": view, "--slice": slice_}.items():
+        if value is not None and png is None:
+            raise wrong_usage(name, "expected with --png, which it is for")
+    drawn: dict[str, Any] = {"view": view, "plane": None if slice_ is None else plane(slice_)}
     require_picture(show, "--png", png)
     check_figure(png)
     check_outputs([png], force=force, inputs=[file])
@@ -81,6 +88,6 @@ def command(
         from clradar.cli.inspection_figure import figure_of
         from clradar.plot import save_figure
 
-        save_figure(figure_of(file), png, force=force)
+        save_figure(figure_of(file, **drawn), png, force=force)
         print_line(f"{png}: the picture")
         open_written(show, png)

@@ -124,6 +124,23 @@ class DepthMapOptions:
         checks.dynamic_range("--dynamic-range-db", self.dynamic_range_db)
 
 
+ViewName = Literal["xy", "xz", "yz", "all"]
+VIEW_HELP = "Axes of the figure, or all three. [default: xy, or across the axis that is thin]"
+SLICE_HELP = (
+    "Draw one plane of voxels: x=12 is the nearest to 12 mm, x the one through the strongest voxel."
+)
+
+
+def plane(text: str) -> tuple[str, float | None]:
+    """Axis of a slice ``AXIS`` or ``AXIS=MM``, and its place, metres; None: the strongest voxel."""
+    axis, equals, place = text.partition("=")
+    values = numbers(place, ":") if equals else []
+    wrong = bool(equals) and (len(values) != 1 or not finite(values))
+    if axis not in ("x", "y", "z") or wrong:
+        raise wrong_usage("--slice", f"expected x, y or z, or one with =MM; got '{text}'")
+    return axis, values[0] / 1e3 if equals else None
+
+
 def axis_mm(option: str, text: str) -> tuple[float, float, float]:
     """First, last and step of ``FIRST:LAST:STEP`` in millimetres.
 
