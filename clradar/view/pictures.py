@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 
@@ -10,6 +11,7 @@ import numpy as np
 from clradar.compare import clipped_db
 from clradar.compare.images import check_same_pixels
 from clradar.model import DepthMap, Volume
+from clradar.model.length_unit import LengthUnit, unit_for
 from clradar.plot import AMPLITUDE_BACKGROUND, DEPTH_BACKGROUND, depth_limits_mm
 from clradar.plot.differences import DEPTH_MM, MEASURED_COLOUR, SIMULATED_COLOUR
 from clradar.view.framed import Axis, Bar, framed
@@ -79,7 +81,9 @@ def depth_drawing(image: DepthMap, marked_mm: tuple[float, float] | None = None)
     scale = _scale("viridis_r", 0.0)
     pixels[mask] = scale[_index((1e3 * image.depth_m[mask] - first) / (last - first))]
     # As in the figures, near is above.
-    bar = Bar(Axis("z (mm)", last, first), scale[::-1])
+    unit = unit_for(first / 1e3, last / 1e3)
+    ends = (unit.per_m / 1e3 * end for end in (last, first))
+    bar = Bar(Axis(f"z ({unit.name})", *ends), scale[::-1])
     return _in_radar_view("Depth", pixels, image, bar, marked_mm)
 
 
@@ -156,15 +160,23 @@ def _in_radar_view(
     bar: Bar | None,
     marked_mm: tuple[float, float] | None,
 ) -> str:
-    x, y = (mm_axis(f"{n} (mm)", axis) for n, axis in (("x", image.x_m), ("y", image.y_m)))
+    unit, (x, y) = length_axes({"x": image.x_m, "y": image.y_m})
     left = Axis(x.name, x.last, x.first)
-    return framed(title, pixels[::-1, ::-1], left, y, bar, marked=marked_mm, clicked="projection")
+    marked = None
+    if marked_mm is not None:
+        marked = (unit.per_m / 1e3 * marked_mm[0], unit.per_m / 1e3 * marked_mm[1])
+    return framed(title, pixels[::-1, ::-1], left, y, bar, marked=marked, clicked="projection")
 
 
-def mm_axis(name: str, centres_m: np.ndarray) -> Axis:
-    """Return the axis of pixels with these centres, from edge to edge, millimetres."""
-    step_m = float(np.diff(centres_m).min()) if len(centres_m) > 1 else 1e-3
-    return Axis(name, 1e3 * (centres_m[0] - step_m / 2), 1e3 * (centres_m[-1] + step_m / 2))
+def length_axes(centres_m: Mapping[str, np.ndarray]) -> tuple[LengthUnit, list[Axis]]:
+    """Return the axes of pixels with these centres, from edge to edge, and their one unit."""
+    unit = unit_for(*(float(axis[i]) for axis in centres_m.values() for i in (0, -1)))
+    axes = []
+    for name, axis_m in centres_m.items():
+        step_m = float(np.diff(axis_m).min()) if len(axis_m) > 1 else 1e-3
+        ends = unit.per_m * (axis_m[0] - step_m / 2), unit.per_m * (axis_m[-1] + step_m / 2)
+        axes.append(Axis(f"{name} ({unit.name})", *ends))
+    return unit, axes
 
 
 def _blank(shape: tuple[int, ...], colour: str) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from clradar.model import Volume, VoxelGrid
 from clradar.view.framed import Axis, framed
-from clradar.view.pictures import amplitude_bar, amplitude_pixels, mm_axis
+from clradar.view.pictures import amplitude_bar, amplitude_pixels, length_axes
 from clradar.view.wish import Place
 
 REACH = 2.0
@@ -94,13 +94,12 @@ def slice_drawings(volume: Volume, at_m: Place, dynamic_range_db: float) -> tupl
     """
     grid = volume.grid
     i, j, k = _nearest(grid, at_m)
-    x_mm, y_mm, z_mm = (round(1e3 * float(v), 6) for v in (grid.x_m[i], grid.y_m[j], grid.z_m[k]))
+    unit, (x, y, z) = length_axes({"x": grid.x_m, "y": grid.y_m, "z": grid.z_m})
+    at_x, at_y, at_z = (
+        round(unit.per_m * float(v), 6) for v in (grid.x_m[i], grid.y_m[j], grid.z_m[k])
+    )
     peak = float(np.abs(volume.data).max())
     bar = amplitude_bar(dynamic_range_db)
-    x, y, z = (
-        mm_axis(f"{name} (mm)", axis)
-        for name, axis in zip("xyz", (grid.x_m, grid.y_m, grid.z_m), strict=True)
-    )
     left = Axis(x.name, x.last, x.first)
 
     def drawn(
@@ -110,7 +109,7 @@ def slice_drawings(volume: Volume, at_m: Place, dynamic_range_db: float) -> tupl
         return framed(title, pixels, across, up, bar, marked=(marked[0], marked[1]), clicked=name)
 
     return (
-        drawn("xy", f"z = {z_mm:g} mm", volume.data[k, ::-1, ::-1], left, y, x_mm, y_mm),
-        drawn("xz", f"y = {y_mm:g} mm", volume.data[::-1, j, ::-1], left, z, x_mm, z_mm),
-        drawn("zy", f"x = {x_mm:g} mm", volume.data[:, ::-1, i].T, z, y, z_mm, y_mm),
+        drawn("xy", f"z = {at_z:g} {unit.name}", volume.data[k, ::-1, ::-1], left, y, at_x, at_y),
+        drawn("xz", f"y = {at_y:g} {unit.name}", volume.data[::-1, j, ::-1], left, z, at_x, at_z),
+        drawn("zy", f"x = {at_x:g} {unit.name}", volume.data[:, ::-1, i].T, z, y, at_z, at_y),
     )
