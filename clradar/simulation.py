@@ -23,7 +23,6 @@ from clradar.tracing.settings import (
     SimulationSettings,
     merged_settings,
     require_stochastic,
-    resolve_settings,
     simulated_meta,
     takes_settings,
 )
@@ -60,7 +59,7 @@ def simulate(
     waveform : Waveform
     settings : SimulationSettings, optional
         The defaults if not given: see `SimulationSettings` for the estimator. With the stochastic
-        one the result has the bits of ``synthesize(trace(...))``.
+        one the result has the bits of ``synthesize(trace(...))`` with the same radius.
     device : Device, str or None
         See `clradar.open_device`.
     progress : callable, optional
@@ -112,7 +111,7 @@ def simulate(
     checks.instance("simulate: waveform", waveform, Waveform)
     check_placement("simulate", scene, array)
     warn_of_ambiguity(scene, array, waveform)
-    resolved = merged_settings(settings, **fields).for_scene(scene).resolved()
+    resolved = merged_settings(settings, **fields).for_scene(scene, array, waveform).resolved()
     if resolved.estimator != "physical":
         array.refuse_patterns("simulate")
     opened = open_device(device)
@@ -178,7 +177,8 @@ def simulate_image(
     """
     checks.instance("simulate_image: imager", imager, FrameImager)
     merged = merged_settings(settings, **fields)
-    physical = merged.for_scene(scene).resolved().estimator == "physical"
+    suited = merged.for_scene(scene, imager.array, imager.waveform)
+    physical = suited.estimator == "physical"
     in_blocks = len(_blocks_of_tx(imager.array, imager.waveform)) > 1
     if not imager.keeps_image or physical or imager.array.has_gains or in_blocks:
         imager.form(
@@ -190,7 +190,7 @@ def simulate_image(
         return
     checks.instance("simulate_image: scene", scene, Scene)
     check_placement("simulate_image", scene, imager.array)
-    resolved = merged.for_scene(scene).resolved()
+    resolved = suited.resolved()
     imager.array.refuse_patterns("simulate_image")
     highest_hz = float(imager.waveform.frequencies_hz.max())
     warn_of_coarse_facets("simulate_image", scene, resolved, highest_hz)
@@ -313,8 +313,9 @@ def simulate_alphas(
     check_placement("simulate_alphas", scene, array)
     warn_of_ambiguity(scene, array, waveform)
     array.refuse_patterns("simulate_alphas")
-    resolved = resolve_settings(settings, **fields)
-    require_stochastic("simulate_alphas", resolved)
+    merged = merged_settings(settings, **fields)
+    require_stochastic("simulate_alphas", merged.resolved())
+    resolved = merged.for_scene(scene, array, waveform).resolved()
     if len(alphas) == 0:
         checks.fail("simulate_alphas: alphas", "at least one", "none")
     scenes = [scene.with_alpha(alpha) for alpha in alphas]

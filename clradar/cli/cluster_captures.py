@@ -185,17 +185,24 @@ def check_clusters_folder(folder: Path, inputs: Sequence[Path]) -> None:
 
 def summary(capture: Capture) -> str:
     """A simulated capture in words."""
-    rays = capture.meta["rays"]
+    rays, settings = capture.meta["rays"], capture.meta["settings"]
     shape = " x ".join(str(n) for n in capture.data.shape)
-    estimator = capture.meta["settings"]["estimator"]
+    estimator = settings["estimator"]
     if estimator == "physical":
         materials = ", ".join(own["name"] for own in capture.meta["scene"]["materials"])
         lit = capture.meta["kirchhoff"]["lit"]
         points = f"{rays['samples']} points of which {lit} are seen"
         return f"{shape} S-parameters of {materials}, {points}"
     if estimator == "expected":
-        return f"{shape}, {rays['samples']} samples, {rays['paths']} expected receptions"
+        density = settings["samples_per_mm2"]
+        each = "" if density is None else f" ({density:.3g} per mm^2)"
+        return (
+            f"{shape} by the expected estimator, without shot noise at any range: "
+            f"{rays['samples']} samples{each}, {rays['paths']} expected receptions"
+        )
+    radius_mm = 1e3 * settings["reception_radius_m"]
     return (
-        f"{shape}, {rays['samples']} samples, {rays['outgoing']} rays of which {rays['paths']} "
-        f"reached an Rx, {100 * rays['absorbed_share']:.1f} % absorbed"
+        f"{shape} by random rays within {radius_mm:g} mm of an Rx: {rays['samples']} samples, "
+        f"{rays['outgoing']} rays of which {rays['paths']} reached an Rx, "
+        f"{100 * rays['absorbed_share']:.1f} % absorbed"
     )

@@ -152,7 +152,7 @@ def spread(
             total = _Accumulated(volume, dynamic_range_db)
         total.add(volume)
     assert total is not None
-    estimator = str(base.for_scene(scene).resolved().estimator)
+    estimator = str(base.for_scene(scene, array, waveform).resolved().estimator)
     causes = [VARIES[estimator]]
     if estimator == "physical" and not any(
         m.roughness_rms_m > 0 or m.micro_roughness_rms_m > 0 for m in scene.materials

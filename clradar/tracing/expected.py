@@ -147,10 +147,10 @@ class ExpectedTracer(LitSurface):
         buffers = (ground, shading, geometric, points, alpha, visible)
         for buffer, column in zip(buffers, columns, strict=True):
             self._buffers.write(buffer, column)
-        radius, exponent = np.float32(s.reception_radius_m), np.float32(s.pattern_exponent)
+        radius, exponent = np.float32(s.radius_m), np.float32(s.pattern_exponent)
         self._find_visible(
             count, ground, geometric, array.n_rx, self._rx_bundles, self._rx_visible,
-            s.reception_radius_m,
+            s.radius_m,
         )  # fmt: skip
         width = self.device.width
         blocks = self._padded // width

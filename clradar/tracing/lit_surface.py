@@ -75,7 +75,7 @@ class LitSurface(SampledSurface):
         array = self.array
         self._prepare_surface(array.tx_m, array.rx_m)
         self._tx_bundles = self._buffers.upload(bundled(array.tx_m))
-        out_of_reach = array.rx_m.max(axis=0) + 1e3 + self.settings.reception_radius_m * 10
+        out_of_reach = array.rx_m.max(axis=0) + 1e3 + self.settings.radius_m * 10
         self._rx_bundles = self._buffers.upload(bundled(array.rx_m, out_of_reach))
         self._prepare_rays()
         self._size_tiles()

@@ -11,18 +11,26 @@ import numpy as np
 
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.geometry.normals import CREASE_DEG
-from clradar.model import PERFECT_CONDUCTOR, Scene, TraceStatistics, checks
+from clradar.model import (
+    PERFECT_CONDUCTOR,
+    AntennaArray,
+    Scene,
+    TraceStatistics,
+    Waveform,
+    checks,
+)
 from clradar.model.plausible import check_plausible
 from clradar.opencl import Device
+from clradar.tracing.suited import (
+    EXPECTED_ALPHA,
+    RECEPTION_RADIUS_M,
+    affordable_rays,
+    least_expected_alpha,
+    suited_radius_m,
+)
 
-RECEPTION_RADIUS_M = 0.010
 SAMPLES_PER_MM2 = 10.0
 RAYS_PER_SAMPLE = 4
-
-EXPECTED_ALPHA = 0.12
-"""From here on the default of the expected estimator has less noise than the stochastic one, which
-has ten times the samples. Image error of the default hand at alpha = 0.05, 0.1, 0.15: -15.7, -21.5,
--24.8 dB, and stochastic -24.6, -23.9, -22.2 dB, against 6 samples per mm^2 and another seed."""
 
 EXPECTED_SAMPLES_PER_MM2 = 1.0
 """For ``estimator="expected"``, which needs fewer; each then has as many more rays."""
@@ -43,7 +51,13 @@ UNUSED_BY_PHYSICAL = (
 MOST_EXPONENT = 1e4
 """Of an antenna's pattern: it halves the power 0.5 degrees off boresight."""
 
-FILLED_IN = ("samples_per_mm2", "rays_per_face", "rays_per_sample", "estimator")
+FILLED_IN = (
+    "samples_per_mm2",
+    "rays_per_face",
+    "rays_per_sample",
+    "reception_radius_m",
+    "estimator",
+)
 """Fields that `SimulationSettings.resolved` fills in where they are None."""
 
 CHECKS: dict[str, tuple[Any, ...]] = {
@@ -80,8 +94,11 @@ class SimulationSettings:
     rays_per_sample : int, 1 to 2^16, optional
         Outgoing rays per sample and Tx. None: 4 with a density, 1 with `rays_per_face`; with the
         expected estimator and no density, ten times as many, which keeps the scale.
-    reception_radius_m : float, metres, 0.1 mm to 1 m
+    reception_radius_m : float, metres, 0.1 mm to 1 m, optional
         A ray is received by every Rx whose sphere of this radius it enters before it hits anything.
+        None: 10 mm; but where `clradar.simulate` draws random rays 10 mm times the power of two
+        that is nearest to sqrt(range / 0.3 m * 77 GHz / centre frequency), which keeps the phase
+        error within a factor of two.
     max_bounces : int, 1 to 255
         Reflections per path at most; 1 with the expected estimator.
     normals : "smooth" or "face"
@@ -130,7 +147,7 @@ class SimulationSettings:
     samples_per_mm2: float | None = None
     rays_per_face: int | None = None
     rays_per_sample: int | None = None
-    reception_radius_m: float = RECEPTION_RADIUS_M
+    reception_radius_m: float | None = None
     max_bounces: int = 1
     normals: str = "smooth"
     crease_deg: float = CREASE_DEG
@@ -151,9 +168,10 @@ class SimulationSettings:
             value = getattr(self, name)
             if value is not None or name not in FILLED_IN:
                 object.__setattr__(self, name, check(name, value, *limits))
-        check_plausible(
-            "reception_radius_m", "a radius", self.reception_radius_m, PLAUSIBLE_RADIUS_M
-        )
+        if self.reception_radius_m is not None:
+            check_plausible(
+                "reception_radius_m", "a radius", self.reception_radius_m, PLAUSIBLE_RADIUS_M
+            )
         exponent = self.pattern_exponent
         if not 0 <= exponent <= MOST_EXPONENT or (exponent > 0 and self.amplitude != "spreading"):
             checks.fail(
@@ -166,17 +184,28 @@ class SimulationSettings:
         if self.estimator == "physical":
             for name in UNUSED_BY_PHYSICAL:
                 default, value = type(self).__dataclass_fields__[name].default, getattr(self, name)
+                if name == "reception_radius_m" and value is not None:
+                    default = RECEPTION_RADIUS_M
                 if value != default:
                     expected = (
                         f"the default ({default}) with estimator='physical', which has no rays"
                     )
                     checks.fail(name, expected, value)
 
+    @property
+    def radius_m(self) -> float:
+        """The reception radius, metres, with the default where it is None."""
+        return RECEPTION_RADIUS_M if self.reception_radius_m is None else self.reception_radius_m
+
     def resolved(self) -> SimulationSettings:
         """Fill in the fields that are None; a resolved record stays as it is."""
         rays, density, estimator = self.rays_per_sample, self.samples_per_mm2, self.estimator
+        radius_m = (
+            RECEPTION_RADIUS_M if self.reception_radius_m is None else self.reception_radius_m
+        )
         if estimator == "physical":
-            return replace(self, samples_per_mm2=density or PHYSICAL_SAMPLES_PER_MM2)
+            density = density or PHYSICAL_SAMPLES_PER_MM2
+            return replace(self, samples_per_mm2=density, reception_radius_m=radius_m)
         if rays is None:
             rays = RAYS_PER_SAMPLE if self.rays_per_face is None else 1
         if density is None and self.rays_per_face is None:
@@ -189,17 +218,42 @@ class SimulationSettings:
             self,
             samples_per_mm2=density,
             rays_per_sample=rays,
+            reception_radius_m=radius_m,
             estimator="stochastic" if estimator is None else estimator,
         )
 
-    def for_scene(self, scene: Scene) -> SimulationSettings:
-        """Choose the estimator of `clradar.simulate` if none is given."""
+    def for_scene(
+        self, scene: Scene, array: AntennaArray | None = None, waveform: Waveform | None = None
+    ) -> SimulationSettings:
+        """Choose the estimator of `clradar.simulate`, and what suits the range, if not given.
+
+        Without antennas and frequencies the range plays no part.
+        """
+        if array is None or waveform is None:
+            return self._with_estimator(scene, EXPECTED_ALPHA)
+        radius_m = suited_radius_m(scene, array, waveform)
+        own = self.reception_radius_m
+        least = least_expected_alpha(scene, array, radius_m) if own is None else EXPECTED_ALPHA
+        chosen = self._with_estimator(scene, least)
+        if chosen.estimator in (None, "stochastic"):
+            return replace(chosen, reception_radius_m=radius_m) if own is None else chosen
+        given = (chosen.samples_per_mm2, chosen.rays_per_face, chosen.rays_per_sample)
+        if chosen.estimator == "physical" or any(value is not None for value in given):
+            return chosen
+        usual = chosen.resolved()
+        assert usual.samples_per_mm2 is not None
+        assert usual.rays_per_sample is not None
+        rays = affordable_rays(scene, array, usual.samples_per_mm2, usual.rays_per_sample)
+        density = usual.samples_per_mm2 * usual.rays_per_sample / rays
+        return replace(chosen, samples_per_mm2=density, rays_per_sample=rays)
+
+    def _with_estimator(self, scene: Scene, least_alpha: float) -> SimulationSettings:
         asked = (self.rays_per_face, self.rays_per_sample, self.estimator)
         if self.max_bounces > 1 or any(value is not None for value in asked):
             return self
         if scene.materials != (PERFECT_CONDUCTOR,):
             return replace(self, estimator="physical")
-        if self.samples_per_mm2 is not None or np.min(scene.alpha) < EXPECTED_ALPHA:
+        if self.samples_per_mm2 is not None or np.min(scene.alpha) < least_alpha:
             return self
         return replace(self, estimator="expected")
 

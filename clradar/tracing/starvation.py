@@ -6,8 +6,13 @@ import numpy as np
 
 from clradar.errors import warn
 from clradar.model import AntennaArray, Scene
-from clradar.tracing.placement import bounding_box_m
-from clradar.tracing.settings import RECEPTION_RADIUS_M, SimulationSettings
+from clradar.tracing.settings import SimulationSettings
+from clradar.tracing.suited import (
+    RADIUS_RANGE_M,
+    RECEPTION_RADIUS_M,
+    range_m,
+    same_phase_radius_m,
+)
 
 STARVED_SHARE = 0.1
 """From this share of pairs without any path on a simulation is starved. Where rays arrive by chance
@@ -20,10 +25,6 @@ of a small plate."""
 
 WANTED_PATHS = 20.0
 """Per pair, which the advice aims at: shot noise of 0.2 of the signal."""
-
-RANGE_OF_RADIUS_M = 0.3
-"""Range at which the phase error of the default radius was measured; it goes with radius^2 / range
-(E4 in ``docs/equations.md``)."""
 
 
 def warn_if_starved(
@@ -53,16 +54,16 @@ def warn_if_starved(
         )
         return
     empty_share = float(np.mean(paths == 0))
-    range_m = _range_m(scene, array)
+    distance_m = range_m(scene, array)
     alike = 1
-    if settings.estimator == "stochastic" and not _spread(scene, settings, range_m):
+    if settings.estimator == "stochastic" and not _spread(scene, settings, distance_m):
         alike = settings.rays_per_sample or 1
     per_reached = total / np.count_nonzero(paths) / alike
     if empty_share < STARVED_SHARE or per_reached >= STARVED_PATHS:
         return
-    remedies = _remedies(WANTED_PATHS * alike * paths.size / total, settings, range_m)
+    remedies = _remedies(WANTED_PATHS * alike * paths.size / total, settings, distance_m)
     single = settings.estimator == "stochastic" and settings.max_bounces == 1
-    if single and not only_stochastic and _spread(scene, settings, range_m):
+    if single and not only_stochastic and _spread(scene, settings, distance_m):
         remedies.append("estimator='expected', which has no random directions")
     warn(
         f"{100 * empty_share:.0f} % of the {paths.size} pairs of antennas received no ray and are "
@@ -71,31 +72,25 @@ def warn_if_starved(
     )
 
 
-def _range_m(scene: Scene, array: AntennaArray) -> float:
-    """Distance of the middle of the scene from the middle of the antennas."""
-    antennas_m = np.concatenate([array.tx_m, array.rx_m]).mean(axis=0)
-    return float(np.linalg.norm(bounding_box_m(scene).mean(axis=0) - antennas_m))
-
-
-def _spread(scene: Scene, settings: SimulationSettings, range_m: float) -> bool:
+def _spread(scene: Scene, settings: SimulationSettings, distance_m: float) -> bool:
     """Whether the rays of a sample part on their way; else all of them reach the same receivers."""
-    return float(np.max(scene.alpha)) * range_m > settings.reception_radius_m
+    return float(np.max(scene.alpha)) * distance_m > settings.radius_m
 
 
-def _remedies(more: float, settings: SimulationSettings, range_m: float) -> list[str]:
+def _remedies(more: float, settings: SimulationSettings, distance_m: float) -> list[str]:
     """Settings with which about `more` times as many paths arrive."""
     field, now = "samples_per_mm2", settings.samples_per_mm2
     if now is None:
         field, now = "rays_per_face", settings.rays_per_face
     assert now is not None, "settings are resolved"
     found = [f"{field}={_rounded_up(more * now):g} (now {now:g})"]
-    radius_m = RECEPTION_RADIUS_M * np.sqrt(range_m / RANGE_OF_RADIUS_M)
-    if radius_m >= 1.5 * settings.reception_radius_m:
-        still = max(1.0, more * (settings.reception_radius_m / radius_m) ** 2)
+    radius_m, own_m = same_phase_radius_m(distance_m), settings.radius_m
+    if radius_m >= 1.5 * own_m:
+        still = max(1.0, more * (own_m / radius_m) ** 2)
         found.append(
             f"{field}={_rounded_up(still * now):g} and reception_radius_m={radius_m:.2g} (now "
-            f"{settings.reception_radius_m:g}), which at {range_m:.2g} m has the phase error of "
-            f"{RECEPTION_RADIUS_M:g} m at {RANGE_OF_RADIUS_M:g} m"
+            f"{own_m:g}), which at {distance_m:.2g} m has the phase error of "
+            f"{RECEPTION_RADIUS_M:g} m at {RADIUS_RANGE_M:g} m"
         )
     return found
 

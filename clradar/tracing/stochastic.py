@@ -89,7 +89,7 @@ class Tracer(LitSurface):
         array, up = self.array, self._buffers.upload
         self._surface = [*self._sampling[2:4], up(self._face_alpha)]
         # Padding of the receivers is out of reach; that of the Tx is not visible.
-        beyond = array.rx_m.max(axis=0) + 1e3 + 10 * self.settings.reception_radius_m
+        beyond = array.rx_m.max(axis=0) + 1e3 + 10 * self.settings.radius_m
         self._antennas = [
             up(_columns(array.tx_m, array.tx_m[-1])),
             up(_columns(array.rx_m, beyond)),
@@ -198,7 +198,7 @@ class Tracer(LitSurface):
         self._buffers.write(self._surface[2], face_alpha)
         bins = array.n_tx * array.n_rx * self._n_bins
         self._buffers.write(self._tally, np.zeros(3 + bins, np.uint32))
-        radius, (tx, rx) = np.float32(s.reception_radius_m), self._antennas
+        radius, (tx, rx) = np.float32(s.radius_m), self._antennas
         tx_stride, rx_stride = u(self._n_tx_groups * GROUP), u(self._n_rx_groups * GROUP)
         rays, bounces = u(self._rays_per_sample), u(s.max_bounces)
         drawing = (u(first), *self._seed_words(), self._tree.delta_m, *self._box)
@@ -254,7 +254,7 @@ class Tracer(LitSurface):
 
     def _reception_box(self) -> list[np.ndarray]:
         """Corners of the box around all receivers' spheres, float4, padded for rounding."""
-        pad = self.settings.reception_radius_m * (1 + 1e-5) + float(self._tree.delta_m)
+        pad = self.settings.radius_m * (1 + 1e-5) + float(self._tree.delta_m)
         corners = (self.array.rx_m.min(axis=0) - pad, self.array.rx_m.max(axis=0) + pad)
         return [np.append(corner, 0.0).astype(np.float32) for corner in corners]
 

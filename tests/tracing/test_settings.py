@@ -145,3 +145,41 @@ def test_materials_are_for_the_physical_estimator_unless_rays_are_asked_for():
 def test_other_functions_stay_stochastic():
     assert resolve_settings().estimator == "stochastic"
     assert clradar.trace(SMALL, ARRAY).statistics.outgoing > 0
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "ghz", "radius_m"),
+    # 10 mm sqrt(range / 0.3 m * 77 GHz / f): 10, 9.9, 17.9, 19.5, 48, 73 and 6.0 mm.
+    [(0.3, 77, 0.01), (0.5, 130, 0.01), (0.3, 24, 0.02), (1.14, 77, 0.02), (7, 77, 0.04),
+     (5, 24, 0.08), (0.2, 140, 0.005)],
+)  # fmt: skip
+def test_the_radius_keeps_the_phase_error_at_any_range(distance_m, ghz, radius_m):
+    at_range = Scene(*plate(0.05, distance_m), 0.5)
+    band = clradar.Waveform.sfcw((ghz - 1) * 1e9, (ghz + 1) * 1e9, 3)
+    chosen = SimulationSettings(samples_per_mm2=1.0).for_scene(at_range, ARRAY, band)
+    assert chosen.radius_m == pytest.approx(radius_m)
+    given = SimulationSettings(estimator="stochastic", reception_radius_m=0.003)
+    assert given.for_scene(at_range, ARRAY, band).radius_m == 0.003
+    # Where the lobe is 3.6 radii wide both have the noise that they have at 0.12 and 0.3 m.
+    least = 0.12 if radius_m == 0.01 else 3.6 * radius_m / distance_m
+    for alpha, estimator in ((0.99 * least, None), (1.01 * least, "expected")):
+        scene = at_range.with_alpha(alpha)
+        assert SimulationSettings().for_scene(scene, ARRAY, band).estimator == estimator
+
+
+def test_samples_of_large_scenes_are_as_many_as_can_be_paid_for():
+    wide = SCENE.transformed(np.diag([100.0, 100.0, 100.0, 1.0]))
+    imager = clradar.arrays.qar50()
+    found = SimulationSettings().for_scene(wide, imager, WAVEFORM).resolved()
+    assert found.estimator == "expected"
+    corners_m = wide.vertices_m[wide.faces]
+    area_mm2 = (
+        5e5
+        * np.linalg.norm(
+            np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0]), axis=1
+        ).sum()
+    )
+    assert found.samples_per_mm2 * area_mm2 * 94 * 94 == pytest.approx(2e10, rel=0.05)
+    assert found.samples_per_mm2 * found.rays_per_sample == pytest.approx(40)  # the same scale
+    few = SimulationSettings(estimator="expected", samples_per_mm2=1.0)
+    assert few.for_scene(wide, imager, WAVEFORM) == few

@@ -27,6 +27,8 @@ def ball(radius_m: float, away_m: float, alpha: float) -> Scene:
 
 
 def simulated(scene: Scene, device: Any, **settings: Any) -> np.ndarray:
+    """With the radius of 77 GHz, unless another is given: that of 5 GHz would be 40 mm."""
+    settings = {"reception_radius_m": 0.01, **settings}
     return clradar.simulate(scene, ARRAY, WAVEFORM, device=device, **settings).data
 
 
@@ -111,10 +113,9 @@ def test_receivers_that_a_small_mirror_does_not_reach_are_no_shortage(
 
 def test_the_emptiest_of_several_alphas_is_warned_of(device: clradar.Device) -> None:
     scene = ball(0.02, 0.3, 0.5)
+    few = {"samples_per_mm2": 0.1, "reception_radius_m": 0.01}
     with pytest.warns(ClradarWarning, match="received no ray") as caught:
-        list(
-            simulate_alphas(scene, ARRAY, WAVEFORM, [1.0, 0.3], device=device, samples_per_mm2=0.1)
-        )
+        list(simulate_alphas(scene, ARRAY, WAVEFORM, [1.0, 0.3], device=device, **few))
     assert len(caught) == 1
     assert "expected" not in str(caught[0].message)  # which it does not offer
 

@@ -182,6 +182,7 @@ def command(
     origin = provenance("simulate", options, inputs)
     start_s = perf_counter()
     if still is not None and several:
+        settings = settings.for_scene(still, antennas, waveform)  # one for all, whose images add up
         steps = ClusterSteps(
             scene=meshes, digest=keep_scene(still), waveform=waveform, settings=settings,
             folder=output, origin=origin,

@@ -16,10 +16,10 @@ from clradar.geometry.normals import CREASE_DEG
 from clradar.tracing.settings import (
     EXPECTED_SAMPLES_PER_MM2,
     RAYS_PER_SAMPLE,
-    RECEPTION_RADIUS_M,
     SAMPLES_PER_MM2,
     SimulationSettings,
 )
+from clradar.tracing.suited import RECEPTION_RADIUS_M
 
 Estimator = Literal["stochastic", "expected", "physical"]
 
@@ -53,8 +53,11 @@ class SimulationOptions(SamplingOptions):
     rays_per_face: int | None = option(
         None, "Samples on every face, instead of a density.", metavar="N"
     )
-    reception_radius_mm: float = option(
-        1e3 * RECEPTION_RADIUS_M, "A ray this near to an Rx is received.", metavar="MM"
+    reception_radius_mm: float | None = option(
+        None,
+        f"A ray this near to an Rx is received. [default: {1e3 * RECEPTION_RADIUS_M:g}; of random "
+        "rays what suits range and frequency]",
+        metavar="MM",
     )
     max_bounces: int = option(1, "Reflections per path at most.", metavar="N")
     normals: Literal["smooth", "face"] = option(
@@ -73,8 +76,10 @@ class SimulationOptions(SamplingOptions):
         """The settings of the simulation; `more` are seed and estimator."""
         fields = recorded(self)
         radius_mm = fields.pop("reception_radius_mm")
-        check_unit("--reception-radius-mm", "a radius", radius_mm, PLAUSIBLE_RADIUS_M, "mm")
-        return SimulationSettings(**fields, reception_radius_m=radius_mm / 1e3, **more)
+        radius_m = None if radius_mm is None else radius_mm / 1e3
+        if radius_mm is not None:
+            check_unit("--reception-radius-mm", "a radius", radius_mm, PLAUSIBLE_RADIUS_M, "mm")
+        return SimulationSettings(**fields, reception_radius_m=radius_m, **more)
 
 
 @dataclass(frozen=True, kw_only=True)
