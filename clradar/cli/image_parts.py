@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ import numpy as np
 
 from clradar.cli.console import counted, print_line, print_warning, progress_bar
 from clradar.cli.inputs import ImageInput
-from clradar.cli.on_workers import each_made
+from clradar.cli.on_workers import Cluster, each_made
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.resumable import SETTINGS, begin_work, clear, cleared_on_failure
@@ -199,7 +199,7 @@ def made_by_parts(
     settings: Mapping[str, Any],
     n_samples: Sequence[int],
     *,
-    workers: int | None,
+    workers: int | Cluster | None,
     device: str | None,
     force: bool,
 ) -> Iterator[None]:
@@ -212,7 +212,7 @@ def made_by_parts(
         With which the folder has to have been begun.
     n_samples : sequence of int
         Of each capture.
-    workers : int or None
+    workers : int, Cluster or None
         Worker processes; None: in this one, or in one for each of several devices.
     device : str or None
         As of `clradar.opencl.open_devices`.
@@ -238,7 +238,7 @@ def made_by_parts(
 
 
 def _make(
-    steps: PartSteps, n_samples: Sequence[int], workers: int | None, device: str | None
+    steps: PartSteps, n_samples: Sequence[int], workers: int | Cluster | None, device: str | None
 ) -> None:
     for name in (PARTS, PIECES):
         (steps.folder / name).mkdir(exist_ok=True)
@@ -255,7 +255,10 @@ def _make(
         return
     said: set[str] = set()
     with progress_bar("imaging") as progress:
-        made = each_made(steps, items, workers, device, "the parts of an image")
+        captures = tuple(path.absolute() for path in steps.captures)
+        # Workers may be in other folders.
+        sent = replace(steps, folder=steps.folder.absolute(), captures=captures)
+        made = each_made(sent, items, workers, device, "the parts of an image")
         for done, (part, (outcome, warned)) in enumerate(made, start=1):
             if isinstance(outcome, ClradarError):
                 raise outcome

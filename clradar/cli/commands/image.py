@@ -36,6 +36,7 @@ from clradar.cli.options.imaging import (
 from clradar.cli.options.recording import FrameOptions
 from clradar.cli.options.seeds import SeedOptions
 from clradar.cli.options.values import wrong_usage
+from clradar.cli.options.workers import WorkerOptions
 from clradar.cli.outputs import (
     check_figure,
     check_outputs,
@@ -166,13 +167,7 @@ def command(
     depth: DepthMapOptions,
     repeated: SeedOptions,
     frames: FrameOptions,
-    workers: int | None = option(
-        None,
-        'Worker processes for several captures and large grids (pip install "clradar[dataset]"). '
-        "[default: one part after the other, here]",
-        metavar="N",
-        min=1,
-    ),
+    processes: WorkerOptions,
     device: DevicesOption = None,
     force: ForceOption = False,
     show: OpenOption = False,
@@ -182,7 +177,8 @@ def command(
     the direct coupling, up to 15 dB below the strongest, with voxels of half the resolution at
     most. The command says which. Of a volume, which is an image already, --png and --report are
     drawn. A grid of more than 2^23 voxels is imaged piece by piece: what is done is kept beside the
-    output until all is, and the same command resumes.
+    output until all is, and the same command resumes. Workers and devices share the pieces of
+    large grids, and several captures.
     """
     from clradar import Volume, open_device
     from clradar.errors import MeasurementError
@@ -203,12 +199,12 @@ def command(
         raise MeasurementError(f"{capture}: expected S-parameters for --dbsm, {RELATIVE}")
     if len(captures) > 1:
         _check_several(loaded, files, imaging, repeated, absolute)
-    if workers is not None and (repeated.seeds is not None or imaging.method in MODEL_METHODS):
-        raise wrong_usage("--workers", "expected back-projection without --seeds")
+    if repeated.seeds is not None or imaging.method in MODEL_METHODS:
+        for name in given(processes):
+            raise wrong_usage(name, "expected back-projection without --seeds")
     if isinstance(loaded.content, Volume):
-        options = {**given(voxels), **given(imaging), **given(repeated)}
+        options = {**given(voxels), **given(imaging), **given(repeated), **given(processes)}
         options |= {"--absolute": 1} if absolute else {}
-        options |= {"--workers": workers} if workers is not None else {}
         options |= {"--all-echoes": 1} if everything else {}
         _check_no_imaging(files, options, tolerance_db, device)
         volume, origin = loaded.content, provenance("image", {}, loaded.files)
@@ -229,6 +225,7 @@ def command(
             folder=files.first.with_name(f"{files.first.name}.parts"), captures=tuple(captures),
             frames=frames, grid=grid, imaging={**imaging.arguments, "tolerance_db": tolerance_db},
         )  # fmt: skip
+        workers = processes.chosen(parts.folder, captures)
         divided = workers is not None or len(devices.infos) > 1
         if not fitted and (len(parts.pieces) > 1 or (divided and len(captures) > 1)):
             by = {"workers": workers, "device": device, "force": force}

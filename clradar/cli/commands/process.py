@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -10,7 +9,6 @@ from typing import Any, Literal
 
 from clradar.cli.comparison import figure_labels
 from clradar.cli.frame_steps import CAPTURES, VOLUMES, FrameSteps
-from clradar.cli.on_workers import Cluster
 from clradar.cli.opening import open_written
 from clradar.cli.options.clutter import EmptyOptions, GateOptions
 from clradar.cli.options.common import DevicesOption, ForceOption, OpenOption, Unit
@@ -22,6 +20,7 @@ from clradar.cli.options.recording import Variant
 from clradar.cli.options.rig import RigFileOptions
 from clradar.cli.options.sequence import ALL, FRAMES_METAVAR, chosen_frames
 from clradar.cli.options.values import wrong_usage
+from clradar.cli.options.workers import WorkerOptions
 from clradar.cli.outputs import check_place_of_folder
 from clradar.cli.provenance import provenance
 from clradar.cli.recording_preparation import prepared, print_summary
@@ -115,34 +114,6 @@ class FrameHandOptions(AnyHandOptions):
             return None
         known = {one.name: getattr(self, one.name) for one in fields(AnyHandOptions)}
         return HandFitOptions(pose=self.fit_hand, search_deg=search_deg, **known)
-
-
-@dataclass(frozen=True, kw_only=True)
-class WorkerOptions:
-    """The processes that do the frames."""
-
-    workers: int | None = option(
-        None,
-        'Worker processes (pip install "clradar[dataset]"). [default: one after the other, here]',
-        metavar="N",
-        min=1,
-    )
-    scheduler: str | None = option(
-        None,
-        "The workers of a Dask scheduler, tcp://HOST:PORT, that see the same files; see "
-        "docs/datasets-cluster.md.",
-        metavar="ADDRESS",
-    )
-
-    def __post_init__(self) -> None:
-        if self.workers is not None and self.scheduler is not None:
-            raise wrong_usage("--scheduler", "expected no --workers with it: it has its own")
-
-    def chosen(self, folder: Path, files: Sequence[Path]) -> int | Cluster | None:
-        """The workers; those of a scheduler have to see the folder and the files."""
-        if self.scheduler is None:
-            return self.workers
-        return Cluster(self.scheduler, folder, files)
 
 
 @dataclass(frozen=True, kw_only=True)
