@@ -12,7 +12,7 @@ import numpy as np
 
 from clradar.arrays.instruments import KNOWN
 from clradar.arrays.position_rules import MOST_ANTENNAS, positions_of
-from clradar.errors import ModelError
+from clradar.errors import ModelError, warn
 from clradar.files.limits import MAX_ARRAY_FILE_BYTES
 from clradar.files.table import StrictTable
 from clradar.files.toml_file import read_toml, toml_document, toml_string
@@ -25,6 +25,9 @@ ALL, CLUSTER = "all", "cluster"
 """Values of `pairs`: every Tx with every Rx, or with those of its own pose."""
 
 MOST_CLUSTERS = 1024
+
+SAME_PLACE_DIGITS = 6
+"""Of metres: two antennas are not as close as this."""
 
 
 def read_array(path: str | os.PathLike[str]) -> AntennaArray:
@@ -190,7 +193,7 @@ def _arrays(table: StrictTable, default_name: str) -> tuple[AntennaArray, ...]:
     places = [(turn, at) for turn, placed_m in copies for at in placed_m]
     places = places or [(np.eye(3), np.zeros(3))]
     patterns = [_pattern(table, side) for side in ("tx_pattern", "rx_pattern")]
-    table.done([*_SIDES, "pose", "copy_of"])
+    table.done([*_SIDES, "pose", "copy_of", "tx_pattern", "rx_pattern"])
     most = max(len(side.at_m) for side in sides)
     if pairs == CLUSTER and len(places) > MOST_CLUSTERS:
         table.fail("pose", f"at most {MOST_CLUSTERS} clusters", f"{len(places)}")
@@ -202,11 +205,23 @@ def _arrays(table: StrictTable, default_name: str) -> tuple[AntennaArray, ...]:
     placed = [[side.placed(turn, at) for side in sides] for turn, at in places]
     if pairs == ALL:
         placed = [[_Antennas.joined(own) for own in zip(*placed, strict=True)]]
+    _warn_of_same_places(name, *placed[0])
     found = []
     for i, (tx, rx) in enumerate(placed, start=1):
         own = name if len(placed) == 1 else f"{name}, cluster {i} of {len(placed)}"
         found.append(_array(table, own, (tx, rx), patterns))
     return tuple(found)
+
+
+def _warn_of_same_places(name: str, tx: _Antennas, rx: _Antennas) -> None:
+    found = []
+    for side, at_m in (("Tx", tx.at_m), ("Rx", rx.at_m)):
+        places = len(np.unique(at_m.round(SAME_PLACE_DIGITS), axis=0))
+        if places < len(at_m):
+            found.append(f"{len(at_m)} {side} are at {places} places")
+    if found:
+        words = ", ".join(found)
+        warn(f"{name}: {words}, and each counts; are rules and poses as they are meant?")
 
 
 def _array(

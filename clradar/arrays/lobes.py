@@ -239,7 +239,9 @@ def climbed_lobes(
 
     def levels(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (..., 3), metres, of sines and ranges, and the response there."""
-        sines = places[..., :2] / np.maximum(1.0, np.hypot(*places.T[:2]).T)[..., None]
+        # Beyond the horizon as much before it, so that the maximum there is one of the climb, too.
+        beyond = np.maximum(1.0, np.hypot(*places.T[:2]).T)[..., None]
+        sines = places[..., :2] * (2.0 - beyond) / beyond
         upwards = np.sqrt(np.clip(1.0 - (sines**2).sum(axis=-1), 0.0, None))
         direction = np.concatenate([sines, upwards[..., None]], axis=-1)
         at_m = np.clip(places[..., 2:], nearest_m, farthest_m) * direction

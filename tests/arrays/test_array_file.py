@@ -10,7 +10,7 @@ import pytest
 import clradar
 from clradar.arrays import qar50, read_array, read_clusters
 from clradar.arrays.array_file import array_of, array_record, array_text
-from clradar.errors import MeasurementError
+from clradar.errors import ClradarWarning, MeasurementError
 
 LINE = "line = { first_m = [-0.03, 0, 0], last_m = [0.03, 0, 0], n = 4 }"
 
@@ -21,6 +21,7 @@ def read(tmp_path: Path, text: str) -> clradar.AntennaArray:
     return read_array(path)
 
 
+@pytest.mark.filterwarnings("ignore:mixed. 16 Rx are at 14 places")
 def test_every_rule_places_antennas(tmp_path: Path) -> None:
     array = read(
         tmp_path,
@@ -188,3 +189,10 @@ def test_clusters_are_arrays_of_their_own(tmp_path: Path) -> None:
 def test_one_error_names_the_file_and_the_key(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(MeasurementError, match=rf"(?s)lab\.toml: .*{words}"):
         read(tmp_path, text)
+
+
+def test_antennas_of_one_side_at_one_place_are_said(tmp_path: Path) -> None:
+    path = tmp_path / "twice.toml"
+    path.write_text("[[antennas]]\npoints_m = [[0, 0, 0], [0.1, 0, 0], [0, 0, 0]]")
+    with pytest.warns(ClradarWarning, match="twice: 3 Tx are at 2 places"):
+        read_array(path)

@@ -61,6 +61,17 @@ def test_grating_lobes_are_where_the_grating_equation_has_them(sine: float) -> N
     assert [own.level_db for own in found.lobes] == pytest.approx(len(sines) * [0.0], abs=0.01)
 
 
+def test_a_lobe_next_to_the_horizon_is_not_at_it() -> None:
+    n, hz = 9, 24e9
+    spacing_m = C / hz / 0.994
+    band = clradar.Waveform.sfcw(hz, hz, 1)
+    lobes = array_figures(line(n, spacing_m), band, (0, 0, FAR_M), level_db=-1).lobes
+    assert [abs(own.azimuth_deg) for own in lobes] == pytest.approx(
+        2 * [np.rad2deg(np.arcsin(0.994))], abs=0.2
+    )
+    assert [own.level_db for own in lobes] == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
 @pytest.mark.parametrize(("hz", "wavelengths"), [(24e9, 1.2), (60e9, 1.0), (77e9, 1.5), (140e9, 2)])
 def test_arrays_at_other_bands_have_the_lobes_and_the_range_of_theory(
     hz: float, wavelengths: float

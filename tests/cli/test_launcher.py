@@ -181,7 +181,10 @@ def test_wrong_usage_is_2(
         (["hand", "-o", "x.ply", "--device", "abacus"], ("abacus",)),
         (["simulate", "hand.ply", "-o", "x.h5", "--samples-per-mm2", "-1"], ("positive",)),
         (["simulate", "hand.ply", "-o", "no/x.h5"], ("no/x.h5", "folder")),
-        (["simulate", "hand.ply", "-o", "x.h5", "--band", "72:82:0"], ("Waveform.sfcw: steps",)),
+        (
+            ["simulate", "hand.ply", "-o", "x.h5", "--band", "72:82:0"],
+            ("--band", "FIRST below LAST"),
+        ),
         (["simulate", "hand.ply", "-o", "."], ("folder",)),
         (["simulate", "hand.ply", "-o", "hand.ply", "--force"], ("also an input",)),
         (["hand", "J", "-o", "x.ply"], ("pose", "'J'")),

@@ -39,7 +39,11 @@ class BandOptions:
             raise wrong_usage("--band", f"expected FIRST:LAST:STEPS, got '{self.band}'")
         for value in values[:2]:
             check_unit("--band", "a frequency", value, PLAUSIBLE_HZ, "GHz")
-        return values[0], values[1], int(values[2])
+        first, last, steps = values[0], values[1], int(values[2])
+        if steps < 1 or (first >= last if steps > 1 else first != last):
+            expected = "FIRST below LAST, or both equal for one step"
+            raise wrong_usage("--band", f"expected {expected}, got '{self.band}'")
+        return first, last, steps
 
     def waveform(self) -> Waveform:
         """The frequencies, those of the paper without the option."""
