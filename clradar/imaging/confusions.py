@@ -19,7 +19,7 @@ from clradar.opencl import Device
 
 BRIGHTER_DB = 0.2
 """Of two places of one echo it came from that which is brighter by this; less may be the coarse
-image's error, or one that nothing can tell."""
+image's error, and nothing tells."""
 
 PERIODS = 3
 """So many unambiguous ranges beyond the grid are looked at."""
@@ -75,16 +75,18 @@ def warn_of_confusions(
     found = [(amplitude_near(capture, place_m, device), place_m, kind) for place_m, kind in doubles]
     amplitude, place_m, kind = max(found, key=lambda double: double[0])
     brighter_db = 20 * np.log10(amplitude / max(own, 1e-15 * amplitude)) if amplitude > 0 else 0.0
-    if brighter_db < BRIGHTER_DB:
-        return
+    sure = brighter_db >= BRIGHTER_DB
+    if not sure and (kind == "alias" or brighter_db < -BRIGHTER_DB):
+        return  # far away every echo has aliases as bright as itself
     if kind == "alias":
         why = f"the unambiguous range c / (2 df) is {_length(waveform.unambiguous_range_m)}"
         remedy = "measure with smaller frequency steps, or image where the echo is"
     else:
         why = "the array has grating lobes"
         remedy = "space the antennas more closely, or image where the echo is"
+    level = f"{brighter_db:.1f} dB brighter" if sure else f"as bright ({brighter_db:+.1f} dB)"
     warn(
-        f"the brightest place of the grid ({_box(grid)}), {_place(at_m)}, is the {kind} "
-        f"of an echo at {_place(place_m)}, where the image is {brighter_db:.1f} dB brighter: "
-        f"{why}; {remedy}"
+        f"the brightest place of the grid ({_box(grid)}), {_place(at_m)}, "
+        f"{'is' if sure else 'may be'} the {kind} of an echo at {_place(place_m)}, where the image "
+        f"is {level}: {why}; {remedy}"
     )
