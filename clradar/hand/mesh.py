@@ -177,6 +177,15 @@ def hand_joints(
     return mesh.joints_m
 
 
+def checked_edge_m(edge_length_m: float) -> float:
+    """Return the length of edges of a hand's mesh; raise `ModelError` where it makes none."""
+    length_m = checks.positive("edge_length_m", edge_length_m)
+    low_m, high_m = _EDGE_LIMITS_M
+    if not low_m <= length_m <= high_m:
+        checks.fail("edge_length_m", f"a length in [{low_m:g}, {high_m:g}] m", f"{length_m:g} m")
+    return length_m
+
+
 def hand_mesh(
     pose: str | HandPose = "F",
     edge_length_m: float = DEFAULT_EDGE_LENGTH_M,
@@ -226,10 +235,7 @@ def hand_mesh(
     ('palm', 'thumb', 'index', 'middle', 'ring', 'pinky')
     """
     posed = pose if isinstance(pose, HandPose) else pose_by_name(pose)
-    spacing_m = checks.positive("edge_length_m", edge_length_m)
-    low_m, high_m = _EDGE_LIMITS_M
-    if not low_m <= spacing_m <= high_m:
-        checks.fail("edge_length_m", f"a length in [{low_m:g}, {high_m:g}] m", f"{spacing_m:g} m")
+    spacing_m = checked_edge_m(edge_length_m)
     checks.one_of("handedness", handedness, _HANDEDNESS)
     centre_m = place("center_m", center_m)
     checks.instance("shape", shape, HandShape)

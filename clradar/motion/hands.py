@@ -20,7 +20,7 @@ from clradar.hand import (
     posed_skeleton,
 )
 from clradar.hand.joints import JOINT_INDEX
-from clradar.hand.mesh import DEFAULT_CENTER_M, DEFAULT_EDGE_LENGTH_M
+from clradar.hand.mesh import DEFAULT_CENTER_M, DEFAULT_EDGE_LENGTH_M, checked_edge_m
 from clradar.hand.movement import pose_of
 from clradar.hand.shape import AVERAGE
 from clradar.hand.skeleton import Skeleton
@@ -94,6 +94,8 @@ class MovingHand(Record):
         if self.motion is not None:
             checks.instance("MovingHand.motion", self.motion, RigidMotion)
         checks.instance("MovingHand.shape", self.shape, HandShape)
+        if self.rig is None:
+            self._set(edge_length_m=checked_edge_m(self.edge_length_m))
         checks.one_of("MovingHand.handedness", self.handedness, ("right", "left"))
         center_m = checks.read_only("center_m", place("center_m", self.center_m), np.float64, (3,))
         side = self.handedness if self.rig is None else self.rig.handedness
@@ -115,7 +117,12 @@ class MovingHand(Record):
         return moved
 
     def joints_m(self, time_s: float) -> np.ndarray:
-        """Return the joints at a time, shape (25, 3), antenna frame, metres; not those of a rig."""
+        """Return the joints at a time, shape (25, 3), antenna frame, metres.
+
+        NaN for those that a rig does not have.
+        """
+        if self.rig is not None:
+            return self.mesh(time_s).joints_m
         own = HandMovement((self.pose(time_s),), self.transform(time_s)[None], self.handedness)
         return own.joints_m(0, self.shape)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from clradar.motion.hands import MovingHand
 from clradar.motion.rigid import BEYOND, PROFILES, RigidMotion
 from clradar.motion.timing import ORDERS, STEP_S, SweepTiming
 from clradar.opencl import Device
+
+if TYPE_CHECKING:
+    from clradar.rigs import Rig
 
 _EXPECTED = "a motion (a TOML file, see docs/movement.md)"
 MAX_PLACES = 10_000
@@ -120,6 +123,8 @@ def read_motion(path: str | os.PathLike[str]) -> Motion:
     MeasurementError
         The file, a pose or a table of times is missing or damaged, a key is unknown, or a value
         invalid. The message names the file, the key, what was expected and found.
+    RigError
+        A rig is missing or damaged.
 
     Examples
     --------
@@ -223,6 +228,11 @@ def _hand(table: StrictTable, path: Path, files: list[Path]) -> dict[str, Any]:
     made["profile"] = table.one_of("profile", "smooth", PROFILES)
     made["motion"] = _rigid(table, needed=False)
     center_mm = table.numbers("center_mm", 3)
+    if table.has("rig"):
+        for key in _OF_EMBEDDED:
+            if table.has(key):
+                table.fail(key, "none beside rig, which keeps mesh, size and side as it is", "both")
+        made["rig"] = _rig(table, path, files)
     made["center_m"] = DEFAULT_CENTER_M if center_mm is None else [v / 1e3 for v in center_mm]
     made["handedness"] = table.one_of("handedness", "right", ("right", "left"))
     edge_mm = table.number("edge_mm")
@@ -240,6 +250,30 @@ def _hand(table: StrictTable, path: Path, files: list[Path]) -> dict[str, Any]:
         )
         hand = MovingHand(**made)  # reads its poses
     return {**made, "poses": hand.poses}
+
+
+_OF_EMBEDDED = ("handedness", "edge_mm", "length_mm", "breadth_mm", "girth", "finger_lengths")
+
+
+def _rig(table: StrictTable, path: Path, files: list[Path]) -> Rig:
+    """The rigged hand of a file, with the keys of the command line's options."""
+    from clradar.rigs import read_rig
+
+    names = [table.text(key, "the name of a file") for key in ("rig", "mapping")]
+    rig, mapping = (None if name is None else path.parent / name for name in names)
+    unit = table.number_or_text("rig_unit")
+    hand = table.one_of("rig_hand", None, ("right", "left"))
+    betas = table.numbers("betas")
+    assert rig is not None
+    files += [rig] if mapping is None else [rig, mapping]
+    with _at(table):
+        return read_rig(
+            rig,
+            mapping=mapping,
+            unit=unit if unit is None or isinstance(unit, str) else unit / 1e3,
+            handedness=hand,
+            betas=betas,
+        )
 
 
 def _bounded(table: StrictTable, key: str, tables: list[StrictTable]) -> list[StrictTable]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from command_line import Run, one_error_line
+from rig_files import RigMaker
 
 import clradar
 from measurement_io import open_capture, open_recording
@@ -131,3 +132,27 @@ def test_a_hand_goes_from_pose_to_pose_as_a_motion_or_as_meshes(
     assert middle.vertices == pytest.approx(hand.mesh(0.25).vertices_m, abs=1e-6)
     assert run("hand", "A", *way[1:], "-o", "in/other.toml").status == 2
     assert run(*way, "-o", "way.ply").status == 2
+
+
+def test_a_rig_goes_from_pose_to_pose_in_a_motion(
+    tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "in").mkdir()
+    RigMaker(units=100.0).save(tmp_path / "hand.glb")
+    way = ["hand", "--from", "flat", "--to", "A", "--rig", "hand.glb", "--rig-unit", "cm"]
+    outcome = run(*way, "--duration-s", 0.5, "-o", "in/motion.toml")
+    assert outcome.status == 0, outcome.err
+    motion = clradar.read_motion("in/motion.toml")
+    assert [path.name for path in motion.files] == ["motion.toml", "hand.glb"]
+    hand = clradar.MovingHand(**motion.hands[0])
+    assert run(*way, "--duration-s", 0.5, "-o", "way", "--steps", 3).status == 0
+    middle = trimesh.load("way/000001.ply", process=False)
+    assert hand.mesh(0.25).vertices_m == pytest.approx(middle.vertices, abs=1e-6)
+    assert hand.joints_m(0.25) == pytest.approx(hand.mesh(0.25).joints_m, nan_ok=True)
+    command = "simulate --motion in/motion.toml --band 72:72.1:2 --samples-per-mm2 0.05"
+    outcome = run(*command.split(), "--estimator", "expected", "--frames", 1, "-o", "moving")
+    assert outcome.status == 0, outcome.err
+    text = Path("in/motion.toml").read_text()
+    Path("in/motion.toml").write_text(text + "\n[[hand]]\nrig = 'x.glb'\nedge_mm = 2\npose = []")
+    one_error_line(run(*command.split(), "-o", "x.h5"), "motion.toml")

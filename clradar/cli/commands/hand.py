@@ -91,8 +91,6 @@ def command(
     moves, is_motion = bool(way.poses), output.suffix.lower() == ".toml"
     if moves and (pose.pose is not None or rigged.theta is not None or joints is not None):
         raise wrong_usage("--from", "expected no POSE, --theta or --joints beside it")
-    if moves and is_motion and rigged.rig is not None:
-        raise wrong_usage("--rig", "a motion file is of the embedded hand; expected a folder")
     if not moves:
         check_suffix(output, SUFFIXES)
     if moves and output.suffix.lower() in SUFFIXES:
@@ -115,7 +113,7 @@ def command(
         return
     check_outputs([output, joints], force=force, inputs=inputs)
     if moves:
-        way.write_motion(output, embedded, pose.center_mm, pose.turn_deg, force=force)
+        way.write_motion(output, embedded, rigged, pose.center_mm, pose.turn_deg, force=force)
         print_line(f"{output}: hand from '{way.start}' to '{way.end}' in {way.duration_s:g} s")
         return
     joint_angles, center_m = pose.read(), [value / 1e3 for value in pose.center_mm]

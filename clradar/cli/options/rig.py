@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from clradar.cli.options.groups import given, option
 from clradar.cli.options.values import numbers, wrong_usage
@@ -63,6 +63,17 @@ class RigFileOptions:
     def files(self) -> list[Path]:
         """The files that were given."""
         return [path for path in (self.rig, self.mapping) if path is not None]
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """What is given beside the files, as keys of a motion file."""
+        unit = None if self.rig_unit is None else _unit(self.rig_unit)
+        keys = {
+            "rig_unit": 1e3 * unit if isinstance(unit, float) else unit,
+            "rig_hand": self.rig_hand,
+            "betas": None if self.betas is None else numbers(self.betas),
+        }
+        return {key: value for key, value in keys.items() if value is not None}
 
     def read(self) -> Rig:
         """The rig of the file."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from clradar.cli.options.groups import given, option
 from clradar.cli.options.hand import EmbeddedHandOptions
+from clradar.cli.options.rig import RigFileOptions
 from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import whole_folder
 from clradar.files.atomic import write_file
@@ -63,12 +64,13 @@ class WayOptions:
         self,
         path: Path,
         embedded: EmbeddedHandOptions,
+        rigged: RigFileOptions,
         center_mm: tuple[float, float, float],
         turn_deg: float,
         *,
         force: bool,
     ) -> None:
-        """Write a motion file of the embedded hand."""
+        """Write a motion file of the embedded hand, or of a rig."""
         from clradar.hand.movement import pose_of
 
         for pose in self.poses:
@@ -78,12 +80,19 @@ class WayOptions:
             {"time_s": time_s, "pose": _named(pose, path)}
             for time_s, pose in zip(times_s, self.poses, strict=True)
         ]
-        hand: dict[str, Any] = {"handedness": embedded.handedness, "center_mm": list(center_mm)}
-        shape = embedded.shape
-        hand |= {"length_mm": 1e3 * shape.length_m, "breadth_mm": 1e3 * shape.breadth_m}
-        hand |= {"finger_lengths": list(shape.finger_lengths), "girth": shape.girth}
-        if embedded.edge_mm is not None:
-            hand["edge_mm"] = embedded.edge_mm
+        hand: dict[str, Any] = {"center_mm": list(center_mm)}
+        if rigged.rig is not None:
+            rigged.read()  # raises where it is none
+            own = {"rig": rigged.rig, "mapping": rigged.mapping}
+            hand |= {k: os.path.relpath(v, path.parent) for k, v in own.items() if v is not None}
+            hand |= rigged.keys
+        else:
+            shape = embedded.shape
+            hand |= {"handedness": embedded.handedness, "length_mm": 1e3 * shape.length_m}
+            hand |= {"breadth_mm": 1e3 * shape.breadth_m, "girth": shape.girth}
+            hand["finger_lengths"] = list(shape.finger_lengths)
+            if embedded.edge_mm is not None:
+                hand["edge_mm"] = embedded.edge_mm
         text = "[[hand]]\n" + toml_document(hand)
         if turn_deg:
             text += f"about_mm = {list(center_mm)}\n[[hand.place]]\ntime_s = 0.0\n"
