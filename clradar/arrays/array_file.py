@@ -218,10 +218,13 @@ def _warn_of_same_places(name: str, tx: _Antennas, rx: _Antennas) -> None:
     for side, at_m in (("Tx", tx.at_m), ("Rx", rx.at_m)):
         places = len(np.unique(at_m.round(SAME_PLACE_DIGITS), axis=0))
         if places < len(at_m):
-            found.append(f"{len(at_m)} {side} are at {places} places")
+            found.append(f"{len(at_m)} {side} at {places} places")
     if found:
         words = ", ".join(found)
-        warn(f"{name}: {words}, and each counts; are rules and poses as they are meant?")
+        warn(
+            f"{name}: antennas at the same place all count, {words}; are rules and poses as they "
+            "are meant?"
+        )
 
 
 def _array(
