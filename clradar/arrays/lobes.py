@@ -39,6 +39,9 @@ SHIFTS = 256
 CLIMBS = 6
 """Steps to a maximum, each through the parabola of 27 points around the one before."""
 
+AT_POLE = 1e-3
+"""Distance of a unit vector from the y axis within which its azimuth is that of rounding."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DirectionMap:
@@ -79,7 +82,7 @@ class Lobe:
     position_m: np.ndarray
     """Of its maximum, shape (3,)."""
     azimuth_deg: float
-    """Angle to +z in the x-z plane, positive towards +x."""
+    """Angle to +z in the x-z plane, positive towards +x; 0 for the directions of y."""
     elevation_deg: float
     """Angle above the x-z plane, positive towards +y."""
     level_db: float
@@ -134,7 +137,9 @@ def lobes(
 
 def _lobe(position_m: np.ndarray, height: float) -> Lobe:
     direction = position_m / np.linalg.norm(position_m)
-    angles = np.arctan2(direction[0], direction[2]), np.arcsin(direction[1])
+    aside = np.hypot(direction[0], direction[2])
+    azimuth = np.arctan2(direction[0], direction[2]) if aside > AT_POLE else 0.0
+    angles = azimuth, np.arcsin(np.clip(direction[1], -1.0, 1.0))
     azimuth_deg, elevation_deg = (round(float(np.rad2deg(a)), 6) + 0.0 for a in angles)  # no -0
     return Lobe(position_m, azimuth_deg, elevation_deg, 20 * float(np.log10(height)))
 

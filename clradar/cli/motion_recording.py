@@ -70,7 +70,8 @@ class MotionRecording:
             (capture,) = self._captures(0, 1, timings[0], device, progress)
             save(output, capture, origin, force=force)
             instants = capture.meta["movement"].get("instants", 1)
-            return f"a sweep of {1e3 * sweep_s:.3g} ms, simulated at {instants} instants"
+            times = "1 instant" if instants == 1 else f"{instants} instants"
+            return f"a sweep of {1e3 * sweep_s:.3g} ms, simulated at {times}"
         words = f"{n_frames} frames, sweeps" if n_frames is not None else "a sweep"
         words += f" of {1e3 * sweep_s:.3g} ms"
         if several:

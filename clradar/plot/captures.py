@@ -62,6 +62,8 @@ def capture_figure(capture: Capture, title: str | None = None) -> Figure:
     >>> len(capture_figure(capture).axes)
     3
     """
+    from matplotlib.ticker import MaxNLocator
+
     checks.instance("capture_figure: capture", capture, Capture)
     _check_not_zero(capture, "capture_figure")
     figure = _figure(title)
@@ -82,6 +84,8 @@ def capture_figure(capture: Capture, title: str | None = None) -> Figure:
     drawn = panels[-1].imshow(
         _level_db(power), origin="lower", aspect="auto", vmin=-PAIRS_DB, vmax=0, cmap="viridis"
     )
+    for axis in (panels[-1].xaxis, panels[-1].yaxis):
+        axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     _label(panels[-1], "Level of every pair", "Rx", "Tx")
     _bar(figure, drawn, panels[-1])
     return figure

@@ -49,6 +49,15 @@ def test_a_line_far_away_has_the_width_and_the_sidelobes_of_theory() -> None:
     assert not any(own.grating for own in found.lobes)
 
 
+def test_a_lobe_along_y_has_no_azimuth() -> None:
+    hz, n = 24e9, 8
+    tx_m = np.roll(line(n, C / hz).rx_m, 1, axis=1)
+    array = clradar.AntennaArray(tx_m, line(n, 0.45 * C / hz).rx_m)
+    found = array_figures(array, clradar.Waveform.sfcw(hz, hz, 1), (0, 0, FAR_M), level_db=-1)
+    angles = [(own.azimuth_deg, own.elevation_deg) for own in found.lobes]
+    assert np.array(angles) == pytest.approx(np.array([[0, -90], [0, 90]]), abs=0.1)
+
+
 @pytest.mark.parametrize("sine", [0.0, 0.3])
 def test_grating_lobes_are_where_the_grating_equation_has_them(sine: float) -> None:
     n, spacing_m, hz = 12, 6e-3, 75e9
