@@ -233,7 +233,7 @@ def made_by_parts(
             _make(steps, n_samples, workers, device)
         yield
         clear(folder, OWN_NAMES)
-    with suppress(OSError):  # it was resumed, and holds something else
+    with suppress(OSError):  # it is gone, or holds something else
         folder.rmdir()
 
 
