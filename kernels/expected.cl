@@ -27,7 +27,7 @@
 /* Of the half angle of a disc; a sine of 2 marks a sample inside its sphere. */
 static inline realw cosine_of(const realw sine) {
     const realw within = lesser(sine, (realw)(1.0f));
-    return sqrt((1.0f - within) * (1.0f + within));
+    return square_root((1.0f - within) * (1.0f + within));
 }
 
 static inline void set_alpha(lobe *l, realw alpha) {
@@ -38,7 +38,7 @@ static inline void set_alpha(lobe *l, realw alpha) {
     l->any_two = ANYW(l->two);
     const realw square = l->two ? difference : (realw)(0.0f);
     l->edge = choose(l->two, alpha / k, (realw)(1.0f));
-    l->edge_cos = sqrt(square) / k;
+    l->edge_cos = square_root(square) / k;
 }
 
 /* antenna   float (6, n_padded)  x, y, z as hi, then as lo, metres
@@ -163,7 +163,7 @@ static inline disc make_disc(realw x, realw y, realw z, realw sine, realw cosine
     d.sine = choose(d.inside, (realw)(1.0f), sine);
     d.cosine = cosine;
     d.z = z;
-    d.rho = sqrt(x * x + y * y);
+    d.rho = square_root(x * x + y * y);
     const realw inverse = 1.0f / greater(d.rho, (realw)(1e-20f));
     const intw centred = d.rho < 1e-20f;
     d.cos_psi = choose(centred, (realw)(1.0f), x * inverse);

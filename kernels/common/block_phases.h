@@ -73,21 +73,10 @@ static inline void phasor(dual length, float k_hi, float k_lo, realw *cosine, re
 #else
 typedef realw length_type;
 
-/* Square roots. sqrt() is a call on PoCL, which costs its caller all registers. */
-static inline realw root(realw v) {
-#if CLR_WIDTH == 8 && defined(__clang__) && !defined(CLR_CHECKED)
-    return (realw)(__builtin_sqrtf(v.s0), __builtin_sqrtf(v.s1), __builtin_sqrtf(v.s2),
-                   __builtin_sqrtf(v.s3), __builtin_sqrtf(v.s4), __builtin_sqrtf(v.s5),
-                   __builtin_sqrtf(v.s6), __builtin_sqrtf(v.s7));
-#else
-    return sqrt(v);
-#endif
-}
-
 /* |v| - |c| for v = c + o, without cancellation; length = |c|. */
 static inline realw length_difference(realw vx, realw vy, realw vz, realw cx, realw cy, realw cz,
                                       realw ox, realw oy, realw oz, realw length) {
-    const realw sum = root(vx * vx + vy * vy + vz * vz) + length;
+    const realw sum = square_root(vx * vx + vy * vy + vz * vz) + length;
     const realw product = ox * (vx + cx) + oy * (vy + cy) + oz * (vz + cz);
     return sum > 0.0f ? product / sum : (realw)(0.0f);
 }
@@ -200,7 +189,7 @@ static inline length_type length_from_centre(const offsets o, __global const flo
 #else
     const float cx = c[0] - a[0], cy = c[1] - a[1], cz = c[2] - a[2];
     return length_difference(o.x + cx, o.y + cy, o.z + cz, cx, cy, cz, o.x, o.y, o.z,
-                             root((realw)(cx * cx + cy * cy + cz * cz)));
+                             square_root((realw)(cx * cx + cy * cy + cz * cz)));
 #endif
 }
 

@@ -85,10 +85,10 @@ static inline void keep_above(realw n_z, realw m, realw horizon_cos, realw horiz
 static inline realw slice(const lobe l, const disc d, realw cos_t, realw sin_t, intw clipped) {
     /* The chord: from its middle e, the disc's rim is at +-eta. */
     const realw off = d.rho * sin_t;
-    const realw scale = 1.0f / sqrt(1.0f - lesser(off * off, (realw)(0.999999f)));
+    const realw scale = 1.0f / square_root(1.0f - lesser(off * off, (realw)(0.999999f)));
     const realw e_z = d.z * scale, e_x = d.rho * cos_t * scale;
     const realw chord = (d.sine - off) * (d.sine + off);
-    const realw sine = sqrt(chord > 0.0f ? chord : (realw)(0.0f)) * scale, cosine = d.cosine * scale;
+    const realw sine = square_root(chord > 0.0f ? chord : (realw)(0.0f)) * scale, cosine = d.cosine * scale;
     realw z1 = e_z * cosine + e_x * sine, x1 = e_x * cosine - e_z * sine;
     realw z2 = e_z * cosine - e_x * sine, x2 = e_x * cosine + e_z * sine;
     const intw from_axis = (x1 < 0.0f) | d.inside, to_axis = (x2 < 0.0f) | d.inside;
@@ -103,7 +103,7 @@ static inline realw slice(const lobe l, const disc d, realw cos_t, realw sin_t, 
         /* g.(z, x) = g_z z + across x changes its sign at (-across, g_z), turned to x >= 0. */
         const realw azimuth_y = d.sin_psi * cos_t + d.cos_psi * sin_t;
         const realw across = l.g_x * azimuth_x + l.g_y * azimuth_y;
-        const realw norm = 1.0f / sqrt(across * across + l.g_z * l.g_z + 1e-30f);
+        const realw norm = 1.0f / square_root(across * across + l.g_z * l.g_z + 1e-30f);
         const realw turned = l.g_z < 0.0f ? -norm : norm;
         const realw h_z = -across * turned, h_x = l.g_z * turned;
         const intw below1 = l.g_z * z1 + across * x1 <= 0.0f;
@@ -123,13 +123,13 @@ static inline realw slice(const lobe l, const disc d, realw cos_t, realw sin_t, 
 
     /* gamma of both ends on both sheets. */
     const realw m = l.n_x * azimuth_x;
-    const realw to_horizon = 1.0f / sqrt(l.n_z * l.n_z + m * m + 1e-30f);
+    const realw to_horizon = 1.0f / square_root(l.n_z * l.n_z + m * m + 1e-30f);
     const realw horizon_cos = -m * to_horizon, horizon_sin = l.n_z * to_horizon;
     const realw inverse = 1.0f / l.alpha;
     const realw square1 = (l.alpha - l.k * x1) * (l.alpha + l.k * x1);
     const realw square2 = (l.alpha - l.k * x2) * (l.alpha + l.k * x2);
-    const realw root1 = sqrt(square1 > 0.0f ? square1 : (realw)(0.0f));
-    const realw root2 = sqrt(square2 > 0.0f ? square2 : (realw)(0.0f));
+    const realw root1 = square_root(square1 > 0.0f ? square1 : (realw)(0.0f));
+    const realw root2 = square_root(square2 > 0.0f ? square2 : (realw)(0.0f));
     realw c1 = (z1 * root1 - l.k * x1 * x1) * inverse, s1 = x1 * (l.k * z1 + root1) * inverse;
     realw c2 = (z2 * root2 - l.k * x2 * x2) * inverse, s2 = x2 * (l.k * z2 + root2) * inverse;
     keep_above(l.n_z, m, horizon_cos, horizon_sin, &c1, &s1);
@@ -153,7 +153,7 @@ static inline realw at_angle(const lobe l, const disc d, realw t, intw clipped) 
     cos_sin_cycles(t * (0.5f / PI_F), &cos_t, &sin_t);
     const realw sin_off = d.ratio * sin_t;
     const realw square = 1.0f - sin_off * sin_off;
-    const realw cos_off = sqrt(square > 1e-12f ? square : (realw)(1e-12f));
+    const realw cos_off = square_root(square > 1e-12f ? square : (realw)(1e-12f));
     const realw weight = choose(d.around, (realw)(1.0f), d.ratio * cos_t / cos_off);
     return weight * slice(l, d, choose(d.around, cos_t, cos_off), choose(d.around, sin_t, sin_off),
                           clipped);
@@ -205,21 +205,21 @@ static inline realw direction_density(const lobe l, realw w_z, realw w_n, realw 
 
 static inline realw sheet_root(const lobe l, realw w_x) {
     const realw square = (l.alpha - l.k * w_x) * (l.alpha + l.k * w_x);
-    return sqrt(square > 1e-12f ? square : (realw)(1e-12f));
+    return square_root(square > 1e-12f ? square : (realw)(1e-12f));
 }
 
 /* P of a disc on which the density is smooth: four directions at cos delta = (1 + cos theta) / 2, towards t_m, away
  * from it and to both sides, which is exact for a density of degree 3. */
 static inline realw smooth_probability(const lobe l, const disc d) {
     const realw near = 0.5f * (1.0f + d.cosine);
-    const realw out = sqrt((1.0f - near) * (1.0f + near));
+    const realw out = square_root((1.0f - near) * (1.0f + near));
     realw w_z = near * d.z - out * d.rho, w_x = near * d.rho + out * d.z;
     realw sum = direction_density(l, w_z, l.n_z * w_z + l.n_x * d.cos_psi * w_x, sheet_root(l, w_x));
     w_z = near * d.z + out * d.rho;
     w_x = near * d.rho - out * d.z;
     sum += direction_density(l, w_z, l.n_z * w_z + l.n_x * d.cos_psi * w_x, sheet_root(l, w_x));
     w_z = near * d.z;
-    const realw root = sheet_root(l, sqrt((1.0f - w_z) * (1.0f + w_z)));
+    const realw root = sheet_root(l, square_root((1.0f - w_z) * (1.0f + w_z)));
     const realw w_n = l.n_z * w_z + l.n_x * d.cos_psi * (near * d.rho), aside = l.n_x * d.sin_psi * out;
     sum += direction_density(l, w_z, w_n + aside, root);
     sum += direction_density(l, w_z, w_n - aside, root);
@@ -267,7 +267,7 @@ static inline edge_cut cut_of(const lobe l, const disc d) {
     c.apart = (above >= below) & (d.rho * l.edge_cos > d.z * l.edge) & edged;
     c.cosine = choose(c.cut, above / (below + 1e-30f), (realw)(0.0f));
     const realw sine_square = 1.0f - c.cosine * c.cosine;
-    c.sine = sqrt(sine_square > 0.0f ? sine_square : (realw)(0.0f));
+    c.sine = square_root(sine_square > 0.0f ? sine_square : (realw)(0.0f));
     /* Beyond the cut the chords end before the edge if the tangent from t_m to the disc does. */
     c.outer = c.cut & (d.around | (d.z > l.edge_cos * d.cosine));
     return c;
@@ -287,7 +287,7 @@ static inline realw sliced_probability(const lobe l, const disc d, intw clipped,
         outer = c.outer;
         apart = c.apart;
         const realw part = lesser(c.sine / d.ratio, (realw)(1.0f));
-        const realw rest = sqrt(1.0f - part * part);
+        const realw rest = square_root(1.0f - part * part);
         cut_at = choose(cut, angle(choose(d.around, c.sine, part), choose(d.around, c.cosine, rest)), whole);
     }
     realw sum = (realw)(0.0f);

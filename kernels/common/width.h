@@ -126,6 +126,17 @@ static inline realw greater(realw a, realw b) {
     return a > b ? a : b;
 }
 
+/* Square roots. sqrt() is a call on PoCL, which costs its caller all registers. */
+static inline realw square_root(realw v) {
+#if CLR_WIDTH == 8 && defined(__clang__) && !defined(CLR_CHECKED)
+    return (realw)(__builtin_sqrtf(v.s0), __builtin_sqrtf(v.s1), __builtin_sqrtf(v.s2),
+                   __builtin_sqrtf(v.s3), __builtin_sqrtf(v.s4), __builtin_sqrtf(v.s5),
+                   __builtin_sqrtf(v.s6), __builtin_sqrtf(v.s7));
+#else
+    return sqrt(v);
+#endif
+}
+
 /* a b + c, in one instruction where the device has one. OpenCL's fma() is a library call on PoCL, ten
  * times slower; nothing here needs its single rounding. */
 static inline realw fused(realw a, realw b, realw c) {
