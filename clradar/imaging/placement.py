@@ -29,8 +29,12 @@ stronger by up to this: a wall behind a hand."""
 ALSO_DB = DYNAMIC_RANGE_DB
 """Other bodies are echoes at most this far below the strongest: what a picture shows."""
 
+NAMED_DB = 25.0
+"""Echoes at most this far below the strongest are named, or taken in where all are asked for. Range
+side lobes are at -31 dB."""
+
 MOST_BODIES = 4
-MOST_TRIED = 12
+MOST_TRIED = 8
 """Maxima of the range profile that are located in search of other bodies."""
 
 FEWEST_PER_RESOLUTION = 2.0
@@ -47,7 +51,7 @@ class Placement:
     shown : tuple of Echo
         The echoes that it was placed around, strongest first; none where nothing was found.
     left_out : tuple of Echo
-        Others at most `ALSO_DB` below the strongest that it does not hold.
+        Others at most `NAMED_DB` below the strongest that it does not hold.
     """
 
     grid: VoxelGrid
@@ -64,7 +68,7 @@ def place_grid(
     ----------
     capture : Capture
     everything : bool
-        Never the grid of the paper, but one around all echoes.
+        Never the grid of the paper, but one around all echoes up to 25 dB below the strongest.
     device : Device, str or None
         See `clradar.open_device`.
 
@@ -130,7 +134,8 @@ def placement(capture: Capture, device: Device, *, everything: bool = False) -> 
                 return Placement(PAPER_GRID, (echo,), tuple(other for other, _ in others))
     strongest = locate(capture, float(profile.path_m[0]), device)
     first = (strongest, box_around(capture, strongest, device))
-    return _around_all(capture, _bodies(capture, profile, [first], device))
+    bodies = _bodies(capture, profile, [first], device)
+    return _around_all(capture, bodies, NAMED_DB if everything else ALSO_DB)
 
 
 def placement_words(capture: Capture, placed: Placement) -> str:
@@ -225,14 +230,14 @@ def _bodies(
     """The bodies found, and others at other ranges, each with a grid around it."""
     cell_m = capture.waveform.range_resolution_m
     period_m, tried = capture.waveform.unambiguous_range_m, 0
-    strong = profile.power >= 10 ** (-ALSO_DB / 10) * profile.power[0]
+    strong = profile.power >= 10 ** (-NAMED_DB / 10) * profile.power[0]
     for path_m in profile.path_m[strong]:
         reaches = [reach_m(capture, box) for _, box in found]
         if any((path_m / 2 - near + cell_m) % period_m <= far - near + 2 * cell_m
                for near, far in reaches):  # fmt: skip
             continue
         echo = locate(capture, float(path_m), device)
-        bright = echo.amplitude >= 10 ** (-ALSO_DB / 20) * max(e.amplitude for e, _ in found)
+        bright = echo.amplitude >= 10 ** (-NAMED_DB / 20) * max(e.amplitude for e, _ in found)
         if bright and not any(inside(box, echo.position_m) for _, box in found):
             found = [*found, (echo, box_around(capture, echo, device))]
         tried += 1
@@ -241,10 +246,14 @@ def _bodies(
     return found
 
 
-def _around_all(capture: Capture, bodies: list[tuple[Echo, VoxelGrid]]) -> Placement:
-    """The grid around as many bodies as it can hold, strongest first."""
+def _around_all(
+    capture: Capture, bodies: list[tuple[Echo, VoxelGrid]], least_db: float
+) -> Placement:
+    """The grid around as many bodies as it can hold, strongest first, down to a level."""
+    bodies = sorted(bodies, key=lambda body: -body[0].amplitude)
     echoes, boxes = zip(*bodies, strict=True)
-    for count in range(len(bodies), 1, -1):
+    floor = 10 ** (-least_db / 20) * echoes[0].amplitude
+    for count in range(sum(echo.amplitude >= floor for echo in echoes), 1, -1):
         ends = [
             (box.origin_m, box.origin_m + box.spacing_m * (np.array(box.counts) - 1))
             for box in boxes[:count]

@@ -157,6 +157,10 @@ def test_bodies_apart_are_in_one_grid_or_named() -> None:
     low, high = box_of(found.grid).T
     assert ((low < places) & (places < high)).all()
     assert (2 * found.grid.spacing_m <= [0.0139, 0.0139, 0.015]).all()
+    weak = echoes_of([0, 0, 1.0], [0.1, 0.1, 1.6], amplitudes=[1.0, 0.12])  # -18 dB
+    found = placement.placement(weak, clradar.open_device())
+    assert [len(found.shown), len(found.left_out)] == [1, 1]
+    assert place_grid(weak, everything=True).z_m[-1] > 1.6
     two = echoes_of(AT_HAND, [0, 0, 0.8])
     found = placement.placement(two, clradar.open_device())
     assert found.grid is PAPER_GRID

@@ -152,7 +152,8 @@ def command(
     voxels: GridOptions,
     everything: bool = option(
         False,
-        "Without a grid: one around all echoes, also where one is in the paper's grid.",
+        "Without a grid: one around all echoes up to 25 dB below the strongest, also where one is "
+        "in the paper's grid.",
         names=("--all-echoes",),
     ),
     imaging: ModelImagingOptions,
