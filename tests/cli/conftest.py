@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import command_line
 import pytest
-from command_line import DENSITY, EDGE_MM, GRID, Outcome, Run
+from command_line import DENSITY, EDGE_MM, GRID, Outcome, Run, exit_status
 
-from clradar.cli import main
 from measurement_io import open_capture, save_maroon_frame
 
 
@@ -19,12 +19,7 @@ def _device(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Run:
     def call(*arguments: object) -> Outcome:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main([str(a) for a in arguments])
-        captured = capsys.readouterr()
-        code = ended.value.code
-        return Outcome(0 if code is None else int(code), captured.out, captured.err)
+        return Outcome(*command_line.run(capsys, *arguments))
 
     return call
 
@@ -44,8 +39,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setenv("CLRADAR_DEVICE", "pocl")
         patch.chdir(folder)
         for command in commands:
-            with pytest.raises(SystemExit) as ended:
-                main(command)
-            assert ended.value.code in (0, None), command
+            assert exit_status(*command) == 0, command
         save_maroon_frame("recording", open_capture("sim.h5"))
     return folder

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
+import command_line
 import maroon_files as files
 import maroon_products as made
 import numpy as np
@@ -14,7 +16,6 @@ import pytest
 from systems import posix_only
 
 import clradar
-from clradar.cli import main
 from measurement_io import check_file, open_capture, save_capture
 from measurement_io.maroon.products import read_depth_map
 
@@ -25,14 +26,7 @@ Run = Callable[..., tuple[int, str, str]]
 def run(capsys: pytest.CaptureFixture[str]) -> Run:
     """Run the command; return exit status, stdout and stderr."""
 
-    def call(*arguments: object) -> tuple[int, str, str]:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main(["convert", *(str(a) for a in arguments)])
-        captured = capsys.readouterr()
-        return int(ended.value.code or 0), captured.out, captured.err
-
-    return call
+    return partial(command_line.run, capsys, "convert")
 
 
 @pytest.fixture

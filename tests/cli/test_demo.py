@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import exit_status
 
 import clradar
-from clradar.cli import demonstration, main
+from clradar.cli import demonstration
 from measurement_io import check_file, open_capture, open_volume
 
 # With so few rays the wrist, which the paper's grid cuts, is as bright as the palm.
@@ -116,12 +117,7 @@ def test_command(
     monkeypatch.chdir(tmp_path)
     arguments = ["demo", "--full"] if full else ["demo"]
 
-    def status() -> object:
-        with pytest.raises(SystemExit) as ended:
-            main(arguments)
-        return ended.value.code
-
-    assert status() in (0, None)
+    assert exit_status(*arguments) == 0
     ((folder, settings, _),) = calls
     assert folder == Path("demo")
     assert settings == (demonstration.FULL if full else demonstration.DEFAULT)
@@ -130,16 +126,14 @@ def test_command(
     assert f"{'201 x 201 x 81' if full else '101 x 101 x 41'} voxels" in printed
 
     (tmp_path / "demo" / "notes.txt").write_text("mine")
-    assert status() == 1
+    assert exit_status(*arguments) == 1
     assert capsys.readouterr().err.startswith("clradar: error: demo: holds files already")
     arguments.append("--force")
-    assert status() in (0, None)
+    assert exit_status(*arguments) == 0
     assert (tmp_path / "demo" / "notes.txt").read_text() == "mine"
 
 
 def test_a_file_in_the_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(SystemExit) as ended:
-        main(["demo", "-o", str(tmp_path / "file")])
-    assert ended.value.code == 1
+    assert exit_status("demo", "-o", tmp_path / "file") == 1
     assert "got a file" in capsys.readouterr().err

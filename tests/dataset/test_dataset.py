@@ -9,9 +9,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import command_line
 import h5py
 import numpy as np
 import pytest
+from command_line import exit_status
 from dataset_plans import (
     DEVICE,
     PLAN,
@@ -22,7 +24,6 @@ from dataset_plans import (
 from rig_files import RigMaker
 
 import clradar
-from clradar.cli import main
 from clradar.dataset import PlanError, make_sample, open_dataset, recipe, replay, run
 from clradar.dataset.sample import _rig, rotation
 from clradar.dataset.store.check import check_dataset
@@ -230,9 +231,7 @@ def test_rigs_are_hands_too(
     monkeypatch.chdir(tmp_path / "else")
     assert replay(tmp_path / "else" / "out", 0, device=DEVICE).differences == ()
     arguments = ["--replay", str(tmp_path / "out"), "0", "--rigs", str(moved.folder)]
-    with pytest.raises(SystemExit) as ended:
-        main(["dataset", "--device", DEVICE, *arguments])
-    assert not ended.value.code
+    assert exit_status("dataset", "--device", DEVICE, *arguments) == 0
     assert "sample 0: the same bits" in capsys.readouterr().out
     (tmp_path / "else" / "hand.glb").unlink()
     for begun in (
@@ -293,10 +292,7 @@ def test_the_command_replays(
     made: Path, copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def called(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            main([str(a) for a in ("dataset", "--device", DEVICE, *arguments)])
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
+        return command_line.run(capsys, "dataset", "--device", DEVICE, *arguments)
 
     target = tmp_path / "sample.h5"
     status, out, _ = called("--replay", made, 4, "-o", target)

@@ -10,6 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from command_line import exit_status
 from dataset_plans import (
     DEVICE,
     LIGHT,
@@ -17,7 +18,6 @@ from dataset_plans import (
     flip_a_bit,
 )
 
-from clradar.cli import main
 from clradar.dataset import open_dataset, replay, run
 from clradar.dataset.store.check import check_dataset, describe_dataset
 from clradar.dataset.store.folder import (
@@ -107,9 +107,7 @@ def test_an_incomplete_data_set_is_reported(
         (["inspect", str(tmp_path)], 0),
         (["inspect", str(tmp_path), "--check"], 1),
     ):
-        with pytest.raises(SystemExit) as ended:
-            main(arguments)
-        assert (ended.value.code or 0) == status
+        assert exit_status(*arguments) == status
     out, err = capsys.readouterr()
     assert "samples    3 of 7" in out
     assert "not complete: shards 1, 2 are missing" in out
@@ -120,7 +118,5 @@ def test_an_incomplete_data_set_is_reported(
 def test_inspect_of_an_empty_folder_mentions_data_sets(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["inspect", str(tmp_path)])
-    assert ended.value.code == 1
+    assert exit_status("inspect", tmp_path) == 1
     assert "nor is it a data set, which has manifest.json" in capsys.readouterr().err

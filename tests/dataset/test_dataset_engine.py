@@ -14,13 +14,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import command_line
 import faulty_samples
 import pytest
 from dataset_plans import digests
 from systems import posix_only
 from two_devices import findings_of
 
-from clradar.cli import main
 from clradar.dataset import Plan, read_plan, run
 from clradar.dataset.engine.part_making import ATTEMPTS, PartMaker, Serial
 from clradar.dataset.engine.run import STOP_AFTER
@@ -387,13 +387,7 @@ def test_an_address_without_a_scheduler_is_one_error(
 def cli(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
     """Run a command in this process; returns its exit status and its stderr."""
 
-    def call(*arguments: object) -> tuple[int, str]:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main([str(a) for a in arguments])
-        return int(ended.value.code or 0), capsys.readouterr().err
-
-    return call
+    return lambda *arguments: command_line.run(capsys, *arguments)[::2]
 
 
 def wait_for(condition: Callable[[], bool], limit_s: float = 1800.0) -> None:

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import exit_status
 from dataset_plans import DEVICE, LIGHT, Engine, digests, flip_a_bit, light_plan
 
-from clradar.cli import main
 from clradar.dataset import run
 from clradar.dataset.store.check import check_dataset, describe_dataset
 from clradar.dataset.store.folder import (
@@ -137,9 +137,7 @@ def test_the_command_reports_a_shard_made_again(
     )
 
     def called(*arguments: str) -> tuple[str, str]:
-        with pytest.raises(SystemExit) as ended:
-            main(["dataset", str(plan), "-o", str(tmp_path / "set"), *arguments])
-        assert not ended.value.code
+        assert exit_status("dataset", plan, "-o", tmp_path / "set", *arguments) == 0
         out, err = capsys.readouterr()
         return out, err
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import exit_status
 from dataset_plans import (
     DEVICE,
     PLAN,
     digests,
 )
 
-from clradar.cli import main
 from clradar.dataset import make_sample, open_dataset, recipe, run
 from clradar.dataset.engine.estimate import estimate
 from clradar.dataset.store.folder import (
@@ -100,9 +100,7 @@ def test_the_estimate_is_near_what_is_written(made: Path) -> None:
 def test_a_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan = "samples = 100000\n[poses]\nnames = ['A']\n[hands]\nedge_mm = 4\n"
     (tmp_path / "plan.toml").write_text(plan + "[output]\nproducts = ['joints']\n")
-    with pytest.raises(SystemExit) as ended:
-        main(["dataset", str(tmp_path / "plan.toml"), "--dry-run", "-o", str(tmp_path / "out")])
-    assert not ended.value.code
+    assert exit_status("dataset", tmp_path / "plan.toml", "--dry-run", "-o", tmp_path / "out") == 0
     out = capsys.readouterr().out
     assert "all 100000 samples: " in out
     assert [path.name for path in tmp_path.iterdir()] == ["plan.toml"]
@@ -114,7 +112,5 @@ def test_wrong_usage_is_status_two(capsys: pytest.CaptureFixture[str]) -> None:
         ["dataset", "plan.toml", "--replay", "x", "1"],
         ["dataset", "plan.toml", "--rigs", "x", "-o", "y"],
     ):
-        with pytest.raises(SystemExit) as ended:
-            main(arguments)
-        assert ended.value.code == 2
+        assert exit_status(*arguments) == 2
     capsys.readouterr()

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from command_line import run
 from mano_files import ORDER, PARENTS, mano_model, mano_pickle
-from rig_files import run
 from systems import posix_only
 
 from clradar.errors import ModelError, RigError

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from command_line import run
 from pygltflib import GLTF2, Sparse
 from pygltflib import AccessorSparseIndices as SparseIndices
 from pygltflib import AccessorSparseValues as SparseValues
-from rig_files import TIPS, RigMaker, run
+from rig_files import TIPS, RigMaker
 from scipy.spatial.transform import Rotation
 from systems import posix_only
 

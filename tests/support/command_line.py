@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import pytest
+
+from clradar.cli import main
+
 EDGE_MM = "4"
 DENSITY = "0.2"
 GRID = ("--x-mm", "-60:60:6", "--y-mm", "-90:90:6", "--z-mm", "280:320:5")
@@ -17,6 +21,20 @@ class Outcome:
 
     def __init__(self, status: int, out: str, err: str) -> None:
         self.status, self.out, self.err = status, out, err
+
+
+def exit_status(*arguments: object) -> int:
+    """What a command ends with; what it writes is left to `capsys`."""
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    return int(ended.value.code or 0)
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    """Exit status and both streams of a command."""
+    capsys.readouterr()
+    status = exit_status(*arguments)
+    return status, *capsys.readouterr()
 
 
 def one_error_line(outcome: Outcome, *parts: str) -> None:

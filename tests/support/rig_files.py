@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import pytest
 from pygltflib import (
     GLTF2,
     Accessor,
@@ -23,7 +22,6 @@ from pygltflib import (
     Skin,
 )
 
-from clradar.cli import main
 from clradar.hand import (
     JOINT_NAMES,
     HandPose,
@@ -280,12 +278,3 @@ class RigMaker:
             document.buffers[0].uri = path.with_suffix(".bin").name
             path.write_text(document.to_json())
         return path
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    """Return exit status and both streams of a command line."""
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as ended:
-        main([str(a) for a in arguments])
-    captured = capsys.readouterr()
-    return int(ended.value.code or 0), captured.out, captured.err

@@ -11,6 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from command_line import run
 from recorded_targets import DEAD_RX, DEAD_TX, QAR50, SMALL, Instrument, instrument
 
 import clradar
@@ -26,7 +27,6 @@ from calibration import (
 from calibration.channels.figure import channels_figure
 from calibration.channels.slepian_taper import delay_taper
 from clradar import AntennaArray, Capture, ChannelCalibration, VoxelGrid, Waveform, reference
-from clradar.cli import main
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError, MeasurementError, ModelError, OutputError
 from clradar.model.progress import Progress
@@ -697,14 +697,6 @@ def test_figure(found: ChannelCalibration) -> None:
 
 
 # The command line ---------------------------------------------------------------------------------
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as ended:
-        main([str(a) for a in arguments])
-    captured = capsys.readouterr()
-    code = ended.value.code
-    return (0 if code is None else int(code)), captured.out, captured.err
 
 
 @pytest.fixture

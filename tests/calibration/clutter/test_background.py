@@ -6,9 +6,11 @@ import json
 import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import command_line
 import numpy as np
 import pytest
 from recorder import Recorder, Recording
@@ -17,7 +19,6 @@ import clradar
 from calibration import average_frames, gate, range_gate, subtract_background
 from calibration.clutter.delay_profiles import averaging_loss_db, delay_profiles, path_lengths_m
 from clradar import AntennaArray, Capture, VoxelGrid, Wall, Waveform, backproject
-from clradar.cli import main
 from clradar.errors import ClradarWarning, MeasurementError, ModelError
 from measurement_io import open_capture, save_capture
 
@@ -402,14 +403,7 @@ Run = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    def call(*arguments: object) -> tuple[int, str, str]:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main(["background", *(str(a) for a in arguments)])
-        captured = capsys.readouterr()
-        return int(ended.value.code or 0), captured.out, captured.err
-
-    return call
+    return partial(command_line.run, capsys, "background")
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import exit_status as run
 from shapes import plate
 
 import clradar
@@ -19,7 +20,6 @@ from calibration.conventions.search_region import scene_paths_m, search_grids
 from calibration.conventions.tx_rx_symmetry import swap_isometry
 from calibration.conventions.wavefront_curvature import curvature_sigma
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, reference
-from clradar.cli import main
 from clradar.cli.commands.diagnose import COARSE_GRID_MM, SearchGridOptions
 from clradar.errors import ModelError
 from clradar.hand import hand_mesh
@@ -497,13 +497,6 @@ def test_the_search_grid_holds_the_scene() -> None:
 
 
 # --- command line
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([str(a) for a in arguments])
-    code = ended.value.code
-    return 0 if code is None else int(code)
 
 
 @pytest.fixture

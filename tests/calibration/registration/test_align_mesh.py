@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_line import exit_status
 from scipy.spatial.transform import Rotation
 from shapes import box, plate, sphere
 
@@ -15,7 +16,6 @@ from calibration import Alignment, align_mesh
 from calibration.registration.mesh_fit import fit_mesh, initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage, MeshRendering
 from clradar import reference
-from clradar.cli import main
 from clradar.errors import CompareError, ModelError
 from clradar.hand import hand_mesh
 from clradar.tracing.visible_surface import VisibleSurface
@@ -345,11 +345,9 @@ def test_command_writes_what_simulate_reads(measured, hand, found, tmp_path, cap
     mesh = trimesh.Trimesh(1e3 * hand.vertices_m, hand.faces, process=False)
     mesh.export(tmp_path / "hand.ply")
     output = tmp_path / "transform.json"
-    with pytest.raises(SystemExit) as ended:
-        main(["align", str(tmp_path / "measured.h5"), "--mesh", str(tmp_path / "hand.ply"),
-              "--unit", "mm", "--quick", "--search-deg", "15", "--device", "pocl",
-              "-o", str(output)])  # fmt: skip
-    assert ended.value.code == 0, capsys.readouterr().err
+    align = ("align", tmp_path / "measured.h5", "--mesh", tmp_path / "hand.ply", "--unit", "mm",
+             "--quick", "--search-deg", "15", "--device", "pocl", "-o", output)  # fmt: skip
+    assert exit_status(*align) == 0, capsys.readouterr().err
     # The mesh file has float32 millimetres, 1e-5 of them off: the fit's tolerance is more.
     position_m, rotation_deg = errors(read_transform(output), found.transform)
     assert position_m < 1e-4
@@ -373,7 +371,5 @@ def test_command_writes_what_simulate_reads(measured, hand, found, tmp_path, cap
 )
 def test_errors_of_the_command(arguments, status, words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as ended:
-        main(["align", *arguments])
-    assert ended.value.code == status
+    assert exit_status("align", *arguments) == status
     assert words in capsys.readouterr().err

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from command_line import exit_status
 from scipy.spatial.transform import Rotation
 
 import clradar
@@ -220,10 +221,8 @@ def files(measured, hand, tmp_path):
 
 
 def run(files, *more):
-    with pytest.raises(SystemExit) as ended:
-        main(["register", str(files / "measured.h5"), str(files / "hand.ply"),
-              "-o", str(files / "placed"), "--device", "pocl", *more])  # fmt: skip
-    return ended.value.code
+    return exit_status("register", files / "measured.h5", files / "hand.ply",
+                       "-o", files / "placed", "--device", "pocl", *more)  # fmt: skip
 
 
 def test_command_writes_all(files, hand, capsys):
@@ -256,11 +255,10 @@ def test_command_writes_all(files, hand, capsys):
     assert -1.0 <= metrics["simulated"][0]["metrics"]["db_correlation"] <= 1.0
     assert (folder / "comparison.png").read_bytes().startswith(b"\x89PNG")
     # Its parts are those of the mesh: `sweep --regions` works on the placed mesh.
-    with pytest.raises(SystemExit) as ended:
-        main(["sweep", str(files / "measured.h5"), str(folder / "placed.ply"), "--regions",
-              "fingers", "--alpha", "0.2,0.4", "--seeds", "1", "--samples-per-mm2", "0.5",
-              "--rays-per-sample", "1", "--device", "pocl", "-o", str(files / "out")])  # fmt: skip
-    assert ended.value.code == 0
+    sweep = ("sweep", files / "measured.h5", folder / "placed.ply", "--regions", "fingers",
+             "--alpha", "0.2,0.4", "--seeds", "1", "--samples-per-mm2", "0.5",
+             "--rays-per-sample", "1", "--device", "pocl", "-o", files / "out")  # fmt: skip
+    assert exit_status(*sweep) == 0
     swept = json.loads((files / "out" / "sweep.json").read_text())
     assert list(swept["regions"]["best"]) == ["palm", "fingers"]
     # A second time into the same folder is refused before any work.

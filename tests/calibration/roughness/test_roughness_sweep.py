@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 import trimesh
+from command_line import exit_status
 from scipy import stats
 from shapes import plate, sphere
 
@@ -31,7 +32,6 @@ from calibration.roughness.sub_apertures import SubApertures, halves
 from calibration.roughness.surface_points import SPACING_M, SurfacePoints, surface_points
 from calibration.roughness.texture import Statistic, TextureMeter
 from clradar import reference
-from clradar.cli import main
 from clradar.errors import CompareError, ModelError
 from measurement_io import save_capture, save_volume
 
@@ -450,9 +450,7 @@ def test_wrong_arguments_are_refused_before_any_work(change, error, words, monke
 
 
 def run(*arguments: str) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([*arguments, "--device", "pocl"])
-    return int(ended.value.code or 0)
+    return exit_status(*arguments, "--device", "pocl")
 
 
 GRID = ("--x-mm", "-60:60:5", "--y-mm", "-30:30:5", "--z-mm", "290:310:5")

@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from command_line import exit_status as run
 from scipy import stats
 from shapes import plate
 from systems import posix_only
@@ -24,7 +25,6 @@ from calibration.roughness.estimate import (
     scored,
 )
 from calibration.roughness.figure import MOST_IMAGES, shown_alphas, sweep_figure
-from clradar.cli import main
 from clradar.cli import sweep_folder as folder
 from clradar.cli.commands import sweep as command
 from clradar.cli.commands.sweep import RegionOptions
@@ -470,12 +470,6 @@ COMMAND = (
     "--samples-per-mm2", "0.3", "--rays-per-sample", "2", "--reception-radius-mm", "25",
     "--x-mm=-60:60:3", "--y-mm=-30:30:3", "--z-mm", "285:315:3",
 )  # fmt: skip
-
-
-def run(*arguments) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([str(a) for a in arguments])
-    return int(ended.value.code or 0)
 
 
 def contents(where) -> dict[str, bytes]:
