@@ -71,6 +71,30 @@ def test_the_image_is_the_sum_over_the_pairs_of_all_clusters(radar: Path) -> Non
         clradar.backproject([], GRID)
 
 
+@pytest.mark.parametrize(("estimator", "tolerance"), [("expected", 1e-4), ("physical", 1e-3)])
+def test_a_cluster_sees_at_its_pose_what_it_sees_in_its_own_frame(
+    radar: Path, estimator: str, tolerance: float
+) -> None:
+    """Balls of which one hides a part of the other: only coordinates are rounded elsewhere."""
+    pose = trimesh.transformations.rotation_matrix(np.radians(10), [1, 0, 0])
+    pose[:3, 3] = [0, 0.1, 0]
+    balls = [trimesh.creation.icosphere(subdivisions=3, radius=0.01) for _ in range(2)]
+    balls[0].apply_translation([0.002, 0, 0.25])
+    balls[1].apply_translation([0.008, 0.003, 0.3])
+    own = clradar.Scene.combine(clradar.Scene.from_mesh(ball) for ball in balls)
+    placed = read_clusters(radar)[2]
+    alone = clradar.AntennaArray(
+        *((side - pose[:3, 3]) @ pose[:3, :3] for side in (placed.tx_m, placed.rx_m))
+    )
+    np.testing.assert_allclose(alone.tx_m[:, 1:], 0, atol=1e-12)
+    settings = {"estimator": estimator, "samples_per_mm2": 4.0}
+    want = clradar.simulate(own, alone, BAND, **settings).data
+    got = clradar.simulate(own.transformed(pose), placed, BAND, **settings).data
+    assert np.sqrt(np.mean(np.abs(want) ** 2)) > 0
+    error = np.sqrt(np.mean(np.abs(got - want) ** 2) / np.mean(np.abs(want) ** 2))
+    assert error < tolerance, error
+
+
 @pytest.fixture
 def command(radar: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """`clradar simulate` of a ball by clusters, but for the folder."""
