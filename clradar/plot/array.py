@@ -89,10 +89,7 @@ def _elements(axes: Axes, array: Clusters) -> None:
 def _virtual(axes: Axes, array: Clusters) -> None:
     """The middle of every pair: where a single antenna would see nearly the same phase far away."""
     unit = _unit(array)
-    sides = [
-        [unit.per_m * side.antennas_m[:, :2] / 2 for side in one.sides]
-        for one in clusters_of(array)
-    ]
+    sides = [[side.antennas_m[:, :2] / 2 for side in one.sides] for one in clusters_of(array)]
     middles = np.concatenate([(tx[:, None] + rx[None]).reshape(-1, 2) for tx, rx in sides])
     places = unit.per_m * np.unique(middles.round(7), axis=0)
     axes.plot(places[:, 0], places[:, 1], ".", color=PAIR_COLOUR, markersize=1.5)
