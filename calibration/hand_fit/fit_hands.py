@@ -78,7 +78,7 @@ def fit_hands(
     ----------
     recording : sequence of Capture, Volume or DepthMap
         A recording of `measurement_io.open_recording`, or any other sequence. Frames are read one
-        by one. Depth maps have no time: a sequence may bring it as `timestamps_us`.
+        by one. Depth maps have no time: the sequence may tell it by `time_us(index)`.
     pose : str, Path, HandPose, HandFit, Start, or several of them
         Where searches start, as for `fit_hand`. For lost tracks give the poses that occur.
     frames : sequence of int, optional
@@ -184,14 +184,16 @@ def followed(
 ) -> Iterator[tuple[FrameFit, Track | None]]:
     """Fit frames, given by number and index, each from the one before; see `fit_hands`."""
     failure: str | None = None
-    stamps = getattr(recording, "timestamps_us", None)
     for done, (number, index) in enumerate(numbers, start=1):
         if track is not None and number <= track.frame:
             continue
         time_s = number * FRAME_S
         try:
             measured = recording[index]
-            time_s = _time_s(number, stamps[index] if stamps else _stamp(measured))
+            stamp = _stamp(measured)
+            if stamp is None and hasattr(recording, "time_us"):
+                stamp = recording.time_us(index)
+            time_s = _time_s(number, stamp)
             fit, track = _one_frame(fitting, fitting.image(measured), number, time_s, track)
             del measured  # before the next one is read
         except (CompareError, MeasurementError) as error:

@@ -56,20 +56,24 @@ class KeptImages(Sequence["DepthMap"]):
     Attributes
     ----------
     frame_numbers : tuple of int
-    timestamps_us : tuple of int or None
-        Of the frames, as far as they have any.
+    times_us : tuple of float or None
+        Their time stamps, as far as they have any.
     read : callable
         The depth map of a frame, by its number.
     store : FolderStore
     """
 
     frame_numbers: tuple[int, ...]
-    timestamps_us: tuple[float | None, ...]
+    times_us: tuple[float | None, ...]
     read: Callable[[int], DepthMap]
     store: FolderStore
 
     def __len__(self) -> int:
         return len(self.frame_numbers)
+
+    def time_us(self, index: int) -> float | None:
+        """The time stamp of a frame, which depth maps do not have."""
+        return self.times_us[index]
 
     def __getitem__(self, index: Any) -> Any:
         number = self.frame_numbers[index]

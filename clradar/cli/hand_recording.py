@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from clradar import AntennaArray, Capture, Device, Scene, SimulationSettings, Waveform
     from clradar.hand import HandMesh, HandMovement, HandPose
     from clradar.model.progress import Progress
+    from clradar.opencl import Devices
 
 TRUTH = "truth"
 """Folder beside the radar folder, with `TRUTH_FILE` and a pose file per frame."""
@@ -30,7 +31,7 @@ class HandRecording:
     ----------
     movement : HandMovement
     posed : callable
-        The mesh of the hand in a pose, anywhere.
+        The mesh of the hand in a pose, anywhere; meshed on a device.
     scene_of : callable
         The scene of a mesh: its alpha and materials.
     array : AntennaArray
@@ -42,7 +43,7 @@ class HandRecording:
     """
 
     movement: HandMovement
-    posed: Callable[[HandPose], HandMesh]
+    posed: Callable[[HandPose, Device], HandMesh]
     scene_of: Callable[[HandMesh], Scene]
     array: AntennaArray
     waveform: Waveform
@@ -54,7 +55,7 @@ class HandRecording:
         folder: Path,
         origin: Mapping[str, Any],
         about: Mapping[str, Any],
-        device: Device,
+        devices: Devices,
         progress: Progress | None,
         *,
         force: bool,
@@ -71,7 +72,8 @@ class HandRecording:
             From `clradar.cli.provenance.provenance`; part of every frame.
         about : mapping
             Entries of the truth file that are the same in all frames.
-        device : Device
+        devices : Devices
+            Frames are divided among several, a few of them in memory then.
         progress : callable, optional
             Called with (done, total) frames.
         force, replaced
@@ -88,7 +90,7 @@ class HandRecording:
         frames: list[dict[str, Any]] = []
         with whole_folder(folder, force=force, replaced=replaced) as made:
             radar = save_recording(
-                made, self._captures(frames, origin, device),
+                made, self._captures(frames, origin, devices),
                 timestamps_us=self.movement.timestamps_us, progress=progress,
             )  # fmt: skip
             (made / TRUTH).mkdir()
@@ -99,29 +101,39 @@ class HandRecording:
         return folder / radar.name
 
     def _captures(
-        self, frames: list[dict[str, Any]], origin: Mapping[str, Any], device: Device
+        self, frames: list[dict[str, Any]], origin: Mapping[str, Any], devices: Devices
     ) -> Iterator[Capture]:
         """The frames one after the other; the truth of each is added to `frames`."""
+        devices.check_alike("the frames of a recording")
+        for capture, record in devices.in_order(_Frame(self), range(len(self.movement))):
+            frames.append(record)
+            yield described(capture, origin)
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """A frame of a recording and its truth: work of `clradar.opencl.Devices`."""
+
+    recording: HandRecording
+
+    def __call__(
+        self, i: int, device: Device, _: Progress
+    ) -> Iterator[tuple[Capture, dict[str, Any]]]:
         from clradar import impair, simulate
         from clradar.cli.region_files import joints_record
 
-        for i, (pose, stamp_us) in enumerate(
-            zip(self.movement.poses, self.movement.timestamps_us, strict=True)
-        ):
-            mesh = self.movement.placed(i, self.posed(pose))
-            scene = self.scene_of(mesh)
-            capture = simulate(
-                scene, self.array, self.waveform, settings=self.settings, device=device
-            )
-            if self.snr_db is not None:
-                capture = impair(capture, seed=self.settings.seed, frame=i, snr_db=self.snr_db)
-            frames.append(
-                {
-                    "frame": i,
-                    "timestamp_us": stamp_us,
-                    "pose": f"{i:06d}.toml",
-                    "transform": self.movement.transforms[i].tolist(),
-                    "joints_m": joints_record(mesh.joints_m),
-                }
-            )
-            yield described(replace(capture, meta={**capture.meta, "frame": i}), origin)
+        made, movement = self.recording, self.recording.movement
+        mesh = movement.placed(i, made.posed(movement.poses[i], device))
+        capture = simulate(
+            made.scene_of(mesh), made.array, made.waveform, settings=made.settings, device=device
+        )
+        if made.snr_db is not None:
+            capture = impair(capture, seed=made.settings.seed, frame=i, snr_db=made.snr_db)
+        record = {
+            "frame": i,
+            "timestamp_us": movement.timestamps_us[i],
+            "pose": f"{i:06d}.toml",
+            "transform": movement.transforms[i].tolist(),
+            "joints_m": joints_record(mesh.joints_m),
+        }
+        yield replace(capture, meta={**capture.meta, "frame": i}), record

@@ -89,21 +89,44 @@ def write_gif(path: Path, pictures: Sequence[Path], step_s: float) -> None:
     step_s : float, seconds
         From one to the next, rounded to hundredths, of which a GIF counts.
     """
-    from PIL import Image
+    from PIL import GifImagePlugin, Image
 
+    # Block by block: `Image.save` keeps all frames until it has the last one.
     step_ms = 10 * round(100 * max(step_s, LEAST_STEP_S))
-    colours = None
-    frames = []
+    colours: Image.Image | None = None
+    before = np.empty((0, 0), np.uint8)
+    content = io.BytesIO()
     for picture in pictures:
         with Image.open(picture) as opened:
             image = opened.convert("RGB")
-        colours = colours or image.quantize(255)
-        frames.append(image.quantize(palette=colours, dither=Image.Dither.NONE))
-    content = io.BytesIO()
-    frames[0].save(
-        content, format="GIF", save_all=True, append_images=frames[1:], duration=step_ms, loop=0
-    )
+        if colours is None:
+            colours = image.quantize(255)
+        frame = image.quantize(palette=colours, dither=Image.Dither.NONE)
+        codes = np.asarray(frame)
+        if not content.tell():
+            content.writelines(GifImagePlugin.getheader(frame, info={"loop": 0})[0])
+        box = left, top, right, bottom = _changed(before, codes)
+        part = codes[top:bottom, left:right]
+        if before.size:  # the colour behind the 255: as before
+            part = np.where(part == before[top:bottom, left:right], np.uint8(255), part)
+        content.writelines(
+            GifImagePlugin.getdata(
+                Image.fromarray(part), box[:2], duration=step_ms, transparency=255
+            )
+        )
+        before = codes
+    content.write(b";")
     write_file(path, content.getvalue(), force=True)
+
+
+def _changed(before: np.ndarray, now: np.ndarray) -> tuple[int, int, int, int]:
+    """The box of the pixels that changed: left, top, and behind right and bottom; one at least."""
+    if before.shape != now.shape:
+        return 0, 0, now.shape[1], now.shape[0]
+    rows, columns = (np.flatnonzero((before != now).any(axis=axis)) for axis in (1, 0))
+    if not rows.size:
+        return 0, 0, 1, 1
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
 
 
 def curves_figure(

@@ -198,9 +198,11 @@ class _Numbers(list[int]):
     def __init__(self, images: Any, seen: dict[int, DepthMap]) -> None:
         super().__init__(images.frame_numbers)
         self.frame_numbers = images.frame_numbers
-        times = [1 + 125_000 * i for i in range(N)]  # which numbers have not
-        self.timestamps_us = getattr(images, "timestamps_us", times)
         self._images, self._seen = images, seen
+
+    def time_us(self, index: int) -> float:  # which numbers have not
+        known = getattr(self._images, "time_us", lambda i: 1 + 125_000 * i)
+        return float(known(index))
 
     def __getitem__(self, index: Any) -> Any:
         image = depth_for_mesh(self._images[index], None)  # raises where nothing is seen

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import two_devices
 from command_line import Run, one_error_line
+from PIL import Image
 from recorder import Recorder, Recording
 
 from calibration import average_frames, correct, range_gate, subtract_background
@@ -23,6 +24,7 @@ from clradar.cli import recording_preparation
 from clradar.cli.frame_steps import FrameSteps
 from clradar.cli.resumable import FolderStore
 from clradar.model import VoxelGrid
+from clradar.plot.frames import write_gif
 from measurement_io import open_capture, open_channels, open_volume, save_capture, save_channels
 
 GRID = ("--x-mm", "-60:60:6", "--y-mm", "-60:60:6", "--z-mm", "280:320:5")
@@ -289,6 +291,24 @@ def test_the_grid_shows_the_object_of_the_first_frame(
     run("process", recorded.folder, "-o", tmp_path / "out", "--gate-mm", "200:400")
     capture = range_gate(open_capture(recorded.folder), near_m=0.2, far_m=0.4)
     assert grids[0].same_voxels(place_grid(capture))
+
+
+def test_an_animation_has_the_pixels_of_its_pictures(tmp_path: Path) -> None:
+    pictures = np.full((4, 20, 30, 3), 255, np.uint8)
+    pictures[1:, 5:9, 3:20] = 200, 30, 0
+    pictures[3, 0, 0] = 0, 0, 200  # 1 and 2 are the same
+    pictures[0, 5:9, 3:20] = 0, 0, 200  # the first picture has the colours
+    pictures[0, 15:, 3:20] = 200, 30, 0
+    files = [tmp_path / f"{i}.png" for i in range(4)]
+    for file, picture in zip(files, pictures, strict=True):
+        Image.fromarray(picture).save(file)
+    write_gif(tmp_path / "movie.gif", files, 0.1)
+    with Image.open(tmp_path / "movie.gif") as movie:
+        assert movie.n_frames == 4  # type: ignore[attr-defined]
+        for i, picture in enumerate(pictures):
+            movie.seek(i)
+            assert movie.info["duration"] == 100
+            assert np.array_equal(np.asarray(movie.convert("RGB")), picture)
 
 
 def test_what_a_worker_writes_is_left_alone(tmp_path: Path) -> None:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import two_devices
 from command_line import DENSITY, EDGE_MM, Run, one_error_line
 
 import clradar
@@ -45,6 +49,23 @@ def test_a_recording_with_its_truth(run: Run, tmp_path: Path) -> None:
         assert np.array_equal(recording[i].data, again.data)
     record = json.loads(recording[1].meta["provenance"])
     assert (record["command"], record["options"]["frames"]) == ("record-hand", 2)
+
+
+def test_devices_make_the_same_recording(run: Run, tmp_path: Path) -> None:
+    command = ["record-hand", "S", "flat", *map(str, SMALL), "--device"]
+    # In a process of its own, which sees the CPU as two devices.
+    done = subprocess.run(
+        [sys.executable, "-m", "clradar", *command, "all", "-o", str(tmp_path / "two")],
+        env={**os.environ, **two_devices.ENVIRONMENT}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert run(*command, "pocl", "-o", tmp_path / "one").status == 0
+    one, two = (open_recording(tmp_path / name) for name in ("one", "two"))
+    for i in range(2):
+        assert np.array_equal(one[i].data, two[i].data)
+    truths = [json.loads((tmp_path / f"{name}/truth/truth.json").read_text())["frames"]
+              for name in ("one", "two")]  # fmt: skip
+    assert truths[0] == truths[1]
 
 
 def test_a_recording_is_replaced_by_force_alone(run: Run, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
@@ -11,7 +12,7 @@ import numpy as np
 
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.options.alphas import AlphaOptions, read_part_alphas, with_part_alphas
-from clradar.cli.options.common import DeviceOption, ForceOption
+from clradar.cli.options.common import DevicesOption, ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
 from clradar.cli.options.hand import EmbeddedHandOptions
 from clradar.cli.options.materials import PHYSICAL, MaterialOptions
@@ -29,8 +30,9 @@ from clradar.errors import warn
 from clradar.geometry.normals import CREASE_DEG
 
 if TYPE_CHECKING:
-    from clradar import SimulationSettings
-    from clradar.hand import HandMovement, HandShape
+    from clradar import Device, Scene, SimulationSettings
+    from clradar.hand import HandMesh, HandMovement, HandPose, HandShape
+    from clradar.rigs import Rig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +122,7 @@ def command(
     made_of: MaterialOptions,
     field: FieldOptions,
     radar: RadarOptions,
-    device: DeviceOption = None,
+    device: DevicesOption = None,
     force: ForceOption = False,
 ) -> None:
     """Between two poses the joint angles go from rest to rest (minimum jerk). Each frame is a still
@@ -129,8 +131,8 @@ def command(
     The folder holds a recording as the imager writes it, which every command reads, and truth/:
     truth.json with the joints and the transform of each frame, and a pose file for each.
     """
-    from clradar import Scene, open_device
     from clradar.cli.hand_recording import TRUTH, HandRecording
+    from clradar.opencl import open_devices
 
     default, by_part = read_part_alphas(alphas.alpha or [])
     _check(rigged, embedded, device)
@@ -143,12 +145,12 @@ def command(
     rig = None if rigged.rig is None else rigged.read()
     handedness = embedded.handedness if rig is None else rig.handedness
     movement = moving.movement(handedness, embedded.shape)
-    opened = open_device(device)
+    devices = open_devices(device)
     start_s = perf_counter()
     recording = HandRecording(
         movement,
-        (lambda pose: embedded.posed(pose, (0.0, 0.0, 0.3), device)) if rig is None else rig.posed,
-        lambda mesh: made_of.on(with_part_alphas(Scene.from_mesh(mesh, alpha=default), by_part)),
+        _Posed(embedded, rig),
+        _Scenes(made_of, default, by_part),
         radar.antennas(),
         radar.waveform(),
         settings,
@@ -159,12 +161,41 @@ def command(
     about = {"handedness": handedness, **_hand_record(embedded, rigged)}
     with progress_bar("simulating") as progress:
         written = recording.write(
-            output, provenance("record-hand", options, inputs), about, opened, progress,
+            output, provenance("record-hand", options, inputs), about, devices, progress,
             force=force, replaced=replaced,
         )  # fmt: skip
     took_s = perf_counter() - start_s
-    print_line(f"{written}: {len(movement)} frames, {took_s:.1f} s on {opened.info.label}")
+    print_line(f"{written}: {len(movement)} frames, {took_s:.1f} s on {devices.text}")
     print_line(f"{output / TRUTH}: their joints, transforms and poses")
+
+
+@dataclass(frozen=True, slots=True)
+class _Posed:
+    """Meshes of the hand: the embedded one, or a rig."""
+
+    embedded: EmbeddedHandOptions
+    rig: Rig | None
+
+    def __call__(self, pose: HandPose, device: Device) -> HandMesh:
+        if self.rig is not None:
+            return self.rig.posed(pose)
+        return self.embedded.posed(pose, (0.0, 0.0, 0.3), device)
+
+
+@dataclass(frozen=True, slots=True)
+class _Scenes:
+    """Scenes of meshes: with the alphas and materials of the options."""
+
+    made_of: MaterialOptions
+    alpha: float
+    by_part: Mapping[str, float]
+
+    def __call__(self, mesh: HandMesh) -> Scene:
+        from clradar import Scene
+
+        return self.made_of.on(
+            with_part_alphas(Scene.from_mesh(mesh, alpha=self.alpha), self.by_part)
+        )
 
 
 def _check(rigged: RigOptions, embedded: EmbeddedHandOptions, device: str | None) -> None:

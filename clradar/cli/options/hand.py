@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from clradar.cli.options.groups import option
 
 if TYPE_CHECKING:
+    from clradar import Device
     from clradar.hand import HandMesh, HandPose, HandShape
 
 EDGE_MM = 1.7
@@ -59,7 +60,9 @@ class EmbeddedHandOptions(ShapeOptions):
         """Which hand it is, right or left."""
         return "left" if self.left else "right"
 
-    def posed(self, pose: HandPose, center_m: Sequence[float], device: str | None) -> HandMesh:
+    def posed(
+        self, pose: HandPose, center_m: Sequence[float], device: Device | str | None
+    ) -> HandMesh:
         """The surface of the embedded hand in a pose."""
         from clradar.hand import hand_mesh
 
