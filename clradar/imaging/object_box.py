@@ -72,9 +72,34 @@ def box_around(capture: Capture, echo: Echo, device: Device) -> VoxelGrid:
             break
         half_m = np.maximum(half_m, np.minimum(grown_m, 1.5 * half_m))
     low_m[2] = max(low_m[2], min(front_m, at_m[2]))
+    low_m, high_m = _within_reach(capture, low_m, high_m, at_m, least_m, bright_m)
     farthest_m = PLAUSIBLE_RANGE_M[1]
     low_m, high_m = (np.clip(end, -farthest_m, farthest_m) for end in (low_m, high_m))
     return rounded(capture, low_m, high_m, cells_m)
+
+
+def _within_reach(
+    capture: Capture,
+    low_m: np.ndarray,
+    high_m: np.ndarray,
+    at_m: np.ndarray,
+    least_m: np.ndarray,
+    bright_m: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cut what is to the sides of a box and farther away than its echo and its far face.
+
+    A margin of resolutions reaches there where a small aperture resolves next to nothing.
+    """
+    antennas_m = np.concatenate([capture.array.tx_m, capture.array.rx_m]).mean(axis=0)
+    far_m = max(high_m[2] - antennas_m[2], float(np.linalg.norm(at_m - antennas_m)))
+    near_m = max(low_m[2] - antennas_m[2], 0.0)
+    side_m = np.array([*2 * [np.sqrt(max(far_m**2 - near_m**2, 0.0))], np.inf])
+    inner_low_m = np.minimum(at_m - np.minimum(least_m, side_m), bright_m[0])
+    inner_high_m = np.maximum(at_m + np.minimum(least_m, side_m), bright_m[1])
+    return (
+        np.maximum(low_m, np.minimum(antennas_m - side_m, inner_low_m)),
+        np.minimum(high_m, np.maximum(antennas_m + side_m, inner_high_m)),
+    )
 
 
 def _half_of_others(

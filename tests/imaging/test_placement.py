@@ -183,6 +183,18 @@ def test_an_array_on_a_line_gets_one_plane() -> None:
     assert (high >= [0.5, 0, 5.0]).all()
 
 
+def test_a_grid_reaches_no_farther_to_the_sides_than_ahead() -> None:
+    """An aperture of 2.5 mm resolves 2 m at 1 m, and the margin of two of that is empty."""
+    array = AntennaArray(line_m(0.0275, 3, 0), line_m(0.0025, 4, 1))
+    capture = clradar.room_capture(
+        array, Waveform.sfcw(58e9, 62e9, 64), [], points_m=[[0.05, -0.03, 1.0]]
+    )
+    grid = place_grid(capture)
+    x, y, z = box_of(grid)
+    assert z[0] < 1.0 < z[1]
+    assert np.abs([x, y]).max() <= (z[1] ** 2 - z[0] ** 2) ** 0.5 + grid.spacing_m.max()
+
+
 def test_the_direct_coupling_is_no_object() -> None:
     coupled = clradar.impair(echoes_of([0, 0, 1.0]), coupling_db=40.0, seed=0)
     low, high = box_of(place_grid(coupled)).T
