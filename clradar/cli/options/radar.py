@@ -41,7 +41,9 @@ class BandOptions:
             check_unit("--band", "a frequency", value, PLAUSIBLE_HZ, "GHz")
         first, last, steps = values[0], values[1], int(values[2])
         if steps < 1 or (first >= last if steps > 1 else first != last):
-            expected = "FIRST below LAST, or both equal for one step"
+            expected = (
+                "FIRST below LAST, or both equal for one step" if steps > 0 else "STEPS from 1"
+            )
             raise wrong_usage("--band", f"expected {expected}, got '{self.band}'")
         return first, last, steps
 
