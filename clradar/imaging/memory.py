@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 
 from clradar.model import VoxelGrid, checks
 
@@ -30,7 +31,9 @@ def check_memory(grid: VoxelGrid, bytes_per_voxel: int) -> None:
 
 def _memory_bytes() -> int | None:
     """The memory of this machine; None where the system does not tell."""
+    if sys.platform == "win32":
+        return None
     try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, OSError, ValueError):
+    except (OSError, ValueError):
         return None
