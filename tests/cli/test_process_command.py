@@ -131,6 +131,7 @@ def test_a_killed_run_resumes_to_the_same_files(
     assert not (tmp_path / "x").exists()
 
 
+@pytest.mark.slow  # workers: see the scheduler's; devices: clusters and parts of images
 def test_workers_and_devices_make_the_same_files(
     run: Run, recorded: Recording, tmp_path: Path
 ) -> None:

@@ -51,6 +51,7 @@ def test_a_recording_with_its_truth(run: Run, tmp_path: Path) -> None:
     assert (record["command"], record["options"]["frames"]) == ("record-hand", 2)
 
 
+@pytest.mark.slow  # as other commands divide their work, see test_clusters.py
 def test_devices_make_the_same_recording(run: Run, tmp_path: Path) -> None:
     command = ["record-hand", "S", "flat", *map(str, SMALL), "--device"]
     # In a process of its own, which sees the CPU as two devices.

@@ -135,7 +135,7 @@ def test_frames_without_duration_are_the_frames_of_a_still_hand(side: str) -> No
     assert np.quantile(carried, 0.95) < 0.5e-3
 
 
-@pytest.mark.parametrize("kind", ["turning", "closing"])
+@pytest.mark.parametrize("kind", ["turning", pytest.param("closing", marks=pytest.mark.slow)])
 def test_a_moving_hand_is_in_every_sample_where_it_is_then(kind: str) -> None:
     if kind == "turning":
         turn = RigidMotion.steady(turn_rad_per_s=(0, 2.0, 0), about_m=(0, 0, 0.3))

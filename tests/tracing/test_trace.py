@@ -314,7 +314,7 @@ def limited(device, limit_bytes: int):
     return clradar.open_device(device.info.selector, memory_limit_bytes=limit_bytes)
 
 
-@pytest.mark.parametrize("limit_kib", [80, 400])
+@pytest.mark.parametrize("limit_kib", [160, 400])
 def test_little_memory_changes_no_bit(limit_kib, device):
     arguments = {"samples_per_mm2": 0.5, "rays_per_sample": 8, "max_bounces": 2}
     whole = tracing(SCENES["bowl"], ARRAY, device=device, **arguments)
