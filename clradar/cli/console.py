@@ -17,6 +17,13 @@ if TYPE_CHECKING:
     from clradar.model.progress import Progress
 
 
+GAP_CHARACTERS = 3
+"""Between two columns of a table."""
+
+WRAPPED_CHARACTERS = 24
+"""Least width in which text of the last column is wrapped."""
+
+
 def one_line(text: object) -> str:
     """The text on one line that any stream can print, however long."""
     return quoted(text, sys.maxsize)
@@ -35,6 +42,24 @@ def print_warning(text: object) -> None:
 def printed_warnings() -> AbstractContextManager[None]:
     """Print every different `ClradarWarning` of the block once, as a line on stderr."""
     return handled_warnings(print_warning)
+
+
+@contextmanager
+def printed_log(wanted: bool) -> Iterator[None]:
+    """Print what the packages log while the block runs, as lines on stderr, if that is wanted."""
+    if not wanted:
+        yield
+        return
+    import logging
+
+    log, handler = logging.getLogger("clradar"), logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("clradar: %(message)s"))
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
 
 
 def print_line(text: object) -> None:
@@ -60,7 +85,11 @@ def counted(count: int, noun: str) -> str:
 def print_table(
     columns: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()
 ) -> None:
-    """Print a table; the columns named in `right` are aligned to the right, the last one wraps."""
+    """Print a table; the columns named in `right` are aligned to the right, the last one wraps.
+
+    Nothing is cut. Where a terminal is too narrow, columns follow in further tables, each with the
+    first column again.
+    """
     from rich import box
     from rich.console import Console, JustifyMethod
     from rich.table import Table
@@ -68,13 +97,33 @@ def print_table(
 
     # In a pipe nothing is cut or wrapped: a program that reads it needs whole lines.
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 10_000)
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold")
-    for name in columns:
-        justify: JustifyMethod = "right" if name in right else "left"
-        table.add_column(Text(name), justify=justify, no_wrap=name != columns[-1], overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(one_line(cell)) for cell in row))  # Text: brackets are no markup
-    console.print(table)
+    cells = [[Text(one_line(cell)) for cell in row] for row in rows]  # Text: brackets are no markup
+    widths = [
+        max(Text(name).cell_len, *(row[i].cell_len for row in cells), 0)
+        for i, name in enumerate(columns)
+    ]
+    if columns[-1] not in right:
+        widths[-1] = min(widths[-1], WRAPPED_CHARACTERS)
+    for shown in _fitting(widths, console.width):
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold")
+        for i in shown:
+            justify: JustifyMethod = "right" if columns[i] in right else "left"
+            wraps = i == len(columns) - 1 or len(shown) < 3
+            table.add_column(Text(columns[i]), justify=justify, no_wrap=not wraps, overflow="fold")
+        for row in cells:
+            table.add_row(*(row[i] for i in shown))
+        console.print(table)
+
+
+def _fitting(widths: Sequence[int], most: int) -> list[list[int]]:
+    """Columns of the tables that show all columns, each with the first; two at least."""
+    tables = [[0]]
+    for i in range(1, len(widths)):
+        wanted = sum(widths[k] + GAP_CHARACTERS for k in tables[-1]) + widths[i]
+        if wanted > most and len(tables[-1]) > 1:
+            tables.append([0])
+        tables[-1].append(i)
+    return tables
 
 
 @dataclass(frozen=True, slots=True)

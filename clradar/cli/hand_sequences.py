@@ -45,7 +45,7 @@ def fit_sequences(
         Some of several failed; a warning says why of each.
     """
     from clradar.dataset.engine.worker_resources import divided
-    from clradar.opencl.device import several
+    from clradar.opencl.choice import several
 
     if frame.frame is not None:
         raise wrong_usage("--frame", "expected without --frames")

@@ -12,13 +12,13 @@ from typing import Annotated, Any
 import typer
 
 from clradar import __version__
-from clradar.cli.console import print_error, printed_warnings
+from clradar.cli.console import print_error, printed_log, printed_warnings
 from clradar.cli.options.groups import expanded
 from clradar.errors import ClradarError
 from clradar.files.own_packages import require_own
 
 COMMANDS = {
-    "devices": "List the OpenCL devices, and which of them is used.",
+    "devices": "List the OpenCL devices, which of them work, and which is used.",
     "materials": "List materials: permittivity, reflectance over the band, roughness, source.",
     "array": "Draw an antenna array: resolution, grating lobes, unambiguous range.",
     "demo": "Simulate, image and compare the embedded hand, with figure and metrics.",
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given, debug = _without_debug(sys.argv[1:] if arguments is None else arguments)
     try:
         command = typer.main.get_command(_app(_requested(given), debug))
-        with printed_warnings():
+        with printed_warnings(), printed_log(debug):
             command.main(args=given, prog_name="clradar")
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
@@ -135,7 +135,10 @@ def _root(
     ] = False,
     debug: Annotated[
         bool,
-        typer.Option("--debug", help="Show the traceback of an error; before or after COMMAND."),
+        typer.Option(
+            "--debug",
+            help="Show tracebacks of errors and notes on devices; before or after COMMAND.",
+        ),
     ] = False,
 ) -> None:
     """Simulate, read, image and compare captures of near-field imaging radars.

@@ -12,12 +12,12 @@ References
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from clradar.errors import DeviceError, quoted, warn
 from clradar.geometry.node_splits import BLOCK, SplitsOnDevice, SplitsOnHost
 from clradar.geometry.watertight import outward_side
 from clradar.model import checks
@@ -83,7 +83,7 @@ class TraversalOptions:
 def build_bvh(triangles_m: np.ndarray, device: Device) -> Bvh:
     """Build the tree; it is the same for every device.
 
-    It is built on a CPU device of this machine, else by numpy.
+    It is built on a CPU device of this machine, beside a GPU else by numpy.
 
     Parameters
     ----------
@@ -108,11 +108,7 @@ def build_bvh(triangles_m: np.ndarray, device: Device) -> Bvh:
     boxes[:, 0, :3] = -np.minimum(np.minimum(corners[:, 0], corners[:, 1]), corners[:, 2])[kept]
     boxes[:, 1, :3] = np.maximum(np.maximum(corners[:, 0], corners[:, 1]), corners[:, 2])[kept]
     if n > BLOCK:
-        cpu = cpu_beside(device)
-        with nullcontext() if cpu is None else Buffers(cpu) as buffers:
-            put = boxes.reshape(n, 8)
-            splits = SplitsOnHost(put) if buffers is None else SplitsOnDevice(put, buffers)
-            levels, order = _split_all(n, splits)
+        levels, order = _nodes(boxes.reshape(n, 8), device)
     else:
         root = np.full((1, 2, 2, 4), -EMPTY_M, dtype=np.float32)
         if n:
@@ -121,6 +117,22 @@ def build_bvh(triangles_m: np.ndarray, device: Device) -> Bvh:
     both, child = (np.concatenate(parts) for parts in zip(*levels, strict=True))
     low, high = -both[:, :, 0, :3].reshape(-1, 3), both[:, :, 1, :3].reshape(-1, 3)
     return Bvh(low, high, child.ravel().astype(np.int32), kept[order], len(levels))
+
+
+def _nodes(
+    boxes: np.ndarray, device: Device
+) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
+    """The nodes of `_split_all`, on the CPU beside the device where that works."""
+    cpu = cpu_beside(device)
+    if cpu is not None:
+        try:
+            with Buffers(cpu) as buffers:
+                return _split_all(len(boxes), SplitsOnDevice(boxes, buffers))
+        except DeviceError as error:
+            if cpu is device:
+                raise
+            warn(f"{quoted(error)}; numpy builds the tree instead")
+    return _split_all(len(boxes), SplitsOnHost(boxes))
 
 
 def _split_all(

@@ -4,15 +4,8 @@ No other package imports pyopencl.
 """
 
 from clradar.opencl.buffers import Buffers
-from clradar.opencl.device import (
-    Device,
-    DeviceInfo,
-    cpu_beside,
-    devices_like,
-    forget_devices,
-    list_devices,
-    open_device,
-)
+from clradar.opencl.choice import cpu_beside, devices_like, open_device
+from clradar.opencl.device import Device, DeviceInfo, forget_devices, list_devices
 from clradar.opencl.program import Program, build
 from clradar.opencl.several_devices import Devices, map_devices, open_devices
 

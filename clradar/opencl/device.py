@@ -1,10 +1,8 @@
-"""Enumeration, selection and opening of OpenCL devices."""
+"""The OpenCL devices of this machine, and opening them."""
 
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -12,21 +10,17 @@ from typing import Any
 import pyopencl as cl
 
 from clradar.errors import DeviceError
-from clradar.model import checks
+from clradar.opencl.pocl_target import named_target
 from clradar.opencl.runtimes import platforms
 
 INSTALL_HINT = (
-    "install the embedded CPU device with: pip install 'pyopencl[pocl]', "
-    "or your GPU vendor's OpenCL driver"
+    "install one: pip install 'pyopencl[pocl]' (Linux on x86-64), pip install 'clradar[intel]' "
+    "(x86 processors of any maker), PoCL from version 5 on of conda-forge (conda install -c "
+    "conda-forge pocl) or of the system's packages, or a GPU vendor's driver; see docs/platforms.md"
 )
 
 MEMORY_SHARE = 0.75
 """Fraction of a device's memory that one call may plan to use; the rest is the runtime's."""
-
-ALL = "all"
-
-VARIABLES = ("CLRADAR_DEVICE", "PYOPENCL_CTX")
-"""Each names a device; the first that is set counts."""
 
 GPU_LAUNCH_WORK = 4e9
 """Operations of one launch on a GPU, roughly; more are split. A tenth of a second where 0.4 TFLOP/s
@@ -34,13 +28,6 @@ are used to a tenth: one that drives a display stops what takes some seconds."""
 
 GPU_GROUP_ITEMS = 64
 """Items of a work-group on a GPU: two warps of NVIDIA's, one or two wavefronts of AMD's."""
-
-_ALIASES = {
-    "pocl": "portable computing language",
-    "intel": "intel",
-    "nvidia": "nvidia",
-    "oclgrind": "oclgrind",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +45,8 @@ class DeviceInfo:
     memory_bytes, max_alloc_bytes : int
         Global memory and the largest single buffer.
     compute_units : int
+    target : str or None
+        The processor that an old PoCL was told to compile for, since it does not know this one.
 
     Examples
     --------
@@ -75,6 +64,7 @@ class DeviceInfo:
     memory_bytes: int
     max_alloc_bytes: int
     compute_units: int
+    target: str | None = None
 
     @property
     def label(self) -> str:
@@ -179,92 +169,6 @@ def list_devices() -> list[DeviceInfo]:
     return [info for info, _ in _found()]
 
 
-def open_device(
-    device: Device | str | None = None,
-    *,
-    memory_limit_bytes: int | None = None,
-    width: int | None = None,
-    group_items: int | None = None,
-    launch_work: float | None = None,
-    profiling: bool = False,
-) -> Device:
-    """Open a device, or return the one that is open already.
-
-    Parameters
-    ----------
-    device : Device, str or None
-        A device is returned as it is. A string is "platform:device" (indices), "gpu", "cpu", or
-        part of a device's or platform's name ("pocl", "nvidia", ...). None means: the environment
-        variable ``CLRADAR_DEVICE``, else ``PYOPENCL_CTX``, else the first GPU, else Intel's CPU
-        runtime, else PoCL.
-    memory_limit_bytes : int, optional
-        Plan with at most this much device memory; three quarters of the device's by default.
-    width : 1 or 8, optional
-        Build the kernels for this many lanes per work-item instead of what suits the device's kind.
-    group_items : int, optional
-        Run at most this many items in a work-group instead of what suits the device's kind.
-    launch_work : float, optional
-        Split launches of more operations than this instead of what suits the device's kind.
-    profiling : bool
-        Measure how long kernels run, see `Device.kernel_time_s`.
-
-    Raises
-    ------
-    DeviceError
-        No such device, or it cannot be opened. There is no fallback to another one.
-
-    Examples
-    --------
-    >>> import clradar
-    >>> device = clradar.open_device("pocl")
-    >>> device is clradar.open_device(device.info.selector)
-    True
-    """
-    if isinstance(device, Device):
-        settled = (memory_limit_bytes, width, group_items, launch_work)
-        if profiling or any(value is not None for value in settled):
-            raise DeviceError(
-                "device: expected its name together with memory_limit_bytes, width, group_items, "
-                "launch_work or profiling, got a clradar.Device, for which they are settled"
-            )
-        return device
-    if device is not None and not isinstance(device, str):
-        raise DeviceError(
-            f"device: expected a clradar.Device, a string or None, got {type(device).__name__}"
-        )
-    if memory_limit_bytes is not None:
-        memory_limit_bytes = checks.whole("memory_limit_bytes", memory_limit_bytes, 1)
-    if width not in (None, 1, 8):
-        checks.fail("width", "1 or 8 lanes per work-item", repr(width))
-    if group_items is not None:
-        group_items = checks.whole("group_items", group_items, 1)
-    if launch_work is not None:
-        launch_work = checks.positive("launch_work", launch_work)
-    info = default_device() if device is None else _select(device, "device")
-    return _open(info.selector, memory_limit_bytes, width, group_items, launch_work, profiling)
-
-
-def cpu_beside(device: Device) -> Device | None:
-    """A CPU for what one thread does best: the device itself, else one of this machine, or None.
-
-    The memory checker stands for itself.
-
-    Examples
-    --------
-    >>> import clradar
-    >>> from clradar.opencl import cpu_beside
-    >>> device = clradar.open_device("pocl")
-    >>> cpu_beside(device) is device
-    True
-    """
-    if device.info.kind == "cpu" or device.info.is_interpreter:
-        return device
-    try:
-        return open_device("cpu")
-    except DeviceError:
-        return None
-
-
 def forget_devices() -> None:
     """Make `open_device` open every device anew; `Device` objects stay valid.
 
@@ -279,99 +183,6 @@ def forget_devices() -> None:
     False
     """
     _open.cache_clear()
-
-
-def devices_like(device: str | None = None) -> list[DeviceInfo]:
-    """The device that `open_device` would open, and all others of its name and driver.
-
-    Parameters
-    ----------
-    device : str or None
-        As for `open_device`. A selector means that device alone.
-
-    Raises
-    ------
-    DeviceError
-        No such device.
-
-    Examples
-    --------
-    >>> from clradar.opencl import devices_like
-    >>> {info.kind for info in devices_like("pocl")}
-    {'cpu'}
-    """
-    chosen = default_device() if device is None else _select(device, "device")
-    named = _named()
-    wanted = device or (named[1] if named else "")
-    if wanted.strip().replace(":", "").isdigit():
-        return [chosen]
-    return [info for info in list_devices() if info.is_like(chosen)]
-
-
-def several(device: str | None) -> bool:
-    """Whether it may mean several devices: "all", or names with commas between them.
-
-    None stands for what the environment names.
-    """
-    named = _named()
-    text = device or (named[1] if named else "")
-    return text.strip().lower() == ALL or "," in text
-
-
-def select_devices(device: str | Sequence[str] | None) -> list[DeviceInfo]:
-    """The devices that `clradar.opencl.open_devices` names.
-
-    Raises
-    ------
-    DeviceError
-        No such device, or one is named twice.
-    """
-    origin, named = "device", _named()
-    if device is None and named is not None:
-        origin, device = named
-    if device is None:
-        return [default_device()]
-    names = device.split(",") if isinstance(device, str) else list(device)
-    if len(names) == 1 and names[0].strip().lower() == ALL:
-        return _all()
-    infos = [_select(name, origin) for name in names]
-    twice = next((info for i, info in enumerate(infos) if info in infos[:i]), None)
-    if twice is not None or not infos:
-        got = f"{twice.selector} {twice.label} twice" if twice else "none"
-        raise DeviceError(f"{origin}: expected devices, each once, got {got}")
-    return infos
-
-
-def _all() -> list[DeviceInfo]:
-    """All GPUs, those of one name by one driver; without GPUs what is used anyway, and its like.
-
-    Two drivers of one device share it, so there is nothing to win by both.
-    """
-    gpus = [info for info in list_devices() if info.kind == "gpu" and not info.is_interpreter]
-    first: dict[str, str] = {}
-    for info in gpus:
-        first.setdefault(info.name, info.platform)
-    if gpus:
-        return [info for info in gpus if info.platform == first[info.name]]
-    named = _named()
-    if named is not None and several(named[1]):
-        named = None
-    default = _select(None, "device") if named is None else _select(*reversed(named))
-    return [info for info in list_devices() if info.is_like(default)]
-
-
-def _named() -> tuple[str, str] | None:
-    """The environment variable that names a device, and what it says."""
-    for variable in VARIABLES:
-        if os.environ.get(variable):
-            return variable, os.environ[variable]
-    return None
-
-
-def default_device() -> DeviceInfo:
-    """The device that `open_device` opens for None."""
-    named = _named()
-    return _select(None, "device") if named is None else _select(*reversed(named))
 
 
 def _found() -> list[tuple[DeviceInfo, Any]]:
@@ -391,6 +202,7 @@ def _found() -> list[tuple[DeviceInfo, Any]]:
                 kind = "gpu"
             elif dev.type & cl.device_type.CPU:
                 kind = "cpu"
+            target = named_target(dev)
             info = DeviceInfo(
                 selector=f"{i}:{j}",
                 name=dev.name.strip(),
@@ -400,6 +212,7 @@ def _found() -> list[tuple[DeviceInfo, Any]]:
                 memory_bytes=int(dev.global_mem_size),
                 max_alloc_bytes=int(dev.max_mem_alloc_size),
                 compute_units=int(dev.max_compute_units),
+                target=target,
             )
             found.append((info, dev))
     if not found:
@@ -407,50 +220,16 @@ def _found() -> list[tuple[DeviceInfo, Any]]:
     return found
 
 
-def _select(wanted: str | None, origin: str) -> DeviceInfo:
-    infos = [info for info, _ in _found()]
-    usable = [info for info in infos if not info.is_interpreter]
-    if wanted is None:
-        ranked = sorted(usable, key=_rank)
-        if not ranked:
-            raise DeviceError(f"no OpenCL device but a memory checker was found; {INSTALL_HINT}")
-        return ranked[0]
-    key = wanted.strip().lower()
-    if several(wanted):
-        raise DeviceError(
-            f"{origin}: expected one device, got {wanted!r}: what is asked for is not split over "
-            "several; see docs/runtimes.md for what is"
-        )
-    if key in ("gpu", "cpu"):
-        matches = [info for info in usable if info.kind == key]
-    elif key.replace(":", "").isdigit():
-        exact = key if ":" in key else f"{key}:0"
-        matches = [info for info in infos if info.selector == exact]
-    elif key in _ALIASES:
-        # By platform only: an Intel processor driven by PoCL is not Intel's runtime.
-        matches = [info for info in infos if _ALIASES[key] in info.platform.lower()]
-    else:
-        # PYOPENCL_CTX may be "platform:device" by name.
-        parts = [_ALIASES.get(part, part) for part in key.split(":") if part]
-        matches = [info for info in infos if parts and all(p in info.label.lower() for p in parts)]
-    if not matches:
-        listing = "; ".join(f"{info.selector} {info.label}" for info in infos)
-        raise DeviceError(
-            f"{origin}: expected one of the devices here ({listing}), got {wanted!r}; "
-            f"see `clradar devices`, or {INSTALL_HINT}"
-        )
-    return matches[0]
-
-
-def _rank(info: DeviceInfo) -> int:
-    platform = info.platform.lower()
-    if info.kind == "gpu":
-        return 0
-    if info.kind == "cpu" and "intel" in platform:
-        return 1
-    if "portable computing language" in platform:
-        return 2
-    return 3
+def opened(
+    selector: str,
+    memory_limit_bytes: int | None = None,
+    width: int | None = None,
+    group_items: int | None = None,
+    launch_work: float | None = None,
+    profiling: bool = False,
+) -> Device:
+    """The device of a selector; parameters and errors as those of `open_device`."""
+    return _open(selector, memory_limit_bytes, width, group_items, launch_work, profiling)
 
 
 @lru_cache(maxsize=32)

@@ -13,7 +13,7 @@ from typing import Any
 import pyopencl as cl
 
 from clradar.errors import DeviceError
-from clradar.opencl.device import Device
+from clradar.opencl.device import INSTALL_HINT, Device
 from clradar.opencl.self_test import self_test
 from clradar.opencl.sources import source
 
@@ -218,6 +218,10 @@ def compiled(device: Device, file: str, options: Any) -> Program:
         # Oclgrind checks the code as written and does not support all that its own optimiser
         # emits. CLR_CHECKED marks the few places that avoid its faults.
         flags += ["-cl-opt-disable", "-DCLR_CHECKED"]
+    if device.info.target is not None:
+        # For the caches of pyopencl and PoCL, whose keys do not have it: a folder of the user's may
+        # serve several machines.
+        flags.append(f"-DCLR_TARGET_{device.info.target.upper().replace('-', '_')}")
     os.environ.setdefault(CACHE_FAILURE, "")
     try:
         with warnings.catch_warnings():
@@ -227,9 +231,12 @@ def compiled(device: Device, file: str, options: Any) -> Program:
             kernels = {kernel.function_name: kernel for kernel in built.all_kernels()}
     except cl.Error as error:
         log = str(error).strip()
+        # The line that says what is wrong, without the place in front of it.
+        wrong = (line[line.index("error:") :] for line in log.splitlines() if "error:" in line)
         raise DeviceError(
-            f"device {device.info.label}: {file} does not build with {' '.join(flags)}; "
-            f"{OTHER_DEVICE_HINT}, or report this log:\n{log}"
+            f"device {device.info.label}: {file} does not build "
+            f"({next(wrong, type(error).__name__)}); {OTHER_DEVICE_HINT}, or {INSTALL_HINT}; the "
+            f"log of {' '.join(flags)}:\n{log}"
         ) from error
     return Program(device, file, kernels)
 

@@ -22,7 +22,8 @@ from clradar.errors import ClradarError, DeviceError, handled_warnings, warn
 from clradar.files.interrupts import interrupts_blocked
 from clradar.model import checks
 from clradar.model.progress import Progress, part_of
-from clradar.opencl.device import Device, DeviceInfo, open_device, select_devices
+from clradar.opencl.choice import open_device, select_devices
+from clradar.opencl.device import Device, DeviceInfo
 from clradar.opencl.program import compiled
 from clradar.opencl.self_test import self_test
 

@@ -132,7 +132,7 @@ def test_devices_marks_the_one_that_is_used(run: Run, monkeypatch: pytest.Monkey
     assert outcome.status == 0
     (marked,) = [line for line in outcome.out.splitlines() if line.startswith("*")]
     assert "Portable Computing Language" in marked
-    for column in ("selector", "name", "platform", "kind", "memory", "units"):
+    for column in ("selector", "name", "platform", "kind", "memory", "units", "works"):
         assert column in outcome.out
     monkeypatch.setenv("CLRADAR_DEVICE", "abacus")
     outcome = run("devices")

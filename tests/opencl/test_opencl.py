@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib.metadata import PackageNotFoundError, PackagePath
@@ -24,6 +24,7 @@ from clradar.opencl import (
     DeviceInfo,
     Program,
     build,
+    choice,
     cpu_beside,
     list_devices,
     open_device,
@@ -32,7 +33,7 @@ from clradar.opencl import (
 from clradar.opencl import device as device_module
 from clradar.opencl import program as program_module
 from clradar.opencl.buffers import OnDevice
-from clradar.opencl.device import default_device
+from clradar.opencl.choice import default_device
 from clradar.opencl.double_single import hi_lo
 from clradar.opencl.self_test import self_test
 from clradar.opencl.sources import source
@@ -71,8 +72,17 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     monkeypatch.delenv("CLRADAR_DEVICE", raising=False)
     monkeypatch.delenv("PYOPENCL_CTX", raising=False)
 
-    def pretend(*infos: DeviceInfo) -> None:
+    def pretend(*infos: DeviceInfo, failing: Sequence[DeviceInfo] = ()) -> None:
+        errors = {
+            info.selector: DeviceError(
+                f"device {info.label}: self_test.cl does not build (error: unknown target CPU "
+                "'generic'); choose another; the log:\nmore\n"
+            )
+            for info in failing
+        }
         monkeypatch.setattr(device_module, "_found", lambda: [(i, None) for i in infos])
+        monkeypatch.setattr(choice, "_failure", errors.get)
+        monkeypatch.setattr(choice, "_told", set())
 
     return pretend
 
@@ -140,6 +150,64 @@ def test_clradar_device_goes_before_pyopencl_ctx(
     assert default_device() == POCL
     monkeypatch.setenv("CLRADAR_DEVICE", "")
     assert default_device() == INTEL
+
+
+WHY = r"self_test.cl does not build \(error: unknown target CPU 'generic'\)"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "failing", "chosen"),
+    [
+        (None, (CARD,), CARD_2),
+        (None, (CARD, CARD_2), INTEL),
+        (None, (CARD, CARD_2, INTEL), POCL),
+        ("gpu", (CARD,), CARD_2),
+        ("cpu", (POCL,), INTEL),
+        ("nvidia", (CARD,), CARD_2),
+    ],
+)
+def test_of_several_devices_the_first_that_works_is_used_and_the_others_are_named_once(
+    machine: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
+    wanted: str | None,
+    failing: tuple[DeviceInfo, ...],
+    chosen: DeviceInfo,
+) -> None:
+    machine(*EVERYTHING, failing=failing)
+    if wanted is not None:
+        monkeypatch.setenv("CLRADAR_DEVICE", wanted)
+    with pytest.warns(clradar.ClradarWarning) as caught:
+        assert default_device() == chosen
+    texts = [str(one.message) for one in caught]
+    for info, text in zip(failing, texts, strict=True):
+        start = re.escape(f"device {info.selector} {info.label}")
+        instead = re.escape(f"{chosen.label} is used instead")
+        assert re.match(f"{start} {WHY}; {instead}", text)
+        assert "\n" not in text
+    assert default_device() == chosen  # without a word
+
+
+def test_where_no_device_works_the_error_has_the_reasons_and_the_ways_out(
+    machine: Callable[..., None],
+) -> None:
+    machine(*EVERYTHING, failing=EVERYTHING)
+    with pytest.raises(DeviceError, match=rf"no OpenCL device works: 3:0 .* {WHY}; 3:1 ") as caught:
+        open_device()
+    for way in ("clradar[intel]", "conda-forge", "version 5", "docs/platforms.md"):
+        assert way in str(caught.value)
+
+
+def test_a_device_that_is_named_is_not_exchanged(machine: Callable[..., None]) -> None:
+    machine(POCL, INTEL, failing=(POCL,))
+    assert choice._first_working(choice._meant("pocl", "device")) == POCL
+
+
+def test_all_devices_are_those_that_would_be_used(machine: Callable[..., None]) -> None:
+    machine(*EVERYTHING)
+    assert choice.select_devices("all") == [CARD, CARD_2]
+    machine(*EVERYTHING, failing=(CARD, CARD_2))
+    with pytest.warns(clradar.ClradarWarning, match="is used instead"):
+        assert choice.select_devices("all") == [INTEL]
 
 
 @pytest.mark.parametrize("wanted", ["vivante", "7:0", "1:3", "", ":", "gpu", "intel", "1:0:0"])
@@ -432,6 +500,22 @@ def test_a_gpu_has_a_cpu_beside_it_if_there_is_one(device: clradar.Device, monke
     assert cpu_beside(gpu) is None
 
 
+def test_a_cpu_beside_a_gpu_is_one_that_works(
+    device: clradar.Device, machine: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gpu = replace(device, info=CARD)
+    monkeypatch.setattr(choice, "opened", lambda selector, *rest: selector)
+    machine(CARD, POCL, INTEL)
+    assert cpu_beside(gpu) == INTEL.selector
+    machine(CARD, POCL, INTEL, failing=(INTEL,))
+    with pytest.warns(clradar.ClradarWarning, match=rf"{WHY}; cpu-Intel.* is used instead"):
+        assert cpu_beside(gpu) == POCL.selector
+    machine(CARD, POCL, failing=(POCL,))
+    with pytest.warns(clradar.ClradarWarning, match=rf"{WHY}; numpy is used instead"):
+        assert cpu_beside(gpu) is None
+    assert cpu_beside(gpu) is None  # without a word
+
+
 @pytest.fixture
 def kernel_text(monkeypatch: pytest.MonkeyPatch, device: clradar.Device) -> Iterator[Callable]:
     """Replace every kernel file by a text."""
@@ -490,7 +574,7 @@ def test_a_build_error_has_device_options_and_log(
     with pytest.raises(DeviceError) as caught:
         build(device, "broken.cl", Options(negate=True))
     message = str(caught.value)
-    assert message.startswith(f"device {device.info.label}: broken.cl does not build with ")
+    assert message.startswith(f"device {device.info.label}: broken.cl does not build (")
     for option in ("-cl-std=CL1.2", "-DCLR_FACTOR=2", "-DCLR_OFFSET=1", "-DCLR_NEGATE=1"):
         assert option in message
     assert "CLRADAR_DEVICE=" in message

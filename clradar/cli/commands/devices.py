@@ -1,4 +1,4 @@
-"""``clradar devices``: list the OpenCL devices, and which of them is used."""
+"""``clradar devices``: list the OpenCL devices, whether they work, and which of them is used."""
 
 from __future__ import annotations
 
@@ -12,17 +12,20 @@ if TYPE_CHECKING:
 
 def command() -> None:
     """The one that a command would use is marked with an asterisk. Choose another with --device
-    or the environment variable CLRADAR_DEVICE: its selector, or part of its name.
+    or the environment variable CLRADAR_DEVICE: its selector, or part of its name. Every device is
+    tested: does it build kernels and compute as it must?
     """
-    from clradar.opencl.device import default_device, list_devices
+    from clradar.errors import DeviceError
+    from clradar.opencl.choice import default_device, fault
+    from clradar.opencl.device import INSTALL_HINT, list_devices
 
     devices = list_devices()
-    chosen = None
-    failure = None
+    chosen = failure = None
     try:
         chosen = default_device()
-    except Exception as error:  # printed after the table, which helps to find the cause
+    except DeviceError as error:  # printed after the table, which helps to find the cause
         failure = error
+    faults = {info.selector: fault(info.selector) for info in devices}
     rows = [
         (
             "*" if info == chosen else "",
@@ -32,15 +35,29 @@ def command() -> None:
             info.kind,
             f"{info.memory_bytes / 2**30:.1f} GiB",
             str(info.compute_units),
+            "no" if faults[info.selector] else "yes",
             good_for(info),
         )
         for info in devices
     ]
-    columns = ("", "selector", "name", "platform", "kind", "memory", "units", "good for")
+    columns = ("", "selector", "name", "platform", "kind", "memory", "units", "works", "good for")
     print_table(columns, rows, right=("memory", "units"))
+    for info in devices:
+        if faults[info.selector]:
+            print_line(f"{info.selector} {info.label}: {faults[info.selector]}")
+        elif info.target:
+            print_line(
+                f"{info.selector} {info.label}: this PoCL does not know the processor; it compiles "
+                f"for {info.target} (docs/platforms.md)"
+            )
     if failure is not None:
         raise failure
     assert chosen is not None
+    if faults[chosen.selector]:
+        raise DeviceError(
+            f"the device that would be used, {chosen.selector} {chosen.label}, does not work; "
+            f"choose another with CLRADAR_DEVICE=..., or {INSTALL_HINT}"
+        )
     print_line(f"used: {chosen.selector} {chosen.label}")
 
 
@@ -53,5 +70,5 @@ def good_for(info: DeviceInfo) -> str:
     if "intel" in info.platform.lower():
         return "any x86 CPU"
     if "portable computing language" in info.platform.lower():
-        return "any CPU; always there"
+        return "any CPU"
     return "untried"

@@ -14,7 +14,7 @@ from typing import IO
 from clradar.errors import DeviceError, ModelError
 from clradar.files.work_folder import locked
 from clradar.opencl import Device, DeviceInfo, devices_like, open_device
-from clradar.opencl.device import select_devices, several
+from clradar.opencl.choice import select_devices, several
 from clradar.opencl.several_devices import check_alike
 
 _leases: list[IO[bytes]] = []

@@ -1,0 +1,328 @@
+"""Which device: by name, kind or index, else the first that works."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from functools import lru_cache
+
+from clradar.errors import DeviceError, quoted, warn
+from clradar.model import checks
+from clradar.opencl.device import INSTALL_HINT, Device, DeviceInfo, list_devices, opened
+from clradar.opencl.program import compiled
+from clradar.opencl.self_test import self_test
+
+ALL = "all"
+
+VARIABLES = ("CLRADAR_DEVICE", "PYOPENCL_CTX")
+"""Each names a device; the first that is set counts."""
+
+_ALIASES = {
+    "pocl": "portable computing language",
+    "intel": "intel",
+    "nvidia": "nvidia",
+    "oclgrind": "oclgrind",
+}
+
+
+def open_device(
+    device: Device | str | None = None,
+    *,
+    memory_limit_bytes: int | None = None,
+    width: int | None = None,
+    group_items: int | None = None,
+    launch_work: float | None = None,
+    profiling: bool = False,
+) -> Device:
+    """Open a device, or return the one that is open already.
+
+    Parameters
+    ----------
+    device : Device, str or None
+        A device is returned as it is. A string is "platform:device" (indices), "gpu", "cpu", or
+        part of a device's or platform's name ("pocl", "nvidia", ...). None means: the environment
+        variable ``CLRADAR_DEVICE``, else ``PYOPENCL_CTX``, else the first GPU, else Intel's CPU
+        runtime, else PoCL. Of several devices that are meant, the first that builds and passes its
+        test.
+    memory_limit_bytes : int, optional
+        Plan with at most this much device memory; three quarters of the device's by default.
+    width : 1 or 8, optional
+        Build the kernels for this many lanes per work-item instead of what suits the device's kind.
+    group_items : int, optional
+        Run at most this many items in a work-group instead of what suits the device's kind.
+    launch_work : float, optional
+        Split launches of more operations than this instead of what suits the device's kind.
+    profiling : bool
+        Measure how long kernels run, see `Device.kernel_time_s`.
+
+    Raises
+    ------
+    DeviceError
+        No such device, it cannot be opened, or none of several passes its test. There is no
+        fallback to a device that is not meant.
+
+    Warns
+    -----
+    ClradarWarning
+        A device that would be preferred does not work: which, why, and what is used instead.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> device = clradar.open_device("pocl")
+    >>> device is clradar.open_device(device.info.selector)
+    True
+    """
+    if isinstance(device, Device):
+        settled = (memory_limit_bytes, width, group_items, launch_work)
+        if profiling or any(value is not None for value in settled):
+            raise DeviceError(
+                "device: expected its name together with memory_limit_bytes, width, group_items, "
+                "launch_work or profiling, got a clradar.Device, for which they are settled"
+            )
+        return device
+    if device is not None and not isinstance(device, str):
+        raise DeviceError(
+            f"device: expected a clradar.Device, a string or None, got {type(device).__name__}"
+        )
+    if memory_limit_bytes is not None:
+        memory_limit_bytes = checks.whole("memory_limit_bytes", memory_limit_bytes, 1)
+    if width not in (None, 1, 8):
+        checks.fail("width", "1 or 8 lanes per work-item", repr(width))
+    if group_items is not None:
+        group_items = checks.whole("group_items", group_items, 1)
+    if launch_work is not None:
+        launch_work = checks.positive("launch_work", launch_work)
+    info = default_device() if device is None else _first_working(_meant(device, "device"))
+    return opened(info.selector, memory_limit_bytes, width, group_items, launch_work, profiling)
+
+
+def default_device() -> DeviceInfo:
+    """The device that `open_device` opens for None.
+
+    Raises
+    ------
+    DeviceError
+        There is none, or none works.
+    """
+    named = _named()
+    meant = _meant(None, "device") if named is None else _meant(*reversed(named))
+    return _first_working(meant)
+
+
+def cpu_beside(device: Device) -> Device | None:
+    """A CPU for what one thread does best: the device itself, else one of this machine, or None.
+
+    The memory checker stands for itself.
+
+    Warns
+    -----
+    ClradarWarning
+        There are CPUs beside it, but the first of them does not work, or none.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> from clradar.opencl import cpu_beside
+    >>> device = clradar.open_device("pocl")
+    >>> cpu_beside(device) is device
+    True
+    """
+    if device.info.kind == "cpu" or device.info.is_interpreter:
+        return device
+    cpus = [info for info in list_devices() if info.kind == "cpu" and not info.is_interpreter]
+    info = _working(sorted(cpus, key=_rank))
+    if info is None:
+        _tell_skipped(cpus, "numpy")
+        return None
+    return opened(info.selector)
+
+
+def fault(selector: str) -> str | None:
+    """Why a device cannot be used, in a few words; None if it builds and passes its test.
+
+    Each device is tested once in a process.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> from clradar.opencl.choice import fault
+    >>> fault(clradar.open_device("pocl").info.selector) is None
+    True
+    """
+    error = _failure(selector)
+    return None if error is None else quoted(str(error).split("; ")[0].split("]: ", 1)[-1], 120)
+
+
+@lru_cache(maxsize=64)
+def _failure(selector: str) -> DeviceError | None:
+    try:
+        self_test(opened(selector), compiled)
+    except DeviceError as error:
+        return error
+    return None
+
+
+def _first_working(meant: Sequence[DeviceInfo]) -> DeviceInfo:
+    """The first that passes its test; a single one is tested when it is used."""
+    working = meant[0] if len(meant) == 1 else _working(meant)
+    if working is None:
+        faults = "; ".join(f"{info.selector} {info.label} {fault(info.selector)}" for info in meant)
+        raise DeviceError(f"no OpenCL device works: {faults}; {INSTALL_HINT}")
+    return working
+
+
+def _working(ranked: Sequence[DeviceInfo]) -> DeviceInfo | None:
+    """The first that passes its test; a warning names those before it."""
+    for i, info in enumerate(ranked):
+        if fault(info.selector) is None:
+            _tell_skipped(ranked[:i], info.label)
+            return info
+    return None
+
+
+_told: set[str] = set()
+
+
+def _tell_skipped(skipped: Sequence[DeviceInfo], instead: str) -> None:
+    """Warn of devices that do not work, each once in a process."""
+    for info in skipped:
+        if info.selector not in _told:
+            _told.add(info.selector)
+            warn(
+                f"device {info.selector} {info.label} {fault(info.selector)}; {instead} is used "
+                "instead, see `clradar devices`"
+            )
+
+
+def devices_like(device: str | None = None) -> list[DeviceInfo]:
+    """The device that `open_device` would open, and all others of its name and driver.
+
+    Parameters
+    ----------
+    device : str or None
+        As for `open_device`. A selector means that device alone.
+
+    Raises
+    ------
+    DeviceError
+        No such device.
+
+    Examples
+    --------
+    >>> from clradar.opencl import devices_like
+    >>> {info.kind for info in devices_like("pocl")}
+    {'cpu'}
+    """
+    chosen = default_device() if device is None else _first_working(_meant(device, "device"))
+    named = _named()
+    wanted = device or (named[1] if named else "")
+    if wanted.strip().replace(":", "").isdigit():
+        return [chosen]
+    return [info for info in list_devices() if info.is_like(chosen)]
+
+
+def several(device: str | None) -> bool:
+    """Whether it may mean several devices: "all", or names with commas between them.
+
+    None stands for what the environment names.
+    """
+    named = _named()
+    text = device or (named[1] if named else "")
+    return text.strip().lower() == ALL or "," in text
+
+
+def select_devices(device: str | Sequence[str] | None) -> list[DeviceInfo]:
+    """The devices that `clradar.opencl.open_devices` names.
+
+    Raises
+    ------
+    DeviceError
+        No such device, or one is named twice.
+    """
+    origin, named = "device", _named()
+    if device is None and named is not None:
+        origin, device = named
+    if device is None:
+        return [default_device()]
+    names = device.split(",") if isinstance(device, str) else list(device)
+    if len(names) == 1 and names[0].strip().lower() == ALL:
+        return _all()
+    infos = [_first_working(_meant(name, origin)) for name in names]
+    twice = next((info for i, info in enumerate(infos) if info in infos[:i]), None)
+    if twice is not None or not infos:
+        got = f"{twice.selector} {twice.label} twice" if twice else "none"
+        raise DeviceError(f"{origin}: expected devices, each once, got {got}")
+    return infos
+
+
+def _all() -> list[DeviceInfo]:
+    """All GPUs, those of one name by one driver; without GPUs what is used anyway, and its like.
+
+    Two drivers of one device share it, so there is nothing to win by both.
+    """
+    gpus = [info for info in list_devices() if info.kind == "gpu" and not info.is_interpreter]
+    first: dict[str, str] = {}
+    for info in gpus:
+        first.setdefault(info.name, info.platform)
+    if gpus and _first_working(_meant(None, "device")).kind == "gpu":
+        return [info for info in gpus if info.platform == first[info.name]]
+    named = _named()
+    if named is not None and several(named[1]):
+        named = None
+    default = _first_working(_meant(None, "device") if named is None else _meant(*reversed(named)))
+    return [info for info in list_devices() if info.is_like(default)]
+
+
+def _named() -> tuple[str, str] | None:
+    """The environment variable that names a device, and what it says."""
+    for variable in VARIABLES:
+        if os.environ.get(variable):
+            return variable, os.environ[variable]
+    return None
+
+
+def _meant(wanted: str | None, origin: str) -> list[DeviceInfo]:
+    """All devices that a name means, the preferred one first."""
+    infos = list_devices()
+    usable = [info for info in infos if not info.is_interpreter]
+    if wanted is None:
+        if not usable:
+            raise DeviceError(f"no OpenCL device but a memory checker was found; {INSTALL_HINT}")
+        return sorted(usable, key=_rank)
+    key = wanted.strip().lower()
+    if several(wanted):
+        raise DeviceError(
+            f"{origin}: expected one device, got {wanted!r}: what is asked for is not split over "
+            "several; see docs/runtimes.md for what is"
+        )
+    if key in ("gpu", "cpu"):
+        matches = [info for info in usable if info.kind == key]
+    elif key.replace(":", "").isdigit():
+        exact = key if ":" in key else f"{key}:0"
+        matches = [info for info in infos if info.selector == exact]
+    elif key in _ALIASES:
+        # By platform only: an Intel processor driven by PoCL is not Intel's runtime.
+        matches = [info for info in infos if _ALIASES[key] in info.platform.lower()]
+    else:
+        # PYOPENCL_CTX may be "platform:device" by name.
+        parts = [_ALIASES.get(part, part) for part in key.split(":") if part]
+        matches = [info for info in infos if parts and all(p in info.label.lower() for p in parts)]
+    if not matches:
+        listing = "; ".join(f"{info.selector} {info.label}" for info in infos)
+        raise DeviceError(
+            f"{origin}: expected one of the devices here ({listing}), got {wanted!r}; "
+            f"see `clradar devices`, or {INSTALL_HINT}"
+        )
+    return matches
+
+
+def _rank(info: DeviceInfo) -> int:
+    platform = info.platform.lower()
+    if info.kind == "gpu":
+        return 0
+    if info.kind == "cpu" and "intel" in platform:
+        return 1
+    if "portable computing language" in platform:
+        return 2
+    return 3
