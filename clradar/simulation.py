@@ -315,6 +315,7 @@ def simulate_alphas(
     array.refuse_patterns("simulate_alphas")
     merged = merged_settings(settings, **fields)
     require_stochastic("simulate_alphas", merged.resolved())
+    merged = replace(merged, estimator="stochastic")
     resolved = merged.for_scene(scene, array, waveform).resolved()
     if len(alphas) == 0:
         checks.fail("simulate_alphas: alphas", "at least one", "none")

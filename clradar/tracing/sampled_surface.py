@@ -35,7 +35,9 @@ def samples_per_face(scene: Scene, settings: SimulationSettings) -> np.ndarray:
     """How many samples each face gets, shape (n_faces,), int64.
 
     By density: face f gets the whole numbers between the running areas before and after it, so that
-    the total is right to one sample whatever the tessellation. Faces without area get none.
+    the total is right to one sample whatever the tessellation. They start at a random number below
+    one sample, drawn by the seed: in the mean over seeds every face has as many samples as its area
+    asks for, however small it is. Faces without area get none.
     """
     area_mm2 = sampled_areas_m2(scene) * 1e6
     if not (area_mm2 > 0).any():
@@ -44,10 +46,10 @@ def samples_per_face(scene: Scene, settings: SimulationSettings) -> np.ndarray:
         return np.where(area_mm2 > 0, settings.rays_per_face, 0).astype(np.int64)
     assert settings.samples_per_mm2 is not None, "settings are resolved"
     _check_samples(float(area_mm2.sum()) * settings.samples_per_mm2)
-    # The offset of one half keeps a scene smaller than one sample from getting none at random.
-    running = np.floor(np.cumsum(area_mm2) * settings.samples_per_mm2 + 0.5)
+    start = np.random.Generator(np.random.Philox(key=settings.seed)).random()
+    running = np.floor(np.cumsum(area_mm2) * settings.samples_per_mm2 + start)
     counts = np.diff(running, prepend=0.0).astype(np.int64)
-    if counts.sum() == 0:
+    if counts.sum() == 0:  # a scene smaller than one sample
         counts[int(area_mm2.argmax())] = 1
     return counts
 

@@ -117,8 +117,8 @@ class SimulationSettings:
     seed : int, 0 to 2^64 - 1
     estimator : "stochastic", "expected" or "physical", optional
         None: "stochastic", the paper's; but `clradar.simulate` takes "physical" where the scene has
-        a material given to it, and else "expected" unless samples, rays or several
-        bounces are asked for or an alpha is below 0.12.
+        a material given to it, and else "expected" unless rays or several bounces are asked for or
+        an alpha is below 0.12.
         "expected" is the mean of "stochastic" over the random outgoing directions, for the same
         samples: each of them, Tx and Rx adds one path whose amplitude is `rays_per_sample` times
         the probability that the outgoing ray enters the Rx sphere. It has no shot noise, so fewer
@@ -248,12 +248,13 @@ class SimulationSettings:
         return replace(chosen, samples_per_mm2=density, rays_per_sample=rays)
 
     def _with_estimator(self, scene: Scene, least_alpha: float) -> SimulationSettings:
+        # The density of samples is for the quality of a result, and no wish for another estimator.
         asked = (self.rays_per_face, self.rays_per_sample, self.estimator)
         if self.max_bounces > 1 or any(value is not None for value in asked):
             return self
         if scene.materials != (PERFECT_CONDUCTOR,):
             return replace(self, estimator="physical")
-        if self.samples_per_mm2 is not None or np.min(scene.alpha) < least_alpha:
+        if np.min(scene.alpha) < least_alpha:
             return self
         return replace(self, estimator="expected")
 

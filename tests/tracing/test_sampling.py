@@ -279,3 +279,15 @@ def test_random_words_are_those_of_the_published_generator():
         0x5001E420,
         0x24126EA1,
     ]
+
+
+def test_small_faces_have_samples_in_the_share_of_their_area():
+    """On faces of a tenth of a sample each seed takes others, so that no face is left out."""
+    scene = scene_of(plate(0.01, 0.3, 20))  # 800 faces of 0.125 mm2
+    seeds, share = 400, 0.8 * 0.125
+    counts = sum(
+        samples_per_face(scene, resolve_settings(samples_per_mm2=0.8, seed=seed))
+        for seed in range(seeds)
+    )
+    # Each count is binomial; 4.5 standard deviations leave a chance of 0.5 % to the worst of 800.
+    assert np.abs(counts - seeds * share).max() <= 4.5 * np.sqrt(seeds * share * (1 - share))

@@ -114,7 +114,7 @@ def test_invalid_settings_are_refused(arguments, message, device):
     [
         ({}, "expected"),
         ({"seed": 3, "reception_radius_m": 0.02}, "expected"),
-        ({"samples_per_mm2": 0.5}, "stochastic"),
+        ({"samples_per_mm2": 0.5}, "expected"),
         ({"rays_per_sample": 1}, "stochastic"),
         ({"rays_per_face": 4000}, "stochastic"),
         ({"max_bounces": 2}, "stochastic"),
@@ -156,7 +156,7 @@ def test_other_functions_stay_stochastic():
 def test_the_radius_keeps_the_phase_error_at_any_range(distance_m, ghz, radius_m):
     at_range = Scene(*plate(0.05, distance_m), 0.5)
     band = clradar.Waveform.sfcw((ghz - 1) * 1e9, (ghz + 1) * 1e9, 3)
-    chosen = SimulationSettings(samples_per_mm2=1.0).for_scene(at_range, ARRAY, band)
+    chosen = SimulationSettings(rays_per_sample=1).for_scene(at_range, ARRAY, band)
     assert chosen.radius_m == pytest.approx(radius_m)
     given = SimulationSettings(estimator="stochastic", reception_radius_m=0.003)
     assert given.for_scene(at_range, ARRAY, band).radius_m == 0.003

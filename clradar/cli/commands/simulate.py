@@ -50,8 +50,8 @@ class EstimatorOptions:
 
     estimator: Estimator | None = option(
         None,
-        f"{ESTIMATORS} [default: physical with --material, stochastic with samples, rays or "
-        "bounces, else expected]",
+        f"{ESTIMATORS} [default: physical with --material, stochastic with rays or bounces, else "
+        "expected]",
     )
     seed: int = option(0, "Same seed, same device: same bits.", metavar="N")
 
