@@ -18,6 +18,7 @@ from clradar.phasors.physical import physical_samples
 from clradar.tracing.ambiguous import warn_of_ambiguity
 from clradar.tracing.expected import ExpectedTracer
 from clradar.tracing.facets import warn_of_coarse_facets
+from clradar.tracing.lit_surface import SUM_SHARE
 from clradar.tracing.placement import check_placement
 from clradar.tracing.settings import (
     SimulationSettings,
@@ -31,7 +32,8 @@ from clradar.tracing.stochastic import Tracer
 
 SUM_BYTES = 2**30
 """Most that the sums of pairs take, 11.5 kB each with 128 frequencies; of more pairs the sums of a
-block of Tx are held at a time, and their rays traced. No result depends on it."""
+block of Tx are held at a time, and their rays traced; fewer where memory is short. No result
+depends on it."""
 
 SUMS_AT_ONCE = 12
 """Phasor sums held at the same time, fewer where memory is short. No result depends on it."""
@@ -179,7 +181,7 @@ def simulate_image(
     merged = merged_settings(settings, **fields)
     suited = merged.for_scene(scene, imager.array, imager.waveform)
     physical = suited.estimator == "physical"
-    in_blocks = len(_blocks_of_tx(imager.array, imager.waveform)) > 1
+    in_blocks = len(_blocks_of_tx(imager.array, imager.waveform, imager.device)) > 1
     if not imager.keeps_image or physical or imager.array.has_gains or in_blocks:
         imager.form(
             simulate(
@@ -205,9 +207,10 @@ def simulate_image(
     _summed_paths(scene, imager.array, imager.waveform, resolved, imager.device, progress, take)
 
 
-def _blocks_of_tx(array: AntennaArray, waveform: Waveform) -> list[slice]:
+def _blocks_of_tx(array: AntennaArray, waveform: Waveform, device: Device) -> list[slice]:
     """Tx whose sums are held at the same time."""
-    most = max(1, SUM_BYTES // (array.n_rx * sum_bytes_of_pair(waveform)))
+    room = min(SUM_BYTES, int(SUM_SHARE * device.budget_bytes))
+    most = max(1, room // (array.n_rx * sum_bytes_of_pair(waveform)))
     starts = range(0, array.n_tx, most)
     return [slice(start, min(start + most, array.n_tx)) for start in starts]
 
@@ -228,25 +231,25 @@ def _summed_paths(
     statistics = TraceStatistics(0, 0, 0, 0)
     paths = np.zeros(array.n_tx * array.n_rx, np.int64)
     expected = resolved.estimator == "expected"
-    blocks, meta = _blocks_of_tx(array, waveform), dict[str, Any]()
-    with (ExpectedTracer if expected else Tracer)(scene, array, resolved, opened) as tracer:
-        for i, tx in enumerate(blocks):
-            part, share = array, progress
-            if len(blocks) > 1:
-                part = AntennaArray(array.tx_m[tx], array.rx_m)
-                share = part_of(progress, i / len(blocks), (i + 1) / len(blocks))
-                tracer.light_by(tx)
-            pairs = slice(tx.start * array.n_rx, tx.stop * array.n_rx + 1)
-            # The sum, which may be using the tracer's memory, ends first.
-            with PhasorSum(part, waveform, opened, expected) as total:
-                for tile in tracer.tiles(share):
-                    columns = (tile.length, tile.amplitude, tile.longest_m)
-                    total.add_on_device(tile.start[pairs], *columns)
-                    paths += np.diff(tile.start)
-                    new = replace(tile.statistics, samples=0) if i else tile.statistics
-                    statistics = statistics + new
-                meta = simulated_meta(scene, resolved, statistics, int(paths.sum()), opened)
-                take(tx, total, meta)
+    blocks, meta = _blocks_of_tx(array, waveform, opened), dict[str, Any]()
+    kind = ExpectedTracer if expected else Tracer
+    for i, tx in enumerate(blocks):
+        share = progress
+        if len(blocks) > 1:
+            share = part_of(progress, i / len(blocks), (i + 1) / len(blocks))
+        of_block = paths[tx.start * array.n_rx : tx.stop * array.n_rx]
+        # The sum, which may be using the tracer's memory, ends first.
+        with (
+            kind(scene, array, resolved, opened, tx) as tracer,
+            PhasorSum(tracer.array, waveform, opened, expected) as total,
+        ):
+            for tile in tracer.tiles(share):
+                total.add_on_device(tile.start, tile.length, tile.amplitude, tile.longest_m)
+                of_block += np.diff(tile.start)
+                new = replace(tile.statistics, samples=0) if i else tile.statistics
+                statistics = statistics + new
+            meta = simulated_meta(scene, resolved, statistics, int(paths.sum()), opened)
+            take(tx, total, meta)
     warn_if_starved(paths, scene, array, resolved)
     return meta
 

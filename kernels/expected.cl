@@ -119,8 +119,8 @@ __kernel void tx_lobes(const uint n_samples, const uint n_tx, const uint n_group
     const float length = FIRSTW(segment.hi);
     const float3 t_i = (float3)(FIRSTW(x.hi), FIRSTW(y.hi), FIRSTW(z.hi)) / length;
     float3 n = load3(shading + 3 * (size_t)i), face = load3(geometric + 3 * (size_t)i);
-    if (dot3(n, t_i) > 0.0f) n = -n;
     if (dot3(face, t_i) > 0.0f) face = -face;
+    if (dot3(n, face) < 0.0f) n = -n;
     const float n_z = -dot3(n, t_i);
     const float3 t_m = unit(t_i + 2.0f * n_z * n);
 

@@ -161,9 +161,9 @@ typedef struct {
     uint4 id;        /* sample * rays + ray; Tx; as traced: distance, slot of the triangle that is hit, or -1 */
 } listed_ray;
 
-/* Which rays are drawn, and how. */
+/* Which rays are drawn, and how; tx_before: Tx of the array before the first of these, for the random numbers. */
 typedef struct {
-    uint bounce, seed_low, seed_high;
+    uint bounce, tx_before, seed_low, seed_high;
     bool last;
     float delta;
     float4 box_low, box_high;
@@ -176,10 +176,10 @@ static inline uint list_rays(const drawing how, const vectors p, const vectors f
                              const dual travelled, const uintw sample, const uintw tx,
                              const uintw ray, const uintw id, const uint alive,
                              __global uint *n_listed, __global listed_ray *list) {
-    n = against(n, t_i);
     face = against(face, t_i);
+    n = against(n, (vectors){-face.x, -face.y, -face.z});
     uintw first_word, second_word;
-    draw_words(sample, tx, ray, DOMAIN_DIRECTION | how.bounce << 8, how.seed_low, how.seed_high,
+    draw_words(sample, tx + how.tx_before, ray, DOMAIN_DIRECTION | how.bounce << 8, how.seed_low, how.seed_high,
                &first_word, &second_word);
     const vectors t_c = outgoing_directions(first_word, second_word, n, t_i, alpha);
     /* Not of NaN either, where t_d and t_m cancel. */
@@ -216,8 +216,8 @@ static inline uint list_rays(const drawing how, const vectors p, const vectors f
 __kernel void draw_rays(const uint n_samples, const uint start, const uint n_tx,
                         const uint n_tx_groups, const uint tx_stride, const uint rays,
                         const uint first_ray, const uint last_ray, const uint max_bounces,
-                        const uint first_sample, const uint seed_low, const uint seed_high,
-                        const float delta, const float4 box_low, const float4 box_high,
+                        const uint first_sample, const uint tx_before, const uint seed_low,
+                        const uint seed_high, const float delta, const float4 box_low, const float4 box_high,
                         __global const float *tx_columns, __global const float *ground,
                         __global const float *shading, __global const float *geometric,
                         __global const float *point, __global const float *sample_alpha,
@@ -229,7 +229,7 @@ __kernel void draw_rays(const uint n_samples, const uint start, const uint n_tx,
     const uint bits = visible[(size_t)i * n_tx_groups + first_tx / CLR_GROUP] >> first_tx % CLR_GROUP;
     const uint alive = bits & ((1u << CLR_WIDTH) - 1u);
     if (alive == 0) return;
-    const drawing how = {0, seed_low, seed_high, max_bounces == 1, delta, box_low, box_high};
+    const drawing how = {0, tx_before, seed_low, seed_high, max_bounces == 1, delta, box_low, box_high};
     const vectors p = all3(load3(point + 3 * (size_t)i)), flat = all3(load3(ground + 3 * (size_t)i));
     const vectors n = all3(load3(shading + 3 * (size_t)i));
     const vectors face = all3(load3(geometric + 3 * (size_t)i));
@@ -257,7 +257,7 @@ static inline part my_part(const uint n, const uint items) {
 }
 
 /* What each ray of a list hits before it has passed all spheres, or at all where there are further bounces.
- * rx_columns float (6, rx_stride)  receivers, as tx_columns, padded with positions out of reach */
+ * rx_columns float (6, rx_stride)  receivers, as tx_columns, padded with NaN, which no ray meets */
 __kernel void trace_rays(const uint items, const uint rx_stride, const uint last, const float radius,
                          __global const float *nodes, __global const float *triangles,
                          __global const float *rx_columns, const uint counter,
@@ -343,15 +343,16 @@ __kernel void receive_rays(const uint items, const uint n_rx, const uint rx_stri
  * height    float (n_faces, 3, 2)      see common/curved.h
  * alpha     float (n_faces) */
 __kernel void bounce_rays(const uint items, const uint rays, const uint max_bounces, const uint bounce,
-                          const uint first_sample, const uint seed_low, const uint seed_high,
-                          const float delta, const float4 box_low, const float4 box_high,
+                          const uint first_sample, const uint tx_before, const uint seed_low,
+                          const uint seed_high, const float delta, const float4 box_low, const float4 box_high,
                           __global const float *nodes, __global const float *triangles,
                           __global const float *normal, __global const float *height,
                           __global const float *alpha, __global uint *tally, const uint counter,
                           __global uint *n_listed, __global const listed_ray *list,
                           __global listed_ray *next_list) {
     const part mine = my_part(n_listed[counter], items);
-    const drawing how = {bounce, seed_low, seed_high, bounce + 1 == max_bounces, delta, box_low, box_high};
+    const drawing how = {bounce, tx_before, seed_low, seed_high, bounce + 1 == max_bounces, delta,
+                         box_low, box_high};
     uint drawn = 0, absorbed = 0;
     for (uint k = mine.begin; k < mine.end; k += CLR_WIDTH) {
         const realw zero = (realw)(0.0f);

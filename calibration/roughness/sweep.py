@@ -228,7 +228,8 @@ def sweep(
     >>> radar = {"array": clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12]),
     ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
     >>> rays = {"samples_per_mm2": 0.2, "reception_radius_m": 0.02}
-    >>> capture = clradar.simulate(scene.with_alpha(0.5), **radar, **rays)
+    >>> rough = scene.with_alpha(0.5)
+    >>> capture = clradar.simulate(rough, **radar, **rays, estimator="stochastic")
     >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.25, 0.3), 5e-3)
     >>> image = clradar.backproject(capture, grid, device="pocl")
     >>> found = calibration.sweep(image, scene, [0.1, 0.5, 0.9], seeds=1, **radar, **rays)

@@ -211,7 +211,7 @@ class ResidentImage:
             raise
 
     def close(self) -> None:
-        self._buffers.__exit__(None, None, None)
+        self._buffers.close(waiting=True)
 
     def form(self, data: np.ndarray, report: Report) -> None:
         """Form the image of a capture's samples."""

@@ -145,6 +145,8 @@ class FrameImager:
             self._sum = FastSum(array, waveform, pieces, tolerance_db, self.device, both_ways=False)
             if len(self._sum.parts) == len(pieces) == 1:
                 self._resident = ResidentImage(self._sum, self.weights)
+            else:
+                self._sum.prepare()
 
     def __enter__(self) -> FrameImager:
         return self
@@ -235,7 +237,8 @@ class FrameImager:
             data.flags.writeable = False
         absolute = frame.get("absolute") is True
         meta = {**self._meta, "capture": dict(frame)}
-        scale = ImageScale(self.array, self.waveform, self.weights) if absolute else None
+        array = self.array if self._capture is None else self._capture.array  # its gains
+        scale = ImageScale(array, self.waveform, self.weights) if absolute else None
         try:
             return Volume(data, self.grid, meta, scale)
         except ModelError as error:

@@ -39,6 +39,11 @@ GROUPS_TIMES_LEAF = 512
 AnyBlocks = GridBlocks | PointBlocks
 
 
+def groups_of_leaf(leaf: int) -> int:
+    """Groups of lanes of an item of the way up, for so many antennas of a smallest block."""
+    return min(MOST_GROUPS, max(1, GROUPS_TIMES_LEAF // leaf))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _KernelSizes:
     """Compile-time constants of ``backproject_fast.cl``."""
@@ -173,8 +178,7 @@ class TreeOnDevice:
         self.program = build(device, "backproject_fast.cl", _KernelSizes(**sizes))
         self.up_program = None
         if upwards:
-            groups = min(MOST_GROUPS, max(1, GROUPS_TIMES_LEAF // leaf))
-            forward = _ForwardSizes(**sizes, groups=groups)
+            forward = _ForwardSizes(**sizes, groups=groups_of_leaf(leaf))
             self.up_program = build(device, "forward_fast.cl", forward)
         self.leaf = self._leaf(far)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -9,7 +11,7 @@ import numpy as np
 import pyopencl as cl
 
 from clradar.errors import DeviceError
-from clradar.opencl.device import Device
+from clradar.opencl.device import Device, check_process
 
 HUGE_BYTES = 4 * 2**20
 """From this size on numpy allocates huge pages, and buffers on a CPU are numpy's memory. PoCL's own
@@ -23,8 +25,9 @@ Prepared = TypeVar("Prepared", bound="OnDevice")
 class Buffers:
     """Buffers of one call, freed together.
 
-    A context manager. Every buffer counts against the device's budget. A caller that may exceed it
-    tiles its work; an allocation beyond the budget is therefore a `DeviceError`, not a slow-down.
+    A context manager. Every buffer counts against the device's budget, which all that are open at a
+    time share. A caller that may exceed it tiles its work; an allocation beyond the budget is
+    therefore a `DeviceError`, not a slow-down.
 
     Examples
     --------
@@ -37,10 +40,13 @@ class Buffers:
     """
 
     def __init__(self, device: Device) -> None:
+        check_process()
         self.device = device
         self.used_bytes = 0
         self._held: dict[int, tuple[Any, int]] = {}
         self._closed = False
+        with device.lock:
+            device.buffers.add(self)
 
     def __enter__(self) -> Buffers:
         return self
@@ -51,9 +57,13 @@ class Buffers:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if kind is not None:
-            # What was launched may use memory that is freed now.
-            self.device.queue.finish()
+        self.close(waiting=kind is not None)
+
+    def close(self, *, waiting: bool) -> None:
+        """Free all; `waiting` until nothing that was launched may use them."""
+        if waiting:
+            with suppress(cl.Error):  # of what has failed before
+                self.device.queue.finish()
         for buffer, _ in self._held.values():
             buffer.release()
         self._held.clear()
@@ -63,7 +73,7 @@ class Buffers:
     @property
     def free_bytes(self) -> int:
         """Rest of the budget."""
-        return self.device.budget_bytes - self.used_bytes
+        return self.device.budget_bytes - self.device.used_bytes
 
     def empty(self, n_bytes: int) -> Any:
         """Allocate at least `n_bytes`, contents undefined."""
@@ -85,12 +95,13 @@ class Buffers:
                 "buffers: expected an allocation inside the `with` block, got one after"
             )
         info = self.device.info
-        if size > info.max_alloc_bytes or self.used_bytes + size > self.device.budget_bytes:
+        if size > info.max_alloc_bytes or size > self.free_bytes:
+            used, budget = _mib(self.device.used_bytes), _mib(self.device.budget_bytes)
             raise DeviceError(
                 f"device {info.label}: a buffer of {_mib(size)} does not fit "
-                f"({_mib(self.used_bytes)} of {_mib(self.device.budget_bytes)} in use, largest "
-                f"single buffer {_mib(info.max_alloc_bytes)}); make the problem smaller, or "
-                f"choose another device with CLRADAR_DEVICE=..."
+                f"({used} of {budget} in use, largest single buffer "
+                f"{_mib(info.max_alloc_bytes)}); make the problem smaller, or choose "
+                "another device with CLRADAR_DEVICE=..."
             )
 
     def _hold(self, size: int, flags: int, of: np.ndarray | None = None) -> Any:
@@ -185,12 +196,17 @@ class OnDevice:
         try:
             self._prepare()
         except BaseException:
-            self.__exit__()
+            self.__exit__(*sys.exc_info())
             raise
         return self
 
-    def __exit__(self, *error: Any) -> None:
-        self._buffers.__exit__(None, None, None)
+    def __exit__(
+        self,
+        kind: type[BaseException] | None = None,
+        error: BaseException | None = None,
+        trace: TracebackType | None = None,
+    ) -> None:
+        self._buffers.__exit__(kind, error, trace)
 
     def _prepare(self) -> None:
         raise NotImplementedError

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
+import threading
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
+from weakref import WeakSet
 
 import pyopencl as cl
 
@@ -93,7 +96,7 @@ class Device:
     ----------
     info : DeviceInfo
     budget_bytes : int
-        Memory that one call may have allocated at a time; larger problems are tiled.
+        Memory that may be allocated at a time; larger problems are tiled.
     width : int
         Lanes per work-item: 8 on a CPU, where wide vectors pay, and 1 on a GPU, where neighbouring
         items are the lanes.
@@ -104,6 +107,11 @@ class Device:
         Operations, roughly, from which on `Program.start` splits a launch; none on a CPU.
     launched : list or None
         Of a device that was opened with ``profiling=True``: the events of its kernels.
+    buffers : WeakSet
+        The `clradar.opencl.Buffers` that are open.
+    lock : RLock
+        Taken to build a program, to give a kernel its arguments and start it, and to count memory:
+        several threads may use a device.
 
     Examples
     --------
@@ -122,11 +130,19 @@ class Device:
     launch_work: float = math.inf
     programs: dict[Any, Any] = field(default_factory=dict, repr=False)
     launched: list[Any] | None = None
+    buffers: WeakSet[Any] = field(default_factory=WeakSet, repr=False)
+    lock: Any = field(default_factory=threading.RLock, repr=False)
 
     @property
     def max_buffer_bytes(self) -> int:
         """Largest single buffer that one call may plan with."""
         return min(self.budget_bytes, self.info.max_alloc_bytes)
+
+    @property
+    def used_bytes(self) -> int:
+        """Memory that is allocated at present."""
+        with self.lock:
+            return sum(buffers.used_bytes for buffers in self.buffers)
 
     def kernel_time_s(self) -> float:
         """Seconds that the device has run kernels since the previous call.
@@ -186,6 +202,9 @@ def forget_devices() -> None:
 
 
 def _found() -> list[tuple[DeviceInfo, Any]]:
+    global _process
+    check_process()
+    _process = os.getpid()
     try:
         found_platforms = platforms()
     except cl.Error as error:
@@ -220,6 +239,22 @@ def _found() -> list[tuple[DeviceInfo, Any]]:
     return found
 
 
+_lock = threading.RLock()
+
+_process: int | None = None
+"""The process that has listed devices: drivers start threads then, which a fork does not have."""
+
+
+def check_process() -> None:
+    """Raise `DeviceError` in a process that was forked from one that uses OpenCL."""
+    if _process not in (None, os.getpid()):
+        raise DeviceError(
+            f"device: expected it in the process that found it ({_process}), got a fork of it, in "
+            "which OpenCL hangs; start processes with multiprocessing.get_context('spawn'), "
+            "torch's DataLoader(multiprocessing_context='spawn'), or fork before devices are used"
+        )
+
+
 def opened(
     selector: str,
     memory_limit_bytes: int | None = None,
@@ -229,7 +264,9 @@ def opened(
     profiling: bool = False,
 ) -> Device:
     """The device of a selector; parameters and errors as those of `open_device`."""
-    return _open(selector, memory_limit_bytes, width, group_items, launch_work, profiling)
+    check_process()
+    with _lock:
+        return _open(selector, memory_limit_bytes, width, group_items, launch_work, profiling)
 
 
 @lru_cache(maxsize=32)

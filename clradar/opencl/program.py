@@ -13,7 +13,7 @@ from typing import Any
 import pyopencl as cl
 
 from clradar.errors import DeviceError
-from clradar.opencl.device import INSTALL_HINT, Device
+from clradar.opencl.device import INSTALL_HINT, Device, check_process
 from clradar.opencl.self_test import self_test
 from clradar.opencl.sources import source
 
@@ -78,19 +78,21 @@ class Program:
 
         Later commands run after it. Borrowed arrays must not change until it has run.
         """
+        check_process()
         kernel = self.kernels[name]
         local = group_shape(global_size, self._most_items(kernel))
         padded = tuple(-(-n // side) * side for n, side in zip(global_size, local, strict=True))
         parts = launch_parts(padded, local, self.device.launch_work / max(1.0, work))
 
         def enqueue() -> list[Any]:
-            kernel.set_args(*args)
             events = []
-            for offset, size in parts:
-                events.append(
-                    cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local, offset)
-                )
-                self.device.queue.flush()
+            with self.device.lock:
+                kernel.set_args(*args)
+                for offset, size in parts:
+                    events.append(
+                        cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local, offset)
+                    )
+                    self.device.queue.flush()
             if self.device.launched is not None:
                 self.device.launched.extend(events)
             return events
@@ -202,13 +204,12 @@ def build(device: Device, file: str, options: Any) -> Program:
     ['split_nodes']
     """
     key = (file, options)
-    cached = device.programs.get(key)
-    if cached is not None:
-        return cached
-    self_test(device, compiled)
-    program = compiled(device, file, options)
-    device.programs[key] = program
-    return program
+    with device.lock:
+        if key not in device.programs:
+            self_test(device, compiled)
+            device.programs[key] = compiled(device, file, options)
+        program: Program = device.programs[key]
+        return program
 
 
 def compiled(device: Device, file: str, options: Any) -> Program:

@@ -13,7 +13,7 @@ import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Material, Waveform
-from clradar.model.progress import Progress
+from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, build
 from clradar.opencl.buffers import OnDevice
 from clradar.opencl.double_single import hi_lo
@@ -42,6 +42,10 @@ MARGIN = 0.5
 
 FEW_POINTS = 200
 """With fewer points that all antennas see, choosing skeleton antennas costs more than it saves."""
+
+CAPTURE_SHARE = 1 / 4
+"""Most of a device's memory that the samples take; of a larger capture some Tx are summed at a
+time. No result depends on it."""
 
 BATCH_BYTES = 2**25
 """Most that the sums of the cubes of a batch take. No result depends on it."""
@@ -213,10 +217,32 @@ class KirchhoffSum(OnDevice):
         }
 
     def _sum_cubes(self, cubes: PointCubes, progress: Progress | None) -> np.ndarray:
-        array, up, u = self.array, self._buffers.upload, np.uint32
-        tx, rx = self._antennas
-        n_m, n_cubes = len(self._frequency.skeleton), len(cubes.centre_m)
+        """Sum over the cubes, for as many Tx at a time as the device has memory for."""
+        array, (tx, rx) = self.array, self._antennas
         n_f = -(-self.waveform.n_freq // FREQUENCIES) * FREQUENCIES
+        room = int(CAPTURE_SHARE * self.device.budget_bytes) // (8 * n_f * rx.n_padded)
+        step = max(GROUP, min(tx.n_padded, room // GROUP * GROUP))
+        data = np.empty((array.n_tx, array.n_rx, self.waveform.n_freq), np.complex64)
+        for first in range(0, tx.n_padded, step):
+            rows = slice(first, min(first + step, tx.n_padded))
+            share = progress
+            if step < tx.n_padded:
+                share = part_of(progress, rows.start / tx.n_padded, rows.stop / tx.n_padded)
+            self._sum_rows(cubes, rows, n_f, data[rows], share)
+        return data
+
+    def _sum_rows(
+        self,
+        cubes: PointCubes,
+        rows: slice,
+        n_f: int,
+        data: np.ndarray,
+        progress: Progress | None,
+    ) -> None:
+        """Write the S-parameters of some Tx, whole groups of them, at all frequencies to `data`."""
+        up, u, rx = self._buffers.upload, np.uint32, self._antennas[1]
+        n_m, n_cubes = len(self._frequency.skeleton), len(cubes.centre_m)
+        tx = self._upload_antennas(self._sides[0], rows)
         fill = n_f - self.waveform.n_freq
         weights = up(np.pad(self._frequency.weights.T, ((0, 0), (0, fill))).astype(np.float32))
         k = np.stack(hi_lo(np.pad(self._k, (0, fill), mode="edge")))
@@ -231,11 +257,11 @@ class KirchhoffSum(OnDevice):
             count = min(at_once, n_cubes - first)
             total = self._buffers.zeros(per_cube * count)
             if self._skeletons:
-                self._add_full(first, count, n_m, shared, total)
-            self._add_group(self._partial, first, count, n_m, self._antennas, shared, total)
+                self._add_full(first, count, n_m, tx, rows, shared, total)
+            self._add_group(self._partial, first, count, n_m, (tx, rx), shared, total, rows)
             centres = up(cubes.centre_m[first : first + count])
             phases = []
-            for side in self._antennas:
+            for side in (tx, rx):
                 phases.append(self._buffers.empty(8 * side.n_padded * n_f * count))
                 self._program.launch(
                     "centre_phases", (side.n_padded // self.device.width, count), u(side.n_padded),
@@ -253,30 +279,37 @@ class KirchhoffSum(OnDevice):
             if progress is not None:
                 progress(first + count, n_cubes)
         sums = self._buffers.read(capture, (tx.n_padded, n_f, 2, rx.n_padded), np.float32)
-        self._buffers.release(capture)
-        sums = sums[: array.n_tx, : self.waveform.n_freq, :, : array.n_rx]
-        data = np.empty((array.n_tx, array.n_rx, self.waveform.n_freq), np.complex64)
+        for buffer in (capture, weights, k_all, *shared, tx.rows):
+            self._buffers.release(buffer)
+        sums = sums[: len(data), : self.waveform.n_freq, :, : self.array.n_rx]
         for own, row in zip(data, sums, strict=True):
             # (j k / 4 pi) (lambda / 4 pi), and Gamma = -g g.
             own[:] = (row[:, 0] + 1j * row[:, 1]).T * np.complex64(-1j / (8.0 * np.pi))
-        return data
 
     def _add_full(
-        self, first: int, count: int, n_m: int, shared: tuple[Any, ...], total: Any
+        self,
+        first: int,
+        count: int,
+        n_m: int,
+        tx: _Antennas,
+        rows: slice,
+        shared: tuple[Any, ...],
+        total: Any,
     ) -> None:
         """Add the points that all antennas see, by way of the skeleton antennas."""
         u, width, buffers = np.uint32, self.device.width, self._buffers
-        tx, rx = self._antennas
+        rx = self._antennas[1]
         chosen = [
             self._upload_antennas(side, part.skeleton)
             for side, part in zip(self._sides, self._skeletons, strict=True)
         ]
         few_tx, few_rx = chosen
         weights = []
-        for side, few, part in zip(self._antennas, chosen, self._skeletons, strict=True):
-            padded = np.zeros((few.n_padded, side.n_padded), np.float32)
-            padded[: part.weights.shape[1], : part.weights.shape[0]] = part.weights.T
-            weights.append(buffers.upload(padded))
+        spread = zip((tx, rx), chosen, self._skeletons, (rows, slice(None)), strict=True)
+        for side, few, part, some in spread:
+            own = part.weights[some].T
+            fill = ((0, few.n_padded - own.shape[0]), (0, side.n_padded - own.shape[1]))
+            weights.append(buffers.upload(np.pad(own, fill).astype(np.float32)))
         sums = buffers.zeros(8 * count * n_m * few_tx.n_padded * few_rx.n_padded)
         self._add_group(self._full, first, count, n_m, chosen, shared, sums)
         wide = buffers.empty(8 * count * n_m * few_tx.n_padded * rx.n_padded)
@@ -303,8 +336,12 @@ class KirchhoffSum(OnDevice):
         antennas: Sequence[_Antennas],
         shared: tuple[Any, ...],
         sums: Any,
+        rows: slice = slice(None),
     ) -> None:
-        """Add the points of some cubes to their sums at the skeleton frequencies."""
+        """Add the points of some cubes to their sums at the skeleton frequencies.
+
+        `rows` are the Tx, whole groups, where `antennas` are not all of them.
+        """
         centre, k, material = shared
         u, width, buffers = np.uint32, self.device.width, self._buffers
         first, stop = (int(group.start[c]) for c in (first_cube, first_cube + n_cubes))
@@ -315,7 +352,8 @@ class KirchhoffSum(OnDevice):
         at_once = max(1, LEG_BYTES // per_point)
         part = slice(first, stop)
         points, cube = buffers.upload(group.points[part]), buffers.upload(group.cube[part])
-        bits = [buffers.upload(b[part]) for b in (group.tx_bits, group.rx_bits)]
+        groups_of = slice(*(at and at // GROUP for at in (rows.start, rows.stop)))
+        bits = [buffers.upload(b) for b in (group.tx_bits[part, groups_of], group.rx_bits[part])]
         starts = buffers.upload(
             (group.start[first_cube : first_cube + n_cubes + 1] - first).astype(np.uint32)
         )

@@ -12,6 +12,7 @@ from clradar.opencl import Device, build
 from clradar.opencl.buffers import OnDevice
 from clradar.opencl.double_single import hi_lo
 from clradar.phasors.length_blocks import MOMENTS, MOST_SLOTS, length_blocks
+from clradar.tracing.lit_surface import SUM_SHARE
 
 CALL_PATHS = 2**18
 """Paths per kernel call; a smaller device makes it smaller. No result depends on it."""
@@ -85,10 +86,10 @@ class PhasorSum(OnDevice):
         tag, moments, total, out = _bytes_of_pair(n_slots, n_columns)
         per_pair = tag + moments + total + out
         room = min(
-            self.device.budget_bytes // 3 // per_pair,
+            min(self._buffers.free_bytes, SUM_SHARE * self.device.budget_bytes) // per_pair,
             self.device.max_buffer_bytes // max(moments, total),
         )
-        count = max(1, min(self._n_pairs, room))
+        count = int(max(1, min(self._n_pairs, room)))
         firsts = range(0, self._n_pairs, count)
         self._slices = [_Slice(at, min(at + count, self._n_pairs), None) for at in firsts]
         fill = ((0, 0), (0, n_columns - self._waveform.n_freq))

@@ -333,7 +333,7 @@ def expected(
             reached = lit & clear & (height > -reception_radius_m)
             for s in np.flatnonzero(reached):
                 t_i = (point[s] - tx_m) / np.linalg.norm(point[s] - tx_m)
-                n = shading[s] * -np.sign(shading[s] @ t_i)
+                n = shading[s] * np.sign(shading[s] @ g[s])
                 t_m = t_i - 2 * (t_i @ n) * n
                 axis, alpha = to_rx[s, rx] / distance[s, rx], float(alpha_of[face[s]])
                 half_angle = np.arcsin(reception_radius_m / distance[s, rx])
@@ -346,7 +346,7 @@ def expected(
 
 
 def facing(normal: np.ndarray, arrival: np.ndarray) -> np.ndarray:
-    """Normals turned against the direction of arrival."""
+    """Normals turned against directions."""
     return np.where(np.einsum("sa,sa->s", normal, arrival)[:, None] > 0, -normal, normal)
 
 
@@ -406,7 +406,8 @@ def trace(
             n, g, alpha = shading[sample], geometric[sample], alpha_of[face_of[sample]]
             leaving = arrival[sample, 2]
             for bounce in range(max_bounces):
-                n, g = facing(n, t_i), facing(g, t_i)
+                g = facing(g, t_i)
+                n = facing(n, -g)
                 words = philox(counters(sample, tx, ray, 3 | bounce << 8), seed)
                 t_c = outgoing(words, n, t_i, alpha)
                 up = np.einsum("sa,sa->s", t_c, g) > 0

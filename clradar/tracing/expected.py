@@ -81,7 +81,7 @@ class ExpectedTracer(LitSurface):
         probabilities = 4 * self.array.n_tx * self._padded
         fields = 4 * (RX_FIELDS * self._padded + TX_FIELDS * self.array.n_tx)
         per_sample = 56 + self._n_tx_groups
-        free = min(self._buffers.free_bytes, 4 * self.device.max_buffer_bytes) - 8 * n_pairs
+        free = min(self._room_bytes, 4 * self.device.max_buffer_bytes) - 8 * n_pairs
         per_batch = 2 * probabilities + fields + 12 * n_pairs + per_sample + self._n_rx_groups
         fits = min(BATCH_BYTES, max(0, free) // 2) // per_batch
         largest = self.device.max_buffer_bytes // max(probabilities, 8 * n_pairs)

@@ -9,12 +9,16 @@ import numpy as np
 
 from clradar.model import AntennaArray, Scene, TraceStatistics, checks
 from clradar.opencl import Device
-from clradar.tracing.antenna_packets import GROUP, bundled, n_groups
+from clradar.tracing.antenna_packets import bundled, n_groups
 from clradar.tracing.sampled_surface import SampledSurface
 from clradar.tracing.settings import SimulationSettings
 
 TILE_SAMPLES = 16384
 """Samples per tile, fewer where memory is short. No result depends on it."""
+
+
+SUM_SHARE = 1 / 3
+"""Of a device's memory: the most that the sum of the paths takes, and is left free for it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,33 +51,34 @@ class LitSurface(SampledSurface):
     """Samples of a scene's surface, and which Tx illuminate them, tile by tile.
 
     Subclasses find the receptions. They prepare their kernels in `_prepare_rays` and take the
-    memory of a tile in `_size_tiles`.
+    memory of a tile in `_size_tiles`. Only the Tx of the slice `tx` are looked at; what they add is
+    what they add to the whole array.
     """
 
     def __init__(
-        self, scene: Scene, array: AntennaArray, settings: SimulationSettings, device: Device
+        self,
+        scene: Scene,
+        array: AntennaArray,
+        settings: SimulationSettings,
+        device: Device,
+        tx: slice = slice(None),
     ) -> None:
         super().__init__(scene, settings, device)
         if array.n_tx * array.n_rx >= 2**32:
             checks.fail("array", "fewer than 2^32 pairs", f"{array.n_tx} x {array.n_rx}")
         assert settings.rays_per_sample is not None, "settings are resolved"
-        self.array = array
+        self._ends_m = (array.tx_m, array.rx_m)
+        self._tx_before = tx.start or 0
+        self.array = array = AntennaArray(array.tx_m[tx], array.rx_m)
         self._rays_per_sample = settings.rays_per_sample
         self._face_alpha = np.asarray(scene.alpha, dtype=np.float32)
         self._n_tx_groups, self._n_rx_groups = n_groups(array.n_tx), n_groups(array.n_rx)
         self._tile_samples = 0
         self._tile: list[Any] = []
-        self._tx_bits: np.ndarray | None = None
-
-    def light_by(self, tx: slice) -> None:
-        """Have only these Tx illuminate the samples from now on; all else stays the same."""
-        lit = np.zeros(GROUP * self._n_tx_groups, np.uint8)
-        lit[: self.array.n_tx][tx] = 1
-        self._tx_bits = np.packbits(lit, bitorder="little")
 
     def _prepare(self) -> None:
         array = self.array
-        self._prepare_surface(array.tx_m, array.rx_m)
+        self._prepare_surface(*self._ends_m)
         self._tx_bundles = self._buffers.upload(bundled(array.tx_m))
         out_of_reach = array.rx_m.max(axis=0) + 1e3 + self.settings.radius_m * 10
         self._rx_bundles = self._buffers.upload(bundled(array.rx_m, out_of_reach))
@@ -82,9 +87,10 @@ class LitSurface(SampledSurface):
 
     def _longest_m(self, reflections: int = 1) -> float:
         """No path with so many reflections is longer, metres."""
-        ends = (self._scene.triangles_m.reshape(-1, 3), self.array.tx_m, self.array.rx_m)
+        ends = (self._scene.triangles_m.reshape(-1, 3), *self._ends_m)
         point_m, *antennas_m = (np.linalg.norm(at, axis=1).max() for at in ends)
-        return float(2 * reflections * point_m + sum(antennas_m))
+        between_m = np.linalg.norm(np.ptp(ends[0], axis=0))
+        return float(2 * point_m + (reflections - 1) * between_m + sum(antennas_m))
 
     def _prepare_rays(self) -> None:
         """Upload and build what comes after the samples."""
@@ -93,6 +99,12 @@ class LitSurface(SampledSurface):
     def _size_tiles(self) -> None:
         """Set `_tile_samples` and `_tile`, and take the memory that a tile needs."""
         raise NotImplementedError
+
+    @property
+    def _room_bytes(self) -> int:
+        """Memory that is free but for the sum's share."""
+        reserved = int(SUM_SHARE * self.device.budget_bytes)
+        return max(0, self._buffers.free_bytes - reserved)
 
     def _sample_buffers(self, count: int) -> list[Any]:
         """Buffers for points on flat faces, shading and face normals, faces, alpha, visible Tx, and
@@ -106,7 +118,4 @@ class LitSurface(SampledSurface):
         self._sample(first, count, [*self._tile[:4], points])
         self._find_visible(count, ground, geometric, self.array.n_tx, self._tx_bundles, visible)
         bits = self._buffers.read(visible, (count, self._n_tx_groups), np.uint8)
-        if self._tx_bits is not None:
-            bits &= self._tx_bits
-            self._buffers.write(visible, bits)
         return self._buffers.read(face, count, np.int32), np.unpackbits(bits, axis=1).sum(axis=1)

@@ -25,7 +25,8 @@ APPENDED_BYTES, SORTED_BYTES = 8 + 16, 4 + 4 + 4 + 8 + 4
 length and amplitude."""
 
 MOST_BINS = 2**17
-"""Bins of all pairs into which the receptions of a tile are counted, but one per pair at least."""
+"""Bins of all pairs into which the receptions of a tile are counted, but eight per pair at least,
+since an item goes through all receptions of its bin."""
 
 FEWEST_KEYS = 32
 """Receptions that a bin can hold where there are as many bins as are of use."""
@@ -88,12 +89,8 @@ class Tracer(LitSurface):
     def _prepare_rays(self) -> None:
         array, up = self.array, self._buffers.upload
         self._surface = [*self._sampling[2:4], up(self._face_alpha)]
-        # Padding of the receivers is out of reach; that of the Tx is not visible.
-        beyond = array.rx_m.max(axis=0) + 1e3 + 10 * self.settings.radius_m
-        self._antennas = [
-            up(_columns(array.tx_m, array.tx_m[-1])),
-            up(_columns(array.rx_m, beyond)),
-        ]
+        # No ray meets padding of the receivers; that of the Tx is not visible.
+        self._antennas = [up(_columns(array.tx_m, 0.0)), up(_columns(array.rx_m, np.nan))]
         self._box = self._reception_box()
         self._longest = self._longest_m(self.settings.max_bounces)
         spreading = self.settings.amplitude == "spreading"
@@ -104,7 +101,7 @@ class Tracer(LitSurface):
     def _size_tiles(self) -> None:
         """Divide the free memory between samples and receptions."""
         per_sample = 4 * 12 + 4 + 4 + self._n_tx_groups
-        free = min(self._buffers.free_bytes, 8 * self.device.max_buffer_bytes)
+        free = min(self._room_bytes, 8 * self.device.max_buffer_bytes)
         # Neither a ray's ordinal nor the count of receptions in a tile may exceed 32 bits.
         rays = self._rays_per_sample * self.settings.max_bounces
         most = max(1, (2**32 - 1) // (rays * self.array.n_tx * self.array.n_rx))
@@ -112,7 +109,7 @@ class Tracer(LitSurface):
         self._tile_samples = int(wanted)
         self._tile = self._sample_buffers(self._tile_samples)
         n_pairs = self.array.n_tx * self.array.n_rx
-        most = max(1, min(MOST_BINS, free // 64) // n_pairs)
+        most = max(1, min(max(MOST_BINS, 8 * n_pairs), free // 64) // n_pairs)
         bins = min(most, -(-self._tile_samples * rays // FEWEST_KEYS))
         self._bin_samples = -(-self._tile_samples // bins)
         self._n_bins = -(-self._tile_samples // self._bin_samples)
@@ -133,7 +130,7 @@ class Tracer(LitSurface):
     def _most_receptions(self) -> int:
         """How many receptions fit into free memory and their present buffers."""
         each = APPENDED_BYTES + SORTED_BYTES
-        room = (self._buffers.free_bytes + self._capacity * each) // each
+        room = (self._room_bytes + self._capacity * each) // each
         return int(min(room, self.device.max_buffer_bytes // 16, 2**32 - 1))
 
     def _grow(self, capacity: int) -> None:
@@ -201,7 +198,13 @@ class Tracer(LitSurface):
         radius, (tx, rx) = np.float32(s.radius_m), self._antennas
         tx_stride, rx_stride = u(self._n_tx_groups * GROUP), u(self._n_rx_groups * GROUP)
         rays, bounces = u(self._rays_per_sample), u(s.max_bounces)
-        drawing = (u(first), *self._seed_words(), self._tree.delta_m, *self._box)
+        drawing = (
+            u(first),
+            u(self._tx_before),
+            *self._seed_words(),
+            self._tree.delta_m,
+            *self._box,
+        )
         for at, (start, count, first_ray, last_ray, most) in enumerate(self._batches(visible)):
             counter, listing = at % LISTS * s.max_bounces, self._lists
             if counter == 0:
@@ -287,7 +290,8 @@ class Tracer(LitSurface):
         )
 
 
-def _columns(positions_m: np.ndarray, filler_m: np.ndarray) -> np.ndarray:
+def _columns(positions_m: np.ndarray, filler_m: float) -> np.ndarray:
     """Antennas by coordinate, (6, n) with n a multiple of `GROUP`: x, y, z as hi, then as lo."""
-    fill = np.repeat(np.asarray(filler_m)[None], -len(positions_m) % GROUP, axis=0)
-    return np.ascontiguousarray(antenna_rows(np.concatenate([positions_m, fill])).T)
+    fill = ((0, -len(positions_m) % GROUP), (0, 0))
+    padded = np.pad(positions_m, fill, constant_values=filler_m)
+    return np.ascontiguousarray(antenna_rows(padded).T)

@@ -31,7 +31,7 @@ def test_the_mean_is_that_of_the_library(run: Run, place: Path) -> None:
     )
     assert outcome.status == 0, outcome.err
     assert "2 seeds: " in outcome.out
-    assert "vary (shot noise of random rays and noise)" in outcome.out
+    assert "vary (choice of samples and noise)" in outcome.out
     capture, volume = open_capture(place / "sim.h5"), open_volume(mean)
     settings = clradar.SimulationSettings(**capture.meta["settings"])
     found = clradar.spread(

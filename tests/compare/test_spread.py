@@ -192,6 +192,6 @@ def test_deviations_over_seeds_are_the_errors_of_one_seed(estimator: str, draw: 
     found = np.array([simulated(density, seed, rays) for seed in range(seeds)])
     variance = found.var(axis=0, ddof=1).mean()
     bias = (np.abs(found.mean(axis=0) - exact) ** 2).mean() / (variance / seeds)
-    # 1 and the share of the finer one's variance, 16/400 at most, without bias; the mean of some tens
-    # of independent numbers, of 36 pairs that look at one body. Some hundred where faces are frozen.
+    # 1 and the finer one's share of the variance, 16/40 at most, without bias, in the mean of some
+    # tens of independent numbers. Some hundred where the same faces are always left out.
     assert 0.2 < bias < 4

@@ -200,3 +200,28 @@ def test_a_simulation_is_imaged_where_it_is(
 
 def _not_read(self: PhasorSum) -> None:
     pytest.fail("the samples were read")
+
+
+def test_the_absolute_scale_is_that_of_the_captures_gains(
+    frames: list[Capture], device: clradar.Device
+) -> None:
+    louder = clradar.AntennaArray(
+        THIRD.tx_m, THIRD.rx_m, tx_pattern=clradar.AntennaPattern(gain_dbi=6.0)
+    )
+    meta = {**frames[0].meta, "absolute": True}
+    frame = Capture(frames[0].data, louder, SWEEP, meta)
+    with FrameImager(THIRD, SWEEP, GRID, device=device) as imager:
+        imager.form(frame)
+        alone = clradar.backproject(frame, GRID, device=device)
+        np.testing.assert_array_equal(imager.volume().rcs_dbsm(), alone.rcs_dbsm())
+
+
+def test_skeletons_of_several_pieces_are_chosen_once(
+    frames: list[Capture], device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fast, "TILE_VOXELS", 20_000)
+    with FrameImager(THIRD, SWEEP, GRID, device=device) as imager:
+        assert len(imager._sum.pieces) > 1
+        monkeypatch.setattr(type(imager._sum.pieces[0]), "blocks", None)
+        for frame in frames[:2]:
+            imager.form(frame)

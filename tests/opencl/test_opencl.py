@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib.metadata import PackageNotFoundError, PackagePath
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -472,6 +477,124 @@ def test_a_write_beyond_the_buffer_is_an_error(device: clradar.Device) -> None:
         buffer = buffers.empty(64)
         with pytest.raises(DeviceError, match=re.escape(device.info.label)):
             buffers.write(buffer, np.zeros(1000))
+
+
+def test_all_buffers_of_a_device_share_its_budget(small: clradar.Device) -> None:
+    with Buffers(small) as first, Buffers(small) as second:
+        first.empty(3000)
+        assert (second.used_bytes, second.free_bytes) == (0, 1096)
+        with pytest.raises(DeviceError, match=r"does not fit \(0\.0 MiB of 0\.0 MiB in use"):
+            second.empty(1200)
+        second.empty(1096)
+        first.close(waiting=False)
+        assert second.free_bytes == 3000
+    left = Buffers(small)
+    left.empty(4096)
+    del left  # by who does not close it, as an object that is dropped
+    gc.collect()
+    assert small.used_bytes == 0
+
+
+@pytest.mark.parametrize("on_device", [False, True])
+def test_after_an_exception_memory_is_freed_when_nothing_uses_it(
+    small: clradar.Device, on_device: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Prepared(OnDevice):
+        def _prepare(self) -> None:
+            self._buffers.empty(16)
+
+    order: list[str] = []
+    queue = SimpleNamespace(finish=lambda: order.append("finish"))
+    device = replace(small, queue=queue)
+    block = Prepared(device) if on_device else Buffers(device)
+
+    class Recorded(cl.Buffer):
+        def release(self) -> None:
+            order.append("release")
+
+    monkeypatch.setattr(cl, "Buffer", Recorded)
+
+    def interrupted() -> None:
+        with block:
+            (block._buffers if on_device else block).empty(16)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert order[0] == "finish"
+    assert set(order[1:]) == {"release"}
+
+
+# Threads and processes ---------------------------------------------------------------------------
+
+
+def test_threads_that_use_a_device_at_once_get_their_own_results(device: clradar.Device) -> None:
+    """Programs, with the arguments of their kernels, belong to the device."""
+    array = clradar.AntennaArray(np.eye(3)[:2] * 0.02, np.eye(3) * 0.03)
+    waveform = clradar.Waveform.sfcw(72e9, 82e9, 4)
+    corners = np.array([[-0.02, -0.02, 0.3], [0.02, -0.02, 0.3], [0.0, 0.03, 0.31]])
+
+    def simulated(i: int) -> bytes:
+        scene = clradar.Scene(corners + 0.002 * i, [[0, 1, 2]], 1.0)
+        fields = {
+            "estimator": ("expected", "stochastic")[i % 2],
+            "rays_per_face": 50,
+            "reception_radius_m": 0.1,
+        }
+        return clradar.simulate(scene, array, waveform, device=device, **fields).data.tobytes()
+
+    expected = [simulated(i) for i in range(6)]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            found = list(pool.map(simulated, list(range(6)) * 20))
+    finally:
+        sys.setswitchinterval(interval)
+    assert found == expected * 20
+
+
+FORK = """
+import os, sys
+import clradar, clradar.errors
+import numpy as np
+capture = clradar.Capture(
+    np.ones((1, 1, 1)), clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]]), clradar.Waveform([1e9])
+)
+grid = clradar.VoxelGrid.from_extent((0, 0), (0, 0), (1, 1), 1)
+device = clradar.open_device("pocl")
+if sys.argv[1] == "used":
+    clradar.backproject(capture, grid, device=device)
+child = os.fork()
+if not child:
+    for call in (
+        lambda: clradar.open_device("pocl"),
+        clradar.list_devices,
+        lambda: clradar.backproject(capture, grid, device=device),
+    ):
+        try:
+            call()
+        except clradar.errors.DeviceError as error:
+            print(error, flush=True)
+    os._exit(0)
+assert os.waitpid(child, 0)[1] == 0
+clradar.backproject(capture, grid, device=device)  # which goes on here
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+@pytest.mark.parametrize("before", ["opened", "used"])
+def test_a_fork_of_a_process_with_devices_gets_an_error_that_says_what_to_do(before: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", FORK, before], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert len(lines) == 3
+    for line in lines:
+        assert "OpenCL hangs" in line
+        assert "get_context('spawn')" in line
+        assert "DataLoader(multiprocessing_context='spawn')" in line
 
 
 # Programs ----------------------------------------------------------------------------------------

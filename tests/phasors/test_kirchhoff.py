@@ -201,6 +201,27 @@ def test_nothing_depends_on_how_the_sum_is_split(monkeypatch: pytest.MonkeyPatch
     assert np.array_equal(got.data, want.data)
 
 
+@pytest.mark.parametrize("material", ["metal", SKIN])
+def test_a_capture_larger_than_the_devices_share_is_summed_by_some_tx(
+    material: clradar.Material | str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = ball_before_plate().with_material(material)
+    want = simulated(scene, ARRAY)
+    rows: list[slice] = []
+    sum_rows = module.KirchhoffSum._sum_rows
+
+    def recorded(self, cubes, some, *rest):
+        rows.append(some)
+        sum_rows(self, cubes, some, *rest)
+
+    monkeypatch.setattr(module.KirchhoffSum, "_sum_rows", recorded)
+    # A Tx with 24 Rx and 24 frequencies takes 4608 bytes, so that 8 of the 19 fit.
+    monkeypatch.setattr(module, "CAPTURE_SHARE", 50_000 / open_device("pocl").budget_bytes)
+    got = simulated(scene, ARRAY)
+    assert rows == [slice(0, 8), slice(8, 16), slice(16, 24)]
+    assert np.array_equal(got.data, want.data)
+
+
 def test_patterns_of_antennas() -> None:
     """cos^2 for Tx, and a table for Rx that is zero beyond 40 degrees."""
     tx = clradar.AntennaPattern(gain_dbi=6.0, exponent=2.0)

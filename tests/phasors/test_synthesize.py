@@ -258,7 +258,7 @@ SETTINGS = [
 
 
 @pytest.mark.parametrize("settings", SETTINGS)
-@pytest.mark.parametrize("limit_bytes", [None, 400_000])
+@pytest.mark.parametrize("limit_bytes", [None, 800_000])
 def test_simulate_is_trace_and_synthesize_to_the_bit(
     device: clradar.Device, settings: dict[str, Any], limit_bytes: int | None
 ) -> None:

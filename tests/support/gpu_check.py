@@ -27,7 +27,7 @@ from clradar.imaging.range_profiles import RangeImager
 from clradar.imaging.samples import SampleSizes
 from clradar.imaging.strongest import DepthSizes
 from clradar.imaging.tiled import KernelSizes
-from clradar.imaging.tree_on_device import _ForwardSizes, _KernelSizes
+from clradar.imaging.tree_on_device import _ForwardSizes, _KernelSizes, groups_of_leaf
 from clradar.opencl.program import defines, nvidia_registers
 from clradar.opencl.self_test import _Width
 from clradar.opencl.sources import source
@@ -58,7 +58,7 @@ PROGRAMS: dict[str, Any] = {
     "backproject_exact.cl": ExactSizes(width=1, rx_chunk=ExactImager.gpu_rx_chunk),
     "backproject_range.cl": KernelSizes(width=1, rx_chunk=RangeImager.gpu_rx_chunk),
     "backproject_fast.cl": _KernelSizes(**_BLOCKS, far=False, kept=16),
-    "forward_fast.cl": _ForwardSizes(**_BLOCKS, far=False, groups=1),
+    "forward_fast.cl": _ForwardSizes(**_BLOCKS, far=False, groups=groups_of_leaf(_BLOCKS["leaf"])),
     "samples.cl": SampleSizes(width=1),
     "depth.cl": DepthSizes(width=1),
     "direct_sum.cl": _Sizes(width=1),

