@@ -5,12 +5,12 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # The embedded CPU device, unless the caller wants another one.
 export CLRADAR_DEVICE ?= pocl
-# Processes that run the tests.
+# Processes that run the tests. COSTS=FILE.json: what each file of tests and each fixture costs.
 JOBS ?= 2
 # Tests start many programs, and each would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-spawn test-slow test-intel fuzz memcheck gpucheck lint format figures validation docs bench release clean
+.PHONY: demo test test-spawn test-slow test-intel fuzz memcheck gpucheck lint size format figures validation docs bench release clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
@@ -18,7 +18,7 @@ demo: $(VENV)/.installed
 # There is a process for every core already: threads of BLAS would wait for each other.
 test: export OPENBLAS_NUM_THREADS := 1
 test: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile $(if $(COSTS),--costs $(COSTS))
 
 # With the readers of systems that cannot fork: a process is started for every file.
 test-spawn: export CLRADAR_READERS := spawn
@@ -52,9 +52,14 @@ SYSTEM_MODULES := asyncio|ctypes|errno|fcntl|locale|mmap|msvcrt|multiprocessing|
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python packaging/size.py --check
 	$(BIN)/mypy
 	$(BIN)/mypy --platform win32 --cache-dir .mypy_cache/win32 --follow-imports silent \
 		$$(grep -rlE --include='*.py' '^ *(import|from) ($(SYSTEM_MODULES))\b' clradar measurement_io calibration)
+
+# Lines of code by part, beside the budget that `make lint` holds.
+size: $(VENV)/.installed
+	$(BIN)/python packaging/size.py
 
 format: $(VENV)/.installed-dev
 	$(BIN)/ruff check --fix .

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import os
 
+import costs
 import pytest
 
 import clradar
 
 # Nobody pulls the plug: the disk need not have a file before a test goes on.
 os.fsync = lambda handle: None
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--costs", metavar="FILE", help="write processor seconds by file and fixture")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    # Not by its hooks here: fixtures of the session would not be seen.
+    config.pluginmanager.register(costs)
 
 
 def _device_names() -> list[str]:
