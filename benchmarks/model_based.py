@@ -22,12 +22,12 @@ from clradar.plot import panels_figure, save_figure
 SNR_DB = 20.0
 ARRAY = clradar.arrays.qar50()
 SOME = ARRAY.part(slice(None, None, 3), slice(None, None, 3))
-CELL_M = 3.8e-3
-"""Lateral resolution at 0.3 m: the width of a point's image at -3 dB."""
+WIDTH_M = 3.8e-3
+"""Of a point's image at -3 dB, 0.3 m away."""
 
 
 def two_points(phase_deg: float) -> Capture:
-    apart_m = 0.7 * CELL_M
+    apart_m = 0.7 * WIDTH_M
     points_m = [[-apart_m / 2, 0, 0.3], [apart_m / 2, 0, 0.3]]
     amplitudes = [1, np.exp(1j * np.deg2rad(phase_deg))]
     return clradar.forward(points_m, amplitudes, SOME, Waveform.sfcw(72e9, 82e9, 16))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibration.hand_fit.result import TIPS, HandFit, end_joints
+from calibration.hand_fit.result import ANGLE_NAMES, TIPS, HandFit, end_joints
 from clradar.compare import depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.hand import JOINT_NAMES
@@ -161,7 +161,7 @@ def bones_between(joints: np.ndarray) -> Iterator[tuple[int, int]]:
 def draw_skeleton(axes: Axes, fit: HandFit, unit: LengthUnit) -> None:
     """Draw bones and joints."""
     joints = unit.per_m * fit.joints_m[:, :2]
-    untold = {name.split()[0] for name in fit.untold}
+    untold = {name.split()[0] for name in np.array(ANGLE_NAMES)[~fit.told_angles]}
     told = np.array([name not in untold for name in JOINT_NAMES])
     for begin, end in bones_between(joints):
         line = "-" if told[begin] else (0, (1.5, 1.0))

@@ -383,7 +383,7 @@ def _result(
     )
     return HandFit(
         pose=state.pose,
-        shape=state.shape,
+        shape=state.shape if fitter.model.has_shape else None,
         handedness=fitter.model.handedness,
         transform=state.transform,
         scene=_scene(fitter, state, alpha),

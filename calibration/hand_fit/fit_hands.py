@@ -368,7 +368,7 @@ class _HandFitting:
         belief = Belief.of_start(nominal, self.angle_std_deg, self.fit_shape)
         if track is not None:
             belief = track.belief.restarted(nominal, self.angle_std_deg)
-        state = HandState(fit.pose, fit.shape, fit.transform)
+        state = HandState(fit.pose, fit.shape or AVERAGE, fit.transform)
         follower = self._follower(image, fit.handedness)
         settled = follower.settle(image.depth, state, fit.log_brightness, belief)
         return Found(settled, fit.start, fit.remarks(), fit.handedness)

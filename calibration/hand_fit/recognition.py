@@ -82,7 +82,7 @@ def doubts(fit: HandFit, measured: Volume | DepthMap, widening: float = 1.0) -> 
             f"outside of the measured image, or within {1e3 * MARGIN_M:.0f} mm of its edge, are "
             f"the tips of: {', '.join(cut)} (a larger grid shows them: --x-mm, --y-mm, --z-mm)"
         )
-    if any(name.startswith("shape") for name in fit.parameter_names):
+    if fit.shape is not None and any(name.startswith("shape") for name in fit.parameter_names):
         away = vector_of(fit.shape) / SHAPE_STD
         found += [
             f"its shape is unusual: {name} {abs(value):.1f} standard deviations "

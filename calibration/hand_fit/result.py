@@ -85,7 +85,8 @@ class HandFit:
     ----------
     pose : HandPose
         The fitted angles; those of the wrist and the twists are those of the start.
-    shape : HandShape
+    shape : HandShape or None
+        None: a rig has its own.
     handedness : "right" or "left"
     transform : ndarray, shape (4, 4), metres
         Rigid motion from the frame of the hand (`clradar.hand.posed_skeleton`; a left hand is its
@@ -150,7 +151,7 @@ class HandFit:
     """
 
     pose: HandPose
-    shape: HandShape
+    shape: HandShape | None
     handedness: str
     transform: np.ndarray
     scene: Scene
@@ -211,6 +212,15 @@ class HandFit:
         """
         return (self.tip_std_m < TOLD_M) & (not self.doubtful)
 
+    @property
+    def told_angles(self) -> np.ndarray:
+        """Mask, shape (23,), of the angles that the measurement tells: all but those `untold`.
+
+        None is told where the fit is doubtful.
+        """
+        known = [name not in self.untold for name in ANGLE_NAMES]
+        return np.array(known) & (not self.doubtful)
+
     def remarks(self) -> tuple[str, ...]:
         """Reasons to doubt the result, one clause each."""
         found = list(self.notes)
@@ -228,11 +238,19 @@ class HandFit:
                 )
         if self.doubtful:
             found.append(
-                f"the measurement does not fit a {self.handedness} hand in or near '{self.start}': "
-                "it is another object, the other hand (handedness='either', --hand either), or in "
-                "another pose (pose='all', --pose all); standard deviations say nothing then"
+                f"{self._agreement()}, as of a hand of other proportions (--fit-shape, --rig), the "
+                "other hand (handedness='either', --hand either), another pose (pose='all', "
+                "--pose all) or another object; standard deviations hold for the first alone"
             )
         return tuple(found)
+
+    def _agreement(self) -> str:
+        """How little a doubtful fit agrees with the measurement, in words."""
+        if self.overlap is None:
+            likeness = f"its rendering correlates with the measurement by {self.likeness:.2f}"
+            return f"{likeness}, below {DOUBTFUL_LIKENESS:g}"
+        simulated = f"simulated, it overlaps with the measurement by {self.overlap:.2f}"
+        return f"{simulated}, below {DOUBTFUL_OVERLAP:g}"
 
     def tips_apart_m(self, basin: Basin) -> np.ndarray:
         """Distances of the tips of a basin from those of the fit, shape (5,), metres; of the last
@@ -246,12 +264,12 @@ class HandFit:
         joint, `told_tips` by digit, and `angles` has value and standard deviation of the fitted
         angles, degrees, and whether the measurement tells them.
         """
-        told = [name not in self.untold for name in ANGLE_NAMES]
+        told = self.told_angles.tolist()
         columns = (np.degrees(angles_of(self.pose)), np.degrees(self.angle_std_rad))
         rows = zip(ANGLE_NAMES, *(column.tolist() for column in columns), told, strict=True)
         return {
             "pose": pose_table(self.pose),
-            "shape": asdict(self.shape),
+            "shape": None if self.shape is None else asdict(self.shape),
             "handedness": self.handedness,
             "transform": self.transform.tolist(),
             "start": self.start,
@@ -269,7 +287,7 @@ class HandFit:
                 name: {"value_deg": value, "std_deg": std, "told": known}
                 for name, value, std, known in rows
             },
-            "untold": list(self.untold),
+            "untold": [name for name, known in zip(ANGLE_NAMES, told, strict=True) if not known],
             "basins": [
                 {
                     "start": basin.start,
@@ -310,9 +328,11 @@ class HandFit:
             lines.append(f"Tips (x, y, z ± one standard deviation, mm): {'; '.join(tips)}.")
         else:
             lines.append("The rig has no tips: its last joints are in joints_m.")
-        n_told = len(ANGLE_NAMES) - len(self.untold)
+        n_told = np.count_nonzero(self.told_angles)
         lines.append(f"The measurement tells {n_told} of {len(ANGLE_NAMES)} angles.")
-        if self.untold:
+        if self.doubtful:
+            lines[-1] = "No tip and no angle is told, since the fit is doubtful."
+        elif self.untold:
             lines[-1] += f" It does not tell, and the start gave: {', '.join(self.untold)}."
         if len(self.basins) > 1:
             others = (

@@ -160,13 +160,14 @@ def read_start(path: Path) -> Start:
 
 
 def _start_of_fit(record: dict[str, Any], path: Path) -> Start:
-    for key, kind in (("pose", dict), ("shape", dict), ("handedness", str)):
-        if not isinstance(record.get(key), kind):
+    # The shape of a rig is its own.
+    for key, kind in (("pose", dict), ("shape", dict | None), ("handedness", str)):
+        if key not in record or not isinstance(record[key], kind):
             got = "none" if key not in record else quoted(repr(record[key]))
             fail(path, f"'{key}' of a fitted hand", got)
     pose = pose_of_table(record["pose"], path)
     try:
-        shape = HandShape(**record["shape"])
+        shape = None if record["shape"] is None else HandShape(**record["shape"])
         handedness = checks.one_of("handedness", record["handedness"], ("right", "left"))
         transform = checks.read_only("transform", record["transform"], np.float64, (4, 4))
         check_rigid("transform", transform)

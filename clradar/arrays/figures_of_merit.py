@@ -27,17 +27,17 @@ class ArrayFigures:
     >>> one = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
     >>> band = clradar.Waveform.sfcw(72e9, 82e9, 32)
     >>> found = clradar.arrays.array_figures(one, band, (0, 0, 0.5))
-    >>> f"{1e3 * found.resolution_m[2]:.1f} mm along z, {1e3 * found.unambiguous_range_m:.0f} mm"
+    >>> f"{1e3 * found.widths_m[2]:.1f} mm along z, {1e3 * found.unambiguous_range_m:.0f} mm"
     '12.9 mm along z, 465 mm'
     """
 
     focus_m: np.ndarray
     """Shape (3,), metres."""
-    resolution_m: tuple[float, float, float]
+    widths_m: tuple[float, float, float]
     """Full widths of the response at -3 dB along x, y and z; infinite where there is no aperture
     (or, along z, neither aperture nor bandwidth)."""
     range_cell_m: float
-    """c / (2 B)."""
+    """c / (2 B), the resolution in range."""
     unambiguous_range_m: float
     """c / (2 df): echoes from so much farther away appear at the same range."""
     lobes: tuple[Lobe, ...]
@@ -56,7 +56,7 @@ def array_figures(
     within_deg: float | None = None,
     level_db: float = LEVEL_DB,
 ) -> ArrayFigures:
-    """Resolution, lobes and unambiguous range of an array that is focused on a point.
+    """Widths at -3 dB, lobes and unambiguous range of an array that is focused on a point.
 
     Parameters
     ----------

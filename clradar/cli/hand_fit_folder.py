@@ -129,7 +129,7 @@ def digit_rows(fit: HandFit) -> list[list[str]]:
             if np.isfinite(at_m).all():
                 place = ", ".join(f"{1e3 * v:.1f}" for v in at_m)
                 where = [place, f"{1e3 * std_m:.1f}", "yes" if fit.told_tips[number] else "no"]
-        told = f"{len(names) - len(untold)} of {len(names)}"
+        told = f"{np.count_nonzero(fit.told_angles[angles])} of {len(names)}"
         rows.append([digit, *where, told, ", ".join(untold)])
     return rows
 

@@ -20,7 +20,7 @@ from clradar.files.own_packages import require_own
 COMMANDS = {
     "devices": "List the OpenCL devices, which of them work, and which is used.",
     "materials": "List materials: permittivity, reflectance over the band, roughness, source.",
-    "array": "Draw an antenna array: resolution, grating lobes, unambiguous range.",
+    "array": "Draw an antenna array: widths at -3 dB, grating lobes, unambiguous range.",
     "demo": "Simulate, image and compare the embedded hand, with figure and metrics.",
     "hand": "Write the mesh of a posed hand.",
     "record-hand": "Simulate the recording of a moving hand, with the truth of every frame.",

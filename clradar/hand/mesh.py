@@ -41,6 +41,9 @@ _EDGE_LIMITS_M = (0.5e-3, 4e-3)
 
 _HANDEDNESS = ("right", "left")
 
+_COARSE_M = 4e-3
+"""Spacing of the cells of a field that is asked at points only."""
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class HandMesh(Record):
@@ -264,6 +267,41 @@ def _right_hand(pose: HandPose, spacing_m: float, shape: HandShape, device: Devi
         vertices_m - centre_m, faces, rotated.joints_m - centre_m, part,
         normals=normals, texture_m=texture_m,
     )  # fmt: skip
+
+
+def kept_from_skin(
+    vertices_m: np.ndarray,
+    away_m: np.ndarray | None,
+    pose: HandPose,
+    shape: HandShape = AVERAGE,
+    device: Device | str | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bring points near the skin of a right hand to their distances from it, by two Newton steps.
+
+    Parameters
+    ----------
+    vertices_m : ndarray, shape (V, 3), metres
+        In the frame of the hand: that of `posed_skeleton`.
+    away_m : ndarray, shape (V,), metres, or None
+        Negative inside. None: they stay.
+
+    Returns
+    -------
+    tuple of ndarray
+        Points (V, 3), unit normals of the field there (V, 3), and distances (V,) before.
+    """
+    straight = _with_straight_wrist(pose)
+    turn = posed_skeleton(pose, shape).frames[0]
+    at_m = vertices_m @ turn
+    with Buffers(open_device(device)) as buffers:
+        field = FleshField(grown_flesh(posed_skeleton(straight, shape)), _COARSE_M, buffers)
+        before_m = field.distances_m(at_m).astype(np.float64)
+        steps, wanted_m = (0, before_m) if away_m is None else (2, away_m)
+        for _ in range(steps):
+            normal = _unit_vectors(field.gradients(at_m))
+            at_m = at_m - normal * (field.distances_m(at_m) - wanted_m)[:, None]
+        normal = _unit_vectors(field.gradients(at_m))
+    return at_m @ turn.T, normal @ turn.T, before_m
 
 
 def _flat_skeleton(shape: HandShape) -> Skeleton:

@@ -120,7 +120,7 @@ def reconstruct(
 
     Examples
     --------
-    Two points 0.7 resolution cells apart, with phases 90 degrees apart.
+    Two points 0.7 widths at -3 dB apart, with phases 90 degrees apart.
 
     >>> import numpy as np
     >>> import clradar

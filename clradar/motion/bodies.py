@@ -10,11 +10,18 @@ import numpy as np
 
 from clradar.model import Scene, checks
 from clradar.model.record import Record
-from clradar.motion.rigid import RigidMotion
+from clradar.motion.rigid import RigidMotion, marks_s
 
 
 class BodyInSweep(Protocol):
-    """A body during one sweep, on the same faces at all times."""
+    """A body during one sweep, on the same faces at all times.
+
+    `marks_s` are times between which it goes one way, and turns by no more than an eighth of a
+    turn; none: it stays in its place all the time.
+    """
+
+    @property
+    def marks_s(self) -> np.ndarray: ...
 
     def vertices_m(self, time_s: float, rows: np.ndarray | None = None) -> np.ndarray:
         """Vertices at a time, or those of `rows`, shape (n, 3), metres."""
@@ -61,13 +68,15 @@ class MovingBody(Record):
 
     def during(self, begin_s: float, end_s: float) -> BodyInSweep:
         """Return the body during a sweep."""
-        return _RigidInSweep(self.scene, self.motion)
+        marks = np.empty(0) if self.motion is None else marks_s(self.motion, begin_s, end_s)
+        return _RigidInSweep(self.scene, self.motion, marks)
 
 
 @dataclass(frozen=True, slots=True)
 class _RigidInSweep:
     body: Scene
     motion: RigidMotion | None
+    marks_s: np.ndarray
 
     def vertices_m(self, time_s: float, rows: np.ndarray | None = None) -> np.ndarray:
         vertices_m = self.body.vertices_m if rows is None else self.body.vertices_m[rows]

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clradar.hand import (
-    JOINT_NAMES,
     HandMesh,
     HandMovement,
     HandPose,
@@ -20,16 +19,20 @@ from clradar.hand import (
     posed_skeleton,
 )
 from clradar.hand.joints import JOINT_INDEX
-from clradar.hand.mesh import DEFAULT_CENTER_M, DEFAULT_EDGE_LENGTH_M, checked_edge_m
+from clradar.hand.mesh import (
+    DEFAULT_CENTER_M,
+    DEFAULT_EDGE_LENGTH_M,
+    checked_edge_m,
+    kept_from_skin,
+)
 from clradar.hand.movement import pose_of
 from clradar.hand.shape import AVERAGE
-from clradar.hand.skeleton import Skeleton
 from clradar.hand.texture import SKIN_BONES, skin_weights
 from clradar.model import Scene, checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
 from clradar.motion.bodies import BodyInSweep
-from clradar.motion.rigid import PROFILES, RigidMotion, between, increasing
+from clradar.motion.rigid import PROFILES, RigidMotion, between, increasing, marks_s, pieces
 from clradar.opencl import Device
 
 if TYPE_CHECKING:
@@ -134,9 +137,13 @@ class MovingHand(Record):
         """Return the hand during a sweep.
 
         The hand of this package is meshed in the middle of the sweep, and its skin moves with the
-        bones from there; a rig has the same faces in all poses.
+        bones from there, on the surface of each pose; a rig has the same faces in all poses.
         """
-        return _HandInSweep(self, 0.5 * (begin_s + end_s))
+        poses = self.poses
+        ways = pieces(self.times_s, begin_s, end_s)
+        found = [times_s for first, *times_s in ways if poses[first] != poses[first + 1]]
+        moved_s = np.empty(0) if self.motion is None else marks_s(self.motion, begin_s, end_s)
+        return _HandInSweep(self, 0.5 * (begin_s + end_s), np.union1d(moved_s, found))
 
     def _posed(self, pose: HandPose) -> HandMesh:
         if self.rig is not None:
@@ -167,6 +174,7 @@ class _HandInSweep:
 
     hand: MovingHand
     middle_s: float
+    marks_s: np.ndarray
 
     @cached_property
     def _mesh(self) -> HandMesh:
@@ -174,47 +182,46 @@ class _HandInSweep:
 
     @cached_property
     def _skin(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Weights (V, b) and, in the frame of each bone, places (V, b, 3) and normals (V, b, 3)."""
-        mesh, bones = self._mesh, self._bones(self.middle_s)
+        """Weights (V, b), places in the frame of each bone (V, b, 3), distances from the skin."""
+        mesh, pose = self._mesh, self.hand.pose(self.middle_s)
+        bones = posed_skeleton(pose, self.hand.shape)
         assert mesh.normals is not None
         at_m = (mesh.vertices_m - mesh.joints_m[JOINT_INDEX["wrist"]]) * self._mirror
         at_m = at_m + bones.joints_m[JOINT_INDEX["wrist"]]
+        _, _, away_m = kept_from_skin(at_m, None, pose, self.hand.shape, self.hand.device)
         normals = mesh.normals * self._mirror
         weight = skin_weights(at_m, normals, bones)
         frames, origins_m = bones.frames[_BONES], bones.joints_m[_BONES]
         own_m = np.einsum("bji,vbj->vbi", frames, at_m[:, None] - origins_m)
-        return weight, own_m, np.einsum("bji,vj->vbi", frames, normals)
+        return weight, own_m, away_m
 
     @property
     def _mirror(self) -> np.ndarray:
         return np.array([-1.0 if self.hand.handedness == "left" else 1.0, 1.0, 1.0])
 
-    def _bones(self, time_s: float) -> Skeleton:
-        return posed_skeleton(self.hand.pose(time_s), self.hand.shape)
+    def _moved(self, pose: HandPose, rows: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Vertices of `rows` (n, 3), their normals (n, 3) and the joints (25, 3) in a pose.
 
-    def _moved_m(self, time_s: float, rows: Any) -> np.ndarray:
-        """Vertices of `rows`, shape (n, 3), in the frame of the hand, metres."""
-        bones = self._bones(time_s)
-        weight, own_m, _ = self._skin
+        In the frame of the hand, whose wrist is the origin, metres.
+        """
+        hand, bones = self.hand, posed_skeleton(pose, self.hand.shape)
+        weight, own_m, away_m = self._skin
         frames, origins_m = bones.frames[_BONES], bones.joints_m[_BONES]
         places_m = np.einsum("bij,vbj->vbi", frames, own_m[rows]) + origins_m
-        moved_m = np.einsum("vb,vbi->vi", weight[rows], places_m)
-        return np.asarray((moved_m - bones.joints_m[JOINT_INDEX["wrist"]]) * self._mirror)
-
-    def _turned_normals(self, time_s: float) -> np.ndarray:
-        """Normals of all vertices, shape (V, 3), in the frame of the hand."""
-        weight, _, own = self._skin
-        frames = self._bones(time_s).frames[_BONES]
-        turned = np.einsum("vb,vbi->vi", weight, np.einsum("bij,vbj->vbi", frames, own))
-        turned /= np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12)
-        return np.asarray(turned * self._mirror)
+        carried_m = np.einsum("vb,vbi->vi", weight[rows], places_m)
+        # The mean over bones leaves the surface where joints bend, by up to a millimetre.
+        moved_m, normals, _ = kept_from_skin(carried_m, away_m[rows], pose, hand.shape, hand.device)
+        wrist_m = bones.joints_m[JOINT_INDEX["wrist"]]
+        joints_m = (bones.joints_m - wrist_m) * self._mirror
+        return (moved_m - wrist_m) * self._mirror, normals * self._mirror, joints_m
 
     def vertices_m(self, time_s: float, rows: np.ndarray | None = None) -> np.ndarray:
         chosen = slice(None) if rows is None else rows
-        if self.hand.pose(time_s) == self.hand.pose(self.middle_s) or self.hand.rig is not None:
+        pose = self.hand.pose(time_s)
+        if pose == self.hand.pose(self.middle_s) or self.hand.rig is not None:
             return self._mesh_at(time_s).vertices_m[chosen]
         transform = self.hand.transform(time_s)
-        at_m = self._moved_m(time_s, chosen)
+        at_m, _, _ = self._moved(pose, chosen)
         moved: np.ndarray = at_m @ transform[:3, :3].T + transform[:3, 3]
         return moved
 
@@ -227,12 +234,6 @@ class _HandInSweep:
             return self.hand._placed(self._mesh, time_s)
         if self.hand.rig is not None:
             return self.hand._placed(self.hand.rig.posed(pose), time_s)
-        at_m = self._moved_m(time_s, slice(None))
-        joints_m = self._bones(time_s).joints_m
-        moved = replace(
-            self._mesh,
-            vertices_m=at_m,
-            normals=self._turned_normals(time_s),
-            joints_m=(joints_m - joints_m[JOINT_NAMES.index("wrist")]) * self._mirror,
-        )
+        at_m, normals, joints_m = self._moved(pose, slice(None))
+        moved = replace(self._mesh, vertices_m=at_m, normals=normals, joints_m=joints_m)
         return self.hand._placed(moved, time_s)

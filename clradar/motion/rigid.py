@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,12 @@ from clradar.model.record import Record
 
 PROFILES = ("linear", "smooth")
 BEYOND = ("hold", "continue")
+
+STEEPEST = {"linear": 1.0, "smooth": 1.875}
+"""Of the share of the way over the share of the time: of `minimum_jerk` in the middle."""
+
+MOST_TURNS = 2**13
+"""Eighths of a turn between two keys: more times than an interpolation is checked at."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -95,6 +103,36 @@ class RigidMotion(Record):
         return made
 
 
+def marks_s(motion: RigidMotion, begin_s: float, end_s: float) -> np.ndarray:
+    """Return times of a sweep between which a motion goes one way; none: it stays in its place.
+
+    They are the keys where something may change, and so many between them that the body turns by
+    no more than an eighth of a turn from one to the next: in whatever sweep, it cannot come back
+    to its place between two marks.
+    """
+    found: list[np.ndarray] = []
+    hold = motion.beyond == "hold"
+    for first, from_s, to_s in pieces(motion.times_s, begin_s, end_s, hold=hold):
+        ends = slice(first, first + 2)
+        if np.ptp(np.c_[motion.shifts_m, motion.turns_rad][ends], axis=0).any():
+            turn_rad = _turn_rad(*motion.turns_rad[ends]) * STEEPEST[motion.profile]
+            turn_rad *= (to_s - from_s) / (motion.times_s[first + 1] - motion.times_s[first])
+            count = min(np.ceil(turn_rad / (0.25 * np.pi)), MOST_TURNS)
+            found.append(np.linspace(from_s, to_s, int(max(count, 1)) + 1))
+    return np.unique(np.concatenate(found)) if found else np.empty(0)
+
+
+def pieces(
+    times_s: np.ndarray, begin_s: float, end_s: float, *, hold: bool = True
+) -> Iterator[tuple[int, float, float]]:
+    """Yield the first key of every way between two keys that a sweep sees, and when it does."""
+    for first, (from_s, to_s) in enumerate(pairwise(times_s.tolist())):
+        seen_s = begin_s if first == 0 and not hold else max(begin_s, from_s)
+        gone_s = end_s if first == len(times_s) - 2 and not hold else min(end_s, to_s)
+        if seen_s < gone_s:
+            yield first, seen_s, gone_s
+
+
 def increasing(field: str, times_s: Any) -> np.ndarray:
     """Return times, shape (n,), float64, read-only; raise `ModelError` unless they increase."""
     checked = checks.read_only(field, times_s, np.float64, (None,))
@@ -116,11 +154,25 @@ def between(
     return begin, float(minimum_jerk(share) if profile == "smooth" else share)
 
 
+def _of_one_axis(first_rad: np.ndarray, last_rad: np.ndarray) -> bool:
+    across = np.linalg.norm(np.cross(first_rad, last_rad))
+    return bool(across <= 1e-12 * np.linalg.norm(first_rad) * np.linalg.norm(last_rad))
+
+
+def _turn_rad(first_rad: np.ndarray, last_rad: np.ndarray) -> float:
+    """The angle between two places: of one axis over any number of turns."""
+    from scipy.spatial.transform import Rotation
+
+    if _of_one_axis(first_rad, last_rad):
+        return float(np.linalg.norm(last_rad - first_rad))
+    ends = [Rotation.from_rotvec(np.array(end)) for end in (first_rad, last_rad)]
+    return float((ends[0].inv() * ends[1]).magnitude())
+
+
 def _turned(first_rad: np.ndarray, last_rad: np.ndarray, share: float) -> np.ndarray:
     from scipy.spatial.transform import Rotation
 
-    across = np.cross(first_rad, last_rad)
-    if np.linalg.norm(across) <= 1e-12 * np.linalg.norm(first_rad) * np.linalg.norm(last_rad):
+    if _of_one_axis(first_rad, last_rad):
         vector = (1.0 - share) * first_rad + share * last_rad
         return np.eye(3) if not vector.any() else Rotation.from_rotvec(vector).as_matrix()
     first = Rotation.from_rotvec(np.array(first_rad))  # scipy takes no read-only arrays

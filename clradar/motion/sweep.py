@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.errors import ClradarWarning
+from clradar.errors import ClradarWarning, ModelError
 from clradar.model import AntennaArray, Capture, Waveform, checks
 from clradar.model.progress import Progress
 from clradar.motion.bodies import MovingScene
-from clradar.motion.instants import Group, Probes, Way, plan_groups, weights
+from clradar.motion.instants import Group, Probes, Way, plan_groups
 from clradar.motion.timing import SweepTiming
 from clradar.opencl import Device, open_device
 from clradar.simulation import simulate
@@ -21,6 +22,9 @@ from clradar.tracing.settings import SimulationSettings, merged_settings, takes_
 from clradar.tracing.surface_samples import sampled_as
 
 TOLERANCE_DB = -50.0
+
+MOST_INSTANTS = 2048
+"""Of a sweep. What needs more is most likely in another unit."""
 
 _OVERHEAD_TX = {"physical": 80.0}
 """What a simulation costs apart from its Tx, in the cost of one Tx: measured with a hand."""
@@ -55,8 +59,9 @@ def simulate_moving(
     start_s : float, seconds
         When the sweep begins: added to the times of `timing`.
     tolerance_db : float, decibels
-        Of the largest error of interpolation of the echo of a point on the surface, relative to
-        that echo; negative. It decides on the number of instants.
+        Of the largest error of the interpolated phasors exp(j phase) of points on the surface;
+        negative. It decides on the number of instants. Samples may be off by more, where the
+        surface bends, turns away or shadows itself.
     settings, device
         As `clradar.simulate` takes them.
     progress : callable, optional
@@ -68,13 +73,13 @@ def simulate_moving(
     -------
     Capture
         Of a scene that does not move during the sweep, with the bits of ``simulate(moving.at(t),
-        ...)``. ``meta["movement"]`` has the times, the instants and the error of the echoes of
-        points; what else is in `meta` is of the first instant.
+        ...)``. ``meta["movement"]`` has the times, the instants and `phase_error_db`, the error of
+        the phasors of points; what else is in `meta` is of the first instant.
 
     Raises
     ------
     ModelError
-        As `clradar.simulate`; a timing of another radar; a movement too fast for 256 instants.
+        As `clradar.simulate`; a timing of another radar; a movement too fast for 2048 instants.
     MeshError, DeviceError
         As `clradar.simulate`.
 
@@ -126,11 +131,22 @@ def simulate_moving(
 
     tolerance = 10.0 ** (tolerance_db / 20.0)
     overhead_tx = _OVERHEAD_TX.get(str(resolved.estimator), 12.0)
-    plans = [
-        (way, plan_groups(probes, array, waveform, times_s, tolerance, overhead_tx, follow=way))
-        for way in (probes.way, None)
-    ]
-    way, groups = min(plans, key=lambda plan: _cost(plan[1], overhead_tx))
+    marks_inside = ((probes.marks_s > begin_s) & (probes.marks_s < end_s)).any()
+    best, way = np.inf, None
+    groups: list[Group] = []
+    for follow, cut in product((probes.way, None), (True, False) if marks_inside else (False,)):
+        plan = plan_groups(
+            probes, array, waveform, times_s, tolerance, overhead_tx,
+            follow=follow, cut=cut, budget=best,
+        )  # fmt: skip
+        if plan is not None:
+            (best, groups), way = plan, follow
+    if not groups or sum(len(group.times_s) for group in groups) > MOST_INSTANTS:
+        raise ModelError(
+            f"simulate_moving: expected a movement that {MOST_INSTANTS} instants can follow, got a "
+            "faster one; are the times in seconds and the shifts in metres? A table of shorter "
+            "times or a larger tolerance_db makes it possible"
+        )
     total = sum(len(group.times_s) * len(group.tx) for group in groups)
     done = 0
     data = np.empty((array.n_tx, array.n_rx, waveform.n_freq), dtype=np.complex64)
@@ -141,7 +157,7 @@ def simulate_moving(
         own = _of_group(resolved, number)
         recorded_s = times_s[group.tx]
         added = np.zeros((len(group.tx), array.n_rx, waveform.n_freq), dtype=np.complex128)
-        for time_s, share in zip(group.times_s, weights(group.times_s, recorded_s), strict=True):
+        for time_s, share in zip(group.times_s, group.shares(recorded_s), strict=True):
             with sampled_as(scene), warnings.catch_warnings():
                 if meta is not None:
                     warnings.simplefilter("ignore", ClradarWarning)
@@ -162,7 +178,7 @@ def simulate_moving(
     about |= {
         "groups": len(groups),
         "instants": sum(len(group.times_s) for group in groups),
-        "error_db": 20.0 * float(np.log10(max(max(group.error for group in groups), 1e-15))),
+        "phase_error_db": 20.0 * float(np.log10(max(max(group.error for group in groups), 1e-15))),
     }
     settings_meta = {**meta["settings"], "seed": resolved.seed}
     return Capture(data, array, waveform, {**meta, "settings": settings_meta, "movement": about})
@@ -174,10 +190,6 @@ def _of_group(settings: SimulationSettings, number: int) -> SimulationSettings:
         return settings
     words = np.random.SeedSequence([settings.seed, number]).generate_state(1, np.uint64)
     return replace(settings, seed=int(words[0]))
-
-
-def _cost(groups: list[Group], overhead_tx: float) -> float:
-    return sum(len(group.times_s) * (overhead_tx + len(group.tx)) for group in groups)
 
 
 def _followed_m(way: Way, array: AntennaArray, times_s: np.ndarray) -> np.ndarray:

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 SIZE = (9.5, 8.4)
 LEVELS_DB = 40.0
-CUT_RESOLUTIONS = 6.0
-"""Cuts reach so many resolutions to either side."""
+CUT_WIDTHS = 6.0
+"""Cuts reach so many widths at -3 dB to either side."""
 
 MOST_NUMBERS = 64
 """Of clusters, in the picture."""
@@ -141,15 +141,15 @@ def _directions(axes: Axes, found: ArrayFigures) -> None:
 
 def _cuts(axes: Axes, array: Clusters, waveform: Waveform, found: ArrayFigures) -> None:
     frequencies_hz = waveform.frequencies_hz
-    finite = [width for width in found.resolution_m if np.isfinite(width)]
+    finite = [width for width in found.widths_m if np.isfinite(width)]
     widest_m = max(finite, default=0.01)
     reaches_m = [
-        min(CUT_RESOLUTIONS * min(width_m, widest_m), 0.95 * float(found.focus_m[2]))
-        for width_m in found.resolution_m
+        min(CUT_WIDTHS * min(width_m, widest_m), 0.95 * float(found.focus_m[2]))
+        for width_m in found.widths_m
     ]
     unit = unit_for(*reaches_m)
     for axis, (name, reach_m) in enumerate(zip("xyz", reaches_m, strict=True)):
-        width_m = found.resolution_m[axis]
+        width_m = found.widths_m[axis]
         offsets_m = np.linspace(-reach_m, reach_m, 601)
         points_m = found.focus_m + offsets_m[:, None] * np.eye(3)[axis]
         level = response(array, frequencies_hz, found.focus_m, points_m)

@@ -9,10 +9,11 @@ at once. Its recordings are read as they are.
 # %%
 # Get one
 # -------
-# Download the data set, or its "mini" of 1 GB, from https://zenodo.org/records/18254440 (licence
-# CC BY-NC: not for commercial use) and unpack it. A recording is a folder such as ``hand/30``:
-# the object, then the distance in centimetres. In it lie ``radar_72.0_82.0_128`` with one file
-# per frame, meshes, ``alignment.json`` and ``metadata.json`` (:doc:`/files`).
+# Download the data set, some 200 GB, from https://zenodo.org/records/18254440 (public since January
+# 2026; licence CC BY-NC: not for commercial use), or its "mini" of 1 GB, which the README of
+# https://github.com/vwirth/maroon links, and unpack it. A recording is a folder such as
+# ``hand/30``: the object, then the distance in centimetres. In it lie ``radar_72.0_82.0_128`` with
+# one file per frame, meshes, ``alignment.json`` and ``metadata.json`` (:doc:`/files`).
 #
 # Run this script with the folder's name, ``python 3_maroon_recording.py hand/30``. Without one,
 # as for the pictures on this page, it writes a recording of the same form itself: two noisy

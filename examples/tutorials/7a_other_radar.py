@@ -35,7 +35,7 @@ waveform = clradar.Waveform.sfcw(60e9, 64e9, 64)
 # The sine of a grating lobe's angle is the wavelength over the spacing: 4.8 mm over 5 mm.
 
 found = clradar.arrays.array_figures(array, waveform, (0, 0, 1.0))
-across = ", ".join(f"{1e3 * width:.0f}" for width in found.resolution_m)
+across = ", ".join(f"{1e3 * width:.0f}" for width in found.widths_m)
 print(f"widths along x, y, z: {across} mm")
 print(f"unambiguous to {found.unambiguous_range_m:.2f} m")
 lobe = found.lobes[0]

@@ -40,7 +40,7 @@ def test_a_line_far_away_has_the_width_and_the_sidelobes_of_theory() -> None:
     half = x[np.argmax(factor < np.sqrt(0.5))] * C / hz / (np.pi * spacing_m)
     width_m = 2 * FAR_M * np.tan(np.arcsin(half))
     # Widths are interpolated between points 3 % apart.
-    np.testing.assert_allclose(found.resolution_m[0], width_m, rtol=2e-3)
+    np.testing.assert_allclose(found.widths_m[0], width_m, rtol=2e-3)
     first = np.linspace(np.pi / n, 2 * np.pi / n, 100_000)
     levels = np.abs(np.sin(n * first) / (n * np.sin(first)))
     lobe = np.rad2deg(np.arcsin(first[levels.argmax()] * C / hz / (np.pi * spacing_m)))
@@ -115,7 +115,7 @@ def test_the_width_in_range_is_that_of_the_band() -> None:
     band = clradar.Waveform.sfcw(72e9, 82e9, 32)
     found = array_figures(one, band, (0, 0, 0.5))
     steps_hz = band.span_hz * 32 / 31
-    np.testing.assert_allclose(found.resolution_m[2], 0.8859 * C / (2 * steps_hz), rtol=2e-3)
+    np.testing.assert_allclose(found.widths_m[2], 0.8859 * C / (2 * steps_hz), rtol=2e-3)
     assert found.unambiguous_range_m == band.unambiguous_range_m
     assert found.lobes == ()
 

@@ -97,7 +97,7 @@ def test_sparse_images_meet_the_conditions_of_the_minimum(device: Any) -> None:
 
 
 def test_sparse_images_part_what_back_projection_does_not(device: Any) -> None:
-    points_m = [[-1.33e-3, 0, 0.3], [1.33e-3, 0, 0.3]]  # 0.7 resolution cells
+    points_m = [[-1.33e-3, 0, 0.3], [1.33e-3, 0, 0.3]]  # 0.7 widths at -3 dB
     capture = capture_of(points_m, [1, 1j], 0.1, device)
     blurred = clradar.backproject(capture, APART, check_grid=False, device=device)
     sharp = reconstruct(capture, APART, device, method="sparse")

@@ -162,7 +162,7 @@ def test_samples_of_a_large_plate_tell_pi_r_squared() -> None:
 
 
 def test_a_voxel_of_a_plate_reads_a_resolution_cell_of_it() -> None:
-    # 4 pi A^2 / lambda^2 with A the square of the lateral resolution, as docs/absolute-scale.md
+    # 4 pi A^2 / lambda^2 with A the square of the width at -3 dB, as docs/absolute-scale.md
     # says: an estimate, good to 3 dB.
     grid = VoxelGrid.from_extent((0, 0), (0, 0), (0.295, 0.305), 1e-3)
     image = clradar.backproject(plate(Q, 0.3), grid, check_grid=False)

@@ -80,12 +80,12 @@ def _print_figures(name: str, clusters: Sequence[AntennaArray], found: ArrayFigu
     from clradar.arrays.figures_of_merit import LEVEL_DB
 
     at = ", ".join(f"{1e3 * value:g}" for value in found.focus_m)
-    widths = ", ".join(f"{a} {_mm(w)}" for a, w in zip("xyz", found.resolution_m, strict=True))
+    widths = ", ".join(f"{a} {_mm(w)}" for a, w in zip("xyz", found.widths_m, strict=True))
     antennas = f"{clusters[0].n_tx} Tx, {clusters[0].n_rx} Rx"
     if len(clusters) > 1:
         antennas = f"one image of {len(clusters)} clusters of {antennas} each"
     print_line(f"{name}: {antennas}, focused on {at} mm")
-    print_line(f"resolution (-3 dB): {widths}; c/2B {_mm(found.range_cell_m)}")
+    print_line(f"widths at -3 dB: {widths}; resolution in range c/2B {_mm(found.range_cell_m)}")
     print_line(f"unambiguous range c/2df: {_mm(found.unambiguous_range_m)}")
     within = f" within {found.within_deg:g} degrees" if found.within_deg < 90 else ""
     if not found.lobes:
@@ -121,7 +121,7 @@ def _record(found: ArrayFigures) -> dict[str, Any]:
 
     return {
         "focus_m": found.focus_m.tolist(),
-        "resolution_m": [plain(width) for width in found.resolution_m],
+        "widths_m": [plain(width) for width in found.widths_m],
         "range_cell_m": plain(found.range_cell_m),
         "unambiguous_range_m": found.unambiguous_range_m,
         "within_deg": found.within_deg,

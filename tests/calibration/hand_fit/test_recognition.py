@@ -84,7 +84,8 @@ def test_a_fit_that_overlaps_little_is_doubted_and_a_good_one_is_not() -> None:
     )
     for fit in wrong:
         assert not fit.told_tips.any()
-        assert any("does not fit a right hand in or near 'L'" in each for each in fit.remarks())
+        assert not fit.told_angles.any()
+        assert any("as of a hand of other proportions" in each for each in fit.remarks())
 
 
 def test_the_digits_that_are_cut_are_named() -> None:

@@ -66,7 +66,11 @@ def test_the_report_has_tips_and_what_is_not_told(fit: HandFit) -> None:
     ("changes", "said"),
     [
         ({"converged": False}, "the pose still changed"),
-        ({"overlap": 0.7}, "does not fit a right hand"),
+        (
+            {"overlap": 0.7},
+            "overlaps with the measurement by 0.70, below 0.8, as of a hand of other",
+        ),
+        ({"overlap": None, "likeness": 0.8}, "correlates with the measurement by 0.80, below 0.84"),
         ({"notes": ("the thumb is hidden",)}, "the thumb is hidden"),
     ],
 )
@@ -76,6 +80,11 @@ def test_doubts_are_remarks(fit: HandFit, changes: dict[str, Any], said: str) ->
     (remark,) = doubtful.remarks()
     assert said in remark
     assert f"Doubtful: {remark}." in doubtful.report()
+    told = [angle["told"] for angle in doubtful.to_dict()["angles"].values()]
+    assert told == doubtful.told_angles.tolist()
+    assert len(doubtful.to_dict()["untold"]) == told.count(False)
+    assert any(told) == (not doubtful.doubtful)
+    assert ("tells 21 of 23 angles" in doubtful.report()) == any(told)
 
 
 def test_only_a_different_pose_that_fits_as_well_is_a_rival(fit: HandFit) -> None:
@@ -87,6 +96,18 @@ def test_only_a_different_pose_that_fits_as_well_is_a_rival(fit: HandFit) -> Non
     assert f"deviance +3.0), with {where}" in remark
     same = replace(near, joints_m=fit.joints_m + 2e-3)
     assert not replace(fit, basins=(best, same)).remarks()
+
+
+def test_the_shape_of_a_rig_is_not_stated(fit: HandFit, tmp_path: Path) -> None:
+    of_rig = replace(fit, shape=None)
+    assert of_rig.to_dict()["shape"] is None
+    write_json(tmp_path / "fit.json", of_rig.to_dict(), force=False)
+    for source in (of_rig, tmp_path / "fit.json"):
+        assert starts_of(source)[0].shape is None
+    lacking = {key: value for key, value in of_rig.to_dict().items() if key != "shape"}
+    write_json(tmp_path / "fit.json", lacking, force=True)
+    with pytest.raises(MeasurementError, match="'shape' of a fitted hand, got none"):
+        starts_of(tmp_path / "fit.json")
 
 
 def test_a_fit_is_read_as_the_next_start(fit: HandFit, tmp_path: Path) -> None:
