@@ -38,6 +38,11 @@ def print_error(text: object) -> None:
     _print(f"clradar: error: {one_line(text)}", sys.stderr)
 
 
+def print_interrupted(text: str) -> None:
+    """Print that a command was interrupted, and what resumes, where something does."""
+    _print(f"clradar: {one_line(text)}", sys.stderr)
+
+
 def print_warning(text: object) -> None:
     """Print one line about a result that is probably not as intended."""
     _print(f"clradar: warning: {one_line(text)}", sys.stderr)
