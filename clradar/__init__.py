@@ -1,11 +1,15 @@
 """Simulate, read, image and compare captures of near-field imaging radars."""
 
+from __future__ import annotations
+
 import sys
 from importlib import import_module
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # that of typing takes half the time until Ctrl-C is heard
 if TYPE_CHECKING:
+    from typing import Any
+
     from clradar.public_names import *  # noqa: F403
 
 __version__ = "0.2.0"

@@ -1,6 +1,6 @@
 """The command line by ``python -m clradar``."""
 
-from clradar.cli.launcher import main
+from clradar.cli import main
 from clradar.files.own_packages import leave_current_folder
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 GAP_CHARACTERS = 3
 """Between two columns of a table."""
 
+NARROW_GAP_CHARACTERS = 2
+"""The same in a terminal that is too narrow."""
+
 WRAPPED_CHARACTERS = 24
 """Least width in which text of the last column is wrapped."""
 
@@ -32,6 +36,11 @@ def one_line(text: object) -> str:
 def print_error(text: object) -> None:
     """Print the one line with the reason why a command failed."""
     _print(f"clradar: error: {one_line(text)}", sys.stderr)
+
+
+def print_interrupted(text: str) -> None:
+    """Print that a command was interrupted, and what resumes, where something does."""
+    _print(f"clradar: {one_line(text)}", sys.stderr)
 
 
 def print_warning(text: object) -> None:
@@ -83,12 +92,16 @@ def counted(count: int, noun: str) -> str:
 
 
 def print_table(
-    columns: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    right: Sequence[str] = (),
+    keys: int = 1,
 ) -> None:
     """Print a table; the columns named in `right` are aligned to the right, the last one wraps.
 
-    Nothing is cut. Where a terminal is too narrow, columns follow in further tables, each with the
-    first column again.
+    Nothing is cut. Where a terminal is too narrow, heads wrap, and columns that still do not fit
+    follow in further tables, each with the first ones again: `keys` of them, which name a row.
     """
     from rich import box
     from rich.console import Console, JustifyMethod
@@ -98,31 +111,52 @@ def print_table(
     # In a pipe nothing is cut or wrapped: a program that reads it needs whole lines.
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 10_000)
     cells = [[Text(one_line(cell)) for cell in row] for row in rows]  # Text: brackets are no markup
-    widths = [
-        max(Text(name).cell_len, *(row[i].cell_len for row in cells), 0)
-        for i, name in enumerate(columns)
-    ]
+    filled = [max((row[i].cell_len for row in cells), default=0) for i in range(len(columns))]
+    heads, gap = [[name] for name in columns], GAP_CHARACTERS
     if columns[-1] not in right:
-        widths[-1] = min(widths[-1], WRAPPED_CHARACTERS)
-    for shown in _fitting(widths, console.width):
-        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold")
+        filled[-1] = min(filled[-1], WRAPPED_CHARACTERS)
+    if len(_fitting(_widths(heads, filled), gap, keys, console.width)) > 1:
+        heads = [_wrapped(name, width) for name, width in zip(columns, filled, strict=True)]
+        gap = NARROW_GAP_CHARACTERS
+    widths, available = _widths(heads, filled), console.width
+    for n, shown in enumerate(_fitting(widths, gap, keys, available)):
+        free = len(shown) <= keys + 1
+        wraps = [c not in right and (free or c == columns[-1]) for c in columns]
+        # A terminal wraps what is still too wide; the table would cut it.
+        least = sum(min(widths[i], WRAPPED_CHARACTERS) if wraps[i] else widths[i] for i in shown)
+        console.width = max(available, least + gap * (len(shown) - 1))
+        table = Table(
+            box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold",
+            padding=(0, 1, 0, gap - NARROW_GAP_CHARACTERS),
+        )  # fmt: skip
         for i in shown:
             justify: JustifyMethod = "right" if columns[i] in right else "left"
-            wraps = i == len(columns) - 1 or len(shown) < 3
-            table.add_column(Text(columns[i]), justify=justify, no_wrap=not wraps, overflow="fold")
+            head = Text("\n".join(heads[i]))
+            table.add_column(head, justify=justify, no_wrap=not wraps[i], overflow="fold")
         for row in cells:
             table.add_row(*(row[i] for i in shown))
+        if n > 0:
+            console.print()
         console.print(table)
 
 
-def _fitting(widths: Sequence[int], most: int) -> list[list[int]]:
-    """Columns of the tables that show all columns, each with the first; two at least."""
-    tables = [[0]]
-    for i in range(1, len(widths)):
-        wanted = sum(widths[k] + GAP_CHARACTERS for k in tables[-1]) + widths[i]
-        if wanted > most and len(tables[-1]) > 1:
-            tables.append([0])
-        tables[-1].append(i)
+def _wrapped(name: str, width: int) -> list[str]:
+    return textwrap.wrap(name, max([width, *map(len, name.split())])) or [""]
+
+
+def _widths(heads: Sequence[Sequence[str]], filled: Sequence[int]) -> list[int]:
+    return [max(width, *map(len, h)) for width, h in zip(filled, heads, strict=True)]
+
+
+def _fitting(widths: Sequence[int], gap: int, keys: int, most: int) -> list[list[int]]:
+    """Columns of the tables that show all columns, each with the keys, and one more at least."""
+    first = list(range(keys))
+    tables = [first]
+    for i in range(keys, len(widths)):
+        wanted = sum(widths[k] + gap for k in tables[-1]) + widths[i]
+        if wanted > most and len(tables[-1]) > keys:
+            tables.append(first)
+        tables[-1] = [*tables[-1], i]
     return tables
 
 

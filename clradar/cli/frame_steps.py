@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.cli.frame_sources import Frames
+from clradar.cli.frame_sources import Frames, files_of
 from clradar.cli.resumable import FolderStore
-from clradar.errors import CompareError, MeasurementError
+from clradar.errors import CompareError
+from clradar.files.failures import fail
+from clradar.files.hashing import content_record
 from clradar.files.json_file import read_json_object, write_json
 
 if TYPE_CHECKING:
@@ -21,6 +23,9 @@ if TYPE_CHECKING:
 
 MAPS = "maps"
 """Folder of depth maps, one .npz for each frame; written before the record of the frame."""
+
+GRID = "grid"
+"""Under which the grid is kept among the maps."""
 
 RECORDS = "frames"
 """Folder of records, one .json for each frame that is done."""
@@ -36,6 +41,8 @@ class FrameSteps:
     ----------
     source : Path
     variant : str or None
+    run_name : str
+        Of this run alone: what is kept open of its inputs counts for no other.
     folder : Path
         Results go into folders there.
     align_phase : bool
@@ -71,6 +78,7 @@ class FrameSteps:
 
     source: Path
     variant: str | None
+    run_name: str
     folder: Path
     align_phase: bool
     empty: Path | None
@@ -101,7 +109,9 @@ class FrameSteps:
         """
         from clradar import backproject
 
+        inputs = self.inputs_of(numbers)  # before it is read, as `content_record` asks for
         capture, record = cleaned(self, numbers)
+        record["inputs"] = inputs
         if CAPTURES in self.keep:
             self._save(CAPTURES, numbers[0], capture)
         volume = backproject(capture, self.grid, device=self.device, **self.imaging)
@@ -124,6 +134,21 @@ class FrameSteps:
                 store[f"{numbers[0]:06d}-{i}"] = map_arrays(other)
         write_json(record_file(self.folder, numbers[0]), record, force=True)
 
+    def inputs_of(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
+        """What the files of a group of frames hold."""
+        others = [self._frames(path) for path in self.simulated]
+        if self.empty is not None and self.empty_by_frame:
+            others.append(self._frames(self.empty))
+        source = self._frames(self.source, self.variant)
+        return [content_record(path) for path in files_of(numbers, source, others)]
+
+    def capture_of(self, path: Path, number: int, variant: str | None = None) -> Capture:
+        """The capture of a frame; of a single capture that capture."""
+        return capture_of(self._frames(path, variant), number)
+
+    def _frames(self, path: Path, variant: str | None = None) -> Frames:
+        return _opened(path, variant, self.run_name)
+
     def _save(self, name: str, number: int, result: Any) -> None:
         from clradar.cli.outputs import save
 
@@ -133,7 +158,7 @@ class FrameSteps:
         """The depth map of a simulation at a frame: kept, if it is the same at every frame."""
         if fixed_name(i) in FolderStore(self.folder / MAPS):
             return self.map_of(fixed_name(i))
-        return self.imaged(_frames(self.simulated[i], None).read(number))
+        return self.imaged(self._frames(self.simulated[i]).read(number))
 
     def imaged(self, content: Capture | Volume) -> DepthMap:
         """The depth map of a capture or a volume."""
@@ -174,7 +199,7 @@ class FrameSteps:
         assert self.mesh is not None
         try:
             found = align_mesh(
-                volume, _mesh(self.mesh, self.mesh_unit), array=capture.array,
+                volume, _mesh(self.mesh, self.mesh_unit, self.run_name), array=capture.array,
                 waveform=capture.waveform, device=self.device, **self.align,
             )  # fmt: skip
         except CompareError as error:
@@ -193,7 +218,7 @@ def cleaned(steps: FrameSteps, numbers: Sequence[int]) -> tuple[Capture, dict[st
 
     def frames() -> Iterator[Capture]:
         for number in numbers:
-            capture = frame_of(steps.source, steps.variant, number)
+            capture = steps.capture_of(steps.source, number, steps.variant)
             times.append(first_time_stamp(capture))
             yield capture
 
@@ -206,7 +231,7 @@ def cleaned(steps: FrameSteps, numbers: Sequence[int]) -> tuple[Capture, dict[st
         record["average"] = capture.meta["average"]
     if steps.empty is not None:
         empty_number = numbers[0] if steps.empty_by_frame else 0
-        empty = frame_of(steps.empty, None, empty_number)
+        empty = steps.capture_of(steps.empty, empty_number)
         capture = subtract_background(capture, empty, scaling=steps.scaling)
     if steps.gate is not None:
         capture = range_gate(capture, **steps.gate)
@@ -216,23 +241,24 @@ def cleaned(steps: FrameSteps, numbers: Sequence[int]) -> tuple[Capture, dict[st
     return capture, {**record, "cleaned_db": _rms_db(capture)}
 
 
-def frame_of(source: Path, variant: str | None, number: int) -> Capture:
-    """The capture of a frame; of a single capture that capture."""
+def capture_of(source: Frames, number: int) -> Capture:
+    """The capture of a frame."""
     from clradar import Capture
 
-    found = _frames(source, variant).read(number)
+    found = source.read(number)
     if not isinstance(found, Capture):
-        raise MeasurementError(f"{source}: expected captures, got the volume of frame {number}")
+        fail(source.path, "captures", f"the volume of frame {number}")
     return found
 
 
-@cache
-def _frames(source: Path, variant: str | None) -> Frames:
-    return Frames.open(source, variant)
+# Workers of a scheduler live longer than a run.
+@lru_cache(maxsize=8)
+def _opened(path: Path, variant: str | None, run_name: str) -> Frames:
+    return Frames.open(path, variant)
 
 
-@cache
-def _mesh(path: Path, unit: str) -> Scene:
+@lru_cache(maxsize=1)
+def _mesh(path: Path, unit: str, run_name: str) -> Scene:
     from clradar import Scene
 
     return Scene.from_mesh(path, unit=unit)

@@ -83,7 +83,7 @@ class HandSequence:
         with work_folder.held(self.folder, "fit"):
             return fitted(
                 self.folder, self.source, images_of, numbers, settings, self.origin, progress,
-                force=self.force,
+                begun=self.origin["options"], force=self.force,
             )  # fmt: skip
 
 
@@ -96,6 +96,7 @@ def fitted(
     origin: Mapping[str, Any],
     progress: Progress | None,
     *,
+    begun: Mapping[str, Any],
     force: bool,
 ) -> list[FrameFit]:
     """Fit frames into a folder that is there, those that are not done yet; then table and figures.
@@ -109,11 +110,13 @@ def fitted(
         The frames that are fitted.
     settings : mapping
         Of `calibration.fit_hands`.
+    begun : mapping
+        Settings that the folder has to have been begun with.
     origin, force
         As of `HandSequence`.
     """
     begin_work(
-        folder, {**origin["options"], "clradar": origin["clradar"]}, own=OWN_NAMES,
+        folder, {**begun, "clradar": origin["clradar"]}, own=OWN_NAMES,
         work="fit of a moving hand", force=force,
     )  # fmt: skip
     if not (folder / RESULT).is_file():

@@ -12,9 +12,10 @@ from typing import Annotated, Any
 import typer
 
 from clradar import __version__
-from clradar.cli.console import print_error, printed_log, printed_warnings
+from clradar.cli.console import print_error, print_interrupted, printed_log, printed_warnings
 from clradar.cli.options.groups import expanded
 from clradar.errors import ClradarError
+from clradar.files import interrupts
 from clradar.files.own_packages import require_own
 
 COMMANDS = {
@@ -47,9 +48,6 @@ COMMANDS = {
 }
 """Subcommand, which names its module (`module_of`), and the line that describes it."""
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it: 128 + SIGINT."""
-
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; always ends in `SystemExit`.
@@ -62,15 +60,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Raises
     ------
     SystemExit
-        0 done, 1 an error (one line on stderr), 2 wrong usage, 130 interrupted.
+        0 done, 1 an error (one line on stderr), 2 wrong usage, 130 interrupted, 143 terminated.
     """
     given, debug = _without_debug(sys.argv[1:] if arguments is None else arguments)
-    try:
-        command = typer.main.get_command(_app(_requested(given), debug))
-        with printed_warnings(), printed_log(debug):
-            command.main(args=given, prog_name="clradar")
-    except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+    command = typer.main.get_command(_app(_requested(given), debug))
+    with printed_warnings(), printed_log(debug):
+        command.main(args=given, prog_name="clradar")
 
 
 def _without_debug(arguments: Sequence[str]) -> tuple[list[str], bool]:
@@ -160,19 +155,31 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
     @functools.wraps(function)
     def run(*args: Any, **kwargs: Any) -> Any:
         try:
+            interrupts.working()
             require_own("calibration", "measurement_io")
             return function(*args, **kwargs)
         except (typer.Exit, typer.Abort, typer.BadParameter, BrokenPipeError):
             raise
-        except KeyboardInterrupt:
-            raise typer.Exit(INTERRUPTED) from None
+        except KeyboardInterrupt as interruption:
+            raise _interrupted(interruption) from None
         except Exception as error:
+            if interrupts.waits():
+                raise _interrupted() from None
             if debug:
                 raise
             print_error(_message(error))
             raise typer.Exit(1) from None
+        finally:
+            interrupts.ended()
 
     return run
+
+
+def _interrupted(interruption: KeyboardInterrupt | None = None) -> typer.Exit:
+    interrupts.ended()
+    words = () if interruption is None else interruption.args
+    print_interrupted("; ".join(["interrupted", *map(str, words)]))
+    return typer.Exit(interrupts.exit_status())
 
 
 def _message(error: Exception) -> str:

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from clradar.errors import ClradarError, ClradarWarning, ClusterError
+from clradar.files.work_folder import scratch_folder
 
 if TYPE_CHECKING:
     from clradar import Device
@@ -130,9 +130,9 @@ def each_on_workers(
     ClusterError
         The workers do not start, differ from each other, or do not see the files.
     """
-    with TemporaryDirectory() as own, _engine(workers, len(items), device) as engine:
+    with scratch_folder() as own, _engine(workers, len(items), device) as engine:
         # Workers of this machine see what this process sees.
-        shared = workers if isinstance(workers, Cluster) else Cluster("", Path(own), ())
+        shared = workers if isinstance(workers, Cluster) else Cluster("", own, ())
         files = tuple(str(path.absolute()) for path in shared.files)
         folder = shared.folder.absolute()
         make = _Numbered(function, dict(enumerate(items)), folder, engine.device, files)

@@ -120,6 +120,8 @@ def check_place_of_folder(
             raise OutputError(f"{folder}: expected a folder's name, got a file")
         _check_place(folder)
         for path in inputs:
+            if _same(folder, path):
+                raise OutputError(f"{folder}: is also an input; choose another folder")
             for name in replaced:
                 if Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder / name)):
                     raise OutputError(

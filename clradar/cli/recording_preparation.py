@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +12,17 @@ import numpy as np
 
 from clradar.cli.console import counted, print_line
 from clradar.cli.frame_sources import Frames
-from clradar.cli.frame_steps import MAPS, FrameSteps, cleaned, fixed_name, frame_of, map_arrays
+from clradar.cli.frame_steps import (
+    GRID,
+    MAPS,
+    FrameSteps,
+    capture_of,
+    cleaned,
+    fixed_name,
+    map_arrays,
+)
 from clradar.cli.inputs import grid_for
+from clradar.cli.options.groups import given
 from clradar.cli.options.imaging import PAPER_GRID_MM, GridOptions
 from clradar.cli.outputs import save
 from clradar.cli.recording_work import EMPTY, MOVIE, RESULT, TABLE, RecordingWork
@@ -21,9 +31,6 @@ from clradar.errors import MeasurementError
 
 if TYPE_CHECKING:
     from clradar import VoxelGrid
-
-GRID = "grid"
-"""Under which the grid is kept among the maps."""
 
 
 def prepared(
@@ -50,15 +57,16 @@ def prepared(
     if empty is not None and empty.is_dir() and not found.empty_by_frame:
         mean = found.folder / EMPTY
         if not mean.is_file():
-            numbers = Frames.open(empty).numbers or ()
-            frames = (frame_of(empty, None, number) for number in numbers)
+            room = Frames.open(empty)
+            frames = (capture_of(room, number) for number in room.numbers or ())
             save(mean, average_frames(frames), found.origin, force=True)
         found = replace(found, empty=mean)
     store = FolderStore(found.folder / MAPS)
     if GRID not in store:  # kept: another first frame may be readable when the run is resumed
-        grid = _grid(found, groups, voxels)
+        grid, placed_by = _grid(found, groups, voxels)
         store[GRID] = {
-            "origin_m": grid.origin_m, "spacing_m": grid.spacing_m, "counts": np.array(grid.counts)
+            "origin_m": grid.origin_m, "spacing_m": grid.spacing_m, "counts": np.array(grid.counts),
+            "placed_by": np.array(json.dumps(placed_by)),
         }  # fmt: skip
     kept = store[GRID]
     counts = kept["counts"].tolist()
@@ -70,16 +78,21 @@ def prepared(
     return found
 
 
-def _grid(steps: FrameSteps, groups: Sequence[tuple[int, ...]], voxels: GridOptions) -> VoxelGrid:
-    """The grid of the options, or that of the first frame that can be read."""
+def _grid(
+    steps: FrameSteps, groups: Sequence[tuple[int, ...]], voxels: GridOptions
+) -> tuple[VoxelGrid, dict[str, Any]]:
+    """The grid of the options, or that of the first frame that can be read, with what placed it."""
+    if given(voxels):
+        return voxels.grid(), {}
     failure: MeasurementError | None = None
     for group in groups:
         try:
+            placed_by = {"frame": group[0], "inputs": steps.inputs_of(group)}
             capture, _ = cleaned(steps, group)
         except MeasurementError as error:
             failure = failure or error
             continue  # which is said when its turn comes
-        return grid_for(capture, voxels, steps.device)
+        return grid_for(capture, voxels, steps.device), placed_by
     assert failure is not None  # there is at least one frame
     raise failure
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +14,12 @@ from clradar.cli.console import counted, print_line, print_warning, progress_bar
 from clradar.cli.frame_images import KeptImages
 from clradar.cli.frame_steps import (
     CAPTURES,
+    GRID,
     MAPS,
     RECORDS,
     VOLUMES,
     FrameSteps,
     fixed_name,
-    frame_of,
     read_record,
     record_file,
 )
@@ -26,7 +27,14 @@ from clradar.cli.frame_table import curves, table, write_table
 from clradar.cli.hand_sequence import fitted, frame_file
 from clradar.cli.movement_table import print_sequence
 from clradar.cli.on_workers import Cluster, each_made
-from clradar.cli.resumable import SETTINGS, FolderStore, begin_work, cleared_on_failure
+from clradar.cli.resumable import (
+    SETTINGS,
+    FolderStore,
+    begin_work,
+    changed_files,
+    clear,
+    cleared_on_failure,
+)
 from clradar.errors import (
     ClradarError,
     ClusterError,
@@ -37,6 +45,7 @@ from clradar.errors import (
 )
 from clradar.files import work_folder
 from clradar.files.atomic import write_file
+from clradar.files.json_differences import listed_differences
 from clradar.files.json_file import read_json_object, write_json
 from clradar.opencl import open_devices
 
@@ -77,10 +86,16 @@ class RecordingWork:
         there what all frames need.
     groups : sequence of tuple of int
         Numbers of the frames; each group is averaged, and has the number of its first frame.
+    files : callable
+        The files that a group is made from.
+    settings : mapping
+        Options that the folder has to have been begun with, without the places of files.
+    inputs : mapping
+        Files that all frames are made with; see `begin_work`.
     labels : sequence of str
         Of the recording and of the simulations.
     origin : mapping
-        From `clradar.cli.provenance.provenance`; a folder has to have been begun with its options.
+        From `clradar.cli.provenance.provenance`.
     workers : int, Cluster or None
         Worker processes; None: in this one, or in one for each of several devices.
     device : str or None
@@ -88,13 +103,16 @@ class RecordingWork:
     hand : mapping or None
         Settings of `calibration.fit_hands`: a hand is fitted to the frames.
     force : bool
-        Begin anew in a folder that was begun with other settings.
+        Begin anew in a folder that was begun with other settings, and with frames that changed.
     """
 
     source: Path
     folder: Path
     prepare: Callable[[], FrameSteps]
     groups: Sequence[tuple[int, ...]]
+    files: Callable[[Sequence[int]], list[Path]]
+    settings: Mapping[str, Any]
+    inputs: Mapping[str, Sequence[Path]]
     labels: Sequence[str]
     origin: Mapping[str, Any]
     workers: int | Cluster | None
@@ -110,14 +128,16 @@ class RecordingWork:
         MeasurementError
             No frame could be done.
         OutputError
-            The folder was begun with other settings, or another process writes into it.
+            The folder was begun with other settings or inputs, or another process writes into it.
         """
         folder = self.folder
         with work_folder.held(folder, "process"):
-            settings = {**self.origin["options"], "clradar": self.origin["clradar"]}
+            settings = {**self.settings, "clradar": self.origin["clradar"]}
             begin_work(
-                folder, settings, own=OWN_NAMES, work="processed recording", force=self.force
-            )
+                folder, settings, own=OWN_NAMES, work="processed recording", force=self.force,
+                inputs=self.inputs,
+            )  # fmt: skip
+            self._check_frames()
             if not self._finished() or len(self._done()) < len(self.groups):
                 with cleared_on_failure(folder, OWN_NAMES, unless=f"{RECORDS}/*.json"):
                     steps = self.prepare()
@@ -130,6 +150,39 @@ class RecordingWork:
                     records = self._with_hands(steps, records)
                 self._write(steps, records)
         return records
+
+    def _check_frames(self) -> None:
+        """Raise where frames were made from other files than are there; `force` forgets them."""
+        groups = {group[0]: group for group in self.groups}
+
+        def changes(number: int, inputs: Any) -> list[str]:
+            name = f"frame {number}:"
+            if number not in groups:
+                return [f"{name} is no longer there"]
+            return changed_files({name: self.files(groups[number])}, {name: inputs})
+
+        store = FolderStore(self.folder / MAPS)
+        placed_by = json.loads(str(store[GRID]["placed_by"])) if GRID in store else None
+        found = {GRID: changes(placed_by["frame"], placed_by["inputs"])} if placed_by else {}
+        records = sorted((self.folder / RECORDS).glob("*.json"))
+        with progress_bar("comparing files") as progress:
+            for done, path in enumerate(records, start=1):
+                inputs = read_json_object(path).get("inputs")
+                found[path.stem] = changes(int(path.stem), inputs)
+                if progress is not None:
+                    progress(done, len(records))
+        texts = list(dict.fromkeys(text for words in found.values() for text in words))
+        if texts and not self.force:
+            raise OutputError(
+                f"{self.folder}: was made from other files: {listed_differences(texts, 2)}. Choose "
+                "another folder, or make anew what changed with --force"
+            )
+        if found.get(GRID):  # which all frames are on
+            clear(self.folder, [name for name in OWN_NAMES if name not in (SETTINGS, EMPTY)])
+        elif texts:
+            names = [name for name, words in found.items() if words]
+            kept = [f"{where}/{name}.h5" for where in (CAPTURES, VOLUMES) for name in names]
+            clear(self.folder, [RESULT, *kept, *(f"{RECORDS}/{name}.json" for name in names)])
 
     def _finished(self) -> bool:
         """Whether what is made of all frames is there, and no frame was done after it."""
@@ -179,12 +232,14 @@ class RecordingWork:
         assert self.hand is not None
         numbers = [int(one["frame"]) for one in records]
         times_us = tuple(one["time_us"] for one in records)
-        first = frame_of(steps.source, steps.variant, numbers[0])
+        first = steps.capture_of(steps.source, numbers[0], steps.variant)
         settings = {
             **self.hand, "array": first.array, "waveform": first.waveform,
             "device": steps.device or open_devices(self.device).first,
         }  # fmt: skip
         del first
+        made_from = [[file["sha256"] for file in one["inputs"]] for one in records]
+        begun = {**self.settings, "frames": numbers, "inputs": made_from}
         options = {**self.origin["options"], "frames": numbers}
         folder = self.folder / HANDS
         with work_folder.held(folder, "fit"), progress_bar("fitting the hand") as progress:
@@ -192,7 +247,8 @@ class RecordingWork:
                 fits = fitted(
                     folder, self.source,
                     lambda store: KeptImages(tuple(numbers), times_us, steps.hand_map_of, store),
-                    numbers, settings, {**self.origin, "options": options}, progress, force=True,
+                    numbers, settings, {**self.origin, "options": options}, progress,
+                    begun=begun, force=True,
                 )  # fmt: skip
             except CompareError as error:
                 print_warning(f"{HANDS}: {error}")
@@ -209,6 +265,7 @@ class RecordingWork:
         from clradar.plot.frames import FramePictures, curves_figure, write_gif
 
         folder = self.folder
+        clear(folder, [TABLE, FIGURE, MOVIE, REPORT, PICTURES])  # there may have been more frames
         columns = table(records, self.labels[1:])
         write_table(folder / TABLE, columns)
         timed = np.isfinite(columns["time s"]).all()

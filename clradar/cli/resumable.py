@@ -7,13 +7,16 @@ import shutil
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from clradar.cli.console import counted
 from clradar.errors import OutputError
 from clradar.files.atomic import replacing
 from clradar.files.failures import fail, reading
+from clradar.files.hashing import content_record, holds_still
 from clradar.files.json_differences import differences, listed_differences
 from clradar.files.json_file import read_json, write_json
 from clradar.files.limits import MAX_SMALL_JSON_BYTES
@@ -21,26 +24,38 @@ from clradar.files.work_folder import LOCK, remove_temporaries
 
 SETTINGS = "settings.json"
 
+MADE_FROM = "made_from"
+"""Key of the settings: what the inputs hold."""
+
 
 def begin_work(
-    folder: Path, settings: Mapping[str, Any], *, own: Sequence[str], work: str, force: bool
+    folder: Path,
+    settings: Mapping[str, Any],
+    *,
+    own: Sequence[str],
+    work: str,
+    force: bool,
+    inputs: Mapping[str, Sequence[Path]] = MappingProxyType({}),
 ) -> None:
     """Check that the content of a folder was made with these settings.
 
     An empty folder takes them on. With `force` one that was begun with others is cleared: of the
-    names in `own`, and of nothing else. `work` is what goes on in it, such as "sweep".
+    names in `own`, and of nothing else. `work` is what goes on in it, such as "sweep". `inputs` are
+    files by the option or argument that names them: their content counts, and not their place.
 
     Raises
     ------
     OutputError
-        It was begun with other settings, or holds files but nothing that was begun.
+        It was begun with other settings or inputs, or holds files but nothing that was begun.
     """
     # Here, where no other process writes, and not by those that share the work later.
     for place in (folder, *(folder / name for name in own)):
         remove_temporaries(place)
     path = folder / SETTINGS
     if path.exists() or path.is_symlink():
-        different = differences(_read_settings(path, work, force), _plain(settings))
+        before = _read_settings(path, work, force)
+        known = before.pop(MADE_FROM, {})
+        different = [*changed_files(inputs, known), *differences(before, _plain(settings))]
         if not different:
             return
         if not force:
@@ -54,7 +69,22 @@ def begin_work(
             "with --force"
         )
     clear(folder, own)
-    write_json(path, dict(settings), force=False)
+    made_from = {name: list(map(content_record, files)) for name, files in inputs.items()}
+    write_json(path, {**settings, **({MADE_FROM: made_from} if inputs else {})}, force=False)
+
+
+def changed_files(inputs: Mapping[str, Sequence[Path]], known: Any) -> list[str]:
+    """Which files hold something else than at their records (`content_record`), in words."""
+    found = []
+    for name in inputs:
+        before = known.get(name, []) if isinstance(known, dict) else []
+        if len(before) != len(inputs[name]):
+            found.append(f"{name} of {counted(len(before), 'file')}, now of {len(inputs[name])}")
+            continue
+        for path, record in zip(inputs[name], before, strict=True):
+            if not holds_still(path, record):
+                found.append(f"{name} '{path}' holds something else now")
+    return found
 
 
 def clear(folder: Path, own: Sequence[str]) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from clradar.errors import ClradarError, OutputError
 from clradar.files.failures import clean, shown
+from clradar.files.interrupts import postponed
 
 
 @contextmanager
@@ -151,7 +152,8 @@ def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     except (OSError, ValueError) as error:
         raise OutputError(f"{shown(target)}: cannot be written: {_reason(error)}") from error
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        with postponed():
+            shutil.rmtree(temporary, ignore_errors=True)
 
 
 def move_folder(source: Path, target: Path) -> None:

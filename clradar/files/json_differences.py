@@ -42,10 +42,10 @@ def differences(before: Any, now: Any, name: str = "") -> list[str]:
     return [f"{name} {_cut(texts[0], start)}, now {_cut(texts[1], start)}"]
 
 
-def listed_differences(found: Sequence[str]) -> str:
-    """Return differences in one line: the first `MOST` of them, and how many more there are."""
-    more = len(found) - MOST
-    return "; ".join(found[:MOST]) + (f"; {more} more" if more > 0 else "")
+def listed_differences(found: Sequence[str], most: int = MOST) -> str:
+    """Return differences in one line: the first `most` of them, and how many more there are."""
+    more = len(found) - most
+    return "; ".join(found[:most]) + (f"; {more} more" if more > 0 else "")
 
 
 def _cut(text: str, start: int) -> str:

@@ -133,6 +133,9 @@ MAX_MESH_PARTS = 2**16
 MAX_MESH_NODES = 2**17
 """Nodes of a glTF scene."""
 
+MAX_MESH_DEPTH = 1000
+"""Levels of these nodes: a chain of all of them would take trimesh minutes."""
+
 MAX_GLTF_NUMBERS = 2**26
 """Numbers taken from a rig in glTF, as often as they are used: some need no bytes of it."""
 

@@ -7,10 +7,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import IO
 
 from clradar.errors import OutputError
 from clradar.files.failures import shown
+from clradar.files.interrupts import postponed
 
 LOCK = ".lock"
 
@@ -26,10 +28,22 @@ def remove_temporaries(folder: Path) -> None:
 
 
 @contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """A folder for the time of the block, which goes with it, interrupted or not."""
+    folder = TemporaryDirectory(prefix="clradar-", ignore_cleanup_errors=True)
+    try:
+        yield Path(folder.name)
+    finally:
+        with postponed():
+            folder.cleanup()
+
+
+@contextmanager
 def held(folder: Path, work: str) -> Iterator[None]:
     """Make the folder, and keep other processes from working in it while the block runs.
 
-    The lock is there only meanwhile; a folder that was made and stays empty is removed again.
+    The lock is there only meanwhile; a folder that was made and stays empty is removed again. A
+    `KeyboardInterrupt` gets the words that the work there is to be resumed.
 
     Parameters
     ----------
@@ -56,6 +70,10 @@ def held(folder: Path, work: str) -> Iterator[None]:
         raise OutputError(f"{shown(folder)}: another {work} is writing into it")
     try:
         yield
+    except KeyboardInterrupt as interruption:
+        if any(entry.name != LOCK for entry in folder.iterdir()):
+            interruption.args = (f"the same command resumes {shown(folder)}",)
+        raise
     finally:
         if sys.platform == "win32":  # where no open file can be removed: of another one, neither
             lock.close()

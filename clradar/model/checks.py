@@ -166,7 +166,7 @@ def whole(field: str, value: Any, low: int, high: int | None = None) -> int:
 
 
 def one_of(field: str, value: Any, choices: tuple[str, ...]) -> str:
-    if value not in choices:
+    if not isinstance(value, str) or value not in choices:
         fail(field, "one of " + ", ".join(repr(c) for c in choices), repr(value))
     return str(value)
 

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import io
+import os
+import re
+import struct
+import subprocess
 import sys
+from contextlib import suppress
 
 import pytest
+from systems import posix_only
 
+from clradar.cli.comparison import METRIC_COLUMNS
 from clradar.cli.console import progress_bar
 from clradar.model.progress import part_of, say_stage
 
@@ -35,3 +42,60 @@ def test_a_pipe_gets_no_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     with progress_bar("fitting") as progress:
         assert progress is None
     say_stage(progress, "simulating")
+
+
+def in_terminal(columns: int, code: str) -> str:
+    """What a program prints in a terminal of so many columns."""
+    import fcntl  # which Windows has not
+    import pty
+    import termios
+
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    variables = {key: value for key, value in os.environ.items() if key != "COLUMNS"}
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=theirs, stdout=theirs, stderr=theirs, env=variables
+    ):
+        os.close(theirs)
+        shown = b""
+        with suppress(OSError):  # how a terminal says that nobody writes to it any more
+            while part := os.read(ours, 65536):
+                shown += part
+    os.close(ours)
+    return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode()).replace("\r", "")
+
+
+METRICS = ["0.942", "0.919", "-101.25", "0.75", "11.77", "12.68", "13.36"]
+TABLES = {
+    "metrics": (["simulated", *METRIC_COLUMNS], [["sim.h5", *METRICS]], list(METRIC_COLUMNS), 1),
+    "long name": (
+        ["simulated", *METRIC_COLUMNS], [["n" * 70, *METRICS]], list(METRIC_COLUMNS), 1
+    ),
+    "text": (
+        ["axes", "phase", "frequencies", "x", "sharpness (dB)", "brightest at x, y, z (mm)", ""],
+        [["[tx, rx]", "exp(-j)", "descending", "mirrored", "-12.3", "-100, -20, 300", "best"]],
+        ["sharpness (dB)", "brightest at x, y, z (mm)"], 4,
+    ),
+}  # fmt: skip
+
+
+@posix_only
+@pytest.mark.parametrize("columns", [200, 80, 60, 20])
+@pytest.mark.parametrize("name", TABLES)
+def test_a_terminal_cuts_no_cell_of_a_table(columns: int, name: str) -> None:
+    heads, rows, right, keys = TABLES[name]
+    shown = in_terminal(
+        columns,
+        "from clradar.cli.console import print_table\n"
+        f"print_table({heads!r}, {rows!r}, right={right!r}, keys={keys})",
+    )
+    assert "…" not in shown
+    for cell in rows[0] if name != "long name" else rows[0][1:]:
+        assert cell in shown
+    for word in (word for head in heads for word in head.split()):
+        assert word in shown
+    assert shown.count("n") >= 70 or name != "long name"
+    if columns >= 60:
+        assert max(map(len, shown.splitlines())) <= columns
+    if columns >= 80 and name != "long name":  # one table
+        assert shown.count("─\n") == 1

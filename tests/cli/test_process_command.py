@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import two_devices
-from command_line import Run, one_error_line
+from command_line import Run, exit_status, one_error_line
 from PIL import Image
 from recorder import Recorder, Recording
 
@@ -131,6 +132,115 @@ def test_a_killed_run_resumes_to_the_same_files(
     assert not (tmp_path / "x").exists()
 
 
+@pytest.fixture(scope="module")
+def processed(recorded: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with inputs, and with what was made of them."""
+    place = tmp_path_factory.mktemp("processed")
+    for source, name in (
+        (recorded.folder, "REC"),
+        (recorded.folder, "SIM"),
+        (recorded.empty, "ROOM"),
+    ):
+        (radar,) = source.glob("radar_*")
+        for frame in radar.glob("calibrated_data/??????.npy"):
+            copy = place / name / frame.relative_to(source)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(frame, copy)
+    save_channels(place / "channels.h5", channels_of(recorded.recorder))
+    save_capture(place / "single.h5", recorded.recorder.frame(0))
+    assert exit_status(*process_command(place, place / "out")) == 0
+    return place
+
+
+def process_command(place: Path, out: Path) -> list[object]:
+    return [
+        "process", place / "REC", place / "SIM", place / "single.h5", "--empty", place / "ROOM",
+        "--channels", place / "channels.h5", *GRID, "--keep-captures", "-o", out,
+    ]  # fmt: skip
+
+
+def frame_file(place: Path, number: int) -> Path:
+    (found,) = place.rglob(f"{number:06d}.npy")
+    return found
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        ("REC", "frame 2: '"), ("SIM", "frame 2: '"), ("ROOM", "--empty '"),
+        ("channels.h5", "--channels '"), ("single.h5", "SIMULATED '"),
+    ],
+)  # fmt: skip
+def test_inputs_count_by_their_content(
+    run: Run, recorded: Recording, processed: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, changed: str, named: str,
+) -> None:  # fmt: skip
+    place = tmp_path / "elsewhere"
+    shutil.copytree(processed, place)
+    monkeypatch.chdir(place)
+    done: list[int] = []
+    one_frame = FrameSteps.run
+    monkeypatch.setattr(FrameSteps, "run", lambda s, n: done.append(n[0]) or one_frame(s, n))
+    command = process_command(Path(), Path("out"))
+    # The same by other names and with other times: nothing is done again.
+    assert (run(*command).status, done) == (0, [])
+    path = place / changed
+    if path.is_dir():
+        path = frame_file(path, 1 if changed == "ROOM" else 2)
+    before = path.stat()
+    if path.suffix == ".npy":  # of the same size, and in the end of the same times
+        path.write_bytes(frame_file(place / changed, 0).read_bytes())
+    elif changed == "single.h5":
+        save_capture(path, recorded.recorder.frame(1), force=True)
+    else:
+        keep_noisy = replace(channels_of(recorded.recorder), noisy_rx=[])
+        save_channels(path, keep_noisy, force=True)
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    one_error_line(run(*command), named, path.name)
+    assert done == []
+    assert run(*command, "--force").status == 0
+    # Only what changed is made anew.
+    assert done == ([2] if changed in ("REC", "SIM") else [0, 1, 2])
+    assert rows_of(Path("out")) != rows_of(processed / "out")
+    if changed == "REC":
+        assert run(*process_command(Path(), Path("fresh"))).status == 0
+        for name in RESULTS[:-1]:
+            ours, fresh = (Path(at, name).read_bytes() for at in ("out", "fresh"))
+            assert ours == fresh, name
+
+
+def test_frames_that_are_gone_are_not_kept_without_a_word(
+    run: Run, processed: Path, tmp_path: Path
+) -> None:
+    place = tmp_path / "elsewhere"
+    shutil.copytree(processed, place)
+    command = process_command(place, place / "out")
+    for name in ("REC", "SIM"):
+        frame_file(place / name, 2).unlink()
+    one_error_line(run(*command), "frame 2: is no longer there", "--force")
+    assert run(*command, "--force").status == 0
+    assert [row["frame"] for row in rows_of(place / "out")] == ["0", "1"]
+    assert len(list((place / "out" / "pictures").iterdir())) == 2
+    assert not (place / "out" / "captures" / "000002.h5").exists()
+    one_error_line(run("process", place / "REC", "-o", place / "REC", "--force"), "also an input")
+
+
+def test_a_grid_is_placed_anew_where_its_frame_changed(
+    run: Run, processed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "elsewhere"
+    shutil.copytree(processed / "REC", place)
+    placed = [VoxelGrid([-0.05, -0.04, z_m], [5e-3] * 3, [21, 17, 3]) for z_m in (0.3, 0.31)]
+    monkeypatch.setattr(recording_preparation, "grid_for", lambda *_: placed.pop(0))
+    command = ("process", place, "-o", tmp_path / "out", "--keep-volumes")
+    assert run(*command).status == 0
+    frame_file(place, 0).write_bytes(frame_file(place, 2).read_bytes())
+    one_error_line(run(*command), "frame 0: '")
+    assert run(*command, "--force").status == 0
+    grids = [open_volume(tmp_path / f"out/volumes/{i:06d}.h5").grid for i in range(3)]
+    assert [grid.z_m[0] for grid in grids] == [0.31, 0.31, 0.31]
+
+
 @pytest.mark.slow  # workers: see the scheduler's; devices: clusters and parts of images
 def test_workers_and_devices_make_the_same_files(
     run: Run, recorded: Recording, tmp_path: Path
@@ -151,6 +261,28 @@ def test_workers_and_devices_make_the_same_files(
             (tmp_path / where / name).read_bytes() for where in ("here", "workers", "devices")
         )
         assert [other == one for other in others] == [True, True], name
+
+
+def test_variants_of_captures_are_told_by_their_names(
+    run: Run, recorded: Recording, tmp_path: Path
+) -> None:
+    made = tmp_path / "made"
+    names = ("000000.h5", "000001.h5", "000001_emptyfiltered.h5", "notes.h5")
+    made.mkdir()
+    for i, name in enumerate(names):
+        save_capture(made / name, recorded.recorder.frame(i))
+    for variant, numbers, read in ((None, "01", 0), ("raw", "01", 0), ("emptyfiltered", "1", 2)):
+        out = tmp_path / f"{variant}"
+        more = () if variant is None else ("--variant", variant)
+        outcome = run("process", made, "-o", out, *GRID, "--keep-captures", *more)
+        assert outcome.status == 0, outcome.err
+        assert "left out, as they are not named like frames: notes.h5" in outcome.err
+        assert [row["frame"] for row in rows_of(out)] == list(numbers)
+        first = open_capture(out / "captures" / f"{int(numbers[0]):06d}.h5")
+        assert (first.data == recorded.recorder.frame(read).data).all()
+    (made / names[2]).unlink()
+    outcome = run("process", made, "-o", tmp_path / "x", *GRID, "--variant", "emptyfiltered")
+    one_error_line(outcome, "made: expected frames of the variant emptyfiltered", "000000.h5")
 
 
 def test_averages_hold_the_frames_that_agree(run: Run, recorded: Recording, tmp_path: Path) -> None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 from typing import IO
 
 import pytest
 from systems import posix_only
 
-from clradar.errors import OutputError
-from clradar.files.hashing import sha256_of
+from clradar.errors import MeasurementError, OutputError
+from clradar.files import hashing
+from clradar.files.hashing import content_record, holds_still, sha256_of
 from clradar.files.work_folder import held, remove_temporaries
 
 
@@ -73,3 +75,29 @@ def test_hash_of_a_file_longer_than_a_block(tmp_path: Path) -> None:
     assert sha256_of(tmp_path / "b").startswith(
         hashlib.sha256(b"a" * 10**6 + b"b" * 10**6).hexdigest()
     )
+
+
+@posix_only
+def test_a_file_is_read_again_only_where_the_system_cannot_tell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "frame"
+    path.write_bytes(b"one")
+    # Written to just now: its times would not tell whether it is written to again.
+    assert content_record(path)["system"] is None
+    monkeypatch.setattr(hashing, "SETTLED_NS", 0)
+    record = content_record(path)
+    reads: list[Path] = []
+    monkeypatch.setattr(hashing, "sha256_of", lambda p: reads.append(p) or sha256_of(p))
+    assert holds_still(path, record)
+    assert reads == []
+    os.utime(path, (0, 0))
+    assert holds_still(path, record)
+    assert reads == [path]
+    path.write_bytes(b"two")
+    os.utime(path, ns=tuple(record["system"][3:4]) * 2)
+    assert not holds_still(path, record)
+    path.unlink()
+    os.mkfifo(path)  # which would be read for ever
+    with pytest.raises(MeasurementError, match="frame: expected a readable file, got something"):
+        holds_still(path, record)

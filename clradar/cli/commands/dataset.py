@@ -168,12 +168,8 @@ def make(plan: Plan, output: Path, engine: Engine, *, force: bool, retry: bool) 
     """Make a data set, or resume one."""
     from clradar.dataset.engine.run import run
 
-    try:
-        with progress_bar("samples") as progress:
-            result = run(plan, output, engine=engine, force=force, retry=retry, progress=progress)
-    except KeyboardInterrupt:
-        print_error(f"interrupted; the same command resumes {output}")
-        raise
+    with progress_bar("samples") as progress:
+        result = run(plan, output, engine=engine, force=force, retry=retry, progress=progress)
     there = result.samples - len(result.aside)
     print_line(f"{output}: {there} of {result.samples} samples, {result.made} of them made now")
     if result.aside:

@@ -156,7 +156,7 @@ def print_scores(result: Diagnosis) -> None:
                 mark,
             ]
         )
-    print_table(COLUMNS, rows, right=COLUMNS[4:6])
+    print_table(COLUMNS, rows, right=COLUMNS[4:6], keys=4)
 
 
 def _decibels(score: Score) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
+from secrets import token_hex
 from typing import Any, Literal
 
 from clradar.cli.comparison import figure_labels
@@ -164,7 +165,7 @@ def command(
     over time, curves, a picture of every frame, an animation and, with SIMULATED, a page with a
     time line. One frame is in memory at a time.
     """
-    from clradar.cli.frame_sources import Frames
+    from clradar.cli.frame_sources import Frames, all_files, files_of
     from clradar.cli.recording_work import FIGURE, MOVIE, OWN_NAMES, RecordingWork
     from clradar.opencl import open_devices
 
@@ -177,24 +178,42 @@ def command(
     if fitting is not None:
         extra += [*fitting.files, *rigged.files]
     check_place_of_folder(output, OWN_NAMES, inputs=[recording, *others, *extra])
-    there = Frames.open(recording, chosen.variant).numbers
-    if there is None:
+    source = Frames.open(recording, chosen.variant)
+    if source.numbers is None:
         raise wrong_usage("RECORDING", "expected a radar folder, or a folder of captures (.h5)")
-    groups = chosen.groups(there)
+    groups = chosen.groups(source.numbers)
     by_frame = [cleaning.empty] if cleaning.empty and cleaning.empty_by == "frame" else []
-    for path in (*others, *by_frame):
-        Frames.open(path).check_frames([group[0] for group in groups], recording)
+    beside = [Frames.open(path) for path in (*others, *by_frame)]
+    for frames in beside:
+        frames.check_frames([group[0] for group in groups], recording)
+    # What is the same at every frame need not stay in memory here.
+    beside = [frames for frames in beside if frames.numbers is not None]
     options = recorded(
         chosen, cleaning, gate, voxels, imaging, depth, aligned, hand, shape, rigged, kept,
         recording=recording, simulated=others,
     )  # fmt: skip
     files = [path for path in (*others, *extra) if path.is_file()]
     origin = provenance("process", options, files)
+    # Files count by their content, wherever they lie.
+    inputs = {
+        "SIMULATED": [path for path in others if path.is_file()],
+        "--empty": [] if cleaning.empty is None or by_frame else all_files(cleaning.empty),
+        "--channels": [] if cleaning.channels is None else [cleaning.channels],
+        "--mesh": [] if aligned.mesh is None else [aligned.mesh],
+        "--fit-hand": [] if fitting is None else fitting.files,
+        "--rig": rigged.files,
+    }
+    settings = {
+        **options, "simulated": [path.is_dir() for path in others],
+        "poses": None if fitting is None else fitting.named,
+        **dict.fromkeys(("recording", "empty", "channels", "mesh", "fit_hand", "rig", "mapping")),
+    }  # fmt: skip
     workers = processes.chosen(output, [recording, *others, *extra])
     empty = cleaning.empty and cleaning.empty.absolute()
     steps = partial(
         FrameSteps,
-        source=recording.absolute(), variant=chosen.variant, folder=output.absolute(),
+        source=recording.absolute(), variant=chosen.variant, run_name=token_hex(),
+        folder=output.absolute(),
         align_phase=chosen.align_phase,
         empty_by_frame=cleaning.empty_by == "frame", scaling=cleaning.scaling, gate=window,
         channels=cleaning.channels and cleaning.channels.absolute(),
@@ -207,7 +226,8 @@ def command(
     )  # fmt: skip
     work = RecordingWork(
         source=recording, folder=output, groups=groups, origin=origin, workers=workers,
-        device=device, force=force,
+        files=partial(files_of, source=source, others=beside), settings=settings,
+        inputs=inputs, device=device, force=force,
         hand=None if fitting is None else sequence_settings(fitting, shape, rigged),
         prepare=lambda: prepared(steps, empty, groups, voxels),
         labels=[recording.name or str(recording), *figure_labels(others, [{} for _ in others])],

@@ -68,6 +68,13 @@ class HandFitOptions(AnyHandOptions, SearchOptions):
 
         return [path for text in self.poses if (path := start_file(text)) is not None]
 
+    @property
+    def named(self) -> list[str | None]:
+        """The starts by their names; None for those in files, which count by their content."""
+        from calibration.hand_fit.starts import start_file
+
+        return [text if start_file(text) is None else None for text in self.poses]
+
     def starts(self) -> tuple[Start, ...]:
         """The starts; an earlier fit has to be of the hand that was given, if it was."""
         from calibration.hand_fit.starts import starts_of

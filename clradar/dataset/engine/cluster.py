@@ -20,6 +20,7 @@ from clradar.dataset.engine.worker_resources import WorkerResources
 from clradar.errors import ClusterError
 from clradar.files.failures import clean
 from clradar.files.interrupts import interrupts_blocked
+from clradar.files.work_folder import scratch_folder
 
 DEVICE = "DEVICE"
 """The Dask resource of workers: one for each sample that a worker makes at a time."""
@@ -85,7 +86,11 @@ def local_cluster(
         }
         for i, one in enumerate(resources)
     }
-    with dask.config.set(settings):
+    # Dask leaves its folder of scratch behind.
+    with (
+        scratch_folder() as scratch,
+        dask.config.set({**settings, "temporary-directory": str(scratch)}),
+    ):
         try:
             with interrupts_blocked():
                 cluster = SpecCluster(

@@ -13,7 +13,7 @@ from urllib.parse import unquote
 from clradar.errors import ClradarError, MeshError
 from clradar.files.failures import clean, fail, read_bytes, reading
 from clradar.files.json_text import parse_object
-from clradar.files.limits import MAX_MESH_BUFFERS_BYTES, MAX_MESH_NODES
+from clradar.files.limits import MAX_MESH_BUFFERS_BYTES, MAX_MESH_DEPTH, MAX_MESH_NODES
 
 EXPECTED = "a glTF 2.0 file"
 
@@ -91,10 +91,12 @@ def _roots(path: Path, nodes: list[dict[str, Any]]) -> list[int]:
     if len(set(below)) < len(below) or not set(below) <= set(range(len(nodes))):
         fail(path, "nodes with one parent each", "children that are none", error=MeshError)
     roots = sorted(set(range(len(nodes))) - set(below))
-    reached = list(roots)
-    for node in reached:  # grows while it is walked
-        reached += children[node]
-    if len(reached) < len(nodes):
+    reached, level, depth = len(roots), roots, 1
+    while level := [child for node in level for child in children[node]]:
+        reached, depth = reached + len(level), depth + 1
+        if depth > MAX_MESH_DEPTH:
+            fail(path, f"nodes of at most {MAX_MESH_DEPTH} levels", "more", error=MeshError)
+    if reached < len(nodes):
         fail(path, "nodes that form trees", "a cycle", error=MeshError)
     return roots
 

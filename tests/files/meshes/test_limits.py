@@ -60,6 +60,16 @@ def test_transforms_that_are_none_are_refused(tmp_path: Path, node: Any, text: s
     refused(path, text)
 
 
+def test_a_chain_of_nodes_is_refused_before_trimesh_walks_it(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.glb"
+    for count in (1000, 50_000):
+        nodes = [{"children": [i + 1]} for i in range(count - 1)]
+        path.write_bytes(glb(tetrahedron(nodes=[*nodes, {"mesh": 0}])))
+        if count == 1000:
+            assert Scene.from_mesh(path).n_faces == 4
+    refused(path, "nodes of at most 1000 levels")
+
+
 @pytest.mark.parametrize("matrix", [np.full((4, 4), np.nan), np.diag([1e200, 1, 1, 1])])
 def test_transforms_of_scenes_in_memory_are_checked(matrix: np.ndarray) -> None:
     scene = trimesh.Scene()
