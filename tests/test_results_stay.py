@@ -166,3 +166,13 @@ def test_the_command(
 
 def _without_results() -> digests.Case:
     return digests.Case("channels", lambda works: {}, digests.EXACT, True)
+
+
+def test_a_gain_of_a_few_percent_is_found_elsewhere() -> None:
+    """Of a capture of 6912 numbers whose paths may come and go at random."""
+    rng = np.random.default_rng(2)
+    data, noise = (rng.standard_normal((12, 12, 24, 2)).view(complex)[..., 0] for _ in range(2))
+    before = document_of(data, tolerance=digests.TRACED)
+    for other, differs in ((data + 0.04 * noise, False), (1.04 * data, True), (0.96 * data, True)):
+        found = digests.compare(before, elsewhere(document_of(other, tolerance=digests.TRACED)))
+        assert (found.lines != ()) == differs
