@@ -17,11 +17,15 @@ class BodyInSweep(Protocol):
     """A body during one sweep, on the same faces at all times.
 
     `marks_s` are times between which it goes one way, and turns by no more than an eighth of a
-    turn; none: it stays in its place all the time.
+    turn; none: it stays in its place all the time. `carried` are the faces, shape (n, 3), of skin
+    that is carried from the middle of the sweep.
     """
 
     @property
     def marks_s(self) -> np.ndarray: ...
+
+    @property
+    def carried(self) -> np.ndarray: ...
 
     def vertices_m(self, time_s: float, rows: np.ndarray | None = None) -> np.ndarray:
         """Vertices at a time, or those of `rows`, shape (n, 3), metres."""
@@ -77,6 +81,10 @@ class _RigidInSweep:
     body: Scene
     motion: RigidMotion | None
     marks_s: np.ndarray
+
+    @property
+    def carried(self) -> np.ndarray:
+        return np.empty((0, 3), np.int32)
 
     def vertices_m(self, time_s: float, rows: np.ndarray | None = None) -> np.ndarray:
         vertices_m = self.body.vertices_m if rows is None else self.body.vertices_m[rows]

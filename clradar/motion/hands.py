@@ -196,6 +196,10 @@ class _HandInSweep:
         return weight, own_m, away_m
 
     @property
+    def carried(self) -> np.ndarray:
+        return self._mesh.faces[: None if self.hand.rig is None else 0]
+
+    @property
     def _mirror(self) -> np.ndarray:
         return np.array([-1.0 if self.hand.handedness == "left" else 1.0, 1.0, 1.0])
 

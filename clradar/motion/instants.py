@@ -98,18 +98,21 @@ class Probes:
         All `BodyInSweep.marks_s`.
     way : Way or None
         About the way of the middle of the bodies that move; None: nothing does.
+    stretch : float
+        By how much 1 % of the faces of carried skin become longer, at least.
     """
 
     bodies: tuple[BodyInSweep, ...]
     rows: tuple[np.ndarray, ...]
     marks_s: np.ndarray
     way: Way | None
+    stretch: float
     _known: dict[float, np.ndarray] = field(default_factory=dict)
 
     @classmethod
     def of(cls, sweep: SceneInSweep, begin_s: float, end_s: float) -> Probes:
         """The vertices of every body that are outermost, and those that move most."""
-        rows, ways = [], []
+        rows, ways, stretch = [], [], 1.0
         for body in sweep.bodies:
             marks_s = body.marks_s
             some = np.linspace(0, max(len(marks_s) - 1, 0), _SAMPLED_TIMES).astype(int)
@@ -121,9 +124,15 @@ class Probes:
             rows.append(own)
             if len(marks_s):
                 ways.append(at_m[:3, own].mean(axis=1))
+            if len(marks_s) and len(body.carried):
+                corners_m = at_m[:, body.carried]
+                edges_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=2), axis=3)
+                longest_m = edges_m.max(axis=2)
+                longer = longest_m / np.maximum(longest_m[1], np.finfo(float).tiny)
+                stretch = max(stretch, float(np.quantile(longer, 0.99, axis=1).max()))
         way = Way(begin_s, end_s, np.mean(ways, axis=0)) if ways else None
         all_s = np.unique(np.concatenate([body.marks_s for body in sweep.bodies]))
-        return cls(sweep.bodies, tuple(rows), all_s, way)
+        return cls(sweep.bodies, tuple(rows), all_s, way, stretch)
 
     def at_m(self, times_s: np.ndarray) -> np.ndarray:
         """Their places, shape (n_times, n, 3), metres."""

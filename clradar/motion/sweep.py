@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.errors import ClradarWarning, ModelError
+from clradar.errors import ClradarWarning, ModelError, warn
 from clradar.model import AntennaArray, Capture, Waveform, checks
 from clradar.model.progress import Progress
 from clradar.motion.bodies import MovingScene
@@ -22,6 +22,10 @@ from clradar.tracing.settings import SimulationSettings, merged_settings, takes_
 from clradar.tracing.surface_samples import sampled_as
 
 TOLERANCE_DB = -50.0
+
+TORN = 3.0
+"""Of `Probes.stretch`: captures of skin that was carried so far were off by -24 to -6 dB, of less
+by -41 to -15 dB (docs/movement.md)."""
 
 MOST_INSTANTS = 2048
 """Of a sweep. What needs more is most likely in another unit."""
@@ -86,7 +90,7 @@ def simulate_moving(
     Warns
     -----
     ClradarWarning
-        As `clradar.simulate`, of the first instant.
+        As `clradar.simulate`, of the first instant; a hand bends so far that its skin tears.
 
     Examples
     --------
@@ -129,6 +133,12 @@ def simulate_moving(
         )
         return replace(still, meta={**still.meta, "movement": about})
 
+    if probes.stretch > TORN:
+        warn(
+            "simulate_moving: a hand bends so far within one sweep that its skin, carried from the "
+            f"middle, tears: 1 % of its faces become {probes.stretch:.1f} times as long or longer; "
+            "take a shorter sweep or a slower movement"
+        )
     tolerance = 10.0 ** (tolerance_db / 20.0)
     overhead_tx = _OVERHEAD_TX.get(str(resolved.estimator), 12.0)
     marks_inside = ((probes.marks_s > begin_s) & (probes.marks_s < end_s)).any()

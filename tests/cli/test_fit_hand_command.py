@@ -220,3 +220,6 @@ def test_untold_angles_are_in_the_table_of_their_digit() -> None:
     assert rows["thumb"][4:] == ["4 of 5", "phalanx-distal flexion"]
     assert len(UNTOLD) == 2
     assert all(rows[digit][5] == "" for digit in ("middle", "ring", "pinky", "palm"))
+    doubted = digit_rows(made_up_fit(overlap=0.7))
+    assert all(row[4].startswith("0 of ") for row in doubted)
+    assert doubted[0][5] == "phalanx-distal flexion"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from importlib import import_module
 from pathlib import Path
 
@@ -57,6 +58,16 @@ def test_a_command_takes_any_radar_or_says_why_not(name: str) -> None:
     parameters = expanded(import_module(module_of(name)).command).__signature__.parameters
     takes = {"array", "band"} <= set(parameters)
     assert takes != (name in WITHOUT), f"{name}: --array and --band, or a reason here"
+
+
+def test_widths_of_an_array_are_not_called_its_resolution(run: Run, cross: Path) -> None:
+    command = ("array", cross, "--band", "60:62:5", "--within-deg", "10")
+    found = json.loads(run(*command, "--json").out)
+    assert len(found["widths_m"]) == 3
+    assert "resolution_m" not in found
+    printed = run(*command).out
+    assert "widths at -3 dB: x " in printed
+    assert "resolution in range c/2B 74.9 mm" in printed
 
 
 def test_a_recorded_hand_of_another_radar_is_read_as_it_was_written(

@@ -90,9 +90,9 @@ UNSEEN = {
 @pytest.mark.parametrize("name", UNSEEN)
 def test_what_comes_back_between_two_probes_is_seen(name: str) -> None:
     # One Rx beside the Tx, which are close: lengths alias alike for all pairs.
-    radar = RADAR.part(slice(10, 14), [0])
-    timing = clradar.SweepTiming.in_order(4, 48, step_s=1 / 191)
-    waveform = clradar.Waveform.sfcw(72e9, 82e9, 48)
+    radar = RADAR.part(slice(10, 13), [0])
+    timing = clradar.SweepTiming.in_order(3, 40, step_s=1 / 119)
+    waveform = clradar.Waveform.sfcw(72e9, 82e9, 40)
     settings = clradar.SimulationSettings(estimator="physical", samples_per_mm2=30)
     moving = MovingScene([MovingBody(point(), UNSEEN[name])])
     capture = clradar.simulate_moving(moving, radar, waveform, timing=timing, settings=settings)
@@ -125,6 +125,16 @@ def test_fingers_that_twitch_are_seen() -> None:
             assert np.array_equal(
                 capture.data.transpose(0, 2, 1)[now], then.data.transpose(0, 2, 1)[now]
             )
+
+
+def test_skin_that_tears_is_warned_of() -> None:
+    radar = RADAR.part([0, 12], [0])
+    timing = clradar.SweepTiming.in_order(2, 2, step_s=1 / 3)
+    moving = MovingScene([MovingHand([0.0, 0.5, 1.0], ["flat", "A", "flat"], edge_length_m=4e-3)])
+    waveform = clradar.Waveform.sfcw(72e9, 72.1e9, 2)
+    with pytest.warns(clradar.ClradarWarning) as warned:
+        clradar.simulate_moving(moving, radar, waveform, timing=timing, samples_per_mm2=0.1)
+    assert any("its skin, carried from the middle, tears" in str(one.message) for one in warned)
 
 
 def test_skin_that_is_carried_is_that_of_the_pose() -> None:
