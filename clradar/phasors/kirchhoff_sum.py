@@ -349,7 +349,7 @@ class KirchhoffSum(OnDevice):
             return
         tx, rx = antennas
         per_point = 8 * self._terms * n_m * (tx.n_padded + rx.n_padded)
-        at_once = max(1, LEG_BYTES // per_point)
+        at_once = max(1, min(LEG_BYTES, buffers.free_bytes // 4) // per_point)
         part = slice(first, stop)
         points, cube = buffers.upload(group.points[part]), buffers.upload(group.cube[part])
         groups_of = slice(*(at and at // GROUP for at in (rows.start, rows.stop)))

@@ -116,19 +116,6 @@ def test_vertices_are_as_close_to_the_surface_as_with_float64(device):
 # --- nothing else decides
 
 
-def test_lanes_memory_and_devices_change_no_bit_of_a_mesh(device):
-    selector = device.info.selector
-    others = [clradar.open_device(selector, width=width) for width in (1, 8)]
-    # 0.5 MB of nodes and 0.2 MB of faces' middles, in several calls.
-    others.append(clradar.open_device(selector, memory_limit_bytes=200_000))
-    mesh = hand_mesh("S", COARSE_M, device=device)
-    for other in others:
-        again = hand_mesh("S", COARSE_M, device=other)
-        assert again.vertices_m is not mesh.vertices_m
-        for name in ("vertices_m", "faces", "joints_m", "part"):
-            np.testing.assert_array_equal(getattr(again, name), getattr(mesh, name))
-
-
 def test_the_cache_is_per_device(device):
     other = clradar.open_device(device.info.selector, width=9 - device.width)
     _right_hand.cache_clear()

@@ -252,26 +252,6 @@ def test_linearity(device: clradar.Device, method: str) -> None:
     )
 
 
-# The tree holds the capture and the whole volume on the device, so it needs more.
-@pytest.mark.parametrize(
-    ("method", "limit_bytes"),
-    [(m, limit) for m in ("exact", "range") for limit in (60_000, 120_000, 400_000)]
-    + [("fast", limit) for limit in (120_000, 400_000, 2_000_000)],
-)
-def test_tiled_is_the_whole_to_the_bit(
-    lanes: clradar.Device, method: str, limit_bytes: int
-) -> None:
-    grid = VoxelGrid(np.array([-0.03, -0.02, 0.27]), np.full(3, 5e-3), (13, 9, 11))
-    capture = noise(random_array(7, 6), SHORT)
-    small = clradar.open_device(
-        lanes.info.selector, memory_limit_bytes=limit_bytes, width=lanes.width
-    )
-    whole, tiled = (
-        backproject(capture, grid, method=method, device=d).data for d in (lanes, small)
-    )
-    np.testing.assert_array_equal(tiled, whole)
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_part_of_the_grid_is_a_part_of_the_image(device: clradar.Device, method: str) -> None:
     capture = noise(random_array(6, 5), SHORT)

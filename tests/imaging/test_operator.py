@@ -9,7 +9,7 @@ from images import QAR50, rms_db
 import clradar
 from clradar import AntennaArray, ImagingOperator, VoxelGrid, Waveform
 from clradar.errors import ModelError
-from clradar.imaging import fast, point_blocks, tree_on_device
+from clradar.imaging import fast, point_blocks
 
 # Float32 phasors and sums, a few hundred terms in a row: some 1e-7 each.
 FLOAT32_DB = -120.0
@@ -186,21 +186,6 @@ def test_the_adjoint_of_a_grid_is_the_fast_image(
     image = clradar.backproject(capture, grid, check_grid=False, device=device).data
     adjoint = ImagingOperator(HALF, SWEEP_17, grid, device=device).adjoint(capture)
     np.testing.assert_array_equal((adjoint.view(np.float32) / capture.data.size), image.view("f4"))
-
-
-def test_results_do_not_depend_on_the_chunks(
-    device: clradar.Device, always_a_tree: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A block at a time, or as many as there are."""
-    points_m, rho = POINTS_M["a sphere"], complex_noise((3000,))
-    results = []
-    for n_bytes in (1, 2**30):
-        monkeypatch.setattr(tree_on_device, "CPU_CHUNK_BYTES", n_bytes)
-        operator = ImagingOperator(SMALL, UNEVEN, points_m, device=device)
-        samples = operator.forward(rho)
-        results.append((samples, operator.adjoint(samples)))
-    for one, other in zip(*results, strict=True):
-        np.testing.assert_array_equal(one, other)
 
 
 def test_blocks_of_many_points_are_cut(

@@ -192,15 +192,6 @@ def test_exchange_of_tx_and_rx_transposes_the_capture() -> None:
     assert db(two.data, one.data.transpose(1, 0, 2)) < -95
 
 
-def test_nothing_depends_on_how_the_sum_is_split(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = ball_before_plate()
-    want = simulated(scene, ARRAY)
-    monkeypatch.setattr(module, "LEG_BYTES", 2**17)
-    monkeypatch.setattr(module, "BATCH_BYTES", 2**17)
-    got = simulated(scene, ARRAY)
-    assert np.array_equal(got.data, want.data)
-
-
 @pytest.mark.parametrize("material", ["metal", SKIN])
 def test_a_capture_larger_than_the_devices_share_is_summed_by_some_tx(
     material: clradar.Material | str, monkeypatch: pytest.MonkeyPatch

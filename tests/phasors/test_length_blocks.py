@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import numpy as np
@@ -228,18 +227,6 @@ def test_the_bits_do_not_depend_on_calls_nor_memory(
         cuts = np.sort(rng.integers(0, len(paths) + 1, n_cuts))
         data = total_of_calls(paths, array, waveform, device, cuts)
         np.testing.assert_array_equal(data, want)
-
-
-@pytest.mark.parametrize("call_paths", [1, 7, 64])
-def test_the_bits_do_not_depend_on_paths_per_call(
-    device: clradar.Device, call_paths: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    array, waveform = make_array(2, 2), Waveform.sfcw(72e9, 82e9, 9)
-    paths = random_paths(300, array, 3.0, seed=4)
-    want = synthesize(paths, array, waveform, device=device).data
-    # The module, which the function of the same name hides.
-    monkeypatch.setattr(sys.modules["clradar.phasors.phasor_sum"], "CALL_PATHS", call_paths)
-    np.testing.assert_array_equal(synthesize(paths, array, waveform, device=device).data, want)
 
 
 def test_a_path_of_too_many_wavelengths_is_an_error(device: clradar.Device) -> None:

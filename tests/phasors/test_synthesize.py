@@ -212,17 +212,6 @@ def test_two_halves_add_up(device: clradar.Device) -> None:
     assert np.abs(total - want).max() <= REORDERED * np.abs(want).max()
 
 
-@pytest.mark.parametrize("limit_bytes", [12_000, 40_000, 60_000])
-def test_tiled_is_the_whole_to_the_bit(lanes: clradar.Device, limit_bytes: int) -> None:
-    array, waveform = make_array(7, 3), Waveform.sfcw(72e9, 82e9, 37)
-    paths = random_paths(5000, array, seed=10)
-    whole = synthesize(paths, array, waveform, device=lanes).data
-    small = clradar.open_device(
-        lanes.info.selector, memory_limit_bytes=limit_bytes, width=lanes.width
-    )
-    np.testing.assert_array_equal(synthesize(paths, array, waveform, device=small).data, whole)
-
-
 def test_less_memory_than_one_pair_is_an_error(device: clradar.Device) -> None:
     # The state of one pair with one frequency is about 330 bytes, and the table as much.
     small = clradar.open_device(device.info.selector, memory_limit_bytes=500)

@@ -331,23 +331,6 @@ def tracks(device, array: AntennaArray = ARRAY, **arguments) -> np.ndarray:
     ).data  # fmt: skip
 
 
-@pytest.mark.parametrize(("tile", "batch"), [(1000, 1), (7, 1000), (64, 13)])
-def test_tiles_change_no_bit(tile: int, batch: int, device, monkeypatch) -> None:
-    whole = tracks(device)
-    monkeypatch.setattr(module, "TILE_SAMPLES", tile)
-    monkeypatch.setattr(module, "BATCH_SAMPLES", batch)
-    seen: list[tuple[int, int]] = []
-    np.testing.assert_array_equal(tracks(device, progress=lambda *at: seen.append(at)), whole)
-    assert seen[-1] == (837, 837)
-    assert len(seen) == -(-837 // tile)
-
-
-@pytest.mark.parametrize("limit_kib", [60, 200, 1000])
-def test_little_memory_changes_no_bit(limit_kib: int, device) -> None:
-    small = clradar.open_device(device.info.selector, memory_limit_bytes=limit_kib * 1024)
-    np.testing.assert_array_equal(tracks(small), tracks(device))
-
-
 @pytest.mark.parametrize("settings", [{}, {"estimator": "stochastic", "max_bounces": 2}])
 def test_blocks_of_tx_change_neither_bits_nor_counts(settings, device, monkeypatch) -> None:
     scene = Scene(*MESHES["waves"], 0.3)

@@ -189,15 +189,6 @@ def test_an_antenna_on_the_surface_is_refused(at_m: list[float]) -> None:
         points_of(plate(0.01, 0.2), clradar.AntennaArray([[0, 0, 0]], [at_m]))
 
 
-def test_tiles_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = ball(2).with_material(ROUGH)
-    want = points_of(scene, AROUND)
-    monkeypatch.setattr(module, "TILE_POINTS", 1001)
-    got = points_of(scene, AROUND)
-    for name in ("position_m", "area_m2", "material", "sample", "tx", "rx"):
-        assert np.array_equal(getattr(got, name), getattr(want, name)), name
-
-
 def test_a_material_keeps_its_roughness_whatever_else_is_in_the_scene() -> None:
     own = ball(1, 0.006).with_material(ROUGH)
     aside = trimesh.transformations.translation_matrix([0.03, 0.03, 0.03])

@@ -325,22 +325,6 @@ def limited(device, limit_bytes: int):
     return clradar.open_device(device.info.selector, memory_limit_bytes=limit_bytes)
 
 
-@pytest.mark.parametrize("limit_kib", [160, 400])
-def test_little_memory_changes_no_bit(limit_kib, device):
-    arguments = {"samples_per_mm2": 0.5, "rays_per_sample": 8, "max_bounces": 2}
-    whole = tracing(SCENES["bowl"], ARRAY, device=device, **arguments)
-    progress = []
-    small = tracing(
-        SCENES["bowl"],
-        ARRAY,
-        device=limited(device, limit_kib * 1024),
-        progress=lambda *state: progress.append(state),
-        **arguments,
-    )
-    assert same_bits(whole, small)
-    assert len(progress) > 1
-
-
 def test_too_little_memory_is_an_error(device):
     with pytest.raises(DeviceError, match="does not fit"):
         tracing(SCENES["bowl"], ARRAY, device=limited(device, 4096))
