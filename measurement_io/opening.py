@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from clradar.files.failures import fail, reading, regular_file_size
+from clradar.files.meshes.reading import FORMATS
 from clradar.model import Capture, checks
 from measurement_io.confined import hdf5_process
 from measurement_io.layouts.capture_by_layout import open_with_layout
@@ -144,6 +145,8 @@ def kind_of(path: Path) -> Kind:
         return "container" if is_plain_array(path) else "frame"
     if opener is opened_hdf5:
         return "native" if hdf5_process.run(native_contents.is_native, path) else "container"
+    if path.suffix.lower() in FORMATS:
+        fail(path, "a capture", "a mesh by its name: simulate it first (clradar simulate)")
     if opener is not None:
         return "container"
     size = regular_file_size(path, SUPPORTED)

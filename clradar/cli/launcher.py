@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -14,7 +15,7 @@ import typer
 from clradar import __version__
 from clradar.cli.console import print_error, print_interrupted, printed_log, printed_warnings
 from clradar.cli.options.groups import expanded
-from clradar.errors import ClradarError
+from clradar.errors import ClradarError, quoted
 from clradar.files import interrupts
 from clradar.files.own_packages import require_own
 
@@ -156,6 +157,7 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
     def run(*args: Any, **kwargs: Any) -> Any:
         try:
             interrupts.working()
+            _check_surroundings()
             require_own("calibration", "measurement_io")
             return function(*args, **kwargs)
         except (typer.Exit, typer.Abort, typer.BadParameter, BrokenPipeError):
@@ -173,6 +175,21 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
             interrupts.ended()
 
     return run
+
+
+def _check_surroundings() -> None:
+    """Raise for what packages below would blame a file for."""
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
+    if not (epoch.isdecimal() and epoch.isascii()):
+        raise ClradarError(
+            f"SOURCE_DATE_EPOCH: expected whole seconds since 1970, got {quoted(repr(epoch), 60)}"
+        )
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise ClradarError(
+            "the current folder does not exist any more: change to another"
+        ) from None
 
 
 def _interrupted(interruption: KeyboardInterrupt | None = None) -> typer.Exit:

@@ -140,7 +140,8 @@ class RecordingWork:
             self._check_frames()
             if not self._finished() or len(self._done()) < len(self.groups):
                 with cleared_on_failure(folder, OWN_NAMES, unless=f"{RECORDS}/*.json"):
-                    steps = self.prepare()
+                    with progress_bar("preparing"):
+                        steps = self.prepare()
                     self._frames(steps)
                     if not self._done():
                         raise MeasurementError(f"{self.source}: no frame could be processed")

@@ -91,6 +91,9 @@ def leave_current_folder() -> None:
 
     A command reads files there and imports none. Where clradar itself lies in it, it stays.
     """
-    first = os.path.realpath(sys.path[0])
-    if first == os.path.realpath(os.curdir) and first != str(ROOT):
+    try:
+        first, here = os.path.realpath(sys.path[0]), os.path.realpath(os.curdir)
+    except FileNotFoundError:  # the current folder was removed
+        return
+    if first == here and first != str(ROOT):
         del sys.path[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -119,6 +119,10 @@ def place_grid(
 
 def placement(capture: Capture, device: Device, *, everything: bool = False) -> Placement:
     """Place a grid, see `place_grid`, and say around which echoes."""
+    strongest_sample = float(np.abs(capture.data).max())
+    if strongest_sample > 0 and not 1e-12 < strongest_sample < 1e12:
+        # Squares of such samples leave the range of float32; where echoes are has no scale.
+        capture = replace(capture, data=capture.data / np.float32(strongest_sample))
     profile = echo_profile(capture)
     if profile is None:
         _warn_of_nothing(capture)

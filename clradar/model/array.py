@@ -14,6 +14,9 @@ from clradar.model.pattern import AntennaPattern
 from clradar.model.plausible import check_plausible
 from clradar.model.record import Record
 
+GAIN_ROUNDING = 1e-9
+"""Of gains and directions that were written as text and read back."""
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AntennaArray(Record):
@@ -175,3 +178,17 @@ class AntennaArray(Record):
             and bool(np.abs(self.tx_m - other.tx_m).max() <= tolerance_m)
             and bool(np.abs(self.rx_m - other.rx_m).max() <= tolerance_m)
         )
+
+    def same_antennas(self, other: AntennaArray) -> bool:
+        """Whether both have the same antennas: positions, gains, patterns and boresights."""
+
+        def same(one: AntennaSide, two: AntennaSide) -> bool:
+            ones = np.ones(len(one.antennas_m))
+            gain, other_gain = (ones if side.gain is None else side.gain for side in (one, two))
+            return (
+                one.pattern == two.pattern
+                and np.allclose(gain, other_gain, rtol=GAIN_ROUNDING)
+                and np.allclose(one.axes, two.axes, rtol=0.0, atol=GAIN_ROUNDING)
+            )
+
+        return self.same_positions(other) and all(map(same, self.sides, other.sides))

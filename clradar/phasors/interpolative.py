@@ -99,6 +99,8 @@ def decompose(samples: np.ndarray, tolerance: float) -> Decomposition:
         rest = np.maximum(rest - factor[len(chosen)] ** 2, 0.0)
         chosen.append(pivot)
         rest[chosen] = 0.0
+    if not chosen:  # functions that are zero everywhere
+        return Decomposition(np.zeros(1, int), np.eye(n)[:, :1])
     index = np.array(chosen)
     solved = factor[: len(chosen)].copy()
     triangle = factor[: len(chosen), index]

@@ -82,12 +82,16 @@ class Simulation:
     def key(self, wish: Wish, content: Capture | Volume) -> Hashable:
         if not isinstance(content, Capture):
             return None  # which radar recorded it is not known
-        array = content.array
-        radar = (
-            array.tx_m.tobytes(),
-            array.rx_m.tobytes(),
-            content.waveform.frequencies_hz.tobytes(),
-        )
+        sides = [
+            (
+                s.pattern,
+                s.antennas_m.tobytes(),
+                s.axes.tobytes(),
+                None if s.gain is None else s.gain.tobytes(),
+            )
+            for s in content.array.sides
+        ]
+        radar = (*sides, content.waveform.frequencies_hz.tobytes())
         return wish.alpha if wish.material == BY_ALPHA else wish.material, hash(radar)
 
     def of(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import logging
 import socket
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterator, Sequence
@@ -19,6 +20,9 @@ from clradar.errors import ClradarError
 LOCAL_NAMES = {"localhost", "127.0.0.1", "::1"}
 
 PORTS_TRIED = 100
+
+_log = logging.getLogger("clradar.view.connections")
+_log.addHandler(logging.NullHandler())
 
 READ_TIMEOUT_S = 60.0
 """What is on its way to a slow browser may take this long before the connection counts as dead."""
@@ -127,6 +131,7 @@ def taking_over(listening: socket.socket, clicks: Clicks) -> Iterator[Callable[[
         served.append(True)
         options |= {"host": None, "port": None, "sock": listening, "process_request": checked}
         options |= {"create_connection": PacedConnection, "ping_timeout": READ_TIMEOUT_S}
+        options |= {"logger": _log}  # else each bad message of a page is a traceback on stderr
         # Level 1 halves voxels in some milliseconds; higher ones take longer and save no more.
         settings = {"level": 1, "memLevel": 5}
         options |= {"extensions": [ServerPerMessageDeflateFactory(compress_settings=settings)]}

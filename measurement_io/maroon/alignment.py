@@ -23,6 +23,9 @@ from clradar.files.table import StrictTable
 from clradar.model import checks
 
 RADAR = "radar"
+MESH_SOURCE = "photogrammetry"
+"""The frame of reference of a recording's meshes."""
+
 MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
 """Radar space to antenna frame, and back."""
 MIRROR_X.flags.writeable = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,9 @@ from clradar.files.failures import clean, fail, read_bytes, reading
 from clradar.files.limits import MAX_FRAME_BYTES
 from clradar.files.safe_pickle import ARRAYS, PickledArray, UnsafePickle, load
 from measurement_io.npy_header import read_npy_header
+
+_CUT = re.compile(r"expected (\d+) bytes in .*, but only (\d+) remain")
+"""As pickletools says it."""
 
 _EXPECTED = "a recorded frame (a .npy file with a pickled dictionary)"
 
@@ -42,6 +46,11 @@ def read_frame_dictionary(path: Path) -> dict[str, Any]:
             loaded = load(content, ARRAYS, "frame", offset)
         except UnsafePickle as refusal:
             fail(path, _EXPECTED, clean(refusal), cause=refusal)
+        except ValueError as error:
+            if cut := _CUT.search(str(error)):
+                size = len(content) + int(cut[1]) - int(cut[2])
+                fail(path, f"{size} bytes or more", f"{len(content)}: the file is truncated")
+            raise
         if not isinstance(loaded, PickledArray) or not isinstance(loaded.value, list):
             fail(path, "a pickled 0-d object array", type(loaded).__name__)
         if loaded.shape != () or not isinstance(loaded.value[0], dict):

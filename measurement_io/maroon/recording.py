@@ -11,21 +11,18 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from clradar.errors import MeasurementError, MeshError
+from clradar.errors import MeasurementError, MeshError, warn
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Waveform, checks
 from measurement_io.antenna_file import antenna_array
 from measurement_io.maroon import folders
-from measurement_io.maroon.alignment import SensorAlignment, read_alignment
+from measurement_io.maroon.alignment import MESH_SOURCE, SensorAlignment, read_alignment
 from measurement_io.maroon.folders import ALIGNMENT_FILE, MESH_FOLDER, METADATA_FILE
 from measurement_io.maroon.frame import read_frame_file, read_time_stamp
 from measurement_io.maroon.metadata import RecordingMetadata, read_metadata
 
 if TYPE_CHECKING:
     from measurement_io.maroon.products import AmplitudeImage, AmplitudeVolume, PointCloud
-
-MESH_SOURCE = "photogrammetry"
-"""The frame of reference of the meshes, as `alignment.json` calls it."""
 
 _EXPECTED = (
     "the folder of a recording: radar_<low GHz>_<high GHz>_<points>, or the <object>/<distance> "
@@ -150,7 +147,7 @@ class Recording(Sequence[Capture]):
     frame is in memory at a time as long as the caller keeps no more.
 
     A frame that is damaged, or has other frequencies than the first frame that can be read, raises
-    `MeasurementError` on access; all other frames can still be read.
+    `MeasurementError` on access; all other frames can still be read (`readable`).
 
     Examples
     --------
@@ -199,6 +196,22 @@ class Recording(Sequence[Capture]):
     def __iter__(self) -> Iterator[Capture]:
         # Not a generator: after an unreadable frame next() continues with the following one.
         return map(self._capture_of_number, self._numbers)
+
+    def readable(self) -> Iterator[Capture]:
+        """Go through the frames that can be read; a warning names each of the others.
+
+        Warns
+        -----
+        ClradarWarning
+            A frame is damaged, or has other frequencies than the first.
+        """
+        for number in self._numbers:
+            try:
+                capture = self._capture_of_number(number)
+            except MeasurementError as error:
+                warn(f"frame {number} is left out: {error}")
+                continue
+            yield capture
 
     def __repr__(self) -> str:
         return f"<Recording {shown(self.path)}: {len(self)} frames, {self._variant}>"

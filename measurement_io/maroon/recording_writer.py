@@ -272,12 +272,13 @@ class _FrameWriter:
         if i >= MAX_FRAMES or (self._timestamps_us is not None and i >= len(self._timestamps_us)):
             most = MAX_FRAMES if self._timestamps_us is None else len(self._timestamps_us)
             checks.fail(f"{_NAME}: captures", f"at most {most} (frames, time stamps)", "more")
-        if not capture.array.same_positions(self._array):
+        if not capture.array.same_antennas(self._array):
             first = self._array
             checks.fail(
                 f"{_NAME}: captures[{i}]",
                 f"the antennas of the first ('{first.name}', {first.n_tx} Tx and {first.n_rx} Rx)",
-                f"'{capture.array.name}', {capture.array.n_tx} Tx and {capture.array.n_rx} Rx",
+                f"'{capture.array.name}', {capture.array.n_tx} Tx and {capture.array.n_rx} Rx, or "
+                "with other gains or patterns",
             )
         if not capture.waveform.same_frequencies(self._waveform):
             checks.fail(

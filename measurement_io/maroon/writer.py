@@ -151,11 +151,12 @@ def write_antennas(radar: Path, array: AntennaArray) -> None:
     """
     if any((radar / FRAMES_FOLDER).glob("*.npy")):
         there = antenna_array(None, None, radar / ANTENNAS_FILE)
-        if there.same_positions(array):
+        if there.same_antennas(array):
             return
         raise OutputError(
             f"{shown(radar)}: expected frames of its antennas, '{there.name}' with {there.n_tx} Tx "
-            f"and {there.n_rx} Rx, got '{array.name}' with {array.n_tx} Tx and {array.n_rx} Rx"
+            f"and {there.n_rx} Rx, got '{array.name}' with {array.n_tx} Tx and {array.n_rx} Rx, or "
+            "with other gains or patterns"
         )
     plain = not (array.has_patterns or array.has_gains)
     if not (plain and array.same_positions(arrays.qar50())):

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from command_line import GRID, Run, one_error_line
 
 import clradar
@@ -40,6 +41,18 @@ def test_compare_writes_figure_and_metrics(run: Run, made: Path, tmp_path: Path)
     rows = [line for line in outcome.out.splitlines() if line.startswith("other")]
     assert f"{second['db_correlation']:.3f}" in rows[0]
     assert f"{1e3 * second['depth_rmse_m']:.2f}" in rows[0]
+
+
+def test_compare_takes_what_the_help_offers_and_names_a_mesh(
+    run: Run, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = tmp_path / "c.json"
+    command = ("compare", made / "volume.h5", made / "sim.h5", "--json", record)
+    monkeypatch.setenv("CLRADAR_DEVICE", "all")
+    for more in ((), ("--device", "all", "--force")):
+        assert run(*command, *more).status == 0
+    outcome = run("compare", made / "volume.h5", made / "hand.ply", "--json", record, "--force")
+    one_error_line(outcome, "hand.ply: expected a capture, got a mesh", "clradar simulate")
 
 
 def test_compare_chooses_from_a_recording(run: Run, made: Path, tmp_path: Path) -> None:

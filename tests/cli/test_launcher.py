@@ -189,7 +189,7 @@ def test_wrong_usage_is_2(
         (["simulate", "hand.ply", "-o", "hand.ply", "--force"], ("also an input",)),
         (["hand", "J", "-o", "x.ply"], ("pose", "'J'")),
         (["hand", "F", "-o", "x.stp"], (".ply", "'.stp'")),
-        (["image", "hand.ply", "-o", "x.h5"], ("hand.ply", "something else")),
+        (["image", "hand.ply", "-o", "x.h5"], ("hand.ply", "got a mesh")),
         (["image", "sim.h5", "-o", "x.h5", "--png", "x.bmp"], (".png", "'.bmp'")),
         (["image", "sim.h5", "-o", "x.png", "--png", "x.png"], ("twice",)),
         (["image", "sim.h5", "-o", "x.h5", "--dynamic-range-db", "0"], ("positive",)),
@@ -243,6 +243,26 @@ def test_an_unexpected_error_names_its_type(
     monkeypatch.setattr("clradar.hand.hand_mesh", broken)
     outcome = run("hand", "-o", tmp_path / "x.ply")
     one_error_line(outcome, "ZeroDivisionError: first line second line", "--debug")
+
+
+@posix_only
+def test_surroundings_that_packages_would_blame_a_file_for(tmp_path: Path) -> None:
+    done = in_process(
+        "from clradar.cli import main; main(['materials'])",
+        env={**os.environ, "SOURCE_DATE_EPOCH": "x"},
+    )
+    assert done.stderr == (
+        "clradar: error: SOURCE_DATE_EPOCH: expected whole seconds since 1970, got 'x'\n"
+    )
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    done = in_process(
+        "import os, sys; os.rmdir(os.getcwd()); from clradar.__main__ import run\n"
+        "sys.argv = ['clradar', 'materials']; run()",
+        cwd=gone,
+    )
+    expected = "clradar: error: the current folder does not exist any more: change to another\n"
+    assert (done.returncode, done.stderr) == (1, expected)
 
 
 @posix_only

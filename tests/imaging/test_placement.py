@@ -86,6 +86,17 @@ def test_the_grid_is_placed_around_an_echo_anywhere(at_m: list[float]) -> None:
     assert peak > 0.1  # somewhere within a voxel that is much larger than the resolution
 
 
+@pytest.mark.parametrize("factor", [1e-25, 1e25])
+def test_the_scale_of_samples_places_nothing(factor: float) -> None:
+    capture = echoes_of([0.02, 0.01, 1.2])
+    scaled = Capture(capture.data * np.float32(factor), capture.array, capture.waveform)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found, wanted = place_grid(scaled), place_grid(capture)
+    assert found.counts == wanted.counts
+    np.testing.assert_allclose(found.origin_m, wanted.origin_m, rtol=0, atol=1e-12)
+
+
 def test_the_image_on_the_placed_grid_shows_the_echo() -> None:
     capture = echoes_of([0, 0, 1.5])
     volume = clradar.backproject(capture, place_grid(capture))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import re
 from collections.abc import Callable
-from dataclasses import FrozenInstanceError, fields
+from dataclasses import FrozenInstanceError, fields, replace
 from typing import Any
 
 import numpy as np
@@ -385,6 +385,25 @@ def test_same_positions() -> None:
     assert array.same_positions(AntennaArray(array.tx_m + 1e-7, array.rx_m))
     assert not array.same_positions(AntennaArray(array.tx_m + 2e-6, array.rx_m))
     assert not array.same_positions(AntennaArray(array.tx_m[:-1], array.rx_m))
+
+
+def test_same_antennas() -> None:
+    array = clradar.arrays.qar50()
+    ones = np.ones(94)
+    assert array.same_antennas(replace(array, tx_gain=ones, rx_boresight=[[0, 0, 2.0]] * 94))
+    for change in (
+        {"rx_gain": np.where(np.arange(94) == 7, 1.1, ones)},
+        {"tx_boresight": [[0, 0.1, 1.0]] * 94},
+        {"tx_pattern": clradar.AntennaPattern(exponent=1.0)},
+        {"tx_m": array.tx_m + 1e-3},
+    ):
+        assert not array.same_antennas(replace(array, **change))
+        assert not replace(array, **change).same_antennas(array)
+
+
+def test_an_array_is_no_word() -> None:
+    with pytest.raises(ModelError, match="one of 'tx', 'rx', got array"):
+        checks.one_of("side", np.array(["tx", "rx"]), ("tx", "rx"))
 
 
 def test_sfcw_includes_both_ends() -> None:

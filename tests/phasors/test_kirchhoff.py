@@ -141,6 +141,15 @@ def test_shadowed_scene_of_skin_and_metal(width: int) -> None:
     assert capture.meta["absolute"]
 
 
+def test_what_reflects_nothing_gives_zeros() -> None:
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * 0.02 + [0, 0, 0.3]
+    air = clradar.Material("air", permittivity=1.0)
+    scene = clradar.Scene(corners, [[0, 2, 1], [0, 3, 2]]).with_material(air)
+    array = clradar.AntennaArray(FULL.tx_m[::24], FULL.rx_m[::31])
+    got = clradar.simulate(scene, array, WAVEFORM, estimator="physical").data
+    assert not got.any()
+
+
 def test_plate_seen_at_a_slant() -> None:
     """Against the integral over the plate, at the default density. No pair sees a mirror: with q of
     2 sin(40 degrees) = 1.3 along the plate, the midpoint rule alone is off by e = k^2 q.M.q / 2 of

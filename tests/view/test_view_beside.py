@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +113,20 @@ def test_a_mesh_is_simulated_once_for_each_alpha_and_material(
     assert front.shown[-1].second is None
     assert front.said[-1] == "out of memory"
     assert "palm" in MATERIALS
+
+
+def test_arrays_of_other_gains_are_simulated_for_themselves() -> None:
+    simulation, n = Simulation(MESH), CAPTURE.array.n_tx
+    pattern = clradar.AntennaPattern(exponent=1.0)
+    changes = (
+        {},
+        {"tx_gain": [0.5] * n},
+        {"tx_boresight": [[0.1, 0, 1]] * n},
+        {"tx_pattern": pattern},
+    )
+    arrays = [replace(CAPTURE.array, **change) for change in changes]
+    keys = {simulation.key(Wish(), replace(CAPTURE, array=array)) for array in arrays}
+    assert len(keys) == len(arrays)
 
 
 def test_a_volume_does_not_say_what_radar_recorded_it() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import logging
 import socket
 import threading
 from collections.abc import Iterator
@@ -244,3 +245,16 @@ def test_a_link_that_does_not_keep_up_gets_the_newest_frame_and_not_those_betwee
                 frames_until(fast, f"frame {i}.")
             passing.set()
             assert frames_until(slow, "frame 39.") <= 4
+
+
+def test_a_bad_message_ends_its_connection_without_a_traceback(
+    port: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    with closing(connected(port, f"Host: 127.0.0.1:{port}")) as connection:
+        # A binary frame of one byte, masked with zeros: no message of viser.
+        connection.sendall(b"\x82\x81" + bytes(4) + b"\xff")
+        while connection.recv(65536):
+            pass
+    # Which nobody prints who does not ask for it, unlike those of websockets.
+    assert [record.name for record in caplog.records] == ["clradar.view.connections"]
+    assert logging.getLogger("clradar.view.connections").handlers

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from clradar.cli.console import print_line, print_table, print_text, print_warning
+from clradar.cli.console import print_line, print_table, print_text, print_warning, progress_bar
 from clradar.cli.opening import open_written, require_picture
 from clradar.cli.options.common import ForceOption, OpenOption
 from clradar.cli.options.groups import argument, option, output_option
@@ -51,7 +51,8 @@ def command(
     check_outputs([output], force=force, inputs=radar.files)
     focus_m, clusters, waveform = _focus(at_mm), radar.clusters(), radar.waveform()
     name = clusters[0].name.partition(", cluster ")[0]
-    found = array_figures(clusters, waveform, focus_m, within_deg=within_deg)
+    with progress_bar("searching lobes"):
+        found = array_figures(clusters, waveform, focus_m, within_deg=within_deg)
     if output is not None:
         from clradar.plot import array_figure, save_figure
 
@@ -59,7 +60,8 @@ def command(
             f"{name}, {waveform.frequencies_hz[0] / 1e9:g} to "
             f"{waveform.frequencies_hz[-1] / 1e9:g} GHz, focused on {at_mm} mm"
         )
-        save_figure(array_figure(clusters, waveform, found, title), output, force=force)
+        with progress_bar("drawing"):
+            save_figure(array_figure(clusters, waveform, found, title), output, force=force)
     if as_json:
         print_text(indented({"array": name, "clusters": len(clusters), **_record(found)}))
     else:

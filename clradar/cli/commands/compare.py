@@ -65,6 +65,7 @@ def command(
     strongest echo. --frame and --variant are those of
     MEASURED, where it is a recording. The metrics are defined in docs/metrics.md.
     """
+    from clradar.opencl import open_devices
     from clradar.report import ReportImage, html_report
 
     voxels.grid()  # wrong usage is reported before a file is read
@@ -80,8 +81,9 @@ def command(
         raise wrong_usage(
             "--x-mm, --y-mm, --z-mm", "there is no capture to image: all inputs are volumes"
         )
-    grid = common_grid(voxels, *images, device=device)
-    volumes = [image.volume(grid, imaging, device) for image in images]
+    opened = None if all(image.grid is not None for image in images) else open_devices(device).first
+    grid = common_grid(voxels, *images, device=opened)
+    volumes = [image.volume(grid, imaging, opened) for image in images]
     labels = figure_labels(simulated, [volume.meta for volume in volumes[1:]])
     if measured.is_dir() and frames.frame is None and any(path.is_dir() for path in simulated):
         print_line("the first frames are compared; --frames all compares every one")

@@ -55,7 +55,7 @@ def command(
     folder in DIR. See docs/hand-movement.md.
     """
     from calibration import fit_hand
-    from clradar import open_device
+    from clradar.opencl import open_devices
 
     read = [*fitting.files, *rigged.files, *radar.files]
     if sequence.of_frames(measured):
@@ -75,7 +75,7 @@ def command(
     voxels.grid()  # wrong usage is reported before a file is read
     image = ImageInput.open(source, frame)
     instrument = image.radar_or(radar)
-    opened = open_device(device)
+    opened = open_devices(device).first
     grid = common_grid(voxels, image, device=opened)
     volume = image.volume(grid, imaging, opened)
     with progress_bar("fitting") as progress:

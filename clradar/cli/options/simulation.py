@@ -88,7 +88,8 @@ class PlacementOptions(UnitOptions):
 
     transform: Path | None = option(
         None,
-        "4 x 4 matrix, row-major, metres, that moves the meshes into the antenna frame.",
+        "4 x 4 matrix, row-major, metres, that moves the meshes into the antenna frame; or the "
+        "alignment.json of a recording, for its own.",
         metavar="T.json",
     )
 

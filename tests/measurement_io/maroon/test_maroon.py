@@ -5,10 +5,12 @@ from __future__ import annotations
 import builtins
 import os
 import pickle
+import re
 import struct
 import subprocess
 import threading
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import maroon_files as files
@@ -25,6 +27,7 @@ from measurement_io import (
     open_capture,
     open_recording,
     save_maroon_frame,
+    save_recording,
 )
 
 
@@ -510,6 +513,16 @@ def test_truncated_everywhere(tmp_path):
         refused(path)
 
 
+def test_a_truncated_frame_is_called_so(tmp_path):
+    path = files.write_frame(tmp_path / "000000.npy", files.random_frame(2))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:5000])
+    found = re.search(r"expected (\d+) bytes or more, got 5000: the file is trunc", refused(path))
+    assert 96 * 96 * 2 * 8 < int(found[1]) <= len(whole)
+    path.write_bytes(whole[:-1])
+    assert "cut short" in refused(path)
+
+
 def test_bytes_after_the_pickle(tmp_path):
     path = files.write_frame(tmp_path / "f.npy", files.random_frame())
     path.write_bytes(path.read_bytes() * 2)
@@ -708,6 +721,11 @@ def test_other_antennas_lie_beside_their_frames_which_are_of_one_array(tmp_path,
         assert (read.array.name, read.array.tx_pattern) == ("few", pattern)
     with pytest.raises(OutputError, match="'few' with 5 Tx and 4 Rx, got 'qar50' with 94 Tx"):
         save_maroon_frame(tmp_path / "30", capture, frame=2, force=True)
+    gains = replace(other, array=replace(array, tx_gain=[1, 1, 1, 1, 0.5]))
+    with pytest.raises(OutputError, match="other gains or patterns"):
+        save_maroon_frame(tmp_path / "30", gains, frame=2, force=True)
+    with pytest.raises(ModelError, match="other gains or patterns"):
+        save_recording(tmp_path / "60", [other, gains])
     (path.parent.parent / "antennas.toml").unlink()
     with pytest.raises(MeasurementError, match=r"\(96, 96, Nf\) or \(94, 94, Nf\)"):
         open_capture(path)

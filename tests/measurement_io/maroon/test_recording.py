@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -14,8 +15,9 @@ import numpy as np
 import pytest
 from systems import linux_only, posix_only
 
+import clradar
 from clradar.errors import MeasurementError, ModelError
-from measurement_io import Recording, open_capture, open_recording
+from measurement_io import Recording, open_capture, open_recording, read_transform
 from measurement_io.maroon import recording as recording_module
 
 MEMORY_LIMIT_MB = 300.0
@@ -171,6 +173,14 @@ def test_intact_frames_beside_damaged_ones_are_readable(tmp_path):
         recording[0]
 
 
+def test_damaged_frames_are_left_out_with_a_warning(tmp_path):
+    radar = files.write_recording(tmp_path / "hand" / "30", n_frames=4)
+    (radar / "calibrated_data" / "000001.npy").write_bytes(b"damaged")
+    with pytest.warns(clradar.ClradarWarning, match=r"frame 1 is left out: .*000001.npy"):
+        found = list(open_recording(radar).readable())
+    assert [capture.meta["frame"] for capture in found] == [0, 2, 3]
+
+
 @pytest.mark.parametrize("read_before", [[], [0], [2, 1]])
 def test_a_frame_of_other_frequencies_is_refused(tmp_path, read_before):
     radar = files.write_recording(tmp_path / "30", n_frames=4, n_freq=3)
@@ -247,6 +257,22 @@ def test_metadata_and_alignment(tmp_path):
 
 
 TRIANGLE = (np.array([[0.01, 0, 0], [0.05, 0, 0], [0, 0.03, 0.0]]), np.array([[0, 1, 2]]))
+
+
+def test_alignments_place_the_meshes_of_their_recording(tmp_path):
+    radar = files.write_recording(tmp_path / "hand" / "30", n_frames=1)
+    turned = np.array([[0, -1, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 0.3], [0, 0, 0, 1.0]])
+    for name, matrix in (
+        ("photogrammetry2radar", turned),
+        ("radar2photogrammetry", np.linalg.inv(turned)),
+    ):
+        path = radar.parent / "alignment.json"
+        path.write_text(json.dumps({name: matrix.tolist(), "kinect2radar": np.eye(4).tolist()}))
+        wanted = np.diag([-1, 1, 1, 1]) @ turned
+        np.testing.assert_allclose(read_transform(path), wanted, rtol=0, atol=1e-15)
+    path.write_text(json.dumps({"kinect2radar": np.eye(4).tolist()}))
+    with pytest.raises(MeasurementError, match="a 4 x 4 matrix"):
+        read_transform(path)
 
 
 def test_a_mesh_keeps_its_outside(tmp_path):
