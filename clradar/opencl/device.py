@@ -17,9 +17,8 @@ from clradar.opencl.pocl_target import named_target
 from clradar.opencl.runtimes import platforms
 
 INSTALL_HINT = (
-    "install one: pip install 'pyopencl[pocl]' (Linux on x86-64), pip install 'clradar[intel]' "
-    "(x86 processors of any maker), PoCL from version 5 on of conda-forge (conda install -c "
-    "conda-forge pocl) or of the system's packages, or a GPU vendor's driver; see docs/platforms.md"
+    "install one: pip install 'pyopencl[pocl]' (Linux on x86-64) or 'clradar[intel]' (any x86), "
+    "conda-forge's pocl, the system's PoCL from 5.0 on, or a GPU's driver; see docs/platforms.md"
 )
 
 MEMORY_SHARE = 0.75

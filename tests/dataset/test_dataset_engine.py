@@ -120,6 +120,29 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         yield client
 
 
+@posix_only
+def test_a_worker_that_is_killed_while_it_starts_is_started_again(tmp_path: Path) -> None:
+    import dask
+
+    from clradar.dataset.engine.cluster import local_cluster
+    from clradar.dataset.engine.worker_resources import worker_resources
+
+    killed, preload = tmp_path / "killed", tmp_path / "kill_first.py"
+    preload.write_text(
+        "import os, pathlib, signal\n"
+        f"killed = pathlib.Path({str(killed)!r})\n"
+        "if not killed.exists():\n"
+        "    killed.touch()\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    with (
+        dask.config.set({"distributed.worker.preload": [str(preload)]}),
+        local_cluster(worker_resources(1, "pocl")) as (client, _),
+    ):
+        assert client.submit(sum, [1, 2]).result() == 3
+    assert killed.exists()
+
+
 def distributed(client: Any) -> Any:
     from clradar.dataset.engine.distributed import Distributed
 

@@ -41,6 +41,10 @@ def silence() -> None:
             logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
+STARTS = 2
+"""How often the workers are started: one that is killed meanwhile is no reason to end."""
+
+
 @contextmanager
 def local_cluster(
     resources: Sequence[WorkerResources],
@@ -91,13 +95,16 @@ def local_cluster(
         scratch_folder() as scratch,
         dask.config.set({**settings, "temporary-directory": str(scratch)}),
     ):
-        try:
-            with interrupts_blocked():
-                cluster = SpecCluster(
-                    workers=workers, scheduler=scheduler, silence_logs=logging.CRITICAL
-                )
-        except Exception as error:
-            raise ClusterError(f"the workers did not start: {clean(error)}") from error
+        for left in reversed(range(STARTS)):
+            try:
+                with interrupts_blocked():
+                    cluster = SpecCluster(
+                        workers=workers, scheduler=scheduler, silence_logs=logging.CRITICAL
+                    )
+                break
+            except Exception as error:
+                if not left:
+                    raise ClusterError(f"the workers did not start: {clean(error)}") from error
 
         def end() -> None:
             # Ctrl-C would cancel the closing, and closing again would wait for that forever.
