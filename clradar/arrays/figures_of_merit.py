@@ -9,7 +9,9 @@ import numpy as np
 
 from clradar.arrays.lobes import DirectionMap, Lobe, lobes, widest_search_deg
 from clradar.arrays.point_spread import Clusters, clusters_of, width_m
+from clradar.errors import warn
 from clradar.model import AntennaArray, Waveform, checks
+from clradar.model.plausible import doubtful_place
 
 FREQUENCIES = 32
 """At most so many of a band take part; the range that they leave unambiguous covers the lobes."""
@@ -82,6 +84,11 @@ def array_figures(
         An invalid argument; a focus behind the antennas; a `within_deg` whose search would take
         minutes.
 
+    Warns
+    -----
+    ClradarWarning
+        A focus that is so near to the antennas that it is most likely in another unit.
+
     Notes
     -----
     For lines with spacings d the lobes of one frequency are at sin(angle) = sin(focus) + m c/(f d)
@@ -115,6 +122,10 @@ def array_figures(
     foremost_m = max(side.antennas_m[:, 2].max() for a in clusters_of(array) for side in a.sides)
     if focus[2] <= foremost_m:
         checks.fail("array_figures: focus_m", f"z above {foremost_m:g} m, in front", focus[2])
+    antennas_m = np.concatenate([s.antennas_m for a in clusters_of(array) for s in a.sides])
+    doubt = doubtful_place(0.0, focus, antennas_m)
+    if doubt is not None:
+        warn(f"the focus is {doubt}")
     if within > 90 or level >= 0:
         checks.fail("array_figures", "within_deg up to 90, level_db below 0", (within, level))
     found, over_directions = lobes(array, frequencies_hz, focus, within, level)

@@ -13,9 +13,12 @@ from clradar.model import Capture, VoxelGrid
 from clradar.model.range_profile import (
     BINS_PER_CELL,
     NEAR_PATH_M,
+    RangeProfile,
     antenna_subset,
+    echo_profile,
     hann,
     profile_transform,
+    without_coupling,
 )
 from clradar.model.resolution import lateral_resolution_m
 from clradar.opencl import Device
@@ -42,6 +45,14 @@ COARSE_VOXELS = 500_000
 AROUND_RESOLUTIONS = 1.33
 """Half of a box around a place where the image has a maximum."""
 
+FOCUS = 20.0
+"""The random phases of N pairs leave 1 / N of an echo's power at other places, and 10 / N at the
+strongest of 20 000 (their logarithm). An image of twice that shows the echo itself: hands reach 20
+times as much and more with 94 x 94 antennas at 0.3 m, and 7 to 140 times at 50 to 120 mm."""
+
+NEAR_SHARE = 100.0
+"""Where direct coupling may be, only echoes of this share of the strongest beyond count."""
+
 MOVES = 3
 """How often the coarse image is centred again on a maximum at its face."""
 
@@ -56,10 +67,14 @@ class Echo:
 
 @dataclass(frozen=True, slots=True)
 class CoarseImage:
-    """Amplitude [z, y, x] with Hann's weights over frequency, of which an echo has its own."""
+    """Amplitude [z, y, x] with Hann's weights over frequency, of which an echo has its own.
+
+    `pairs` is the number of pairs that it is the mean of.
+    """
 
     grid: VoxelGrid
     amplitude: np.ndarray
+    pairs: int
 
     def brightest(self) -> Echo:
         """The maximum: its place refined by the parabolas through its neighbours."""
@@ -98,12 +113,12 @@ def coarse_image(
     captures = captures_of(capture)
     pairs_each = min(most_pairs, COARSE_TERMS / np.prod(counts)) / len(captures)
     weights = hann(captures[0].waveform.n_freq)
-    data, scale = np.zeros(grid.shape, np.complex64), 0.0
+    data, pairs = np.zeros(grid.shape, np.complex64), 0
     for one in captures:
         part = antenna_subset(one, pairs_each)
         data += RangeImager(part, grid, weights, device).run(None)
-        scale += part.array.n_tx * part.array.n_rx * weights.sum()
-    return CoarseImage(grid, np.abs(data) / np.float32(scale))
+        pairs += part.array.n_tx * part.array.n_rx
+    return CoarseImage(grid, np.abs(data) / np.float32(pairs * weights.sum()), pairs)
 
 
 def amplitude_near(capture: Captures, at_m: np.ndarray, device: Device) -> float:
@@ -139,6 +154,33 @@ def flat_axes(capture: Capture) -> np.ndarray:
     It is looked for in the plane of the antennas.
     """
     return np.array([*(np.isinf(lateral_resolution_m(capture, a, 1.0)) for a in (0, 1)), False])
+
+
+def seen_echoes(capture: Capture, device: Device) -> tuple[Capture, RangeProfile | None, bool]:
+    """The echoes of a capture (`echo_profile`), the capture to locate them in, if they are sure.
+
+    What is where direct coupling may be counts as echoes if it focuses without that coupling, and,
+    without being sure, if there is nothing beyond.
+    """
+    far, near = echo_profile(capture), echo_profile(capture, near=True)
+    weak = near is not None and far is not None and near.power[0] < far.power[0] / NEAR_SHARE
+    if near is None or weak:
+        return capture, far, True
+    own = without_coupling(capture)
+    echo = locate(own, float(near.path_m[0]), device)
+    # The place was the brightest for as many pairs as a coarse image has, by chance at least.
+    pairs = capture.array.n_tx * capture.array.n_rx
+    unfocused = FOCUS * min(1.0, COARSE_PAIRS / pairs) * near.power[0] / pairs
+    sure = bool(amplitude_near(own, echo.position_m, device) ** 2 >= unfocused)
+    if far is None:
+        return own, near, sure
+    if not sure:
+        return capture, far, True
+    path_m, power = (
+        np.concatenate(v) for v in ((near.path_m, far.path_m), (near.power, far.power))
+    )
+    order = np.argsort(-power, kind="stable")
+    return own, RangeProfile(path_m[order], power[order]), True
 
 
 def locate(capture: Capture, path_m: float, device: Device) -> Echo:

@@ -11,12 +11,14 @@ from clradar.constants import DYNAMIC_RANGE_DB, SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import warn
 from clradar.imaging.confusions import warn_of_confusions
 from clradar.imaging.echo_location import (
+    FOCUS,
     Echo,
     amplitude_near,
     antennas_of,
     coarse_image,
     locate,
     resolution_m,
+    seen_echoes,
 )
 from clradar.imaging.grid_words import box_words as _box
 from clradar.imaging.grid_words import length_words as _length
@@ -24,14 +26,9 @@ from clradar.imaging.grid_words import place_words as _place
 from clradar.imaging.placement import inside, reach_m, weaker_within
 from clradar.imaging.several_captures import Captures, KeptCaptures, captures_of
 from clradar.model import Capture, VoxelGrid
-from clradar.model.range_profile import RangeProfile, coupling_path_m, echo_profile, hann
+from clradar.model.range_profile import RangeProfile, coupling_path_m, hann
 from clradar.model.volume import Planes
 from clradar.opencl import Device
-
-FOCUS = 20.0
-"""The random phases of N pairs leave 1 / N of an echo's power at other places, and 10 / N at the
-strongest of 20 000 (their logarithm). An image of twice that shows the echo itself: hands reach 20
-times as much and more with 94 x 94 antennas."""
 
 OUTSIDE_DB = DYNAMIC_RANGE_DB
 """An echo outside is worth a warning if an image with it would show nothing of this grid."""
@@ -117,7 +114,9 @@ def warn_of_grid(
     waveform = captures[0].waveform
     if not all(waveform.same_frequencies(one.waveform) for one in captures):
         return
-    found = [(one, profile) for one in captures if (profile := echo_profile(one)) is not None]
+    seen = [seen_echoes(one, device) for one in captures]
+    captures = tuple(one for one, _, _ in seen)
+    found = [(one, profile) for one, profile, _ in seen if profile is not None]
     if not found or not weights.sum() > 0:
         return
     loudest, profile = max(found, key=lambda own: float(own[1].power[0]))
@@ -125,7 +124,8 @@ def warn_of_grid(
     level = peaks.highest / float(weights.mean())
     faces = _faces(captures, grid, peaks)
     pairs = sum(one.array.n_tx * one.array.n_rx for one in captures)
-    unfocused = float(np.sqrt(FOCUS / pairs * profile.power[0]))
+    power = float(profile.power[0])
+    unfocused = float(np.sqrt(FOCUS / pairs * power))
     reaches = np.array([reach_m(one, grid) for one in captures])
     reach = float(reaches[:, 0].min()), float(reaches[:, 1].max())
     outside = None
@@ -133,7 +133,7 @@ def warn_of_grid(
         (face, beyond)
         for face in faces
         if face.level_db >= -FACE_DB
-        and (beyond := _echo_beyond(captures, grid, face, peaks, level, unfocused, device))
+        and (beyond := _echo_beyond(captures, grid, face, peaks, level, power, device))
     ]
     if level < unfocused or cuts:  # what seems cut off may be the side lobes of an echo outside
         # Where the image goes on beyond the grid, less is enough, but farther off.
@@ -252,7 +252,7 @@ def _echo_beyond(
     face: Face,
     peaks: Peaks,
     level: float,
-    unfocused: float,
+    power: float,
     device: Device,
 ) -> Echo | None:
     """Where the object goes on beyond a bright face; None if it does not."""
@@ -265,6 +265,7 @@ def _echo_beyond(
     image = coarse_image(captures, low_m, high_m, device, most_pairs=np.inf)
     found = image.brightest()
     own = found.amplitude - level * point_response(captures, peaks.place_m(grid), found.position_m)
+    unfocused = float(np.sqrt(FOCUS / image.pairs * power))
     floor = np.quantile(image.amplitude.max(axis=0), FLOOR_SHARE)
     goes_on = (
         own >= max(unfocused, 10 ** (-BEYOND_DB / 20) * level)

@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import maximum_filter
 
 from clradar.arrays.point_spread import response
 from clradar.constants import PLAUSIBLE_RANGE_M
-from clradar.imaging.echo_location import CoarseImage, Echo, coarse_image, flat_axes, resolution_m
+from clradar.imaging.echo_location import (
+    FOCUS,
+    CoarseImage,
+    Echo,
+    coarse_image,
+    flat_axes,
+    resolution_m,
+)
 from clradar.model import Capture, VoxelGrid
 from clradar.opencl import Device
 
@@ -37,6 +45,14 @@ CREST = 3.0
 MARGIN_RESOLUTIONS = 2.0
 """Between the object and the faces of its grid."""
 
+FURTHER_DB, FURTHER_M, FURTHER_RESOLUTIONS = 7.0, 2e-3, 4.0
+"""A grid is extended for echoes at most so far below the strongest, and beyond a face by more than
+the error of a coarse image's maximum up to so many resolutions."""
+
+FRONT_M, HAND_DEPTH_M = 0.01, 0.08
+"""Grids of near hands begin at least so far before the antennas, next to which every pair focuses,
+and reach so far to either side of the strongest echo: a thumb is 60 mm before the palm."""
+
 END_M, END_SHARE = 0.01, 0.1
 """Ends of a grid are multiples of this, which round steps up to it divide. A box is cut by a tenth
 of it at most, so that errors of a millimetre in the place do not add another."""
@@ -59,7 +75,7 @@ def box_around(capture: Capture, echo: Echo, device: Device) -> VoxelGrid:
     paper_m = PAPER_GRID.spacing_m * (np.array(PAPER_GRID.counts) - 1) / 2
     least_m = np.maximum(np.minimum(paper_m, LEAST_RESOLUTIONS * cells_m), margin_m)
     least_m[flat] = 0.0
-    front_m = max(capture.array.tx_m[:, 2].max(), capture.array.rx_m[:, 2].max()) + 1e-3
+    front_m = _front_m(capture) + 1e-3
     half_m = _half_of_others(capture, at_m, echo.amplitude, least_m, front_m, device)
     for _ in range(GROWTHS):
         low_m, high_m = at_m - half_m, at_m + half_m
@@ -76,6 +92,73 @@ def box_around(capture: Capture, echo: Echo, device: Device) -> VoxelGrid:
     farthest_m = PLAUSIBLE_RANGE_M[1]
     low_m, high_m = (np.clip(end, -farthest_m, farthest_m) for end in (low_m, high_m))
     return rounded(capture, low_m, high_m, cells_m)
+
+
+def hand_box(capture: Capture, echo: Echo, power: float, device: Device) -> VoxelGrid:
+    """The paper's grid, or one as wide about a nearer echo, extended to where the object reaches.
+
+    `power` is that of the echo in the mean range profile.
+    """
+    low_m = PAPER_GRID.origin_m.copy()
+    high_m = low_m + PAPER_GRID.spacing_m * (np.array(PAPER_GRID.counts) - 1)
+    near = echo.position_m[2] < low_m[2] - PAPER_GRID.spacing_m[2]
+    if near:
+        low_m[2], high_m[2] = echo.position_m[2] + np.array([-HAND_DEPTH_M, HAND_DEPTH_M])
+        low_m[2] = max(low_m[2], min(_front_m(capture) + FRONT_M, echo.position_m[2]))
+    wide_m = _extended(capture, np.stack([low_m, high_m]), echo, power, device)
+    if not near and (wide_m == [low_m, high_m]).all():
+        return PAPER_GRID
+    step_m = PAPER_GRID.spacing_m * [1, 1, 2 if near else 1]
+    grid = spanned(capture, *wide_m, step_m, 2 * MOST_VOXELS)
+    return grid or rounded(capture, *wide_m, resolution_m(capture, echo.position_m))
+
+
+def _front_m(capture: Capture) -> float:
+    return float(max(capture.array.tx_m[:, 2].max(), capture.array.rx_m[:, 2].max()))
+
+
+def _extended(
+    capture: Capture, box_m: np.ndarray, echo: Echo, power: float, device: Device
+) -> np.ndarray:
+    """A box, shape (2, 3), whose faces are moved outwards as long as there are echoes beyond."""
+    ends_m = box_m.copy()
+    nearest_m = min(_front_m(capture) + FRONT_M, ends_m[0, 2])
+    axes = [axis for axis in (2, 1, 0) if not flat_axes(capture)[axis]]
+    for axis, end, outward in [(axis, end, 2 * end - 1) for axis in axes for end in (0, 1)]:
+        for _ in range(GROWTHS):
+            cell_m = resolution_m(capture, ends_m.mean(axis=0))[axis]
+            slab_m = ends_m.copy()
+            slab_m[1 - end, axis] = ends_m[end, axis] - outward * cell_m
+            slab_m[end, axis] += outward * FURTHER_RESOLUTIONS * cell_m
+            slab_m[0, 2] = max(slab_m[0, 2], nearest_m)
+            image = coarse_image(capture, *slab_m, device, np.inf)
+            unfocused = float(np.sqrt(FOCUS * power / image.pairs))
+            level = max(10 ** (-FURTHER_DB / 20) * echo.amplitude, unfocused)
+            beyond_m = outward * (_peaks_m(image, axis, level) - ends_m[end, axis])
+            if beyond_m.max(initial=0.0) <= FURTHER_M:
+                break
+            ends_m[end, axis] += outward * (beyond_m.max() + cell_m)
+            ends_m[0, 2] = max(ends_m[0, 2], nearest_m)
+    return ends_m
+
+
+def _peaks_m(image: CoarseImage, axis: int, level: float) -> np.ndarray:
+    """Coordinates of the local maxima from a level on, along one axis.
+
+    Parabolas of the logarithm refine them.
+    """
+    peaks = (image.amplitude >= level) & (image.amplitude == maximum_filter(image.amplitude, 3))
+    index = np.argwhere(peaks)
+    along = np.log(np.maximum(np.moveaxis(image.amplitude, 2 - axis, -1), 1e-30))
+    at = index[:, 2 - axis]
+    inner = (at > 0) & (at < along.shape[-1] - 1)
+    lines = along[tuple(np.delete(index, 2 - axis, axis=1)[inner].T)]
+    before, peak, after = (
+        np.take_along_axis(lines, at[inner, None] + step, axis=1)[:, 0] for step in (-1, 0, 1)
+    )
+    shift = np.zeros(len(at))
+    shift[inner] = 0.5 * (before - after) / np.minimum(before - 2 * peak + after, -1e-30)
+    return np.asarray(image.grid.origin_m[axis] + image.grid.spacing_m[axis] * (at + shift))
 
 
 def _within_reach(
@@ -168,7 +251,11 @@ def rounded(
 
 
 def spanned(
-    capture: Capture, low_m: np.ndarray, high_m: np.ndarray, step_m: np.ndarray
+    capture: Capture,
+    low_m: np.ndarray,
+    high_m: np.ndarray,
+    step_m: np.ndarray,
+    most_voxels: int = MOST_VOXELS,
 ) -> VoxelGrid | None:
     """The grid of a box, whose ends are multiples of 10 mm or more; None if it is too large."""
     flat = flat_axes(capture)
@@ -176,7 +263,7 @@ def spanned(
     first = np.round(np.floor(low_m / end_m + END_SHARE) * end_m / step_m)
     last = np.round(np.ceil(high_m / end_m - END_SHARE) * end_m / step_m)
     counts = np.where(flat, 1, (last - first).astype(int) + 1)
-    if np.prod(counts.astype(float)) > MOST_VOXELS:
+    if np.prod(counts.astype(float)) > most_voxels:
         return None
     origin_m = np.where(flat, (low_m + high_m) / 2, np.round(first * step_m, 9))
     return VoxelGrid(origin_m, step_m, (int(counts[0]), int(counts[1]), int(counts[2])))

@@ -8,18 +8,19 @@ import numpy as np
 
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import warn
-from clradar.imaging.echo_location import Echo, locate, resolution_m
+from clradar.imaging.echo_location import Echo, locate, resolution_m, seen_echoes
 from clradar.imaging.grid_words import box_words, length_words, lengths_words, place_words
 from clradar.imaging.object_box import (
     LESS_ROUND,
     PAPER_GRID,
     box_around,
+    hand_box,
     round_step,
     rounded,
     spanned,
 )
 from clradar.model import Capture, VoxelGrid, checks
-from clradar.model.range_profile import MIN_STEPS, RangeProfile, echo_profile
+from clradar.model.range_profile import MIN_STEPS, RangeProfile, coupling_path_m
 from clradar.opencl import Device, open_device
 
 WEAKER_DB = 20.0
@@ -76,7 +77,8 @@ def place_grid(
     -------
     VoxelGrid
         That of the paper, x and y from -100 to 100 mm and z from 260 to 340 mm every 1 mm, if the
-        object is in it and array and band fit it, or if nothing is seen above the noise. Else a
+        object is in it and array and band fit it, or if nothing is seen above the noise; larger
+        where the object goes on beyond a face, and along z about an object that is nearer. Else a
         grid around the strongest echo beyond the direct coupling and others up to 15 dB below it,
         as far as 4 million voxels of half the resolution reach: of the paper's size or larger, so
         that it holds what is within 10 dB of each, every 3.5th of the resolution if possible. An
@@ -90,7 +92,8 @@ def place_grid(
     Warns
     -----
     ClradarWarning
-        No echo stands out of the noise, or there are too few frequencies for a range.
+        No echo stands out of the noise, or there are too few frequencies for a range. All echoes
+        are where direct coupling may be, and none comes to a focus.
 
     Notes
     -----
@@ -123,22 +126,35 @@ def placement(capture: Capture, device: Device, *, everything: bool = False) -> 
     if strongest_sample > 0 and not 1e-12 < strongest_sample < 1e12:
         # Squares of such samples leave the range of float32; where echoes are has no scale.
         capture = replace(capture, data=capture.data / np.float32(strongest_sample))
-    profile = echo_profile(capture)
+    capture, profile, sure = seen_echoes(capture, device)
     if profile is None:
         _warn_of_nothing(capture)
         return Placement(PAPER_GRID, (), ())
-    if not everything and paper_grid_fits(capture):
+    if not sure:
+        warn(
+            "the only echoes are nearer than half the distance of Tx and Rx and the resolution, "
+            f"{1e3 * coupling_path_m(capture) / 2:.0f} mm, and may be direct coupling; give a grid "
+            "(--z-mm) if the one that is placed is not around the object"
+        )
+    fits = paper_grid_fits(capture)
+    if fits and not everything:
         here = weaker_within(
             profile, reach_m(capture, PAPER_GRID), capture.waveform.unambiguous_range_m
         )
         for path_m in [*here[:1], profile.path_m[0]]:
             echo = locate(capture, float(path_m), device)
             if inside(PAPER_GRID, echo.position_m):
-                others = _bodies(capture, profile, [(echo, PAPER_GRID)], device)[1:]
-                return Placement(PAPER_GRID, (echo,), tuple(other for other, _ in others))
+                power = float(profile.power[profile.path_m == path_m][0])
+                grid = hand_box(capture, echo, power, device)
+                others = _bodies(capture, profile, [(echo, grid)], device)[1:]
+                return Placement(grid, (echo,), tuple(other for other, _ in others))
     strongest = locate(capture, float(profile.path_m[0]), device)
-    first = (strongest, box_around(capture, strongest, device))
-    bodies = _bodies(capture, profile, [first], device)
+    (x_m, y_m, z_m), paper_m = strongest.position_m, PAPER_GRID.origin_m[2]
+    if fits and z_m < paper_m and inside(PAPER_GRID, np.array([x_m, y_m, paper_m])):
+        box = hand_box(capture, strongest, float(profile.power[0]), device)
+    else:
+        box = box_around(capture, strongest, device)
+    bodies = _bodies(capture, profile, [(strongest, box)], device)
     return _around_all(capture, bodies, NAMED_DB if everything else ALSO_DB)
 
 
@@ -148,9 +164,11 @@ def placement_words(capture: Capture, placed: Placement) -> str:
     around = "; ".join(place_words(echo.position_m) for echo in placed.shown)
     counts = " x ".join(map(str, grid.counts))
     spacing_m, cells_m = grid.spacing_m, resolution_m(capture, first.position_m)
+    hand = np.array_equal(spacing_m, PAPER_GRID.spacing_m) and inside(PAPER_GRID, first.position_m)
+    extended = "" if grid is PAPER_GRID else ", extended"
     words = (
-        f"that of a hand at 0.3 m, since the strongest echo in it is at {around}"
-        if grid is PAPER_GRID
+        f"that of a hand at 0.3 m{extended}, since the strongest echo in it is at {around}"
+        if hand
         else f"placed around the strongest echo, at {around}"
         if len(placed.shown) == 1
         else f"placed around {len(placed.shown)} echoes, at {around}"
@@ -181,7 +199,11 @@ def _warn_of_nothing(capture: Capture) -> None:
         return  # said of the image
     x, y, z = (1e3 * axis[[0, -1]] for axis in (PAPER_GRID.x_m, PAPER_GRID.y_m, PAPER_GRID.z_m))
     count = capture.waveform.n_freq
-    why = "no echo stands out of the noise beyond the direct coupling"
+    gate_m = coupling_path_m(capture) / 2
+    why = (
+        "no echo stands out of the noise beyond the direct coupling (which may hide what is nearer "
+        f"than {1e3 * gate_m:.0f} mm)"
+    )
     if count < MIN_STEPS:
         why = (
             f"{count} frequencies are too few for a range profile, which {MIN_STEPS} are enough for"

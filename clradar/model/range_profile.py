@@ -18,6 +18,10 @@ GUARD_CELLS = 2.0
 
 BINS_PER_CELL = 4
 
+LOBES = 30.0
+"""Of an echo, whose parabola was taken for coupling, lobes are up to 9 dB above those of Hann's
+window; this is 15 dB in power."""
+
 NEAR_PATH_M = 1.2
 """Where the waveform is ambiguous below this path length, every alias up to it is imaged."""
 
@@ -100,17 +104,53 @@ def coupling_path_m(capture: Capture) -> float:
     return float(apart.max()) + GUARD_CELLS * SPEED_OF_LIGHT_M_PER_S / capture.waveform.span_hz
 
 
-def beyond_coupling(capture: Capture, profile: RangeProfile) -> RangeProfile:
-    """One period of the profile that begins where the direct coupling ends; it may be empty."""
+def without_coupling(capture: Capture) -> Capture:
+    """Return a capture without what goes straight from Tx to Rx, by the length of every pair.
+
+    A phasor of that length is taken away whose amplitude is a parabola over the band, as fitted
+    with Hann's weights: lengths that are off by a quarter of a cell c / span, too. Of an echo whose
+    path is longer by three cells 1 % of the power goes with it.
+    """
+    waveform, array = capture.waveform, capture.array
+    apart_m = np.linalg.norm(array.tx_m[:, None] - array.rx_m[None], axis=2)
+    k = (waveform.frequencies_hz - waveform.center_hz) / SPEED_OF_LIGHT_M_PER_S
+    parabolas = np.vander(2.0 * k / np.ptp(k), 3)
+    root = np.sqrt(hann(waveform.n_freq))
+    fit = (parabolas @ np.linalg.pinv(root[:, None] * parabolas) * root).T.astype(np.float32)
+    data = np.empty_like(capture.data)
+    for out, samples, row_m in zip(data, capture.data, apart_m, strict=True):
+        ahead = np.exp(2j * np.pi * np.outer(row_m, k)).astype(np.complex64)
+        out[...] = samples - (samples * ahead) @ fit * ahead.conj()
+    return Capture(data, array, waveform, capture.meta)
+
+
+def beyond_coupling(capture: Capture, profile: RangeProfile, *, near: bool = False) -> RangeProfile:
+    """One period of the profile that begins where the direct coupling ends; it may be empty.
+
+    If `near`, it begins at 0 where the period is long enough to tell that from its end.
+    """
     gate_m, period_m = coupling_path_m(capture), 2 * capture.waveform.unambiguous_range_m
     # Under a wrong sign coupling is at negative lengths, which is the end of the period.
-    stop_m = period_m - gate_m if period_m > NEAR_PATH_M + 2 * gate_m else gate_m + period_m
+    told = period_m > NEAR_PATH_M + 2 * gate_m
+    start_m, stop_m = (0.0 if near and told else gate_m), period_m + (-gate_m if told else gate_m)
     # What is farther away than any voxel can be is not looked for.
     cell_m = SPEED_OF_LIGHT_M_PER_S / capture.waveform.span_hz
     stop_m = min(stop_m, 2 * PLAUSIBLE_RANGE_M[1] - cell_m)
     step_m = profile.path_m[1]
-    bins = np.arange(int(np.ceil(gate_m / step_m)), int(stop_m / step_m))
+    bins = np.arange(int(np.ceil(start_m / step_m)), int(stop_m / step_m))
     return RangeProfile(bins * step_m, profile.power[bins % (len(profile.path_m) - 1)])
+
+
+def _side_lobes(profile: RangeProfile, cell_m: float) -> RangeProfile:
+    """The most that Hann's side lobes leave of the whole profile at each path length.
+
+    Their envelope x cells off is 1 / (pi x (x^2 - 1)); an echo has 1.5 cells of its maximum.
+    """
+    path_m = profile.path_m[:-1]
+    x = np.maximum(np.minimum(path_m, profile.path_m[-1] - path_m) / cell_m, GUARD_CELLS)
+    envelope = np.where(x > GUARD_CELLS, 1 / (np.pi * x * (x**2 - 1)), 0.0) ** 2
+    power = np.fft.irfft(np.fft.rfft(profile.power[:-1]) * np.fft.rfft(envelope), len(path_m))
+    return RangeProfile(profile.path_m, np.append(power, power[0]) / (1.5 * BINS_PER_CELL))
 
 
 def echoes(capture: Capture, beyond: RangeProfile) -> np.ndarray:
@@ -126,14 +166,23 @@ def echoes(capture: Capture, beyond: RangeProfile) -> np.ndarray:
     return peaks[np.argsort(-power[peaks], kind="stable")]
 
 
-def echo_profile(capture: Capture) -> RangeProfile | None:
-    """The echoes above the noise beyond the direct coupling, strongest first.
+def echo_profile(capture: Capture, *, near: bool = False) -> RangeProfile | None:
+    """The echoes above noise and side lobes beyond the direct coupling, strongest first.
 
-    None without any, or with fewer frequencies than a range profile needs.
+    If `near`, those at shorter paths instead, which its removal shows, or leaves of it. None
+    without any, or with fewer frequencies than a range profile needs.
     """
     if capture.waveform.n_freq < MIN_STEPS:
         return None
     part = antenna_subset(capture, PROFILE_PAIRS)
-    beyond = beyond_coupling(part, range_profile(part))
+    if near:
+        part = without_coupling(part)
+    whole = range_profile(part)
+    lobes = _side_lobes(whole, SPEED_OF_LIGHT_M_PER_S / part.waveform.span_hz)
+    beyond = beyond_coupling(part, whole, near=near)
+    floor = (LOBES if near else 1.0) * beyond_coupling(part, lobes, near=near).power
     found = echoes(part, beyond)
+    found = found[beyond.power[found] > floor[found]]
+    if near:
+        found = found[beyond.path_m[found] < coupling_path_m(part)]
     return RangeProfile(beyond.path_m[found], beyond.power[found]) if len(found) else None

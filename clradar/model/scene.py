@@ -17,7 +17,7 @@ from clradar.files.meshes.reading import read_mesh_file
 from clradar.files.meshes.trimesh_parts import parts_of
 from clradar.model import checks
 from clradar.model.material import METAL, PERFECT_CONDUCTOR, Material
-from clradar.model.plausible import UNITS_M
+from clradar.model.plausible import MESH_UNITS_M, place_words, unlikeliness
 from clradar.model.record import Record
 from clradar.model.scene_materials import (
     Materials,
@@ -142,7 +142,7 @@ class Scene(Record):
         alpha : float, array_like of shape (n_faces,), or mapping part name -> float
             0 specular ... 1 diffuse. An array goes part by part, in the order of
             `part_names`; of a PLY file, in the order of its faces.
-        unit : "m", "cm" or "mm"
+        unit : "m", "cm", "mm" or "inch"
             Unit of the mesh's coordinates.
         transform : array_like, shape (4, 4), optional
             Affine transform into the antenna frame, applied after the unit.
@@ -157,14 +157,14 @@ class Scene(Record):
         ModelError
             `alpha`, `unit`, `transform` or `material` is invalid.
         """
-        checks.one_of("Scene.from_mesh: unit", unit, tuple(UNITS_M))
+        checks.one_of("Scene.from_mesh: unit", unit, tuple(MESH_UNITS_M))
         matrix = np.eye(4)
         if transform is not None:
             matrix = checks.transform("Scene.from_mesh: transform", transform)
         label, parts = _parts(mesh)
         try:
             with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is refused below
-                vertices_m = parts.vertices * UNITS_M[unit] @ matrix[:3, :3].T + matrix[:3, 3]
+                vertices_m = parts.vertices * MESH_UNITS_M[unit] @ matrix[:3, :3].T + matrix[:3, 3]
             scene = cls(vertices_m, parts.faces, part=parts.part, part_names=_unique(parts.names))
         except ModelError as error:
             raise MeshError(f"{label}: {error}") from error
@@ -178,7 +178,7 @@ class Scene(Record):
         if texture is not None or transform is not None:
             body = parts.vertices if texture is None else texture
             body = checks.read_only("texture_m", body, np.float64, (len(vertices_m), 3))
-            scene = replace(scene, texture_m=stretched(body * UNITS_M[unit], matrix))
+            scene = replace(scene, texture_m=stretched(body * MESH_UNITS_M[unit], matrix))
         scene = scene.with_alpha(alpha)
         return scene if material is None else scene.with_material(material)
 
@@ -385,14 +385,18 @@ def _parts(mesh: Any) -> tuple[str, Parts]:
 def _check_plausible_size(label: str, vertices_m: np.ndarray, unit: str) -> None:
     with np.errstate(over="ignore"):  # an infinite size is implausible
         size_m = float(np.ptp(vertices_m, axis=0).max())
+        range_m = float(np.linalg.norm(vertices_m.min(axis=0) + vertices_m.max(axis=0))) / 2
     low, high = PLAUSIBLE_SIZE_M
     if low <= size_m <= high:
         return
-    others = [u for u in UNITS_M if low <= size_m * UNITS_M[u] / UNITS_M[unit] <= high]
-    # A hand read in the wrong unit fits several units; the common pair is m and mm.
-    others.sort(key=lambda u: u == "cm")
-    hint = f"; did you mean unit='{others[0]}'?" if others else ""
+    places = {
+        other: np.array([size_m, range_m]) * unit_m / MESH_UNITS_M[unit]
+        for other, unit_m in MESH_UNITS_M.items()
+        if low <= size_m * unit_m / MESH_UNITS_M[unit] <= high
+    }
+    likely = sorted(places, key=lambda other: unlikeliness(*places[other]))
+    meant = " or ".join(f"unit='{other}' ({place_words(*places[other])})" for other in likely)
     raise MeshError(
         f"{label}: expected a mesh between {low:g} m and {high:g} m in size for unit='{unit}', "
-        f"got {size_m:g} m{hint}"
+        f"got {size_m:g} m" + (f"; did you mean {meant}?" if meant else "")
     )

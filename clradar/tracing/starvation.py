@@ -6,6 +6,7 @@ import numpy as np
 
 from clradar.errors import warn
 from clradar.model import AntennaArray, Scene
+from clradar.tracing.placement import doubtful
 from clradar.tracing.settings import SimulationSettings
 from clradar.tracing.suited import (
     RADIUS_RANGE_M,
@@ -60,6 +61,8 @@ def warn_if_starved(
         alike = settings.rays_per_sample or 1
     per_reached = total / np.count_nonzero(paths) / alike
     if empty_share < STARVED_SHARE or per_reached >= STARVED_PATHS:
+        return
+    if doubtful(scene, array) is not None:  # samples do not help, and it was said
         return
     remedies = _remedies(WANTED_PATHS * alike * paths.size / total, settings, distance_m)
     single = settings.estimator == "stochastic" and settings.max_bounces == 1

@@ -214,3 +214,11 @@ def test_the_image_of_several_captures_has_the_response_of_clusters() -> None:
     want = response(own, band.frequencies_hz, point_m, points_m)
     # complex64 samples and single precision.
     np.testing.assert_allclose(image.ravel() / image.max(), want, atol=1e-4)
+
+
+def test_a_focus_next_to_the_antennas_is_most_likely_in_another_unit() -> None:
+    band, array = clradar.Waveform.sfcw(72e9, 82e9, 2), clradar.arrays.qar50()
+    few = clradar.AntennaArray(array.tx_m[::12], array.rx_m[::12])
+    with pytest.warns(clradar.ClradarWarning, match=r"focus is [\d.]+ mm .* if in inch, not mm"):
+        array_figures(few, band, (0, 0, 3e-3), within_deg=5)
+    array_figures(few, band, (0, 0, 0.06), within_deg=5)

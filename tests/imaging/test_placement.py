@@ -16,6 +16,7 @@ from clradar.cli.options.imaging import GridOptions
 from clradar.imaging import echo_location, grid_check, placement
 from clradar.imaging.object_box import MOST_VOXELS, PAPER_GRID
 from clradar.imaging.placement import place_grid
+from clradar.model.range_profile import without_coupling
 
 QAR50 = clradar.arrays.qar50()
 ARRAY = AntennaArray(QAR50.tx_m[::3], QAR50.rx_m[::3])
@@ -211,6 +212,49 @@ def test_the_direct_coupling_is_no_object() -> None:
     low, high = box_of(place_grid(coupled)).T
     assert low[2] < 1.0 < high[2]
     assert low[2] > 0.9
+
+
+@pytest.mark.parametrize("z_m", [0.05, 0.065, 0.09, 0.12])
+def test_an_object_nearer_than_the_antennas_are_apart_is_no_coupling(z_m: float) -> None:
+    size_m = np.array([0.08, 0.12, 0.01])
+    near = object_of([0.01, -0.02, z_m], size_m, 20)
+    for capture in (near, clradar.impair(near, coupling_db=20.0, coupling_delay_s=5e-12, seed=0)):
+        low, high = box_of(place_grid(capture)).T
+        assert (low <= np.array([0.01, -0.02, z_m]) - size_m / 2).all()
+        assert (high >= np.array([0.01, -0.02, z_m]) + size_m / 2).all()
+        assert high[2] < z_m + 0.1
+    assert warned(near, HAND_BOX) == [OUTSIDE]
+
+
+def test_what_cannot_be_told_from_coupling_is_said() -> None:
+    # Longer by 2 cells c / span than the distances say, so that its removal leaves it.
+    faults: dict[str, Any] = {"coupling_db": 40.0, "coupling_delay_s": 2e-10, "seed": 0}
+    with pytest.warns(ClradarWarning, match=r"1\d\d mm, and may be direct coupling; give a grid"):
+        place_grid(clradar.impair(noise_only(), **faults))
+    assert place_grid(clradar.impair(echoes_of(AT_HAND), **faults)) is PAPER_GRID
+
+
+def test_removing_the_coupling_leaves_the_echoes() -> None:
+    echo, coupled = (
+        clradar.impair(echoes_of([0, 0, 0.2]), coupling_db=level, seed=0) for level in (None, 40.0)
+    )
+    left, kept = without_coupling(coupled).data, without_coupling(echo).data
+    assert np.abs(left - kept).max() < 1e-5 * np.abs(coupled.data).max()  # float32
+    assert np.abs(kept - echo.data)[..., 32:96].max() < 0.02  # at 9 cells and more
+
+
+def test_the_hand_s_grid_is_extended_to_what_it_would_cut() -> None:
+    palm = object_of([0, 0, 0.31], [0.08, 0.18, 0.01], 10)
+    thumb = echoes_of([0, -0.03, 0.25], amplitudes=[3.0])
+    capture = Capture(palm.data + thumb.data, ARRAY, SWEEP)
+    assert warned(capture, PAPER_GRID) == [CUT]
+    grid = place_grid(capture)
+    assert grid.spacing_m.tolist() == PAPER_GRID.spacing_m.tolist()
+    assert grid.z_m[0] <= 0.24
+    assert grid.z_m[-1] == pytest.approx(0.34)
+    assert warned(capture, grid) == []
+    found = placement.placement(capture, clradar.open_device())
+    assert placement.placement_words(capture, found).startswith("that of a hand at 0.3 m, extended")
 
 
 def test_a_large_object_gets_a_large_grid() -> None:

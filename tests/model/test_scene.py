@@ -175,16 +175,17 @@ def test_millimetres(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("scale", "unit", "size", "hint"),
+    ("scale", "unit", "size", "others"),
     [
-        (1000, "m", "80 m", "; did you mean unit='mm'?"),
-        (1, "mm", "8e-05 m", "; did you mean unit='m'?"),
-        (1e9, "m", "8e+07 m", ""),
-        (0.0, "m", "0 m", ""),
+        (1000, "m", "80 m", ["mm (80 mm", "cm (800 mm", "inch (2.03 m"]),
+        (260, "m", "20.8 m", ["cm (208 mm", "inch (528 mm", "mm (20.8 mm"]),
+        (1, "mm", "8e-05 m", ["m (80 mm", "inch (2.03 mm"]),
+        (1e9, "m", "8e+07 m", []),
+        (0.0, "m", "0 m", []),
     ],
 )
-def test_an_implausible_size_suggests_the_other_unit(
-    tmp_path: Path, scale: float, unit: str, size: str, hint: str
+def test_an_implausible_size_suggests_the_other_units(
+    tmp_path: Path, scale: float, unit: str, size: str, others: list[str]
 ) -> None:
     path = tmp_path / "box.off"
     mesh = box()
@@ -192,10 +193,13 @@ def test_an_implausible_size_suggests_the_other_unit(
     mesh.export(path)
     with pytest.raises(MeshError) as caught:
         Scene.from_mesh(path, unit=unit)
-    assert str(caught.value) == (
-        f"{path}: expected a mesh between 0.001 m and 20 m in size for unit='{unit}', "
-        f"got {size}{hint}"
+    text, _, hint = str(caught.value).partition("; did you mean ")
+    assert text == (
+        f"{path}: expected a mesh between 0.001 m and 20 m in size for unit='{unit}', got {size}"
     )
+    assert [
+        part.split(" at ")[0] for part in hint.replace("unit='", "").replace("'", "").split(" or ")
+    ] == (others or [""])
 
 
 def test_vertices_that_no_face_uses_do_not_count_as_size() -> None:
@@ -204,8 +208,12 @@ def test_vertices_that_no_face_uses_do_not_count_as_size() -> None:
 
 
 def test_an_unknown_unit_is_refused() -> None:
-    with pytest.raises(ModelError, match=r"unit: expected one of 'm', 'cm', 'mm', got 'inch'"):
-        Scene.from_mesh(box(), unit="inch")
+    with pytest.raises(
+        ModelError, match=r"unit: expected one of 'm', 'cm', 'mm', 'inch', got 'ft'"
+    ):
+        Scene.from_mesh(box(), unit="ft")
+    of_inches = Scene.from_mesh((box().vertices / 25.4e-3, box().faces), unit="inch")
+    np.testing.assert_allclose(of_inches.vertices_m, box().vertices)
 
 
 @pytest.mark.parametrize("kind", ["stl", "ply", "obj", "glb", "off"])

@@ -14,6 +14,7 @@ from clradar import AntennaArray, ClradarWarning, Scene, Waveform
 from clradar.arrays import qar50
 from clradar.errors import MeshError, ModelError
 from clradar.simulation import simulate_alphas
+from clradar.tracing.placement import doubtful
 
 IMAGER = qar50()
 ARRAY = AntennaArray(IMAGER.tx_m[::12], IMAGER.rx_m[::12])
@@ -173,10 +174,36 @@ def test_a_scene_in_millimetres_is_refused(
         simulate_alphas(scene, ARRAY, WAVEFORM, [0.5], device=device)
 
 
-def test_a_scene_that_was_divided_by_a_thousand_is_warned_of(device: clradar.Device) -> None:
-    scene = Scene(ball(0.02, 0.3, 1.0).vertices_m / 1e3, ball(0.02, 0.3, 1.0).faces)
-    with pytest.warns(ClradarWarning, match=r"within 0.32 mm of the aperture's centre"):
-        clradar.trace(scene, ARRAY, rays_per_face=1, device=device)
+@pytest.mark.parametrize(
+    ("size_m", "away_m", "text"),
+    [
+        (0.021, 0.03, "21 mm large and 30.* 210 mm at 30. mm if in cm, not mm"),
+        (0.0072, 0.0118, "7.2 mm large and 1.* 183 mm at 3.. mm if in inch, not mm"),
+        (18.6, 30.0, "18.6 m large and 30 m .* 186 mm at 300 mm if in cm, not m,"),
+        (7.3, 11.8, "7.3 m large and 11.8 m .* 185 mm at 300 mm if in inch, not m,"),
+        (4e-5, 3e-4, "0.04 mm large and .* if in m, not mm"),
+        (0.186, 0.094, None),
+        (0.02, 0.3, None),
+        (4.5, 7.0, None),
+    ],
+)
+def test_a_scene_in_another_unit_is_warned_of_with_what_it_would_be(
+    size_m: float, away_m: float, text: str | None
+) -> None:
+    doubt = doubtful(
+        ball(size_m / 2, away_m, 1.0)
+        if size_m > 1e-3
+        else Scene(ball(0.02, 0.3, 1.0).vertices_m / 1e3, ball(0.02, 0.3, 1.0).faces),
+        ARRAY,
+    )
+    assert (doubt is None) == (text is None)
+    assert doubt is None or (re.search(text, doubt) and len(doubt) < 300)
+
+
+def test_of_a_mesh_left_at_the_origin_no_more_samples_are_advised(device: clradar.Device) -> None:
+    with pytest.warns(ClradarWarning, match="reaches behind the aperture") as caught:
+        simulated(ball(0.04, 0.0, 0.3), device, samples_per_mm2=0.02)
+    assert len(caught) == 1
 
 
 def test_vertices_without_a_face_are_nowhere(device: clradar.Device) -> None:

@@ -174,12 +174,12 @@ def command(
     show: OpenOption = False,
 ) -> None:
     """Without --x-mm, --y-mm and --z-mm the grid is that of the paper, 201 x 201 x 81 voxels of
-    1 mm, if the object is in it and the radar resolves it there; else one around the echoes beyond
-    the direct coupling, up to 15 dB below the strongest, with voxels of half the resolution at
-    most. The command says which. Of a volume, which is an image already, --png and --report are
-    drawn. A grid of more than 2^23 voxels is imaged piece by piece: what is done is kept beside the
-    output until all is, and the same command resumes. Workers and devices share the pieces of
-    large grids, and several captures.
+    1 mm, if the object is in it and the radar resolves it there, and larger where it would cut the
+    object; else one around the echoes beyond the direct coupling, up to 15 dB below the strongest,
+    with voxels of half the resolution at most. The command says which. Of a volume, which is an
+    image already, --png and --report are drawn. A grid of more than 2^23 voxels is imaged piece by
+    piece: what is done is kept beside the output until all is, and the same command resumes.
+    Workers and devices share the pieces of large grids, and several captures.
     """
     from clradar import Volume, open_device
     from clradar.errors import MeasurementError

@@ -106,14 +106,14 @@ class RegionOptions:
         """The regions of a mesh as it is in its file, whose unit is that of the joints."""
         from calibration import Regions
         from clradar.cli.region_files import read_joints, read_regions
-        from clradar.model.plausible import UNITS_M
+        from clradar.model.plausible import MESH_UNITS_M
 
         if self.regions is None:
             return None
         if self.regions == PARTS:
             return Regions.of_parts(scene)
         if self.regions == FINGERS:
-            joints = None if self.joints is None else UNITS_M[unit] * read_joints(self.joints)
+            joints = None if self.joints is None else MESH_UNITS_M[unit] * read_joints(self.joints)
             return Regions.of_fingers(scene, joints)
         return read_regions(Path(self.regions), scene)
 

@@ -10,7 +10,7 @@ import typer
 
 from clradar.cli.options.groups import option
 
-Unit = Literal["m", "mm", "cm"]
+Unit = Literal["m", "mm", "cm", "inch"]
 
 Amplitude = Literal["unit", "spreading"]
 
