@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import costs
 import pytest
@@ -12,6 +13,8 @@ import clradar
 # Nobody pulls the plug: the disk need not have a file before a test goes on.
 os.fsync = lambda handle: None
 
+HERE = Path(__file__).parent
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--costs", metavar="FILE", help="write processor seconds by file and fixture")
@@ -20,6 +23,44 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     # Not by its hooks here: fixtures of the session would not be seen.
     config.pluginmanager.register(costs)
+
+
+NEED_A_DEVICE = (
+    *("bench", "calibration/conventions", "calibration/hand_fit", "calibration/roughness"),
+    *("calibration/scripts", "cli", "dataset", "fuzz", "imaging", "motion", "opencl", "phasors"),
+    *("rigs", "tracing", "arrays/test_gains_and_boresights.py", "compare/test_spread.py"),
+    *("calibration/registration/test_align_mesh.py", "calibration/registration/test_register.py"),
+    *("geometry/test_bvh.py", "hand/test_flesh.py", "hand/test_hand.py", "test_doctests.py"),
+    *("measurement_io/maroon/test_recording_frames.py", "test_examples.py", "test_validation.py"),
+)
+"""Folders and files of tests that are marked `device` as a whole."""
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    named = config.option.markexpr  # what takes minutes, and the memory checker, only by name
+    aside = [name for name in ("slow", "memcheck") if name not in named]
+    left_out = [item for item in items if any(item.get_closest_marker(name) for name in aside)]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if item not in set(left_out)]
+    for item in items:
+        place = item.path.relative_to(HERE)
+        whole = any(str(path) in NEED_A_DEVICE for path in (place, *place.parents))
+        if whole or "device" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.device)
+
+
+@pytest.fixture(autouse=True)
+def no_device_but_where_it_is_marked(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that `pytest -m "not device"` passes where there is none."""
+    if request.node.get_closest_marker("device") is None:
+
+        def none() -> None:
+            pytest.fail("this test uses an OpenCL device: mark it with pytest.mark.device")
+
+        monkeypatch.setattr("clradar.opencl.device.platforms", none)
+        monkeypatch.setenv("OCL_ICD_VENDORS", str(HERE / "none"))  # for the processes it starts
 
 
 def _device_names() -> list[str]:

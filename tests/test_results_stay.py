@@ -43,6 +43,7 @@ def elsewhere(document: Document) -> Document:
     return changed
 
 
+@pytest.mark.device
 def test_results_stay(on_file: Document, made: Document) -> None:
     compared = digests.compare(on_file, made)
     assert compared.lines == ()
@@ -58,6 +59,7 @@ def test_results_stay(on_file: Document, made: Document) -> None:
         assert (compared.by_bits, compared.by_fingerprint) == (len(results), 0)
 
 
+@pytest.mark.device
 def test_other_machines_compare_fingerprints(on_file: Document, made: Document) -> None:
     """Also where this machine compares bits."""
     compared = digests.compare(on_file, elsewhere(made))
@@ -65,6 +67,7 @@ def test_other_machines_compare_fingerprints(on_file: Document, made: Document) 
     assert compared.by_fingerprint >= FEWEST
 
 
+@pytest.mark.device
 def test_every_case_is_on_file(on_file: Document, made: Document) -> None:
     assert set(on_file["results"]) == set(digests.CASES)
     assert set(made["results"]) == {name for name, case in digests.CASES.items() if case.cheap}
@@ -141,6 +144,7 @@ def test_results_that_come_or_go_are_differences() -> None:
     assert len(digests.compare({**whole, "results": {}}, whole).lines) == 2
 
 
+@pytest.mark.device
 def test_the_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -120,6 +120,7 @@ def test_the_width_in_range_is_that_of_the_band() -> None:
     assert found.lobes == ()
 
 
+@pytest.mark.device
 def test_back_projection_shows_a_grating_lobe_at_its_level() -> None:
     """A point's echoes imaged at the lobes that are predicted for it."""
     tx_m = np.linspace(-0.0275, 0.0275, 12)[:, None] * [1.0, 0.0, 0.0]
@@ -203,6 +204,7 @@ def test_clusters_have_the_lobes_of_their_pitch_below_the_pattern_of_each() -> N
     )
 
 
+@pytest.mark.device
 def test_the_image_of_several_captures_has_the_response_of_clusters() -> None:
     band = clradar.Waveform.sfcw(60e9, 64e9, 16)
     point_m, own = np.array([0.05, 0.01, 0.5]), clusters(3, 40e-3)

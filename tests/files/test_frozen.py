@@ -210,6 +210,7 @@ def test_data_sets(frozen: Path) -> None:
 
 
 # That a sample is set aside, and, elsewhere, that the others were made on another device.
+@pytest.mark.device
 @pytest.mark.filterwarnings("ignore::clradar.ClradarWarning")
 @folders_with("data-set-stopped")
 def test_a_data_set_that_was_stopped_is_completed(frozen: Path, tmp_path: Path) -> None:

@@ -53,6 +53,7 @@ def drawn(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, np.
     return vertices[faces], normals, rng.dirichlet(np.ones(3), n)
 
 
+@pytest.mark.device
 def test_offsets_and_tangents_are_those_of_the_reference(device: clradar.Device) -> None:
     triangles_m, normals, weight = drawn(np.random.default_rng(1), 500)
     got = by_kernel(device, triangles_m, normals, weight)
@@ -121,6 +122,7 @@ def test_points_of_a_ball_are_closer_by_the_square_of_the_angle() -> None:
     assert left[2] < left[1] / 12
 
 
+@pytest.mark.device
 def test_flat_sides_have_no_offset_at_all(device: clradar.Device) -> None:
     """Neither turned boxes nor those whose corners were rounded to float32."""
     vertices, faces = box((0, 0, 0), (0.1, 0.05, 0.07))

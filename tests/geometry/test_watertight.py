@@ -109,6 +109,7 @@ def test_faces_without_area_neither_close_nor_open():
     assert outward_side(np.concatenate([triangles[1:], point, needle])) == 0
 
 
+@pytest.mark.device
 @pytest.mark.parametrize("width", [1, 8])
 @pytest.mark.parametrize("name", CLOSED)
 def test_parity_of_one_ray_changes_no_visibility(name, width, monkeypatch):

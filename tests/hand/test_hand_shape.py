@@ -51,6 +51,7 @@ def measured_breadth_m(shape: HandShape) -> float:
     return float(np.ptp(widest @ across))
 
 
+@pytest.mark.device
 @pytest.mark.parametrize(
     "shape",
     [
@@ -85,6 +86,7 @@ def test_finger_lengths_change_one_finger_each():
     assert ratio[1] < 1.0
 
 
+@pytest.mark.device
 def test_girth_makes_fingers_thicker_and_the_hand_no_broader():
     thin, thick = (HandShape(girth=g) for g in (0.92, 1.08))
     volumes = [hand_mesh("flat", EDGE_M, shape=s).to_trimesh().volume for s in (thin, thick)]
@@ -141,6 +143,7 @@ def test_shapes_that_no_hand_has_are_refused(arguments, message):
         HandShape(**arguments)
 
 
+@pytest.mark.device
 @pytest.mark.parametrize(
     "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 40))]
 )

@@ -36,6 +36,7 @@ def test_minimum_jerk_starts_and_ends_at_rest() -> None:
     assert minimum_jerk(h) < 10.1 * h**3
 
 
+@pytest.mark.device
 @pytest.mark.parametrize("handedness", ["right", "left"])
 def test_joints_of_the_movement_are_those_of_its_mesh(handedness: str) -> None:
     shape = HandShape(length_m=0.17, girth=0.95)

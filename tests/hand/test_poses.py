@@ -353,6 +353,7 @@ def test_signs_with_a_rotated_wrist_point_where_they_should():
     assert pointing("K", "index")[1] > 0.9
 
 
+@pytest.mark.device
 @pytest.mark.parametrize("sign", ["K", "M", "Q", "S"])
 def test_surface_of_a_sign_is_closed_without_self_intersections(sign):
     check_surface(hand_mesh(sign, COARSE_M))
@@ -456,6 +457,7 @@ def test_a_pose_around_another_follows_from_the_generator_and_the_spread():
             pose_around(fist, np.random.default_rng(7), wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.device
 @pytest.mark.parametrize("seed", range(3))
 def test_surface_of_a_random_pose_is_sound(seed):
     check_surface(hand_mesh(random_pose(np.random.default_rng(seed)), COARSE_M))

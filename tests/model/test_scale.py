@@ -61,6 +61,7 @@ def grid_around(at_m: np.ndarray, counts: tuple[int, int, int] = (3, 3, 3)) -> V
     return VoxelGrid(at_m - 1e-3 * (np.array(counts) // 2), [1e-3] * 3, counts)
 
 
+@pytest.mark.device
 @pytest.mark.parametrize("array", [ARRAY, PATTERNED], ids=["isotropic", "patterns"])
 @pytest.mark.parametrize("window", ["rect", "hann"])
 @pytest.mark.parametrize("at_m", [(0.0, 0.0, 0.3), (0.09, -0.07, 0.26), (0.0, 0.02, 1.2)])
@@ -74,6 +75,7 @@ def test_a_point_target_reads_its_cross_section(array, window, at_m) -> None:
     assert rcs_dbsm.dtype == np.float32
 
 
+@pytest.mark.device
 def test_methods_agree() -> None:
     at = np.array([0.01, 0.02, 0.3])
     capture = point_target(PATTERNED, at, 1.0)
@@ -128,6 +130,7 @@ def sphere(radius_m: float, range_m: float) -> Capture:
     return echo(ARRAY, lengths[0], lengths[1], u)
 
 
+@pytest.mark.device
 @pytest.mark.parametrize(("radius_m", "below_db"), [(0.002, 0.15), (0.005, 0.5)])
 def test_small_spheres_read_pi_a_squared(radius_m: float, below_db: float) -> None:
     # Lengths of pairs differ from those of one point by 2a (1 - cos(half)): with half angles of up
@@ -161,6 +164,7 @@ def test_samples_of_a_large_plate_tell_pi_r_squared() -> None:
     assert np.abs(found - 10 * np.log10(np.pi * 0.3**2)).max() < 1e-5  # complex64
 
 
+@pytest.mark.device
 def test_a_voxel_of_a_plate_reads_a_resolution_cell_of_it() -> None:
     # 4 pi A^2 / lambda^2 with A the square of the width at -3 dB, as docs/absolute-scale.md
     # says: an estimate, good to 3 dB.
@@ -188,6 +192,7 @@ def test_samples_without_a_scale_or_a_place() -> None:
     assert np.isnan(capture.rcs_dbsm([0, 0, -0.3])).all()
 
 
+@pytest.mark.device
 def test_relative_images_have_no_cross_section() -> None:
     capture = replace(point_target(ARRAY, np.array([0, 0, 0.3]), 1.0), meta={})
     assert not capture.absolute

@@ -69,6 +69,7 @@ def test_without_gpus_all_are_those_like_the_default(monkeypatch: pytest.MonkeyP
     assert [info.selector for info in choice.select_devices(None)] == ["1:0"]
 
 
+@pytest.mark.device
 def test_devices_of_two_kinds_are_not_alike() -> None:
     first = clradar.open_device("pocl")
     devices = type(open_devices(first))((first.info, listed("1:0", "B", "gpu")), first)

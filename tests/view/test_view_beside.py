@@ -151,6 +151,7 @@ def test_the_files_of_a_comparison_are_found_beside_it(tmp_path: Path) -> None:
             compared_files(path)
 
 
+@pytest.mark.device
 def test_a_hand_is_where_it_was_fitted_or_where_it_is_put(tmp_path: Path) -> None:
     device = clradar.open_device()
     middle = hand_mesh("L", handedness="left")

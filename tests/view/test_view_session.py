@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import pytest
 
 import clradar
 from clradar.errors import MeasurementError
@@ -203,6 +204,7 @@ def test_frames_that_come_and_go_are_stepped_through_by_their_numbers() -> None:
     assert [wish.frame for wish in front.shown] == [7, 9, 3]
 
 
+@pytest.mark.device
 def test_captures_without_a_grid_get_one_that_shows_them() -> None:
     form, front = SlowImager(), Record()
     form.let.release(9)

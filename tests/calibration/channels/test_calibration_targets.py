@@ -102,6 +102,7 @@ def test_corner_is_a_point_target() -> None:
     assert np.abs(spread - got).max() < PHASOR_TOLERANCE
 
 
+@pytest.mark.device
 @pytest.mark.parametrize("target", [FlatPlate(0.3), Sphere([0.01, 0.0, 0.34], 0.05)])
 def test_traced_mesh_has_the_same_paths(device: clradar.Device, target: Any) -> None:
     # An offset e <= 5 mm at the receiver costs e^2 / (4 R) = 21 um of path at a plane mirror at

@@ -119,6 +119,7 @@ def wanted_db(device: clradar.Device, ideal: Capture) -> list[tuple[float, float
     return [peak_and_side_lobe_db(replace(ideal, data=d), device) for d in (masked, ideal.data)]
 
 
+@pytest.mark.device
 @pytest.mark.parametrize("kind", KINDS)
 def test_image_of_another_target_is_as_good_as_ideal(
     device: clradar.Device, ideal: Capture, wanted_db: list[tuple[float, float]], kind: str

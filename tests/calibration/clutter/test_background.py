@@ -245,6 +245,7 @@ def test_dead_channels_have_no_weight() -> None:
     assert not found.data[4].any()
 
 
+@pytest.mark.device
 def test_the_image_of_a_target_is_that_without_the_room(device: clradar.Device) -> None:
     # Everything on: noise, channels, IQ imbalance, coupling, walls, drift, 14 bits, 4 + 4 frames.
     where = [0.02, -0.01, 0.3]

@@ -422,6 +422,7 @@ other devices. The bright places of a hand are not the same spots of skin after 
 two depth maps are not the same surface moved: see docs/registration-method.md."""
 
 
+@pytest.mark.device
 def test_simulated_hands():
     array = clradar.arrays.qar50()
     waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
