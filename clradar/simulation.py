@@ -89,8 +89,8 @@ def simulate(
         of a wavelength on 5 % of the area; the scene reaches behind the antennas, or beyond the
         unambiguous range, or is as wide as the array's grating lobes; no ray arrives,
         or so few that a tenth of the pairs has none by chance. With the physical estimator also:
-        no Tx and Rx see a common point; points too sparse for the wavelength or the roughness; a
-        roughness that the Kirchhoff approximation does not hold for.
+        no Tx and Rx see a common point; lit parts that face each other; points too sparse for the
+        wavelength or the roughness; a roughness that the Kirchhoff approximation does not hold for.
 
     Examples
     --------
