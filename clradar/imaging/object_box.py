@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import maximum_filter
 
 from clradar.arrays.point_spread import response
 from clradar.constants import PLAUSIBLE_RANGE_M
@@ -109,8 +108,8 @@ def hand_box(capture: Capture, echo: Echo, power: float, device: Device) -> Voxe
     if not near and (wide_m == [low_m, high_m]).all():
         return PAPER_GRID
     step_m = PAPER_GRID.spacing_m * [1, 1, 2 if near else 1]
-    grid = spanned(capture, *wide_m, step_m, 2 * MOST_VOXELS)
-    return grid or rounded(capture, *wide_m, resolution_m(capture, echo.position_m))
+    grid = spanned(capture, wide_m[0], wide_m[1], step_m, 2 * MOST_VOXELS)
+    return grid or rounded(capture, wide_m[0], wide_m[1], resolution_m(capture, echo.position_m))
 
 
 def _front_m(capture: Capture) -> float:
@@ -131,7 +130,7 @@ def _extended(
             slab_m[1 - end, axis] = ends_m[end, axis] - outward * cell_m
             slab_m[end, axis] += outward * FURTHER_RESOLUTIONS * cell_m
             slab_m[0, 2] = max(slab_m[0, 2], nearest_m)
-            image = coarse_image(capture, *slab_m, device, np.inf)
+            image = coarse_image(capture, slab_m[0], slab_m[1], device, np.inf)
             unfocused = float(np.sqrt(FOCUS * power / image.pairs))
             level = max(10 ** (-FURTHER_DB / 20) * echo.amplitude, unfocused)
             beyond_m = outward * (_peaks_m(image, axis, level) - ends_m[end, axis])
@@ -147,6 +146,8 @@ def _peaks_m(image: CoarseImage, axis: int, level: float) -> np.ndarray:
 
     Parabolas of the logarithm refine them.
     """
+    from scipy.ndimage import maximum_filter
+
     peaks = (image.amplitude >= level) & (image.amplitude == maximum_filter(image.amplitude, 3))
     index = np.argwhere(peaks)
     along = np.log(np.maximum(np.moveaxis(image.amplitude, 2 - axis, -1), 1e-30))
