@@ -88,11 +88,12 @@ def simulate(
     -----
     ClradarWarning
         Faces of a curved surface are so coarse that the two-way phase is off by more than a quarter
-        of a wavelength on 5 % of the area; the scene reaches behind the antennas, or beyond the
-        unambiguous range, or is as wide as the array's grating lobes; no ray arrives,
-        or so few that a tenth of the pairs has none by chance. With the physical estimator also:
-        no Tx and Rx see a common point; points too sparse for the wavelength or the roughness; a
-        roughness that the Kirchhoff approximation does not hold for.
+        of a wavelength on 5 % of the area, or edges between them stay sharp; the scene reaches
+        behind the antennas, or beyond the unambiguous range, or is as wide as the array's grating
+        lobes, or its size and range are most likely in another unit; no ray arrives, or so few
+        that a tenth of the pairs has none by chance. With the physical estimator also: no Tx and Rx
+        see a common point; lit parts that face each other; points too sparse for the wavelength or
+        the roughness; a roughness that the Kirchhoff approximation does not hold for.
 
     Examples
     --------

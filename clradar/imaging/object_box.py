@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import maximum_filter
 
 from clradar.arrays.point_spread import response
 from clradar.constants import PLAUSIBLE_RANGE_M
@@ -147,6 +146,8 @@ def _peaks_m(image: CoarseImage, axis: int, level: float) -> np.ndarray:
 
     Parabolas of the logarithm refine them.
     """
+    from scipy.ndimage import maximum_filter
+
     peaks = (image.amplitude >= level) & (image.amplitude == maximum_filter(image.amplitude, 3))
     index = np.argwhere(peaks)
     along = np.log(np.maximum(np.moveaxis(image.amplitude, 2 - axis, -1), 1e-30))

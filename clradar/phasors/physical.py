@@ -18,6 +18,7 @@ from clradar.model.material_file import material_record
 from clradar.model.progress import Progress
 from clradar.opencl import Device
 from clradar.phasors.kirchhoff_sum import TOLERANCE_DB, KirchhoffSum
+from clradar.tracing.corners import warn_of_corners
 from clradar.tracing.quadrature import LitPoints, LitQuadrature
 from clradar.tracing.settings import SimulationSettings, simulated_meta
 
@@ -42,6 +43,7 @@ def physical_samples(
     for material in used:
         check_kirchhoff(material, waveform)
     _warn_of_sparse_points(used, waveform, settings)
+    warn_of_corners(scene, array, settings, device)
     data = np.zeros((array.n_tx, array.n_rx, waveform.n_freq), np.complex64)
     n_lit, n_seen, n_paths, counts = 0, 0, 0, dict[str, int]()
     with LitQuadrature(scene, array, settings, device) as quadrature:

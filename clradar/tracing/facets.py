@@ -27,6 +27,9 @@ limit.
 LEAST_SHARE = 0.05
 """Part of the area that has to be coarse: fingertips alone are not warned of."""
 
+ROUND_DEG = 70.0
+"""Faces of a coarse mesh of a round body, a finger of six sides, meet at less; a box's at 90."""
+
 SHORT_EDGES = {"flat": 4.0, "curved": 12.0}
 """Faces whose edges are shorter than this many times the error that is allowed are not looked at.
 Normals differ by 2 at most, so the sagitta is less than a quarter of the edge; and curved faces are
@@ -51,7 +54,8 @@ def warn_of_coarse_facets(
     -----
     ClradarWarning
         More than 5 % of the area belongs to faces where paths end more than an eighth of the
-        wavelength off the surface, so that the two-way phase is off by more than a quarter of it.
+        wavelength off the surface, so that the two-way phase is off by more than a quarter of it;
+        or they would be, flat, had their edges of less than 70 degrees not stayed sharp.
 
     Notes
     -----
@@ -63,6 +67,16 @@ def warn_of_coarse_facets(
     edges = _edges(scene.triangles_m)
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     least = LEAST_SHARE * area.sum()
+    if settings.normals == "smooth" and scene.normals is None:
+        facets = _faceted(scene, settings.crease_deg, limit_m, area)
+        if facets > LEAST_SHARE:
+            warn(
+                f"{function}: {100 * facets:.0f} % of the surface are large faces with edges of "
+                f"less than {ROUND_DEG:g} degrees that stay sharp, beyond crease_deg="
+                f"{settings.crease_deg:g}, and are imaged as facets; of a smooth surface take "
+                "crease_deg=180 or a finer mesh, of a body with such edges normals='face'"
+            )
+            return
     long = np.linalg.norm(edges, axis=2).max(axis=1) > SHORT_EDGES[settings.facets] * limit_m
     if settings.normals == "face" or area[long].sum() <= least:
         return
@@ -85,6 +99,18 @@ def warn_of_coarse_facets(
         f"{PHASE_LIMIT:g} blur glints; take a mesh of the same smooth surface with edges about "
         f"{max(finer, 1.1):.1f} times shorter, or normals='face' if the faces are meant to be flat"
     )
+
+
+def _faceted(scene: Scene, crease_deg: float, limit_m: float, area: np.ndarray) -> float:
+    """Share of the area of which edges between coarse faces are taken for those of the body."""
+    longest_m = np.linalg.norm(_edges(scene.triangles_m), axis=2).max(axis=1)
+    long = longest_m > SHORT_EDGES["flat"] * limit_m
+    if crease_deg >= ROUND_DEG or area[long].sum() <= LEAST_SHARE * area.sum():
+        return 0.0
+    corners, rounded = (corner_normals(scene, "smooth", d)[0] for d in (crease_deg, ROUND_DEG))
+    kept = np.abs(corners - rounded).max(axis=(1, 2)) > 1e-6
+    coarse = facet_sagitta_m(scene.triangles_m, rounded) > limit_m
+    return float(area[kept & coarse].sum() / area.sum())
 
 
 def facet_sagitta_m(triangles_m: np.ndarray, corners: np.ndarray) -> np.ndarray:

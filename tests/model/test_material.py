@@ -344,3 +344,17 @@ def test_what_kirchhoff_cannot_do_is_warned_of(h_mm: float, l_mm: float, words: 
 def test_relaxation_times_in_picoseconds_are_refused() -> None:
     with pytest.raises(ModelError, match=r"in seconds, at most 1, got 7.234; did you mean 7.234e"):
         ColeCole(4.0, [(32.0, 7.234)])
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "te_db", "tm_db"),
+    [(30, -0.7, 0.7), (45, -1.5, 1.8), (55, -2.5, 3.0), (65, -3.8, 5.1)],
+)
+def test_the_mean_of_both_polarisations_is_as_far_off_as_stated(
+    angle_deg: float, te_db: float, tm_db: float
+) -> None:
+    """docs/materials.md, of skin at 77 GHz."""
+    skin, cosine = clradar.material("skin"), [np.cos(np.radians(angle_deg))]
+    mean = skin.reflection([77e9], cosine)
+    for own, stated_db in zip(skin.fresnel([77e9], cosine), (te_db, tm_db), strict=True):
+        assert 20 * np.log10(np.abs(mean / own)).item() == pytest.approx(stated_db, abs=0.05)

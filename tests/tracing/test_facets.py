@@ -129,17 +129,37 @@ def test_the_embedded_hand_is_fine_enough(pose: str) -> None:
         assert remarks(Scene.from_mesh(hand_mesh(pose, edge_length_m=4e-3)), facets=facets) == []
 
 
-def test_a_hand_of_a_thousand_vertices_is_not() -> None:
+def merged_hand(pose: str, cell_m: float) -> Scene:
     """Vertices of one cell merged into one, as decimation leaves them."""
-    mesh = hand_mesh("F", edge_length_m=4e-3)
-    _, cell = np.unique(np.floor(mesh.vertices_m / 7e-3).astype(int), axis=0, return_inverse=True)
+    mesh = hand_mesh(pose, edge_length_m=4e-3)
+    _, cell = np.unique(np.floor(mesh.vertices_m / cell_m).astype(int), axis=0, return_inverse=True)
     cell = cell.reshape(-1)
     vertices = np.stack([np.bincount(cell, weights=axis) for axis in mesh.vertices_m.T], axis=1)
     faces = cell[mesh.faces]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    hand = Scene(vertices / np.bincount(cell)[:, None], faces, 0.5)
+    return Scene(vertices / np.bincount(cell)[:, None], faces, 0.5)
+
+
+def test_a_hand_of_a_thousand_vertices_is_not() -> None:
+    hand = merged_hand("F", 7e-3)
     assert 900 < hand.vertices_m.shape[0] < 1300
-    assert len(remarks(hand, facets="flat")) == 1
+    assert len(remarks(hand, facets="flat", crease_deg=180.0)) == 1
+    hand = merged_hand("V", 7e-3)
+    assert 1500 < hand.n_faces < 2500
+    (remark,) = remarks(hand)
+    assert "edges of less than 70 degrees that stay sharp, beyond crease_deg=30" in remark
+    assert "take crease_deg=180 or a finer mesh" in remark
+    assert len(remark) < 300
+    assert remarks(merged_hand("V", 6e-3), crease_deg=180.0) == []
+    assert remarks(hand, normals="face") == []
+
+
+def test_edges_of_the_body_itself_are_none_of_a_coarse_mesh() -> None:
+    fine = hand_mesh("V", edge_length_m=4e-3)  # of which 3 % of the edges are sharper
+    assert remarks(Scene(fine.vertices_m, fine.faces, 0.5)) == []
+    assert remarks(cylinder(0.02, 4)) == []  # its sides meet at 90 degrees
+    (remark,) = remarks(cylinder(0.02, 8))
+    assert "that stay sharp" in remark
 
 
 def test_simulations_warn_at_their_highest_frequency() -> None:

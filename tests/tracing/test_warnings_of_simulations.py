@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from typing import Any
 
 import numpy as np
@@ -204,6 +205,23 @@ def test_of_a_mesh_left_at_the_origin_no_more_samples_are_advised(device: clrada
     with pytest.warns(ClradarWarning, match="reaches behind the aperture") as caught:
         simulated(ball(0.04, 0.0, 0.3), device, samples_per_mm2=0.02)
     assert len(caught) == 1
+
+
+@pytest.mark.parametrize(
+    ("open_deg", "warned"), [(90.0, True), (180.0, False), (120.0, False)], ids=str
+)
+def test_corners_are_warned_of_by_the_estimator_of_one_reflection(
+    open_deg: float, warned: bool, device: clradar.Device
+) -> None:
+    """Two squares of 30 mm at an angle: two reflections lead back from a right one alone."""
+    half = np.radians(open_deg / 2)
+    x, z = 0.03 * np.sin(half), 0.03 * np.cos(half)
+    corners = [[s * x, y, 0.3 - abs(s) * z] for s in (0, -1, 1) for y in (-0.015, 0.015)]
+    scene = Scene(corners, [[0, 1, 2], [1, 3, 2], [0, 4, 1], [1, 4, 5]])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        simulated(scene, device, reception_radius_m=None, estimator="physical")
+    assert ["face each other" in str(one.message) for one in caught] == [True] * warned
 
 
 def test_vertices_without_a_face_are_nowhere(device: clradar.Device) -> None:
