@@ -9,7 +9,9 @@ one more. On Windows `OCL_ICD_FILENAMES` names libraries beside those of the reg
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import pyopencl as cl
+
+from clradar.errors import warn
 
 INTEL_PACKAGE = "intel-opencl-rt"
 INTEL_LIBRARY, INTEL_LIBRARY_WINDOWS = "libintelocl.so", "intelocl64.dll"
@@ -40,12 +44,34 @@ def platforms() -> list[Any]:
         There is none.
     """
     global _listed
+    if not _listed:
+        _provide_cache()
     library = None if _listed else intel_library()
     _listed = True
     if library is None or any(os.environ.get(name) for name in VARIABLES):
         return list(cl.get_platforms())
     with _vendors(library):
         return list(cl.get_platforms())
+
+
+def _provide_cache() -> None:
+    """Give kernels a folder where the user's cannot be written: else PoCL has no device."""
+    home = os.environ.get("HOME")
+    if os.name != "posix" or not home:
+        return
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path(home, ".cache"))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return
+    except OSError as error:
+        own = tempfile.mkdtemp(prefix="clradar-cache-")
+        atexit.register(shutil.rmtree, own, ignore_errors=True)
+        os.environ["XDG_CACHE_HOME"] = own
+        warn(
+            f"{folder} cannot be written ({error.strerror}): kernels are built anew in every "
+            "process; set XDG_CACHE_HOME to a folder that can"
+        )
 
 
 def intel_library() -> Path | None:

@@ -319,6 +319,25 @@ def test_a_memory_limit_only_lowers_the_budget(device: clradar.Device) -> None:
     )
 
 
+@pytest.mark.skipif(os.name != "posix", reason="the folder of the cache is elsewhere")
+def test_a_home_that_cannot_be_written_hides_no_device(tmp_path: Path) -> None:
+    home = tmp_path / "a file"
+    home.touch()
+    code = (
+        "import clradar; from clradar.opencl.choice import fault; "
+        "print(fault(clradar.open_device('pocl').info.selector))"
+    )
+    environment = {k: v for k, v in os.environ.items() if k != "XDG_CACHE_HOME"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True,
+        env={**environment, "HOME": str(home), "TMPDIR": str(tmp_path)},
+    )  # fmt: skip
+    assert done.stdout == "None\n", done.stderr
+    assert "cannot be written" in done.stderr
+    assert "set XDG_CACHE_HOME" in done.stderr
+    assert sorted(tmp_path.iterdir()) == [home]
+
+
 # Memory ------------------------------------------------------------------------------------------
 
 
