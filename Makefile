@@ -10,7 +10,7 @@ JOBS ?= 2
 # Tests start many programs, and each would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-spawn test-slow test-intel fuzz memcheck gpucheck lint size format figures validation docs bench release clean
+.PHONY: demo test test-spawn test-slow test-intel mutants fuzz memcheck gpucheck lint size format figures validation docs bench release clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
@@ -31,6 +31,11 @@ test-slow: $(VENV)/.installed-dev
 # would become the default device, so it has an environment of its own.
 test-intel: $(VENV)-intel/.installed
 	CLRADAR_TEST_DEVICES=intel $(VENV)-intel/bin/python -m pytest -n $(JOBS) --dist loadfile -k intel
+
+# Single faults in copies of the tree, and whether a test notices each (tests/mutants/mutants.toml): some
+# twenty minutes. ONLY="tracing lobe": of these folders and files, or with ids that begin so.
+mutants: $(VENV)/.installed-dev
+	$(BIN)/python tests/mutants/run.py --jobs $(JOBS) $(ONLY)
 
 # 100 000 mutated files for every reader, and 20 000 guided by coverage: some hours.
 fuzz: $(VENV)/.installed-fuzz

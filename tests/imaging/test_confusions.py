@@ -11,6 +11,7 @@ import trimesh
 import clradar
 from clradar.arrays.ambiguity import ghosts, range_aliases
 from clradar.errors import ClradarWarning, handled_warnings
+from clradar.tracing.ambiguous import warn_of_ambiguity
 
 LINES = np.linspace(-1, 1, 12), np.linspace(-1, 1, 16)
 CROSS = clradar.AntennaArray(
@@ -90,6 +91,21 @@ def test_simulations_say_what_their_scene_meets() -> None:
         clradar.simulate(plate(0.05, 5.0), CROSS, BAND, **settings)
     with pytest.warns(ClradarWarning, match="as wide as the array's grating lobes.* dB"):
         clradar.simulate(plate(2.0, 0.8), CROSS, BAND, **settings)
+
+
+@pytest.mark.parametrize(("width_m", "warned"), [(0.048, False), (0.052, True)])
+def test_scenes_narrower_than_a_twentieth_of_their_range_have_no_doubles(
+    width_m: float, warned: bool
+) -> None:
+    """Receivers 16 cm apart at 61 GHz: lobes 0.03 of a sine apart."""
+    array = clradar.AntennaArray([[0, 0, 0]], np.arange(-2, 3)[:, None] * [0.16, 0, 0])
+    scene = clradar.Scene(
+        np.array([[-1, 0, 0], [1, 0, 0], [0, 0.01, 0]]) * width_m / 2 + [0, 0, 1], [[0, 1, 2]]
+    )
+    found: list[str] = []
+    with handled_warnings(found.append):
+        warn_of_ambiguity(scene, array, BAND)
+    assert len(found) == warned
 
 
 def test_the_imager_and_its_hand_raise_no_message() -> None:

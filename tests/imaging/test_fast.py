@@ -101,6 +101,31 @@ def test_every_family_keeps_the_tolerance() -> None:
     assert (error <= 1.5 * SLACK * 1e-3).all()
 
 
+def test_a_decomposition_is_checked_on_functions_that_it_was_not_made_from() -> None:
+    """The first samples are alike, so that one point would do for them."""
+    rng = np.random.default_rng(0)
+    at, drawn = np.sort(rng.uniform(-1, 1, 50)), []
+
+    def draw() -> np.ndarray:
+        drawn.append(0.01 if not drawn else 1.0)
+        return parts(drawn[-1] * rng.uniform(-1, 1, (300, 1)) * at)
+
+    found = decompose_sampled(draw, 0.02)
+    fresh = draw()
+    assert phasor_rms(fresh - fresh[..., found.skeleton] @ found.weights.T) <= 1.5 * SLACK * 0.02
+
+
+def test_the_order_of_the_samples_changes_no_bit() -> None:
+    """Nor does the number of threads, which decides in what order products are summed."""
+    rng = np.random.default_rng(0)
+    samples = parts(rng.uniform(-1, 1, (300, 1)) * rng.uniform(-1, 1, 50))
+    one, other = (
+        decompose_sampled(lambda own=own: own, 1e-3) for own in (samples, samples[:, ::-1])
+    )
+    np.testing.assert_array_equal(one.skeleton, other.skeleton)
+    np.testing.assert_array_equal(one.weights, other.weights)
+
+
 def test_points_that_coincide_need_one_of_them() -> None:
     samples = parts(np.random.default_rng(0).uniform(size=(40, 2)))[0][:, [0, 1, 0, 0]]
     found = decompose(samples, 1e-6)

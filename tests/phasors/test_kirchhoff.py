@@ -134,6 +134,8 @@ def test_shadowed_scene_of_skin_and_metal(width: int) -> None:
     assert db(capture.data[:, :, ::11], want) < TOLERANCE_DB
     facts = capture.meta["kirchhoff"]
     assert 0 < facts["seen_by_all"] < facts["lit"] == len(lit.sample)
+    seen = [np.unpackbits(bits, axis=1).sum(axis=1, dtype=int) for bits in (lit.tx, lit.rx)]
+    assert capture.meta["rays"]["paths"] == (seen[0] * seen[1]).sum()
     assert facts["skeleton_tx"] < ARRAY.n_tx
     assert facts["skeleton_frequencies"] < WAVEFORM.n_freq
     recorded = capture.meta["scene"]["materials"]

@@ -127,7 +127,7 @@ def expectations(
             yield pair, length, tracer._buffers.read(tile.amplitude, n, np.float32)
 
 
-def shares(scene: Scene, device, **arguments) -> np.ndarray:
+def shares(scene: Scene, device, tolerance: float = SHARE_TOLERANCE, **arguments) -> np.ndarray:
     """What the kernel finds, as the reference orders it: (n_samples, n_tx, n_rx)."""
     settings = resolve_settings(rays_per_sample=1, estimator="expected", **arguments)
     counts = samples_per_face(scene, settings)
@@ -147,7 +147,7 @@ def shares(scene: Scene, device, **arguments) -> np.ndarray:
             found[s, tx, rx] = share
     peak = wanted.max()
     assert peak > 0
-    assert np.abs(found - wanted).max() <= SHARE_TOLERANCE * peak
+    assert np.abs(found - wanted).max() <= tolerance * peak
     assert abs(found.sum() / wanted.sum() - 1) <= MEAN_TOLERANCE
     return found
 
@@ -160,6 +160,16 @@ def test_probabilities_are_those_of_the_reference(alpha: float, device) -> None:
     scene = Scene(*plate(0.16, 0.3, 5, wavy_m=0.01), alpha)
     found = shares(scene, device, rays_per_face=1, crease_deg=180.0, reception_radius_m=0.02)
     assert (found > 0).sum() >= (20 if alpha >= 0.05 else 5)
+
+
+@pytest.mark.parametrize("alpha", [0.3, 1.0])
+@pytest.mark.parametrize("width", [1, 8])
+def test_large_discs_that_the_horizon_of_the_face_cuts(width: int, alpha: float, device) -> None:
+    """Near a mesh whose normals are not those of its faces. The density has a step in them, which
+    four slices hold to 1.5e-2 of a probability, and to 5e-5 in the mean."""
+    scene = Scene(*plate(0.16, 0.15, 5, wavy_m=0.02), alpha)
+    lanes = clradar.open_device(device.info.selector, width=width)
+    shares(scene, lanes, 0.02, rays_per_face=1, crease_deg=180.0, reception_radius_m=0.1)
 
 
 @pytest.mark.parametrize(

@@ -58,6 +58,7 @@ def points_of(
         [[0, 0, 0], [100, 0, 0], [50, 0.01, 0]],
         [[0, 0, 0], [30, 0, 0], [0, 30, 0]],
         [[0, 0, 0], [0.4, 0, 0], [0, 0.5, 0]],
+        [[0, 0, 0], [1, 0, 0], [0.5, 0.866, 0]],  # 1.3 points of the density along its root
     ],
 )
 def test_pieces_are_dense_in_both_directions(corners_mm: list[list[float]]) -> None:
@@ -66,6 +67,8 @@ def test_pieces_are_dense_in_both_directions(corners_mm: list[list[float]]) -> N
     edges = np.roll(pieces.corners.astype(float), -1, axis=1) - pieces.corners
     share = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]) / 2
     assert 2 * share.sum() == pytest.approx(1.0, rel=1e-6)  # of the unit triangle
+    centroid = share @ pieces.corners.astype(float).mean(axis=1) / share.sum()
+    assert centroid == pytest.approx(1 / 3, abs=1e-6)  # none twice, and none missing
     edges_m = edges @ (triangle_m[0, 1:] - triangle_m[0, 0])
     longest_m = np.linalg.norm(edges_m, axis=2).max(axis=1)
     assert (longest_m / pieces.edge_points).max() <= 2.1 * 0.5e-3 * (1 + 1e-6)
@@ -151,12 +154,16 @@ def test_texture_moves_with_the_body() -> None:
     assert np.abs(two.position_m[j] - moved_m).max() < 3e-8
 
 
-def test_texture_of_torn_faces_is_not_stretched() -> None:
+@pytest.mark.parametrize(("longer", "torn"), [(1.95, False), (2.05, True), (50.0, True)])
+def test_texture_of_torn_faces_is_not_stretched(longer: float, torn: bool) -> None:
     triangles_m = 1e-3 * np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]] * 2)
     texture_m = triangles_m + 0.01
-    texture_m[1, 2] += 0.05
+    texture_m[1] += [[0, 0, 0], [0, 0, 0], [0, 1e-3 * (longer - 1), 0]]
     mended = mended_texture(triangles_m, texture_m)
     assert np.array_equal(mended[0], texture_m[0])
+    if not torn:
+        assert np.array_equal(mended, texture_m)
+        return
     edges = [np.linalg.norm(np.roll(c, -1, 1) - c, axis=2) for c in (mended, triangles_m)]
     assert edges[0] == pytest.approx(edges[1], rel=1e-9)
 

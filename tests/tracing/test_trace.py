@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from shapes import bowl, box, dihedral, plate, random_soup, sphere, with_degener
 
 import clradar
 from clradar import AntennaArray, Paths, Scene, reference
-from clradar.errors import DeviceError
+from clradar.errors import DeviceError, ModelError
 from clradar.geometry.normals import corner_normals
 from clradar.trace import trace as tracing
 from clradar.tracing.sampled_surface import samples_per_face
@@ -350,6 +351,23 @@ def test_a_full_reception_buffer_grows_and_changes_no_bit(capacity, device, monk
     assert same_bits(whole, tracing(SCENES["bowl"], ARRAY, **arguments))
     assert len(grown) >= 2
     assert grown[-1] > capacity
+
+
+def test_what_is_counted_in_32_bits_stays_below_them(device) -> None:
+    """Pairs of an array; rays times pairs of a tile; receptions of a tile."""
+    settings = resolve_settings(samples_per_mm2=1.0, rays_per_sample=2**16, max_bounces=2)
+    many = clradar.arrays.qar50()
+    with Tracer(SCENES["plate"], many, settings, device) as tracer:
+        rays = 2**16 * 2 * many.n_tx * many.n_rx
+        assert tracer.n_samples > 10
+        assert tracer._tile_samples == (2**32 - 1) // rays == 3
+    huge = SimpleNamespace(max_buffer_bytes=2**45)
+    room = SimpleNamespace(device=huge, _room_bytes=2**45, _capacity=0)
+    assert Tracer._most_receptions(room) == 2**32 - 1
+    at_m = np.linspace([0.0, 0, 0], [0.1, 0, 0], 2**16)
+    Tracer(SCENES["plate"], AntennaArray(at_m, at_m[1:]), settings, device)
+    with pytest.raises(ModelError, match=r"fewer than 2\^32 pairs, got 65536 x 65536"):
+        Tracer(SCENES["plate"], AntennaArray(at_m, at_m), settings, device)
 
 
 # --- closed forms and invariants

@@ -13,9 +13,11 @@ import trimesh
 import clradar
 from clradar import AntennaArray, ClradarWarning, Scene, Waveform
 from clradar.arrays import qar50
-from clradar.errors import MeshError, ModelError
+from clradar.errors import MeshError, ModelError, handled_warnings
 from clradar.simulation import simulate_alphas
 from clradar.tracing.placement import doubtful
+from clradar.tracing.settings import resolve_settings
+from clradar.tracing.starvation import warn_if_starved
 
 IMAGER = qar50()
 ARRAY = AntennaArray(IMAGER.tx_m[::12], IMAGER.rx_m[::12])
@@ -120,6 +122,21 @@ def test_the_emptiest_of_several_alphas_is_warned_of(device: clradar.Device) -> 
         list(simulate_alphas(scene, ARRAY, WAVEFORM, [1.0, 0.3], device=device, **few))
     assert len(caught) == 1
     assert "expected" not in str(caught[0].message)  # which it does not offer
+
+
+@pytest.mark.parametrize(
+    ("empty", "each", "warned"), [(9, 2, False), (11, 2, True), (11, 19, True), (11, 21, False)]
+)
+def test_a_tenth_of_the_pairs_may_be_empty_or_the_others_have_twenty_paths(
+    empty: int, each: int, warned: bool
+) -> None:
+    paths = np.full(100, each)
+    paths[:empty] = 0
+    settings = resolve_settings(estimator="stochastic", rays_per_sample=1)
+    found: list[str] = []
+    with handled_warnings(found.append):
+        warn_if_starved(paths, ball(0.02, 0.3, 0.5), ARRAY, settings)
+    assert len(found) == warned
 
 
 def test_a_capture_without_any_path_says_so(device: clradar.Device) -> None:
