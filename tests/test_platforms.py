@@ -96,6 +96,7 @@ class TestSimulated:
     def test_every_module_can_be_imported(self, system: str, tmp_path: Path) -> None:
         assert output_of(IMPORT_ALL, system, tmp_path) == "True\n"
 
+    @pytest.mark.device
     def test_files_locks_and_workers(self, system: str, tmp_path: Path) -> None:
         lines = output_of(USE, system, tmp_path).splitlines()
         assert lines[0].startswith("damaged: damaged.h5: expected a readable native HDF5 file"), (

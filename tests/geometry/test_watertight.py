@@ -94,6 +94,7 @@ def test_neither_shared_indices_nor_order_matter():
     assert outward_side(zeros) == 1
 
 
+@pytest.mark.device
 @pytest.mark.parametrize("missing", [0, 7, -1])
 def test_a_surface_with_a_hole_is_not_closed(missing):
     for mesh in CLOSED.values():

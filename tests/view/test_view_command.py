@@ -63,6 +63,7 @@ def test_the_address_is_of_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -
 
 
 @posix_only
+@pytest.mark.device
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_ends_cleanly(tmp_path: Path, number: int) -> None:
     pytest.importorskip("viser")
