@@ -17,6 +17,9 @@ from other_systems import become
 become(sys.argv[1])
 import importlib, pkgutil
 
+# Packages for benchmarks or training may be here or not, and are not ours to try.
+PEERS = ("numba", "finufft", "mitsuba", "embreex", "torch")
+sys.modules.update(dict.fromkeys(PEERS))
 count = 0
 for name in ("clradar", "measurement_io", "calibration"):
     package = importlib.import_module(name)
@@ -24,8 +27,8 @@ for name in ("clradar", "measurement_io", "calibration"):
         if not module.name.endswith("__main__"):
             try:
                 importlib.import_module(module.name)
-            except ModuleNotFoundError as error:  # a package for benchmarks or training
-                assert error.name in ("numba", "finufft", "mitsuba", "embreex", "torch"), error.name
+            except ModuleNotFoundError as error:
+                assert error.name in PEERS, error.name
             count += 1
 print(count > 300)
 """
