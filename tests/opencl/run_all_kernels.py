@@ -54,7 +54,7 @@ def everything(width: int) -> None:
     Program.start = recorded  # type: ignore[method-assign]
     # Oclgrind's check of uninitialised reads keeps the marks of a freed buffer for the next one at
     # the same address, so nothing is freed here.
-    Buffers.__exit__ = lambda self, *error: kept.append(self)  # type: ignore[method-assign]
+    Buffers.close = lambda self, waiting: kept.append(self)  # type: ignore[method-assign]
     Buffers.release = lambda self, buffer: kept.append(buffer)  # type: ignore[method-assign]
     kept: list[object] = []
     # The module, which the function of the same name hides.
