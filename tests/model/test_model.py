@@ -398,6 +398,13 @@ def test_sfcw_includes_both_ends() -> None:
     assert Waveform.sfcw(72e9, 82e9, 2).frequencies_hz.tolist() == [72e9, 82e9]
 
 
+def test_ranges_repeat_after_half_a_cycle_of_the_step() -> None:
+    waveform = Waveform([70e9, 71e9, 72e9, 74e9])
+    metre_hz = clradar.constants.SPEED_OF_LIGHT_M_PER_S / 2
+    assert waveform.unambiguous_range_m == pytest.approx(metre_hz / 1e9)  # of the median step
+    assert waveform.range_resolution_m == pytest.approx(metre_hz / 4e9)
+
+
 def test_same_frequencies() -> None:
     waveform = make_waveform()
     assert waveform.same_frequencies(Waveform(waveform.frequencies_hz * (1 + 1e-10)))

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import clradar
 from calibration import Round, register
+from calibration.registration import closed_loop
 from calibration.registration.alignment import USUAL_RATIO
 from calibration.registration.alpha_cue import FEWEST_ROUNDS
 from calibration.registration.register import TOLERANCE_M
@@ -63,6 +64,14 @@ def errors(transform):
     off = transform - truth()
     turn = Rotation.from_matrix(transform[:3, :3] @ truth()[:3, :3].T).magnitude()
     return float(np.linalg.norm(off[:3, :3] @ CENTRE_M + off[:3, 3])), float(np.degrees(turn))
+
+
+def test_a_correction_is_taken_back_about_the_same_point():
+    """What the simulation is off is what the corrected pose lacks to the fitted one."""
+    off = np.array([0.02, -0.01, 0.03, 1e-3, 2e-3, -1e-3])
+    corrected = closed_loop._corrected(truth(), off, CENTRE_M)
+    found = closed_loop._relative_motion(truth(), corrected, CENTRE_M)
+    np.testing.assert_allclose(found, off, atol=1e-12)
 
 
 def test_registers_a_hand(measured, hand):
