@@ -74,6 +74,16 @@ def test_a_correction_is_taken_back_about_the_same_point():
     np.testing.assert_allclose(found, off, atol=1e-12)
 
 
+@pytest.mark.parametrize(("share", "enough"), [(0.49, False), (0.51, True)])
+def test_half_of_a_measurement_has_to_be_the_mesh(measured, monkeypatch, share, enough):
+    monkeypatch.setattr(closed_loop, "overlap", lambda one, other: share)
+    if enough:
+        assert closed_loop._checked_overlap(measured.depth_map(), measured) == share
+    else:
+        with pytest.raises(CompareError, match=r"by 0\.49, and 0\.50 is the least"):
+            closed_loop._checked_overlap(measured.depth_map(), measured)
+
+
 def test_registers_a_hand(measured, hand):
     seen: list[Round] = []
     shares: list[float] = []
