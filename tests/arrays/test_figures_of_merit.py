@@ -184,6 +184,25 @@ def clusters(n: int, pitch_m: float) -> list[clradar.AntennaArray]:
     return [clradar.AntennaArray(6e-3 * own + at, 2e-3 * own + at, f"cluster {at}") for at in at_m]
 
 
+def test_clusters_count_by_their_pairs() -> None:
+    """Of 4 pairs and of 9: the sum over all of them, divided by 13."""
+    both, band = [line(4, 3e-3), wall(3, 0.02)], np.array([70e9, 75e9])
+    focus_m, at_m = np.array([0, 0, 0.3]), np.array([[0.01, 0.004, 0.29], [-0.02, 0, 0.3]])
+
+    def lengths_m(place_m: np.ndarray) -> np.ndarray:
+        pairs = [(one.tx_m[:, None], one.rx_m) for one in both]
+        legs = [
+            np.linalg.norm(place_m - tx, axis=2) + np.linalg.norm(place_m - rx, axis=1)
+            for tx, rx in pairs
+        ]
+        return np.concatenate([leg.ravel() for leg in legs])
+
+    off_m = np.array([lengths_m(place) - lengths_m(focus_m) for place in at_m])
+    phasors = np.exp(2j * np.pi * off_m[..., None] * band / C)
+    wanted = np.abs(phasors.mean(axis=(1, 2)))
+    np.testing.assert_allclose(response(both, band, focus_m, at_m), wanted, atol=1e-5)
+
+
 def test_clusters_have_the_lobes_of_their_pitch_below_the_pattern_of_each() -> None:
     """sin = m lambda / (2 pitch), since Tx and Rx are shifted; the level is one cluster's own."""
     n, pitch_m, hz = 4, 60e-3, 77e9

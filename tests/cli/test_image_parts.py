@@ -171,3 +171,5 @@ def test_a_grid_that_no_memory_holds(captures: list[Path]) -> None:
         patch.setattr("clradar.imaging.memory._memory_bytes", lambda: 10**10)
         with pytest.raises(clradar.errors.ModelError, match=r"2001 x 2001 x 501 .* needs 18.1 GB"):
             clradar.backproject(capture, grid)
+        with pytest.raises(clradar.errors.ModelError, match=r"whose image needs 48.1 GB"):
+            clradar.backproject([capture, capture], grid)  # the sum is in double precision

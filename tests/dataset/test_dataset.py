@@ -25,7 +25,7 @@ from rig_files import RigMaker
 
 import clradar
 from clradar.dataset import PlanError, make_sample, open_dataset, recipe, replay, run
-from clradar.dataset.sample import _rig, rotation
+from clradar.dataset.sample import _rig, placed_hand, recipe_radar, rotation
 from clradar.dataset.store.check import check_dataset
 from clradar.dataset.store.folder import (
     MANIFEST,
@@ -148,6 +148,12 @@ def test_what_a_recipe_leaves_out_is_none_or_one_error() -> None:
         assert make_sample(without, DEVICE).arrays["capture"].tobytes() == clean.tobytes()
     noisy = make_sample({**whole, "impairments": {"snr_db": 3.0}}, DEVICE).arrays["capture"]
     assert noisy.tobytes() != clean.tobytes()
+    drawn = {"seed": 3, "gain_db": 2.0, "dead_rx": [1]}
+    uneven = make_sample({**whole, "impairments": {"channels": drawn}}, DEVICE).arrays["capture"]
+    array, waveform = recipe_radar(whole)
+    channels = clradar.draw_channels(array, waveform, **drawn)
+    wanted = clradar.impair(clradar.Capture(clean, array, waveform), channels=channels).data
+    assert uneven.tobytes() == wanted.tobytes() != clean.tobytes()
     for given, words in (
         ({**whole, "hand": {}}, "got no 'edge_length_m'"),
         ({}, "'products'"),
@@ -211,6 +217,13 @@ def test_rigs_are_hands_too(
     view = open_dataset(tmp_path / "out")
     assert view.rig.values.tolist() == ["hand.glb"] * 2
     assert np.isnan(view["shape"].values).all()
+
+    one = recipe(plan, 0)
+    turn, centre_m = rotation(one["placement"]["rotation_rad"]), one["placement"]["center_m"]
+    sides = [{**one, "hand": {**one["hand"], "handedness": side}} for side in ("right", "left")]
+    hands = (placed_hand(side, DEVICE, rigs=tmp_path) for side in sides)
+    right_m, left_m = ((hand.joints_m - centre_m) @ turn for hand in hands)
+    np.testing.assert_allclose(left_m, right_m * [-1.0, 1.0, 1.0], atol=POINT_ERROR_M)
 
     # The folder's name is in none of the bytes.
     (tmp_path / "else" / "where").mkdir(parents=True)

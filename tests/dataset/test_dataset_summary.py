@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +18,18 @@ from dataset_plans import (
 
 from clradar.dataset import make_sample, open_dataset, recipe, run
 from clradar.dataset.engine.estimate import estimate
+from clradar.dataset.sample import Sample
 from clradar.dataset.store.folder import (
     CONTACT_SHEET,
     STATISTICS,
     SUMMARIES,
     TABLE,
 )
+from clradar.dataset.store.shard_reader import opened_shard
 from clradar.dataset.store.shard_schema import FIELDS
+from clradar.dataset.store.shard_writer import write_sample
 from clradar.dataset.summary.contact_sheet import contact_sheet
+from clradar.dataset.summary.statistics import Summary, _add_shard
 
 SIZE_SHARE = 0.25
 """How far the estimate of bytes may be off: samples compress differently."""
@@ -58,6 +63,20 @@ def test_statistics_are_those_of_the_samples(made: Path) -> None:
         rows = {row["quantity"]: row for row in csv.DictReader(file)}
     assert set(rows) == set(record["quantities"])
     assert float(rows["center_m: z"]["mean"]) == record["quantities"]["center_m: z"]["mean"]
+
+
+@pytest.mark.parametrize(("brightest", "silent"), [(0.0, [2]), (1e-6, [])])
+def test_a_sample_is_silent_whose_image_is_zero_everywhere(
+    brightest: float, silent: list[int], tmp_path: Path
+) -> None:
+    image = np.zeros((21, 21), np.float32)
+    image[3, 5] = brightest
+    sample = Sample(recipe(PLAN, 2), {"max_projection": image})
+    write_sample(tmp_path / "one.h5", sample, {}, compression=1, force=False)
+    summary = Summary(counts={"pose": Counter()})
+    with opened_shard(tmp_path / "one.h5") as file:
+        _add_shard(summary, file)
+    assert summary.silent == silent
 
 
 def test_there_is_a_contact_sheet(made: Path) -> None:

@@ -12,9 +12,10 @@ from images import QAR50, SWEEP, noise, rms_db, scatterers
 import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, reference
 from clradar.errors import ModelError
-from clradar.imaging import fast
+from clradar.imaging import block_tree, fast
 from clradar.imaging.block_tree import block_levels, block_sizes, image_levels, leaf_voxels
 from clradar.imaging.tree_on_device import FLOAT32_SHARE, float32_phase_error
+from clradar.phasors import skeletons
 from clradar.phasors.interpolative import SLACK, decompose, decompose_sampled, phasor_rms
 
 HALF = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2])
@@ -200,6 +201,34 @@ def test_skeletons_are_nested_and_shrink() -> None:
     assert len(found[-1].tx.skeleton) < 24
     assert len(found[-1].rx.skeleton) < 24
     assert len(found[-1].frequency.skeleton) < 10
+
+
+def test_levels_that_exceed_the_tolerance_together_are_chosen_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked, errors = [], iter([1.01e-3, 0.99e-3])
+    one = skeletons._decomposition
+    monkeypatch.setattr(
+        skeletons, "_decomposition", lambda *args: asked.append(args[-1]) or one(*args)
+    )
+    monkeypatch.setattr(skeletons, "_rms_error", lambda *args: next(errors))
+    k = SWEEP.frequencies_hz / clradar.constants.SPEED_OF_LIGHT_M_PER_S
+    sizes = [(size, 1, 1) for size in block_sizes(PAPER_COARSE.counts, (4, 4, 8))]
+    sampler = block_tree._voxel_sampler(QAR50, PAPER_COARSE, sizes)
+    skeletons.decompositions(skeletons.AntennaPhases(QAR50.tx_m, k, sampler), 1e-3)
+    assert len(asked) == 2 * len(sizes)
+    assert asked[-1] < 0.8 * asked[0]
+
+
+def test_samples_are_spread_over_every_block() -> None:
+    sizes = [(size, 1, 1) for size in block_sizes(PAPER_COARSE.counts, (4, 4, 8))]
+    sampler = block_tree._voxel_sampler(QAR50, PAPER_COARSE, sizes)
+    for level, (size, _, _) in enumerate(sizes):
+        voxel = sampler.spread(3000, level)
+        assert (voxel >= 0).all()
+        assert (voxel < PAPER_COARSE.counts).all()
+        for axis, (n, own) in enumerate(zip(PAPER_COARSE.counts, size, strict=True)):
+            assert set(voxel[:, axis] // own) == set(range(-(-n // own)))
 
 
 # The error ----------------------------------------------------------------------------------------

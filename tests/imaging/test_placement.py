@@ -13,10 +13,12 @@ import calibration
 import clradar
 from clradar import AntennaArray, Capture, ClradarWarning, VoxelGrid, Wall, Waveform
 from clradar.cli.options.imaging import GridOptions
+from clradar.errors import handled_warnings
 from clradar.imaging import echo_location, grid_check, placement
 from clradar.imaging.object_box import MOST_VOXELS, PAPER_GRID
 from clradar.imaging.placement import place_grid
 from clradar.model.range_profile import without_coupling
+from clradar.opencl import open_device
 
 QAR50 = clradar.arrays.qar50()
 ARRAY = AntennaArray(QAR50.tx_m[::3], QAR50.rx_m[::3])
@@ -374,6 +376,42 @@ def test_wavefronts_tell_aliases_apart_in_the_near_field_alone() -> None:
     assert warned(echoes_of(AT_HAND, waveform=few), HAND_BOX) == []
     far = VoxelGrid.from_extent((-0.2, 0.2), (-0.2, 0.2), (3.96, 4.04), 1e-2)
     assert warned(echoes_of([0, 0, 4.0], waveform=few), far) == [ALIAS]
+
+
+@pytest.mark.parametrize(("aside", "reported"), [(0.7, []), (1.5, [OUTSIDE])])
+def test_an_echo_is_outside_from_one_resolution_beside_the_grid_on(
+    aside: float, reported: list[str]
+) -> None:
+    """Where the grid shows nothing of it; closer by it may be an echo on the face."""
+    grid = VoxelGrid.from_extent((-0.05, 0.05), (-0.05, 0.05), (0.28, 0.32), 2e-3)
+    edge_m = grid.x_m[-1] + 1e-3
+    cell_m = echo_location.resolution_m(echoes_of(AT_HAND), np.array([edge_m, 0, 0.3]))[0]
+    capture = echoes_of([edge_m + aside * cell_m, 0, 0.3])
+    dark = np.zeros(grid.shape, np.complex64)
+    dark[10, 25, 25] = 1e-6
+    found: list[str] = []
+    with handled_warnings(found.append):
+        grid_check.warn_of_grid(capture, grid, dark, np.ones(128), open_device("pocl"))
+    assert [OUTSIDE for text in found if OUTSIDE in text] == reported
+
+
+def test_an_object_does_not_go_on_as_its_mirror_image_behind_the_antennas() -> None:
+    """Which antennas in one plane have there, beyond the reach of their coupling."""
+    line_m = np.linspace(-0.01, 0.01, 16)[:, None]
+    array = AntennaArray(line_m * [1, 0, 0], line_m * [0, 1, 0])
+    points_m = [[0, 0, 0.004], [0, 0, 0.045]]
+    capture = clradar.room_capture(array, SWEEP, [], points_m=points_m)
+    grid = VoxelGrid.from_extent((-0.05, 0.05), (-0.05, 0.05), (0.004, 0.104), 2e-3)
+    assert CUT not in warned(capture, grid)
+
+
+@pytest.mark.parametrize(("band_hz", "fits"), [(3.7e9, False), (3.8e9, True)])
+def test_the_paper_s_grid_fits_where_it_is_twice_as_long_as_the_resolution(
+    band_hz: float, fits: bool
+) -> None:
+    """80 mm along z: c / 2B of 40 mm is that of 3.75 GHz."""
+    sweep = Waveform.sfcw(77e9 - band_hz / 2, 77e9 + band_hz / 2, 16)
+    assert placement.paper_grid_fits(echoes_of(AT_HAND, waveform=sweep)) == fits
 
 
 def test_the_check_can_be_turned_off_and_costs_no_image_where_all_is_well(

@@ -7,6 +7,7 @@ import pytest
 
 from clradar import DepthMap, Volume, VoxelGrid
 from clradar.errors import ModelError
+from clradar.model.volume import plane_slabs
 
 # Amplitudes are float32: each errs by 6e-8 of about 1. The parabola's vertex divides differences of
 # them by a curvature of 0.2 here, so by some 1e-6 of a voxel.
@@ -53,6 +54,13 @@ def test_max_projection_is_the_largest_amplitude_along_z() -> None:
 def test_a_parabola_is_found_where_it_is(vertex: float) -> None:
     samples = 1.0 - 0.1 * (np.arange(7) - vertex) ** 2
     assert depth_in_voxels(column(*samples))[0, 0] == pytest.approx(vertex, abs=VERTEX_ERROR)
+
+
+def test_planes_may_be_read_one_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    image = volume(np.random.default_rng(3).uniform(0.5, 1, (9, 4, 5)))
+    whole = image.depth_map()
+    monkeypatch.setattr("clradar.model.volume.plane_slabs", lambda grid: plane_slabs(grid, 1))
+    np.testing.assert_array_equal(image.depth_map().depth_m, whole.depth_m)
 
 
 def test_many_parabolas_at_once() -> None:

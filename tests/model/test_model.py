@@ -15,6 +15,8 @@ import clradar
 from clradar import AntennaArray, Capture, DepthMap, Paths, Scene, Volume, VoxelGrid, Waveform
 from clradar.errors import ClradarError, ModelError
 from clradar.model import TraceStatistics, checks
+from clradar.model.range_profile import coupling_path_m
+from clradar.model.resolution import lateral_resolution_m
 
 # Positions of some 0.1 m, each made of two or three float64 operations: a few units in the last
 # place of 1.4e-17 m.
@@ -415,6 +417,34 @@ def test_sfcw_includes_both_ends() -> None:
     assert (waveform.center_hz, waveform.span_hz) == (77e9, 10e9)
     assert Waveform.sfcw(72e9, 72e9, 1).frequencies_hz.tolist() == [72e9]
     assert Waveform.sfcw(72e9, 82e9, 2).frequencies_hz.tolist() == [72e9, 82e9]
+
+
+def test_ranges_repeat_after_half_a_cycle_of_the_step() -> None:
+    waveform = Waveform([70e9, 71e9, 72e9, 74e9])
+    metre_hz = clradar.constants.SPEED_OF_LIGHT_M_PER_S / 2
+    assert waveform.unambiguous_range_m == pytest.approx(metre_hz / 1e9)  # of the median step
+    assert waveform.range_resolution_m == pytest.approx(metre_hz / 4e9)
+
+
+def test_lateral_resolution_is_the_wavelength_over_the_sines_that_both_apertures_span() -> None:
+    """Of clusters those that all of them span together."""
+    middle_m = np.array([[-0.05, 0, 0], [0.07, 0, 0]])
+    sine = 0.07 / np.hypot(0.07, 0.1) + 0.05 / np.hypot(0.05, 0.1)
+    one = Capture(np.ones((2, 2, 1)), AntennaArray(middle_m, middle_m), Waveform([60e9]))
+    wavelength_m = clradar.constants.SPEED_OF_LIGHT_M_PER_S / 60e9
+    assert lateral_resolution_m(one, 0, 0.1) == pytest.approx(wavelength_m / (2 * sine))
+    assert lateral_resolution_m(one, 1, 0.1) == np.inf
+    halves = [
+        replace(one, array=AntennaArray(at, at), data=[[[1]]]) for at in np.split(middle_m, 2)
+    ]
+    assert lateral_resolution_m(halves, 0, 0.1) == pytest.approx(wavelength_m / (2 * sine))
+
+
+def test_coupling_reaches_two_cells_beyond_the_farthest_pair() -> None:
+    array = AntennaArray([[0, 0, 0], [0.03, 0, 0]], [[0, 0.04, 0]])
+    capture = Capture(np.ones((2, 1, 3)), array, Waveform([70e9, 71e9, 74e9]))
+    cell_m = clradar.constants.SPEED_OF_LIGHT_M_PER_S / 4e9
+    assert coupling_path_m(capture) == pytest.approx(0.05 + 2 * cell_m)
 
 
 def test_same_frequencies() -> None:

@@ -120,6 +120,7 @@ def test_slots_follow_the_frequencies_and_end() -> None:
     assert length_blocks(Waveform([1e9])).n_slots == 1
     assert all(n & (n - 1) == 0 and n <= MOST_SLOTS for n in slots)
     assert slots == sorted(slots)
+    assert all(n <= count for count, n in enumerate(slots, 2))
     assert all(n == MOST_SLOTS or 2 * n >= count for count, n in enumerate(slots, 2))
 
 

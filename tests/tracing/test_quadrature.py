@@ -168,6 +168,18 @@ def test_texture_of_torn_faces_is_not_stretched(longer: float, torn: bool) -> No
     assert edges[0] == pytest.approx(edges[1], rel=1e-9)
 
 
+def test_a_curved_face_that_folds_back_is_seen_from_the_side_of_its_flat_one() -> None:
+    """By normals 50 degrees off it: in a sixth of its points the derivatives turn round."""
+    corners_m = 1e-3 * np.array([[16.0, 10, 0], [20, 18, 0], [2, 2, 0]])
+    normals = np.array([[-0.05, 0.8, 0.6], [0.79, -0.03, 0.61], [-0.25, 0.71, 0.65]])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    scene = clradar.Scene(corners_m, [[0, 1, 2]], normals=normals)
+    above = [[0.0, 0.0, 4.0]]
+    lit = points_of(scene, clradar.AntennaArray(above, above), samples_per_mm2=10.0)
+    np.testing.assert_array_equal(lit.sample, np.arange(len(lit.sample)))
+    assert len(lit.sample) >= 10.0 * 40.0 / 1.25  # all of 40 mm^2
+
+
 def test_antennas_on_both_sides_of_a_sheet() -> None:
     """What Tx and Rx see from different sides does not reflect; each side reflects alike."""
     scene = plate(0.01)

@@ -119,9 +119,14 @@ def test_points_that_meshes_are_aligned_by_lie_on_the_ball(device):
     scene = clradar.Scene(vertices, faces, normals=vertices / radius_m)
     with VisibleSurface(scene, 0.3, 1.0, device) as surface:
         off_m = np.linalg.norm(surface.points_m, axis=1) - radius_m
-        starts_m = surface.ray_origins(np.array([[0.0, 0.0, 1.0]]))[:, 0]
+        starts_m, behind_m = surface.ray_origins(np.array([[0, 0, 1.0], [0, 0, -1.0]])).swapaxes(
+            0, 1
+        )
     assert np.abs(off_m).max() < 2e-6 + POINT_TOLERANCE_M
     assert np.linalg.norm(starts_m, axis=1).mean() < radius_m - 5e-5
+    lifted_m = (starts_m - behind_m)[:, 2]  # each off its face, towards where it is seen from
+    assert lifted_m.min() >= 0
+    assert lifted_m.max() > 4e-6
 
 
 def test_the_upper_half_of_the_seed_counts(device):

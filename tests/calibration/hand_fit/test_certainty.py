@@ -13,6 +13,7 @@ from calibration.hand_fit.agreement import range_ratio, smoothed_ratio
 from calibration.hand_fit.certainty import (
     COVARIANCE_RATIO,
     Information,
+    _joint_derivatives,
     certainty,
     information_at,
     joints_at,
@@ -21,7 +22,8 @@ from calibration.hand_fit.certainty import (
 )
 from calibration.hand_fit.descent import FINE, Fitted, HandFitter, fitted_parameters
 from calibration.hand_fit.hand_model import ParametricHand, RiggedHand
-from calibration.hand_fit.hand_rendering import ANGLES, N_PARAMETERS, stepped
+from calibration.hand_fit.hand_rendering import ANGLES, N_PARAMETERS, SHAPE, stepped
+from calibration.hand_fit.hand_shape_vector import shape_covariance
 from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT, HandState, pose_with
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.range_scatter import RANGE_STD_M, range_scatter_m, roughness_m
@@ -191,6 +193,10 @@ def test_the_shape_of_nobody_in_particular_is_uncertain(fitter: HandFitter) -> N
     )
     assert (average > other).all()
     assert average[TIPS].mean() > 1.2 * other[TIPS].mean()
+    # By no more than the spread among adults moves the joints of a hand whose pose stays.
+    by_shape = _joint_derivatives(fitter, truth(), np.zeros(3))[SHAPE]
+    spread_m2 = np.einsum("kjc,kl,ljc->j", by_shape, shape_covariance(), by_shape)
+    assert (average**2 - other**2).mean() <= spread_m2.mean()
 
 
 def test_another_solution_that_is_as_likely_widens(fitter: HandFitter) -> None:

@@ -23,7 +23,7 @@ from calibration.hand_fit.hand_state import FITTED_ANGLES, angles_of, pose_with
 from calibration.hand_fit.misfit import deviance_map, misfit
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.skinned import SkinnedSamples
-from calibration.registration.mesh_fit import POWER_FLOOR, initial_log_brightness
+from calibration.registration.mesh_fit import POWER_FLOOR, TUKEY_CUTOFF, initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage
 from clradar import arrays
 from clradar.hand import HandShape, hand_joints, pose_by_name
@@ -147,6 +147,18 @@ def test_the_gradient_of_the_deviance_is_the_score() -> None:
     here = misfit(picture, (power, np.ones((1, 4))))
     slope = (value(step) - value(-step)) / (2 * step)
     assert slope == pytest.approx(-here.speckle * here.speckle_weights, rel=1e-6)
+
+
+def test_a_pixel_that_the_hand_does_not_cover_costs_as_much_as_an_outlier() -> None:
+    power = np.ones((1, 3))
+    canvas = SimpleNamespace(power=power)
+    found = SimpleNamespace(
+        range_m=np.array([[0.0, 0.0, 1.0]]), range_std_m=np.full((1, 3), 1e-3),
+        covered=np.array([[1.0, 0.0, 1.0]]), measured=np.array([[True, True, True]]),
+    )  # fmt: skip
+    hit, uncovered, outlier = deviance_map(canvas, (power, power), found)[0]
+    assert hit == pytest.approx(0.0, abs=1e-12)
+    assert uncovered == outlier == pytest.approx(TUKEY_CUTOFF**2 / 12)
 
 
 def test_a_hand_is_found_in_its_own_rendering(hands, aperture) -> None:

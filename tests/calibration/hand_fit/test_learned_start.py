@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibration.hand_fit import learned_start
-from calibration.hand_fit.hand_picture import PIXELS, hand_picture
+from calibration.hand_fit.hand_picture import PIXELS, _step_m, hand_picture
 from calibration.hand_fit.hand_state import angles_of
 from calibration.hand_fit.learned_start import (
     LETTERS_TRIED,
@@ -88,6 +88,8 @@ def test_a_picture_does_not_depend_on_place_level_or_pixels() -> None:
     for step_m in (1e-3, 3e-3):
         other = hand_picture(blobs(step_m=step_m))
         assert np.sqrt(np.mean((other - here) ** 2, axis=(1, 2))).max() < 0.1
+    assert here[0, 24, 26] > here[0, 24, 13]  # the blob at x = 0.03 is to the right of the middle
+    assert _step_m(np.linspace(0.1, 0.2, 11)) == pytest.approx(0.01)
     assert 0.9 < here[0].max() <= 1.0
     assert here[0, 0, 0] == 0.0
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import clradar
 from calibration import Alignment, align
+from calibration.registration.align_images import _trimmed_mean
 from calibration.registration.rigid_motion import exp_twist, kabsch, moved
 from clradar.errors import CompareError, ModelError
 from clradar.hand import hand_mesh
@@ -121,6 +122,10 @@ MOTIONS = [
 @pytest.fixture(scope="module")
 def aligned(original):
     return align(depth_map(potato, MOTIONS[3]), original)
+
+
+def test_the_nearest_seven_tenths_count():
+    assert _trimmed_mean(np.arange(100.0)[::-1], np.ones(100)) == pytest.approx(34.5, abs=0.5)
 
 
 @pytest.mark.parametrize("truth", [MOTIONS[1], MOTIONS[2], MOTIONS[4]])

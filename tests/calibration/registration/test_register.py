@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import clradar
 from calibration import Round, register
+from calibration.registration import closed_loop
 from calibration.registration.alignment import USUAL_RATIO
 from calibration.registration.alpha_cue import FEWEST_ROUNDS
 from calibration.registration.register import TOLERANCE_M
@@ -63,6 +64,24 @@ def errors(transform):
     off = transform - truth()
     turn = Rotation.from_matrix(transform[:3, :3] @ truth()[:3, :3].T).magnitude()
     return float(np.linalg.norm(off[:3, :3] @ CENTRE_M + off[:3, 3])), float(np.degrees(turn))
+
+
+def test_a_correction_is_taken_back_about_the_same_point():
+    """What the simulation is off is what the corrected pose lacks to the fitted one."""
+    off = np.array([0.02, -0.01, 0.03, 1e-3, 2e-3, -1e-3])
+    corrected = closed_loop._corrected(truth(), off, CENTRE_M)
+    found = closed_loop._relative_motion(truth(), corrected, CENTRE_M)
+    np.testing.assert_allclose(found, off, atol=1e-12)
+
+
+@pytest.mark.parametrize(("share", "enough"), [(0.49, False), (0.51, True)])
+def test_half_of_a_measurement_has_to_be_the_mesh(measured, monkeypatch, share, enough):
+    monkeypatch.setattr(closed_loop, "overlap", lambda one, other: share)
+    if enough:
+        assert closed_loop._checked_overlap(measured.depth_map(), measured) == share
+    else:
+        with pytest.raises(CompareError, match=r"by 0\.49, and 0\.50 is the least"):
+            closed_loop._checked_overlap(measured.depth_map(), measured)
 
 
 def test_registers_a_hand(measured, hand):

@@ -21,7 +21,7 @@ from calibration import (
     sweep_roughness,
 )
 from calibration.roughness import roughness_sweep as module
-from calibration.roughness.emulator import Emulator
+from calibration.roughness.emulator import FLOOR_M, Emulator, logarithms
 from calibration.roughness.roughness_estimate import (
     Interval,
     RegionStatistics,
@@ -296,6 +296,36 @@ def test_the_likelihood_is_students():
         assert chi2[0, 0] == pytest.approx(value**2)
     expected = stats.t.logpdf(values, emulator.freedom)
     assert np.allclose(np.diff(found), np.diff(expected))
+
+
+def test_the_variance_of_residuals_counts_what_the_fit_took():
+    """Of 400 columns of noise the mean is 1 to sqrt(2 / 400 / n), whatever the polynomial."""
+    rng = np.random.default_rng(5)
+    height_m, length_m = grid_of_pairs()
+    noise = rng.standard_normal((len(height_m), 400))
+    emulator = Emulator.fitted(height_m, length_m, noise)
+    terms = len(emulator.powers)
+    assert emulator.freedom == len(height_m) - terms
+    assert terms > 0.2 * len(height_m)
+    assert np.diag(emulator.covariance).mean() == pytest.approx(1.0, abs=0.05)
+
+
+def test_heights_far_below_the_floor_are_smooth():
+    """Of g = (4 pi h / lambda)^2 = 0.04 at 77 GHz."""
+    waves_per_m = 4 * np.pi * 77e9 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
+    none, floor, rough = logarithms(np.array([0.0, FLOOR_M, 10 * FLOOR_M]), np.full(3, 3e-3))[:, 0]
+    assert (waves_per_m * FLOOR_M) ** 2 == pytest.approx(0.04, rel=0.1)
+    assert floor - none == pytest.approx(np.log(2) / 2)
+    assert rough - none == pytest.approx(np.log(101) / 2)
+
+
+@pytest.mark.parametrize(("share", "bounded"), [(0.04, False), (0.06, True)])
+def test_a_twentieth_of_the_probability_at_an_end_is_bounded_by_it(share, bounded):
+    values = np.array([1.0, 1.1, 1.2, 2.0, 3.0])
+    probability = np.array([share / 2, share / 2, 0.0, 1 - share, 0.0])
+    one, other = Interval.of(values, probability), Interval.of(3.3 / values, probability)
+    assert (one.bounded_below, one.bounded_above) == (bounded, False)
+    assert (other.bounded_below, other.bounded_above) == (False, bounded)
 
 
 @pytest.mark.parametrize("calibrated", [True, False])

@@ -20,6 +20,7 @@ from calibration import Regions, Sweep, align_mesh, sweep
 from calibration.roughness.estimate import (
     MIN_SELF_AGREEMENT,
     _paired,
+    _uncertainty,
     estimate_alpha,
     peak,
     scored,
@@ -287,6 +288,11 @@ def test_alphas_whose_images_are_noise_are_excluded():
     assert np.array_equal(found.score, found.values)
     assert np.isnan(found.uncertainty)
     assert any("this alpha is unreliable" in remark for remark in found.remarks(alphas))
+
+
+def test_the_measurement_scatters_as_one_more_seed():
+    assert _uncertainty(0.1, 4, 0.0, 0.0) == pytest.approx(0.1 * np.sqrt(1 + 1 / 4))
+    assert _uncertainty(0.1, 4, 0.3, 0.4) == pytest.approx(0.5)
 
 
 def test_one_seed_has_no_uncertainty():

@@ -191,6 +191,13 @@ def test_several_time_stamps_stay_a_list(tmp_path):
     ]
 
 
+@pytest.mark.parametrize(("count", "kept"), [(100_000, 100_000), (100_001, 0)])
+def test_no_more_time_stamps_than_frames_can_have(count, kept, tmp_path):
+    frame = files.random_frame() | {"timestamp_us": np.arange(count)}
+    stamps = open_capture(files.write_frame(tmp_path / "f.npy", frame)).meta["timestamp_us"]
+    assert len(stamps or ()) == kept
+
+
 def test_keys_of_no_use_are_left_out(tmp_path):
     frame = files.random_frame() | {
         "settings": {"a": [1, (2, 3)]},

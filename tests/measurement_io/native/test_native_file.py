@@ -24,9 +24,11 @@ from measurement_io import (
     open_capture,
     open_volume,
     save_capture,
+    save_channels,
     save_volume,
 )
 from measurement_io.confined import hdf5_process
+from measurement_io.native import scheme
 
 META = {
     "seed": 7,
@@ -355,6 +357,25 @@ def with_bad_value(name: str, value: Any) -> Callable[[h5py.File], None]:
         flat[...] = content
 
     return action
+
+
+def test_the_space_of_channels_is_asked_for_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So many that they take more than all else in a file."""
+    n = 2000
+    at_m = np.linspace([0.0, 0, 0], [0.1, 0, 0], n)
+    zeros, ones = np.zeros(n), np.ones(n)
+    channels = clradar.ChannelCalibration(
+        clradar.ChannelResponse(ones, ones, zeros, zeros, 77e9),
+        clradar.AntennaArray(at_m, at_m), clradar.Waveform([76e9, 77e9]),
+        zeros, zeros, [], [], [], [], "plate", {"distance_m": 0.3}, [[0.0]],
+        zeros, zeros, zeros, zeros, 1.0, -30.0, -32.0,
+    )  # fmt: skip
+    asked: list[int] = []
+    monkeypatch.setattr(scheme, "require_space", lambda path, size: asked.append(size))
+    save_channels(tmp_path / "channels.h5", channels)
+    assert (tmp_path / "channels.h5").stat().st_size <= asked[0] < 2**19
 
 
 @pytest.mark.parametrize(
