@@ -149,7 +149,7 @@ def test_help_imports_nothing_heavy(arguments: list[str], not_needed: set[str]) 
         (["simulate", "hand.ply", "-o", "x.h5", "--alpha", "rough"], "--alpha"),
         (["simulate", "hand.ply", "-o", "x.h5", "--alpha", "0", "--alpha", "1"], "--alpha"),
         (["simulate", "hand.ply", "-o", "x.h5", "--alpha", "a=0", "--alpha", "a=1"], "twice"),
-        (["simulate", "hand.ply", "-o", "x.h5", "--unit", "inch"], "--unit"),
+        (["simulate", "hand.ply", "-o", "x.h5", "--unit", "furlong"], "--unit"),
         (["simulate", "hand.ply", "-o", "x.h5", "--band", "82:72:8"], "FIRST below LAST"),
         (["simulate", "hand.ply", "-o", "x.h5", "--band", "72:82:0"], "STEPS from 1"),
         (["image", "sim.h5", "-o", "x.h5", "--x-mm", "10:0:1"], "--x-mm"),

@@ -19,6 +19,7 @@ from clradar.tracing.settings import SimulationSettings, resolve_settings
 
 # Meshes are coarse and samples few, so that the reference is cheap; both reflect at the same faces.
 pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*that stay sharp",
     "ignore:simulate. .* faces too coarse:clradar.ClradarWarning",
     "ignore:.* received no ray:clradar.ClradarWarning",
 )
