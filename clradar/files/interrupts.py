@@ -20,6 +20,8 @@ ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
 AGAIN_S = 0.02
 """Until a signal that came at a wrong moment comes again."""
 
+_timers: Any = signal  # Windows lacks some, and is asked first
+
 _phase: Literal["none", "starting", "working", "ended"] = "none"
 _ended_by: int = signal.SIGINT
 _waits = False
@@ -42,7 +44,7 @@ def ending_signals() -> Iterator[None]:
         yield
         return
     if _retries():
-        signal.signal(signal.SIGALRM, lambda _, frame: _handle(_ended_by, frame))
+        signal.signal(_timers.SIGALRM, lambda _, frame: _handle(_ended_by, frame))
     hook, sys.unraisablehook = sys.unraisablehook, _raise_again_if_lost
     _phase = "starting"
     try:
@@ -69,7 +71,7 @@ def ended() -> None:
     if _phase == "working":
         _phase, _waits = "ended", False
         if hasattr(signal, "SIGALRM"):
-            signal.setitimer(signal.ITIMER_REAL, 0)
+            _timers.setitimer(_timers.ITIMER_REAL, 0)
 
 
 def waits() -> bool:
@@ -98,7 +100,7 @@ def _handle(number: int, frame: FrameType | None) -> None:
     _waits = hasattr(signal, "SIGALRM") and (_blocks > 0 or _imports(frame))
     if not _waits:
         raise KeyboardInterrupt
-    signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+    _timers.setitimer(_timers.ITIMER_REAL, AGAIN_S)
 
 
 def _imports(frame: FrameType | None) -> bool:
@@ -112,7 +114,7 @@ def _imports(frame: FrameType | None) -> bool:
 def _raise_again_if_lost(lost: Any) -> None:
     """Where Python can pass no exception on, as in a destructor."""
     if issubclass(lost.exc_type, KeyboardInterrupt) and hasattr(signal, "SIGALRM"):
-        signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+        _timers.setitimer(_timers.ITIMER_REAL, AGAIN_S)
     else:
         sys.__unraisablehook__(lost)
 
